@@ -1,0 +1,46 @@
+"""Why a cycle ended as it did: a closed list, each code with advice for the operator."""
+
+from enum import StrEnum
+
+
+class Code(StrEnum):
+    """Reasons a cycle did not end in SUCCESS."""
+
+    NO_OBJECT = "NO_OBJECT"
+    NO_GRASP = "NO_GRASP"
+    UNREACHABLE = "UNREACHABLE"
+    COLLISION = "COLLISION"
+    MODEL_REFUSED = "MODEL_REFUSED"
+    MODEL_DRIFT = "MODEL_DRIFT"
+    STALE_FRAME = "STALE_FRAME"
+    ARM_REFLEX = "ARM_REFLEX"
+    MOTION_REFUSED = "MOTION_REFUSED"
+    HAND_FAULT = "HAND_FAULT"
+    GRASP_MISSED = "GRASP_MISSED"
+    DROPPED = "DROPPED"
+    NOT_CLEARED = "NOT_CLEARED"
+    STOPPED = "STOPPED"
+    NODE_LOST = "NODE_LOST"
+    RECORDING = "RECORDING"
+    INTERNAL = "INTERNAL"
+
+
+ADVICE: dict[Code, str] = {
+    Code.NO_OBJECT: "Put an object into the pick region, inside the camera's view.",
+    Code.NO_GRASP: "Turn the object so that a side narrower than the jaw faces the camera.",
+    Code.UNREACHABLE: "Move the object nearer to the middle of the pick region.",
+    Code.COLLISION: "Move the object away from the tray, the table's edge and the arm.",
+    Code.MODEL_REFUSED: "Read the model's reply in the report; rephrase the target or use another model.",
+    Code.MODEL_DRIFT: "The goal image no longer shows the observed object; try again or use another model.",
+    Code.STALE_FRAME: "Check the camera's cable, power and node.",
+    Code.ARM_REFLEX: "Clear what the arm touched, then `cell clear` and `cell reset`.",
+    Code.MOTION_REFUSED: "The guard refused the motion; the report names the limit. Nothing moved.",
+    Code.HAND_FAULT: "Check the hand's power and home it again with `cell reset`.",
+    Code.GRASP_MISSED: "The fingers closed on nothing. Look at the report's rectangle and aligned clouds.",
+    Code.DROPPED: "The object slipped. Raise the grasp force or choose a rougher finger pad.",
+    Code.NOT_CLEARED: "Something still lies where the object was; check for a second object.",
+    Code.STOPPED: "The cycle was stopped by command. `cell reset` makes the cell ready again.",
+    Code.NODE_LOST: "A driver node went away. Read its log, then `cell clear` and `cell reset`.",
+    Code.RECORDING: "The recording could not be written. Check the free space of the recordings folder.",
+    Code.INTERNAL: "This is a defect. Please report it with the cycle's recording.",
+}

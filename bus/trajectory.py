@@ -1,0 +1,68 @@
+"""A sampled joint trajectory: raw 1 kHz samples and the moving-average filter it is played through.
+
+The planner makes the raw samples (velocity and acceleration bounded); the moving average turns them into
+jerk-bounded ones (`|jerk| <= 2 a_max / (window dt)`). The player (`drivers.stream`) switches the *raw* stream and
+filters behind the switch, so that a stop or resume is as smooth as the motion itself.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from pydantic import model_validator
+
+from bus.arrays import Joints, JointSamples
+from bus.frozen import Message
+
+TICK_S = 0.001
+"""The control period of the arm [s] (FCI, 1 kHz)."""
+
+
+def moving_average(samples: JointSamples, window: int) -> JointSamples:
+    """Filter ``samples`` (n, 7) with a causal box of ``window`` samples, at rest before and after.
+
+    Returns:
+        (n + window - 1, 7): starts at the first and ends at the last sample exactly.
+    """
+    first, last = samples[0], samples[-1]
+    padded = np.concatenate(
+        [np.repeat(first[None], window - 1, axis=0), samples, np.repeat(last[None], window - 1, axis=0)]
+    )
+    total = np.cumsum(padded - first, axis=0)
+    total[window:] -= total[:-window].copy()
+    return np.asarray(first + total[window - 1 :] / window)
+
+
+class Trajectory(Message):
+    """A timed motion of the seven joints, at rest at both ends.
+
+    Attributes:
+        raw_q_rad: (n, 7) positions every `TICK_S`, before the filter.
+        window: length of the moving average [samples]; 1 = no filter.
+    """
+
+    raw_q_rad: JointSamples
+    window: int
+
+    @model_validator(mode="after")
+    def _check(self) -> Trajectory:
+        if len(self.raw_q_rad) < 1 or self.window < 1:
+            raise ValueError("a trajectory needs at least one sample and a window of at least 1")
+        if not np.isfinite(self.raw_q_rad).all():
+            raise ValueError("a trajectory must be finite")
+        return self
+
+    @property
+    def start_q_rad(self) -> Joints:
+        return np.asarray(self.raw_q_rad[0])
+
+    @property
+    def end_q_rad(self) -> Joints:
+        return np.asarray(self.raw_q_rad[-1])
+
+    @property
+    def duration_s(self) -> float:
+        return (len(self.raw_q_rad) + self.window - 2) * TICK_S
+
+    def filtered(self) -> JointSamples:
+        """The positions (m, 7) the arm is commanded to, one every `TICK_S`."""
+        return moving_average(self.raw_q_rad, self.window)

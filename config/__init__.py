@@ -1,0 +1,1 @@
+"""What this station is: its schema, its limits, its files."""

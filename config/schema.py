@@ -1,0 +1,184 @@
+"""What a station is: every setting, its unit in its name, its default, and why.
+
+Unknown keys are errors. Values come from defaults < station file < ``--set key=value`` (see `config.load`).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Fraction = Annotated[float, Field(ge=0, le=1)]
+Vector = tuple[Finite, Finite, Finite]
+JointVector = tuple[Finite, Finite, Finite, Finite, Finite, Finite, Finite]
+Chunk = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]*$")]
+
+
+class Settings(BaseModel):
+    """Base of all settings: frozen, unknown keys refused."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class BusSettings(Settings):
+    """How the cell's processes talk. Only loopback endpoints are accepted (others need TLS and access control)."""
+
+    endpoint: Annotated[str, Field(pattern=r"^tcp/(127\.0\.0\.1|\[::1\]|localhost):\d{1,5}$")] = "tcp/127.0.0.1:7447"
+    ask_timeout_s: Positive = 5.0
+
+
+class RecordingSettings(Settings):
+    """Where cycles are logged."""
+
+    folder: Path = Path("recordings")
+    min_free_mb: NonNegative = 500.0
+
+
+class NodeSettings(Settings):
+    """A driver node: which driver, which devices it serves, and whether the daemon runs it."""
+
+    driver: str
+    run: Literal["here", "elsewhere"] = "here"
+    serves: tuple[Literal["camera", "arm", "hand"], ...]
+
+
+class CameraSettings(Settings):
+    """Mounting of the wrist camera: pose of the colour camera (optical) in the hand frame.
+
+    Rotation as unit quaternion wxyz. The default looks along the hand's approach axis, image down = hand -x.
+    """
+
+    hand_from_color_position_m: Vector = (0.065, 0.0, 0.02)
+    hand_from_color_wxyz: tuple[Finite, Finite, Finite, Finite] = (0.70710678118654752, 0.0, 0.0, 0.70710678118654752)
+    max_age_s: Positive = 2.0
+
+
+class ArmSettings(Settings):
+    """Named joint configurations [rad] and the load's motion limits."""
+
+    capture_q_rad: JointVector = (0.0, -0.55, 0.0, -2.1, 0.0, 1.55, 0.7853981633974483)
+    speed: Annotated[float, Field(gt=0, le=1)] = 1.0
+    start_tolerance_rad: Positive = 0.02
+
+
+class HandSettings(Settings):
+    """The Panda hand, and how hard it grasps.
+
+    Finger geometry is that of the collision mesh: pads `finger_width_m` wide (across the closing axis),
+    `finger_thickness_m` thick (along it).
+    """
+
+    max_width_m: Positive = 0.08
+    speed_m_s: Positive = 0.05
+    grasp_force_n: Positive = 30.0
+    finger_width_m: Positive = 0.020
+    finger_thickness_m: Positive = 0.012
+    pad_height_m: Positive = 0.018
+    min_width_m: NonNegative = 0.002
+
+
+class Box(Settings):
+    """A fixed, axis-aligned box of the scene in ``base``."""
+
+    name: Chunk
+    center_m: Vector
+    size_m: tuple[Positive, Positive, Positive]
+
+
+class SceneSettings(Settings):
+    """What stands around the arm. The table's top is the plane z = 0 of ``base``.
+
+    Attributes:
+        pick_region_m: (x_min, x_max, y_min, y_max) in ``base`` where objects are looked for.
+        place_m: where the tcp lets the object go, above the tray's floor.
+    """
+
+    table: Box = Box(name="table", center_m=(0.45, 0.0, -0.02), size_m=(0.9, 1.4, 0.04))
+    tray: Box = Box(name="tray", center_m=(0.40, 0.45, 0.01), size_m=(0.30, 0.22, 0.02))
+    tray_wall_height_m: NonNegative = 0.04
+    pick_region_m: tuple[Finite, Finite, Finite, Finite] = (0.32, 0.60, -0.20, 0.20)
+    place_m: Vector = (0.40, 0.45, 0.20)
+    obstacles: tuple[Box, ...] = ()
+
+
+class PerceptionSettings(Settings):
+    """VLAD-Grasp (paper, Algorithm 1) and its embedded models."""
+
+    model: Literal["geometric"] = "geometric"
+    segmenter: Literal["depth"] = "depth"
+    depth: Literal["observed"] = "observed"
+    alignment: Literal["pca_cfopt"] = "pca_cfopt"
+    compliance: Positive = 1.0
+    """lambda: jaw opening of the rectangle = lambda x run length."""
+    min_object_height_m: Positive = 0.006
+    rod_radius_m: Positive = 0.004
+    max_grasps: Annotated[int, Field(ge=1, le=100)] = 12
+    approach_clearance_m: NonNegative = 0.006
+    """Extra opening on each side of the object while approaching."""
+
+
+class PlanningSettings(Settings):
+    """How motions are made (facts: toppra -> 1 kHz -> moving average)."""
+
+    window_ms: Annotated[int, Field(ge=4, le=200)] = 64
+    approach_m: Positive = 0.10
+    lift_m: Positive = 0.15
+    clearance_m: NonNegative = 0.004
+    max_grasps: Annotated[int, Field(ge=1)] = 12
+
+
+class VerifySettings(Settings):
+    """When a pick counts: the object is held for `hold_s`, weighs something, and left the table."""
+
+    hold_s: Positive = 3.0
+    samples: Annotated[int, Field(ge=2, le=100)] = 10
+    min_width_m: Positive = 0.004
+    max_width_loss_m: Positive = 0.006
+    min_load_n: NonNegative = 0.15
+    min_cleared_fraction: Fraction = 0.7
+
+
+class SimSettings(Settings):
+    """The simulated cell (MuJoCo).
+
+    Attributes:
+        pace: 0 = as fast as possible, in lockstep; 1 = real time.
+        friction: sliding friction of the finger pads on objects.
+        objects: folder of ``<name>/object.xml`` MJCF objects; None = the paper's five, built in.
+    """
+
+    pace: Annotated[float, Field(ge=0, le=10)] = 0.0
+    friction: NonNegative = 0.8
+    seed: int = 0
+    objects: Path | None = None
+    depth_noise: NonNegative = 1.0
+    """Scale of the Femto Mega noise model; 0 = perfect depth."""
+
+
+class Station(Settings):
+    """One cell: the whole of its configuration."""
+
+    cell_id: Chunk = "sim"
+    bus: BusSettings = BusSettings()
+    recording: RecordingSettings = RecordingSettings()
+    nodes: dict[Chunk, NodeSettings] = Field(min_length=1)
+    camera: CameraSettings = CameraSettings()
+    arm: ArmSettings = ArmSettings()
+    hand: HandSettings = HandSettings()
+    scene: SceneSettings = SceneSettings()
+    perception: PerceptionSettings = PerceptionSettings()
+    planning: PlanningSettings = PlanningSettings()
+    verify: VerifySettings = VerifySettings()
+    sim: SimSettings = SimSettings()
+
+    @model_validator(mode="after")
+    def _every_device_served_once(self) -> Station:
+        served = [device for node in self.nodes.values() for device in node.serves]
+        if sorted(served) != ["arm", "camera", "hand"]:
+            raise ValueError(f"nodes must serve camera, arm and hand exactly once each; they serve {sorted(served)}")
+        return self

@@ -1,0 +1,68 @@
+"""The three protocols every driver implements: the simulated, the real and the remote one alike.
+
+Life cycle: ``connect`` opens everything or nothing; ``close`` is always allowed and idempotent; every other member
+raises `bus.errors.NotConnected` before ``connect`` and after ``close``. ``stop`` never raises and may be called from any
+thread, also while another call is under way. All errors are of `bus.errors.DriverError`.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol, runtime_checkable
+
+from bus.messages import ArmState, Frame, HandState, Motion
+from bus.trajectory import Trajectory
+
+
+@runtime_checkable
+class Camera(Protocol):
+    """An RGB-D camera."""
+
+    def connect(self) -> None: ...
+
+    def capture(self) -> Frame:
+        """One fresh frame, exposed after the call. Raises: StaleFrame."""
+
+    def close(self) -> None: ...
+
+
+@runtime_checkable
+class Arm(Protocol):
+    """A seven-joint arm that plays sampled trajectories."""
+
+    def connect(self) -> None: ...
+
+    def state(self) -> ArmState: ...
+
+    def execute(self, trajectory: Trajectory) -> Motion:
+        """Play ``trajectory`` and return when the arm rests. Raises: MotionRefused (nothing moved), ArmReflex."""
+
+    def stop(self) -> None:
+        """Brake on the path, now. The running ``execute`` returns with ``finished = False``."""
+
+    def recover(self) -> None:
+        """Clear a reflex. Nothing moves."""
+
+    def close(self) -> None: ...
+
+
+@runtime_checkable
+class Hand(Protocol):
+    """A two-finger parallel hand."""
+
+    def connect(self) -> None: ...
+
+    def state(self) -> HandState: ...
+
+    def move(self, width_m: float, speed_m_s: float) -> HandState:
+        """Open or close to ``width_m``, without force. Raises: HandFault."""
+
+    def grasp(self, force_n: float, speed_m_s: float) -> HandState:
+        """Close until the fingers meet something (or each other), and keep pressing with ``force_n``."""
+
+    def home(self) -> HandState:
+        """Find the finger's zero once after power-on; ends open."""
+
+    def stop(self) -> None:
+        """Stop the fingers where they are; a grasp keeps its force (never drops what it holds)."""
+
+    def close(self) -> None: ...
