@@ -15,7 +15,6 @@ from bus.codes import Code
 from bus.frozen import Message
 from bus.trajectory import Trajectory
 
-
 # --- camera -----------------------------------------------------------------------------------------------------------
 
 

@@ -1,0 +1,1 @@
+"""The cell: five stages, one cycle, one machine, one command line."""

@@ -5,10 +5,11 @@ Unknown keys are errors. Values come from defaults < station file < ``--set key=
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -28,8 +29,15 @@ class Settings(BaseModel):
 class BusSettings(Settings):
     """How the cell's processes talk. Only loopback endpoints are accepted (others need TLS and access control)."""
 
-    endpoint: Annotated[str, Field(pattern=r"^tcp/(127\.0\.0\.1|\[::1\]|localhost):\d{1,5}$")] = "tcp/127.0.0.1:7447"
+    endpoint: str = "tcp/127.0.0.1:7447"
     ask_timeout_s: Positive = 5.0
+
+    @field_validator("endpoint")
+    @classmethod
+    def _loopback_only(cls, endpoint: str) -> str:
+        if not re.fullmatch(r"tcp/(127\.0\.0\.1|\[::1\]|localhost):\d{1,5}", endpoint):
+            raise ValueError("only loopback endpoints like tcp/127.0.0.1:7447 are accepted")
+        return endpoint
 
 
 class RecordingSettings(Settings):
@@ -182,3 +190,8 @@ class Station(Settings):
         if sorted(served) != ["arm", "camera", "hand"]:
             raise ValueError(f"nodes must serve camera, arm and hand exactly once each; they serve {sorted(served)}")
         return self
+
+    @property
+    def simulated(self) -> bool:
+        """Whether a node stands in for real devices."""
+        return any(node.driver == "sim" for node in self.nodes.values())

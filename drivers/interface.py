@@ -1,14 +1,16 @@
 """The three protocols every driver implements: the simulated, the real and the remote one alike.
 
-Life cycle: ``connect`` opens everything or nothing; ``close`` is always allowed and idempotent; every other member
-raises `bus.errors.NotConnected` before ``connect`` and after ``close``. ``stop`` never raises and may be called from any
-thread, also while another call is under way. All errors are of `bus.errors.DriverError`.
+Life cycle: ``connect`` opens everything or nothing; ``close`` is always allowed and idempotent; every other
+member raises `bus.errors.NotConnected` before ``connect`` and after ``close``. ``stop`` never raises and may be called
+from any thread, also while another call is under way. All errors are of `bus.errors.DriverError`.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
+from bus.commands import Presented, PresentRequest
 from bus.messages import ArmState, Frame, HandState, Motion
 from bus.trajectory import Trajectory
 
@@ -66,3 +68,24 @@ class Hand(Protocol):
         """Stop the fingers where they are; a grasp keeps its force (never drops what it holds)."""
 
     def close(self) -> None: ...
+
+
+@runtime_checkable
+class Feeder(Protocol):
+    """Simulation only: what puts objects on the table, and knows where they really are."""
+
+    def present(self, request: PresentRequest) -> Presented:
+        """Replace the object on the table. Raises: ConfigError for an unknown object."""
+
+    def truth(self) -> Presented:
+        """Name and true pose of the object now."""
+
+
+@dataclass(frozen=True)
+class Devices:
+    """What one driver brings; None = it does not serve that device."""
+
+    camera: Camera | None = None
+    arm: Arm | None = None
+    hand: Hand | None = None
+    feeder: Feeder | None = None

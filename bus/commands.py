@@ -1,0 +1,116 @@
+"""What is asked of the cell and its nodes, and what they answer and report about themselves."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from bus.arrays import Transform
+from bus.frozen import Message
+
+Verb = Literal["reset", "start", "pick", "stop", "abort", "clear"]
+"""Commands to the cell; an unknown one is refused with this list."""
+
+
+class CommandRequest(Message):
+    """A command to the cell, sent as the payload of ``command/{verb}``.
+
+    Attributes:
+        command_id: chosen by the client; the same id sent twice acts once.
+        client_id: who asks, for the log.
+        cycles: ``start`` only: how many picks.
+        object: ``pick`` in simulation only: name of the object to present; None = the next one.
+    """
+
+    command_id: Annotated[str, Field(max_length=100)] = ""
+    client_id: Annotated[str, Field(max_length=100)] = ""
+    cycles: Annotated[int, Field(ge=1, le=1_000_000)] = 1
+    object: Annotated[str, Field(max_length=100)] | None = None
+
+
+class CommandReply(Message):
+    """The cell's answer: accepted, or refused with a code, the reason, and what it would accept now.
+
+    ``cycle_id`` names the cycle that an accepted ``pick`` or ``start`` begins.
+    """
+
+    ok: bool
+    state: str
+    code: str = ""
+    reason: str = ""
+    available: tuple[str, ...] = ()
+    cycle_id: str = ""
+
+
+class CellState(Message):
+    """The machine's state (PackML names), published at every change and answered on ``state``."""
+
+    state: str
+    stage: str
+    cycle_id: str
+    since_ns: int
+    available: tuple[str, ...]
+    reason: str
+
+
+class Event(Message):
+    """Something a person should know; ``code`` is of `bus.codes.Code` or a short upper-case word."""
+
+    code: str
+    severity: Literal["info", "warning", "error"]
+    text: str
+    advice: str = ""
+
+
+class Health(Message):
+    """A node about itself, once a second."""
+
+    name: str
+    pid: int
+    uptime_s: float
+    answered: int
+    failed: int
+
+
+class ErrorReply(Message):
+    """An error of `bus.errors`, as it travels in ``reply_err``; ``error`` is its class name."""
+
+    error: str
+    code: str
+    text: str
+    advice: str
+    available: tuple[str, ...] = ()
+
+
+class Nothing(Message):
+    """A request or answer without content."""
+
+
+class HandMove(Message):
+    """Open or close the fingers, without force."""
+
+    width_m: float
+    speed_m_s: float
+
+
+class HandGrasp(Message):
+    """Close until something is felt, and keep pressing."""
+
+    force_n: float
+    speed_m_s: float
+
+
+class PresentRequest(Message):
+    """Simulation only: put one object on the table. ``object`` None = the ``cycle``-th of a seeded order."""
+
+    object: str | None
+    cycle: int
+    seed: int
+
+
+class Presented(Message):
+    """Simulation only: what lies on the table, and where it really is."""
+
+    object: str
+    base_from_object: Transform

@@ -1,0 +1,28 @@
+"""Errors of the tree across the bus: an error raised in a node is raised again, as its own type, where it was asked."""
+
+from __future__ import annotations
+
+from bus import errors
+from bus.codes import Code
+from bus.commands import ErrorReply
+from bus.errors import CellError, CycleFailure, Refused
+
+
+def error_reply(error: CellError) -> ErrorReply:
+    """An error of the tree as it travels."""
+    available = getattr(error, "available", ())
+    return ErrorReply(
+        error=type(error).__name__, code=error.code, text=error.text, advice=error.advice, available=available
+    )
+
+
+def error_from_reply(reply: ErrorReply) -> CellError:
+    """The error behind an `ErrorReply`, as its own type where that type takes (text, advice)."""
+    kind = getattr(errors, reply.error, CellError)
+    if kind is Refused:
+        return Refused(reply.text, reply.advice, code=reply.code, available=reply.available)
+    if kind is CycleFailure:
+        return CycleFailure(Code(reply.code), reply.text)
+    error: CellError = kind(reply.text, reply.advice)
+    error.code = reply.code
+    return error

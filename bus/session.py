@@ -1,0 +1,280 @@
+"""One process on the bus: open Zenoh safely, publish, hear, ask, answer, be alive.
+
+Rules this file keeps so that nobody else must (measured): loopback only, no multicast and no gossip; every question is
+answered, errors included, because silence, absence and denial look alike; callbacks only enqueue; the encoding is
+always set; the session is closed on every path.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Mapping
+from concurrent.futures import Executor, ThreadPoolExecutor
+from types import TracebackType
+from typing import Any, NamedTuple, TypeVar
+
+import zenoh
+
+from bus import topics
+from bus.codec import decode, encode
+from bus.commands import ErrorReply
+from bus.errors import BadPayload, BusError, CellError, CellUnreachable, NoReply, PortOccupied, ReplyTimeout
+from bus.frozen import Message
+from bus.remote_errors import error_from_reply, error_reply
+from bus.topics import Topic, encoding_of
+
+LEASE_MS = 1000
+"""A frozen or unplugged peer is noticed after this time."""
+MAX_PAYLOAD_BYTES = 64 * 1024 * 1024
+
+MessageT = TypeVar("MessageT", bound=Message)
+
+
+class Heard(NamedTuple):
+    """One payload that travelled: ``key`` is below ``cell/{cell_id}/``."""
+
+    key: str
+    encoding: str
+    payload: bytes
+
+
+Tap = Callable[[Heard], None]
+Handler = Callable[[bytes, Mapping[str, str]], "Message | list[Heard]"]
+
+
+def _zenoh_config(mode: str, *, listen: list[str], connect: list[str]) -> zenoh.Config:
+    """Loopback recipe: only the named endpoints, shared memory for publications but never for questions."""
+    return zenoh.Config.from_json5(
+        json.dumps(
+            {
+                "mode": mode,
+                "listen": {"endpoints": listen},
+                "connect": {"endpoints": connect},
+                "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
+                "transport": {
+                    "link": {"tx": {"lease": LEASE_MS}},
+                    "shared_memory": {"transport_optimization": {"messages": ["put"]}},
+                },
+                "adminspace": {"enabled": False},
+            }
+        )
+    )
+
+
+class Bus:
+    """A Zenoh session that speaks the topic table of one cell.
+
+    Args:
+        session: an open Zenoh session, owned from now on.
+        cell_id: the cell's name in every key.
+
+    Attributes:
+        tap: called with everything this process publishes, asks and is answered; set by whoever records.
+    """
+
+    def __init__(self, session: zenoh.Session, cell_id: str) -> None:
+        self.cell_id = cell_id
+        self.tap: Tap | None = None
+        self._session = session
+        self._lanes: dict[str, ThreadPoolExecutor] = {}
+        self._declared: list[Any] = []
+
+    @classmethod
+    def listen(cls, cell_id: str, endpoint: str) -> Bus:
+        """Open the cell's own endpoint. Raises: PortOccupied."""
+        try:
+            return cls(zenoh.open(_zenoh_config("peer", listen=[endpoint], connect=[])), cell_id)
+        except zenoh.ZError as error:
+            raise PortOccupied(
+                f"Cannot listen on {endpoint}: another program uses it.",
+                "Is the cell already running (`cell status`)? Else choose another port: --set bus.endpoint=...",
+            ) from error
+
+    @classmethod
+    def join(cls, cell_id: str, endpoint: str) -> Bus:
+        """Connect to a running cell. Raises: CellUnreachable."""
+        try:
+            return cls(zenoh.open(_zenoh_config("client", listen=[], connect=[endpoint])), cell_id)
+        except zenoh.ZError as error:
+            raise CellUnreachable(
+                f"No cell answers at {endpoint}.", "Start it with `cell start`, or name its --config."
+            ) from error
+
+    def key(self, topic: Topic, **fields: str) -> str:
+        """The whole Zenoh key of ``topic`` in this cell."""
+        return f"{topics.ROOT}/{self.cell_id}/{topic.key.format(**fields)}"
+
+    def _short(self, key: object) -> str:
+        return str(key).removeprefix(f"{topics.ROOT}/{self.cell_id}/")
+
+    def _record(self, heard: Heard) -> None:
+        if self.tap is not None:
+            self.tap(heard)
+
+    # --- publish and hear ---------------------------------------------------------------------------------------------
+
+    def publish(self, topic: Topic, message: Message | bytes, **fields: str) -> None:
+        """Put one message (or the protobuf bytes of one) on ``topic``. Raises: BusError after close."""
+        payload = message if isinstance(message, bytes) else encode(message)
+        encoding = encoding_of(topic.says)
+        try:
+            self._session.put(self.key(topic, **fields), payload, encoding=encoding)
+        except zenoh.ZError as error:
+            raise BusError(f"Cannot publish {topic.key}: the bus is closed.") from error
+        if topic.logged:
+            self._record(Heard(topic.key.format(**fields), encoding, payload))
+
+    def subscribe(self, pattern: str, callback: Callable[[Heard], None], *, own: bool = False) -> None:
+        """Call ``callback`` with what others (or also we: ``own``) publish on ``pattern`` below the cell's root.
+
+        The callback runs on Zenoh's thread: it may only enqueue.
+        """
+
+        def hear(sample: zenoh.Sample) -> None:
+            callback(Heard(self._short(sample.key_expr), str(sample.encoding), sample.payload.to_bytes()))
+
+        origin = zenoh.Locality.ANY if own else zenoh.Locality.REMOTE
+        key = f"{topics.ROOT}/{self.cell_id}/{pattern}"
+        self._declared.append(self._session.declare_subscriber(key, hear, allowed_origin=origin))
+
+    # --- ask and answer -----------------------------------------------------------------------------------------------
+
+    def ask(self, topic: Topic, request: Message, *, timeout_s: float, **fields: str) -> list[Heard]:
+        """Every reply to one question.
+
+        Raises: NoReply (nobody there), ReplyTimeout, or the error the other side answered with, as its own type.
+        """
+        key, question = self.key(topic, **fields), encode(request)
+        if topic.logged:
+            self._record(Heard(f"{self._short(key)}/query", encoding_of(topic.asks), question))
+        replies = self._get(key, question, encoding_of(topic.asks), timeout_s)
+        if not replies:
+            raise NoReply(
+                f"Nobody answers {self._short(key)!r}.", "Is the node that serves it running? See `cell status`."
+            )
+        heard = []
+        for reply in replies:
+            if reply.ok is None:
+                raise _error_from(reply.err, f"{self._short(key)!r} got no answer within {timeout_s:.1f} s.")
+            name = self._short(reply.ok.key_expr)
+            name = f"{name}/reply" if name == self._short(key) else name
+            heard.append(Heard(name, str(reply.ok.encoding), reply.ok.payload.to_bytes()))
+        if topic.logged:
+            for one in heard:
+                self._record(one)
+        return heard
+
+    def request(
+        self, topic: Topic, request: Message, answer_type: type[MessageT], *, timeout_s: float, **fields: str
+    ) -> MessageT:
+        """The one decoded answer to one question. Raises: as `ask`, and BadPayload."""
+        return decode(answer_type, self.ask(topic, request, timeout_s=timeout_s, **fields)[0].payload)
+
+    def _get(self, key: str, payload: bytes, encoding: str, timeout_s: float) -> list[zenoh.Reply]:
+        """Zenoh's replies; a queryable that is not yet in the routing table is asked again for a moment."""
+        give_up = time.monotonic() + min(1.0, timeout_s)
+        while True:
+            try:
+                replies = list(
+                    self._session.get(
+                        key,
+                        payload=payload,
+                        encoding=encoding,
+                        timeout=timeout_s,
+                        accept_replies=zenoh.ReplyKeyExpr.ANY,
+                    )
+                )
+            except zenoh.ZError as error:
+                raise BusError(f"Cannot ask {self._short(key)}: the bus is closed.") from error
+            if replies or time.monotonic() > give_up:
+                return replies
+            time.sleep(0.05)
+
+    def answer(self, topic: Topic, handler: Handler, *, lane: str, **fields: str) -> None:
+        """Answer questions on ``topic`` with ``handler(payload, fields)``, one at a time per ``lane`` (a thread).
+
+        The handler returns a message, or the payloads to reply with. A `CellError` it raises is sent back typed.
+        """
+        executor = self.lane(lane)
+        key = self.key(topic, **fields)
+
+        def receive(query: zenoh.Query) -> None:
+            executor.submit(self._reply, topic, query, handler)
+
+        self._declared.append(self._session.declare_queryable(key, receive))
+
+    def lane(self, name: str) -> Executor:
+        """The single-thread executor called ``name``; made on first use."""
+        if name not in self._lanes:
+            self._lanes[name] = ThreadPoolExecutor(max_workers=1, thread_name_prefix=name)
+        return self._lanes[name]
+
+    def _reply(self, topic: Topic, query: zenoh.Query, handler: Handler) -> None:
+        with query:
+            payload = query.payload.to_bytes() if query.payload is not None else b"{}"
+            fields = {"verb": self._short(query.key_expr).rpartition("/")[2]}
+            try:
+                if len(payload) > MAX_PAYLOAD_BYTES:
+                    raise BadPayload(f"The payload has {len(payload)} bytes; at most {MAX_PAYLOAD_BYTES} are accepted.")
+                answer = handler(payload, fields)
+            except CellError as error:
+                query.reply_err(encode(error_reply(error)), encoding=encoding_of(ErrorReply))
+                return
+            except Exception as error:
+                defect = ErrorReply(
+                    error="CellError",
+                    code="INTERNAL",
+                    text=f"{type(error).__name__}: {error}",
+                    advice="This is a defect.",
+                )
+                query.reply_err(encode(defect), encoding=encoding_of(ErrorReply))
+                raise
+            if isinstance(answer, Message):
+                answer = [Heard(self._short(query.key_expr), encoding_of(type(answer)), encode(answer))]
+            for part in answer:
+                key = f"{topics.ROOT}/{self.cell_id}/{part.key}"
+                query.reply(key, part.payload, encoding=part.encoding)
+
+    # --- be alive -----------------------------------------------------------------------------------------------------
+
+    def announce(self, name: str) -> None:
+        """Hold the liveliness token of node ``name`` until close."""
+        self._declared.append(self._session.liveliness().declare_token(self.key(topics.NODE_ALIVE, name=name)))
+
+    def nodes_alive(self) -> set[str]:
+        """Names of the nodes that are up."""
+        replies = self._session.liveliness().get(self.key(topics.NODE_ALIVE, name="*"), timeout=1.0)
+        return {self._short(reply.ok.key_expr).split("/")[1] for reply in replies if reply.ok is not None}
+
+    def watch_nodes(self, callback: Callable[[str, bool], None]) -> None:
+        """Call ``callback(name, is_alive)`` when a node comes or goes; it may only enqueue."""
+
+        def change(sample: zenoh.Sample) -> None:
+            callback(self._short(sample.key_expr).split("/")[1], sample.kind == zenoh.SampleKind.PUT)
+
+        key = self.key(topics.NODE_ALIVE, name="*")
+        self._declared.append(self._session.liveliness().declare_subscriber(key, change, history=True))
+
+    # --- close --------------------------------------------------------------------------------------------------------
+
+    def close(self) -> None:
+        """Undeclare everything and close; idempotent."""
+        for lane in self._lanes.values():
+            lane.shutdown(wait=False, cancel_futures=True)
+        if not self._session.is_closed():
+            self._session.close()  # type: ignore[no-untyped-call]
+
+    def __enter__(self) -> Bus:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def _error_from(failure: zenoh.ReplyError | None, timeout_text: str) -> CellError:
+    if failure is None or failure.payload.to_bytes() == b"Timeout":
+        return ReplyTimeout(timeout_text, "The node is busy or frozen; see its log.")
+    return error_from_reply(decode(ErrorReply, failure.payload.to_bytes()))

@@ -1,0 +1,128 @@
+"""THE table: every key of the cell, what travels on it, and whether it is recorded.
+
+Keys are below ``cell/{cell_id}/``. A *publish* topic carries ``says``; a *query* topic is asked with ``asks`` and
+answered with ``says``; *alive* topics are liveliness tokens without payload.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.ImageAnnotations_pb2 import ImageAnnotations
+from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
+from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
+
+from bus.commands import (
+    CellState,
+    CommandReply,
+    CommandRequest,
+    Event,
+    HandGrasp,
+    HandMove,
+    Health,
+    Nothing,
+    Presented,
+    PresentRequest,
+)
+from bus.frozen import Message
+from bus.messages import (
+    ArmState,
+    CycleResult,
+    Delivery,
+    Detections,
+    Execution,
+    HandState,
+    Motion,
+    PickPlan,
+    StageRecord,
+    Verdict,
+    View,
+)
+from bus.trajectory import Trajectory
+
+ROOT = "cell"
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One row of the table.
+
+    Attributes:
+        key: below ``cell/{cell_id}/``; may hold a ``{field}``.
+        kind: how it travels.
+        says: type of the published payload or of the answer.
+        asks: type of the question.
+        logged: recorded into the cycle's MCAP.
+    """
+
+    key: str
+    kind: Literal["publish", "query", "alive"]
+    says: Any = None
+    asks: Any = None
+    logged: bool = True
+
+
+COMMAND = Topic("command/{verb}", "query", CommandReply, CommandRequest)
+STATE = Topic("state", "publish", CellState)
+STATE_NOW = Topic("state", "query", CellState, Nothing, logged=False)
+EVENT = Topic("event", "publish", Event)
+
+CAPTURE = Topic("cycle/capture", "publish", StageRecord[View])
+DETECT = Topic("cycle/detect", "publish", StageRecord[Detections])
+PLAN = Topic("cycle/plan", "publish", StageRecord[PickPlan])
+EXECUTE = Topic("cycle/execute", "publish", StageRecord[Execution])
+VERIFY = Topic("cycle/verify", "publish", StageRecord[Verdict])
+DELIVER = Topic("cycle/deliver", "publish", StageRecord[Delivery])
+RESULT = Topic("cycle/result", "publish", CycleResult)
+ANNOTATIONS = Topic("cycle/annotations", "publish", ImageAnnotations)
+
+# A capture is answered by the five below, one reply each; they are recorded as those replies, not as published.
+CAMERA_CAPTURE = Topic("camera/capture", "query", None, Nothing)
+CAMERA_COLOR = Topic("camera/color", "publish", CompressedImage, logged=False)
+CAMERA_DEPTH = Topic("camera/depth", "publish", RawImage, logged=False)
+CAMERA_COLOR_CALIBRATION = Topic("camera/color/calibration", "publish", CameraCalibration, logged=False)
+CAMERA_DEPTH_CALIBRATION = Topic("camera/depth/calibration", "publish", CameraCalibration, logged=False)
+CAMERA_TF = Topic("camera/tf", "publish", FrameTransforms, logged=False)
+
+ARM_STATE = Topic("arm/state", "publish", JointStates)
+ARM_NOW = Topic("arm/now", "query", ArmState, Nothing, logged=False)
+ARM_EXECUTE = Topic("arm/execute", "query", Motion, Trajectory)
+ARM_STOP = Topic("arm/stop", "query", Nothing, Nothing)
+ARM_RECOVER = Topic("arm/recover", "query", Nothing, Nothing)
+
+TF = Topic("tf", "publish", FrameTransforms)
+
+HAND_STATE = Topic("hand/state", "publish", HandState)
+HAND_NOW = Topic("hand/now", "query", HandState, Nothing, logged=False)
+HAND_MOVE = Topic("hand/move", "query", HandState, HandMove)
+HAND_GRASP = Topic("hand/grasp", "query", HandState, HandGrasp)
+HAND_HOME = Topic("hand/home", "query", HandState, Nothing)
+HAND_STOP = Topic("hand/stop", "query", Nothing, Nothing)
+
+SIM_PRESENT = Topic("sim/present", "query", Presented, PresentRequest)
+SIM_TRUTH = Topic("sim/truth", "query", Presented, Nothing)
+
+NODE_ALIVE = Topic("node/{name}", "alive")
+NODE_HEALTH = Topic("node/{name}/health", "publish", Health)
+
+TOPICS: tuple[Topic, ...] = tuple(value for value in dict(globals()).values() if isinstance(value, Topic))
+
+FRAME_PARTS = (CAMERA_COLOR, CAMERA_DEPTH, CAMERA_COLOR_CALIBRATION, CAMERA_DEPTH_CALIBRATION, CAMERA_TF)
+
+
+def encoding_of(payload_type: Any) -> str:
+    """The Zenoh encoding of a payload type: ``application/json;vlad.X`` or ``application/protobuf;foxglove.X``."""
+    if isinstance(payload_type, type) and issubclass(payload_type, Message):
+        name = payload_type.__name__.replace("[", ".").rstrip("]")
+        return f"application/json;vlad.{name}"
+    return f"application/protobuf;{payload_type.DESCRIPTOR.full_name}"
+
+
+def types_by_encoding() -> dict[str, Any]:
+    """Every payload type of the table by its encoding."""
+    types = [payload for topic in TOPICS for payload in (topic.says, topic.asks) if payload is not None]
+    return {encoding_of(payload): payload for payload in types}

@@ -1,0 +1,261 @@
+"""The command line: ``cell --help``. Exit codes: 0 done, 1 robot failed, 2 usage or config, 3 refused, 4 unreachable."""
+
+from __future__ import annotations
+
+import json
+import logging
+import signal
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+
+import click
+import typer
+from logs.index import list_cycles
+from logs.reader import read_cycle
+from logs.report import write_report
+from rich.console import Console
+
+from bus.commands import CommandRequest
+from bus.errors import CellError
+from bus.messages import CycleResult
+from cell import client, nodes
+from cell.build import running_cell
+from cell.console import Screen
+from cell.daemon import Daemon
+from cell.machine import refuse
+from cell.replay import replay_file
+from config.load import DEFAULT_STATION, load_station
+from config.schema import Station
+
+app = typer.Typer(
+    help="VLAD Cell: picks objects it has never seen, explains every pick, and can replay it.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    epilog="Exit codes: 0 done, 1 the robot failed (code printed), 2 usage or configuration, 3 refused, 4 unreachable.",
+)
+_out = Console(highlight=False, soft_wrap=True)
+_SETTLED = {"Stopped", "Idle", "Complete", "Aborted"}
+_PATIENCE_S = 600.0
+
+Config = Annotated[Path, typer.Option("--config", "-c", help="Station file.", show_default="the simulated cell")]
+Set = Annotated[list[str] | None, typer.Option("--set", help="Override one setting: key=value. Repeatable.")]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON for programs.")]
+File = Annotated[Path, typer.Argument(help="A cycle's recording (.mcap).")]
+
+
+def _print_json(value: Any) -> None:
+    _out.out(json.dumps(value) if not isinstance(value, str) else value, highlight=False)
+
+
+def _finish(result: CycleResult) -> None:
+    """End with 1 when the robot failed."""
+    if result.result not in ("SUCCESS", "EMPTY"):
+        raise typer.Exit(1)
+
+
+@app.command()
+def start(
+    config: Config = DEFAULT_STATION,
+    cycles: Annotated[int | None, typer.Option(min=1, help="Reset, run this many picks, and end.")] = None,
+    seed: Annotated[int | None, typer.Option(help="Seed of the simulated cell (= --set sim.seed).")] = None,
+    objects: Annotated[
+        Path | None, typer.Option(help="Folder of NAME/object.xml objects (= --set sim.objects).")
+    ] = None,
+    overrides: Set = None,
+    as_json: Json = False,
+    report: Annotated[bool, typer.Option(help="Write a report page for every cycle.")] = True,
+) -> None:
+    """Start the cell: the daemon and its nodes. Without --cycles it stays, and waits for commands."""
+    extra = [f"sim.seed={seed}"] if seed is not None else []
+    extra += [f"sim.objects={objects}"] if objects is not None else []
+    station = load_station(config, [*(overrides or []), *extra])
+    screen = Screen(json_lines=as_json, report=report and not as_json)
+    _on_signal(screen.interrupted.set)
+    screen.line(f"cell [bold]{station.cell_id}[/] on {station.bus.endpoint}: starting {', '.join(station.nodes)} ...")
+    with running_cell(station, screen.observe) as daemon:
+        if cycles is None:
+            screen.line("ready. From another terminal: cell reset, cell pick --wait, cell status. Ctrl-C ends.")
+            for _ in screen.follow():
+                pass
+            return
+        failed = _run_cycles(daemon, screen, cycles)
+    if screen.interrupted.is_set() or failed:
+        raise typer.Exit(1)
+
+
+def _run_cycles(daemon: Daemon, screen: Screen, cycles: int) -> int:
+    """Reset, run ``cycles`` picks; returns how many did not succeed (also those that never came)."""
+    operator = CommandRequest(client_id=client.CLIENT_ID, cycles=cycles)
+    refuse(daemon.command("reset", operator))
+    succeeded = done = 0
+    for said in screen.follow():
+        if isinstance(said, CycleResult):
+            done += 1
+            succeeded += said.result == "SUCCESS"
+            if done == cycles or said.result in ("EMPTY", "ABORTED"):
+                break
+        elif said.state == "Idle" and done == 0:
+            refuse(daemon.command("start", operator))
+        elif said.state in ("Aborted", "Stopped") and said.reason:
+            break
+    return cycles - succeeded
+
+
+def _on_signal(end: Callable[[], None]) -> None:
+    """First SIGINT or SIGTERM: a controlled end; the next one: at once."""
+
+    def handle(number: int, _frame: object) -> None:
+        end()
+        signal.signal(number, signal.SIG_DFL)
+
+    signal.signal(signal.SIGINT, handle)
+    signal.signal(signal.SIGTERM, handle)
+
+
+@app.command()
+def pick(
+    config: Config = DEFAULT_STATION,
+    wait: Annotated[bool, typer.Option("--wait", help="Wait for the cycle's result.")] = False,
+    object_name: Annotated[str | None, typer.Option("--object", help="Simulation: the object to present.")] = None,
+    overrides: Set = None,
+    as_json: Json = False,
+) -> None:
+    """Pick one object. The cell must be Idle or Complete."""
+    with client.connect(load_station(config, overrides or [])) as cell:
+        reply = cell.command("pick", object_name=object_name)
+        if not wait:
+            _print_json(reply.model_dump_json()) if as_json else _out.print(f"cycle {reply.cycle_id} begins")
+            return
+        result = cell.wait_for_result(reply.cycle_id, _PATIENCE_S)
+    if as_json:
+        _print_json(result.model_dump_json())
+    else:
+        _out.print(f"{result.result} {result.code or ''} {result.object}: {result.reason}\n  {result.recording}")
+    _finish(result)
+
+
+def _simple_command(verb: str, help_text: str) -> None:
+    """Register ``cell VERB``: send it, wait until the machine rests again, print the state."""
+
+    def run(config: Config = DEFAULT_STATION, overrides: Set = None, as_json: Json = False) -> None:
+        with client.connect(load_station(config, overrides or [])) as cell:
+            cell.command(verb)
+            state = cell.wait_for_state(_SETTLED, 60.0)
+        _print_json(state.model_dump_json()) if as_json else _out.print(f"{state.state} {state.reason}".strip())
+        if state.state == "Aborted" and verb != "abort":
+            raise typer.Exit(1)
+
+    app.command(verb, help=help_text)(run)
+
+
+_simple_command("reset", "Self-check, arm to the capture pose; ends in Idle.")
+_simple_command("stop", "Controlled stop: brake on the path, confirm by the measured velocity; ends in Stopped.")
+_simple_command("abort", "Brake now; ends in Aborted. Then: clear, reset, start - three deliberate acts.")
+_simple_command("clear", "Clear an abort; ends in Stopped.")
+
+
+@app.command()
+def status(config: Config = DEFAULT_STATION, overrides: Set = None, as_json: Json = False) -> None:
+    """The machine's state, what it would accept, and which nodes are up."""
+    with client.connect(load_station(config, overrides or [])) as cell:
+        state, alive = cell.state(), cell.nodes()
+    if as_json:
+        _print_json({**state.model_dump(mode="json"), "nodes": alive})
+        return
+    _out.print(f"[bold]{state.state}[/] {state.stage} {state.cycle_id} {state.reason}".rstrip())
+    _out.print(f"  available: {', '.join(state.available) or '-'}\n  nodes up:  {', '.join(alive) or 'none'}")
+
+
+@app.command()
+def replay(file: File, overrides: Set = None, as_json: Json = False) -> None:
+    """Run the pure stages again from a recording and compare. Exit 0 equal, 1 different, 2 cannot."""
+    outcome = replay_file(file, overrides or [])
+    if as_json:
+        _print_json(outcome.to_json())
+    else:
+        outcome.show(_out)
+    if not outcome.equal:
+        raise typer.Exit(1)
+
+
+@app.command()
+def report(
+    file: File, output: Annotated[Path | None, typer.Option("--output", "-o", help="Where to write the page.")] = None
+) -> None:
+    """Write one self-contained HTML page that explains a cycle."""
+    _out.print(str(write_report(read_cycle(file), output or file.with_suffix(".html"))))
+
+
+@app.command()
+def show(file: File, as_json: Json = False) -> None:
+    """What a recording holds: result, stages, versions."""
+    record = read_cycle(file)
+    if as_json:
+        _print_json({"result": record.result.model_dump(mode="json") if record.result else None,
+                     "stages": {name: stage.duration_s for name, stage in record.stages.items()},
+                     "metadata": record.metadata})  # fmt: skip
+        return
+    if record.result is not None:
+        result = record.result
+        _out.print(f"[bold]{result.result}[/] {result.code or ''} {result.object}: {result.reason}")
+    for name, stage in record.stages.items():
+        _out.print(f"  {name:<8} {stage.duration_s:6.2f} s  {stage.failure.text if stage.failure else ''}".rstrip())
+    for key, value in record.metadata.items():
+        _out.print(f"  [dim]{key:<24} {value}[/]")
+
+
+@app.command()
+def cycles(
+    folder: Annotated[Path | None, typer.Argument(help="Recordings folder.")] = None,
+    config: Config = DEFAULT_STATION,
+    as_json: Json = False,
+) -> None:
+    """List recorded cycles, newest first."""
+    for entry in list_cycles(folder or load_station(config).recording.folder):
+        _print_json(entry.to_json()) if as_json else _out.print(entry.line())
+
+
+@app.command("config")
+def show_config(config: Config = DEFAULT_STATION, overrides: Set = None) -> None:
+    """Print the whole configuration, defaults included, as JSON."""
+    _print_json(load_station(config, overrides or []).model_dump_json(indent=2))
+
+
+@app.command()
+def node(
+    name: Annotated[str, typer.Argument(help="Node of the station file.")],
+    config: Config = DEFAULT_STATION,
+    overrides: Set = None,
+    supervised: Annotated[bool, typer.Option("--supervised", hidden=True)] = False,
+) -> None:
+    """Serve one driver node on the bus (for nodes with run = "elsewhere"; the daemon runs the others)."""
+    if supervised:
+        raise typer.Exit(nodes.serve_supervised(name, sys.stdin, sys.stdout))
+    station: Station = load_station(config, overrides or [])
+    nodes.serve_until_interrupted(name, station)
+
+
+def main() -> None:
+    """Entry point: every known error becomes one clear line and its exit code, never a traceback."""
+    logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
+    try:
+        code = app(standalone_mode=False)
+    except CellError as error:
+        if "--json" in sys.argv:
+            _print_json({"ok": False, "code": error.code, "reason": error.text, "advice": error.advice})
+        typer.echo(f"{error.code}: {error}", err=True)
+        code = error.exit_code
+    except click.ClickException as error:
+        error.show()
+        code = error.exit_code
+    except (click.Abort, KeyboardInterrupt):
+        code = 130
+    sys.exit(code if isinstance(code, int) else 0)
+
+
+if __name__ == "__main__":
+    main()

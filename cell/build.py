@@ -1,0 +1,47 @@
+"""The composition root: the one place that joins bus, drivers, planning and the daemon."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from planning.robot import Robot
+
+from bus.codes import Code
+from bus.errors import CycleFailure
+from bus.session import Bus
+from cell.daemon import Daemon, Observer
+from cell.nodes import Supervisor
+from config.schema import Station
+from drivers import registry
+from drivers.remote import remote_devices
+
+
+@contextmanager
+def running_cell(station: Station, observer: Observer) -> Iterator[Daemon]:
+    """A whole cell: bus, its local nodes, daemon. Everything is closed again on every path.
+
+    Raises: ConfigError, PortOccupied, DriverUnavailable and whatever a node could not do.
+    """
+    for node in station.nodes.values():
+        registry.require(node.driver)
+    robot = Robot(station)
+    with Bus.listen(station.cell_id, station.bus.endpoint) as bus:
+        faults: list[Daemon] = []
+
+        def on_exit(name: str, code: int) -> None:
+            for daemon in faults:
+                daemon.machine.fault(CycleFailure(Code.NODE_LOST, f"The node {name!r} ended with exit code {code}."))
+
+        supervisor = Supervisor(station, on_exit)
+        try:
+            supervisor.start()
+            daemon = Daemon(station, bus, remote_devices(bus, station), robot, observer)
+            faults.append(daemon)
+            daemon.open()
+            try:
+                yield daemon
+            finally:
+                daemon.close()
+        finally:
+            supervisor.close()

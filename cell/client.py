@@ -1,0 +1,79 @@
+"""Talks to a running cell from another process: state, commands, results."""
+
+from __future__ import annotations
+
+import queue
+import time
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from bus import topics
+from bus.codec import decode
+from bus.commands import CellState, CommandReply, CommandRequest, Nothing
+from bus.errors import ReplyTimeout
+from bus.messages import CycleResult
+from bus.session import Bus, Heard
+from cell.machine import refuse
+from config.schema import Station
+
+CLIENT_ID = "cell-cli"
+
+
+class Client:
+    """One connection to one cell; use `connect`."""
+
+    def __init__(self, bus: Bus, ask_timeout_s: float) -> None:
+        self._bus = bus
+        self._timeout_s = ask_timeout_s
+        self._heard: queue.SimpleQueue[Heard] = queue.SimpleQueue()
+        for topic in (topics.STATE, topics.RESULT):
+            bus.subscribe(topic.key, self._heard.put)
+
+    def state(self) -> CellState:
+        """The machine's state now."""
+        return self._bus.request(topics.STATE_NOW, Nothing(), CellState, timeout_s=self._timeout_s)
+
+    def nodes(self) -> list[str]:
+        """Names of the nodes that are up."""
+        return sorted(self._bus.nodes_alive())
+
+    def command(self, verb: str, *, cycles: int = 1, object_name: str | None = None) -> CommandReply:
+        """Send one command. Raises: Refused with code, reason and what is available."""
+        request = CommandRequest(command_id=uuid.uuid4().hex, client_id=CLIENT_ID, cycles=cycles, object=object_name)
+        reply = self._bus.request(topics.COMMAND, request, CommandReply, timeout_s=self._timeout_s, verb=verb)
+        refuse(reply)
+        return reply
+
+    def wait_for_state(self, wanted: set[str], timeout_s: float) -> CellState:
+        """The first state of ``wanted``. Raises: ReplyTimeout."""
+        state = self.state()
+        give_up_s = time.monotonic() + timeout_s
+        while state.state not in wanted:
+            heard = self._next(give_up_s, f"The cell is still {state.state} after {timeout_s:.0f} s.")
+            if heard.key == topics.STATE.key:
+                state = decode(CellState, heard.payload)
+        return state
+
+    def wait_for_result(self, cycle_id: str, timeout_s: float) -> CycleResult:
+        """The result of cycle ``cycle_id``. Raises: ReplyTimeout."""
+        give_up_s = time.monotonic() + timeout_s
+        while True:
+            heard = self._next(give_up_s, f"Cycle {cycle_id} gave no result within {timeout_s:.0f} s.")
+            if heard.key == topics.RESULT.key:
+                result = decode(CycleResult, heard.payload)
+                if result.cycle_id == cycle_id:
+                    return result
+
+    def _next(self, give_up_s: float, text: str) -> Heard:
+        try:
+            return self._heard.get(timeout=max(0.001, give_up_s - time.monotonic()))
+        except queue.Empty:
+            raise ReplyTimeout(text, "See `cell status`.") from None
+
+
+@contextmanager
+def connect(station: Station) -> Iterator[Client]:
+    """A client of the station's running cell. Raises: CellUnreachable."""
+    with Bus.join(station.cell_id, station.bus.endpoint) as bus:
+        yield Client(bus, station.bus.ask_timeout_s)

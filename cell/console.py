@@ -1,0 +1,98 @@
+"""What an operator sees while cycles run: one line a stage, then the verdict; or one JSON object a cycle."""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from logs.reader import read_cycle
+from logs.report import write_report
+from rich.console import Console
+
+from bus.codes import ADVICE
+from bus.commands import CellState, Event
+from bus.frozen import Message
+from bus.messages import CycleResult, Detections, Execution, PickPlan, StageRecord, Verdict
+from bus.topics import Topic
+
+_RESULT_STYLE = {"SUCCESS": "bold green", "EMPTY": "bold yellow"}
+
+
+class Screen:
+    """Prints what the daemon says. `observe` is called on the daemon's threads and only enqueues."""
+
+    def __init__(self, *, json_lines: bool, report: bool) -> None:
+        self._json, self._report = json_lines, report
+        self._out = Console(highlight=False, soft_wrap=True)
+        self._heard: queue.SimpleQueue[tuple[Topic, Message | bytes]] = queue.SimpleQueue()
+        self.interrupted = threading.Event()
+
+    def observe(self, topic: Topic, message: Message | bytes) -> None:
+        """Queue one thing the daemon said."""
+        self._heard.put((topic, message))
+
+    def line(self, text: str, style: str = "") -> None:
+        """One line for a person; nothing in JSON mode."""
+        if not self._json:
+            self._out.print(text, style=style)
+
+    def follow(self) -> Iterator[CellState | CycleResult]:
+        """Print what is said, and yield states and results, until interrupted."""
+        while not self.interrupted.is_set():
+            try:
+                _, message = self._heard.get(timeout=0.1)
+            except queue.Empty:
+                continue
+            self._show(message)
+            if isinstance(message, CellState | CycleResult):
+                yield message
+
+    def _show(self, message: Message | bytes) -> None:
+        if isinstance(message, CycleResult):
+            self._show_result(message)
+        elif self._json:
+            return
+        elif isinstance(message, CellState):
+            if message.state in ("Starting", "Aborted") and message.cycle_id:
+                self._out.print(f"cycle [bold]{message.cycle_id}[/]")
+            elif message.stage == "":
+                self._out.print(f"  [dim]{message.state}[/]")
+        elif isinstance(message, StageRecord):
+            said = message.failure.text if message.failure else _summary(message.result)
+            self._out.print(f"  {message.stage:<8} {message.duration_s:6.2f} s  {said}")
+        elif isinstance(message, Event):
+            self._out.print(f"  [bold red]{message.code}[/] {message.text} {message.advice}")
+
+    def _show_result(self, result: CycleResult) -> None:
+        if self._json:
+            self._out.out(result.model_dump_json(), highlight=False)
+            return
+        style = _RESULT_STYLE.get(result.result, "bold red")
+        code = f" {result.code.value}" if result.code else ""
+        name = f" {result.object}" if result.object else ""
+        self._out.print(f"[{style}]{result.result}{code}[/]{name}: {result.reason} ({result.wall_s:.1f} s)")
+        if result.code:
+            self._out.print(f"  {ADVICE[result.code]}")
+        self._out.print(f"  recording {result.recording}")
+        if self._report:
+            started_s = time.monotonic()
+            page = write_report(read_cycle(Path(result.recording)), Path(result.recording).with_suffix(".html"))
+            self._out.print(f"  report    {page} ({time.monotonic() - started_s:.1f} s)")
+
+
+def _summary(result: Message | None) -> str:
+    """What a stage found, in half a line."""
+    if isinstance(result, Detections):
+        best = result.grasps[0]
+        return f"{len(result.grasps)} grasps, the best {best.width_m * 1e3:.0f} mm wide"
+    if isinstance(result, PickPlan):
+        motion_s = sum(part.trajectory.duration_s for part in result.segments)
+        return f"grasp {result.grasp}, {motion_s:.1f} s of motion, {len(result.rejected)} grasps rejected"
+    if isinstance(result, Execution) and result.grasped is not None:
+        return f"closed at {result.grasped.width_m * 1e3:.1f} mm"
+    if isinstance(result, Verdict):
+        return result.reason
+    return ""

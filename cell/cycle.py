@@ -1,0 +1,191 @@
+"""One cycle: capture -> detect -> plan -> execute -> verify, then deliver. Each stage is timed, said and recorded."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Literal, TypeVar
+
+from planning.robot import Robot
+
+from bus import topics
+from bus.codec import transforms_to_wire
+from bus.codes import Code
+from bus.errors import ArmReflex, BusError, CycleFailure, DriverError, HandFault, MotionRefused, StaleFrame
+from bus.frozen import Message
+from bus.messages import CycleResult, Execution, Failure, Observation, PickPlan, StageName, Verdict, View
+from bus.topics import Topic
+from cell.capture import capture
+from cell.cyclelog import CycleLog
+from cell.detect import detect
+from cell.execute import Halted, deliver, execute
+from cell.plan import plan
+from cell.verify import verify
+from config.schema import Station
+from drivers.interface import Arm, Camera, Hand
+
+ResultT = TypeVar("ResultT", bound=Message)
+Say = Callable[[Topic, "Message | bytes"], None]
+
+FAULTS = {Code.ARM_REFLEX, Code.MOTION_REFUSED, Code.HAND_FAULT, Code.STALE_FRAME, Code.NODE_LOST, Code.RECORDING,
+          Code.INTERNAL}  # fmt: skip
+"""Codes after which the machine goes to Aborted: a device or the cell itself failed, not the pick."""
+
+_CODE_OF_ERROR: tuple[tuple[type[Exception], Code], ...] = (
+    (ArmReflex, Code.ARM_REFLEX),
+    (MotionRefused, Code.MOTION_REFUSED),
+    (HandFault, Code.HAND_FAULT),
+    (StaleFrame, Code.STALE_FRAME),
+    (BusError, Code.NODE_LOST),
+    (DriverError, Code.INTERNAL),
+)
+
+
+@dataclass(frozen=True)
+class Equipment:
+    """What a cycle works with."""
+
+    camera: Camera
+    arm: Arm
+    hand: Hand
+    robot: Robot
+    station: Station
+
+
+@dataclass
+class Cycle:
+    """The state of one pick, from its start to its result.
+
+    Attributes:
+        object: name of the presented object in simulation, "" on hardware.
+        stages: wall time of every stage that ran [s].
+        failure: why it ended early, or None.
+        verdict: what verify said, or None.
+    """
+
+    cycle_id: str
+    equipment: Equipment
+    say: Say
+    on_stage: Callable[[str], None]
+    log: CycleLog
+    halted: Halted
+    object: str = ""
+    stages: dict[str, float] = field(default_factory=dict)
+    failure: Failure | None = None
+    verdict: Verdict | None = None
+    _plan: PickPlan | None = None
+    _started_s: float = field(default_factory=time.monotonic)
+
+    def run(self) -> None:
+        """The five stages. Raises: CycleFailure, already said and kept in `failure`."""
+        e = self.equipment
+        before = self._look()
+        self.say(topics.TF, transforms_to_wire(
+            {("base", "color"): before.view.base_from_color}, before.view.stamp_ns).SerializeToString())  # fmt: skip
+        found = self._stage("detect", topics.DETECT, lambda: detect(before, e.station))
+        chosen = self._plan = self._stage("plan", topics.PLAN, lambda: plan(found, before, e.robot, e.station))
+        after: Observation | None = None
+
+        def act() -> Execution:
+            nonlocal after
+            execution, after = execute(
+                chosen, found.grasps[chosen.grasp], (e.arm, e.hand), self._observe, e.station, self.halted
+            )
+            return execution
+
+        execution = self._stage("execute", topics.EXECUTE, act)
+        if execution.stopped_in is not None or after is None:
+            raise self._fail(CycleFailure(Code.STOPPED, f"Stopped during {execution.stopped_in!r}."))
+        seen = after
+        self.verdict = self._stage(
+            "verify", topics.VERIFY, lambda: verify(execution, found, before, seen, e.robot, e.station)
+        )
+
+    def deliver(self) -> None:
+        """After the verdict: bring what the hand holds into the tray; or only open an empty hand."""
+        e, chosen = self.equipment, self._plan
+        if chosen is None or self.verdict is None:
+            return
+        self._stage("deliver", topics.DELIVER, lambda: deliver(chosen, (e.arm, e.hand), e.station, self.halted))
+
+    def result(self) -> CycleResult:
+        """How it ended, said and recorded by the caller as the last message of the cycle."""
+        outcome, code, reason = self._outcome()
+        return CycleResult(
+            cycle_id=self.cycle_id,
+            object=self.object,
+            result=outcome,
+            code=code,
+            reason=reason,
+            stages=dict(self.stages),
+            wall_s=time.monotonic() - self._started_s,
+            recording=str(self.log.path),
+        )
+
+    def _outcome(self) -> tuple[Literal["SUCCESS", "FAILED", "ABORTED", "EMPTY"], Code | None, str]:
+        if self.failure is not None:
+            code = self.failure.code
+            if code is Code.NO_OBJECT:
+                return "EMPTY", code, self.failure.text
+            return ("ABORTED" if code is Code.STOPPED or code in FAULTS else "FAILED"), code, self.failure.text
+        if self.verdict is None:
+            return "ABORTED", Code.STOPPED, "The cycle was stopped before its verdict."
+        return ("SUCCESS" if self.verdict.held else "FAILED"), self.verdict.code, self.verdict.reason
+
+    # --- stages -------------------------------------------------------------------------------------------------------
+
+    def _observe(self) -> Observation:
+        e = self.equipment
+        return capture(e.camera, e.arm, e.robot)
+
+    def _look(self) -> Observation:
+        """The capture stage; its record holds the view, the frame travels as images."""
+        seen: Observation | None = None
+
+        def look() -> View:
+            nonlocal seen
+            seen = self._observe()
+            return seen.view
+
+        self._stage("capture", topics.CAPTURE, look)
+        assert seen is not None
+        return seen
+
+    def _stage(self, name: StageName, topic: Topic, work: Callable[[], ResultT]) -> ResultT:
+        """Run one stage and say what came of it. Raises: CycleFailure for everything that ends the cycle."""
+        self.log.check()
+        if self.halted():
+            raise self._fail(CycleFailure(Code.STOPPED, f"Stopped before {name!r}."))
+        self.on_stage(name)
+        started_ns, started_s = time.time_ns(), time.monotonic()
+        result: ResultT | None = None
+        failure: CycleFailure | None = None
+        try:
+            result = work()
+        except (CycleFailure, DriverError, BusError) as error:
+            failure = self._fail(error)
+        self.stages[name] = time.monotonic() - started_s
+        record = topic.says(
+            cycle_id=self.cycle_id,
+            stage=name,
+            started_ns=started_ns,
+            duration_s=self.stages[name],
+            result=result,
+            failure=self.failure,
+        )
+        self.say(topic, record)
+        if failure is not None or result is None:
+            raise failure or AssertionError(f"stage {name!r} returned nothing")
+        return result
+
+    def _fail(self, error: CycleFailure | DriverError | BusError) -> CycleFailure:
+        """Keep ``error`` as the cycle's failure and give it back as a CycleFailure."""
+        if isinstance(error, CycleFailure):
+            failure = error
+        else:
+            code = next(code for kind, code in _CODE_OF_ERROR if isinstance(error, kind))
+            failure = CycleFailure(code, error.text)
+            failure.__cause__ = error
+        self.failure = Failure(code=failure.failure, text=failure.text)
+        return failure

@@ -1,0 +1,102 @@
+"""Stage 4, execute: run the plan, grasp, lift, look again while holding. And afterwards: deliver."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+import numpy as np
+
+from bus.codes import Code
+from bus.errors import CycleFailure
+from bus.messages import Delivery, Execution, Grasp, HandState, Observation, PickPlan, SegmentRun
+from bus.trajectory import TICK_S, Trajectory
+from config.schema import Station
+from drivers.interface import Arm, Hand
+
+Halted = Callable[[], bool]
+"""Whether somebody asked the cell to stop; asked before every motion."""
+
+BEFORE_GRASP = ("transit", "approach")
+AFTER_GRASP = ("lift", "view")
+TO_TRAY = ("place", "lower")
+FROM_TRAY = ("retreat", "home")
+
+
+class _Runner:
+    """Runs segments one after the other until one is stopped; keeps what was measured."""
+
+    def __init__(self, arm: Arm, hand: Hand, halted: Halted) -> None:
+        self._arm, self._hand, self._halted = arm, hand, halted
+        self.runs: list[SegmentRun] = []
+        self.stopped_in: str | None = None
+
+    def run(self, name: str, trajectory: Trajectory) -> bool:
+        """Play one segment; False when it was stopped, or must not begin."""
+        if self._halted():
+            self.stopped_in = name
+            return False
+        motion = self._arm.execute(trajectory)
+        self.runs.append(SegmentRun.model_validate({"name": name, "motion": motion, "hand": self._hand.state()}))
+        if not motion.finished:
+            self.stopped_in = name
+        return motion.finished
+
+    def run_all(self, plan: PickPlan, names: Iterable[str]) -> bool:
+        wanted = set(names)
+        return all(self.run(part.name, part.trajectory) for part in plan.segments if part.name in wanted)
+
+
+def execute(
+    plan: PickPlan,
+    grasp: Grasp,
+    devices: tuple[Arm, Hand],
+    look: Callable[[], Observation],
+    station: Station,
+    halted: Halted,
+) -> tuple[Execution, Observation | None]:
+    """Open, approach, close, lift, and hold at the capture pose while looking again.
+
+    Returns:
+        What happened, and the second observation (None when stopped before it).
+    """
+    arm, hand = devices
+    runner = _Runner(arm, hand, halted)
+    grasped: HandState | None = None
+    if not halted():
+        hand.move(grasp.opening_m, station.hand.speed_m_s)
+    after: Observation | None = None
+    if runner.run_all(plan, BEFORE_GRASP):
+        grasped = hand.grasp(station.hand.grasp_force_n, station.hand.speed_m_s)
+        if runner.run_all(plan, AFTER_GRASP) and _hold(runner, plan, station):
+            after = look()
+    execution = Execution(
+        runs=tuple(runner.runs),
+        grasped=grasped,
+        stopped_in=runner.stopped_in,
+        after=after.view if after is not None else None,
+    )
+    return execution, after
+
+
+def _hold(runner: _Runner, plan: PickPlan, station: Station) -> bool:
+    """Stand still for ``verify.hold_s``, in ``verify.samples`` pieces, the hand read after each."""
+    (view,) = (part.trajectory for part in plan.segments if part.name == "view")
+    ticks = max(1, round(station.verify.hold_s / station.verify.samples / TICK_S))
+    still = Trajectory(raw_q_rad=np.repeat(view.end_q_rad[None], ticks, axis=0), window=1)
+    return all(runner.run("hold", still) for _ in range(station.verify.samples))
+
+
+def deliver(plan: PickPlan, devices: tuple[Arm, Hand], station: Station, halted: Halted) -> Delivery:
+    """Lay what the hand holds into the tray and come back to the capture pose.
+
+    Raises: CycleFailure(STOPPED) when a stop interrupted it.
+    """
+    arm, hand = devices
+    runner = _Runner(arm, hand, halted)
+    released: HandState | None = None
+    if runner.run_all(plan, TO_TRAY):
+        released = hand.move(station.hand.max_width_m, station.hand.speed_m_s)
+        runner.run_all(plan, FROM_TRAY)
+    if runner.stopped_in is not None:
+        raise CycleFailure(Code.STOPPED, f"Stopped during {runner.stopped_in!r} of the delivery.")
+    return Delivery(runs=tuple(runner.runs), released=released)

@@ -1,0 +1,83 @@
+"""The machine: PackML states and commands (ISA-TR88.00.02) as one table, and nothing else.
+
+An invalid command is refused with its reason and what is available - never ignored. One thread owns the machine.
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+from bus.errors import Refused
+
+
+class State(StrEnum):
+    """PackML state names; *acting* states do something and end by themselves, the others wait."""
+
+    STOPPED = "Stopped"
+    RESETTING = "Resetting"
+    IDLE = "Idle"
+    STARTING = "Starting"
+    EXECUTE = "Execute"
+    COMPLETING = "Completing"
+    COMPLETE = "Complete"
+    STOPPING = "Stopping"
+    ABORTING = "Aborting"
+    ABORTED = "Aborted"
+    CLEARING = "Clearing"
+
+
+NEXT: dict[State, State] = {
+    State.RESETTING: State.IDLE,
+    State.STARTING: State.EXECUTE,
+    State.EXECUTE: State.COMPLETING,
+    State.COMPLETING: State.COMPLETE,
+    State.STOPPING: State.STOPPED,
+    State.ABORTING: State.ABORTED,
+    State.CLEARING: State.STOPPED,
+}
+"""Where an acting state goes when it is done."""
+
+_UNSTOPPABLE = {State.STOPPING, State.STOPPED, State.CLEARING, State.ABORTING, State.ABORTED}
+_ABORT_FROM = set(State) - {State.ABORTING, State.ABORTED}
+
+COMMANDS: dict[str, dict[State, State]] = {
+    "reset": {State.STOPPED: State.RESETTING, State.COMPLETE: State.RESETTING},
+    "start": {State.IDLE: State.STARTING},
+    "pick": {State.IDLE: State.STARTING, State.COMPLETE: State.RESETTING},
+    "stop": dict.fromkeys(set(State) - _UNSTOPPABLE, State.STOPPING),
+    "abort": dict.fromkeys(_ABORT_FROM, State.ABORTING),
+    "clear": {State.ABORTED: State.CLEARING},
+}
+"""Command -> {from: to}. ``pick`` is a start of one cycle; after a completed one it resets first."""
+
+_HOW_TO_GET_READY = {
+    State.STOPPED: "Reset the cell first: `cell reset`.",
+    State.ABORTED: "Three deliberate acts: `cell clear`, `cell reset`, then start.",
+    State.EXECUTE: "A cycle is running: wait for it, or `cell stop`.",
+}
+
+
+def available(state: State) -> tuple[str, ...]:
+    """The commands that are accepted in ``state``, in table order."""
+    return tuple(command for command, arrows in COMMANDS.items() if state in arrows)
+
+
+def after_command(state: State, command: str) -> State:
+    """The state that ``command`` leads to from ``state``. Raises: Refused."""
+    arrows = COMMANDS.get(command)
+    if arrows is None:
+        raise Refused(
+            f"There is no command {command!r}.",
+            f"Commands: {', '.join(COMMANDS)}.",
+            code="UNKNOWN_COMMAND",
+            available=available(state),
+        )
+    if state not in arrows:
+        advice = _HOW_TO_GET_READY.get(state, f"Available now: {', '.join(available(state))}.")
+        raise Refused(
+            f"{command!r} is not possible while the cell is {state}.",
+            advice,
+            code="WRONG_STATE",
+            available=available(state),
+        )
+    return arrows[state]

@@ -1,0 +1,75 @@
+"""Stage 5, verify: is the object really in the hand? Measured width, measured load, and a second look. Pure."""
+
+from __future__ import annotations
+
+import numpy as np
+from perception.change import cleared_fraction
+from planning.robot import Robot
+
+from bus.codes import Code
+from bus.messages import Detections, Execution, HandState, Observation, SegmentRun, Verdict
+from config.schema import Station
+
+_TAIL = 20
+"""Measured samples (10 ms each) at the end of the transit that weigh the empty hand."""
+
+
+def verify(
+    execution: Execution,
+    detections: Detections,
+    before: Observation,
+    after: Observation,
+    robot: Robot,
+    station: Station,
+) -> Verdict:
+    """The verdict on a finished execution (``execution.stopped_in`` is None).
+
+    Every criterion must hold all along the hold: width, load, and the object gone from where it lay.
+    """
+    grasped = execution.grasped
+    if grasped is None:
+        raise ValueError("verify needs an execution that reached its hold")
+    holds = [run for run in execution.runs if run.name == "hold"]
+    width_min_m = min(run.hand.width_m for run in holds)
+    load_n = _weight_n(holds, robot) - _weight_n([run for run in execution.runs if run.name == "transit"], robot)
+    cleared = cleared_fraction(detections, before, after, station)
+    code, reason = _judge(grasped, width_min_m, load_n, cleared, station)
+    return Verdict(
+        held=code is None,
+        code=code,
+        reason=reason,
+        hold_s=float(sum(run.motion.t_s[-1] for run in holds)),
+        width_min_m=width_min_m,
+        load_n=load_n,
+        cleared_fraction=cleared,
+    )
+
+
+def _judge(
+    grasped: HandState, width_min_m: float, load_n: float, cleared: float, station: Station
+) -> tuple[Code | None, str]:
+    """The first criterion that fails, or None."""
+    need = station.verify
+    if grasped.width_m < need.min_width_m:
+        return Code.GRASP_MISSED, f"The fingers closed to {grasped.width_m * 1e3:.1f} mm: nothing between them."
+    if width_min_m < need.min_width_m or grasped.width_m - width_min_m > need.max_width_loss_m:
+        return Code.DROPPED, (
+            f"The width fell from {grasped.width_m * 1e3:.1f} to {width_min_m * 1e3:.1f} mm after the grasp."
+        )
+    if load_n < need.min_load_n:
+        return Code.DROPPED, f"The arm carries {load_n:.2f} N; at least {need.min_load_n:.2f} N were expected."
+    if cleared < need.min_cleared_fraction:
+        return Code.NOT_CLEARED, f"Only {cleared * 100:.0f} % of where the object lay is empty now."
+    return None, (
+        f"Held {width_min_m * 1e3:.1f} mm wide, {load_n:.2f} N heavy; {cleared * 100:.0f} % of its place is empty."
+    )
+
+
+def _weight_n(runs: list[SegmentRun], robot: Robot) -> float:
+    """Mean downward force at the tcp over the last samples of each run [N]."""
+    forces = [
+        -robot.tcp_force_n(q_rad, tau_ext_nm)[2]
+        for run in runs
+        for q_rad, tau_ext_nm in zip(run.motion.q_rad[-_TAIL:], run.motion.tau_ext_nm[-_TAIL:], strict=True)
+    ]
+    return float(np.mean(forces))

@@ -1,0 +1,163 @@
+"""Serves a driver's devices on the bus: one lane (thread) per device and one for each stop."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Callable, Mapping
+from typing import TypeVar
+
+from bus import topics
+from bus.codec import arm_state_to_wire, decode, frame_to_wire
+from bus.commands import HandGrasp, HandMove, Health, Nothing, PresentRequest
+from bus.errors import BusError, CellError
+from bus.frozen import Message
+from bus.session import Bus, Heard
+from bus.topics import Topic, encoding_of
+from bus.trajectory import Trajectory
+from config.schema import Station
+from drivers.guard import Guard
+from drivers.interface import Arm, Camera, Devices, Feeder, Hand
+
+ARM_STATE_PERIOD_S = 0.01
+HAND_STATE_PERIOD_S = 0.05
+HEALTH_PERIOD_S = 1.0
+
+AskT = TypeVar("AskT", bound=Message)
+
+
+class Node:
+    """Connects the devices, answers for them, and publishes their states until closed.
+
+    Args:
+        name: the node's name in the station file.
+        bus: an open session; stays the caller's.
+        devices: what to serve. The arm is wrapped in the `Guard` here, so no motion from the bus escapes it.
+    """
+
+    def __init__(self, name: str, bus: Bus, devices: Devices, station: Station) -> None:
+        self._name, self._bus, self._devices = name, bus, devices
+        self._arm = Guard(devices.arm, station) if devices.arm is not None else None
+        self._started_s = time.monotonic()
+        self._answered = self._failed = 0
+        self._closing = threading.Event()
+        self._publishers: list[threading.Thread] = []
+
+    def open(self) -> None:
+        """Connect every device or none, then answer and announce. Raises: DriverError."""
+        try:
+            self._connect()
+        except CellError:
+            self._disconnect()
+            raise
+        if self._devices.camera is not None:
+            self._serve_camera(self._devices.camera)
+        if self._arm is not None:
+            self._serve_arm(self._arm)
+        if self._devices.hand is not None:
+            self._serve_hand(self._devices.hand)
+        if self._devices.feeder is not None:
+            self._serve_feeder(self._devices.feeder)
+        self._every(HEALTH_PERIOD_S, self._publish_health)
+        self._bus.announce(self._name)
+
+    def close(self) -> None:
+        """Stop the arm, end the publishers, disconnect; idempotent."""
+        self._closing.set()
+        if self._arm is not None:
+            self._arm.stop()
+        for publisher in self._publishers:
+            publisher.join(timeout=1.0)
+        self._disconnect()
+
+    def _connect(self) -> None:
+        if self._arm is not None:
+            self._arm.connect()
+        if self._devices.hand is not None:
+            self._devices.hand.connect()
+        if self._devices.camera is not None:
+            # The graphics context of a rendered camera belongs to the thread that will capture.
+            self._bus.lane("camera").submit(self._devices.camera.connect).result()
+
+    def _disconnect(self) -> None:
+        if self._devices.camera is not None:
+            self._bus.lane("camera").submit(self._devices.camera.close).result()
+        for device in (self._devices.hand, self._arm):
+            if device is not None:
+                device.close()
+
+    # --- what is answered ---------------------------------------------------------------------------------------------
+
+    def _answer(self, topic: Topic, ask_type: type[AskT], act: Callable[[AskT], Message | None], lane: str) -> None:
+        def handle(payload: bytes, _: Mapping[str, str]) -> Message:
+            try:
+                answer = act(decode(ask_type, payload))
+            except CellError:
+                self._failed += 1
+                raise
+            self._answered += 1
+            return Nothing() if answer is None else answer
+
+        self._bus.answer(topic, handle, lane=lane)
+
+    def _serve_camera(self, camera: Camera) -> None:
+        def capture(payload: bytes, _: Mapping[str, str]) -> list[Heard]:
+            decode(Nothing, payload)
+            parts = frame_to_wire(camera.capture())
+            self._answered += 1
+            for topic in topics.FRAME_PARTS:
+                self._bus.publish(topic, parts[topic.key])
+            return [Heard(topic.key, encoding_of(topic.says), parts[topic.key]) for topic in topics.FRAME_PARTS]
+
+        self._bus.answer(topics.CAMERA_CAPTURE, capture, lane="camera")
+
+    def _serve_arm(self, arm: Arm) -> None:
+        self._answer(topics.ARM_EXECUTE, Trajectory, arm.execute, "arm")
+        self._answer(topics.ARM_RECOVER, Nothing, lambda _: arm.recover(), "arm")
+        self._answer(topics.ARM_STOP, Nothing, lambda _: arm.stop(), "arm-stop")
+        self._answer(topics.ARM_NOW, Nothing, lambda _: arm.state(), "state")
+        self._every(ARM_STATE_PERIOD_S, lambda: self._bus.publish(topics.ARM_STATE, arm_state_to_wire(arm.state())))
+
+    def _serve_hand(self, hand: Hand) -> None:
+        self._answer(topics.HAND_MOVE, HandMove, lambda ask: hand.move(ask.width_m, ask.speed_m_s), "hand")
+        self._answer(topics.HAND_GRASP, HandGrasp, lambda ask: hand.grasp(ask.force_n, ask.speed_m_s), "hand")
+        self._answer(topics.HAND_HOME, Nothing, lambda _: hand.home(), "hand")
+        self._answer(topics.HAND_STOP, Nothing, lambda _: hand.stop(), "hand-stop")
+        self._answer(topics.HAND_NOW, Nothing, lambda _: hand.state(), "state")
+        self._every(HAND_STATE_PERIOD_S, lambda: self._bus.publish(topics.HAND_STATE, hand.state()))
+
+    def _serve_feeder(self, feeder: Feeder) -> None:
+        self._answer(topics.SIM_PRESENT, PresentRequest, feeder.present, "arm")
+        self._answer(topics.SIM_TRUTH, Nothing, lambda _: feeder.truth(), "state")
+
+    # --- what is published --------------------------------------------------------------------------------------------
+
+    def _publish_health(self) -> None:
+        self._bus.publish(
+            topics.NODE_HEALTH,
+            Health(
+                name=self._name,
+                pid=os.getpid(),
+                uptime_s=time.monotonic() - self._started_s,
+                answered=self._answered,
+                failed=self._failed,
+            ),
+            name=self._name,
+        )
+
+    def _every(self, period_s: float, publish: Callable[[], None]) -> None:
+        """Call ``publish`` every ``period_s`` in a thread of its own, until close."""
+
+        def loop() -> None:
+            while not self._closing.wait(period_s):
+                try:
+                    publish()
+                except BusError:
+                    return  # the session closed under us: nobody listens any more
+                except CellError:
+                    self._failed += 1  # shows in the health; the next round tries again
+
+        publisher = threading.Thread(target=loop, daemon=True)
+        publisher.start()
+        self._publishers.append(publisher)

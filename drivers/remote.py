@@ -1,0 +1,112 @@
+"""Camera, Arm and Hand over the bus: the same protocols, served by a `drivers.node` elsewhere."""
+
+from __future__ import annotations
+
+import logging
+
+from bus import topics
+from bus.codec import frame_from_wire
+from bus.commands import HandGrasp, HandMove, Nothing, Presented, PresentRequest
+from bus.errors import CellError, NotConnected
+from bus.messages import ArmState, Frame, HandState, Motion
+from bus.session import Bus
+from bus.trajectory import Trajectory
+from config.schema import Station
+from drivers.interface import Devices
+
+_log = logging.getLogger(__name__)
+_MOTION_SLACK_S = 30.0
+
+
+class _Remote:
+    """What the three share: a bus, a deadline, and the life cycle."""
+
+    def __init__(self, bus: Bus, timeout_s: float) -> None:
+        self._bus = bus
+        self._timeout_s = timeout_s
+        self._connected = False
+
+    def connect(self) -> None:
+        """Nothing to open: the node at the other end owns the device."""
+        self._connected = True
+
+    def close(self) -> None:
+        self._connected = False
+
+    def _link(self) -> Bus:
+        if not self._connected:
+            raise NotConnected(f"The {type(self).__name__} is not connected.", "Call connect() first.")
+        return self._bus
+
+
+class RemoteCamera(_Remote):
+    """A camera served on the bus."""
+
+    def capture(self) -> Frame:
+        heard = self._link().ask(topics.CAMERA_CAPTURE, Nothing(), timeout_s=self._timeout_s)
+        return frame_from_wire({part.key: part.payload for part in heard})
+
+
+class RemoteArm(_Remote):
+    """An arm served on the bus; the trajectory is streamed at its node, never over the bus."""
+
+    def state(self) -> ArmState:
+        return self._link().request(topics.ARM_NOW, Nothing(), ArmState, timeout_s=self._timeout_s)
+
+    def execute(self, trajectory: Trajectory) -> Motion:
+        patience_s = 3.0 * trajectory.duration_s + _MOTION_SLACK_S
+        return self._link().request(topics.ARM_EXECUTE, trajectory, Motion, timeout_s=patience_s)
+
+    def stop(self) -> None:
+        try:
+            self._bus.ask(topics.ARM_STOP, Nothing(), timeout_s=self._timeout_s)
+        except CellError as error:  # a stop never raises; whoever stops confirms it by the measured velocity
+            _log.error("arm stop was not answered: %s", error)
+
+    def recover(self) -> None:
+        self._link().ask(topics.ARM_RECOVER, Nothing(), timeout_s=self._timeout_s)
+
+
+class RemoteHand(_Remote):
+    """A hand served on the bus."""
+
+    def state(self) -> HandState:
+        return self._link().request(topics.HAND_NOW, Nothing(), HandState, timeout_s=self._timeout_s)
+
+    def move(self, width_m: float, speed_m_s: float) -> HandState:
+        ask = HandMove(width_m=width_m, speed_m_s=speed_m_s)
+        return self._link().request(topics.HAND_MOVE, ask, HandState, timeout_s=_MOTION_SLACK_S)
+
+    def grasp(self, force_n: float, speed_m_s: float) -> HandState:
+        ask = HandGrasp(force_n=force_n, speed_m_s=speed_m_s)
+        return self._link().request(topics.HAND_GRASP, ask, HandState, timeout_s=_MOTION_SLACK_S)
+
+    def home(self) -> HandState:
+        return self._link().request(topics.HAND_HOME, Nothing(), HandState, timeout_s=_MOTION_SLACK_S)
+
+    def stop(self) -> None:
+        try:
+            self._bus.ask(topics.HAND_STOP, Nothing(), timeout_s=self._timeout_s)
+        except CellError as error:  # see RemoteArm.stop
+            _log.error("hand stop was not answered: %s", error)
+
+
+class RemoteFeeder(_Remote):
+    """The simulated cell's object feeder."""
+
+    def present(self, request: PresentRequest) -> Presented:
+        return self._link().request(topics.SIM_PRESENT, request, Presented, timeout_s=_MOTION_SLACK_S)
+
+    def truth(self) -> Presented:
+        return self._link().request(topics.SIM_TRUTH, Nothing(), Presented, timeout_s=self._timeout_s)
+
+
+def remote_devices(bus: Bus, station: Station) -> Devices:
+    """Connected remote devices of the whole cell; a feeder only where a node simulates."""
+    timeout_s = station.bus.ask_timeout_s
+    camera, arm, hand = RemoteCamera(bus, timeout_s), RemoteArm(bus, timeout_s), RemoteHand(bus, timeout_s)
+    feeder = RemoteFeeder(bus, timeout_s) if station.simulated else None
+    for device in (camera, arm, hand, feeder):
+        if device is not None:
+            device.connect()
+    return Devices(camera, arm, hand, feeder)
