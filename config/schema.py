@@ -69,7 +69,7 @@ class CameraSettings(Settings):
 class ArmSettings(Settings):
     """Named joint configurations [rad] and the load's motion limits."""
 
-    capture_q_rad: JointVector = (0.0, -0.55, 0.0, -2.1, 0.0, 1.55, 0.7853981633974483)
+    capture_q_rad: JointVector = (0.0, -0.45383069, 0.0, -1.83384904, 0.0, 1.38001835, 0.7853981633974483)
     speed: Annotated[float, Field(gt=0, le=1)] = 1.0
     start_tolerance_rad: Positive = 0.02
 

@@ -1,0 +1,154 @@
+"""Joint limits of the Franka Research 3, and the 1 kHz oracle that judges a commanded motion by them.
+
+Two official sets exist and neither contains the other, so we obey both:
+
+* A: libfranka ``rate_limiting.h`` (velocity) and franka_description ``fr3/joint_limits.yaml`` 1.0 (position);
+* B: Franka's ``control-parameters-joint-fr3.csv``, for system images from 5.9 on.
+
+Like libfranka, we stay 1e-3 inside every limit (`MARGIN`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from bus.arrays import Joints, JointSamples
+from bus.trajectory import TICK_S
+
+Array = npt.NDArray[np.float64]
+
+MARGIN = 1e-3
+"""What libfranka subtracts from each limit (``kLimitEps``), in the limit's own unit."""
+
+_LOWER_A = np.array([-2.7437, -1.7837, -2.9007, -3.0421, -2.8065, 0.5445, -3.0159])
+_UPPER_A = np.array([2.7437, 1.7837, 2.9007, -0.1518, 2.8065, 4.5169, 3.0159])
+_LOWER_B = np.array([-2.9007, -1.8361, -2.9007, -3.0770, -2.8763, 0.4398, -3.0508])
+_UPPER_B = np.array([2.9007, 1.8361, 2.9007, -0.1169, 2.8763, 4.6216, 3.0508])
+
+LOWER_RAD: Joints = np.maximum(_LOWER_A, _LOWER_B) + MARGIN
+UPPER_RAD: Joints = np.minimum(_UPPER_A, _UPPER_B) - MARGIN
+ACCELERATION_RAD_S2: Joints = np.full(7, 10.0) - MARGIN
+"""Sets A and B agree."""
+JERK_RAD_S3: Joints = np.full(7, 5000.0) - MARGIN
+"""Sets A and B agree."""
+
+_SPEED_CAP = np.array([2.62, 2.62, 2.62, 2.62, 5.26, 4.18, 5.26])
+_BRAKING = np.array([12.0, 5.17, 7.0, 8.0, 34.0, 11.0, 34.0])  # 2 x braking deceleration [rad/s^2], both sets
+
+
+@dataclass(frozen=True)
+class _VelocitySet:
+    """Parameters of ``v(q) = min(cap, sqrt(braking * (reference - q)) - offset)``; the references are no limits."""
+
+    offset: Array
+    lower: Array
+    upper: Array
+
+
+_VELOCITY_SETS = (
+    _VelocitySet(  # A: libfranka rate_limiting.h
+        np.array([0.30, 0.20, 0.20, 0.30, 0.35, 0.35, 0.35]),
+        np.array([-2.7501, -1.7918, -2.9065, -3.0481, -2.8101, 0.5409, -3.0196]),
+        np.array([2.7501, 1.7918, 2.9065, -0.1458, 2.8101, 4.5205, 3.0196]),
+    ),
+    _VelocitySet(  # B: control-parameters-joint-fr3.csv
+        np.array([0.6599, 0.2517, 0.2, 0.3533, 0.5757, 0.4878, 0.4628]), _LOWER_B, _UPPER_B
+    ),
+)
+
+
+def velocity_bounds(q_rad: Array) -> tuple[Array, Array]:
+    """The velocities (lower <= 0, upper >= 0) [rad/s] allowed at ``q_rad`` (..., 7); they shrink to 0 at the limits."""
+    lower, upper = -_SPEED_CAP, _SPEED_CAP
+    for s in _VELOCITY_SETS:
+        upper = np.minimum(upper, np.sqrt(np.maximum(0.0, _BRAKING * (s.upper - q_rad))) - s.offset)
+        lower = np.maximum(lower, s.offset - np.sqrt(np.maximum(0.0, _BRAKING * (q_rad - s.lower))))
+    return np.minimum(0.0, lower + MARGIN), np.maximum(0.0, upper - MARGIN)
+
+
+def outside(q_rad: Array) -> str | None:
+    """Which joint of ``q_rad`` (n, 7) or (7,) leaves its position range, in words; None if none does."""
+    beyond = np.atleast_2d(np.maximum(LOWER_RAD - q_rad, q_rad - UPPER_RAD))
+    row, joint = np.unravel_index(int(np.argmax(beyond)), beyond.shape)
+    if beyond[row, joint] <= 0:
+        return None
+    value = np.atleast_2d(q_rad)[row, joint]
+    return f"joint {joint + 1} at {value:.3f} rad is outside its range {LOWER_RAD[joint]:.3f}..{UPPER_RAD[joint]:.3f}"
+
+
+@dataclass(frozen=True)
+class Peak:
+    """The sample that comes nearest to one kind of limit.
+
+    Attributes:
+        ratio: value / limit; 1 = at the limit, inf = not finite.
+        joint: 1..7.
+        t_s: when, from the first sample.
+    """
+
+    ratio: float
+    joint: int
+    t_s: float
+
+
+@dataclass(frozen=True)
+class LimitReport:
+    """How near a motion comes to each limit."""
+
+    position: Peak
+    velocity: Peak
+    acceleration: Peak
+    jerk: Peak
+
+    @property
+    def worst(self) -> tuple[str, Peak]:
+        """The most used kind of limit."""
+        kinds = {k: getattr(self, k) for k in ("position", "velocity", "acceleration", "jerk")}
+        return max(kinds.items(), key=lambda kind: kind[1].ratio)
+
+    @property
+    def ok(self) -> bool:
+        """Whether every limit is kept."""
+        return self.worst[1].ratio <= 1.0
+
+    def describe(self) -> str:
+        """One sentence for a person."""
+        kind, peak = self.worst
+        where = f"joint {peak.joint} at {peak.t_s:.3f} s"
+        if not np.isfinite(peak.ratio):
+            return f"The {kind} of {where} is not within any limit."
+        verdict = "within" if self.ok else "over"
+        return f"The {kind} of {where} is {verdict} its limit: {100 * peak.ratio:.1f} % of it."
+
+
+def check(q_rad: JointSamples) -> LimitReport:
+    """Judge commanded positions at 1 kHz as libfranka does: by backward differences, from rest and back to rest.
+
+    Args:
+        q_rad: (n, 7), n >= 1, one row every `TICK_S`.
+    """
+    padded = np.concatenate([np.repeat(q_rad[:1], 3, axis=0), q_rad, np.repeat(q_rad[-1:], 3, axis=0)])
+    velocity = np.diff(padded, axis=0) / TICK_S
+    acceleration = np.diff(velocity, axis=0) / TICK_S
+    jerk = np.diff(acceleration, axis=0) / TICK_S
+    middle, half = (UPPER_RAD + LOWER_RAD) / 2, (UPPER_RAD - LOWER_RAD) / 2
+    lower, upper = velocity_bounds(padded[1:])
+    bound = np.where(velocity > 0, upper, -lower)
+    with np.errstate(divide="ignore"):
+        velocity_ratio = np.where(velocity == 0, 0.0, np.abs(velocity) / bound)
+    return LimitReport(
+        position=_peak(np.abs(padded - middle) / half, 3),
+        velocity=_peak(velocity_ratio, 2),
+        acceleration=_peak(np.abs(acceleration) / ACCELERATION_RAD_S2, 1),
+        jerk=_peak(np.abs(jerk) / JERK_RAD_S3, 0),
+    )
+
+
+def _peak(ratio: Array, lead: int) -> Peak:
+    """The largest of ``ratio`` (m, 7), whose row ``lead`` belongs to the motion's first sample."""
+    ratio = np.where(np.isnan(ratio), np.inf, ratio)
+    row, column = np.unravel_index(int(np.argmax(ratio)), ratio.shape)
+    return Peak(float(ratio[row, column]), int(column) + 1, max(0, int(row) - lead) * TICK_S)

@@ -1,0 +1,99 @@
+"""The simulated Panda hand: moves at a speed, grasps with a force, measures its width."""
+
+from __future__ import annotations
+
+import math
+import threading
+
+from bus.errors import HandFault, NotConnected
+from bus.messages import HandState
+from drivers.sim.world import TICK_S, World
+
+_MOVE_FORCE_N = 20.0
+_MAX_SPEED_M_S = 0.1
+_STILL_M = 2e-5
+_STILL_TICKS = 100
+_PATIENCE_TICKS = 5000
+_TOLERANCE_M = 2e-3
+
+
+class SimHand:
+    """Two coupled fingers; ``speed`` is that of the width (both fingers together, as on the real hand's interface)."""
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self._connected = False
+        self._homed = False
+        self._moving = False
+        self._target_m = world.station.hand.max_width_m
+        self._halt = threading.Event()
+        self._motion_lock = threading.Lock()
+
+    def connect(self) -> None:
+        self._connected = True
+
+    def close(self) -> None:
+        self.stop()
+        self._connected = False
+
+    def state(self) -> HandState:
+        self._require()
+        return HandState(
+            stamp_ns=self._world.clock_ns(),
+            width_m=max(0.0, self._world.hand_width_m()),
+            is_moving=self._moving,
+            is_homed=self._homed,
+        )
+
+    def move(self, width_m: float, speed_m_s: float) -> HandState:
+        self._require()
+        widest_m = self._world.station.hand.max_width_m
+        if not (math.isfinite(width_m) and 0 <= width_m <= widest_m):
+            raise HandFault(f"The hand cannot open to {width_m} m.", f"Ask for 0 to {widest_m} m.")
+        self._drive(width_m, speed_m_s, _MOVE_FORCE_N)
+        return self.state()
+
+    def grasp(self, force_n: float, speed_m_s: float) -> HandState:
+        self._require()
+        if not (math.isfinite(force_n) and force_n > 0):
+            raise HandFault(f"The hand cannot grasp with {force_n} N.", "Ask for a positive force.")
+        self._drive(-_TOLERANCE_M, speed_m_s, force_n)
+        return self.state()
+
+    def home(self) -> HandState:
+        self._require()
+        widest_m = self._world.station.hand.max_width_m
+        for width_m in (0.0, widest_m):
+            self._drive(width_m, _MAX_SPEED_M_S, _MOVE_FORCE_N)
+        self._homed = True
+        return self.state()
+
+    def stop(self) -> None:
+        self._halt.set()
+
+    def _drive(self, width_m: float, speed_m_s: float, force_n: float) -> None:
+        """Ramp the target to ``width_m``, then wait until the fingers rest (there, or on what they met)."""
+        if not (math.isfinite(speed_m_s) and speed_m_s > 0):
+            raise HandFault(f"The hand cannot move at {speed_m_s} m/s.", "Ask for a positive speed.")
+        step_m = min(speed_m_s, _MAX_SPEED_M_S) * TICK_S
+        with self._motion_lock:
+            self._halt.clear()
+            self._moving = True
+            still, last_m = 0, self._world.hand_width_m()
+            for tick in range(_PATIENCE_TICKS):
+                if self._halt.is_set():
+                    break
+                self._target_m += max(-step_m, min(step_m, width_m - self._target_m))
+                self._world.command_hand(self._target_m, force_n)
+                self._world.tick()
+                self._world.pace(tick)
+                now_m = self._world.hand_width_m()
+                still = still + 1 if abs(now_m - last_m) < _STILL_M else 0
+                last_m = now_m
+                if still >= _STILL_TICKS and self._target_m == width_m:
+                    break
+            self._moving = False
+
+    def _require(self) -> None:
+        if not self._connected:
+            raise NotConnected("The simulated hand is not connected.", "Call connect() first.")

@@ -1,0 +1,79 @@
+"""The Femto Mega's two lenses: intrinsics, distortion, and how MuJoCo's pinholes are bent into them.
+
+Intrinsics are plausible figures for an NFOV unbinned 640x576 depth and a 1280x720 colour stream; no unit's calibration
+is published. Distortion is OpenCV's rational model (k1, k2, p1, p2, k3, k4, k5, k6).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
+
+from bus.messages import CameraModel
+from config.schema import Station
+
+COLOR = CameraModel(
+    width=1280, height=720, fx=746.5, fy=746.3, cx=640.4, cy=361.2,
+    distortion=(0.078, -0.107, 0.0, 0.0, 0.044, 0.0, 0.0, 0.0),
+)  # fmt: skip
+DEPTH = CameraModel(
+    width=640, height=576, fx=504.6, fy=504.7, cx=321.2, cy=333.4,
+    distortion=(19.2, 11.9, 0.0, 0.0, 0.59, 19.6, 17.6, 3.2),
+)  # fmt: skip
+
+
+def _color_from_depth() -> npt.NDArray[np.float64]:
+    """Lens spacing 32 mm, the depth lens tilted by 6 degrees about x."""
+    pose = np.eye(4)
+    pose[:3, :3] = Rotation.from_euler("x", 6.0, degrees=True).as_matrix()
+    pose[:3, 3] = -0.032, -0.002, 0.004
+    return pose
+
+
+COLOR_FROM_DEPTH = _color_from_depth()
+
+
+@dataclass(frozen=True)
+class Pinhole:
+    """The wider, centred, undistorted image that is rendered, and the map that bends it into the lens's image."""
+
+    width: int
+    height: int
+    focal_px: float
+    source_x: npt.NDArray[np.float32]
+    source_y: npt.NDArray[np.float32]
+
+    @property
+    def fovy_deg(self) -> float:
+        return float(np.rad2deg(2 * np.arctan(self.height / 2 / self.focal_px)))
+
+
+def _pinhole(camera: CameraModel, margin_px: int = 4) -> Pinhole:
+    """The smallest centred pinhole that covers every ray of ``camera``."""
+    u, v = np.meshgrid(np.arange(camera.width, dtype=float), np.arange(camera.height, dtype=float))
+    matrix = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
+    pixels = np.stack([u.ravel(), v.ravel()], axis=1)[:, None]
+    criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-9)
+    rays = cv2.undistortPoints(pixels, matrix, np.array(camera.distortion), criteria=criteria)[:, 0]
+    half = np.ceil(np.abs(rays).max(axis=0) * camera.fx).astype(int) + margin_px
+    width, height = int(2 * half[0]), int(2 * half[1])
+    source = rays * camera.fx + np.array([(width - 1) / 2, (height - 1) / 2])
+    shape = (camera.height, camera.width)
+    source_x, source_y = (source[:, axis].reshape(shape).astype(np.float32) for axis in (0, 1))
+    return Pinhole(width, height, camera.fx, source_x, source_y)
+
+
+COLOR_PINHOLE, DEPTH_PINHOLE = _pinhole(COLOR), _pinhole(DEPTH)
+FOVY_DEG = {"color": COLOR_PINHOLE.fovy_deg, "depth": DEPTH_PINHOLE.fovy_deg}
+
+
+def hand_from_cameras(station: Station) -> dict[str, npt.NDArray[np.float64]]:
+    """Poses of both lenses in the hand, from the mounting of the colour lens."""
+    hand_from_color = np.eye(4)
+    hand_from_color[:3, :3] = Rotation.from_quat(station.camera.hand_from_color_wxyz, scalar_first=True).as_matrix()
+    hand_from_color[:3, 3] = station.camera.hand_from_color_position_m
+    return {"color": hand_from_color, "depth": hand_from_color @ COLOR_FROM_DEPTH}

@@ -1,0 +1,130 @@
+"""Composes the MuJoCo model: FR3 and Panda hand, table, tray, wrist camera, and one object."""
+
+from __future__ import annotations
+
+import importlib.resources
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from config.schema import Box, Station
+from drivers.sim.objects import add_object
+
+ARM_JOINTS = tuple(f"fr3_joint{index}" for index in range(1, 8))
+FINGER_JOINTS = ("finger_joint1", "finger_joint2")
+HAND_ACTUATOR = "hand"
+COLOR_CAMERA, DEPTH_CAMERA = "color", "depth"
+
+# The pads and what they press on: elliptic cones and a high impedance ratio hold a grasp without creep (measured).
+_TIMESTEP_S = 0.001
+_IMPRATIO = 10.0
+_TORSION = 0.01
+_PAD_SOLREF, _PAD_SOLIMP = (
+    (0.004, 1.0),
+    (0.95, 0.99, 0.001),
+)  # stiff pads: at the default 20 ms a moving grasp creeps 10 mm/s
+# The shipped hand actuator (100 N/m) closes too weakly; this servo acts on the mean finger position.
+_HAND_STIFFNESS_N_M = 3000.0
+_HAND_DAMPING_NS_M = 150.0
+_TABLE_RGBA = (0.46, 0.50, 0.52, 1.0)
+_TRAY_RGBA = (0.20, 0.33, 0.42, 1.0)
+_TRAY_WALL_M = 0.006
+
+
+def compose(
+    station: Station, object_name: str, hand_from_camera: dict[str, np.ndarray], fovy_deg: dict[str, float]
+) -> mujoco.MjSpec:
+    """The whole cell with ``object_name`` as the free body `objects.OBJECT`.
+
+    Args:
+        hand_from_camera: pose (4x4, optical frame) of each rendered camera in the hand.
+        fovy_deg: its vertical field of view.
+    """
+    assets = Path(str(importlib.resources.files("franky_sim"))) / "assets"
+    spec = mujoco.MjSpec.from_file(str(assets / "fr3.xml"))
+    spec.meshdir = str(assets / "meshes")
+    spec.option.timestep = _TIMESTEP_S
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = _IMPRATIO
+    spec.stat.extent = 1.0
+    spec.visual.map.znear, spec.visual.map.zfar = 0.02, 8.0
+    spec.visual.global_.offwidth, spec.visual.global_.offheight = 1600, 1200
+    spec.visual.headlight.ambient, spec.visual.headlight.diffuse = (0.35,) * 3, (0.25,) * 3
+    spec.visual.headlight.specular = (0.0,) * 3
+    _prepare_robot(spec, station)
+    _furnish(spec, station)
+    for name, pose in hand_from_camera.items():
+        _add_camera(spec.body("hand"), name, pose, fovy_deg[name])
+    add_object(spec, object_name, station.sim.objects)
+    return spec
+
+
+def _prepare_robot(spec: mujoco.MjSpec, station: Station) -> None:
+    """Weightless links (the FR3 compensates its own weight), a hand that can grasp, pads with the wanted friction."""
+    for body in spec.bodies:
+        if body.name != "world":
+            body.gravcomp = 1.0
+    hand = spec.actuator(HAND_ACTUATOR)
+    hand.gainprm[0] = _HAND_STIFFNESS_N_M
+    hand.biasprm[:3] = 0.0, -_HAND_STIFFNESS_N_M, -_HAND_DAMPING_NS_M
+    hand.inheritrange = 0.0
+    hand.ctrlrange[:] = -0.02, 0.05
+    friction = (station.sim.friction, _TORSION * station.sim.friction, 0.0)
+    for finger in ("left_finger", "right_finger"):
+        for geom in spec.body(finger).geoms:
+            geom.condim = 4
+            geom.priority = 1  # else MuJoCo takes the larger friction of the two, and a slippery pad still holds
+            geom.friction = friction
+            geom.solref[:2], geom.solimp[:3] = _PAD_SOLREF, _PAD_SOLIMP
+
+
+def _furnish(spec: mujoco.MjSpec, station: Station) -> None:
+    scene = station.scene
+    _add_box(spec, scene.table, _TABLE_RGBA)
+    _add_box(spec, scene.tray, _TRAY_RGBA)
+    for wall in tray_walls(scene.tray, scene.tray_wall_height_m):
+        _add_box(spec, wall, _TRAY_RGBA)
+    for obstacle in scene.obstacles:
+        _add_box(spec, obstacle, _TRAY_RGBA)
+    for side in (-1.0, 1.0):  # from two sides, so that the arm throws no hard shadow on the object
+        light = spec.worldbody.add_light(
+            name=f"light{side:+.0f}", pos=(0.4, 1.2 * side, 1.8), dir=(0, -0.55 * side, -1)
+        )
+        light.type = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
+        light.diffuse, light.specular, light.castshadow = (0.38,) * 3, (0.08,) * 3, False
+
+
+def tray_walls(tray: Box, height_m: float) -> list[Box]:
+    """The four walls that stand on the tray's rim."""
+    if height_m == 0:
+        return []
+    (x, y, z), (length, width, thickness) = tray.center_m, tray.size_m
+    middle = z + thickness / 2 + height_m / 2
+    walls = []
+    for name, dx, dy, size in (
+        ("front", -length / 2, 0.0, (_TRAY_WALL_M, width, height_m)),
+        ("back", length / 2, 0.0, (_TRAY_WALL_M, width, height_m)),
+        ("right", 0.0, -width / 2, (length, _TRAY_WALL_M, height_m)),
+        ("left", 0.0, width / 2, (length, _TRAY_WALL_M, height_m)),
+    ):
+        walls.append(Box(name=f"{tray.name}-{name}", center_m=(x + dx, y + dy, middle), size_m=size))
+    return walls
+
+
+def _add_box(spec: mujoco.MjSpec, box: Box, rgba: tuple[float, ...]) -> None:
+    spec.worldbody.add_geom(
+        name=box.name,
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=[side / 2 for side in box.size_m],
+        pos=box.center_m,
+        rgba=rgba,
+    )
+
+
+def _add_camera(hand: mujoco.MjsBody, name: str, hand_from_camera: np.ndarray, fovy_deg: float) -> None:
+    # MuJoCo cameras look along -z with y up; ours along +z with y down.
+    rotation = np.ascontiguousarray(hand_from_camera[:3, :3] @ np.diag([1.0, -1.0, -1.0]))
+    quaternion = np.zeros(4)
+    mujoco.mju_mat2Quat(quaternion, rotation.ravel())
+    hand.add_camera(name=name, pos=hand_from_camera[:3, 3], quat=quaternion, fovy=fovy_deg)

@@ -1,0 +1,220 @@
+"""One MuJoCo world behind three devices. Time passes only while a device acts: as fast as possible, or paced.
+
+All access goes through one lock; a tick is one millisecond of robot time.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from bus.arrays import Joints, Transform
+from bus.errors import ConfigError, DriverError
+from config.schema import Station
+from drivers.sim.objects import OBJECT, object_names
+from drivers.sim.optics import FOVY_DEG, hand_from_cameras
+from drivers.sim.scene import ARM_JOINTS, FINGER_JOINTS, HAND_ACTUATOR, compose
+
+TICK_S = 0.001
+_SETTLE_TICKS = 1500
+_DRAWS = 20
+_MARGIN_M = 0.06
+"""Objects are put at least this far inside the pick region."""
+_DROP_M = 0.002
+_PACE_TICKS = 10
+
+
+class World:
+    """The simulated cell.
+
+    Args:
+        station: its configuration (scene, camera mounting, `sim` settings).
+        clock_ns: UTC clock for the stamps of states.
+    """
+
+    def __init__(self, station: Station, clock_ns: Callable[[], int] = time.time_ns) -> None:
+        self.station = station
+        self.clock_ns = clock_ns
+        self.lock = threading.RLock()
+        self.names = object_names(station.sim.objects)
+        self.object_name = self.names[0]
+        self.presented = 0
+        self._q_command_rad = np.array(station.arm.capture_q_rad)
+        self._dq_command_rad_s = np.zeros(7)
+        self._hand_target_m = station.hand.max_width_m / 2
+        self._paced_s: tuple[float, float] = (0.0, 0.0)
+        self._load(self.object_name)
+        self._set_arm(self._q_command_rad, self._hand_target_m)
+        self.present(self.object_name, station.sim.seed)
+
+    # --- time ---------------------------------------------------------------------------------------------------------
+
+    def tick(self) -> None:
+        """One millisecond with the present commands; the caller holds no lock."""
+        with self.lock:
+            self._step()
+
+    def _step(self) -> None:
+        data = self.data
+        data.ctrl[self._arm_actuators] = self._q_command_rad + self._lag_s * self._dq_command_rad_s
+        data.ctrl[self._hand_actuator] = self._hand_target_m
+        mujoco.mj_step(self.model, data)
+
+    def pace(self, ticks: int) -> None:
+        """In paced mode, sleep so that ``ticks`` since the last pause took their real time."""
+        factor = self.station.sim.pace
+        if factor > 0 and ticks % _PACE_TICKS == 0:
+            due_s = self._paced_s[1] + _PACE_TICKS * TICK_S / factor
+            now_s = time.monotonic()
+            due_s = due_s if now_s - due_s < 0.1 else now_s  # after a pause, do not catch up
+            time.sleep(max(0.0, due_s - now_s))
+            self._paced_s = (now_s, due_s)
+
+    # --- objects ------------------------------------------------------------------------------------------------------
+
+    def present(self, name: str, seed: int) -> None:
+        """Replace the object by ``name`` at a seeded pose, and let it come to rest.
+
+        Raises: ConfigError for an unknown object, DriverError when it does not come to rest inside the pick region.
+        """
+        if name not in self.names:
+            raise ConfigError(f"Unknown object {name!r}.", f"There are: {', '.join(self.names)}.")
+        rng = np.random.default_rng([seed, *name.encode()])
+        with self.lock:
+            if name != self.object_name:
+                self._load(name)
+                self.object_name = name
+            self.presented = seed
+            for _ in range(_DRAWS):
+                self._put(rng)
+                for _ in range(_SETTLE_TICKS):
+                    self._step()
+                if self._rests_inside():
+                    return
+        raise DriverError(
+            f"The object {name!r} does not come to rest in the pick region.", "Is it too big, or does it roll?"
+        )
+
+    def base_from_object(self) -> Transform:
+        """True pose of the object's body in ``base``."""
+        with self.lock:
+            pose = np.eye(4)
+            pose[:3, :3] = self.data.body(OBJECT).xmat.reshape(3, 3)
+            pose[:3, 3] = self.data.body(OBJECT).xpos
+            return pose
+
+    def _put(self, rng: np.random.Generator) -> None:
+        """The object upright at a random place and heading, just above the table."""
+        x_min, x_max, y_min, y_max = self.station.scene.pick_region_m
+        x = rng.uniform(x_min + _MARGIN_M, x_max - _MARGIN_M)
+        y = rng.uniform(y_min + _MARGIN_M, y_max - _MARGIN_M)
+        heading = rng.uniform(-np.pi, np.pi)
+        joint = self.data.joint(OBJECT)
+        joint.qpos[:] = [x, y, 1.0, np.cos(heading / 2), 0.0, 0.0, np.sin(heading / 2)]
+        joint.qvel[:] = 0.0
+        mujoco.mj_forward(self.model, self.data)
+        joint.qpos[2] += _DROP_M - self._lowest_m()
+
+    def _lowest_m(self) -> float:
+        """Height of the object's lowest point, from its geoms' bounding boxes."""
+        model, data = self.model, self.data
+        body = model.body(OBJECT).id
+        corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
+        lowest = np.inf
+        for geom in np.flatnonzero(model.geom_bodyid == body):
+            center, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
+            points = data.geom_xpos[geom] + (center + corners * half) @ data.geom_xmat[geom].reshape(3, 3).T
+            lowest = min(lowest, float(points[:, 2].min()))
+        return lowest
+
+    def _rests_inside(self) -> bool:
+        x_min, x_max, y_min, y_max = self.station.scene.pick_region_m
+        x, y, z = self.data.body(OBJECT).xpos
+        moving = float(np.abs(self.data.joint(OBJECT).qvel).max()) > 0.05
+        return not moving and x_min < x < x_max and y_min < y < y_max and z > -0.01
+
+    # --- arm and hand -------------------------------------------------------------------------------------------------
+
+    def command_arm(self, q_rad: Joints) -> None:
+        """The position the arm is to have after the next tick; its rate is fed forward."""
+        with self.lock:
+            self._dq_command_rad_s = (q_rad - self._q_command_rad) / TICK_S
+            self._q_command_rad = np.array(q_rad)
+
+    def command_hand(self, width_m: float, force_n: float) -> None:
+        """Width the fingers are driven to, and the most each of them may press."""
+        with self.lock:
+            self._hand_target_m = width_m / 2
+            self.model.actuator_forcerange[self._hand_actuator] = (-2 * force_n, 2 * force_n)
+
+    def arm(self) -> tuple[Joints, Joints, Joints]:
+        """Measured positions, velocities, and external torques of the arm."""
+        with self.lock:
+            q_rad = self.data.qpos[self._arm_qpos].copy()
+            return q_rad, self.data.qvel[self._arm_dofs].copy(), self._external_torque_nm()
+
+    def hand_width_m(self) -> float:
+        """Measured distance between the pads."""
+        with self.lock:
+            return float(self.data.qpos[self._finger_qpos].sum())
+
+    def _external_torque_nm(self) -> Joints:
+        """Joint torques that balance what the robot touches: the contacts' forces through their Jacobians."""
+        model, data = self.model, self.data
+        torque_nm = np.zeros(model.nv)
+        wrench, jacobian_p, jacobian_r = np.zeros(6), np.zeros((3, model.nv)), np.zeros((3, model.nv))
+        for index in range(data.ncon):
+            contact = data.contact[index]
+            sides = [self._is_robot[model.geom_bodyid[geom]] for geom in (contact.geom1, contact.geom2)]
+            if sides[0] == sides[1]:
+                continue
+            mujoco.mj_contactForce(model, data, index, wrench)
+            axes = contact.frame.reshape(3, 3)
+            sign = 1.0 if sides[1] else -1.0  # the contact frame's force acts on geom2
+            body = model.geom_bodyid[contact.geom2 if sides[1] else contact.geom1]
+            mujoco.mj_jac(model, data, jacobian_p, jacobian_r, contact.pos, body)
+            torque_nm += sign * (jacobian_p.T @ (axes.T @ wrench[:3]) + jacobian_r.T @ (axes.T @ wrench[3:]))
+        return torque_nm[self._arm_dofs]
+
+    # --- model --------------------------------------------------------------------------------------------------------
+
+    def _load(self, name: str) -> None:
+        """Compile the cell with object ``name``; the robot keeps its state."""
+        old = getattr(self, "data", None)
+        kept = None if old is None else (old.qpos[self._robot_qpos].copy(), old.qvel[self._robot_dofs].copy())
+        spec = compose(self.station, name, hand_from_cameras(self.station), FOVY_DEG)
+        try:
+            self.model: mujoco.MjModel = spec.compile()
+        except ValueError as error:
+            raise ConfigError(f"The object {name!r} does not compile: {error}.", "Correct its object.xml.") from error
+        self.data: mujoco.MjData = mujoco.MjData(self.model)
+        self._index()
+        if kept is not None:
+            self.data.qpos[self._robot_qpos], self.data.qvel[self._robot_dofs] = kept
+
+    def _index(self) -> None:
+        model = self.model
+        self._arm_qpos = _addresses(model.jnt_qposadr, model, ARM_JOINTS)
+        self._arm_dofs = _addresses(model.jnt_dofadr, model, ARM_JOINTS)
+        self._finger_qpos = _addresses(model.jnt_qposadr, model, FINGER_JOINTS)
+        self._robot_qpos = np.concatenate([self._arm_qpos, self._finger_qpos])
+        self._robot_dofs = np.concatenate([self._arm_dofs, _addresses(model.jnt_dofadr, model, FINGER_JOINTS)])
+        self._arm_actuators = np.array([model.actuator(name).id for name in ARM_JOINTS])
+        self._hand_actuator = model.actuator(HAND_ACTUATOR).id
+        gain, damping = model.actuator_gainprm[self._arm_actuators, 0], -model.actuator_biasprm[self._arm_actuators, 2]
+        self._lag_s = damping / gain  # commanding q + lag * dq removes the servo's velocity lag
+        base = model.body("base").id
+        self._is_robot = np.array([model.body_rootid[body] == base for body in range(model.nbody)])
+
+    def _set_arm(self, q_rad: Joints, finger_m: float) -> None:
+        self.data.qpos[self._arm_qpos], self.data.qpos[self._finger_qpos] = q_rad, finger_m
+        mujoco.mj_forward(self.model, self.data)
+
+
+def _addresses(table: npt.NDArray[np.int32], model: mujoco.MjModel, joints: tuple[str, ...]) -> npt.NDArray[np.int64]:
+    return np.array([table[model.joint(name).id] for name in joints], dtype=np.int64)

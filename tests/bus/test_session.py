@@ -1,0 +1,149 @@
+"""Two processes' worth of sessions on a real Zenoh: publish, ask, answer, be alive, fail clearly."""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections.abc import Iterator, Mapping
+
+import pytest
+
+from bus import topics
+from bus.commands import CommandReply, CommandRequest, Nothing
+from bus.errors import (
+    BadPayload,
+    BusError,
+    CellError,
+    CellUnreachable,
+    HandFault,
+    NoReply,
+    PortOccupied,
+    Refused,
+    ReplyTimeout,
+)
+from bus.messages import HandState
+from bus.session import Bus, Heard
+
+HAND = HandState(stamp_ns=1, width_m=0.04, is_moving=False, is_homed=True)
+
+
+@pytest.fixture
+def cell(endpoint: str) -> Iterator[Bus]:
+    with Bus.listen("test", endpoint) as bus:
+        yield bus
+
+
+@pytest.fixture
+def client(cell: Bus, endpoint: str) -> Iterator[Bus]:
+    with Bus.join("test", endpoint) as bus:
+        yield bus
+
+
+def test_what_is_published_is_heard_with_its_encoding(cell: Bus, client: Bus) -> None:
+    heard: queue.SimpleQueue[Heard] = queue.SimpleQueue()
+    cell.subscribe("hand/*", heard.put)
+    client.announce("here")  # ordered after nothing, but its arrival proves the link is up
+    client.publish(topics.HAND_STATE, HAND)
+    got = heard.get(timeout=5)
+    assert got.key == "hand/state" and got.encoding == "application/json;vlad.HandState"
+    assert HandState.model_validate_json(got.payload) == HAND
+
+
+def test_a_question_is_answered(cell: Bus, client: Bus) -> None:
+    client.answer(topics.HAND_NOW, lambda _payload, _fields: HAND, lane="hand")
+    assert cell.request(topics.HAND_NOW, Nothing(), HandState, timeout_s=5) == HAND
+
+
+def test_the_verb_of_a_command_reaches_the_handler(cell: Bus, client: Bus) -> None:
+    def handle(_payload: bytes, fields: Mapping[str, str]) -> CommandReply:
+        return CommandReply(ok=True, state=fields["verb"])
+
+    cell.answer(topics.COMMAND, handle, lane="command", verb="*")
+    reply = client.request(topics.COMMAND, CommandRequest(), CommandReply, timeout_s=5, verb="pick")
+    assert reply.state == "pick"
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        HandFault("The fingers are stuck.", "Free them."),
+        Refused("No.", "Reset first.", code="WRONG_STATE", available=("reset",)),
+        BadPayload("No such field."),
+    ],
+)
+def test_an_error_travels_as_its_own_type(cell: Bus, client: Bus, error: CellError) -> None:
+    def fail(_payload: bytes, _fields: Mapping[str, str]) -> HandState:
+        raise error
+
+    client.answer(topics.HAND_HOME, fail, lane="hand")
+    with pytest.raises(type(error)) as caught:
+        cell.ask(topics.HAND_HOME, Nothing(), timeout_s=5)
+    assert (caught.value.text, caught.value.advice, caught.value.code) == (error.text, error.advice, error.code)
+    if isinstance(error, Refused):
+        assert caught.value.available == ("reset",)
+
+
+def test_a_defect_in_a_handler_reaches_the_asker(cell: Bus, client: Bus) -> None:
+    def broken(_payload: bytes, _fields: Mapping[str, str]) -> HandState:
+        raise ZeroDivisionError("oops")
+
+    client.answer(topics.HAND_HOME, broken, lane="hand")
+    with pytest.raises(CellError, match="ZeroDivisionError: oops"):
+        cell.ask(topics.HAND_HOME, Nothing(), timeout_s=5)
+
+
+def test_a_question_nobody_serves_is_its_own_error(cell: Bus) -> None:
+    with pytest.raises(NoReply, match="hand/now"):
+        cell.ask(topics.HAND_NOW, Nothing(), timeout_s=0.1)
+
+
+def test_an_answer_that_does_not_come_is_a_timeout(cell: Bus, client: Bus) -> None:
+    release = threading.Event()
+
+    def slow(_payload: bytes, _fields: Mapping[str, str]) -> HandState:
+        release.wait(10)
+        return HAND
+
+    client.answer(topics.HAND_HOME, slow, lane="hand")
+    with pytest.raises(ReplyTimeout):
+        cell.ask(topics.HAND_HOME, Nothing(), timeout_s=0.3)
+    release.set()
+
+
+def test_questions_and_answers_are_tapped(cell: Bus, client: Bus) -> None:
+    tapped: list[Heard] = []
+    cell.tap = tapped.append
+    client.answer(topics.HAND_HOME, lambda _payload, _fields: HAND, lane="hand")
+    cell.ask(topics.HAND_HOME, Nothing(), timeout_s=5)
+    assert [one.key for one in tapped] == ["hand/home/query", "hand/home/reply"]
+
+
+def test_nodes_come_and_go(cell: Bus, endpoint: str) -> None:
+    changes: queue.SimpleQueue[tuple[str, bool]] = queue.SimpleQueue()
+    cell.watch_nodes(lambda name, is_alive: changes.put((name, is_alive)))
+    with Bus.join("test", endpoint) as node:
+        node.announce("camera")
+        assert changes.get(timeout=5) == ("camera", True)
+        assert cell.nodes_alive() == {"camera"}
+    assert changes.get(timeout=5) == ("camera", False)
+    assert cell.nodes_alive() == set()
+
+
+def test_an_occupied_port_says_so(cell: Bus, endpoint: str) -> None:
+    with pytest.raises(PortOccupied, match=r"another program.*cell status"):
+        Bus.listen("other", endpoint)
+
+
+def test_an_absent_cell_says_so(endpoint: str) -> None:
+    with pytest.raises(CellUnreachable, match="cell start"):
+        Bus.join("test", endpoint)
+
+
+def test_a_closed_bus_refuses_and_closes_twice(endpoint: str) -> None:
+    bus = Bus.listen("test", endpoint)
+    bus.close()
+    bus.close()
+    with pytest.raises(BusError):
+        bus.publish(topics.HAND_STATE, HAND)
+    with pytest.raises(BusError):
+        bus.ask(topics.HAND_NOW, Nothing(), timeout_s=1)

@@ -1,0 +1,67 @@
+"""The PackML table, checked against the standard's rules rather than against itself."""
+
+from __future__ import annotations
+
+import pytest
+
+from bus.errors import Refused
+from cell.states import COMMANDS, NEXT, State, after_command, available
+
+ACTING = {"Resetting", "Starting", "Execute", "Completing", "Stopping", "Aborting", "Clearing"}
+
+
+def test_acting_states_end_by_themselves_and_only_they() -> None:
+    assert {str(state) for state in NEXT} == ACTING
+
+
+def test_stop_is_possible_wherever_something_may_move_but_not_while_aborting() -> None:
+    for state in State:
+        refused = state in {"Stopping", "Stopped", "Clearing", "Aborting", "Aborted"}
+        assert ("stop" in available(state)) != refused
+
+
+def test_abort_is_possible_everywhere_but_when_aborted() -> None:
+    assert {state for state in State if "abort" not in available(state)} == {State.ABORTING, State.ABORTED}
+
+
+def test_from_aborted_three_deliberate_acts_lead_to_motion() -> None:
+    state = State.ABORTED
+    acts = 0
+    for command in ("clear", "reset", "start"):
+        assert all(after_command(state, other) for other in available(state))
+        assert available(state)[0] == command or command in available(state)
+        state = after_command(state, command)
+        acts += 1
+        while state in NEXT and state is not State.STARTING:
+            state = NEXT[state]
+    assert (acts, state) == (3, State.STARTING)
+
+
+def test_every_state_can_be_reached_from_stopped() -> None:
+    reached, todo = {State.STOPPED}, [State.STOPPED]
+    while todo:
+        state = todo.pop()
+        arrows = [after_command(state, command) for command in available(state)]
+        for following in [*arrows, *([NEXT[state]] if state in NEXT else [])]:
+            if following not in reached:
+                reached.add(following)
+                todo.append(following)
+    assert reached == set(State)
+
+
+@pytest.mark.parametrize("state", list(State))
+@pytest.mark.parametrize("command", list(COMMANDS))
+def test_a_command_is_accepted_or_refused_with_reason_and_alternatives(state: State, command: str) -> None:
+    if command in available(state):
+        assert after_command(state, command) is not state
+        return
+    with pytest.raises(Refused) as refusal:
+        after_command(state, command)
+    assert refusal.value.code == "WRONG_STATE" and refusal.value.available == available(state)
+    assert str(state) in refusal.value.text and refusal.value.advice
+
+
+def test_an_unknown_command_lists_the_known_ones() -> None:
+    with pytest.raises(Refused, match="pick") as refusal:
+        after_command(State.IDLE, "dance")
+    assert refusal.value.code == "UNKNOWN_COMMAND"

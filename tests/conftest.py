@@ -1,0 +1,45 @@
+"""What every test may use: a free loopback endpoint, random frames."""
+
+from __future__ import annotations
+
+import socket
+
+import numpy as np
+import pytest
+from hypothesis import settings
+
+from bus.messages import CameraModel, Frame
+
+settings.register_profile("deterministic", derandomize=True, deadline=None, print_blob=True)
+settings.load_profile("deterministic")
+
+
+@pytest.fixture
+def endpoint() -> str:
+    """A loopback endpoint nobody listens on."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+
+@pytest.fixture
+def frame() -> Frame:
+    """A small frame with structure, holes and a non-trivial pose between its cameras."""
+    rng = np.random.default_rng(1)
+    ramp = np.linspace(0, 255, 160, dtype=np.uint8)
+    color = np.stack([np.tile(ramp, (90, 1))] * 3, axis=-1)
+    depth_m = np.round(rng.uniform(0.5, 1.5, (72, 80)), 3).astype(np.float32)
+    depth_m[::7] = np.nan
+    color_from_depth = np.eye(4)
+    angle = np.deg2rad(6.0)
+    color_from_depth[1:3, 1:3] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    color_from_depth[:3, 3] = 0.032, 0.002, -0.004
+    lens = {"fx": 93.0, "fy": 93.0, "distortion": (0.08, -0.1, 0.0, 0.0, 0.04, 0.0, 0.0, 0.0)}
+    return Frame(
+        stamp_ns=1_700_000_000_123_456_789,
+        color=color,
+        depth_m=depth_m,
+        color_camera=CameraModel(width=160, height=90, cx=80.0, cy=45.0, **lens),
+        depth_camera=CameraModel(width=80, height=72, cx=40.0, cy=36.0, **lens),
+        color_from_depth=color_from_depth,
+    )

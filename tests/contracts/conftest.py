@@ -1,0 +1,80 @@
+"""Every implementation of the device protocols, each behind the same fixtures: one suite for all."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+
+import pytest
+
+from bus.session import Bus
+from config.load import load_station
+from config.schema import Station
+from drivers.interface import Arm, Camera, Devices, Feeder, Hand
+from drivers.node import Node
+from drivers.registry import open_devices
+from drivers.remote import RemoteArm, RemoteCamera, RemoteFeeder, RemoteHand
+
+
+@pytest.fixture(scope="module")
+def station() -> Station:
+    return load_station()
+
+
+def _simulated(station: Station, _stack: ExitStack) -> Devices:
+    return open_devices("sim", station)
+
+
+def _remote(station: Station, stack: ExitStack) -> Devices:
+    """The simulated devices, served by a node on one session and used over another."""
+    endpoint = "tcp/127.0.0.1:17447"
+    cell = stack.enter_context(Bus.listen(station.cell_id, endpoint))
+    node_bus = stack.enter_context(Bus.join(station.cell_id, endpoint))
+    node = Node("sim", node_bus, open_devices("sim", station), station)
+    node.open()
+    stack.callback(node.close)
+    parts = (RemoteCamera(cell, 10.0), RemoteArm(cell, 10.0), RemoteHand(cell, 10.0), RemoteFeeder(cell, 10.0))
+    return Devices(*parts)
+
+
+IMPLEMENTATIONS: dict[str, Callable[[Station, ExitStack], Devices]] = {"sim": _simulated, "remote": _remote}
+
+
+@pytest.fixture(scope="module", params=sorted(IMPLEMENTATIONS))
+def devices(request: pytest.FixtureRequest, station: Station) -> Iterator[Devices]:
+    """One implementation of all devices, not yet connected."""
+    with ExitStack() as stack:
+        devices = IMPLEMENTATIONS[request.param](station, stack)
+        yield devices
+        for device in (devices.camera, devices.arm, devices.hand):
+            if device is not None:
+                device.close()
+
+
+@pytest.fixture
+def arm(devices: Devices) -> Iterator[Arm]:
+    assert devices.arm is not None
+    devices.arm.connect()
+    yield devices.arm
+
+
+@pytest.fixture
+def hand(devices: Devices) -> Iterator[Hand]:
+    assert devices.hand is not None
+    devices.hand.connect()
+    yield devices.hand
+
+
+@pytest.fixture
+def camera(devices: Devices) -> Iterator[Camera]:
+    assert devices.camera is not None
+    devices.camera.connect()
+    yield devices.camera
+
+
+@pytest.fixture
+def feeder(devices: Devices, arm: Arm) -> Feeder:
+    assert devices.feeder is not None
+    if isinstance(devices.feeder, RemoteFeeder):
+        devices.feeder.connect()
+    return devices.feeder

@@ -1,0 +1,97 @@
+"""What every arm does."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from bus.errors import NotConnected
+from bus.messages import ArmMode
+from bus.trajectory import TICK_S, Trajectory
+from config.limits import check
+from drivers.interface import Arm, Devices
+
+
+def _nod(start_q_rad: np.ndarray, by_rad: float = 0.2, duration_s: float = 1.0) -> Trajectory:
+    """There and back on joint 7, at rest at both ends."""
+    ticks = round(duration_s / TICK_S)
+    phase = np.linspace(0.0, 1.0, ticks)
+    raw_q_rad = np.repeat(np.asarray(start_q_rad)[None], ticks, axis=0)
+    raw_q_rad[:, 6] += by_rad * (0.5 - 0.5 * np.cos(2 * np.pi * phase)) ** 2
+    return Trajectory(raw_q_rad=raw_q_rad, window=64)
+
+
+def test_it_implements_the_protocol(devices: Devices) -> None:
+    assert isinstance(devices.arm, Arm)
+
+
+def test_at_rest_it_is_idle_and_finite(arm: Arm) -> None:
+    state = arm.state()
+    assert state.mode is ArmMode.IDLE and np.isfinite(state.q_rad).all()
+    assert np.abs(state.dq_rad_s).max() < 0.05
+    assert abs(time.time_ns() - state.stamp_ns) < 5e9
+
+
+def test_it_plays_a_trajectory_to_its_end(arm: Arm) -> None:
+    start_q_rad = arm.state().q_rad
+    trajectory = _nod(start_q_rad)
+    motion = arm.execute(trajectory)
+    assert motion.finished
+    np.testing.assert_allclose(motion.commanded_q_rad, trajectory.filtered(), atol=1e-9)
+    np.testing.assert_allclose(arm.state().q_rad, start_q_rad, atol=5e-3)
+    assert check(motion.commanded_q_rad).ok
+
+
+def test_it_measures_while_it_moves(arm: Arm) -> None:
+    motion = arm.execute(_nod(arm.state().q_rad))
+    assert len(motion.t_s) == len(motion.q_rad) == len(motion.dq_rad_s) == len(motion.tau_ext_nm)
+    assert np.allclose(np.diff(motion.t_s), 0.01, atol=0.0051)
+    commanded = motion.commanded_q_rad[
+        np.minimum((motion.t_s / TICK_S).round().astype(int), len(motion.commanded_q_rad) - 1)
+    ]
+    assert np.abs(motion.q_rad - commanded).max() < 0.03
+    assert np.abs(motion.q_rad[:, 6] - motion.q_rad[0, 6]).max() > 0.15
+
+
+def test_a_stop_brakes_on_the_path_within_limits(arm: Arm) -> None:
+    trajectory = _nod(arm.state().q_rad, by_rad=1.2, duration_s=20.0)
+    ended: list[bool] = []
+    runner = threading.Thread(target=lambda: ended.append(arm.execute(trajectory).finished))
+    start_q_rad = arm.state().q_rad
+    runner.start()
+    give_up_s = time.monotonic() + 10
+    while np.abs(arm.state().q_rad - start_q_rad).max() < 0.01 and time.monotonic() < give_up_s:
+        time.sleep(0.001)
+    arm.stop()
+    runner.join(timeout=20)
+    assert ended == [False]
+    assert np.abs(arm.state().dq_rad_s).max() < 0.05
+    back = arm.execute(Trajectory(raw_q_rad=arm.state().q_rad[None], window=1))
+    assert back.finished
+
+
+def test_stop_at_rest_does_nothing_and_never_raises(arm: Arm) -> None:
+    before = arm.state().q_rad
+    arm.stop()
+    np.testing.assert_allclose(arm.state().q_rad, before, atol=2e-3)
+
+
+def test_recover_at_rest_changes_nothing(arm: Arm) -> None:
+    arm.recover()
+    assert arm.state().mode is ArmMode.IDLE
+
+
+def test_before_connect_and_after_close_it_says_so(devices: Devices) -> None:
+    arm = devices.arm
+    assert arm is not None
+    arm.connect()
+    arm.close()
+    arm.close()
+    with pytest.raises(NotConnected):
+        arm.state()
+    arm.stop()
+    arm.connect()
+    assert arm.state().mode is ArmMode.IDLE
