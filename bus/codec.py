@@ -136,6 +136,11 @@ def frame_from_wire(parts: Mapping[str, bytes]) -> Frame:
     )
 
 
+def frame_stamp_ns(parts: Mapping[str, bytes]) -> int:
+    """The stamp of a frame's payloads, without decoding its images."""
+    return stamp_ns(CompressedImage.FromString(parts[topics.CAMERA_COLOR.key]).timestamp)
+
+
 def _calibration(camera: CameraModel, frame_id: str, when: Timestamp) -> CameraCalibration:
     intrinsics = [camera.fx, 0, camera.cx, 0, camera.fy, camera.cy, 0, 0, 1]
     return CameraCalibration(

@@ -1,0 +1,1 @@
+"""The models that imagine: what they must do (`base`), and the one that needs no network (`geometric`)."""

@@ -1,0 +1,166 @@
+"""Compares two messages field by field, in the units a person thinks in.
+
+NaN equals NaN; text, numbers without tolerance, enums and booleans must be equal; poses differ in mm and degrees; images
+by their differing pixels.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from bus.frozen import Message
+
+POSE = "mm|deg"
+_UNIT_BY_SUFFIX = {
+    "px": "px",
+    "m": "m",
+    "rad": "rad",
+    "deg": "deg",
+    "n": "N",
+    "s": "s",
+    "nm": "Nm",
+    "ns": "ns",
+    "m2": "m2",
+}
+_IGNORED = {"latency_s"}
+"""Fields that measure the machine, not the stage."""
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """How much a value may differ, and its unit. A pose (`POSE`) may differ by ``value`` mm and ``value`` degrees."""
+
+    value: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One field that differs: both values, by how much, and how much was allowed."""
+
+    field: str
+    recorded: Any
+    replayed: Any
+    difference: float | None
+    tolerance: float
+    unit: str
+
+    def to_json(self) -> dict[str, Any]:
+        return asdict(self)
+
+    def describe(self) -> str:
+        """One line for a person."""
+        by = "" if self.difference is None else f" (by {self.difference:.4g} {self.unit}, allowed {self.tolerance:g})"
+        return f"{self.field}: {_short(self.recorded)} -> {_short(self.replayed)} {self.unit if not by else ''}{by}".strip()
+
+
+def compare(recorded: Message, replayed: Message, tolerances: Mapping[str, Tolerance]) -> list[Difference]:
+    """Every difference between two messages, in the order of their fields.
+
+    Args:
+        tolerances: field pattern -> tolerance; ``*`` stands for anything, so ``a[*].b`` is field b of any a. The first
+            pattern that fits counts; without one the values must be equal.
+    """
+    rules = [(re.compile(re.escape(pattern).replace(r"\*", ".*")), rule) for pattern, rule in tolerances.items()]
+
+    def tolerance(path: str) -> Tolerance:
+        for pattern, rule in rules:
+            if pattern.fullmatch(path):
+                return rule
+        return Tolerance(0.0, unit_of(path))
+
+    if type(recorded) is not type(replayed):
+        return [_plain("type", type(recorded).__name__, type(replayed).__name__)]
+    return [
+        found for path, a, b in _leaves("", recorded, replayed) for found in _compare_leaf(path, a, b, tolerance(path))
+    ]
+
+
+def unit_of(path: str) -> str:
+    """The unit a field's name ends in, or ""."""
+    name = re.sub(r"\[\d+\]", "", path).rpartition(".")[2]
+    return _UNIT_BY_SUFFIX.get(name.rpartition("_")[2], "") if "_" in name else ""
+
+
+def _leaves(path: str, a: Any, b: Any) -> Iterator[tuple[str, Any, Any]]:
+    """Pairs of values that have no parts, with their path; a differing count ends its branch."""
+    if isinstance(a, Message) and type(a) is type(b):
+        for name in type(a).model_fields:
+            if name not in _IGNORED:
+                yield from _leaves(f"{path}.{name}" if path else name, getattr(a, name), getattr(b, name))
+    elif isinstance(a, tuple) and isinstance(b, tuple) and len(a) == len(b):
+        for index, (one, other) in enumerate(zip(a, b, strict=True)):
+            yield from _leaves(f"{path}[{index}]", one, other)
+    elif isinstance(a, tuple) and isinstance(b, tuple):
+        yield f"{path}.count", len(a), len(b)
+    else:
+        yield path, a, b
+
+
+def _compare_leaf(path: str, a: Any, b: Any, rule: Tolerance) -> list[Difference]:
+    if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
+        return _compare_arrays(path, a, b, rule)
+    if isinstance(a, float) and isinstance(b, float):
+        if a == b or (math.isnan(a) and math.isnan(b)) or abs(a - b) <= rule.value:
+            return []
+        return [Difference(path, _number(a), _number(b), _number(abs(a - b)), rule.value, rule.unit)]
+    return [] if a == b and type(a) is type(b) else [_plain(path, _value(a), _value(b), rule.unit)]
+
+
+def _compare_arrays(path: str, a: npt.NDArray[Any], b: npt.NDArray[Any], rule: Tolerance) -> list[Difference]:
+    if a.shape != b.shape:
+        return [_plain(f"{path}.shape", list(a.shape), list(b.shape))]
+    if a.dtype in (np.uint8, np.bool_):
+        differing = int((a != b).reshape(*a.shape[:2], -1).any(axis=-1).sum())
+        allowed = rule.value if rule.unit == "px" else 0.0
+        return [Difference(path, 0, differing, float(differing), allowed, "px")] if differing > allowed else []
+    if rule.unit == POSE:
+        return _compare_poses(path, a, b, rule)
+    deviation = np.where(np.isnan(a) & np.isnan(b), 0.0, np.abs(np.asarray(a, float) - b))
+    if not deviation.size or float(np.nan_to_num(deviation, nan=np.inf).max()) <= rule.value:
+        return []
+    where = np.unravel_index(int(np.nan_to_num(deviation, nan=np.inf).argmax()), a.shape)
+    label = f"{path}[{','.join(str(int(index)) for index in where)}]"
+    return [Difference(label, _number(a[where]), _number(b[where]), _number(deviation[where]), rule.value, rule.unit)]
+
+
+def _compare_poses(path: str, a: npt.NDArray[Any], b: npt.NDArray[Any], rule: Tolerance) -> list[Difference]:
+    found = []
+    moved_mm = float(np.linalg.norm(a[:3, 3] - b[:3, 3])) * 1e3
+    if not moved_mm <= rule.value:
+        mm = [[round(float(value) * 1e3, 4) for value in pose[:3, 3]] for pose in (a, b)]
+        found.append(Difference(f"{path}.translation", *mm, _number(moved_mm), rule.value, "mm"))
+    # Frobenius distance of rotations is 2 sqrt(2) sin(angle / 2): exact near zero, where arccos of the trace is not.
+    chord = float(np.linalg.norm(a[:3, :3] - b[:3, :3])) / (2 * math.sqrt(2))
+    turned_deg = math.degrees(2 * math.asin(min(1.0, chord)))
+    if not turned_deg <= rule.value:
+        found.append(Difference(f"{path}.rotation", 0.0, _number(turned_deg), _number(turned_deg), rule.value, "deg"))
+    return found
+
+
+def _plain(path: str, recorded: Any, replayed: Any, unit: str = "") -> Difference:
+    return Difference(path, recorded, replayed, None, 0.0, unit)
+
+
+def _number(value: Any) -> float | str:
+    """A float JSON can hold; NaN and infinity as text."""
+    number = float(value)
+    return number if math.isfinite(number) else str(number)
+
+
+def _value(value: Any) -> Any:
+    if isinstance(value, float):
+        return _number(value)
+    return value if value is None or isinstance(value, (str, int, bool)) else str(value)
+
+
+def _short(value: Any) -> str:
+    text = f"{value:.6g}" if isinstance(value, float) else str(value)
+    return text if len(text) <= 80 else text[:77] + "..."

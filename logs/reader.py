@@ -1,0 +1,149 @@
+"""Reads one recorded cycle: what every stage worked on and gave, and how it ended."""
+
+from __future__ import annotations
+
+import json
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from mcap.exceptions import McapError
+from mcap.reader import SeekingReader, make_reader
+from mcap.records import Channel, Schema
+from mcap.records import Message as McapMessage
+
+from bus import topics
+from bus.codec import decode, frame_from_wire, frame_stamp_ns
+from bus.commands import CellState, Event
+from bus.errors import BadPayload, RecordingError
+from bus.messages import CycleResult, Execution, Frame, HandState, Observation, StageRecord, View
+from logs.recorder import PART
+
+STAGE_TOPICS = (topics.CAPTURE, topics.DETECT, topics.PLAN, topics.EXECUTE, topics.VERIFY, topics.DELIVER)
+_STATION = "station.json"
+
+
+class Timed(NamedTuple):
+    """One recorded payload: when it was logged [ns UTC] and what it says."""
+
+    log_time_ns: int
+    message: Any
+
+
+@dataclass(frozen=True)
+class CycleRecord:
+    """One cycle as it was recorded.
+
+    Attributes:
+        metadata: versions, seeds, hashes; then the result's own.
+        station: the station file's tree, as configured then.
+        stages: the record of every stage that ran, in order.
+        observation, after: what was seen before the pick, and while holding; None when not reached.
+        states, events, hand: what the cell and the hand said, in order.
+    """
+
+    cycle_id: str
+    metadata: dict[str, str]
+    station: dict[str, Any]
+    stages: dict[str, StageRecord[Any]]
+    observation: Observation | None
+    after: Observation | None
+    result: CycleResult | None
+    states: tuple[Timed, ...] = ()
+    events: tuple[Timed, ...] = ()
+    hand: tuple[Timed, ...] = ()
+
+
+@dataclass
+class _Raw:
+    """The file's content, by topic key."""
+
+    metadata: dict[str, str] = field(default_factory=dict)
+    station: dict[str, Any] | None = None
+    payloads: dict[str, list[tuple[int, bytes]]] = field(default_factory=lambda: defaultdict(list))
+
+
+def read_cycle(path: Path) -> CycleRecord:
+    """Read one closed recording. Raises: RecordingError, saying what is wrong with the file."""
+    raw = _read(path)
+    if raw.station is None or "cycle_id" not in raw.metadata:
+        raise RecordingError(f"{path} is an MCAP, but not a recording of this cell.", f"It lacks {_STATION}.")
+    try:
+        return _cycle(raw)
+    except BadPayload as error:
+        raise RecordingError(f"{path} holds a damaged message: {error.text}", "It cannot be replayed.") from error
+
+
+def _read(path: Path) -> _Raw:
+    if path.name.endswith(PART):
+        raise RecordingError(f"{path} was not finished.", "The process that wrote it ended in the middle of the cycle.")
+    if not path.is_file():
+        raise RecordingError(f"There is no recording {path}.", "See `cell cycles`.")
+    raw = _Raw()
+    try:
+        with path.open("rb") as file:
+            for _, channel, message in _messages(make_reader(file, validate_crcs=True), raw):
+                raw.payloads[channel.topic.removeprefix("/")].append((message.log_time, message.data))
+    except (McapError, OSError, ValueError, KeyError, EOFError, OverflowError, MemoryError) as error:
+        raise RecordingError(
+            f"{path} is damaged or no MCAP ({type(error).__name__}).", "Copy it again from where it was recorded."
+        ) from error
+    return raw
+
+
+def _messages(reader: Any, raw: _Raw) -> Iterator[tuple[Schema | None, Channel, McapMessage]]:
+    if not isinstance(reader, SeekingReader):
+        raise ValueError("not seekable")
+    for metadata in reader.iter_metadata():
+        raw.metadata.update(metadata.metadata)
+    for attachment in reader.iter_attachments():
+        if attachment.name == _STATION:
+            raw.station = json.loads(attachment.data)
+    yield from reader.iter_messages(log_time_order=False)
+
+
+def _cycle(raw: _Raw) -> CycleRecord:
+    stages = {
+        record.stage: record
+        for topic in STAGE_TOPICS
+        for record in (decode(topic.says, payload) for _, payload in raw.payloads.get(topic.key, []))
+    }
+    frames = dict(_frames(raw))
+    capture, execute = stages.get("capture"), stages.get("execute")
+    execution: Execution | None = execute.result if execute is not None else None
+    results = raw.payloads.get(topics.RESULT.key, [])
+    return CycleRecord(
+        cycle_id=raw.metadata["cycle_id"],
+        metadata=raw.metadata,
+        station=raw.station or {},
+        stages=dict(stages),
+        observation=_observation(capture.result if capture is not None else None, frames),
+        after=_observation(execution.after if execution is not None else None, frames),
+        result=decode(CycleResult, results[-1][1]) if results else None,
+        states=_timed(raw, topics.STATE.key, CellState),
+        events=_timed(raw, topics.EVENT.key, Event),
+        hand=_timed(raw, topics.HAND_STATE.key, HandState),
+    )
+
+
+def _timed(raw: _Raw, key: str, kind: type[Any]) -> tuple[Timed, ...]:
+    return tuple(Timed(log_time_ns, decode(kind, payload)) for log_time_ns, payload in raw.payloads.get(key, []))
+
+
+def _frames(raw: _Raw) -> Iterator[tuple[int, Frame]]:
+    """Every recorded frame by its stamp. The five parts of one were recorded together, in order."""
+    keys = [topic.key for topic in topics.FRAME_PARTS]
+    for parts in zip(*(raw.payloads.get(key, []) for key in keys), strict=True):
+        wire = {key: payload for key, (_, payload) in zip(keys, parts, strict=True)}
+        yield frame_stamp_ns(wire), frame_from_wire(wire)
+
+
+def _observation(view: View | None, frames: dict[int, Frame]) -> Observation | None:
+    if view is None:
+        return None
+    frame = frames.get(view.stamp_ns)
+    if frame is None:
+        raise BadPayload(f"The frame with the stamp {view.stamp_ns} is missing.")
+    return Observation(view=view, frame=frame)

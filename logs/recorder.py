@@ -1,0 +1,126 @@
+"""Writes one cycle into one MCAP, so that a killed process loses nothing that was flushed.
+
+The file is ``<path>.part`` until it is closed. Chunks are compressed and closed at every flush: an MCAP reader that goes
+through an unfinished file finds every message up to the last flush.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from types import TracebackType
+
+from mcap.writer import CompressionType, Writer
+
+from bus.codec import schema_of
+from bus.errors import RecordingError
+
+PART = ".part"
+_MODE = 0o640
+_PROFILE, _LIBRARY = "", "vlad-cell"
+_MESSAGE_ENCODING = {"jsonschema": "json", "protobuf": "protobuf"}
+
+
+def ensure_space(folder: Path, min_free_mb: float) -> None:
+    """Make ``folder`` and check its disk. Raises: RecordingError when it cannot be made or too little is free."""
+    with _as_recording_error(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        free_mb = shutil.disk_usage(folder).free / 1e6
+    if free_mb < min_free_mb:
+        raise RecordingError(
+            f"Only {free_mb:.0f} MB are free in {folder}; recording needs {min_free_mb:.0f} MB.",
+            "Delete or move old recordings, or set recording.folder.",
+        )
+
+
+class Recorder:
+    """One recording. Thread-safe; every method raises RecordingError when the disk fails.
+
+    Args:
+        path: the final ``.mcap``; its folders are made.
+        metadata: what must be known to run the cycle again; written first.
+        clock: UTC [ns].
+    """
+
+    def __init__(self, path: Path, *, metadata: Mapping[str, str], clock: Callable[[], int]) -> None:
+        self.path = path
+        self._clock = clock
+        self._lock = threading.Lock()
+        self._channels: dict[tuple[str, str], int] = {}
+        self._schemas: dict[str, int] = {}
+        self._sequence: dict[int, int] = {}
+        with _as_recording_error(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            descriptor = os.open(self._part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, _MODE)
+            self._file = os.fdopen(descriptor, "wb")
+            self._writer = Writer(self._file, compression=CompressionType.ZSTD)
+            self._writer.start(profile=_PROFILE, library=_LIBRARY)
+            self._writer.add_metadata("run", dict(metadata))
+
+    @property
+    def _part(self) -> Path:
+        return self.path.with_name(self.path.name + PART)
+
+    def write(self, key: str, encoding: str, payload: bytes, *, log_time_ns: int) -> None:
+        """Append one payload that travelled on ``key`` with a Zenoh ``encoding`` of the topic table."""
+        with self._lock, _as_recording_error(self.path):
+            channel = self._channel(key, encoding)
+            self._sequence[channel] = sequence = self._sequence.get(channel, 0) + 1
+            self._writer.add_message(channel, log_time_ns, payload, log_time_ns, sequence)
+
+    def attach(self, name: str, media_type: str, data: bytes) -> None:
+        """Store a whole file beside the messages."""
+        now_ns = self._clock()
+        with self._lock, _as_recording_error(self.path):
+            self._writer.add_attachment(now_ns, now_ns, name, media_type, data)
+
+    def flush(self) -> None:
+        """Close the chunk and hand everything to the operating system."""
+        with self._lock, _as_recording_error(self.path):
+            self._writer.flush()
+
+    def close(self, result: Mapping[str, str]) -> Path:
+        """Write ``result``, the index and the footer, sync, and give the file its final name; idempotent."""
+        with self._lock, _as_recording_error(self.path):
+            if not self._file.closed:
+                self._writer.add_metadata("result", dict(result))
+                self._writer.finish()
+                self._file.flush()
+                os.fsync(self._file.fileno())
+                self._file.close()
+                self._part.rename(self.path)
+        return self.path
+
+    def __enter__(self) -> Recorder:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.close({} if error is None else {"error": str(error)})
+
+    def _channel(self, key: str, encoding: str) -> int:
+        known = self._channels.get((key, encoding))
+        if known is not None:
+            return known
+        schema = schema_of(encoding)
+        if schema.name not in self._schemas:
+            self._schemas[schema.name] = self._writer.register_schema(schema.name, schema.encoding, schema.data)
+        message_encoding = _MESSAGE_ENCODING[schema.encoding]
+        channel: int = self._writer.register_channel(f"/{key}", message_encoding, self._schemas[schema.name])
+        self._channels[key, encoding] = channel
+        return channel
+
+
+@contextmanager
+def _as_recording_error(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise RecordingError(
+            f"Cannot record into {path}: {error.strerror or error}.", "Check the disk's space and rights."
+        ) from error

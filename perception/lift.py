@@ -1,0 +1,54 @@
+"""Pixels to points and back, with the pinhole model (undistorted images only)."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from bus.arrays import Transform
+from bus.messages import CameraModel
+
+Array = npt.NDArray[np.float64]
+
+
+def lift(mask: npt.NDArray[np.bool_], depth_m: npt.NDArray[np.float32], camera: CameraModel) -> Array:
+    """Points (n, 3) [m] in the camera frame of the masked pixels that have depth, in row-major order."""
+    v, u = np.nonzero(mask & np.isfinite(depth_m))
+    return lift_pixels(np.stack([u, v], axis=1).astype(float), depth_m[v, u].astype(float), camera)
+
+
+def lift_pixels(pixels_px: Array, depth_m: Array, camera: CameraModel) -> Array:
+    """Points (n, 3) of pixels (n, 2) = (u, v) at z-depth ``depth_m`` (n,)."""
+    x = (pixels_px[:, 0] - camera.cx) / camera.fx * depth_m
+    y = (pixels_px[:, 1] - camera.cy) / camera.fy * depth_m
+    return np.stack([x, y, depth_m], axis=1)
+
+
+def project(points: Array, camera: CameraModel) -> Array:
+    """Pixels (n, 2) = (u, v) of points (n, 3) in front of the camera."""
+    return np.stack(
+        [
+            points[:, 0] / points[:, 2] * camera.fx + camera.cx,
+            points[:, 1] / points[:, 2] * camera.fy + camera.cy,
+        ],
+        axis=1,
+    )
+
+
+def transform(a_from_b: Transform, points: Array) -> Array:
+    """Points (n, 3) from frame b to frame a."""
+    return np.asarray(points @ a_from_b[:3, :3].T + a_from_b[:3, 3])
+
+
+def inverse(a_from_b: Transform) -> Transform:
+    """b_from_a of a rigid transform."""
+    b_from_a = np.eye(4)
+    b_from_a[:3, :3] = a_from_b[:3, :3].T
+    b_from_a[:3, 3] = -a_from_b[:3, :3].T @ a_from_b[:3, 3]
+    return b_from_a
+
+
+def thin(points: Array, most: int) -> npt.NDArray[np.float32]:
+    """At most ``most`` of the points, evenly picked, for showing and logging."""
+    step = max(1, -(-len(points) // most))
+    return np.asarray(points[::step], dtype=np.float32)
