@@ -2,19 +2,24 @@
 
 import json
 import sys
+import time
 
 import zenoh
 
 cell = f"cell/{sys.argv[1] if len(sys.argv) > 1 else 'sim'}"
-config = zenoh.Config.from_json5(
-    '{mode: "client", connect: {endpoints: ["tcp/127.0.0.1:7447"]}, scouting: {multicast: {enabled: false}}}'
-)
-with zenoh.open(config) as session, session.declare_subscriber(f"{cell}/cycle/result") as results:
-    for verb in ("reset", "pick"):
-        for reply in session.get(f"{cell}/command/{verb}", payload="{}", encoding="application/json", timeout=5):
-            answer = json.loads((reply.ok or reply.err).payload.to_string())
-            print(verb, "->", answer)
-        while verb == "reset" and "Resetting" in session.get(f"{cell}/state").recv().ok.payload.to_string():
-            pass
-    if answer.get("ok"):
+config = '{mode: "client", connect: {endpoints: ["tcp/127.0.0.1:7447"]}, scouting: {multicast: {enabled: false}}}'
+
+
+def ask(key: str) -> dict:
+    reply = session.get(f"{cell}/{key}", payload="{}", timeout=5).recv()
+    return json.loads((reply.ok or reply.err).payload.to_string())
+
+
+with zenoh.open(zenoh.Config.from_json5(config)) as session:
+    results = session.declare_subscriber(f"{cell}/cycle/result")
+    print("reset ->", ask("command/reset")["reason"] or "accepted")
+    while ask("state")["state"] == "Resetting":
+        time.sleep(0.1)
+    print("pick ->", answer := ask("command/pick"))
+    if answer["ok"]:
         print("result ->", json.loads(results.recv().payload.to_string()))

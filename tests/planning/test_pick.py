@@ -74,6 +74,18 @@ def test_a_tilted_grasp_keeps_the_objects_tilt_where_it_is_laid_down(robot: Robo
     assert np.allclose(laid[2, :3] ** 2, tilted.base_from_tcp[2, :3] ** 2, atol=1e-9), "only turned about the vertical"
 
 
+@pytest.mark.parametrize(("x", "y", "yaw"), [(0.41, -0.16, -0.8), (0.45, -0.1, -1.5), (0.44, 0.16, -1.8)])
+def test_the_held_object_is_carried_steadily_where_the_fastest_way_would_swing_it(
+    robot: Robot, x: float, y: float, yaw: float
+) -> None:
+    steady = plan_pick(robot, STATION, [grasp(x, y, 0.05, yaw)], CAPTURE)
+    for segment in steady.segments:
+        if segment.name in ("view", "place"):
+            poses = [robot.base_from_tcp(q) for q in segment.trajectory.filtered()[::20]]
+            assert max(pose[2, 2] for pose in poses) < -np.cos(np.radians(21.0)), "tool within 21 degrees of down"
+            assert min(pose[2, 3] for pose in poses) > min(poses[0][2, 3], poses[-1][2, 3]) - 0.025
+
+
 def test_a_low_grasp_is_raised_until_the_finger_tips_clear_the_table(robot: Robot) -> None:
     low = plan_pick(robot, STATION, [grasp(0.45, 0.05, 0.004)], CAPTURE)
     tips_m = robot.base_from_tcp(ends(low)["approach"])[2, 3] - FINGER_TIP_M

@@ -1,0 +1,78 @@
+"""The last check before an arm moves. It refuses and never repairs: what it lets through is played unchanged."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+
+import numpy as np
+
+from bus.errors import CellError, MotionRefused
+from bus.messages import ArmMode, ArmState, Motion
+from bus.trajectory import Trajectory
+from config.limits import check
+from config.schema import Station
+from drivers.interface import Arm
+
+
+class Guard:
+    """An `Arm` that refuses every trajectory which another arm should not play.
+
+    Args:
+        arm: the arm that moves.
+        station: ``arm.start_tolerance_rad`` is read from it.
+    """
+
+    def __init__(self, arm: Arm, station: Station) -> None:
+        self._arm = arm
+        self._start_tolerance_rad = station.arm.start_tolerance_rad
+
+    def connect(self) -> None:
+        self._arm.connect()
+
+    def state(self) -> ArmState:
+        return self._arm.state()
+
+    def execute(self, trajectory: Trajectory) -> Motion:
+        """Check, then play.
+
+        Raises:
+            MotionRefused: nothing moved; the text names the limit, joint and time, or the joint that is elsewhere.
+            ArmReflex: from the arm.
+        """
+        _require_limits(trajectory)
+        _require_ready(self._arm.state(), trajectory, self._start_tolerance_rad)
+        return self._arm.execute(trajectory)
+
+    def stop(self) -> None:
+        """Passed on unchecked. An arm that cannot be asked to stop is not moving, so no error is raised."""
+        with suppress(CellError):
+            self._arm.stop()
+
+    def recover(self) -> None:
+        self._arm.recover()
+
+    def close(self) -> None:
+        self._arm.close()
+
+
+def _require_limits(trajectory: Trajectory) -> None:
+    if not np.isfinite(trajectory.raw_q_rad).all():
+        raise MotionRefused("The trajectory has a joint position that is not a finite number.", "Plan it again.")
+    report = check(trajectory.filtered())
+    if not report.ok:
+        raise MotionRefused(report.describe(), "Plan the motion again; trajectories from `planning` keep every limit.")
+
+
+def _require_ready(state: ArmState, trajectory: Trajectory, tolerance_rad: float) -> None:
+    if state.mode is not ArmMode.IDLE:
+        raise MotionRefused(
+            f"The arm is not idle: it reports {state.mode.value}.", "Wait, stop it or recover it first."
+        )
+    away = np.abs(trajectory.start_q_rad - state.q_rad)
+    if not (away <= tolerance_rad).all():
+        joint = int(np.argmax(away))
+        raise MotionRefused(
+            f"The motion starts {away[joint]:.3f} rad away from where joint {joint + 1} is"
+            f" (allowed: {tolerance_rad:.3f} rad).",
+            "Plan it from the measured position.",
+        )

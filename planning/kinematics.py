@@ -1,0 +1,135 @@
+"""Closed-form inverse kinematics of the FR3 over its one free joint, q7.
+
+Geometry after He & Liu, "Analytical Inverse Kinematics for Franka Emika Panda - a Geometrical Solver for 7-DOF
+Manipulators with Unconventional Design", ICCMA 2021. Shoulder S (joints 1-3 meet nearly there), elbow and wrist W lie
+in one plane; a given q7 fixes W, the triangle S-elbow-W fixes q4, the forearm's angle to S-W leaves two q6, and each
+leaves two (q1, q2, q3): at most four solutions. The arm stretched beyond q4 = -0.47 is left out (nearly singular).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from bus.arrays import Joints, JointSamples, Transform
+from config.limits import ACCELERATION_RAD_S2, LOWER_RAD, UPPER_RAD, velocity_bounds
+
+Array = npt.NDArray[np.float64]
+
+# Link constants [m], franka_description ``fr3/kinematics.yaml`` (Craig's DH).
+D1, D3, D5 = 0.333, 0.316, 0.384
+A4, A7 = 0.0825, 0.088
+FLANGE = 0.107
+
+_BEND = np.arctan2(D3, A4) + np.arctan2(D5, A4)  # angle S-elbow-W of the straight arm (q4 = 0)
+_UPPER_ARM, _FOREARM = np.hypot(D3, A4), np.hypot(D5, A4)
+
+
+def q7_grid(count: int = 61) -> Array:
+    """Evenly spaced values of q7 (count,) inside its limits."""
+    return np.linspace(LOWER_RAD[6], UPPER_RAD[6], count)
+
+
+def inverse(base_from_flange: Transform, q7_rad: Array) -> JointSamples:
+    """All solutions (k, 7) inside the position limits, for the given values (n,) of q7."""
+    q = branches(base_from_flange, q7_rad).reshape(-1, 7)
+    with np.errstate(invalid="ignore"):
+        inside = ((q >= LOWER_RAD) & (q <= UPPER_RAD)).all(axis=1)
+    return np.asarray(q[inside])
+
+
+def branches(base_from_flange: Array, q7_rad: Array) -> Array:
+    """The four solutions of each pose, whether inside the limits or not.
+
+    Args:
+        base_from_flange: (..., 4, 4).
+        q7_rad: (...), broadcast against it.
+
+    Returns:
+        (..., 4, 7); NaN where the pose is out of reach. Branches keep their place while the pose moves.
+    """
+    with np.errstate(invalid="ignore"):
+        q7, x, z, wrist = _wrist(base_from_flange, q7_rad)
+        q4, shoulder_x, shoulder_y = _elbow(wrist)
+        q6 = _wrist_bend(x, z, wrist, shoulder_y - D5)
+        # Forearm frame (joint 4), now that its direction is known: (..., 2, 3)
+        x, z, wrist = x[..., None, :], z[..., None, :], wrist[..., None, :]
+        sin6, cos6 = np.sin(q6)[..., None], np.cos(q6)[..., None]
+        y4 = sin6 * x - cos6 * z
+        x4 = (-wrist - (shoulder_y - D5)[..., None, None] * y4) / (shoulder_x + A4)[..., None, None]
+        z4 = np.cross(x4, y4)
+        x5 = cos6 * x + sin6 * z
+        q5 = np.arctan2(-_dot(z4, x5), _dot(x4, x5))
+        q1, q2, q3 = _shoulder(x4, y4, z4, q4[..., None])
+    shape = q1.shape  # (..., 2, 2)
+    parts = (q1, q2, q3, q4[..., None, None], q5[..., None], np.mod(q6, 2 * np.pi)[..., None], q7[..., None, None])
+    q = np.stack([np.broadcast_to(part, shape) for part in parts], axis=-1)
+    return np.asarray(q.reshape(*shape[:-2], 4, 7))
+
+
+def _dot(a: Array, b: Array) -> Array:
+    return np.asarray((a * b).sum(axis=-1))
+
+
+def _wrist(base_from_flange: Array, q7_rad: Array) -> tuple[Array, Array, Array, Array]:
+    """q7, the x axis of link 6, the flange's z axis, and W - S; all broadcast."""
+    shape = np.broadcast_shapes(base_from_flange.shape[:-2], q7_rad.shape)
+    pose = np.broadcast_to(base_from_flange, (*shape, 4, 4))
+    q7 = np.broadcast_to(q7_rad, shape)
+    z = pose[..., :3, 2]
+    x = np.cos(q7)[..., None] * pose[..., :3, 0] - np.sin(q7)[..., None] * pose[..., :3, 1]
+    wrist = pose[..., :3, 3] - FLANGE * z - A7 * x - np.array([0.0, 0.0, D1])
+    return q7, x, z, wrist
+
+
+def _elbow(wrist: Array) -> tuple[Array, Array, Array]:
+    """q4, and S in the x-y plane of the forearm frame, from W - S (..., 3)."""
+    cosine = (_UPPER_ARM**2 + _FOREARM**2 - _dot(wrist, wrist)) / (2 * _UPPER_ARM * _FOREARM)
+    q4 = np.arccos(np.where(np.abs(cosine) <= 1.0, cosine, np.nan)) + _BEND - 2 * np.pi
+    sin4, cos4 = np.sin(q4), np.cos(q4)
+    return q4, -A4 * cos4 - D3 * sin4, A4 * sin4 - D3 * cos4
+
+
+def _wrist_bend(x: Array, z: Array, wrist: Array, along_forearm: Array) -> Array:
+    """Both q6 (..., 2) that give S - W the component ``along_forearm`` along the forearm, ``sin q6 x - cos q6 z``."""
+    a, b = -_dot(x, wrist), _dot(z, wrist)
+    cosine = along_forearm / np.hypot(a, b)
+    half = np.arccos(np.where(np.abs(cosine) <= 1.0, cosine, np.nan))
+    middle = np.arctan2(a, b)
+    return np.stack([middle + half, middle - half], axis=-1)
+
+
+def _shoulder(x4: Array, y4: Array, z4: Array, q4: Array) -> tuple[Array, Array, Array]:
+    """Both (q1, q2, q3), each (..., 2, 2), from the forearm frame (..., 2, 3)."""
+    sin4, cos4 = np.sin(q4)[..., None], np.cos(q4)[..., None]
+    x3, z3 = cos4 * x4 - sin4 * y4, sin4 * x4 + cos4 * y4
+    up = np.arctan2(np.hypot(z3[..., 0], z3[..., 1]), z3[..., 2])
+    turn = np.arctan2(z3[..., 1], z3[..., 0])
+    q1 = np.stack([turn, np.where(turn > 0, turn - np.pi, turn + np.pi)], axis=-1)
+    q2 = np.stack([up, -up], axis=-1)
+    sin1, cos1, zero = np.sin(q1), np.cos(q1), np.zeros_like(q1)
+    x2 = np.stack([cos1 * np.cos(q2), sin1 * np.cos(q2), -np.sin(q2)], axis=-1)
+    y2 = np.stack([-sin1, cos1, zero], axis=-1)
+    x3 = x3[..., None, :]
+    return q1, q2, np.arctan2(_dot(y2, x3), _dot(x2, x3))
+
+
+def rest_to_rest_s(q_from_rad: Array, q_to_rad: Array) -> Array:
+    """Shortest time (...) of a joint motion (..., 7) from rest to rest at the limits of speed and acceleration."""
+    distance = np.abs(q_to_rad - q_from_rad)
+    speed = velocity_bounds((LOWER_RAD + UPPER_RAD) / 2)[1]
+    ramp = speed**2 / ACCELERATION_RAD_S2
+    short, long = 2 * np.sqrt(distance / ACCELERATION_RAD_S2), distance / speed + speed / ACCELERATION_RAD_S2
+    return np.asarray(np.where(distance < ramp, short, long).max(axis=-1))
+
+
+def limit_distance_rad(q_rad: Array) -> Array:
+    """Distance (...) of the nearest joint of (..., 7) to its position limit; negative outside."""
+    return np.asarray(np.minimum(q_rad - LOWER_RAD, UPPER_RAD - q_rad).min(axis=-1))
+
+
+def cost(q_from_rad: Joints, q_rad: JointSamples, manipulability: Array) -> Array:
+    """Cost (k,) of solutions (k, 7), lower is better: time to get there, nearness of singularities and limits."""
+    singular = np.maximum(0.0, 0.06 - manipulability) / 0.06
+    near_limit = np.maximum(0.0, 0.1 - limit_distance_rad(q_rad)) / 0.1
+    return np.asarray(rest_to_rest_s(q_from_rad, q_rad) + 0.3 * singular + 0.3 * near_limit)
