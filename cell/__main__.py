@@ -1,4 +1,4 @@
-"""The command line: ``cell --help``. Exit codes: 0 done, 1 robot failed, 2 usage or config, 3 refused, 4 unreachable."""
+"""The command line, ``cell --help``. Exits: 0 done, 1 robot failed, 2 usage or config, 3 refused, 4 unreachable."""
 
 from __future__ import annotations
 
@@ -12,9 +12,6 @@ from typing import Annotated, Any
 
 import click
 import typer
-from logs.index import list_cycles
-from logs.reader import read_cycle
-from logs.report import write_report
 from rich.console import Console
 
 from bus.commands import CommandRequest
@@ -28,6 +25,9 @@ from cell.machine import refuse
 from cell.replay import replay_file
 from config.load import DEFAULT_STATION, load_station
 from config.schema import Station
+from logs.index import list_cycles
+from logs.reader import read_cycle
+from logs.report import write_report
 
 app = typer.Typer(
     help="VLAD Cell: picks objects it has never seen, explains every pick, and can replay it.",

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from planning.robot import Robot
-
 from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.session import Bus
@@ -15,6 +13,7 @@ from cell.nodes import Supervisor
 from config.schema import Station
 from drivers import registry
 from drivers.remote import remote_devices
+from planning.robot import Robot
 
 
 @contextmanager

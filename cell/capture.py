@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from planning.robot import Robot
 
 from bus.errors import StaleFrame
 from bus.messages import Observation, View
 from drivers.interface import Arm, Camera
+from planning.robot import Robot
 
 _REST_RAD = 2e-3
 

@@ -8,8 +8,6 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from logs.reader import read_cycle
-from logs.report import write_report
 from rich.console import Console
 
 from bus.codes import ADVICE
@@ -17,6 +15,8 @@ from bus.commands import CellState, Event
 from bus.frozen import Message
 from bus.messages import CycleResult, Detections, Execution, PickPlan, StageRecord, Verdict
 from bus.topics import Topic
+from logs.reader import read_cycle
+from logs.report import write_report
 
 _RESULT_STYLE = {"SUCCESS": "bold green", "EMPTY": "bold yellow"}
 

@@ -7,8 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Literal, TypeVar
 
-from planning.robot import Robot
-
 from bus import topics
 from bus.codec import transforms_to_wire
 from bus.codes import Code
@@ -24,6 +22,7 @@ from cell.plan import plan
 from cell.verify import verify
 from config.schema import Station
 from drivers.interface import Arm, Camera, Hand
+from planning.robot import Robot
 
 ResultT = TypeVar("ResultT", bound=Message)
 Say = Callable[[Topic, "Message | bytes"], None]

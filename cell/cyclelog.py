@@ -13,11 +13,10 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-from logs.recorder import Recorder
-
 from bus.codes import Code
 from bus.errors import CycleFailure, RecordingError
 from bus.session import Heard
+from logs.recorder import Recorder
 
 FLUSH_PERIOD_S = 0.1
 _FLUSH_AFTER = ("cycle/", "state")

@@ -10,9 +10,6 @@ from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 
 import numpy as np
-from logs.recorder import ensure_space
-from planning.robot import Robot
-from planning.timing import move
 
 from bus import topics
 from bus.codec import decode, encode
@@ -30,6 +27,9 @@ from cell.runinfo import run_info
 from cell.states import State, available
 from config.schema import Station
 from drivers.interface import Devices
+from logs.recorder import ensure_space
+from planning.robot import Robot
+from planning.timing import move
 
 _log = logging.getLogger(__name__)
 
@@ -37,7 +37,8 @@ Observer = Callable[[Topic, "Message | bytes"], None]
 
 CELL_CLIENT = "cell"
 """``client_id`` of the commands the daemon gives itself between the cycles of one ``start``."""
-_REST_RAD_S = 0.02
+_REST_RAD_S = 0.1
+"""Below this the arm rests: the FR3's measured velocity chatters by up to 0.08 rad/s at standstill."""
 _STOP_PATIENCE_S = 20.0
 _AT_CAPTURE_RAD = 1e-3
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from planning.pick import plan_pick
-from planning.robot import Robot
-
 from bus.messages import Detections, Observation, PickPlan
 from config.schema import Station
+from planning.pick import plan_pick
+from planning.robot import Robot
 
 
 def plan(detections: Detections, observation: Observation, robot: Robot, station: Station) -> PickPlan:

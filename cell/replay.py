@@ -7,9 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from logs.compare import Difference, compare
-from logs.reader import CycleRecord, read_cycle
-from planning.robot import Robot
 from rich.console import Console
 
 from bus.errors import CycleFailure, RecordingError
@@ -18,6 +15,9 @@ from bus.messages import Failure
 from cell.stages import STAGES, Stage
 from config.load import station_from
 from config.schema import Station
+from logs.compare import Difference, compare
+from logs.reader import CycleRecord, read_cycle
+from planning.robot import Robot
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-from logs.compare import Tolerance
-from logs.reader import CycleRecord
-from planning.robot import Robot
-
 from bus import topics
 from bus.errors import RecordingError
 from bus.frozen import Message
@@ -22,6 +18,9 @@ from cell.detect import detect
 from cell.plan import plan
 from cell.verify import verify
 from config.schema import Station
+from logs.compare import Tolerance
+from logs.reader import CycleRecord
+from planning.robot import Robot
 
 Rerun = Callable[[CycleRecord, Station, Robot], Message]
 

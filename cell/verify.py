@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from perception.change import cleared_fraction
-from planning.robot import Robot
 
 from bus.codes import Code
 from bus.messages import Detections, Execution, HandState, Observation, SegmentRun, Verdict
 from config.schema import Station
+from perception.change import cleared_fraction
+from planning.robot import Robot
 
 _TAIL = 20
 """Measured samples (10 ms each) at the end of the transit that weigh the empty hand."""

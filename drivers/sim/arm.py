@@ -14,6 +14,8 @@ from drivers.stream import Stream
 
 _MEASURE_TICKS = 10
 _TORQUE_NOISE_NM = 0.02
+_REST_RAD_S = 0.005
+_SETTLE_TICKS = 300
 
 
 class SimArm:
@@ -63,6 +65,7 @@ class SimArm:
             self._world.tick()
             commanded.append(command)
             self._world.pace(len(commanded))
+        self._settle()
         measured.append(self._world.arm())
         self._motions += 1
         rng = np.random.default_rng([self._world.station.sim.seed, self._motions])
@@ -76,6 +79,13 @@ class SimArm:
             dq_rad_s=dq_rad_s,
             tau_ext_nm=tau_ext_nm + rng.normal(0.0, _TORQUE_NOISE_NM, tau_ext_nm.shape),
         )
+
+    def _settle(self) -> None:
+        """Let the servos come to rest: in lockstep no time passes between two motions."""
+        for _ in range(_SETTLE_TICKS):
+            if np.abs(self._world.arm()[1]).max() < _REST_RAD_S:
+                return
+            self._world.tick()
 
     def stop(self) -> None:
         stream = self._stream

@@ -58,6 +58,7 @@ class World:
         """One millisecond with the present commands; the caller holds no lock."""
         with self.lock:
             self._step()
+            self._dq_command_rad_s = np.zeros(7)  # fed forward for one tick only: without a new command, stand still
 
     def _step(self) -> None:
         data = self.data
