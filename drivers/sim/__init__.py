@@ -1,5 +1,17 @@
-"""The simulated cell: camera, arm and hand of one MuJoCo world. No magic attach: what is not gripped falls."""
+"""The simulated cell: camera, arm and hand of one MuJoCo world.
+
+Nothing is attached by magic: what is not gripped falls.
+"""
 
 import os
 
+from bus.errors import DriverUnavailable
+
 os.environ.setdefault("MUJOCO_GL", "egl")  # headless; MuJoCo reads it when it is first imported
+try:
+    import mujoco as _mujoco  # noqa: F401
+except (ImportError, RuntimeError) as error:
+    raise DriverUnavailable(
+        f"MuJoCo cannot be imported: {error}.",
+        "Install EGL (apt-get install libegl1 libgl1-mesa-dri) and leave MUJOCO_GL unset or =egl.",
+    ) from error

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import threading
-
 import numpy as np
 
+from bus.arrays import Joints
 from bus.errors import NotConnected
 from bus.messages import ArmMode, ArmState, Motion
-from bus.trajectory import Trajectory
+from bus.trajectory import TICK_S, Trajectory
 from drivers.sim.world import World
 from drivers.stream import Stream
 
 _MEASURE_TICKS = 10
 _TORQUE_NOISE_NM = 0.02
-_REST_RAD_S = 0.005
-_SETTLE_TICKS = 300
+_STILL_RAD_S = 1e-3
+_PATIENCE_TICKS = 300
 
 
 class SimArm:
@@ -25,7 +24,6 @@ class SimArm:
         self._world = world
         self._connected = False
         self._stream: Stream | None = None
-        self._motion_lock = threading.Lock()
         self._motions = 0
 
     def connect(self) -> None:
@@ -48,7 +46,7 @@ class SimArm:
 
     def execute(self, trajectory: Trajectory) -> Motion:
         self._require()
-        with self._motion_lock:
+        with self._world.motion:
             stream = self._stream = Stream(trajectory)
             try:
                 return self._play(stream)
@@ -61,29 +59,34 @@ class SimArm:
         while (command := stream.next()) is not None:
             if len(commanded) % _MEASURE_TICKS == 0:
                 measured.append(self._world.arm())
-            self._world.command_arm(command)
+            self._world.command_arm(command, commanded[-1] if commanded else command)
             self._world.tick()
             commanded.append(command)
             self._world.pace(len(commanded))
-        self._settle()
+        ticks = list(range(0, len(commanded), _MEASURE_TICKS))
+        if len(commanded) - ticks[-1] < _MEASURE_TICKS / 2:  # the end takes the place of a sample just before it
+            measured.pop()
+            ticks.pop()
         measured.append(self._world.arm())
+        ticks.append(len(commanded))
+        self._settle(commanded[-1])
         self._motions += 1
         rng = np.random.default_rng([self._world.station.sim.seed, self._motions])
         q_rad, dq_rad_s, tau_ext_nm = (np.array(column) for column in zip(*measured, strict=True))
-        ticks = np.append(np.arange(len(measured) - 1) * _MEASURE_TICKS, len(commanded))
         return Motion(
             finished=stream.finished,
             commanded_q_rad=np.array(commanded).reshape(-1, 7),
-            t_s=ticks * 0.001,
+            t_s=np.array(ticks) * TICK_S,
             q_rad=q_rad,
             dq_rad_s=dq_rad_s,
             tau_ext_nm=tau_ext_nm + rng.normal(0.0, _TORQUE_NOISE_NM, tau_ext_nm.shape),
         )
 
-    def _settle(self) -> None:
-        """Let the servos come to rest: in lockstep no time passes between two motions."""
-        for _ in range(_SETTLE_TICKS):
-            if np.abs(self._world.arm()[1]).max() < _REST_RAD_S:
+    def _settle(self, q_rad: Joints) -> None:
+        """Hold the last command until the arm rests."""
+        self._world.command_arm(q_rad, q_rad)
+        for _ in range(_PATIENCE_TICKS):
+            if np.abs(self._world.arm_speed_rad_s()).max() < _STILL_RAD_S:
                 return
             self._world.tick()
 

@@ -14,7 +14,8 @@ _MAX_SPEED_M_S = 0.1
 _STILL_M = 2e-5
 _STILL_TICKS = 100
 _PATIENCE_TICKS = 5000
-_TOLERANCE_M = 2e-3
+_SQUEEZE_M = 0.010
+"""How far beyond closed the fingers are driven to grasp: enough to press with full force on anything thin."""
 
 
 class SimHand:
@@ -25,9 +26,7 @@ class SimHand:
         self._connected = False
         self._homed = False
         self._moving = False
-        self._target_m = world.station.hand.max_width_m
         self._halt = threading.Event()
-        self._motion_lock = threading.Lock()
 
     def connect(self) -> None:
         self._connected = True
@@ -57,7 +56,7 @@ class SimHand:
         self._require()
         if not (math.isfinite(force_n) and force_n > 0):
             raise HandFault(f"The hand cannot grasp with {force_n} N.", "Ask for a positive force.")
-        self._drive(-_TOLERANCE_M, speed_m_s, force_n)
+        self._drive(-_SQUEEZE_M, speed_m_s, force_n)
         return self.state()
 
     def home(self) -> HandState:
@@ -76,21 +75,22 @@ class SimHand:
         if not (math.isfinite(speed_m_s) and speed_m_s > 0):
             raise HandFault(f"The hand cannot move at {speed_m_s} m/s.", "Ask for a positive speed.")
         step_m = min(speed_m_s, _MAX_SPEED_M_S) * TICK_S
-        with self._motion_lock:
+        with self._world.motion:
             self._halt.clear()
             self._moving = True
             still, last_m = 0, self._world.hand_width_m()
+            target_m = last_m
             for tick in range(_PATIENCE_TICKS):
                 if self._halt.is_set():
                     break
-                self._target_m += max(-step_m, min(step_m, width_m - self._target_m))
-                self._world.command_hand(self._target_m, force_n)
+                target_m += max(-step_m, min(step_m, width_m - target_m))
+                self._world.command_hand(target_m, force_n)
                 self._world.tick()
                 self._world.pace(tick)
                 now_m = self._world.hand_width_m()
                 still = still + 1 if abs(now_m - last_m) < _STILL_M else 0
                 last_m = now_m
-                if still >= _STILL_TICKS and self._target_m == width_m:
+                if still >= _STILL_TICKS and target_m == width_m:
                     break
             self._moving = False
 

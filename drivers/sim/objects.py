@@ -15,6 +15,7 @@ OBJECT = "object"
 
 _FRICTION = (0.6, 0.005, 0.0005)
 _CONTACT_GROUP = 3  # where MJCF objects put their convex contact parts, beside a mesh to look at
+_VISUAL_SETTINGS = ("global_", "headlight", "map", "quality", "rgba", "scale")
 _Rgba = tuple[float, float, float, float]
 
 
@@ -35,10 +36,15 @@ class _Builder:
         axis: tuple[float, float, float] | None = None,
         heading_rad: float = 0.0,
     ) -> None:
-        """One primitive; ``axis`` is where its z axis points, ``heading_rad`` turns it about z."""
+        """One primitive; ``axis`` is where its z axis points, ``heading_rad`` turns it about z.
+
+        Without mass it is paint: seen, but not touched.
+        """
         geom = self._body.add_geom(type=kind, pos=pos, rgba=rgba, mass=mass_kg)
         geom.size[: len(size)] = size
         geom.friction, geom.condim = _FRICTION, 4
+        if mass_kg == 0:
+            geom.contype = geom.conaffinity = 0
         if axis is not None:
             quaternion = np.zeros(4)
             mujoco.mju_quatZ2Vec(quaternion, np.asarray(axis, dtype=float))
@@ -47,69 +53,86 @@ class _Builder:
             geom.quat = (np.cos(heading_rad / 2), 0.0, 0.0, np.sin(heading_rad / 2))
 
 
-_BOX, _CYLINDER, _CAPSULE = mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_CYLINDER, mujoco.mjtGeom.mjGEOM_CAPSULE
+_BOX, _CYLINDER = mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_CYLINDER
+_CAPSULE, _ELLIPSOID = mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_ELLIPSOID
+_X = (1.0, 0.0, 0.0)
 
 
 def _bottle(build: _Builder) -> None:
-    """A 0.5 l bottle, lying: body, shoulder, neck and cap along x. 0.30 kg."""
-    green, cap = (0.18, 0.55, 0.30, 1.0), (0.85, 0.85, 0.82, 1.0)
-    along = (1.0, 0.0, 0.0)
-    build.add(_CYLINDER, (0.030, 0.065), (0.0, 0.0, 0.0), green, 0.26, axis=along)
-    build.add(_CYLINDER, (0.022, 0.012), (0.077, 0.0, 0.0), green, 0.02, axis=along)
-    build.add(_CYLINDER, (0.013, 0.014), (0.103, 0.0, 0.0), cap, 0.01, axis=along)
-    for side in (-1.0, 1.0):  # a flat label side: it lies still, as a half-full bottle does
-        build.add(_BOX, (0.055, 0.010, 0.002), (0.0, 0.0, 0.0283 * side), green, 0.005)
+    """A half-litre bottle, lying: base, label, shoulder, neck and cap along x. 60 mm thick, 0.30 kg."""
+    green, label, cap = (0.12, 0.46, 0.26, 1.0), (0.88, 0.84, 0.70, 1.0), (0.75, 0.16, 0.12, 1.0)
+    build.add(_CYLINDER, (0.030, 0.055), (-0.010, 0.0, 0.0), green, 0.25, axis=_X)
+    build.add(_CYLINDER, (0.027, 0.003), (-0.067, 0.0, 0.0), green, 0.005, axis=_X)
+    build.add(_CYLINDER, (0.0308, 0.026), (-0.014, 0.0, 0.0), label, 0.0, axis=_X)
+    build.add(_CYLINDER, (0.0310, 0.004), (-0.014, 0.0, 0.0), cap, 0.0, axis=_X)
+    for index in range(6):  # the shoulder, in steps of 5 mm
+        radius = 0.013 + 0.017 * float(np.cos((index + 0.7) / 6 * np.pi / 2))
+        build.add(_CYLINDER, (radius, 0.0025), (0.0475 + 0.005 * index, 0.0, 0.0), green, 0.002, axis=_X)
+    build.add(_CYLINDER, (0.0125, 0.010), (0.084, 0.0, 0.0), green, 0.006, axis=_X)
+    build.add(_CYLINDER, (0.0150, 0.008), (0.100, 0.0, 0.0), cap, 0.007, axis=_X)
+    for side in (-1.0, 1.0):  # flattened where it lies, or it would roll
+        build.add(_BOX, (0.050, 0.004, 0.002), (-0.010, 0.0, 0.0282 * side), green, 0.010)
 
 
 def _cup(build: _Builder) -> None:
-    """A cup, upright: a ring of staves, a floor and a handle. 66 mm wide, 85 mm high, 0.20 kg."""
-    orange = (0.88, 0.42, 0.12, 1.0)
-    radius, wall, height, staves = 0.0305, 0.0025, 0.085, 20
+    """A cup, upright: a ring of staves, a floor and a handle. 66 mm wide, 85 mm high, 0.22 kg."""
+    orange, cream = (0.80, 0.34, 0.08, 1.0), (0.93, 0.86, 0.74, 1.0)
+    radius, wall, height, staves = 0.0305, 0.0025, 0.085, 24
     half_stave = radius * np.tan(np.pi / staves) + 0.0006
     for index in range(staves):
         angle = 2 * np.pi * index / staves
         pos = (radius * float(np.cos(angle)), radius * float(np.sin(angle)), height / 2)
-        build.add(_BOX, (wall, half_stave, height / 2), pos, orange, 0.15 / staves, heading_rad=angle)
-    build.add(_CYLINDER, (radius, 0.003), (0.0, 0.0, 0.003), orange, 0.03)
-    for z, reach in ((0.020, 0.012), (0.065, 0.012)):
-        build.add(_CAPSULE, (0.005, reach), (radius + 0.012, 0.0, z), orange, 0.005, axis=(1.0, 0.0, 0.0))
-    build.add(_CAPSULE, (0.005, 0.022), (radius + 0.024, 0.0, 0.0425), orange, 0.01, axis=(0.0, 0.0, 1.0))
+        build.add(_BOX, (wall, half_stave, height / 2), pos, orange, 0.16 / staves, heading_rad=angle)
+    build.add(_CYLINDER, (radius, 0.003), (0.0, 0.0, 0.003), cream, 0.03)
+    for z in (0.020, 0.065):
+        build.add(_CAPSULE, (0.005, 0.010), (radius + 0.011, 0.0, z), orange, 0.006, axis=_X)
+    build.add(_CAPSULE, (0.005, 0.0225), (radius + 0.021, 0.0, 0.0425), orange, 0.018, axis=(0.0, 0.0, 1.0))
 
 
 def _spatula(build: _Builder) -> None:
-    """A kitchen spatula, flat: grip, shaft and blade along x. 0.12 kg."""
-    black, steel = (0.10, 0.10, 0.12, 1.0), (0.75, 0.76, 0.80, 1.0)
-    build.add(_BOX, (0.060, 0.011, 0.009), (-0.060, 0.0, 0.0), black, 0.07)
-    build.add(_BOX, (0.030, 0.006, 0.005), (0.030, 0.0, -0.002), black, 0.02)
-    build.add(_BOX, (0.045, 0.032, 0.0020), (0.100, 0.0, -0.007), steel, 0.03)
+    """A kitchen spatula, flat: grip, shaft and slotted blade along x. 230 mm long, 0.12 kg."""
+    black, steel, slot = (0.09, 0.09, 0.10, 1.0), (0.58, 0.60, 0.64, 1.0), (0.20, 0.21, 0.22, 1.0)
+    build.add(_BOX, (0.050, 0.010, 0.009), (-0.055, 0.0, 0.0), black, 0.065)
+    for end in (-0.105, -0.005):
+        build.add(_CYLINDER, (0.010, 0.009), (end, 0.0, 0.0), black, 0.005)
+    build.add(_CYLINDER, (0.004, 0.0092), (-0.104, 0.0, 0.0), steel, 0.0)
+    build.add(_BOX, (0.028, 0.005, 0.004), (0.026, 0.0, -0.003), steel, 0.015)
+    build.add(_BOX, (0.033, 0.031, 0.0020), (0.083, 0.0, -0.007), steel, 0.030)
+    for y in (-0.017, 0.0, 0.017):
+        build.add(_BOX, (0.020, 0.003, 0.0021), (0.085, y, -0.007), slot, 0.0)
 
 
 def _controller(build: _Builder) -> None:
-    """A VR controller, lying: a grip and the tracking ring over its head. 0.16 kg."""
-    dark, ring = (0.16, 0.17, 0.21, 1.0), (0.78, 0.80, 0.84, 1.0)
-    build.add(_CAPSULE, (0.019, 0.045), (-0.035, 0.0, 0.0), dark, 0.11, axis=(1.0, 0.0, 0.0))
-    build.add(_BOX, (0.020, 0.020, 0.012), (0.022, 0.0, 0.0), dark, 0.02)
-    radius, pieces = 0.042, 14
+    """A VR controller, lying: grip, head with stick and buttons, tracking ring. 36 mm thick, 0.16 kg."""
+    dark, ring, button = (0.13, 0.14, 0.18, 1.0), (0.70, 0.72, 0.76, 1.0), (0.05, 0.05, 0.06, 1.0)
+    build.add(_CAPSULE, (0.018, 0.042), (-0.042, 0.0, 0.0), dark, 0.10, axis=_X)
+    build.add(_CYLINDER, (0.024, 0.010), (0.018, 0.0, 0.006), dark, 0.03)
+    build.add(_CYLINDER, (0.008, 0.006), (0.020, 0.009, 0.018), ring, 0.0)
+    for x, y in ((0.012, -0.010), (0.026, -0.012)):
+        build.add(_CYLINDER, (0.004, 0.0015), (x, y, 0.0165), button, 0.0)
+    radius, pieces = 0.042, 20
     half = radius * np.tan(np.pi / pieces)
     for index in range(pieces):
         angle = 2 * np.pi * index / pieces
-        pos = (0.072 + radius * float(np.cos(angle)), radius * float(np.sin(angle)), 0.0)
-        build.add(
-            _CAPSULE, (0.006, half), pos, ring, 0.03 / pieces, axis=(-float(np.sin(angle)), float(np.cos(angle)), 0.0)
-        )
+        cosine, sine = float(np.cos(angle)), float(np.sin(angle))
+        pos = (0.060 + radius * cosine, radius * sine, 0.002)
+        build.add(_CAPSULE, (0.006, half), pos, ring, 0.03 / pieces, axis=(-sine, cosine, 0.0))
 
 
 def _drone(build: _Builder) -> None:
-    """A small quadcopter on its feet: body, four arms, four rotor guards. 0.25 kg."""
-    body, rotor = (0.82, 0.16, 0.14, 1.0), (0.12, 0.12, 0.14, 1.0)
-    build.add(_BOX, (0.048, 0.022, 0.016), (0.0, 0.0, 0.026), body, 0.17)
+    """A small quadcopter on its feet: body, four arms with motors and two-bladed rotors. 44 mm wide, 0.25 kg."""
+    body, dark, grey = (0.72, 0.12, 0.10, 1.0), (0.10, 0.10, 0.12, 1.0), (0.24, 0.25, 0.28, 1.0)
+    build.add(_BOX, (0.044, 0.022, 0.015), (0.0, 0.0, 0.027), body, 0.17)
+    build.add(_ELLIPSOID, (0.038, 0.019, 0.008), (-0.004, 0.0, 0.042), dark, 0.0)
+    build.add(_CYLINDER, (0.009, 0.004), (0.046, 0.0, 0.026), dark, 0.01, axis=_X)
+    build.add(_CYLINDER, (0.005, 0.005), (0.046, 0.0, 0.026), grey, 0.0, axis=_X)
     for x in (-1.0, 1.0):
         for y in (-1.0, 1.0):
-            tip = (0.075 * x, 0.070 * y, 0.030)
-            middle = (0.055 * x, 0.042 * y, 0.030)
-            build.add(_CAPSULE, (0.005, 0.034), middle, body, 0.008, axis=(0.035 * x, 0.050 * y, 0.0))
-            build.add(_CYLINDER, (0.036, 0.0025), (tip[0] + 0.012 * x, tip[1] + 0.008 * y, 0.036), rotor, 0.006)
-            build.add(_CAPSULE, (0.004, 0.012), (0.050 * x, 0.030 * y, 0.016), rotor, 0.004)
+            motor, outward = (0.062 * x, 0.058 * y), (0.026 * x, 0.038 * y, 0.0)
+            build.add(_CAPSULE, (0.005, 0.023), (0.049 * x, 0.039 * y, 0.030), body, 0.006, axis=outward)
+            build.add(_CYLINDER, (0.010, 0.010), (*motor, 0.030), grey, 0.006)
+            build.add(_BOX, (0.030, 0.0045, 0.0012), (*motor, 0.042), dark, 0.002, heading_rad=0.6 * x * y)
+            build.add(_CAPSULE, (0.004, 0.010), (*motor, 0.014), dark, 0.0035)
 
 
 _PAPER_OBJECTS: dict[str, Callable[[_Builder], None]] = {
@@ -163,7 +186,17 @@ def _attach(spec: mujoco.MjSpec, part: mujoco.MjSpec, file: Path) -> None:
         if has_contact_parts and geom.group != _CONTACT_GROUP:  # the part that is only to be seen
             geom.contype = geom.conaffinity = 0
             geom.density = 0.0
-    root.name = OBJECT
     root.pos, root.quat = (0, 0, 0), (1, 0, 0, 0)
-    attached = spec.worldbody.add_frame().attach_body(root, "", "")
+    _adopt(part.option, spec.option)
+    for name in _VISUAL_SETTINGS:
+        _adopt(getattr(part.visual, name), getattr(spec.visual, name))
+    attached = spec.worldbody.add_frame().attach_body(root, f"{OBJECT}_", "")
+    attached.name = OBJECT
     attached.add_freejoint(name=OBJECT)
+
+
+def _adopt(its: object, ours: object) -> None:
+    """What the object's file says about the whole world gives way to our settings, or MuJoCo warns of conflicts."""
+    for field in dir(ours):
+        if not field.startswith("_"):
+            setattr(its, field, getattr(ours, field))

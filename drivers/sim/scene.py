@@ -19,14 +19,14 @@ COLOR_CAMERA, DEPTH_CAMERA = "color", "depth"
 # The pads and what they press on: elliptic cones and a high impedance ratio hold a grasp without creep (measured).
 _TIMESTEP_S = 0.001
 _IMPRATIO = 10.0
-_TORSION = 0.01
-_PAD_SOLREF, _PAD_SOLIMP = (
-    (0.004, 1.0),
-    (0.95, 0.99, 0.001),
-)  # stiff pads: at the default 20 ms a moving grasp creeps 10 mm/s
-# The shipped hand actuator (100 N/m) closes too weakly; this servo acts on the mean finger position.
-_HAND_STIFFNESS_N_M = 3000.0
-_HAND_DAMPING_NS_M = 150.0
+_TORSION_M, _ROLLING_M = 0.01, 1e-4
+# The shipped hand actuator (100 N/m) closes too weakly. This servo acts on the mean finger position, and is stiff
+# enough that a thin object, too, gets all of the commanded force.
+_HAND_STIFFNESS_N_M = 20_000.0
+_HAND_DAMPING_NS_M = 400.0
+_JAW_ROOT_M, _JAW_TIP_M = 0.010, 0.0545  # along the finger; the tip is the shipped mesh's
+_JAW_SOLREF, _JAW_SOLIMP = (0.004, 1.0), (0.97, 0.995, 0.001, 0.5, 2.0)  # rubber on a hard object yields 0.1-0.5 mm
+_COLLISION_GROUP = 3
 _TABLE_RGBA = (0.46, 0.50, 0.52, 1.0)
 _TRAY_RGBA = (0.20, 0.33, 0.42, 1.0)
 _TRAY_WALL_M = 0.006
@@ -49,7 +49,7 @@ def compose(
     spec.option.impratio = _IMPRATIO
     spec.stat.extent = 1.0
     spec.visual.map.znear, spec.visual.map.zfar = 0.02, 8.0
-    spec.visual.global_.offwidth, spec.visual.global_.offheight = 1600, 1200
+    spec.visual.global_.offwidth, spec.visual.global_.offheight = 2048, 2048
     spec.visual.headlight.ambient, spec.visual.headlight.diffuse = (0.35,) * 3, (0.25,) * 3
     spec.visual.headlight.specular = (0.0,) * 3
     _prepare_robot(spec, station)
@@ -70,13 +70,31 @@ def _prepare_robot(spec: mujoco.MjSpec, station: Station) -> None:
     hand.biasprm[:3] = 0.0, -_HAND_STIFFNESS_N_M, -_HAND_DAMPING_NS_M
     hand.inheritrange = 0.0
     hand.ctrlrange[:] = -0.02, 0.05
-    friction = (station.sim.friction, _TORSION * station.sim.friction, 0.0)
     for finger in ("left_finger", "right_finger"):
-        for geom in spec.body(finger).geoms:
-            geom.condim = 4
-            geom.priority = 1  # else MuJoCo takes the larger friction of the two, and a slippery pad still holds
-            geom.friction = friction
-            geom.solref[:2], geom.solimp[:3] = _PAD_SOLREF, _PAD_SOLIMP
+        _replace_jaw(spec, spec.body(finger), station)
+
+
+def _replace_jaw(spec: mujoco.MjSpec, finger: mujoco.MjsBody, station: Station) -> None:
+    """One flat jaw from root to tip instead of the shipped hull and pads.
+
+    The hull is bulged, so that it can cage a round object from below; on a flat jaw only friction holds.
+    """
+    for geom in list(finger.geoms):
+        if geom.group == _COLLISION_GROUP:
+            spec.delete(geom)
+    hand, friction = station.hand, station.sim.friction
+    finger.add_geom(
+        name=f"{finger.name}_jaw",
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=[hand.finger_width_m / 2, hand.finger_thickness_m / 2, (_JAW_TIP_M - _JAW_ROOT_M) / 2],
+        pos=[0.0, hand.finger_thickness_m / 2, (_JAW_TIP_M + _JAW_ROOT_M) / 2],
+        group=_COLLISION_GROUP,
+        condim=6,
+        priority=1,  # else MuJoCo takes the larger friction of the two, and a slippery pad still holds
+        friction=[friction, friction * _TORSION_M, friction * _ROLLING_M],
+        solref=_JAW_SOLREF,
+        solimp=_JAW_SOLIMP,
+    )
 
 
 def _furnish(spec: mujoco.MjSpec, station: Station) -> None:

@@ -21,10 +21,11 @@ from drivers.sim.optics import FOVY_DEG, hand_from_cameras
 from drivers.sim.scene import ARM_JOINTS, FINGER_JOINTS, HAND_ACTUATOR, compose
 
 TICK_S = 0.001
-_SETTLE_TICKS = 1500
+_SETTLE_TICKS = 800
 _DRAWS = 20
-_MARGIN_M = 0.06
-"""Objects are put at least this far inside the pick region."""
+_MARGIN_M = 0.005
+"""Objects are put at least this far inside the pick region, with all their extent if they fit."""
+_CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
 _DROP_M = 0.002
 _PACE_TICKS = 10
 
@@ -41,9 +42,11 @@ class World:
         self.station = station
         self.clock_ns = clock_ns
         self.lock = threading.RLock()
+        self.motion = threading.Lock()
         self.names = object_names(station.sim.objects)
         self.object_name = self.names[0]
-        self.presented = 0
+        self.presented = 0  # the seed
+        self.presentations = 0
         self._q_command_rad = np.array(station.arm.capture_q_rad)
         self._dq_command_rad_s = np.zeros(7)
         self._hand_target_m = station.hand.max_width_m / 2
@@ -58,7 +61,6 @@ class World:
         """One millisecond with the present commands; the caller holds no lock."""
         with self.lock:
             self._step()
-            self._dq_command_rad_s = np.zeros(7)  # fed forward for one tick only: without a new command, stand still
 
     def _step(self) -> None:
         data = self.data
@@ -85,16 +87,18 @@ class World:
         """
         if name not in self.names:
             raise ConfigError(f"Unknown object {name!r}.", f"There are: {', '.join(self.names)}.")
-        rng = np.random.default_rng([seed, *name.encode()])
-        with self.lock:
+        rng = np.random.default_rng([seed % 2**64, *name.encode()])
+        with self.motion, self.lock:
             if name != self.object_name:
                 self._load(name)
                 self.object_name = name
             self.presented = seed
+            self.presentations += 1
             for _ in range(_DRAWS):
-                self._put(rng)
-                for _ in range(_SETTLE_TICKS):
-                    self._step()
+                self._stand(rng.uniform(-np.pi, np.pi))
+                self._settle()
+                self._shift_into_region(rng.uniform(size=2))
+                self._settle()
                 if self._rests_inside():
                     return
         raise DriverError(
@@ -109,29 +113,53 @@ class World:
             pose[:3, 3] = self.data.body(OBJECT).xpos
             return pose
 
-    def _put(self, rng: np.random.Generator) -> None:
-        """The object upright at a random place and heading, just above the table."""
+    def _stand(self, heading_rad: float) -> None:
+        """The object as it is modelled, turned about the vertical, just above the middle of the pick region."""
         x_min, x_max, y_min, y_max = self.station.scene.pick_region_m
-        x = rng.uniform(x_min + _MARGIN_M, x_max - _MARGIN_M)
-        y = rng.uniform(y_min + _MARGIN_M, y_max - _MARGIN_M)
-        heading = rng.uniform(-np.pi, np.pi)
         joint = self.data.joint(OBJECT)
-        joint.qpos[:] = [x, y, 1.0, np.cos(heading / 2), 0.0, 0.0, np.sin(heading / 2)]
+        joint.qpos[:3] = (x_min + x_max) / 2, (y_min + y_max) / 2, 1.0
+        joint.qpos[3:] = np.cos(heading_rad / 2), 0.0, 0.0, np.sin(heading_rad / 2)
         joint.qvel[:] = 0.0
         mujoco.mj_forward(self.model, self.data)
-        joint.qpos[2] += _DROP_M - self._lowest_m()
+        joint.qpos[2] += _DROP_M - self._extent()[0, 2]
+        self.data.qacc_warmstart[:] = 0.0  # what was here before must not show in the last bits
 
-    def _lowest_m(self) -> float:
-        """Height of the object's lowest point, from its geoms' bounding boxes."""
+    def _settle(self) -> None:
+        for _ in range(_SETTLE_TICKS):
+            self._step()
+
+    def _shift_into_region(self, share: npt.NDArray[np.float64]) -> None:
+        """Move the resting object so that all of it lies inside the pick region, ``share`` (2,) of the way across."""
+        low, high = self._extent()[:, :2]
+        first, last = self._region() - [low, high]
+        shift = np.where(first <= last, first + share * (last - first), (first + last) / 2)
+        joint = self.data.joint(OBJECT)
+        joint.qpos[:2] += shift
+        joint.qvel[:] = 0.0
+
+    def _region(self) -> npt.NDArray[np.float64]:
+        """(2, 2): lowest and highest corner of where objects may lie."""
+        x_min, x_max, y_min, y_max = self.station.scene.pick_region_m
+        return np.array([[x_min + _MARGIN_M, y_min + _MARGIN_M], [x_max - _MARGIN_M, y_max - _MARGIN_M]])
+
+    def _extent(self) -> npt.NDArray[np.float64]:
+        """(2, 3): lowest and highest corner of what can be touched of the object, in ``base``."""
         model, data = self.model, self.data
-        body = model.body(OBJECT).id
-        corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
-        lowest = np.inf
-        for geom in np.flatnonzero(model.geom_bodyid == body):
-            center, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
-            points = data.geom_xpos[geom] + (center + corners * half) @ data.geom_xmat[geom].reshape(3, 3).T
-            lowest = min(lowest, float(points[:, 2].min()))
-        return lowest
+        solid = (model.geom_bodyid == model.body(OBJECT).id) & (model.geom_contype != 0)
+        points = [
+            data.geom_xpos[geom] + self._outline(int(geom)) @ data.geom_xmat[geom].reshape(3, 3).T
+            for geom in np.flatnonzero(solid)
+        ]
+        every = np.concatenate(points)
+        return np.array([every.min(axis=0), every.max(axis=0)])
+
+    def _outline(self, geom: int) -> npt.NDArray[np.float64]:
+        """Points (n, 3) that span the geom, in its own frame: a mesh's vertices, or its bounding box's corners."""
+        model, mesh = self.model, self.model.geom_dataid[geom]
+        if mesh >= 0:
+            first = model.mesh_vertadr[mesh]
+            return np.asarray(model.mesh_vert[first : first + model.mesh_vertnum[mesh]], dtype=np.float64)
+        return np.asarray(model.geom_aabb[geom, :3] + _CORNERS * model.geom_aabb[geom, 3:])
 
     def _rests_inside(self) -> bool:
         x_min, x_max, y_min, y_max = self.station.scene.pick_region_m
@@ -141,10 +169,10 @@ class World:
 
     # --- arm and hand -------------------------------------------------------------------------------------------------
 
-    def command_arm(self, q_rad: Joints) -> None:
-        """The position the arm is to have after the next tick; its rate is fed forward."""
+    def command_arm(self, q_rad: Joints, last_q_rad: Joints) -> None:
+        """The position the arm is to have after the next tick; its rate since the last command is fed forward."""
         with self.lock:
-            self._dq_command_rad_s = (q_rad - self._q_command_rad) / TICK_S
+            self._dq_command_rad_s = (q_rad - last_q_rad) / TICK_S
             self._q_command_rad = np.array(q_rad)
 
     def command_hand(self, width_m: float, force_n: float) -> None:
@@ -158,6 +186,10 @@ class World:
         with self.lock:
             q_rad = self.data.qpos[self._arm_qpos].copy()
             return q_rad, self.data.qvel[self._arm_dofs].copy(), self._external_torque_nm()
+
+    def arm_speed_rad_s(self) -> Joints:
+        with self.lock:
+            return np.array(self.data.qvel[self._arm_dofs])
 
     def hand_width_m(self) -> float:
         """Measured distance between the pads."""
