@@ -11,16 +11,24 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
+from bus.codes import Code
+from bus.errors import CycleFailure
 from bus.messages import Alignment
 
 _LOSS_POINTS = 800
+_MIN_POINTS = 30
 _SIGNS = ((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1))
 
 Array = npt.NDArray[np.float64]
 
 
 def align(goal: Array, observed: Array) -> Alignment:
-    """The similarity that carries ``goal`` (n, 3) onto ``observed`` (m, 3), both [m] in the colour frame."""
+    """The similarity that carries ``goal`` (n, 3) onto ``observed`` (m, 3), both [m] in the colour frame.
+
+    Raises: CycleFailure(MODEL_DRIFT) when a cloud is too small to have axes.
+    """
+    if min(len(goal), len(observed)) < _MIN_POINTS:
+        raise CycleFailure(Code.MODEL_DRIFT, f"The goal image shows only {len(goal)} points of the object.")
     goal_mean, observed_mean = goal.mean(axis=0), observed.mean(axis=0)
     goal_values, goal_axes = np.linalg.eigh(np.cov(goal.T))
     observed_values, observed_axes = np.linalg.eigh(np.cov(observed.T))

@@ -14,12 +14,16 @@ from scipy import ndimage
 from config.schema import HandSettings, Station
 from perception.heightmap import CELL_M, HeightMap
 
-TIP_BELOW_TCP_M = 0.009
-"""The Panda fingertip ends 9 mm beyond the tcp (hand_tcp at 103.4 mm, tip at 112.4 mm)."""
+TIP_BELOW_TCP_M = 0.0095
+"""How far the Panda's fingertips reach beyond the tcp."""
 PALM_ABOVE_TIP_M = 0.052
 TABLE_CLEARANCE_M = 0.004
 _HOLD_M = 0.012
 """How far below the visible edge the tcp goes: the pads (18 mm) lie on the side, not under a round object's widest."""
+
+_MIN_CONTACT_M = 0.003
+"""Least height of the side that the pads touch: flat things are held by the ends of the fingers."""
+_MIN_SLACK_M = 0.004
 
 _SLICES = (0.35, 0.6, 0.85)
 _CONTOUR_POINTS = 140
@@ -40,6 +44,7 @@ class Closings:
 
     Attributes:
         center_m: (n, 2) between the contacts. ``heading_rad``: of the closing axis. ``tcp_m``: height above the table.
+        edge_m: height of the surface just inside the contacts.
         width_m: between the contacts. ``opening_m``: to approach with.
         score: higher is better, -inf = not feasible.
     """
@@ -47,6 +52,7 @@ class Closings:
     center_m: Array
     heading_rad: Array
     tcp_m: Array
+    edge_m: Array
     width_m: Array
     opening_m: Array
     score: Array
@@ -86,8 +92,8 @@ def close(heights: HeightMap, centers_m: Array, headings_rad: Array, widths_m: A
     feasible = (
         np.isfinite(width_m)
         & (width_m > hand.min_width_m)
-        & (opening_m - width_m > clearance_m)
-        & (tcp_m < edge_m + 0.002)
+        & (opening_m - width_m > _MIN_SLACK_M)
+        & (tcp_m - TIP_BELOW_TCP_M < edge_m - _MIN_CONTACT_M)
         & (profile.under_fingers_m(shift_m, opening_m) < free_m)
     )
     cone = np.minimum(_face_cos(left, touch_left), _face_cos(right, touch_right))
@@ -95,7 +101,7 @@ def close(heights: HeightMap, centers_m: Array, headings_rad: Array, widths_m: A
     center_m = centers_m + axis * np.nan_to_num(shift_m)[:, None]
     feasible &= (cone > _FRICTION_COS) & (patch > 0)
     score = _score(heights, center_m, cone, patch, width_m, tcp_m, edge_m, hand)
-    return Closings(center_m, headings_rad, tcp_m, width_m, opening_m, np.where(feasible, score, -np.inf))
+    return Closings(center_m, headings_rad, tcp_m, edge_m, width_m, opening_m, np.where(feasible, score, -np.inf))
 
 
 def _score(

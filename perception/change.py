@@ -7,6 +7,7 @@ import numpy as np
 from bus.messages import Detections, Observation
 from config.schema import Station
 from perception.depth import register
+from perception.lift import transform
 from perception.segment import height_above_table, image_points
 
 _CELL_M = 0.004
@@ -21,16 +22,16 @@ def cleared_fraction(detections: Detections, before: Observation, after: Observa
     Cells the second capture does not see (behind what the hand holds up, say) are left out; when less than a quarter is
     seen, nothing counts as cleared.
     """
-    was = image_points(register(before.frame), before.view.base_from_color)[detections.evidence.object_mask]
-    lay = _cells(was[np.isfinite(was[:, 2])])
+    was = detections.evidence.observed_points.astype(float)
+    lay = np.unique(_cells(transform(before.view.base_from_color, was)), axis=0)
     now = image_points(register(after.frame), after.view.base_from_color)
     height_m = height_above_table(now)
     low = np.isfinite(height_m) & (height_m < _HANGING_M)
     cells = _cells(now[low])
     standing = height_m[low] >= station.perception.min_object_height_m
     share = _mean_by_cell(cells, standing)
-    seen = [share[tuple(cell)] for cell in np.unique(lay, axis=0) if tuple(cell) in share]
-    if len(seen) < _MIN_SEEN * len(np.unique(lay, axis=0)):
+    seen = [share[tuple(cell)] for cell in lay if tuple(cell) in share]
+    if len(seen) < _MIN_SEEN * len(lay):
         return 0.0
     # Noise scatters single points: a cell is empty when most of what is seen in it is table.
     return float(np.mean(np.array(seen) < 0.5))

@@ -11,9 +11,9 @@ from config.schema import Station
 from perception.align import align
 from perception.depth import Rgbd, register
 from perception.heightmap import height_map
-from perception.imagine import imagine, masked
+from perception.imagine import free_rod_color, imagine, masked
 from perception.lift import lift, thin, transform
-from perception.models.base import ROD_RGB, GoalImageModel, Subject
+from perception.models.base import GoalImageModel, Subject
 from perception.models.geometric import GeometricModel
 from perception.project import fit_line, lift_run, rectangle, rod_depth, runs
 from perception.rank import grasps_of_rod, rank
@@ -37,9 +37,10 @@ def detect(observation: Observation, station: Station, model: GoalImageModel | N
 
     # Stage 1: segment, and imagine the rod.
     scene = segment(rgbd, base_from_color, station)
-    subject = Subject(rgbd, scene, masked(rgbd.color, scene.object_mask), base_from_color)
+    rod_color = free_rod_color(rgbd.color, scene.region_mask)
+    subject = Subject(rgbd, scene, masked(rgbd.color, scene.object_mask), base_from_color, rod_color)
     goal, replies = imagine(model or GeometricModel(station), subject, station)
-    rod_mask, goal_object = segment_goal(goal.image, ROD_RGB, scene.object_mask)
+    rod_mask, goal_object = segment_goal(goal.image, rod_color.rgb, scene)
     if rod_mask.sum() < _MIN_ROD_PX:
         raise CycleFailure(Code.MODEL_REFUSED, "There is no rod in the goal image.")
 

@@ -63,8 +63,9 @@ def runs(line: Line, rod: Mask, on_object: Mask) -> list[tuple[float, float]]:
     ]
     if len(gaps) > 1:
         gaps.append((gaps[0][0], gaps[-1][1]))
-    if not gaps:
-        gaps = [(s[a] - 0.5, s[b] + 0.5) for a, b in _stretches(covered)]
+    if not gaps:  # the rod hides nothing, or one of its ends: the object's chord, read beside the rod
+        chord = _along(line, s, on_object, beside_px=line.width_px / 2 + 2)
+        gaps = [(s[a] - 0.5, s[b] + 0.5) for a, b in _stretches(chord)]
     return sorted((gap for gap in gaps if gap[1] - gap[0] >= _MIN_GAP_PX), key=lambda gap: gap[0] - gap[1])
 
 
@@ -95,16 +96,18 @@ def rod_depth(line: Line, rod: Mask, depth_m: npt.NDArray[np.float32]) -> Array:
 
 
 def lift_run(line: Line, run: tuple[float, float], inverse_depth: Array, camera: CameraModel) -> Array:
-    """End points (2, 3) of a run in the colour frame [m]."""
+    """End points (2, 3) of a run in the colour frame [m], on the rod's axis: its radius behind its visible side."""
     s = np.array(run)
-    return lift_pixels(line.at(s), 1.0 / np.polyval(inverse_depth, s), camera)
+    surface_m = 1.0 / np.polyval(inverse_depth, s)
+    return lift_pixels(line.at(s), surface_m * (1 + line.width_px / 2 / camera.fx), camera)
 
 
-def _along(line: Line, s: Array, mask: Mask) -> Mask:
-    """Whether the mask is set at or right beside the line, per step."""
+def _along(line: Line, s: Array, mask: Mask, beside_px: float = 1.0) -> Mask:
+    """Whether the mask is set on the line or ``beside_px`` to either side, per step."""
+    normal = np.array([-line.direction[1], line.direction[0]])
     hit = np.zeros(len(s), dtype=bool)
-    for side in (-1.0, 0.0, 1.0):
-        pixels = np.rint(line.at(s) + side * np.array([-line.direction[1], line.direction[0]])).astype(int)
+    for side in (-beside_px, 0.0, beside_px):
+        pixels = np.rint(line.at(s) + side * normal).astype(int)
         inside = (pixels >= 0).all(axis=1) & (pixels[:, 0] < mask.shape[1]) & (pixels[:, 1] < mask.shape[0])
         hit[inside] |= mask[pixels[inside, 1], pixels[inside, 0]]
     return hit

@@ -21,6 +21,7 @@ _MIN_AREA_PX = 150
 _BRIDGE_PX = 9
 """Parts closer than this are one object: thin arms break up in depth."""
 _MIN_TABLE_PX = 2000
+_RIM_PX = 81
 
 Mask = npt.NDArray[np.bool_]
 Array = npt.NDArray[np.float64]
@@ -33,12 +34,13 @@ class Scene:
     Attributes:
         points_base: (H, W, 3) in ``base``, NaN = no depth.
         height_m: (H, W) above the fitted table.
-        object_mask: (H, W).
+        object_mask: (H, W). ``region_mask``: (H, W) the pick region, with a rim for a rod that sticks out.
     """
 
     points_base: npt.NDArray[np.float64]
     height_m: npt.NDArray[np.float64]
     object_mask: Mask
+    region_mask: Mask
 
 
 def segment(rgbd: Rgbd, base_from_color: Transform, station: Station) -> Scene:
@@ -52,7 +54,8 @@ def segment(rgbd: Rgbd, base_from_color: Transform, station: Station) -> Scene:
     x, y = points_base[..., 0], points_base[..., 1]
     inside = (x > x_min) & (x < x_max) & (y > y_min) & (y < y_max)
     raised = inside & (height_m > station.perception.min_object_height_m)
-    return Scene(points_base, height_m, _largest_cluster(raised))
+    region = cv2.dilate(inside.astype(np.uint8), np.ones((_RIM_PX, _RIM_PX))) > 0
+    return Scene(points_base, height_m, _largest_cluster(raised), region)
 
 
 def image_points(rgbd: Rgbd, base_from_color: Transform) -> Array:
@@ -97,18 +100,19 @@ def _largest_cluster(raised: Mask) -> Mask:
     return np.asarray((labels == best) & (clean > 0))
 
 
-def segment_goal(goal: npt.NDArray[np.uint8], rod_rgb: tuple[int, int, int], around: Mask) -> tuple[Mask, Mask]:
-    """Rod and object in a goal image: the rod by the hue it was asked for, the object as the rest of ``around``.
-
-    Args:
-        around: where the object was observed; the segmenter looks for the object there.
+def segment_goal(goal: npt.NDArray[np.uint8], rod_rgb: tuple[int, int, int], scene: Scene) -> tuple[Mask, Mask]:
+    """Rod and object in a goal image: the rod by the hue it was asked for, the object as what is left of it.
 
     Returns:
         (rod mask, object mask).
     """
     hsv = cv2.cvtColor(np.asarray(goal), cv2.COLOR_RGB2HSV).astype(int)
-    hue = int(cv2.cvtColor(np.array([[rod_rgb]], dtype=np.uint8), cv2.COLOR_RGB2HSV)[0, 0, 0])
-    apart = np.abs(hsv[..., 0] - hue)
-    rod = (np.minimum(apart, 180 - apart) < 8) & (hsv[..., 1] > 110) & (hsv[..., 2] > 60)
+    apart = np.abs(hsv[..., 0] - hue_of(rod_rgb))
+    rod = (np.minimum(apart, 180 - apart) < 8) & (hsv[..., 1] > 110) & (hsv[..., 2] > 60) & scene.region_mask
     rod = cv2.morphologyEx(rod.astype(np.uint8), cv2.MORPH_OPEN, np.ones((2, 2))) > 0
-    return rod, around & ~rod
+    return rod, scene.object_mask & ~rod
+
+
+def hue_of(rgb: tuple[int, int, int]) -> int:
+    """OpenCV's hue of a colour, 0 to 179."""
+    return int(cv2.cvtColor(np.array([[rgb]], dtype=np.uint8), cv2.COLOR_RGB2HSV)[0, 0, 0])

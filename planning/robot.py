@@ -16,8 +16,8 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from bus.arrays import Joints, Transform, Vector3
+from config.scene import scene_boxes
 from config.schema import CameraSettings, Station
-from planning.scene import scene_boxes
 
 Array = npt.NDArray[np.float64]
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from config.scene import scene_boxes
 from config.schema import Box, Station
 from drivers.sim.objects import add_object
 
@@ -29,7 +30,6 @@ _JAW_SOLREF, _JAW_SOLIMP = (0.004, 1.0), (0.97, 0.995, 0.001, 0.5, 2.0)  # rubbe
 _COLLISION_GROUP = 3
 _TABLE_RGBA = (0.46, 0.50, 0.52, 1.0)
 _TRAY_RGBA = (0.20, 0.33, 0.42, 1.0)
-_TRAY_WALL_M = 0.006
 
 
 def compose(
@@ -98,36 +98,14 @@ def _replace_jaw(spec: mujoco.MjSpec, finger: mujoco.MjsBody, station: Station) 
 
 
 def _furnish(spec: mujoco.MjSpec, station: Station) -> None:
-    scene = station.scene
-    _add_box(spec, scene.table, _TABLE_RGBA)
-    _add_box(spec, scene.tray, _TRAY_RGBA)
-    for wall in tray_walls(scene.tray, scene.tray_wall_height_m):
-        _add_box(spec, wall, _TRAY_RGBA)
-    for obstacle in scene.obstacles:
-        _add_box(spec, obstacle, _TRAY_RGBA)
+    for box in scene_boxes(station.scene):
+        _add_box(spec, box, _TABLE_RGBA if box.name == station.scene.table.name else _TRAY_RGBA)
     for side in (-1.0, 1.0):  # from two sides, so that the arm throws no hard shadow on the object
         light = spec.worldbody.add_light(
             name=f"light{side:+.0f}", pos=(0.4, 1.2 * side, 1.8), dir=(0, -0.55 * side, -1)
         )
         light.type = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
         light.diffuse, light.specular, light.castshadow = (0.38,) * 3, (0.08,) * 3, False
-
-
-def tray_walls(tray: Box, height_m: float) -> list[Box]:
-    """The four walls that stand on the tray's rim."""
-    if height_m == 0:
-        return []
-    (x, y, z), (length, width, thickness) = tray.center_m, tray.size_m
-    middle = z + thickness / 2 + height_m / 2
-    walls = []
-    for name, dx, dy, size in (
-        ("front", -length / 2, 0.0, (_TRAY_WALL_M, width, height_m)),
-        ("back", length / 2, 0.0, (_TRAY_WALL_M, width, height_m)),
-        ("right", 0.0, -width / 2, (length, _TRAY_WALL_M, height_m)),
-        ("left", 0.0, width / 2, (length, _TRAY_WALL_M, height_m)),
-    ):
-        walls.append(Box(name=f"{tray.name}-{name}", center_m=(x + dx, y + dy, middle), size_m=size))
-    return walls
 
 
 def _add_box(spec: mujoco.MjSpec, box: Box, rgba: tuple[float, ...]) -> None:

@@ -12,9 +12,13 @@ from bus.arrays import Transform
 from perception.depth import Rgbd
 from perception.segment import Scene
 
-ROD_RGB = (255, 0, 200)
-"""The rod's colour: saturated magenta, which few objects have."""
-ROD_COLOR_NAME = "magenta"
+
+@dataclass(frozen=True)
+class RodColor:
+    """The colour a rod is asked for, and found again by."""
+
+    name: str
+    rgb: tuple[int, int, int]
 
 
 @dataclass(frozen=True)
@@ -24,12 +28,14 @@ class Subject:
     Attributes:
         masked: the colour image with the background taken out (I_S of the paper).
         base_from_color: where the camera stands.
+        rod: the colour to draw the rod in; nothing else in the image has it.
     """
 
     rgbd: Rgbd
     scene: Scene
     masked: npt.NDArray[np.uint8]
     base_from_color: Transform
+    rod: RodColor
 
 
 @dataclass(frozen=True)

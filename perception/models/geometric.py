@@ -17,9 +17,12 @@ from config.schema import Station
 from perception import antipodal
 from perception.heightmap import height_map
 from perception.lift import inverse, project, transform
-from perception.models.base import ROD_COLOR_NAME, ROD_RGB, GoalImage, Subject
+from perception.models.base import GoalImage, Subject
 
 _STICK_OUT_M = 0.035
+_COVER_M = 0.002
+_HIDING_M = 0.003
+"""A surface hides the rod also when it seems to lie this little behind it: depth is noisy."""
 _LIGHT = np.array([-0.35, -0.45, -0.82])  # towards the light, camera frame
 _NUMBER = r"(-?\d+\.\d+)"
 _AXIS = re.compile(rf"from \({_NUMBER}, {_NUMBER}, {_NUMBER}\) to \({_NUMBER}, {_NUMBER}, {_NUMBER}\)")
@@ -44,8 +47,9 @@ class GeometricModel:
         best = closings.best()
         heading = closings.heading_rad[best]
         half = (closings.width_m[best] / 2 + _STICK_OUT_M) * np.array([np.cos(heading), np.sin(heading), 0.0])
-        # The rod runs at the height of the contacts, but never so low that it would sink into the table.
-        level_m = max(closings.tcp_m[best], self._station.perception.rod_radius_m + 0.002)
+        # The rod runs at the height of the contacts, inside the object, but not so low that it sinks into the table.
+        radius_m = self._station.perception.rod_radius_m
+        level_m = max(min(closings.tcp_m[best], closings.edge_m[best] - radius_m - _COVER_M), radius_m + _COVER_M / 2)
         center = np.append(closings.center_m[best], level_m)
         start, end = (", ".join(f"{value:.4f}" for value in center + side * half) for side in (-1, 1))
         return (
@@ -60,7 +64,7 @@ class GeometricModel:
         axis = _AXIS.search(reasoning)
         if axis is None:
             raise CycleFailure(Code.MODEL_REFUSED, "The reasoning names no axis.")
-        return f"Draw a straight {ROD_COLOR_NAME} cylinder {axis.group(0)} (base frame, metres) through the object."
+        return f"Draw a straight cylinder {axis.group(0)} (base frame, metres) through the object."
 
     def render(self, subject: Subject, directive: str, prompt: str) -> GoalImage:
         """Paint the rod; what the object hides stays hidden."""
@@ -74,15 +78,14 @@ class GeometricModel:
 
 def _paint(subject: Subject, ends: Array, radius_m: float) -> GoalImage:
     """Ray-cast a cylinder with flat ends, z-buffered against what was observed."""
-    camera, observed_m = subject.rgbd.camera, _filled(subject)
+    observed_m = _filled(subject)
     depth_m, normals = _cylinder(ends, radius_m, subject)
-    visible = np.isfinite(depth_m) & ~(observed_m < depth_m)
+    visible = np.isfinite(depth_m) & ~(observed_m < depth_m + _HIDING_M)
     light = np.abs(normals @ (_LIGHT / np.linalg.norm(_LIGHT)))
     shade = np.clip(0.35 + 0.65 * light, 0, 1)[..., None] + 0.25 * (light**12)[..., None]
-    rod = np.clip(np.array(ROD_RGB) * shade, 0, 255)
+    rod = np.clip(np.array(subject.rod.rgb) * shade, 0, 255)
     image = np.where(visible[..., None], rod, subject.rgbd.color).astype(np.uint8)
     goal_depth_m = np.where(visible, depth_m, subject.rgbd.depth_m).astype(np.float32)
-    assert image.shape[:2] == (camera.height, camera.width)
     return GoalImage(image, goal_depth_m)
 
 

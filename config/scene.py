@@ -1,15 +1,15 @@
-"""The fixed boxes around the arm, from the station's settings."""
+"""The fixed boxes around the arm, from the station's settings: what the planner avoids and the simulation builds."""
 
 from __future__ import annotations
 
 from config.schema import Box, SceneSettings
 
 TRAY_WALL_M = 0.010
-"""Thickness that is kept free for the tray's walls, centred on the tray's outline."""
+"""Thickness of the tray's walls, centred on the tray's outline."""
 
 
 def scene_boxes(scene: SceneSettings) -> tuple[Box, ...]:
-    """Everything the arm must not touch: table, tray floor, tray walls, obstacles. All in ``base``."""
+    """Everything that stands still: table, tray floor, tray walls, obstacles. All in ``base``."""
     return (scene.table, scene.tray, *_tray_walls(scene), *scene.obstacles)
 
 
