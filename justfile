@@ -1,0 +1,53 @@
+# The commands of this project. `just` lists them.
+
+set positional-arguments
+
+config := "config/sim.toml"
+
+# What there is
+default:
+    @just --list --unsorted
+
+# Install what is missing (system libraries, Python packages)
+setup:
+    @./setup.sh
+
+# Run one pick in the simulated cell; more arguments go to `cell start`
+start *args: setup
+    uv run cell start --config {{config}} --cycles 1 "$@"
+
+# Start the simulated cell and leave it running, at real-time pace
+sim *args: setup
+    uv run cell start --config {{config}} --set sim.pace=1 "$@"
+
+# Run the tests; more arguments go to pytest
+test *args: setup
+    uv run pytest "$@"
+
+# Lint, format, types, import contracts
+check: setup
+    uv run ruff check .
+    uv run ruff format --check .
+    uv run mypy
+    uv run lint-imports
+
+# Run the benchmarks (JSON)
+bench *args: setup
+    uv run python -m benchmarks "$@"
+
+# Run the pure stages of a recording again and compare
+replay *args: setup
+    uv run cell replay "$@"
+
+# Write the report page of a recording
+report *args: setup
+    uv run cell report "$@"
+
+# Regenerate docs/commands.md from the commands' own help
+docs: setup
+    uv run typer cell.__main__ utils docs --name cell --title "Commands" --output docs/commands.md
+
+# Resolve the dependencies anew into requirements.lock
+lock:
+    uv pip compile --quiet --universal --generate-hashes --no-emit-index-url --no-annotate --no-header \
+        --fork-strategy fewest --upgrade --extra dev pyproject.toml --output-file requirements.lock
