@@ -2,6 +2,9 @@
 
 set positional-arguments
 
+# `uv run` takes an activated environment first; the recipes always mean this checkout's own.
+export VIRTUAL_ENV := justfile_directory() / ".venv"
+
 config := "config/sim.toml"
 
 # What there is
