@@ -7,7 +7,7 @@ cd "$(dirname "$0")"
 say() { printf 'setup: %s\n' "$*"; }
 fail() { printf 'setup: %s\n' "$*" >&2; exit 2; }
 
-# --- system libraries: headless rendering (EGL with Mesa's software driver) and the camera's USB library ---------------
+# --- system libraries: headless rendering (EGL, Mesa's software driver), OpenMP, the camera's USB library -----------
 has_library() { find /lib /usr/lib -name "$1*" 2>/dev/null | grep -q .; }
 
 missing=""
@@ -15,6 +15,7 @@ has_library libEGL.so.1 || missing="$missing libegl1"
 has_library libEGL_mesa.so.0 || missing="$missing libegl-mesa0"
 has_library swrast_dri.so || has_library libgallium || missing="$missing libgl1-mesa-dri"
 has_library libOpenGL.so.0 || missing="$missing libopengl0"
+has_library libgomp.so.1 || missing="$missing libgomp1"
 has_library libusb-1.0.so.0 || missing="$missing libusb-1.0-0"
 
 if [ -n "$missing" ]; then
