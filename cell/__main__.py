@@ -10,7 +10,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
-import click
 import typer
 from rich.console import Console
 
@@ -243,18 +242,20 @@ def main() -> None:
     """Entry point: every known error becomes one clear line and its exit code, never a traceback."""
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
     try:
-        code = app(standalone_mode=False)
+        app()
     except CellError as error:
         if "--json" in sys.argv:
-            _print_json({"ok": False, "code": error.code, "reason": error.text, "advice": error.advice})
+            _print_json(
+                {
+                    "ok": False,
+                    "code": error.code,
+                    "reason": error.text,
+                    "advice": error.advice,
+                    "available": list(getattr(error, "available", ())),
+                }
+            )
         typer.echo(f"{error.code}: {error}", err=True)
-        code = error.exit_code
-    except click.ClickException as error:
-        error.show()
-        code = error.exit_code
-    except (click.Abort, KeyboardInterrupt):
-        code = 130
-    sys.exit(code if isinstance(code, int) else 0)
+        sys.exit(error.exit_code)
 
 
 if __name__ == "__main__":

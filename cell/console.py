@@ -39,14 +39,15 @@ class Screen:
         if not self._json:
             self._out.print(text, style=style)
 
-    def follow(self) -> Iterator[CellState | CycleResult]:
-        """Print what is said, and yield states and results, until interrupted."""
+    def follow(self, *, quiet: bool = False) -> Iterator[CellState | CycleResult]:
+        """Print what is said (unless ``quiet``), and yield states and results, until interrupted."""
         while not self.interrupted.is_set():
             try:
                 _, message = self._heard.get(timeout=0.1)
             except queue.Empty:
                 continue
-            self._show(message)
+            if not quiet:
+                self._show(message)
             if isinstance(message, CellState | CycleResult):
                 yield message
 

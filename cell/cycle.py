@@ -101,6 +101,11 @@ class Cycle:
             "verify", topics.VERIFY, lambda: verify(execution, found, before, seen, e.robot, e.station)
         )
 
+    def interrupt(self) -> None:
+        """A stop or abort ended the cycle before its delivery, whatever its verdict was."""
+        if self.failure is None:
+            self._fail(CycleFailure(Code.STOPPED, "The cycle was stopped before it was over."))
+
     def deliver(self) -> None:
         """After the verdict: bring what the hand holds into the tray; or only open an empty hand."""
         e, chosen = self.equipment, self._plan
@@ -128,8 +133,7 @@ class Cycle:
             if code is Code.NO_OBJECT:
                 return "EMPTY", code, self.failure.text
             return ("ABORTED" if code is Code.STOPPED or code in FAULTS else "FAILED"), code, self.failure.text
-        if self.verdict is None:
-            return "ABORTED", Code.STOPPED, "The cycle was stopped before its verdict."
+        assert self.verdict is not None, "a cycle without a verdict has a failure"
         return ("SUCCESS" if self.verdict.held else "FAILED"), self.verdict.code, self.verdict.reason
 
     # --- stages -------------------------------------------------------------------------------------------------------

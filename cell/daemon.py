@@ -228,6 +228,8 @@ class Daemon:
                     raise CycleFailure(Code.INTERNAL, f"The arm still moves at {speed_rad_s:.2f} rad/s after the stop.")
                 time.sleep(0.01)
         finally:
+            if self._cycle is not None:
+                self._cycle.interrupt()
             self._finish()
 
     def _clear(self) -> None:

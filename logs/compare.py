@@ -1,7 +1,7 @@
 """Compares two messages field by field, in the units a person thinks in.
 
-NaN equals NaN; text, numbers without tolerance, enums and booleans must be equal; poses differ in mm and degrees; images
-by their differing pixels.
+NaN equals NaN; text, numbers without tolerance, enums and booleans must be equal; poses differ in mm and degrees;
+images by their differing pixels.
 """
 
 from __future__ import annotations
@@ -57,8 +57,8 @@ class Difference:
 
     def describe(self) -> str:
         """One line for a person."""
-        by = "" if self.difference is None else f" (by {self.difference:.4g} {self.unit}, allowed {self.tolerance:g})"
-        return f"{self.field}: {_short(self.recorded)} -> {_short(self.replayed)} {self.unit if not by else ''}{by}".strip()
+        values = f"{self.field}: {_short(self.recorded)} -> {_short(self.replayed)} {self.unit}".rstrip()
+        return values if self.difference is None else f"{values} (by {self.difference:.4g}, allowed {self.tolerance:g})"
 
 
 def compare(recorded: Message, replayed: Message, tolerances: Mapping[str, Tolerance]) -> list[Difference]:
@@ -110,7 +110,7 @@ def _compare_leaf(path: str, a: Any, b: Any, rule: Tolerance) -> list[Difference
     if isinstance(a, float) and isinstance(b, float):
         if a == b or (math.isnan(a) and math.isnan(b)) or abs(a - b) <= rule.value:
             return []
-        return [Difference(path, _number(a), _number(b), _number(abs(a - b)), rule.value, rule.unit)]
+        return [Difference(path, _number(a), _number(b), _finite(abs(a - b)), rule.value, rule.unit)]
     return [] if a == b and type(a) is type(b) else [_plain(path, _value(a), _value(b), rule.unit)]
 
 
@@ -128,20 +128,20 @@ def _compare_arrays(path: str, a: npt.NDArray[Any], b: npt.NDArray[Any], rule: T
         return []
     where = np.unravel_index(int(np.nan_to_num(deviation, nan=np.inf).argmax()), a.shape)
     label = f"{path}[{','.join(str(int(index)) for index in where)}]"
-    return [Difference(label, _number(a[where]), _number(b[where]), _number(deviation[where]), rule.value, rule.unit)]
+    return [Difference(label, _number(a[where]), _number(b[where]), _finite(deviation[where]), rule.value, rule.unit)]
 
 
 def _compare_poses(path: str, a: npt.NDArray[Any], b: npt.NDArray[Any], rule: Tolerance) -> list[Difference]:
     found = []
     moved_mm = float(np.linalg.norm(a[:3, 3] - b[:3, 3])) * 1e3
     if not moved_mm <= rule.value:
-        mm = [[round(float(value) * 1e3, 4) for value in pose[:3, 3]] for pose in (a, b)]
-        found.append(Difference(f"{path}.translation", *mm, _number(moved_mm), rule.value, "mm"))
+        before_mm, after_mm = ([round(float(value) * 1e3, 4) for value in pose[:3, 3]] for pose in (a, b))
+        found.append(Difference(f"{path}.translation", before_mm, after_mm, moved_mm, rule.value, "mm"))
     # Frobenius distance of rotations is 2 sqrt(2) sin(angle / 2): exact near zero, where arccos of the trace is not.
     chord = float(np.linalg.norm(a[:3, :3] - b[:3, :3])) / (2 * math.sqrt(2))
     turned_deg = math.degrees(2 * math.asin(min(1.0, chord)))
     if not turned_deg <= rule.value:
-        found.append(Difference(f"{path}.rotation", 0.0, _number(turned_deg), _number(turned_deg), rule.value, "deg"))
+        found.append(Difference(f"{path}.rotation", 0.0, turned_deg, turned_deg, rule.value, "deg"))
     return found
 
 
@@ -153,6 +153,11 @@ def _number(value: Any) -> float | str:
     """A float JSON can hold; NaN and infinity as text."""
     number = float(value)
     return number if math.isfinite(number) else str(number)
+
+
+def _finite(value: Any) -> float | None:
+    """A difference, or None where there is none to tell (NaN against a number)."""
+    return float(value) if math.isfinite(value) else None
 
 
 def _value(value: Any) -> Any:

@@ -1,6 +1,6 @@
 """Writes one cycle into one MCAP, so that a killed process loses nothing that was flushed.
 
-The file is ``<path>.part`` until it is closed. Chunks are compressed and closed at every flush: an MCAP reader that goes
+The file is ``<path>.part`` until it is closed. Chunks are compressed and closed at every flush: a reader that goes
 through an unfinished file finds every message up to the last flush.
 """
 
@@ -81,14 +81,14 @@ class Recorder:
     def flush(self) -> None:
         """Close the chunk and hand everything to the operating system."""
         with self._lock, _as_recording_error(self.path):
-            self._writer.flush()
+            self._writer.flush()  # type: ignore[no-untyped-call]
 
     def close(self, result: Mapping[str, str]) -> Path:
         """Write ``result``, the index and the footer, sync, and give the file its final name; idempotent."""
         with self._lock, _as_recording_error(self.path):
             if not self._file.closed:
                 self._writer.add_metadata("result", dict(result))
-                self._writer.finish()
+                self._writer.finish()  # type: ignore[no-untyped-call]
                 self._file.flush()
                 os.fsync(self._file.fileno())
                 self._file.close()

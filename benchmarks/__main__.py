@@ -1,0 +1,67 @@
+"""``uv run python -m benchmarks NAME``: what there is to measure, and its figures as one JSON object."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from statistics import median
+from typing import Annotated, Any
+
+import typer
+
+from bus.commands import CommandRequest
+from bus.messages import CycleResult
+from cell.build import running_cell
+from cell.console import Screen
+from cell.machine import refuse
+from config.load import load_station
+
+app = typer.Typer(no_args_is_help=True, add_completion=False, help=__doc__)
+
+
+@app.command()
+def cycle(
+    cycles: Annotated[int, typer.Option(min=1)] = 20,
+    seed: int = 1,
+    overrides: Annotated[list[str] | None, typer.Option("--set", help="key=value")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
+) -> None:
+    """Simulated picks of the paper's objects: how they ended, and the median time of every stage [s]."""
+    station = load_station(None, [f"sim.seed={seed}", *(overrides or [])])
+    screen = Screen(json_lines=as_json, report=False)
+    results: list[CycleResult] = []
+    request = CommandRequest(client_id="benchmark", cycles=cycles)
+    with running_cell(station, screen.observe) as daemon:
+        refuse(daemon.command("reset", request))
+        for said in screen.follow(quiet=True):
+            if isinstance(said, CycleResult):
+                results.append(said)
+                screen.line(f"{len(results)}/{cycles} {said.object} {said.result} {said.code or ''}")
+                if len(results) == cycles or said.result == "ABORTED":
+                    break
+            elif said.state == "Idle" and not results:
+                refuse(daemon.command("start", request))
+    typer.echo(json.dumps(_figures(results)))
+
+
+def _figures(results: list[CycleResult]) -> dict[str, Any]:
+    stages = {name for result in results for name in result.stages}
+    return {
+        "cycles": len(results),
+        "by_result": Counter(result.result for result in results),
+        "by_code": Counter(str(result.code) for result in results if result.code),
+        "failed_objects": Counter(result.object for result in results if result.result != "SUCCESS"),
+        "wall_s_median": median(result.wall_s for result in results),
+        "stage_s_median": {
+            name: median(result.stages[name] for result in results if name in result.stages) for name in sorted(stages)
+        },
+    }
+
+
+@app.callback()
+def _main() -> None:
+    """Keep sub-commands even while there is only one."""
+
+
+if __name__ == "__main__":
+    app()
