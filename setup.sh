@@ -8,38 +8,48 @@ say() { printf 'setup: %s\n' "$*"; }
 fail() { printf 'setup: %s\n' "$*" >&2; exit 2; }
 
 # --- system libraries: headless rendering (EGL, Mesa's software driver), OpenMP, the camera's USB library -----------
-has_library() { find /lib /usr/lib -name "$1*" 2>/dev/null | grep -q .; }
+linker_cache="$(/sbin/ldconfig -p 2>/dev/null || true)"
+has_library() { case "$linker_cache" in *"$1"*) ;; *) return 1 ;; esac; }
+has_file() { [ -e "$1" ]; }
 
 missing=""
 has_library libEGL.so.1 || missing="$missing libegl1"
 has_library libEGL_mesa.so.0 || missing="$missing libegl-mesa0"
-has_library swrast_dri.so || has_library libgallium || missing="$missing libgl1-mesa-dri"
+# One driver file each up to Mesa 24, one libgallium for all after it.
+has_library libgallium- || has_file /usr/lib/*/dri/swrast_dri.so || missing="$missing libgl1-mesa-dri"
 has_library libOpenGL.so.0 || missing="$missing libopengl0"
 has_library libgomp.so.1 || missing="$missing libgomp1"
 has_library libusb-1.0.so.0 || missing="$missing libusb-1.0-0"
 
 if [ -n "$missing" ]; then
     command -v apt-get >/dev/null || fail "these system libraries are missing, and there is no apt-get to install them:$missing"
-    sudo=""
+    as_root=""
     if [ "$(id -u)" -ne 0 ]; then
-        command -v sudo >/dev/null || fail "run once as root: apt-get install -y$missing"
-        sudo="sudo"
+        command -v sudo >/dev/null || fail "system libraries are missing; run once as root: apt-get update && apt-get install -y$missing"
+        as_root="sudo"
     fi
-    say "installing system libraries:$missing"
-    $sudo apt-get update -qq
+    say "installing system libraries with ${as_root:+sudo }apt-get (up to 60 MB):$missing"
+    $as_root apt-get update -qq || say "apt-get update failed; going on with the package lists at hand"
+    # A machine just started may still be updating itself: wait for its lock.
     # shellcheck disable=SC2086  # a list of package names
-    DEBIAN_FRONTEND=noninteractive $sudo apt-get install -y -qq --no-install-recommends $missing >/dev/null
+    $as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends \
+        -o DPkg::Lock::Timeout=120 $missing >/dev/null || fail "apt-get could not install:$missing"
 fi
 
 # --- Python packages ---------------------------------------------------------------------------------------------------
-command -v uv >/dev/null || fail "uv is missing: python3 -m pip install uv rust-just"
+command -v uv >/dev/null || fail "uv is missing: python3 -m pip install uv rust-just (docs/install.md)"
+if ! .venv/bin/python -c '' 2>/dev/null; then
+    rm -rf .venv
+    uv venv --quiet --python '>=3.11' .venv || fail "Python 3.11 or newer is needed (docs/install.md)"
+fi
 stamp=.venv/.installed
 wanted="$(cat requirements.lock pyproject.toml setup.sh | sha256sum | cut -d' ' -f1)"
 if [ "$(cat "$stamp" 2>/dev/null || true)" != "$wanted" ]; then
-    [ -x .venv/bin/python ] || uv venv --quiet --python '>=3.11' .venv
-    say "installing the Python packages of requirements.lock into .venv (about 1.2 GB; a minute or two)"
-    uv pip sync --quiet --compile-bytecode --python .venv --require-hashes requirements.lock
-    uv pip install --quiet --python .venv --no-deps --no-build-isolation --editable .
+    say "installing the Python packages of requirements.lock into .venv (1.3 GB on disk; a minute or two)"
+    quiet=--quiet
+    [ ! -t 2 ] || quiet="" # a terminal gets uv's progress bars
+    uv pip sync $quiet --compile-bytecode --python .venv --require-hashes requirements.lock
+    uv pip install --quiet --python .venv --no-deps --no-build-isolation --editable . # after sync, which removes it
     printf '%s\n' "$wanted" >"$stamp"
     say "done"
 fi

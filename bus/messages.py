@@ -247,7 +247,7 @@ class Execution(Message):
         runs: the segments in the order they ran, ``hold`` ones included, each with the hand's state after it.
         grasped: the hand's state right after closing; None if it never closed.
         stopped_in: the segment a stop interrupted, or None.
-        after: the second capture, taken from the same place as the first while holding; None if not reached.
+        after: the second capture, taken while holding; None if not reached.
     """
 
     runs: tuple[SegmentRun, ...]

@@ -54,7 +54,7 @@ def execute(
     station: Station,
     halted: Halted,
 ) -> tuple[Execution, Observation | None]:
-    """Open, approach, close, lift, and hold at the capture pose while looking again.
+    """Open, approach, close, lift, hold, and look again from aside.
 
     Returns:
         What happened, and the second observation (None when stopped before it).

@@ -149,6 +149,8 @@ class VerifySettings(Settings):
     max_width_loss_m: Positive = 0.006
     min_load_n: NonNegative = 0.15
     min_cleared_fraction: Fraction = 0.7
+    look_aside_m: NonNegative = 0.36
+    """The second look is taken from this far beside the object: what the hand holds hides the image's middle."""
 
 
 class SimSettings(Settings):

@@ -1,6 +1,6 @@
 """From ranked grasps to every motion of one pick.
 
-``transit`` to before the object, ``approach`` along the tcp, ``lift`` straight up, back to the ``view`` pose, ``place``
+``transit`` to before the object, ``approach`` along the tcp, ``lift`` straight up, ``view`` from aside, ``place``
 above the tray, ``lower``, ``retreat`` and ``home``. The first grasp for which all of them are free and within the
 limits is taken; every grasp before it keeps the reason why not. Same inputs, same bits: nothing here is random.
 """
@@ -96,8 +96,9 @@ def _none_feasible(rejected: Sequence[Rejection]) -> CycleFailure:
 def _plan_grasp(robot: Robot, station: Station, grasp: Grasp, q_now_rad: Joints) -> tuple[Segment, ...]:
     _check_grasp(grasp)
     base_from_tcp = _off_the_table(station, grasp)
-    steps = _pick_steps(robot, station, grasp, base_from_tcp, q_now_rad)
-    steps += _place_steps(robot, station, grasp, base_from_tcp[:3, :3])
+    view_q = _view_configuration(robot, station, float(base_from_tcp[1, 3]))
+    steps = _pick_steps(robot, station, grasp, base_from_tcp, q_now_rad, view_q)
+    steps += _place_steps(robot, station, grasp, base_from_tcp[:3, :3], view_q)
     segments = []
     for name, points, width_m in steps:
         try:
@@ -132,12 +133,11 @@ def _off_the_table(station: Station, grasp: Grasp) -> Transform:
 
 
 def _pick_steps(
-    robot: Robot, station: Station, grasp: Grasp, base_from_tcp: Transform, q_now_rad: Joints
+    robot: Robot, station: Station, grasp: Grasp, base_from_tcp: Transform, q_now_rad: Joints, view_q: Joints
 ) -> list[Step]:
     """transit, approach, lift and view, for the best arm configuration that can do all four."""
     back = -station.planning.approach_m * base_from_tcp[:3, 2]
     up = np.array([0.0, 0.0, station.planning.lift_m])
-    view_q = np.array(station.arm.capture_q_rad)
     wide, opening = station.hand.max_width_m, min(grasp.opening_m, station.hand.max_width_m)
     half_turn = np.diag([-1.0, -1.0, 1.0, 1.0])
 
@@ -155,9 +155,26 @@ def _pick_steps(
     return _first_free(robot, _configurations(robot, twins, q_now_rad), steps, "the pose before the grasp")
 
 
-def _place_steps(robot: Robot, station: Station, grasp: Grasp, base_from_tcp_rotation: Array) -> list[Step]:
+def _view_configuration(robot: Robot, station: Station, object_y_m: float) -> Joints:
+    """From where to look again: the capture pose, moved aside, because what the hand holds hides the image's middle."""
+    capture_q = np.array(station.arm.capture_q_rad)
+    if station.verify.look_aside_m == 0:
+        return capture_q
+    side = -1.0 if object_y_m > 0 else 1.0
+    camera_y_m = object_y_m + side * station.verify.look_aside_m
+    shift_m = np.array([0.0, camera_y_m - robot.base_from_color(capture_q)[1, 3], 0.0])
+    pose = _shifted(robot.base_from_tcp(capture_q), shift_m)
+    found = next(_configurations(robot, [pose], capture_q), None)
+    if found is None:
+        raise _Infeasible(Code.UNREACHABLE, "view: no arm configuration reaches the pose for the second look")
+    return found[0]
+
+
+def _place_steps(
+    robot: Robot, station: Station, grasp: Grasp, base_from_tcp_rotation: Array, view_q: Joints
+) -> list[Step]:
     """place, lower, retreat and home; the object keeps its tilt, its yaw is free."""
-    view_q = np.array(station.arm.capture_q_rad)
+    capture_q = np.array(station.arm.capture_q_rad)
     wide, down = station.hand.max_width_m, np.array([0.0, 0.0, -LOWER_M])
     poses = []
     for yaw in _PLACE_YAWS_RAD:
@@ -172,7 +189,7 @@ def _place_steps(robot: Robot, station: Station, grasp: Grasp, base_from_tcp_rot
             ("place", np.stack([view_q, q]), grasp.width_m),
             ("lower", lower, grasp.width_m),
             ("retreat", lower[::-1], wide),
-            ("home", np.stack([q, view_q]), wide),
+            ("home", np.stack([q, capture_q]), wide),
         ]
 
     return _first_free(robot, _configurations(robot, poses, view_q), steps, "the pose above the tray")
