@@ -7,7 +7,7 @@ export VIRTUAL_ENV := justfile_directory() / ".venv"
 
 config := "config/sim.toml"
 
-# What there is
+[private]
 default:
     @just --list --unsorted
 
@@ -49,8 +49,9 @@ report *args: setup
 # Regenerate docs/commands.md from the commands' own help
 docs: setup
     uv run typer cell.__main__ utils docs --name cell --title "Commands" --output docs/commands.md
+    sed -i -e "s/&#x27;/'/g" -e 's/&gt;/>/g' docs/commands.md
 
 # Resolve the dependencies anew into requirements.lock
 lock:
     uv pip compile --quiet --universal --generate-hashes --no-emit-index-url --no-annotate --no-header \
-        --fork-strategy fewest --upgrade --extra dev pyproject.toml --output-file requirements.lock
+        --fork-strategy fewest --python-version 3.11 --upgrade --extra dev pyproject.toml --output-file requirements.lock

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import islice
 
 import numpy as np
 import numpy.typing as npt
@@ -96,7 +97,7 @@ def _none_feasible(rejected: Sequence[Rejection]) -> CycleFailure:
 def _plan_grasp(robot: Robot, station: Station, grasp: Grasp, q_now_rad: Joints) -> tuple[Segment, ...]:
     _check_grasp(grasp)
     base_from_tcp = _off_the_table(station, grasp)
-    view_q = _view_configuration(robot, station, float(base_from_tcp[1, 3]))
+    view_q = _view_configuration(robot, station, base_from_tcp[:3, 3])
     steps = _pick_steps(robot, station, grasp, base_from_tcp, q_now_rad, view_q)
     steps += _place_steps(robot, station, grasp, base_from_tcp[:3, :3], view_q)
     segments = []
@@ -155,19 +156,20 @@ def _pick_steps(
     return _first_free(robot, _configurations(robot, twins, q_now_rad), steps, "the pose before the grasp")
 
 
-def _view_configuration(robot: Robot, station: Station, object_y_m: float) -> Joints:
-    """From where to look again: the capture pose, moved aside, because what the hand holds hides the image's middle."""
+def _view_configuration(robot: Robot, station: Station, object_m: Array) -> Joints:
+    """From where to look again: the capture pose, moved aside as far as the arm reaches, in the configured order.
+
+    Raises: _Infeasible when it reaches none of the poses.
+    """
     capture_q = np.array(station.arm.capture_q_rad)
-    if station.verify.look_aside_m == 0:
-        return capture_q
-    side = -1.0 if object_y_m > 0 else 1.0
-    camera_y_m = object_y_m + side * station.verify.look_aside_m
-    shift_m = np.array([0.0, camera_y_m - robot.base_from_color(capture_q)[1, 3], 0.0])
-    pose = _shifted(robot.base_from_tcp(capture_q), shift_m)
-    found = next(_configurations(robot, [pose], capture_q), None)
-    if found is None:
-        raise _Infeasible(Code.UNREACHABLE, "view: no arm configuration reaches the pose for the second look")
-    return found[0]
+    camera_m = robot.base_from_color(capture_q)[:2, 3]
+    for aside_m in station.verify.look_aside_m:
+        shift_m = np.append(object_m[:2] + aside_m - camera_m, 0.0)
+        pose = _shifted(robot.base_from_tcp(capture_q), shift_m)
+        for q, _ in islice(_configurations(robot, [pose], capture_q), _CANDIDATES):
+            if robot.collision(q) is None:
+                return q
+    raise _Infeasible(Code.UNREACHABLE, "view: no arm configuration reaches a pose for the second look")
 
 
 def _place_steps(

@@ -1,0 +1,92 @@
+"""The stages on the simulated devices, judged by MuJoCo's own truth and not by our verdict."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bus.commands import PresentRequest
+from bus.messages import Execution, Verdict
+from cell.capture import capture
+from cell.detect import detect
+from cell.execute import deliver, execute
+from cell.plan import plan
+from cell.verify import verify
+from config.limits import check
+from config.load import load_station
+from drivers.guard import Guard
+from drivers.registry import open_devices
+from planning.robot import Robot
+
+OBJECTS = ("bottle", "controller", "cup", "drone", "spatula")
+
+
+class Outcome:
+    """One pick, and where the object really was at each point of it (height [m])."""
+
+    def __init__(self, name: str, friction: float, seed: int = 3) -> None:
+        station = load_station(None, [f"sim.friction={friction}", f"sim.seed={seed}"])
+        devices = open_devices("sim", station)
+        camera, hand, feeder = devices.camera, devices.hand, devices.feeder
+        assert camera is not None and devices.arm is not None and hand is not None and feeder is not None
+        arm, robot = Guard(devices.arm, station), Robot(station)
+        for device in (camera, arm, hand):
+            device.connect()
+        hand.home()
+        feeder.present(PresentRequest(object=name, cycle=0, seed=seed))
+        self.lay_m = feeder.truth().base_from_object[2, 3]
+        before = capture(camera, arm, robot)
+        found = detect(before, station)
+        chosen = plan(found, before, robot, station)
+
+        def look() -> object:
+            self.held_m = feeder.truth().base_from_object[2, 3]
+            return capture(camera, arm, robot)
+
+        self.execution: Execution
+        self.execution, after = execute(chosen, found.grasps[chosen.grasp], (arm, hand), look, station, lambda: False)
+        assert after is not None
+        self.verdict: Verdict = verify(self.execution, found, before, after, robot, station)
+        self.delivery = deliver(chosen, (arm, hand), station, lambda: False)
+        self.place = feeder.truth().base_from_object[:3, 3]
+        self.station = station
+        camera.close()
+
+
+@pytest.fixture(scope="module")
+def outcomes() -> dict[str, Outcome]:
+    """One pick of each of the paper's objects with gripping fingers."""
+    return {name: Outcome(name, friction=0.8) for name in OBJECTS}
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+def test_the_object_really_rises_and_the_verdict_knows(outcomes: dict[str, Outcome], name: str) -> None:
+    outcome = outcomes[name]
+    assert outcome.held_m - outcome.lay_m > 0.10
+    assert outcome.verdict.held and outcome.verdict.code is None
+    assert outcome.verdict.hold_s == pytest.approx(3.0, abs=0.1)
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+def test_the_object_ends_in_the_tray(outcomes: dict[str, Outcome], name: str) -> None:
+    outcome = outcomes[name]
+    tray = outcome.station.scene.tray
+    offset = np.abs(outcome.place[:2] - tray.center_m[:2])
+    assert (offset < np.array(tray.size_m[:2]) / 2 + 0.05).all(), outcome.place
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+def test_every_executed_trajectory_keeps_the_limits(outcomes: dict[str, Outcome], name: str) -> None:
+    outcome = outcomes[name]
+    runs = [*outcome.execution.runs, *outcome.delivery.runs]
+    assert {run.name for run in runs} >= {"transit", "approach", "lift", "view", "hold", "place", "home"}
+    for run in runs:
+        report = check(run.motion.commanded_q_rad)
+        assert report.ok, f"{run.name}: {report.describe()}"
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+def test_frictionless_fingers_lift_nothing_and_the_verdict_says_so(name: str) -> None:
+    outcome = Outcome(name, friction=0.0)
+    assert outcome.held_m - outcome.lay_m < 0.05
+    assert not outcome.verdict.held and outcome.verdict.code in ("GRASP_MISSED", "DROPPED")

@@ -1,0 +1,155 @@
+"""The whole path as an operator runs it: one command, its daemon and node process, the recordings, and their replay."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+
+from cell import client
+from config.schema import Station
+
+EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "trigger.py"
+
+
+def _cell(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "cell", *arguments], capture_output=True, text=True, timeout=120, check=False
+    )
+
+
+@pytest.fixture(scope="module")
+def lines(tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, Any]]:
+    """What ``cell start --cycles 2 --json`` prints."""
+    folder = tmp_path_factory.mktemp("recordings")
+    options = ["--set", "bus.endpoint=tcp/127.0.0.1:17450", "--set", f"recording.folder={folder}"]
+    done = _cell("start", "--cycles", "2", "--seed", "3", "--json", *options)
+    assert done.returncode == 0, done.stderr
+    return [json.loads(line) for line in done.stdout.splitlines()]
+
+
+def test_one_json_object_a_cycle(lines: list[dict[str, Any]]) -> None:
+    assert len(lines) == 2 and lines[0]["object"] != lines[1]["object"]
+    for line in lines:
+        assert {"cycle_id", "object", "result", "code", "stages", "wall_s", "recording"} <= line.keys()
+        assert line["result"] == "SUCCESS" and line["code"] is None
+        assert list(line["stages"]) == ["capture", "detect", "plan", "execute", "verify", "deliver"]
+        assert 0 < sum(line["stages"].values()) < line["wall_s"]
+
+
+def test_a_replay_is_equal(lines: list[dict[str, Any]]) -> None:
+    for line in lines:
+        done = _cell("replay", line["recording"], "--json")
+        assert done.returncode == 0 and json.loads(done.stdout)["equal"] is True
+        assert set(json.loads(done.stdout)["stages"]) == {"detect", "plan", "verify"}
+
+
+def test_a_what_if_names_the_first_difference(lines: list[dict[str, Any]]) -> None:
+    done = _cell("replay", lines[0]["recording"], "--json", "--set", "perception.compliance=1.5")
+    first = json.loads(done.stdout)["first_difference"]
+    assert done.returncode == 1
+    assert (first["stage"], first["field"], first["unit"]) == ("detect", "rectangles[0].width_px", "px")
+    assert first["replayed"] == pytest.approx(1.5 * first["recorded"])
+
+
+def test_the_recording_opens_with_the_plain_mcap_packages(lines: list[dict[str, Any]]) -> None:
+    seen: dict[str, Any] = {}
+    with open(lines[0]["recording"], "rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        for schema, channel, message in reader.iter_messages():
+            if channel.message_encoding == "json":
+                assert schema is not None and schema.encoding == "jsonschema"
+                seen[channel.topic] = json.loads(message.data)
+        for _schema, channel, _message, decoded in reader.iter_decoded_messages(
+            topics=["/camera/color", "/camera/depth", "/arm/state", "/tf"]
+        ):
+            seen[channel.topic] = decoded
+        attachments = [attachment.name for attachment in reader.iter_attachments()]
+    assert seen["/camera/color"].format == "jpeg" and seen["/camera/depth"].encoding == "16UC1"
+    assert len(seen["/arm/state"].joints) == 7
+    assert seen["/cycle/result"]["result"] == "SUCCESS"
+    assert {f"/cycle/{stage}" for stage in lines[0]["stages"]} <= seen.keys()
+    assert {"/state", "/arm/execute/query", "/arm/execute/reply", "/hand/grasp/reply"} <= seen.keys()
+    assert attachments == ["station.json"]
+
+
+def test_show_and_cycles_tell_what_was_recorded(lines: list[dict[str, Any]]) -> None:
+    shown = json.loads(_cell("show", lines[0]["recording"], "--json").stdout)
+    assert shown["result"]["cycle_id"] == lines[0]["cycle_id"] and shown["metadata"]["seed"] == "3"
+    listed = _cell("cycles", str(Path(lines[0]["recording"]).parent), "--json").stdout.splitlines()
+    assert [json.loads(line)["cycle_id"] for line in listed] == [line["cycle_id"] for line in reversed(lines)]
+
+
+# --- a daemon that stays ----------------------------------------------------------------------------------------------
+
+
+def test_other_processes_command_the_daemon(daemon: tuple[subprocess.Popen[str], Station], options: list[str]) -> None:
+    status = json.loads(_cell("status", "--json", *options).stdout)
+    assert (status["state"], status["nodes"]) == ("Stopped", ["sim"])
+    refused = _cell("pick", "--json", *options)
+    assert refused.returncode == 3
+    assert json.loads(refused.stdout)["code"] == "WRONG_STATE" and "cell reset" in refused.stderr
+    assert _cell("reset", *options).returncode == 0
+    picked = _cell("pick", "--wait", "--json", "--object", "bottle", *options)
+    assert picked.returncode == 0 and json.loads(picked.stdout)["object"] == "bottle"
+    assert _cell("pick", "--object", "unicorn", "--wait", *options).returncode in (1, 3)
+
+
+def test_a_stop_in_motion_ends_the_cycle_and_the_motion(
+    daemon: tuple[subprocess.Popen[str], Station], options: list[str]
+) -> None:
+    _, station = daemon
+    with client.connect(station) as cell:
+        cell.command("reset")
+        cell.wait_for_state({"Idle"}, 30)
+        cycle_id = cell.command("pick").cycle_id
+        give_up_s = time.monotonic() + 30
+        while cell.state().stage != "execute":
+            assert time.monotonic() < give_up_s
+            time.sleep(0.02)
+        time.sleep(0.5)  # somewhere in the transit
+        assert _cell("stop", *options).returncode == 0
+        result = cell.wait_for_result(cycle_id, 10)
+        assert (result.result, result.code) == ("ABORTED", "STOPPED")
+        assert Path(result.recording).is_file()
+        assert cell.state().state == "Stopped" and "reset" in cell.state().available
+        cell.command("reset")  # and it can go on
+        cell.wait_for_state({"Idle"}, 30)
+
+
+def test_a_killed_node_aborts_with_its_name_and_clear_is_refused_without_it(
+    daemon: tuple[subprocess.Popen[str], Station],
+) -> None:
+    process, station = daemon
+    children = subprocess.run(["pgrep", "-P", str(process.pid)], capture_output=True, text=True, check=True)
+    for pid in children.stdout.split():
+        subprocess.run(["kill", "-KILL", pid], check=True)
+    with client.connect(station) as cell:
+        cell.command("reset") if cell.state().state == "Stopped" else None
+        state = cell.wait_for_state({"Aborted"}, 30)
+    assert "sim" in state.reason
+
+
+def test_a_plain_zenoh_program_triggers_a_pick(daemon: tuple[subprocess.Popen[str], Station]) -> None:
+    _, station = daemon
+    source = EXAMPLE.read_text().replace("tcp/127.0.0.1:7447", station.bus.endpoint)
+    assert station.bus.endpoint in source
+    done = subprocess.run([sys.executable, "-c", source], capture_output=True, text=True, timeout=90, check=True)
+    assert "'result': 'SUCCESS'" in done.stdout, done.stdout
+
+
+def test_sigterm_stops_the_cell_and_leaves_no_process(daemon: tuple[subprocess.Popen[str], Station]) -> None:
+    process, _ = daemon
+    children = subprocess.run(["pgrep", "-P", str(process.pid)], capture_output=True, text=True, check=True)
+    process.send_signal(signal.SIGTERM)
+    assert process.wait(20) == 0
+    for pid in children.stdout.split():
+        assert not Path(f"/proc/{pid}").exists()
