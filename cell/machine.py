@@ -64,6 +64,7 @@ class Machine:
         self._inbox: queue.SimpleQueue[_Command | _Done | _Fault | None] = queue.SimpleQueue()
         self._answered: dict[str, CommandReply] = {}
         self.state = State.STOPPED
+        self._why_aborted = ""
         self._thread = threading.Thread(target=self._own, name="machine", daemon=True)
         self._quiet = threading.Event()
         self._quiet.set()
@@ -135,8 +136,12 @@ class Machine:
     def _finish(self, done: _Done) -> None:
         if done.state is not self.state:
             return  # a stop or abort came first; its own work goes on
-        if done.error is None or done.state is State.ABORTING:
-            self._enter(NEXT[done.state], "" if done.error is None else str(done.error))
+        if done.state is State.ABORTING:
+            if done.error is not None:
+                _log.warning("while aborting: %s", done.error)
+            self._enter(State.ABORTED, self._why_aborted)  # the cause, not what else went wrong on the way
+        elif done.error is None:
+            self._enter(NEXT[done.state], "")
         elif isinstance(done.error, CycleFailure) and done.error.failure is Code.STOPPED:
             self._enter(State.STOPPING, str(done.error))
         else:
@@ -144,6 +149,8 @@ class Machine:
 
     def _enter(self, state: State, reason: str) -> None:
         self.state = state
+        if state is State.ABORTING:
+            self._why_aborted = reason
         self._on_state(state, reason)
         if state in self._works:
             threading.Thread(target=self._work, args=(state,), name=str(state), daemon=True).start()

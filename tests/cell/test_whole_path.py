@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -125,13 +126,17 @@ def test_a_stop_in_motion_ends_the_cycle_and_the_motion(
         cell.wait_for_state({"Idle"}, 30)
 
 
-def test_a_killed_node_aborts_with_its_name_and_clear_is_refused_without_it(
+def _children(process: subprocess.Popen[str]) -> list[int]:
+    tasks = Path(f"/proc/{process.pid}/task").glob("*/children")
+    return [int(pid) for task in tasks for pid in task.read_text().split()]
+
+
+def test_a_killed_node_aborts_with_its_name(
     daemon: tuple[subprocess.Popen[str], Station],
 ) -> None:
     process, station = daemon
-    children = subprocess.run(["pgrep", "-P", str(process.pid)], capture_output=True, text=True, check=True)
-    for pid in children.stdout.split():
-        subprocess.run(["kill", "-KILL", pid], check=True)
+    for pid in _children(process):
+        os.kill(pid, signal.SIGKILL)
     with client.connect(station) as cell:
         cell.command("reset") if cell.state().state == "Stopped" else None
         state = cell.wait_for_state({"Aborted"}, 30)
@@ -148,8 +153,9 @@ def test_a_plain_zenoh_program_triggers_a_pick(daemon: tuple[subprocess.Popen[st
 
 def test_sigterm_stops_the_cell_and_leaves_no_process(daemon: tuple[subprocess.Popen[str], Station]) -> None:
     process, _ = daemon
-    children = subprocess.run(["pgrep", "-P", str(process.pid)], capture_output=True, text=True, check=True)
+    children = _children(process)
+    assert children
     process.send_signal(signal.SIGTERM)
     assert process.wait(20) == 0
-    for pid in children.stdout.split():
+    for pid in children:
         assert not Path(f"/proc/{pid}").exists()
