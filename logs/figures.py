@@ -197,5 +197,5 @@ def _plain(figure: go.Figure) -> go.Figure:
         plot_bgcolor="rgba(128,140,155,0.08)",
         font={"color": "#8593a3", "size": 12},
         margin={"l": 60, "r": 10, "t": 50, "b": 45},
-        legend={"orientation": "h", "y": -0.22},
+        legend={"orientation": "h", "y": -0.22, "itemsizing": "constant"},
     )

@@ -105,11 +105,10 @@ def _stage_bars(stages: Mapping[str, StageRecord[Any]]) -> list[dict[str, Any]]:
 def _seen(record: CycleRecord, found: Detections | None) -> list[Picture]:
     pictures = []
     if found is not None:
-        pictures.append(
-            Picture(
-                "Observed, with the object's outline and its rectangles", figures.data_uri(figures.annotated(found))
-            )
-        )
+        image = figures.annotated(found)
+        pictures.append(Picture("Observed", figures.data_uri(image)))
+        near = figures.crop(image, found.evidence.object_mask, margin_px=60)
+        pictures.append(Picture("The object's outline and the grasp rectangles", figures.data_uri(near)))
     elif record.observation is not None:
         pictures.append(Picture("Observed", figures.data_uri(record.observation.frame.color)))
     if record.after is not None:

@@ -109,7 +109,7 @@ def segment_goal(goal: npt.NDArray[np.uint8], rod_rgb: tuple[int, int, int], sce
     hsv = cv2.cvtColor(np.asarray(goal), cv2.COLOR_RGB2HSV).astype(int)
     apart = np.abs(hsv[..., 0] - hue_of(rod_rgb))
     rod = (np.minimum(apart, 180 - apart) < 8) & (hsv[..., 1] > 110) & (hsv[..., 2] > 60) & scene.region_mask
-    rod = cv2.morphologyEx(rod.astype(np.uint8), cv2.MORPH_OPEN, np.ones((2, 2))) > 0
+    rod = cv2.morphologyEx(rod.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3))) > 0
     return rod, scene.object_mask & ~rod
 
 
