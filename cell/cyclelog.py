@@ -60,11 +60,13 @@ class CycleLog:
         """Write what is queued, finish the file and give it its final name. Raises: CycleFailure(RECORDING)."""
         self._queue.put(None)
         self._writer.join()
-        self.check()
         try:
+            self.check()
             self._recorder.close(result)
         except RecordingError as error:
             raise CycleFailure(Code.RECORDING, error.text) from error
+        finally:
+            self._recorder.abandon()
 
     def _write(self) -> None:
         flushed_s = time.monotonic()

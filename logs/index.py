@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mcap.exceptions import McapError
 from mcap.reader import make_reader
 
 from bus.errors import RecordingError
+from logs.reader import DAMAGE
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ def _entry(path: Path) -> Entry:
         with path.open("rb") as file:
             for record in make_reader(file).iter_metadata():
                 metadata.update(record.metadata)
-    except (McapError, OSError, ValueError, KeyError, EOFError) as error:
+    except DAMAGE as error:
         return Entry(path, name, "DAMAGED", "", type(error).__name__)
     return Entry(
         path,

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import struct
 from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import zstandard
 from mcap.exceptions import McapError
 from mcap.reader import SeekingReader, make_reader
 from mcap.records import Channel, Schema
@@ -23,6 +25,19 @@ from logs.recorder import PART
 
 STAGE_TOPICS = (topics.CAPTURE, topics.DETECT, topics.PLAN, topics.EXECUTE, topics.VERIFY, topics.DELIVER)
 _STATION = "station.json"
+
+DAMAGE = (
+    McapError,
+    zstandard.ZstdError,
+    struct.error,
+    OSError,
+    ValueError,
+    KeyError,
+    EOFError,
+    OverflowError,
+    MemoryError,
+)
+"""What the MCAP reader and its decompressor raise on a file that is torn, damaged or no MCAP."""
 
 
 class Timed(NamedTuple):
@@ -86,7 +101,7 @@ def _read(path: Path) -> _Raw:
         with path.open("rb") as file:
             for _, channel, message in _messages(make_reader(file, validate_crcs=True), raw):
                 raw.payloads[channel.topic.removeprefix("/")].append((message.log_time, message.data))
-    except (McapError, OSError, ValueError, KeyError, EOFError, OverflowError, MemoryError) as error:
+    except DAMAGE as error:
         raise RecordingError(
             f"{path} is damaged or no MCAP ({type(error).__name__}).", "Copy it again from where it was recorded."
         ) from error

@@ -10,7 +10,7 @@ import os
 import shutil
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 
@@ -94,6 +94,11 @@ class Recorder:
                 self._file.close()
                 self._part.rename(self.path)
         return self.path
+
+    def abandon(self) -> None:
+        """Let go of the file as it is, after the disk failed: the ``.part`` stays. Never raises; idempotent."""
+        with self._lock, suppress(OSError):  # what could not be written cannot be flushed now either
+            self._file.close()
 
     def __enter__(self) -> Recorder:
         return self
