@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from bus.messages import Detections, Observation
 from config.schema import Station
-from perception import detector
+from perception.detector import detect as vlad_grasp
 
 
 def detect(observation: Observation, station: Station) -> Detections:
     """Ranked grasps and their evidence. Raises: CycleFailure (NO_OBJECT, NO_GRASP, MODEL_*)."""
-    return detector.detect(observation, station)
+    return vlad_grasp(observation, station)

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 from mcap_protobuf.decoder import DecoderFactory
@@ -96,7 +97,7 @@ def _until_torn(reader: StreamReader) -> list[object]:
     while True:
         try:
             records.append(next(iterator))
-        except Exception:  # the tear
+        except (McapError, EOFError, StopIteration):  # the tear
             return records
 
 
