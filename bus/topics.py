@@ -12,7 +12,6 @@ from typing import Any, Literal
 from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
-from foxglove_schemas_protobuf.ImageAnnotations_pb2 import ImageAnnotations
 from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 
@@ -78,7 +77,6 @@ EXECUTE = Topic("cycle/execute", "publish", StageRecord[Execution])
 VERIFY = Topic("cycle/verify", "publish", StageRecord[Verdict])
 DELIVER = Topic("cycle/deliver", "publish", StageRecord[Delivery])
 RESULT = Topic("cycle/result", "publish", CycleResult)
-ANNOTATIONS = Topic("cycle/annotations", "publish", ImageAnnotations)
 
 # A capture is answered by the five below, one reply each; they are recorded as those replies, not as published.
 CAMERA_CAPTURE = Topic("camera/capture", "query", None, Nothing)

@@ -12,6 +12,7 @@ from rich.console import Console
 
 from bus.codes import ADVICE
 from bus.commands import CellState, Event
+from bus.errors import RecordingError
 from bus.frozen import Message
 from bus.messages import CycleResult, Detections, Execution, PickPlan, StageRecord, Verdict
 from bus.topics import Topic
@@ -79,8 +80,16 @@ class Screen:
             self._out.print(f"  {ADVICE[result.code]}")
         self._out.print(f"  recording {result.recording}")
         if self._report:
-            started_s = time.monotonic()
-            page = write_report(read_cycle(Path(result.recording)), Path(result.recording).with_suffix(".html"))
+            self._write_report(Path(result.recording))
+
+    def _write_report(self, recording: Path) -> None:
+        """A page beside the recording; the cell goes on when the disk does not."""
+        started_s = time.monotonic()
+        try:
+            page = write_report(read_cycle(recording), recording.with_suffix(".html"))
+        except RecordingError as error:
+            self._out.print(f"  [bold red]no report[/] {error}")
+        else:
             self._out.print(f"  report    {page} ({time.monotonic() - started_s:.1f} s)")
 
 

@@ -86,7 +86,6 @@ class HandSettings(Settings):
     grasp_force_n: Positive = 30.0
     finger_width_m: Positive = 0.020
     finger_thickness_m: Positive = 0.012
-    pad_height_m: Positive = 0.018
     min_width_m: NonNegative = 0.002
 
 
@@ -118,9 +117,6 @@ class PerceptionSettings(Settings):
     """VLAD-Grasp (paper, Algorithm 1) and its embedded models."""
 
     model: Literal["geometric"] = "geometric"
-    segmenter: Literal["depth"] = "depth"
-    depth: Literal["observed"] = "observed"
-    alignment: Literal["pca_cfopt"] = "pca_cfopt"
     compliance: Positive = 1.0
     """lambda: jaw opening of the rectangle = lambda x run length."""
     min_object_height_m: Positive = 0.006
