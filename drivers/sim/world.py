@@ -18,15 +18,12 @@ from bus.errors import ConfigError, DriverError
 from config.schema import Station
 from drivers.sim.objects import OBJECT, object_names
 from drivers.sim.optics import FOVY_DEG, hand_from_cameras
+from drivers.sim.placing import Placing
 from drivers.sim.scene import ARM_JOINTS, FINGER_JOINTS, HAND_ACTUATOR, compose
 
 TICK_S = 0.001
 _SETTLE_TICKS = 800
 _DRAWS = 20
-_MARGIN_M = 0.005
-"""Objects are put at least this far inside the pick region, with all their extent if they fit."""
-_CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
-_DROP_M = 0.002
 _PACE_TICKS = 10
 
 
@@ -94,12 +91,13 @@ class World:
                 self.object_name = name
             self.presented = seed
             self.presentations += 1
+            table = Placing(self.model, self.data, self.station.scene.pick_region_m)
             for _ in range(_DRAWS):
-                self._stand(rng.uniform(-np.pi, np.pi))
+                table.stand(rng.uniform(-np.pi, np.pi))
                 self._settle()
-                self._shift_into_region(rng.uniform(size=2))
+                table.shift_into_region(rng.uniform(size=2))
                 self._settle()
-                if self._rests_inside():
+                if table.rests_inside():
                     return
         raise DriverError(
             f"The object {name!r} does not come to rest in the pick region.", "Is it too big, or does it roll?"
@@ -113,59 +111,9 @@ class World:
             pose[:3, 3] = self.data.body(OBJECT).xpos
             return pose
 
-    def _stand(self, heading_rad: float) -> None:
-        """The object as it is modelled, turned about the vertical, just above the middle of the pick region."""
-        x_min, x_max, y_min, y_max = self.station.scene.pick_region_m
-        joint = self.data.joint(OBJECT)
-        joint.qpos[:3] = (x_min + x_max) / 2, (y_min + y_max) / 2, 1.0
-        joint.qpos[3:] = np.cos(heading_rad / 2), 0.0, 0.0, np.sin(heading_rad / 2)
-        joint.qvel[:] = 0.0
-        mujoco.mj_forward(self.model, self.data)
-        joint.qpos[2] += _DROP_M - self._extent()[0, 2]
-        self.data.qacc_warmstart[:] = 0.0  # what was here before must not show in the last bits
-
     def _settle(self) -> None:
         for _ in range(_SETTLE_TICKS):
             self._step()
-
-    def _shift_into_region(self, share: npt.NDArray[np.float64]) -> None:
-        """Move the resting object so that all of it lies inside the pick region, ``share`` (2,) of the way across."""
-        low, high = self._extent()[:, :2]
-        first, last = self._region() - [low, high]
-        shift = np.where(first <= last, first + share * (last - first), (first + last) / 2)
-        joint = self.data.joint(OBJECT)
-        joint.qpos[:2] += shift
-        joint.qvel[:] = 0.0
-
-    def _region(self) -> npt.NDArray[np.float64]:
-        """(2, 2): lowest and highest corner of where objects may lie."""
-        x_min, x_max, y_min, y_max = self.station.scene.pick_region_m
-        return np.array([[x_min + _MARGIN_M, y_min + _MARGIN_M], [x_max - _MARGIN_M, y_max - _MARGIN_M]])
-
-    def _extent(self) -> npt.NDArray[np.float64]:
-        """(2, 3): lowest and highest corner of what can be touched of the object, in ``base``."""
-        model, data = self.model, self.data
-        solid = (model.geom_bodyid == model.body(OBJECT).id) & (model.geom_contype != 0)
-        points = [
-            data.geom_xpos[geom] + self._outline(int(geom)) @ data.geom_xmat[geom].reshape(3, 3).T
-            for geom in np.flatnonzero(solid)
-        ]
-        every = np.concatenate(points)
-        return np.array([every.min(axis=0), every.max(axis=0)])
-
-    def _outline(self, geom: int) -> npt.NDArray[np.float64]:
-        """Points (n, 3) that span the geom, in its own frame: a mesh's vertices, or its bounding box's corners."""
-        model, mesh = self.model, self.model.geom_dataid[geom]
-        if mesh >= 0:
-            first = model.mesh_vertadr[mesh]
-            return np.asarray(model.mesh_vert[first : first + model.mesh_vertnum[mesh]], dtype=np.float64)
-        return np.asarray(model.geom_aabb[geom, :3] + _CORNERS * model.geom_aabb[geom, 3:])
-
-    def _rests_inside(self) -> bool:
-        x_min, x_max, y_min, y_max = self.station.scene.pick_region_m
-        x, y, z = self.data.body(OBJECT).xpos
-        moving = float(np.abs(self.data.joint(OBJECT).qvel).max()) > 0.05
-        return not moving and x_min < x < x_max and y_min < y < y_max and z > -0.01
 
     # --- arm and hand -------------------------------------------------------------------------------------------------
 

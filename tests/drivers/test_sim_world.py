@@ -21,6 +21,7 @@ from drivers.sim.camera import SimCamera
 from drivers.sim.devices import SimFeeder
 from drivers.sim.hand import SimHand
 from drivers.sim.objects import OBJECT
+from drivers.sim.placing import Placing
 from drivers.sim.world import World
 
 PAPER_OBJECTS = ("bottle", "controller", "cup", "drone", "spatula")
@@ -74,7 +75,7 @@ def test_each_object_comes_to_rest_inside_the_pick_region(world: World, name: st
     places = []
     for seed in range(4):
         world.present(name, seed)
-        low, high = world._extent()
+        low, high = Placing(world.model, world.data, world.station.scene.pick_region_m).extent()
         assert low[0] >= x_min and high[0] <= x_max and low[1] >= y_min and high[1] <= y_max
         assert abs(low[2]) < 1.5e-3, "it stands on the table"
         before = world.base_from_object()
@@ -160,7 +161,7 @@ def test_objects_of_a_public_set_load_and_rest(name: str) -> None:
         pytest.skip("VLAD_CELL_DATA names no folder with the object_sim meshes")
     world = World(load_station(None, [f"sim.objects={data}/meshes/object_sim"]))
     world.present(name, 2)
-    assert abs(world._extent()[0, 2]) < 2e-3
+    assert abs(Placing(world.model, world.data, world.station.scene.pick_region_m).extent()[0, 2]) < 2e-3
     assert 0.02 < world.model.body_subtreemass[world.model.body(OBJECT).id] < 1.5
 
 

@@ -1,0 +1,77 @@
+"""Puts the object on the table: as it is modelled, at a chosen heading and place, wholly inside the pick region."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from drivers.sim.objects import OBJECT
+
+_MARGIN_M = 0.005
+"""Objects are put at least this far inside the pick region, with all their extent if they fit."""
+_CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
+_DROP_M = 0.002
+
+
+class Placing:
+    """Moves the free object of one model; nothing here lets time pass.
+
+    Args:
+        pick_region_m: (x_min, x_max, y_min, y_max) in ``base``.
+    """
+
+    def __init__(
+        self, model: mujoco.MjModel, data: mujoco.MjData, pick_region_m: tuple[float, float, float, float]
+    ) -> None:
+        self._model, self._data, self._pick_region_m = model, data, pick_region_m
+
+    def stand(self, heading_rad: float) -> None:
+        """The object as it is modelled, turned about the vertical, just above the middle of the pick region."""
+        x_min, x_max, y_min, y_max = self._pick_region_m
+        joint = self._data.joint(OBJECT)
+        joint.qpos[:3] = (x_min + x_max) / 2, (y_min + y_max) / 2, 1.0
+        joint.qpos[3:] = np.cos(heading_rad / 2), 0.0, 0.0, np.sin(heading_rad / 2)
+        joint.qvel[:] = 0.0
+        mujoco.mj_forward(self._model, self._data)
+        joint.qpos[2] += _DROP_M - self.extent()[0, 2]
+        self._data.qacc_warmstart[:] = 0.0  # what was here before must not show in the last bits
+
+    def shift_into_region(self, share: npt.NDArray[np.float64]) -> None:
+        """Move the resting object so that all of it lies inside the pick region, ``share`` (2,) of the way across."""
+        low, high = self.extent()[:, :2]
+        first, last = self._region() - [low, high]
+        shift = np.where(first <= last, first + share * (last - first), (first + last) / 2)
+        joint = self._data.joint(OBJECT)
+        joint.qpos[:2] += shift
+        joint.qvel[:] = 0.0
+
+    def _region(self) -> npt.NDArray[np.float64]:
+        """(2, 2): lowest and highest corner of where objects may lie."""
+        x_min, x_max, y_min, y_max = self._pick_region_m
+        return np.array([[x_min + _MARGIN_M, y_min + _MARGIN_M], [x_max - _MARGIN_M, y_max - _MARGIN_M]])
+
+    def extent(self) -> npt.NDArray[np.float64]:
+        """(2, 3): lowest and highest corner of what can be touched of the object, in ``base``."""
+        model, data = self._model, self._data
+        solid = (model.geom_bodyid == model.body(OBJECT).id) & (model.geom_contype != 0)
+        points = [
+            data.geom_xpos[geom] + self._outline(int(geom)) @ data.geom_xmat[geom].reshape(3, 3).T
+            for geom in np.flatnonzero(solid)
+        ]
+        every = np.concatenate(points)
+        return np.array([every.min(axis=0), every.max(axis=0)])
+
+    def _outline(self, geom: int) -> npt.NDArray[np.float64]:
+        """Points (n, 3) that span the geom, in its own frame: a mesh's vertices, or its bounding box's corners."""
+        model, mesh = self._model, self._model.geom_dataid[geom]
+        if mesh >= 0:
+            first = model.mesh_vertadr[mesh]
+            return np.asarray(model.mesh_vert[first : first + model.mesh_vertnum[mesh]], dtype=np.float64)
+        return np.asarray(model.geom_aabb[geom, :3] + _CORNERS * model.geom_aabb[geom, 3:])
+
+    def rests_inside(self) -> bool:
+        x_min, x_max, y_min, y_max = self._pick_region_m
+        x, y, z = self._data.body(OBJECT).xpos
+        moving = float(np.abs(self._data.joint(OBJECT).qvel).max()) > 0.05
+        return not moving and x_min < x < x_max and y_min < y < y_max and z > -0.01
