@@ -19,6 +19,7 @@ from cell.states import NEXT, State, after_command, available
 
 _log = logging.getLogger(__name__)
 _REMEMBERED_COMMANDS = 256
+_STOPPING = (State.STOPPING, State.ABORTING)
 
 Work = Callable[[], None]
 """What an acting state does. A `CycleFailure` or other `CellError` it raises aborts the machine."""
@@ -153,14 +154,13 @@ class Machine:
             self._why_aborted = reason
         self._on_state(state, reason)
         if state in self._works:
+            if state not in _STOPPING:
+                self._quiet.clear()  # here and not in the thread: a stop may come before that runs
             threading.Thread(target=self._work, args=(state,), name=str(state), daemon=True).start()
         elif state in NEXT:
             self._inbox.put(_Done(state, None))
 
     def _work(self, state: State) -> None:
-        stopping = state in (State.STOPPING, State.ABORTING)
-        if not stopping:
-            self._quiet.clear()
         error: CellError | None = None
         try:
             self._works[state]()
@@ -170,7 +170,7 @@ class Machine:
             _log.exception("defect in %s", state)
             error = CycleFailure(Code.INTERNAL, f"{type(defect).__name__}: {defect}.")
         finally:
-            if not stopping:
+            if state not in _STOPPING:
                 self._quiet.set()
         self._inbox.put(_Done(state, error))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -14,12 +15,22 @@ settings.register_profile("deterministic", derandomize=True, deadline=None, prin
 settings.load_profile("deterministic")
 
 
+@pytest.fixture(scope="session")
+def new_endpoint() -> Callable[[], str]:
+    """Gives loopback endpoints nobody listens on."""
+
+    def free() -> str:
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+    return free
+
+
 @pytest.fixture
-def endpoint() -> str:
+def endpoint(new_endpoint: Callable[[], str]) -> str:
     """A loopback endpoint nobody listens on."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    return new_endpoint()
 
 
 @pytest.fixture

@@ -93,6 +93,29 @@ def test_a_stop_during_a_work_wins_over_its_end(bench: Bench) -> None:
     assert State.COMPLETING not in passed and passed[-2:] == [State.STOPPING, State.STOPPED]
 
 
+def test_a_stop_right_after_a_start_waits_for_the_work_that_had_not_yet_begun(bench: Bench) -> None:
+    ended: list[str] = []
+    release = threading.Event()
+
+    def begin() -> None:
+        release.wait(5)
+        ended.append("work")
+
+    def stop() -> None:
+        quiet_at_once = bench.machine.wait_quiet(0.05)
+        release.set()
+        assert not quiet_at_once and bench.machine.wait_quiet(5)
+        ended.append("stop")
+
+    bench.works.update({State.STARTING: begin, State.STOPPING: stop})
+    bench.command("reset")
+    bench.until(State.IDLE)
+    bench.command("start")
+    bench.command("stop")
+    assert bench.until(State.STOPPED)[-1] is State.STOPPED
+    assert ended == ["work", "stop"]
+
+
 @pytest.mark.parametrize(
     "error", [CycleFailure(Code.ARM_REFLEX, "Touched something."), CellError("Broken."), ZeroDivisionError("defect")]
 )

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -28,10 +29,10 @@ def _cell(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.fixture(scope="module")
-def lines(tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, Any]]:
+def lines(tmp_path_factory: pytest.TempPathFactory, new_endpoint: Callable[[], str]) -> list[dict[str, Any]]:
     """What ``cell start --cycles 2 --json`` prints."""
     folder = tmp_path_factory.mktemp("recordings")
-    options = ["--set", "bus.endpoint=tcp/127.0.0.1:17450", "--set", f"recording.folder={folder}"]
+    options = ["--set", f"bus.endpoint={new_endpoint()}", "--set", f"recording.folder={folder}"]
     done = _cell("start", "--cycles", "2", "--seed", "3", "--json", *options)
     assert done.returncode == 0, done.stderr
     return [json.loads(line) for line in done.stdout.splitlines()]

@@ -21,13 +21,12 @@ def station() -> Station:
     return load_station()
 
 
-def _simulated(station: Station, _stack: ExitStack) -> Devices:
+def _simulated(station: Station, _stack: ExitStack, _endpoint: str) -> Devices:
     return open_devices("sim", station)
 
 
-def _remote(station: Station, stack: ExitStack) -> Devices:
+def _remote(station: Station, stack: ExitStack, endpoint: str) -> Devices:
     """The simulated devices, served by a node on one session and used over another."""
-    endpoint = "tcp/127.0.0.1:17447"
     cell = stack.enter_context(Bus.listen(station.cell_id, endpoint))
     node_bus = stack.enter_context(Bus.join(station.cell_id, endpoint))
     node = Node("sim", node_bus, open_devices("sim", station), station)
@@ -37,14 +36,14 @@ def _remote(station: Station, stack: ExitStack) -> Devices:
     return Devices(*parts)
 
 
-IMPLEMENTATIONS: dict[str, Callable[[Station, ExitStack], Devices]] = {"sim": _simulated, "remote": _remote}
+IMPLEMENTATIONS: dict[str, Callable[[Station, ExitStack, str], Devices]] = {"sim": _simulated, "remote": _remote}
 
 
 @pytest.fixture(scope="module", params=sorted(IMPLEMENTATIONS))
-def devices(request: pytest.FixtureRequest, station: Station) -> Iterator[Devices]:
+def devices(request: pytest.FixtureRequest, station: Station, new_endpoint: Callable[[], str]) -> Iterator[Devices]:
     """One implementation of all devices, not yet connected."""
     with ExitStack() as stack:
-        devices = IMPLEMENTATIONS[request.param](station, stack)
+        devices = IMPLEMENTATIONS[request.param](station, stack, new_endpoint())
         yield devices
         for device in (devices.camera, devices.arm, devices.hand):
             if device is not None:
