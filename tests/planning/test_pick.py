@@ -9,7 +9,7 @@ from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.messages import Grasp, PickPlan
 from config.limits import UPPER_RAD
-from config.schema import Box, NodeSettings, SceneSettings, Station
+from config.schema import Box, NodeSettings, SceneSettings, Station, VerifySettings
 from planning.pick import LOWER_M, plan_pick
 from planning.robot import FINGER_TIP_M, Robot
 
@@ -64,8 +64,19 @@ def test_the_tcp_goes_where_the_pick_needs_it(robot: Robot, plan: PickPlan) -> N
     assert np.allclose(tcp["lift"][:3, 3], target[:3, 3] + [0, 0, STATION.planning.lift_m], atol=1e-9)
     assert np.allclose(tcp["lower"][:3, 3], STATION.scene.place_m, atol=1e-9)
     assert np.allclose(tcp["place"][:3, 3], np.array(STATION.scene.place_m) + np.array([0, 0, LOWER_M]), atol=1e-9)
-    assert np.array_equal(ends(plan)["view"], CAPTURE)
     assert np.array_equal(ends(plan)["home"], CAPTURE)
+
+
+def test_the_second_look_is_taken_from_aside_as_high_and_as_level_as_the_first(robot: Robot, plan: PickPlan) -> None:
+    first, second = robot.base_from_color(CAPTURE), robot.base_from_color(ends(plan)["view"])
+    aside_m = second[:2, 3] - GOOD.base_from_tcp[:2, 3]
+    assert min(np.abs(aside_m - offset).max() for offset in STATION.verify.look_aside_m) < 1e-6
+    assert np.allclose(second[:3, :3], first[:3, :3], atol=1e-6) and abs(second[2, 3] - first[2, 3]) < 1e-6
+
+
+def test_without_a_reachable_place_aside_the_second_look_is_taken_from_the_capture_pose(robot: Robot) -> None:
+    far = Station(nodes=NODES, verify=VerifySettings(look_aside_m=((3.0, 0.0),)))
+    assert np.array_equal(ends(plan_pick(robot, far, [GOOD], CAPTURE))["view"], CAPTURE)
 
 
 def test_a_tilted_grasp_keeps_the_objects_tilt_where_it_is_laid_down(robot: Robot) -> None:
