@@ -246,7 +246,7 @@ class Execution(Message):
     Attributes:
         runs: the segments in the order they ran, ``hold`` ones included, each with the hand's state after it.
         grasped: the hand's state right after closing; None if it never closed.
-        stopped_in: the segment a stop interrupted, or None.
+        stopped_in: the segment (or hand action) a stop interrupted or kept from beginning, or None.
         after: the second capture, taken while holding; None if not reached.
     """
 

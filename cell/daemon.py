@@ -15,7 +15,7 @@ from bus import topics
 from bus.codec import decode, encode
 from bus.codes import Code
 from bus.commands import CellState, CommandReply, CommandRequest, Event, PresentRequest
-from bus.errors import BusError, CycleFailure, DriverError
+from bus.errors import BusError, CycleFailure, DriverError, Refused
 from bus.frozen import Message
 from bus.messages import ArmMode, CycleResult
 from bus.session import Bus, Heard
@@ -110,6 +110,8 @@ class Daemon:
 
     def _on_command(self, payload: bytes, fields: Mapping[str, str]) -> Message:
         request = decode(CommandRequest, payload or b"{}")
+        if request.client_id == CELL_CLIENT:
+            raise Refused(f"The client id {CELL_CLIENT!r} is the cell's own.", "Send another.", code="BAD_CLIENT")
         return self.machine.command(fields["verb"], request)
 
     def _on_node(self, name: str, is_alive: bool) -> None:
@@ -167,17 +169,24 @@ class Daemon:
         if state.mode is not ArmMode.IDLE:
             raise CycleFailure(Code.ARM_REFLEX, f"The arm is in mode {state.mode.value!r}, not idle.")
         if not e.hand.state().is_homed:
+            self._require_not_halted()
             e.hand.home()
         self._to_capture_pose(state.q_rad)
+        self._require_not_halted()
         e.hand.move(self._station.hand.max_width_m, self._station.hand.speed_m_s)
         age_s = (time.time_ns() - e.camera.capture().stamp_ns) / 1e9
         if age_s > self._station.camera.max_age_s:
             raise CycleFailure(Code.STALE_FRAME, f"The camera's newest frame is {age_s:.1f} s old.")
 
+    def _require_not_halted(self) -> None:
+        if self._halt.is_set():
+            raise CycleFailure(Code.STOPPED, "Stopped while resetting.")
+
     def _to_capture_pose(self, q_rad: np.ndarray) -> None:
         home_q_rad = np.asarray(self._station.arm.capture_q_rad)
         if float(np.abs(q_rad - home_q_rad).max()) < _AT_CAPTURE_RAD:
             return
+        self._require_not_halted()
         motion = self._equipment.arm.execute(move(self._equipment.robot, q_rad, home_q_rad))
         if not motion.finished:
             raise CycleFailure(Code.STOPPED, "Stopped on the way to the capture pose.")
@@ -215,14 +224,16 @@ class Daemon:
     def _stop(self) -> None:
         """Stop until nothing runs, then confirm by the measured velocity that the arm rests."""
         self._halt.set()
-        arm = self._equipment.arm
+        arm, hand = self._equipment.arm, self._equipment.hand
         give_up_s = time.monotonic() + _STOP_PATIENCE_S
-        arm.stop()
-        while not self.machine.wait_quiet(0.05):  # a motion may just have been on its way: stop again
-            arm.stop()
-            if time.monotonic() > give_up_s:
-                raise CycleFailure(Code.INTERNAL, f"The cycle still runs {_STOP_PATIENCE_S:.0f} s after the stop.")
         try:
+            arm.stop()
+            hand.stop()
+            while not self.machine.wait_quiet(0.05):  # a motion may just have been on its way: stop again
+                arm.stop()
+                hand.stop()
+                if time.monotonic() > give_up_s:
+                    raise CycleFailure(Code.INTERNAL, f"The cycle still runs {_STOP_PATIENCE_S:.0f} s after the stop.")
             while (speed_rad_s := float(np.abs(arm.state().dq_rad_s).max())) > _REST_RAD_S:
                 if time.monotonic() > give_up_s:
                     raise CycleFailure(Code.INTERNAL, f"The arm still moves at {speed_rad_s:.2f} rad/s after the stop.")

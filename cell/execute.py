@@ -14,7 +14,7 @@ from config.schema import Station
 from drivers.interface import Arm, Hand
 
 Halted = Callable[[], bool]
-"""Whether somebody asked the cell to stop; asked before every motion."""
+"""Whether somebody asked the cell to stop; asked before every motion of arm and hand."""
 
 BEFORE_GRASP = ("transit", "approach")
 AFTER_GRASP = ("lift", "view")
@@ -30,10 +30,15 @@ class _Runner:
         self.runs: list[SegmentRun] = []
         self.stopped_in: str | None = None
 
-    def run(self, name: str, trajectory: Trajectory) -> bool:
-        """Play one segment; False when it was stopped, or must not begin."""
+    def may(self, name: str) -> bool:
+        """Whether the next thing, called ``name``, may begin; a stop before it is kept."""
         if self._halted():
             self.stopped_in = name
+        return self.stopped_in is None
+
+    def run(self, name: str, trajectory: Trajectory) -> bool:
+        """Play one segment; False when it was stopped, or must not begin."""
+        if not self.may(name):
             return False
         motion = self._arm.execute(trajectory)
         self.runs.append(SegmentRun.model_validate({"name": name, "motion": motion, "hand": self._hand.state()}))
@@ -62,10 +67,10 @@ def execute(
     arm, hand = devices
     runner = _Runner(arm, hand, halted)
     grasped: HandState | None = None
-    if not halted():
-        hand.move(grasp.opening_m, station.hand.speed_m_s)
     after: Observation | None = None
-    if runner.run_all(plan, BEFORE_GRASP):
+    if runner.may("open"):
+        hand.move(grasp.opening_m, station.hand.speed_m_s)
+    if runner.run_all(plan, BEFORE_GRASP) and runner.may("grasp"):
         grasped = hand.grasp(station.hand.grasp_force_n, station.hand.speed_m_s)
         if runner.run_all(plan, AFTER_GRASP) and _hold(runner, plan, station):
             after = look()
@@ -94,7 +99,7 @@ def deliver(plan: PickPlan, devices: tuple[Arm, Hand], station: Station, halted:
     arm, hand = devices
     runner = _Runner(arm, hand, halted)
     released: HandState | None = None
-    if runner.run_all(plan, TO_TRAY):
+    if runner.run_all(plan, TO_TRAY) and runner.may("release"):
         released = hand.move(station.hand.max_width_m, station.hand.speed_m_s)
         runner.run_all(plan, FROM_TRAY)
     if runner.stopped_in is not None:
