@@ -1,0 +1,188 @@
+"""What the machine does in its acting states: self-check, begin, pick, complete, stop, clear."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+import time
+from collections.abc import Callable
+from datetime import UTC, datetime
+
+import numpy as np
+
+from bus import topics
+from bus.codec import encode
+from bus.codes import Code
+from bus.commands import PresentRequest
+from bus.errors import CycleFailure
+from bus.messages import ArmMode, CycleResult
+from bus.session import Heard
+from bus.topics import encoding_of
+from cell.cycle import FAULTS, Cycle, Equipment, Say
+from cell.cyclelog import CycleLog
+from cell.runinfo import run_info
+from drivers.interface import Feeder
+from logs.recorder import ensure_space
+from planning.timing import move
+
+_REST_RAD_S = 0.1
+"""Below this the arm rests: the FR3's measured velocity chatters by up to 0.08 rad/s at standstill."""
+_STOP_PATIENCE_S = 20.0
+_AT_CAPTURE_RAD = 1e-3
+
+
+def new_cycle_id() -> str:
+    """The UTC time to the millisecond: unique in one cell, and sorted by age."""
+    return f"{datetime.now(UTC):%Y%m%dT%H%M%S%f}"[:-3]
+
+
+class Works:
+    """The works of one cell, each run in a thread of its own by the `Machine`; at most one cycle is open.
+
+    Args:
+        feeder: puts objects on the simulated table; None on hardware.
+        nodes_alive: names of the nodes that are up.
+        say, on_stage: publish a message; tell that a stage began.
+        on_result: told every cycle's result, after its recording is closed.
+
+    Attributes:
+        halt: set by whoever wants everything to stop; asked before every motion.
+        next_cycle_id, object: of the cycle that begins next; "" and None = a new id, the feeder's next object.
+        log: the open cycle's record, or None.
+    """
+
+    def __init__(
+        self,
+        equipment: Equipment,
+        feeder: Feeder | None,
+        nodes_alive: Callable[[], set[str]],
+        say: Say,
+        on_stage: Callable[[str], None],
+        on_result: Callable[[CycleResult], None],
+    ) -> None:
+        self._equipment, self._feeder, self._nodes_alive = equipment, feeder, nodes_alive
+        self._station = equipment.station
+        self._say, self._on_stage, self._on_result = say, on_stage, on_result
+        self._numbers = itertools.count()
+        self._cycle: Cycle | None = None
+        self.halt = threading.Event()
+        self.next_cycle_id = ""
+        self.object: str | None = None
+        self.log: CycleLog | None = None
+
+    @property
+    def cycle_id(self) -> str:
+        """The open cycle's id, or ""."""
+        cycle = self._cycle
+        return cycle.cycle_id if cycle is not None else ""
+
+    def reset(self) -> None:
+        """Self-check, then the arm to the capture pose with an open hand. Raises: CycleFailure or DriverError."""
+        e = self._equipment
+        missing = set(self._station.nodes) - self._nodes_alive()
+        if missing:
+            raise CycleFailure(Code.NODE_LOST, f"These nodes are not up: {', '.join(sorted(missing))}.")
+        ensure_space(self._station.recording.folder, self._station.recording.min_free_mb)
+        state = e.arm.state()
+        if state.mode is not ArmMode.IDLE:
+            raise CycleFailure(Code.ARM_REFLEX, f"The arm is in mode {state.mode.value!r}, not idle.")
+        if not e.hand.state().is_homed:
+            self._require_not_halted()
+            e.hand.home()
+        self._to_capture_pose(state.q_rad)
+        self._require_not_halted()
+        e.hand.move(self._station.hand.max_width_m, self._station.hand.speed_m_s)
+        age_s = (time.time_ns() - e.camera.capture().stamp_ns) / 1e9
+        if age_s > self._station.camera.max_age_s:
+            raise CycleFailure(Code.STALE_FRAME, f"The camera's newest frame is {age_s:.1f} s old.")
+
+    def _require_not_halted(self) -> None:
+        if self.halt.is_set():
+            raise CycleFailure(Code.STOPPED, "Stopped while resetting.")
+
+    def _to_capture_pose(self, q_rad: np.ndarray) -> None:
+        home_q_rad = np.asarray(self._station.arm.capture_q_rad)
+        if float(np.abs(q_rad - home_q_rad).max()) < _AT_CAPTURE_RAD:
+            return
+        self._require_not_halted()
+        motion = self._equipment.arm.execute(move(self._equipment.robot, q_rad, home_q_rad))
+        if not motion.finished:
+            raise CycleFailure(Code.STOPPED, "Stopped on the way to the capture pose.")
+
+    def begin(self) -> None:
+        """Open the cycle's record; in simulation, put an object on the table."""
+        cycle_id = self.next_cycle_id or new_cycle_id()
+        self.next_cycle_id = ""
+        number = next(self._numbers)
+        day = datetime.now(UTC).strftime("%Y-%m-%d")
+        path = self._station.recording.folder / day / f"{cycle_id}.mcap"
+        metadata = run_info(self._station, cycle_id)
+        self.log = CycleLog(path, self._station.model_dump_json(), metadata, time.time_ns)
+        self._cycle = Cycle(cycle_id, self._equipment, self._say, self._on_stage, self.log, self.halt.is_set)
+        self._on_stage("")
+        if self._feeder is not None:
+            request = PresentRequest(object=self.object, cycle=number, seed=self._station.sim.seed)
+            self._cycle.object = self._feeder.present(request).object
+
+    def pick(self) -> None:
+        """The five stages. A pick that failed goes on to Completing; a fault of a device does not."""
+        assert self._cycle is not None
+        try:
+            self._cycle.run()
+        except CycleFailure as failure:
+            if failure.failure in FAULTS or failure.failure is Code.STOPPED:
+                raise
+
+    def complete(self) -> None:
+        """Deliver, and close the record."""
+        assert self._cycle is not None
+        self._cycle.deliver()
+        self._finish()
+
+    def stop(self, is_quiet: Callable[[float], bool]) -> None:
+        """Stop until ``is_quiet`` (no work runs), then confirm by the measured velocity that the arm rests."""
+        self.halt.set()
+        arm, hand = self._equipment.arm, self._equipment.hand
+        give_up_s = time.monotonic() + _STOP_PATIENCE_S
+        try:
+            arm.stop()
+            hand.stop()
+            while not is_quiet(0.05):  # a motion may just have been on its way: stop again
+                arm.stop()
+                hand.stop()
+                if time.monotonic() > give_up_s:
+                    raise CycleFailure(Code.INTERNAL, f"The cycle still runs {_STOP_PATIENCE_S:.0f} s after the stop.")
+            while (speed_rad_s := float(np.abs(arm.state().dq_rad_s).max())) > _REST_RAD_S:
+                if time.monotonic() > give_up_s:
+                    raise CycleFailure(Code.INTERNAL, f"The arm still moves at {speed_rad_s:.2f} rad/s after the stop.")
+                time.sleep(0.01)
+        finally:
+            if self._cycle is not None:
+                self._cycle.interrupt()
+            self._finish()
+
+    def clear(self) -> None:
+        self._equipment.arm.recover()
+
+    def _finish(self) -> None:
+        """Close the cycle's record, if one is open, then say the result: whoever hears it finds the file.
+
+        Raises: CycleFailure(RECORDING), after saying so as the result.
+        """
+        cycle, log = self._cycle, self.log
+        if cycle is None or log is None:
+            return
+        result = cycle.result()
+        self._cycle = self.log = None
+        failure: CycleFailure | None = None
+        log.hear(Heard(topics.RESULT.key, encoding_of(CycleResult), encode(result)))
+        try:
+            log.close({"result": result.result, "code": result.code or "", "reason": result.reason})
+        except CycleFailure as error:
+            failure = error
+            lost = {"result": "ABORTED", "code": error.failure, "reason": error.text}
+            result = result.model_copy(update=lost)
+        self._on_result(result)
+        self._say(topics.RESULT, result)
+        if failure is not None:
+            raise failure
