@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bus.arrays import Joints
-from bus.errors import NotConnected
+from bus.errors import ArmReflex, NotConnected
 from bus.messages import ArmMode, ArmState, Motion
 from bus.trajectory import TICK_S, Trajectory
 from drivers.sim.world import World
@@ -15,6 +15,8 @@ _MEASURE_TICKS = 10
 _TORQUE_NOISE_NM = 0.02
 _STILL_RAD_S = 1e-3
 _PATIENCE_TICKS = 300
+_REFLEX_NM = 30.0
+"""External torque on any joint at which the arm stops itself, as the FR3's collision behaviour does."""
 
 
 class SimArm:
@@ -25,6 +27,7 @@ class SimArm:
         self._connected = False
         self._stream: Stream | None = None
         self._motions = 0
+        self._reflex = False
 
     def connect(self) -> None:
         self._connected = True
@@ -38,11 +41,16 @@ class SimArm:
         q_rad, dq_rad_s, tau_ext_nm = self._world.arm()
         return ArmState(
             stamp_ns=self._world.clock_ns(),
-            mode=ArmMode.IDLE if self._stream is None else ArmMode.MOVE,
+            mode=self._mode(),
             q_rad=q_rad,
             dq_rad_s=dq_rad_s,
             tau_ext_nm=tau_ext_nm,
         )
+
+    def _mode(self) -> ArmMode:
+        if self._reflex:
+            return ArmMode.REFLEX
+        return ArmMode.IDLE if self._stream is None else ArmMode.MOVE
 
     def execute(self, trajectory: Trajectory) -> Motion:
         self._require()
@@ -59,6 +67,7 @@ class SimArm:
         while (command := stream.next()) is not None:
             if len(commanded) % _MEASURE_TICKS == 0:
                 measured.append(self._world.arm())
+                self._feel(measured[-1][2], stream)
             self._world.command_arm(command, commanded[-1] if commanded else command)
             self._world.tick()
             commanded.append(command)
@@ -71,6 +80,8 @@ class SimArm:
         ticks.append(len(commanded))
         self._settle(commanded[-1])
         self._motions += 1
+        if self._reflex:
+            raise ArmReflex("The arm touched something and stopped itself.", "Clear it, then recover.")
         rng = np.random.default_rng([self._world.station.sim.seed, self._motions])
         q_rad, dq_rad_s, tau_ext_nm = (np.array(column) for column in zip(*measured, strict=True))
         return Motion(
@@ -81,6 +92,12 @@ class SimArm:
             dq_rad_s=dq_rad_s,
             tau_ext_nm=tau_ext_nm + rng.normal(0.0, _TORQUE_NOISE_NM, tau_ext_nm.shape),
         )
+
+    def _feel(self, tau_ext_nm: Joints, stream: Stream) -> None:
+        """Stop on the path when something pushes back too hard."""
+        if np.abs(tau_ext_nm).max() > _REFLEX_NM:
+            self._reflex = True
+            stream.brake()
 
     def _settle(self, q_rad: Joints) -> None:
         """Hold the last command until the arm rests."""
@@ -96,8 +113,8 @@ class SimArm:
             stream.brake()
 
     def recover(self) -> None:
-        """The simulated arm has no reflex to clear."""
         self._require()
+        self._reflex = False
 
     def _require(self) -> None:
         if not self._connected:
