@@ -16,6 +16,10 @@ from cell.console import Screen
 from cell.machine import refuse
 from config.load import load_station
 
+_ENDS_THE_RUN = ("EMPTY", "ABORTED")
+_NEXT_COMMAND = {"Aborted": "clear", "Stopped": "reset", "Complete": "reset", "Idle": "start"}
+"""What an operator does to go on after a run that ended early."""
+
 app = typer.Typer(no_args_is_help=True, add_completion=False, help=__doc__)
 
 
@@ -30,17 +34,19 @@ def cycle(
     station = load_station(None, [f"sim.seed={seed}", *(overrides or [])])
     screen = Screen(json_lines=as_json, report=False)
     results: list[CycleResult] = []
-    request = CommandRequest(client_id="benchmark", cycles=cycles)
     with running_cell(station, screen.observe) as daemon:
-        refuse(daemon.command("reset", request))
         for said in screen.follow(quiet=True):
             if isinstance(said, CycleResult):
                 results.append(said)
                 screen.line(f"{len(results)}/{cycles} {said.object} {said.result} {said.code or ''}")
-                if len(results) == cycles or said.result == "ABORTED":
+                if len(results) == cycles:
                     break
-            elif said.state == "Idle" and not results:
-                refuse(daemon.command("start", request))
+                continue
+            ended = not results or results[-1].result in _ENDS_THE_RUN
+            verb = _NEXT_COMMAND.get(said.state) if ended else None
+            if verb is not None:
+                request = CommandRequest(client_id="benchmark", cycles=cycles - len(results))
+                refuse(daemon.command(verb, request))
     typer.echo(json.dumps(_figures(results)))
 
 

@@ -113,11 +113,12 @@ def frame_from_wire(parts: Mapping[str, bytes]) -> Frame:
     if missing:
         raise BadPayload(f"A frame needs {', '.join(missing)}.")
     try:
-        color, depth, color_camera, depth_camera, tf = (
-            topic.says.FromString(parts[topic.key]) for topic in topics.FRAME_PARTS
-        )
-    except DecodeError as error:
-        raise BadPayload(f"Broken camera payload: {error}.") from error
+        return _frame(*(topic.says.FromString(parts[topic.key]) for topic in topics.FRAME_PARTS))
+    except (DecodeError, cv2.error, IndexError) as error:  # protobuf fields may be empty
+        raise BadPayload(f"Broken camera payload: {' '.join(str(error).split())}.") from error
+
+
+def _frame(color: Any, depth: Any, color_camera: Any, depth_camera: Any, tf: Any) -> Frame:
     stamps = {stamp_ns(part.timestamp) for part in (color, depth, color_camera, depth_camera)}
     if len(stamps) != 1:
         raise BadPayload("Colour, depth and calibration of one frame carry different stamps.")
@@ -125,11 +126,10 @@ def frame_from_wire(parts: Mapping[str, bytes]) -> Frame:
     if pixels is None or depth.encoding != "16UC1" or len(depth.data) != depth.height * depth.width * 2:
         raise BadPayload("A colour or depth image does not decode.")
     depth_mm = np.frombuffer(depth.data, "<u2").reshape(depth.height, depth.width)
-    depth_m = np.where(depth_mm == 0, np.nan, depth_mm / 1000.0)
     return Frame(
         stamp_ns=stamps.pop(),
         color=np.ascontiguousarray(pixels[..., ::-1]),
-        depth_m=depth_m,
+        depth_m=np.where(depth_mm == 0, np.nan, depth_mm / 1000.0),
         color_camera=_camera_model(color_camera),
         depth_camera=_camera_model(depth_camera),
         color_from_depth=_matrix(tf.transforms[0]),

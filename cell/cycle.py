@@ -95,7 +95,7 @@ class Cycle:
 
         execution = self._stage("execute", topics.EXECUTE, act)
         if execution.stopped_in is not None or after is None:
-            raise self._fail(CycleFailure(Code.STOPPED, f"Stopped during {execution.stopped_in!r}."))
+            raise self.fail(CycleFailure(Code.STOPPED, f"Stopped during {execution.stopped_in!r}."))
         seen = after
         self.verdict = self._stage(
             "verify", topics.VERIFY, lambda: verify(execution, found, before, seen, e.robot, e.station)
@@ -104,7 +104,7 @@ class Cycle:
     def interrupt(self) -> None:
         """A stop or abort ended the cycle before its delivery, whatever its verdict was."""
         if self.failure is None:
-            self._fail(CycleFailure(Code.STOPPED, "The cycle was stopped before it was over."))
+            self.fail(CycleFailure(Code.STOPPED, "The cycle was stopped before it was over."))
 
     def deliver(self) -> None:
         """After the verdict: bring what the hand holds into the tray; or only open an empty hand."""
@@ -159,7 +159,7 @@ class Cycle:
         """Run one stage and say what came of it. Raises: CycleFailure for everything that ends the cycle."""
         self.log.check()
         if self.halted():
-            raise self._fail(CycleFailure(Code.STOPPED, f"Stopped before {name!r}."))
+            raise self.fail(CycleFailure(Code.STOPPED, f"Stopped before {name!r}."))
         self.on_stage(name)
         started_ns, started_s = time.time_ns(), time.monotonic()
         result: ResultT | None = None
@@ -167,7 +167,7 @@ class Cycle:
         try:
             result = work()
         except (CycleFailure, DriverError, BusError) as error:
-            failure = self._fail(error)
+            failure = self.fail(error)
         self.stages[name] = time.monotonic() - started_s
         record = topic.says(
             cycle_id=self.cycle_id,
@@ -182,7 +182,7 @@ class Cycle:
             raise failure or AssertionError(f"stage {name!r} returned nothing")
         return result
 
-    def _fail(self, error: CycleFailure | DriverError | BusError) -> CycleFailure:
+    def fail(self, error: CycleFailure | DriverError | BusError) -> CycleFailure:
         """Keep ``error`` as the cycle's failure and give it back as a CycleFailure."""
         if isinstance(error, CycleFailure):
             failure = error

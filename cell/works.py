@@ -14,7 +14,7 @@ from bus import topics
 from bus.codec import encode
 from bus.codes import Code
 from bus.commands import PresentRequest
-from bus.errors import CycleFailure
+from bus.errors import BusError, CycleFailure, DriverError
 from bus.messages import ArmMode, CycleResult
 from bus.session import Heard
 from bus.topics import encoding_of
@@ -110,7 +110,7 @@ class Works:
             raise CycleFailure(Code.STOPPED, "Stopped on the way to the capture pose.")
 
     def begin(self) -> None:
-        """Open the cycle's record; in simulation, put an object on the table."""
+        """Open the cycle's record; in simulation, put an object on the table. Raises: CycleFailure."""
         cycle_id = self.next_cycle_id or new_cycle_id()
         self.next_cycle_id = ""
         number = next(self._numbers)
@@ -121,8 +121,15 @@ class Works:
         self._cycle = Cycle(cycle_id, self._equipment, self._say, self._on_stage, self.log, self.halt.is_set)
         self._on_stage("")
         if self._feeder is not None:
+            self._present(self._feeder, self._cycle, number)
+
+    def _present(self, feeder: Feeder, cycle: Cycle, number: int) -> None:
+        """Put the cycle's object on the table. Raises: CycleFailure, kept in the cycle."""
+        try:
             request = PresentRequest(object=self.object, cycle=number, seed=self._station.sim.seed)
-            self._cycle.object = self._feeder.present(request).object
+            cycle.object = feeder.present(request).object
+        except (DriverError, BusError) as error:
+            raise cycle.fail(error) from error
 
     def pick(self) -> None:
         """The five stages. A pick that failed goes on to Completing; a fault of a device does not."""

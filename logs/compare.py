@@ -121,12 +121,17 @@ def _compare_arrays(path: str, a: npt.NDArray[Any], b: npt.NDArray[Any], rule: T
         differing = int((a != b).reshape(*a.shape[:2], -1).any(axis=-1).sum())
         allowed = rule.value if rule.unit == "px" else 0.0
         return [Difference(path, 0, differing, float(differing), allowed, "px")] if differing > allowed else []
+    same = (a == b) | (np.isnan(a) & np.isnan(b))
+    if same.all():
+        return []
     if rule.unit == POSE:
         return _compare_poses(path, a, b, rule)
-    deviation = np.where(np.isnan(a) & np.isnan(b), 0.0, np.abs(np.asarray(a, float) - b))
-    if not deviation.size or float(np.nan_to_num(deviation, nan=np.inf).max()) <= rule.value:
+    with np.errstate(invalid="ignore"):  # infinity less infinity
+        deviation = np.where(same, 0.0, np.abs(np.asarray(a, float) - b))
+    deviation = np.nan_to_num(deviation, nan=np.inf, posinf=np.inf)
+    if float(deviation.max()) <= rule.value:
         return []
-    where = np.unravel_index(int(np.nan_to_num(deviation, nan=np.inf).argmax()), a.shape)
+    where = np.unravel_index(int(deviation.argmax()), a.shape)
     label = f"{path}[{','.join(str(int(index)) for index in where)}]"
     return [Difference(label, _number(a[where]), _number(b[where]), _finite(deviation[where]), rule.value, rule.unit)]
 
@@ -135,13 +140,13 @@ def _compare_poses(path: str, a: npt.NDArray[Any], b: npt.NDArray[Any], rule: To
     found = []
     moved_mm = float(np.linalg.norm(a[:3, 3] - b[:3, 3])) * 1e3
     if not moved_mm <= rule.value:
-        before_mm, after_mm = ([round(float(value) * 1e3, 4) for value in pose[:3, 3]] for pose in (a, b))
-        found.append(Difference(f"{path}.translation", before_mm, after_mm, moved_mm, rule.value, "mm"))
+        before_mm, after_mm = ([_number(round(float(value) * 1e3, 4)) for value in pose[:3, 3]] for pose in (a, b))
+        found.append(Difference(f"{path}.translation", before_mm, after_mm, _finite(moved_mm), rule.value, "mm"))
     # Frobenius distance of rotations is 2 sqrt(2) sin(angle / 2): exact near zero, where arccos of the trace is not.
     chord = float(np.linalg.norm(a[:3, :3] - b[:3, :3])) / (2 * math.sqrt(2))
-    turned_deg = math.degrees(2 * math.asin(min(1.0, chord)))
+    turned_deg = chord if math.isnan(chord) else math.degrees(2 * math.asin(min(1.0, chord)))
     if not turned_deg <= rule.value:
-        found.append(Difference(f"{path}.rotation", 0.0, turned_deg, turned_deg, rule.value, "deg"))
+        found.append(Difference(f"{path}.rotation", 0.0, _number(turned_deg), _finite(turned_deg), rule.value, "deg"))
     return found
 
 

@@ -12,12 +12,11 @@ from typing import Any, NamedTuple
 
 import zstandard
 from mcap.exceptions import McapError
-from mcap.reader import SeekingReader, make_reader
-from mcap.records import Channel, Schema
-from mcap.records import Message as McapMessage
+from mcap.records import Attachment, Channel, Message, Metadata
+from mcap.stream_reader import StreamReader
 
 from bus import topics
-from bus.codec import decode, frame_from_wire, frame_stamp_ns
+from bus.codec import decode, frame_from_wire
 from bus.commands import CellState, Event
 from bus.errors import BadPayload, RecordingError
 from bus.messages import CycleResult, Execution, Frame, HandState, Observation, StageRecord, View
@@ -99,8 +98,7 @@ def _read(path: Path) -> _Raw:
     raw = _Raw()
     try:
         with path.open("rb") as file:
-            for _, channel, message in _messages(make_reader(file, validate_crcs=True), raw):
-                raw.payloads[channel.topic.removeprefix("/")].append((message.log_time, message.data))
+            _fill(raw, StreamReader(file, validate_crcs=True))
     except DAMAGE as error:
         raise RecordingError(
             f"{path} is damaged or no MCAP ({type(error).__name__}).", "Copy it again from where it was recorded."
@@ -108,15 +106,19 @@ def _read(path: Path) -> _Raw:
     return raw
 
 
-def _messages(reader: Any, raw: _Raw) -> Iterator[tuple[Schema | None, Channel, McapMessage]]:
-    if not isinstance(reader, SeekingReader):
-        raise ValueError("not seekable")
-    for metadata in reader.iter_metadata():
-        raw.metadata.update(metadata.metadata)
-    for attachment in reader.iter_attachments():
-        if attachment.name == _STATION:
-            raw.station = json.loads(attachment.data)
-    yield from reader.iter_messages(log_time_order=False)
+def _fill(raw: _Raw, reader: StreamReader) -> None:
+    """Everything in the data section, whose checksum is looked at; the summary only repeats it."""
+    keys: dict[int, str] = {}
+    for record in reader.records:
+        match record:
+            case Metadata():
+                raw.metadata.update(record.metadata)
+            case Attachment(name=name) if name == _STATION:
+                raw.station = json.loads(record.data)
+            case Channel():
+                keys[record.id] = record.topic.removeprefix("/")
+            case Message():
+                raw.payloads[keys[record.channel_id]].append((record.log_time, record.data))
 
 
 def _cycle(raw: _Raw) -> CycleRecord:
@@ -149,10 +151,14 @@ def _timed(raw: _Raw, key: str, kind: type[Any]) -> tuple[Timed, ...]:
 
 def _frames(raw: _Raw) -> Iterator[tuple[int, Frame]]:
     """Every recorded frame by its stamp. The five parts of one were recorded together, in order."""
-    keys = [topic.key for topic in topics.FRAME_PARTS]
-    for parts in zip(*(raw.payloads.get(key, []) for key in keys), strict=True):
-        wire = {key: payload for key, (_, payload) in zip(keys, parts, strict=True)}
-        yield frame_stamp_ns(wire), frame_from_wire(wire)
+    columns = [raw.payloads.get(topic.key, []) for topic in topics.FRAME_PARTS]
+    if len({len(column) for column in columns}) > 1:
+        raise BadPayload("Parts of a frame are missing.")
+    for parts in zip(*columns, strict=True):
+        frame = frame_from_wire(
+            {topic.key: payload for topic, (_, payload) in zip(topics.FRAME_PARTS, parts, strict=True)}
+        )
+        yield frame.stamp_ns, frame
 
 
 def _observation(view: View | None, frames: dict[int, Frame]) -> Observation | None:

@@ -57,7 +57,7 @@ class Recorder:
             path.parent.mkdir(parents=True, exist_ok=True)
             descriptor = os.open(self._part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, _MODE)
             self._file = os.fdopen(descriptor, "wb")
-            self._writer = Writer(self._file, compression=CompressionType.ZSTD)
+            self._writer = Writer(self._file, compression=CompressionType.ZSTD, enable_data_crcs=True)
             self._writer.start(profile=_PROFILE, library=_LIBRARY)
             self._writer.add_metadata("run", dict(metadata))
 

@@ -16,7 +16,9 @@ _TORQUE_NOISE_NM = 0.02
 _STILL_RAD_S = 1e-3
 _PATIENCE_TICKS = 300
 _REFLEX_NM = 30.0
-"""External torque on any joint at which the arm stops itself, as the FR3's collision behaviour does."""
+_REFLEX_SAMPLES = 3
+"""The arm stops itself, as the FR3's collision behaviour does, when the external torque on any joint exceeds this in so
+many samples running: a push, not the knock of an object that slips from the fingers."""
 
 
 class SimArm:
@@ -28,6 +30,7 @@ class SimArm:
         self._stream: Stream | None = None
         self._motions = 0
         self._reflex = False
+        self._pushed_samples = 0
 
     def connect(self) -> None:
         self._connected = True
@@ -95,7 +98,8 @@ class SimArm:
 
     def _feel(self, tau_ext_nm: Joints, stream: Stream) -> None:
         """Stop on the path when something pushes back too hard."""
-        if np.abs(tau_ext_nm).max() > _REFLEX_NM:
+        self._pushed_samples = self._pushed_samples + 1 if np.abs(tau_ext_nm).max() > _REFLEX_NM else 0
+        if self._pushed_samples >= _REFLEX_SAMPLES:
             self._reflex = True
             stream.brake()
 

@@ -143,22 +143,25 @@ class Cell:
         tcp = self.kinematics.base_from_tcp(self.arm.state().q_rad)
         return np.asarray(tcp.actInv(self.feeder.truth().base_from_object[:3, 3]))
 
+    def upright_line(self, pose: Array, from_m: float, to_m: float, q_rad: Array) -> Array:
+        """Joint positions along the vertical through ``pose``, from one height above it to another."""
+        line = []
+        for height_m in np.linspace(from_m, to_m, 13):
+            q_rad = self.kinematics.inverse(raised(pose, height_m), q_rad)
+            line.append(q_rad)
+        return np.array(line)
+
     def pick(self, name: str, grip: Grip, seed: int = 1) -> Lift:
         """Present, grasp from above, lift by 0.15 m, hold for 3 s; then let go and come home."""
         truth = self.feeder.present(PresentRequest(object=name, cycle=0, seed=seed)).base_from_object
-        solve, grasp = self.kinematics.inverse, from_above(truth, grip)
-        above = solve(raised(grasp, 0.10), self.home_rad)
-        down = [above]
-        for height_m in np.linspace(0.10, 0.0, 9)[1:]:
-            down.append(solve(raised(grasp, height_m), down[-1]))
-        up = [down[-1]]
-        for height_m in np.linspace(0.0, 0.15, 13)[1:]:
-            up.append(solve(raised(grasp, height_m), up[-1]))
+        grasp = from_above(truth, grip)
+        down = self.upright_line(grasp, 0.10, 0.0, self.home_rad)
+        up = self.upright_line(grasp, 0.0, 0.15, down[-1])
         self.hand.move(grip.opening_m, 0.1)
-        self.arm.execute(through(np.array([self.arm.state().q_rad, above]), 1.5))
-        self.arm.execute(through(np.array(down), 1.0))
+        self.arm.execute(through(np.array([self.arm.state().q_rad, down[0]]), 1.5))
+        self.arm.execute(through(down, 1.0))
         closed_m = self.hand.grasp(30.0, 0.05).width_m
-        self.arm.execute(through(np.array(up), 1.0))
+        self.arm.execute(through(up, 1.0))
         rise_m, in_hand_m = self.height_m() - truth[2, 3], self.in_hand_m()
         hold = self.arm.execute(resting(up[-1], 3.0))
         jacobian = self.kinematics.jacobian(up[-1])
@@ -240,18 +243,18 @@ def test_an_opened_hand_drops_what_it_holds(rough: Cell) -> None:
 def test_a_stopped_hand_keeps_its_grip(rough: Cell) -> None:
     truth = rough.feeder.present(PresentRequest(object="drone", cycle=0, seed=1)).base_from_object
     pose = from_above(truth, GRIPS["drone"])
-    grasp = rough.kinematics.inverse(pose, rough.kinematics.inverse(raised(pose, 0.1), rough.home_rad))
-    lifted = rough.kinematics.inverse(raised(pose, 0.05), grasp)
+    down = rough.upright_line(pose, 0.10, 0.0, rough.home_rad)
+    up = rough.upright_line(pose, 0.0, 0.05, down[-1])
     rough.hand.move(0.065, 0.1)
-    above = rough.kinematics.inverse(raised(pose, 0.1), rough.home_rad)
-    rough.arm.execute(through(np.array([rough.home_rad, above, grasp]), 2.0))
+    rough.arm.execute(through(np.array([rough.home_rad, down[0]]), 1.5))
+    rough.arm.execute(through(down, 1.0))
     rough.hand.grasp(30.0, 0.1)
     rough.hand.stop()
-    rough.arm.execute(through(np.array([grasp, lifted]), 1.0))
-    rough.arm.execute(resting(lifted, 1.0))
+    rough.arm.execute(through(up, 1.0))
+    rough.arm.execute(resting(up[-1], 1.0))
     assert rough.height_m() - truth[2, 3] == pytest.approx(0.05, abs=5e-3)
     rough.hand.move(0.08, 0.1)
-    rough.arm.execute(through(np.array([lifted, above, rough.home_rad]), 2.0))
+    rough.arm.execute(through(np.array([up[-1], rough.home_rad]), 1.5))
 
 
 FOLDER_GRIPS = {

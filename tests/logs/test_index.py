@@ -1,0 +1,85 @@
+"""The list of recordings: newest first, and nothing hidden because it is damaged."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from bus.codes import Code
+from bus.errors import RecordingError
+from logs.index import list_cycles
+from logs.recorder import Recorder
+
+MORNING, NOON, EVENING = "20260101T080000000", "20260101T120000000", "20260101T200000000"
+
+
+def _recorded(folder: Path, cycle_id: str, result: dict[str, str]) -> Path:
+    path = folder / f"{cycle_id}.mcap"
+    recorder = Recorder(path, metadata={"cycle_id": cycle_id}, clock=lambda: 1)
+    recorder.attach("station.json", "application/json", b"{}")
+    return recorder.close(result)
+
+
+def _failed(folder: Path, cycle_id: str) -> Path:
+    return _recorded(folder, cycle_id, {"result": "FAILED", "code": Code.NO_GRASP, "reason": "Too wide."})
+
+
+def test_the_newest_comes_first_whatever_was_written_last(tmp_path: Path) -> None:
+    for cycle_id in (NOON, EVENING, MORNING):
+        _recorded(tmp_path, cycle_id, {"result": "SUCCESS"})
+    assert [entry.cycle_id for entry in list_cycles(tmp_path)] == [EVENING, NOON, MORNING]
+
+
+def test_recordings_are_found_in_every_folder_below(tmp_path: Path) -> None:
+    paths = [_recorded(tmp_path / day, cycle_id, {}) for day, cycle_id in (("b", MORNING), ("a", NOON))]
+    assert [entry.path for entry in list_cycles(tmp_path)] == paths[::-1]
+
+
+def test_an_entry_tells_how_the_cycle_ended(tmp_path: Path) -> None:
+    path = _failed(tmp_path, NOON)
+    (entry,) = list_cycles(tmp_path)
+    assert entry.to_json() == {
+        "recording": str(path),
+        "cycle_id": NOON,
+        "result": "FAILED",
+        "code": "NO_GRASP",
+        "reason": "Too wide.",
+    }
+    for part in (NOON, "FAILED", "NO_GRASP", "Too wide.", str(path)):
+        assert part in entry.line()
+    assert "\n" not in entry.line()
+
+
+def test_an_unfinished_recording_is_torn_even_where_a_whole_one_stands_beside_it(tmp_path: Path) -> None:
+    _failed(tmp_path, MORNING)
+    Recorder(tmp_path / f"{NOON}.mcap", metadata={"cycle_id": NOON}, clock=lambda: 1).abandon()
+    torn, whole = list_cycles(tmp_path)
+    assert (torn.cycle_id, torn.result, torn.reason) == (NOON, "TORN", "not finished")
+    assert (whole.cycle_id, whole.result) == (MORNING, "FAILED")
+
+
+@pytest.mark.parametrize("keep", [0, 4, 100, -1, -40])
+def test_a_damaged_recording_is_listed_with_its_reason(tmp_path: Path, keep: int) -> None:
+    path = _failed(tmp_path, NOON)
+    path.write_bytes(path.read_bytes()[:keep])
+    (entry,) = list_cycles(tmp_path)
+    assert (entry.path, entry.cycle_id, entry.result) == (path, NOON, "DAMAGED")
+    assert entry.reason and NOON in entry.line()
+
+
+def test_a_folder_that_looks_like_a_recording_is_damaged(tmp_path: Path) -> None:
+    (tmp_path / f"{NOON}.mcap").mkdir()
+    (entry,) = list_cycles(tmp_path)
+    assert (entry.result, entry.reason) == ("DAMAGED", "IsADirectoryError")
+
+
+def test_other_files_are_not_listed_and_an_empty_folder_lists_nothing(tmp_path: Path) -> None:
+    (tmp_path / "report.html").write_text("<html>")
+    (tmp_path / "notes.mcap.txt").write_text("not a recording")
+    assert list_cycles(tmp_path) == []
+
+
+def test_a_missing_folder_is_said_to_be_missing(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r"no folder .*absent"):
+        list_cycles(tmp_path / "absent")
