@@ -1,1 +1,6 @@
-"""Figures, printed as JSON; compare them as ratios within one run, because machines differ and are noisy."""
+"""What there is to measure: ``uv run python -m benchmarks NAME --json``. Everything runs on one thread."""
+
+import os
+
+for _library in ("OMP", "OPENBLAS", "MKL"):
+    os.environ.setdefault(f"{_library}_NUM_THREADS", "1")

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from collections.abc import Callable
 from statistics import median
 from typing import Annotated, Any
 
 import typer
 
+from benchmarks import alignment
+from benchmarks.drifted import REGIMES
 from bus.commands import CommandRequest
 from bus.messages import CycleResult
 from cell.build import running_cell
@@ -50,6 +53,24 @@ def cycle(
     typer.echo(json.dumps(_figures(results)))
 
 
+@app.command(name="alignment")
+def alignment_(
+    regime: Annotated[str, typer.Option(help="hard or mild")] = "hard",
+    trials: Annotated[int, typer.Option(min=1)] = 132,
+    seed: int = 0,
+    as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
+) -> None:
+    """Every alignment method on the same imagined objects: successes, distances [m], CPU time [ms]."""
+    if regime not in REGIMES:
+        raise typer.BadParameter(f"{regime!r} is none of {', '.join(REGIMES)}")
+    typer.echo(json.dumps(alignment.run(regime, trials, seed, tell=_teller(as_json))))
+
+
+def _teller(quiet: bool) -> Callable[[str], None]:
+    """Progress on stderr."""
+    return (lambda line: None) if quiet else (lambda line: typer.echo(line, err=True))
+
+
 def _figures(results: list[CycleResult]) -> dict[str, Any]:
     stages = {name for result in results for name in result.stages}
     return {
@@ -62,11 +83,6 @@ def _figures(results: list[CycleResult]) -> dict[str, Any]:
             name: median(result.stages[name] for result in results if name in result.stages) for name in sorted(stages)
         },
     }
-
-
-@app.callback()
-def _main() -> None:
-    """Keep sub-commands even while there is only one."""
 
 
 if __name__ == "__main__":

@@ -107,8 +107,17 @@ def _image(channels: int, dtype: str) -> Any:
     ]
 
 
+def _parse_blob(value: Any) -> bytes:
+    return base64.b64decode(value, validate=True) if isinstance(value, str) else bytes(value)
+
+
+def _pack_blob(value: bytes) -> str:
+    return base64.b64encode(value).decode("ascii")
+
+
 # mypy reads the first branch, pydantic the second.
 if TYPE_CHECKING:
+    Blob = bytes
     Joints = npt.NDArray[np.float64]
     JointSamples = npt.NDArray[np.float64]
     Samples = npt.NDArray[np.float64]
@@ -128,3 +137,9 @@ else:
     DepthImage = array_of("float32", None, None)  # [m], NaN = invalid
     ColorImage = _image(3, "uint8")  # RGB
     Mask = _image(1, "bool")
+    Blob = Annotated[
+        bytes,
+        BeforeValidator(_parse_blob),
+        PlainSerializer(_pack_blob, when_used="json"),
+        WithJsonSchema({"type": "string", "contentEncoding": "base64"}),
+    ]  # a file's bytes, as they came

@@ -11,7 +11,15 @@ class Code(StrEnum):
     UNREACHABLE = "UNREACHABLE"
     COLLISION = "COLLISION"
     MODEL_REFUSED = "MODEL_REFUSED"
+    MODEL_ACCESS = "MODEL_ACCESS"
+    MODEL_QUOTA = "MODEL_QUOTA"
+    MODEL_TIMEOUT = "MODEL_TIMEOUT"
+    MODEL_UNAVAILABLE = "MODEL_UNAVAILABLE"
+    MODEL_NO_IMAGE = "MODEL_NO_IMAGE"
+    MODEL_BAD_IMAGE = "MODEL_BAD_IMAGE"
+    MODEL_NO_ROD = "MODEL_NO_ROD"
     MODEL_DRIFT = "MODEL_DRIFT"
+    SPEND_LIMIT = "SPEND_LIMIT"
     STALE_FRAME = "STALE_FRAME"
     ARM_REFLEX = "ARM_REFLEX"
     MOTION_REFUSED = "MOTION_REFUSED"
@@ -31,6 +39,14 @@ ADVICE: dict[Code, str] = {
     Code.UNREACHABLE: "Move the object nearer to the middle of the pick region.",
     Code.COLLISION: "Move the object away from the tray, the table's edge and the arm.",
     Code.MODEL_REFUSED: "Read the model's reply in the report; rephrase the target or use another model.",
+    Code.MODEL_ACCESS: "Check the key in the environment, and that its account may use the configured model.",
+    Code.MODEL_QUOTA: "The provider limits this account's rate or credit; wait, raise the quota or use another model.",
+    Code.MODEL_TIMEOUT: "Raise perception.hosted.deadline_s, or use a faster model or the embedded one.",
+    Code.MODEL_UNAVAILABLE: "Check the network and the provider's status page; the embedded model needs neither.",
+    Code.MODEL_NO_IMAGE: "The model answered in words where a picture was due: read them in the report.",
+    Code.MODEL_BAD_IMAGE: "What came back is no usable picture; try again or use another model.",
+    Code.MODEL_NO_ROD: "Look at the goal image in the report; try again, or raise perception.imagine.samples.",
+    Code.SPEND_LIMIT: "Raise perception.hosted.max_cycle_usd or max_day_usd, or use the embedded model.",
     Code.MODEL_DRIFT: "The goal image no longer shows the observed object; try again or use another model.",
     Code.STALE_FRAME: "Check the camera's cable, power and node.",
     Code.ARM_REFLEX: "Clear what the arm touched, then `cell clear` and `cell reset`.",

@@ -10,7 +10,7 @@ from __future__ import annotations
 from enum import StrEnum
 from typing import Generic, Literal, TypeVar
 
-from bus.arrays import ColorImage, DepthImage, Joints, JointSamples, Mask, Points, Samples, Transform, Vector3
+from bus.arrays import Blob, ColorImage, DepthImage, Joints, JointSamples, Mask, Points, Samples, Transform, Vector3
 from bus.codes import Code
 from bus.frozen import Message
 from bus.trajectory import Trajectory
@@ -142,8 +142,9 @@ class Grasp(Message):
     Attributes:
         base_from_tcp: tcp z = approach direction, tcp y = closing axis, origin between the pads.
         width_m: object width between the pads; ``opening_m``: hand width to approach with.
-        score: higher is better; only the order matters.
+        score: higher is better; the weighted sum of ``terms``, each named and between 0 and 1.
         rectangle: index of the rectangle it came from.
+        imagined_base_from_tcp: the same grasp exactly where the carried rod put it, before the snap to the surface.
     """
 
     base_from_tcp: Transform
@@ -151,37 +152,98 @@ class Grasp(Message):
     opening_m: float
     score: float
     rectangle: int
+    imagined_base_from_tcp: Transform
+    terms: dict[str, float]
+
+
+class Usage(Message):
+    """What one call of a hosted model took: tokens as its provider counts them, and their price."""
+
+    input_tokens: int = 0
+    output_tokens: int = 0
+    reasoning_tokens: int = 0
+    cost_usd: float = 0.0
 
 
 class ModelReply(Message):
-    """One recorded call of a goal-image model: what was asked, what came back."""
+    """One call of a goal-image model: what was asked, what came back. Said as it happens, so failed calls are kept too.
 
-    step: Literal["reason", "direct", "render"]
+    Attributes:
+        step, sample: where in the imagining; ``sample`` counts the proposals from 0.
+        model: the name it was asked by. ``prompt``: all of the text.
+        text: what it said. ``image_png``: what it drew, exactly as it came.
+        failure, text_of_failure: the code and the reason when no usable answer came; then text and image are empty.
+        attempts: how often it was asked. ``latency_s``: from the first attempt to the answer.
+    """
+
+    step: Literal["locate", "reason", "direct", "render"]
+    sample: int = 0
     model: str
     prompt: str
-    reply: str
+    text: str = ""
+    image_png: Blob | None = None
+    failure: Code | None = None
+    text_of_failure: str = ""
+    usage: Usage = Usage()
+    attempts: int = 1
     latency_s: float = 0.0
+
+
+class Drift(Message):
+    """How far the goal image departs from what it should have kept (masks are advisory for every hosted model).
+
+    Attributes:
+        changed_outside: share of the background whose colour changed.
+        other_objects: area of what else appeared, as a share of the object's.
+        silhouette_iou: overlap of the imagined object's outline, laid on the observed one.
+        shift_px, turn_rad, scale: how that outline had moved.
+        color_shift: CIE76 distance of the object's median colours.
+    """
+
+    changed_outside: float
+    other_objects: float
+    silhouette_iou: float
+    shift_px: float
+    turn_rad: float
+    scale: float
+    color_shift: float
 
 
 class Alignment(Message):
     """How the imagined object was carried back onto the observed one (paper, Algorithm 1, stage 2).
 
     Attributes:
-        method: e.g. ``pca_cfopt``.
-        observed_from_goal: similarity (rotation x scale, translation) in the colour frame.
-        scale: its scale; ``chamfer_m2``: sum of the two mean squared nearest-neighbour distances after alignment.
+        method: e.g. ``silhouette_3d``.
+        observed_from_goal: in the colour frame: rotation x scale and translation; where the method allows for it,
+            also a stretch along the goal's optical axis (monocular relief is unreliable).
+        scale: its scale.
+        chamfer_m2: sum of the two mean squared nearest-neighbour distances after alignment.
+        goal_to_observed_m, observed_to_goal_m: the one-way Hausdorff distances.
+        residual: two-way mean distance, the worst 15 % left out, as a share of the object's rms radius.
+        hypotheses: how many orientations were tried. ``took_s``: wall time.
     """
 
     method: str
     observed_from_goal: Transform
     scale: float
     chamfer_m2: float
+    goal_to_observed_m: float
+    observed_to_goal_m: float
+    residual: float
+    hypotheses: int
+    took_s: float
 
 
 class Evidence(Message):
     """Why the grasps are what they are: everything a person wants to look at.
 
-    Images are in the undistorted colour image; points in the ``color`` frame.
+    Images are in the undistorted colour image; points in the ``color`` frame. Of several proposals these are the chosen
+    one's.
+
+    Attributes:
+        goal_image: I_G on its plain background.
+        sample: which proposal was chosen. ``agreement``: share of the proposals whose rod grasps at the same place
+            (their rectangles match as in Jiang et al. 2011); 1 with a single one.
     """
 
     color: ColorImage
@@ -195,7 +257,9 @@ class Evidence(Message):
     rod_points: Points
     rod_ends: tuple[Vector3, Vector3]
     alignment: Alignment
-    replies: tuple[ModelReply, ...]
+    drift: Drift
+    sample: int
+    agreement: float
 
 
 class Detections(Message):

@@ -35,6 +35,7 @@ from bus.messages import (
     Detections,
     Execution,
     HandState,
+    ModelReply,
     Motion,
     PickPlan,
     StageRecord,
@@ -77,6 +78,8 @@ EXECUTE = Topic("cycle/execute", "publish", StageRecord[Execution])
 VERIFY = Topic("cycle/verify", "publish", StageRecord[Verdict])
 DELIVER = Topic("cycle/deliver", "publish", StageRecord[Delivery])
 RESULT = Topic("cycle/result", "publish", CycleResult)
+
+MODEL_REPLY = Topic("model/reply", "publish", ModelReply)
 
 # A capture is answered by the five below, one reply each; they are recorded as those replies, not as published.
 CAMERA_CAPTURE = Topic("camera/capture", "query", None, Nothing)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -13,6 +14,7 @@ from cell.nodes import Supervisor
 from config.schema import Station
 from drivers import registry
 from drivers.remote import remote_devices
+from perception.models import open_models
 from planning.robot import Robot
 
 
@@ -24,7 +26,7 @@ def running_cell(station: Station, observer: Observer) -> Iterator[Daemon]:
     """
     for node in station.nodes.values():
         registry.require(node.driver)
-    robot = Robot(station)
+    robot, models = Robot(station), open_models(station, os.environ)
     with Bus.listen(station.cell_id, station.bus.endpoint) as bus:
         faults: list[Daemon] = []
 
@@ -35,7 +37,7 @@ def running_cell(station: Station, observer: Observer) -> Iterator[Daemon]:
         supervisor = Supervisor(station, on_exit)
         try:
             supervisor.start()
-            daemon = Daemon(station, bus, remote_devices(bus, station), robot, observer)
+            daemon = Daemon(station, bus, remote_devices(bus, station), robot, models, observer)
             faults.append(daemon)
             daemon.open()
             try:

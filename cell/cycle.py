@@ -10,18 +10,28 @@ from typing import Literal, TypeVar
 from bus import topics
 from bus.codec import transforms_to_wire
 from bus.codes import Code
-from bus.errors import ArmReflex, BusError, CycleFailure, DriverError, HandFault, MotionRefused, StaleFrame
+from bus.errors import (
+    ArmReflex,
+    BusError,
+    CycleFailure,
+    DriverError,
+    HandFault,
+    MotionRefused,
+    RecordingError,
+    StaleFrame,
+)
 from bus.frozen import Message
-from bus.messages import CycleResult, Execution, Failure, Observation, PickPlan, StageName, Verdict, View
+from bus.messages import CycleResult, Execution, Failure, ModelReply, Observation, PickPlan, StageName, Verdict, View
 from bus.topics import Topic
 from cell.capture import capture
 from cell.cyclelog import CycleLog
-from cell.detect import detect
+from cell.detect import detect_unless_halted
 from cell.execute import Halted, deliver, execute
 from cell.plan import plan
 from cell.verify import verify
 from config.schema import Station
 from drivers.interface import Arm, Camera, Hand
+from perception.models import Models
 from planning.robot import Robot
 
 ResultT = TypeVar("ResultT", bound=Message)
@@ -38,6 +48,7 @@ _CODE_OF_ERROR: tuple[tuple[type[Exception], Code], ...] = (
     (StaleFrame, Code.STALE_FRAME),
     (BusError, Code.NODE_LOST),
     (DriverError, Code.INTERNAL),
+    (RecordingError, Code.RECORDING),
 )
 
 
@@ -50,6 +61,7 @@ class Equipment:
     hand: Hand
     robot: Robot
     station: Station
+    models: Models
 
 
 @dataclass
@@ -82,7 +94,11 @@ class Cycle:
         before = self._look()
         self.say(topics.TF, transforms_to_wire(
             {("base", "color"): before.view.base_from_color}, before.view.stamp_ns).SerializeToString())  # fmt: skip
-        found = self._stage("detect", topics.DETECT, lambda: detect(before, e.station))
+        found = self._stage(
+            "detect",
+            topics.DETECT,
+            lambda: detect_unless_halted(before, e.station, e.models, self._say_reply, self.halted),
+        )
         chosen = self._plan = self._stage("plan", topics.PLAN, lambda: plan(found, before, e.robot, e.station))
         after: Observation | None = None
 
@@ -138,6 +154,9 @@ class Cycle:
 
     # --- stages -------------------------------------------------------------------------------------------------------
 
+    def _say_reply(self, reply: ModelReply) -> None:
+        self.say(topics.MODEL_REPLY, reply)
+
     def _observe(self) -> Observation:
         e = self.equipment
         return capture(e.camera, e.arm, e.robot)
@@ -166,8 +185,11 @@ class Cycle:
         failure: CycleFailure | None = None
         try:
             result = work()
-        except (CycleFailure, DriverError, BusError) as error:
+        except (CycleFailure, DriverError, BusError, RecordingError) as error:
             failure = self.fail(error)
+        except Exception as defect:  # the machine logs it and aborts; the result is to say why
+            self.fail(CycleFailure(Code.INTERNAL, f"{type(defect).__name__}: {defect}."))
+            raise
         self.stages[name] = time.monotonic() - started_s
         record = topic.says(
             cycle_id=self.cycle_id,
@@ -182,7 +204,7 @@ class Cycle:
             raise failure or AssertionError(f"stage {name!r} returned nothing")
         return result
 
-    def fail(self, error: CycleFailure | DriverError | BusError) -> CycleFailure:
+    def fail(self, error: CycleFailure | DriverError | BusError | RecordingError) -> CycleFailure:
         """Keep ``error`` as the cycle's failure and give it back as a CycleFailure."""
         if isinstance(error, CycleFailure):
             failure = error

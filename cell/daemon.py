@@ -21,6 +21,7 @@ from cell.states import State, available
 from cell.works import Works, new_cycle_id
 from config.schema import Station
 from drivers.interface import Devices
+from perception.models import Models
 from planning.robot import Robot
 
 _log = logging.getLogger(__name__)
@@ -39,16 +40,18 @@ class Daemon:
         station: its configuration.
         bus: the cell's own (listening) session; stays the caller's to close.
         devices: connected devices, usually `drivers.remote`.
-        robot: the planning model.
+        robot: the planning model. ``models``: perception's.
         observer: told everything the daemon says, on the thread that says it; it may only enqueue.
     """
 
-    def __init__(self, station: Station, bus: Bus, devices: Devices, robot: Robot, observer: Observer) -> None:
+    def __init__(
+        self, station: Station, bus: Bus, devices: Devices, robot: Robot, models: Models, observer: Observer
+    ) -> None:
         camera, arm, hand = devices.camera, devices.arm, devices.hand
         if camera is None or arm is None or hand is None:
             raise DriverError("The cell needs a camera, an arm and a hand.", "Check `serves` in the station file.")
         self._station, self._bus, self._observer = station, bus, observer
-        equipment = Equipment(camera, arm, hand, robot, station)
+        equipment = Equipment(camera, arm, hand, robot, station, models)
         self._works = works = Works(
             equipment, devices.feeder, bus.nodes_alive, self._say, self._on_stage, self._on_result
         )

@@ -20,6 +20,7 @@ from cell.verify import verify
 from config.schema import Station
 from logs.compare import Tolerance
 from logs.reader import CycleRecord
+from perception.models import replayed_models
 from planning.robot import Robot
 
 Rerun = Callable[[CycleRecord, Station, Robot], Message]
@@ -64,7 +65,7 @@ def _result(record: CycleRecord, name: StageName, kind: type[Message]) -> Messag
 
 
 def _detect(record: CycleRecord, station: Station, _robot: Robot) -> Message:
-    return detect(_observation(record), station)
+    return detect(_observation(record), station, replayed_models(station, record.replies))
 
 
 def _plan(record: CycleRecord, station: Station, robot: Robot) -> Message:
@@ -92,7 +93,7 @@ STAGES: tuple[Stage, ...] = (
         "detect",
         topics.DETECT,
         ("observation", "model replies"),
-        10.0,
+        120.0,
         _detect,
         {
             "rectangles[*].center_px[*]": _PIXELS,
@@ -103,10 +104,13 @@ STAGES: tuple[Stage, ...] = (
             "grasps[*].width_m": _LENGTH,
             "grasps[*].opening_m": _LENGTH,
             "grasps[*].score": Tolerance(1e-6, ""),
+            "grasps[*].terms*": Tolerance(1e-6, ""),
+            "grasps[*].imagined_base_from_tcp": Tolerance(0.05, "mm|deg"),
             "evidence.*points": _LENGTH,
             "evidence.rod_ends*": _LENGTH,
             "evidence.alignment.observed_from_goal": Tolerance(0.05, "mm|deg"),
             "evidence.alignment.*": _EXACT_ENOUGH,
+            "evidence.drift.*": _EXACT_ENOUGH,
         },
     ),
     Stage(

@@ -113,12 +113,113 @@ class SceneSettings(Settings):
     obstacles: tuple[Box, ...] = ()
 
 
-class PerceptionSettings(Settings):
-    """VLAD-Grasp (paper, Algorithm 1) and its embedded models."""
+class ImagineSettings(Settings):
+    """How the goal image is asked for (paper, section III-A)."""
 
-    model: Literal["geometric"] = "geometric"
+    steps: Literal[1, 3] = 3
+    """3 = reason, direct, render; 1 = render at once (the paper's ablation)."""
+    samples: Annotated[int, Field(ge=1, le=8)] = 1
+    """Proposals; the one with the best grasp is kept, and how far they agree is reported."""
+
+
+class PriceSettings(Settings):
+    """The provider's list prices [USD], as you pay them: what `cost_usd` is reckoned from."""
+
+    usd_per_million_input_tokens: NonNegative = 0.0
+    usd_per_million_output_tokens: NonNegative = 0.0
+    usd_per_image: NonNegative = 0.0
+
+
+class HostedSettings(Settings):
+    """A hosted model. Keys come from the environment only.
+
+    Attributes:
+        text_model, image_model: the provider's ids; they rot within a year, so they have no defaults.
+        base_url: another server that speaks the same API; None = the provider's own.
+        text_api: `responses` (OpenAI) or `chat` (what most OpenAI-compatible servers speak).
+        key_variable: the environment variable that holds the key.
+        size_px: side of the square window around the object as it is sent.
+        deadline_s: of one call, all attempts included. ``attempts``: how often one call is tried at most.
+        backoff_s: before the second attempt; doubled for each further one; a server's Retry-After counts if longer.
+        max_cycle_usd, max_day_usd: no call is made once so much was spent in this cycle, or since midnight UTC.
+    """
+
+    text_model: str = ""
+    image_model: str = ""
+    base_url: str | None = None
+    text_api: Literal["responses", "chat"] = "responses"
+    key_variable: str = ""
+    size_px: Annotated[int, Field(ge=256, le=3840, multiple_of=16)] = 1024
+    deadline_s: Positive = 120.0
+    attempts: Annotated[int, Field(ge=1, le=10)] = 3
+    backoff_s: NonNegative = 1.0
+    price: PriceSettings = PriceSettings()
+    max_cycle_usd: Positive = 1.0
+    max_day_usd: Positive = 20.0
+
+
+class DriftSettings(Settings):
+    """What a goal image may change at most; beyond it the cycle ends with MODEL_DRIFT. See `bus.messages.Drift`."""
+
+    max_changed_outside: Fraction = 0.05
+    max_other_objects: NonNegative = 0.2
+    min_silhouette_iou: Fraction = 0.5
+    max_color_shift: NonNegative = 45.0
+
+
+class SamSettings(Settings):
+    """SAM, SAM 2 or SAM 3: a folder or a hub id, and where it runs. Needs the extra ``vlad-cell[models]``."""
+
+    weights: str = "facebook/sam2.1-hiera-small"
+    device: str = "cpu"
+
+
+class DepthProSettings(Settings):
+    """Depth Pro: a folder or a hub id, and where it runs. Needs the extra ``vlad-cell[models]``."""
+
+    weights: str = "apple/DepthPro-hf"
+    device: str = "cpu"
+
+
+class TargetSettings(Settings):
+    """Which object to take when several stand in the pick region; at most one of the two.
+
+    Attributes:
+        text: in words: the hosted model, or SAM 3 if that segments, points at it.
+        pixel: (u, v) in the undistorted colour image. Neither = the one with the best grasp.
+    """
+
+    text: str | None = None
+    pixel: tuple[Finite, Finite] | None = None
+
+    @model_validator(mode="after")
+    def _one_of_them(self) -> TargetSettings:
+        if self.text is not None and self.pixel is not None:
+            raise ValueError("a target is named by text or by pixel, not by both")
+        return self
+
+
+class PerceptionSettings(Settings):
+    """VLAD-Grasp (paper, Algorithm 1) and the models that play its roles."""
+
+    model: Literal["geometric", "openai", "gemini"] = "geometric"
+    """Imagines the rod: ``geometric`` is embedded and needs no network."""
+    imagine: ImagineSettings = ImagineSettings()
+    hosted: HostedSettings = HostedSettings()
+    segmenter: Literal["depth", "sam"] = "depth"
+    sam: SamSettings = SamSettings()
+    target: TargetSettings = TargetSettings()
+    goal_depth: Literal["observed", "depth_pro"] = "observed"
+    """Depth of the goal image: the model's own if it knows it, else the height of the observed object; or Depth Pro."""
+    depth_pro: DepthProSettings = DepthProSettings()
+    align: Literal["silhouette_3d", "pca_cfopt", "pca_cfopt_printed", "icp"] = "silhouette_3d"
+    max_residual: Positive = 0.20
+    """Of the alignment, in rms radii: beyond it the goal shows another object (0.20 lets 95 % of true pairs pass)."""
+    drift: DriftSettings = DriftSettings()
     compliance: Positive = 1.0
-    """lambda: jaw opening of the rectangle = lambda x run length."""
+    """lambda: jaw opening of the rectangle = lambda x run length + 2 x margin."""
+    rectangle_margin_m: NonNegative = 0.0
+    """What the opening leaves free on each side; 0 as in the paper."""
     min_object_height_m: Positive = 0.006
     rod_radius_m: Positive = 0.004
     max_grasps: Annotated[int, Field(ge=1, le=100)] = 12

@@ -29,7 +29,7 @@ _UNIT_BY_SUFFIX = {
     "ns": "ns",
     "m2": "m2",
 }
-_IGNORED = {"latency_s"}
+_IGNORED = {"latency_s", "took_s"}
 """Fields that measure the machine, not the stage."""
 
 
@@ -95,6 +95,9 @@ def _leaves(path: str, a: Any, b: Any) -> Iterator[tuple[str, Any, Any]]:
         for name in type(a).model_fields:
             if name not in _IGNORED:
                 yield from _leaves(f"{path}.{name}" if path else name, getattr(a, name), getattr(b, name))
+    elif isinstance(a, dict) and isinstance(b, dict) and list(a) == list(b):
+        for name in a:
+            yield from _leaves(f"{path}.{name}", a[name], b[name])
     elif isinstance(a, tuple) and isinstance(b, tuple) and len(a) == len(b):
         for index, (one, other) in enumerate(zip(a, b, strict=True)):
             yield from _leaves(f"{path}[{index}]", one, other)

@@ -34,6 +34,14 @@ def data_uri(image: npt.NDArray[Any], *, width_px: int = 960) -> str:
     return f"data:image/{kind};base64,{base64.b64encode(encoded.tobytes()).decode()}"
 
 
+def file_uri(image: bytes | None) -> str:
+    """A picture's file, as it came, as a data URI; "" for none. Torn ones stay torn."""
+    if image is None:
+        return ""
+    kind = "jpeg" if image.startswith(b"\xff\xd8") else "png"
+    return f"data:image/{kind};base64,{base64.b64encode(image).decode()}"
+
+
 def annotated(found: Detections) -> Image:
     """The colour image with the object's outline and the grasp rectangles, the chosen run's thick."""
     image = np.array(found.evidence.color)

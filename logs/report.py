@@ -15,7 +15,7 @@ from plotly.offline import get_plotlyjs
 
 from bus.codes import ADVICE
 from bus.errors import RecordingError
-from bus.messages import Delivery, Detections, Execution, PickPlan, SegmentRun, StageRecord, Verdict
+from bus.messages import Delivery, Detections, Execution, Grasp, PickPlan, SegmentRun, StageRecord, Verdict
 from logs import figures
 from logs.reader import CycleRecord
 
@@ -74,8 +74,9 @@ def _content(record: CycleRecord) -> dict[str, Any]:
         "motion": _motion(record),
         "facts": _facts(record),
         "rejected": plan.rejected if plan is not None else (),
-        "grasps": found.grasps if found is not None else (),
-        "replies": found.evidence.replies if found is not None else (),
+        "grasps": _grasps(found),
+        "drift": _drift(record, found),
+        "replies": [{**dict(reply), "uri": figures.file_uri(reply.image_png)} for reply in record.replies],
         "states": [(time_ns, state) for time_ns, state in record.states],
         "events": [event for _, event in record.events],
         "station": json.dumps(record.station, indent=2),
@@ -128,13 +129,43 @@ def _imagined(found: Detections | None) -> list[Picture]:
     ]
 
 
+def _grasps(found: Detections | None) -> list[dict[str, Any]]:
+    if found is None:
+        return []
+
+    def moved_mm(grasp: Grasp) -> float:
+        return float(np.linalg.norm(grasp.base_from_tcp[:3, 3] - grasp.imagined_base_from_tcp[:3, 3]) * 1e3)
+
+    return [{**dict(grasp), "snapped_mm": moved_mm(grasp)} for grasp in found.grasps]
+
+
+def _drift(record: CycleRecord, found: Detections | None) -> list[Fact]:
+    """How far the goal image strayed, beside what it may."""
+    if found is None:
+        return []
+    drift, limits = found.evidence.drift, record.station.get("perception", {}).get("drift", {})
+    turn = f"{np.degrees(drift.turn_rad):.0f}°, {drift.shift_px:.0f} px, x {drift.scale:.2f}"
+    return [
+        Fact(
+            "background changed", f"{drift.changed_outside:.1%}", f"at most {limits.get('max_changed_outside', 0):.0%}"
+        ),
+        Fact("outline overlaps", f"{drift.silhouette_iou:.0%}", f"at least {limits.get('min_silhouette_iou', 0):.0%}"),
+        Fact("colour moved (CIE76)", f"{drift.color_shift:.0f}", f"at most {limits.get('max_color_shift', 0):.0f}"),
+        Fact("turned, shifted, scaled by", turn, "carried back by the alignment"),
+        Fact("proposals that agree", f"{found.evidence.agreement:.0%}", f"number {found.evidence.sample + 1} chosen"),
+    ]
+
+
 def _clouds(record: CycleRecord, found: Detections | None, plan: PickPlan | None) -> Chart | None:
     if found is None or record.observation is None:
         return None
     grasp = found.grasps[plan.grasp if plan is not None else 0]
     figure = figures.clouds(found, grasp, np.asarray(record.observation.view.base_from_color))
     alignment = found.evidence.alignment
-    title = f"{alignment.method}: scale {alignment.scale:.3f}, Chamfer {alignment.chamfer_m2 * 1e6:.2f} mm²"
+    title = (
+        f"{alignment.method}: scale {alignment.scale:.3f}, residual {alignment.residual:.3f}, "
+        f"Chamfer {alignment.chamfer_m2 * 1e6:.2f} mm², {alignment.hypotheses} orientations tried"
+    )
     return _chart(title, figure)
 
 

@@ -46,7 +46,7 @@ class Closings:
         center_m: (n, 2) between the contacts. ``heading_rad``: of the closing axis. ``tcp_m``: height above the table.
         edge_m: height of the surface just inside the contacts.
         width_m: between the contacts. ``opening_m``: to approach with.
-        score: higher is better, -inf = not feasible.
+        terms: what speaks for it, each between 0 and 1. ``score``: their weighted mean, -inf = not feasible.
     """
 
     center_m: Array
@@ -55,10 +55,20 @@ class Closings:
     edge_m: Array
     width_m: Array
     opening_m: Array
+    terms: dict[str, Array]
     score: Array
 
-    def best(self) -> int:
-        return int(np.argmax(self.score))
+    def distinct(self, most: int, apart_m: float = 0.006, apart_rad: float = float(np.deg2rad(10))) -> list[int]:
+        """The best feasible ones, the best first, that differ from each other in place or heading; at most ``most``."""
+        chosen: list[int] = []
+        for index in np.argsort(-self.score, kind="stable"):
+            if len(chosen) == most or not np.isfinite(self.score[index]):
+                break
+            moved_m = np.linalg.norm(self.center_m[chosen] - self.center_m[index], axis=1)
+            turned = np.abs((self.heading_rad[chosen] - self.heading_rad[index] + np.pi / 2) % np.pi - np.pi / 2)
+            if ((moved_m > apart_m) | (turned > apart_rad)).all():
+                chosen.append(int(index))
+        return chosen
 
 
 def propose(heights: HeightMap, station: Station) -> Closings:
@@ -100,29 +110,37 @@ def close(heights: HeightMap, centers_m: Array, headings_rad: Array, widths_m: A
     patch = ((left - touch_left[:, None] < _NEAR_PATCH_M) & (touch_right[:, None] - right < _NEAR_PATCH_M)).mean(axis=1)
     center_m = centers_m + axis * np.nan_to_num(shift_m)[:, None]
     feasible &= (cone > _FRICTION_COS) & (patch > 0)
-    score = _score(heights, center_m, cone, patch, width_m, tcp_m, edge_m, hand)
-    return Closings(center_m, headings_rad, tcp_m, edge_m, width_m, opening_m, np.where(feasible, score, -np.inf))
+    terms = {
+        "flat": np.clip((cone - _FRICTION_COS) / (1 - _FRICTION_COS), 0, 1),
+        "patch": patch,
+        "margin": np.clip(
+            (hand.max_width_m - np.nan_to_num(width_m, posinf=0, neginf=0)) / (0.5 * hand.max_width_m), 0, 1
+        ),
+        "depth": np.clip((edge_m - tcp_m) / _HOLD_M, 0, 1),
+        "solid": profile.solid(slice_m, touch_left, touch_right),
+        "central": 1 - np.minimum(_offset(heights, center_m), 2) / 2,
+    }
+    score = np.where(feasible, weighted(terms), -np.inf)
+    return Closings(center_m, headings_rad, tcp_m, edge_m, width_m, opening_m, terms, score)
 
 
-def _score(
-    heights: HeightMap,
-    center_m: Array,
-    cone: Array,
-    patch: Array,
-    width_m: Array,
-    tcp_m: Array,
-    edge_m: Array,
-    hand: HandSettings,
-) -> Array:
-    """Flat faces, long patches, near the middle of the object, a margin in the jaw, a deep hold."""
+WEIGHTS = {"flat": 0.30, "patch": 0.25, "margin": 0.15, "depth": 0.15, "solid": 0.25, "central": 0.70}
+"""Flat faces within the friction cone, long patches, room in the jaw, a deep hold, material between the fingers (two
+sides of a frame give and turn), near the middle of the object."""
+
+
+def weighted(terms: dict[str, Array], weights: dict[str, float] = WEIGHTS) -> Array:
+    """The weighted mean of named terms (n,)."""
+    total = sum(weights[name] for name in terms)
+    return np.asarray(sum(weights[name] * value for name, value in terms.items()) / total)
+
+
+def _offset(heights: HeightMap, center_m: Array) -> Array:
+    """Distance from the object's middle, in rms radii (n,)."""
     rows, columns = np.nonzero(heights.is_object)
     cells = heights.xy_m(rows, columns)
     middle, radius_m = cells.mean(axis=0), float(np.sqrt(((cells - cells.mean(axis=0)) ** 2).sum(axis=1).mean()))
-    offset = np.linalg.norm(center_m - middle, axis=1) / max(radius_m, 0.01)
-    margin = np.clip((hand.max_width_m - width_m) / 0.02, 0, 1)
-    depth = np.clip((edge_m - tcp_m) / _HOLD_M, 0, 1)
-    flat = (cone - _FRICTION_COS) / (1 - _FRICTION_COS)
-    return np.asarray(0.30 * flat + 0.25 * patch + 0.15 * margin + 0.15 * depth - 0.35 * np.minimum(offset, 2.0))
+    return np.asarray(np.linalg.norm(center_m - middle, axis=1) / max(radius_m, 0.01))
 
 
 class _Profile:
@@ -162,6 +180,13 @@ class _Profile:
         index = np.rint((position - self.t_m[0]) / _STEP_M).astype(int).clip(0, len(self.t_m) - 1)
         height = np.take_along_axis(self.heights_m, index[..., None], axis=2)[..., 0]
         return np.nan_to_num(_median(np.where(hit, height, np.nan)))
+
+    def solid(self, slice_m: Array, left_m: Array, right_m: Array) -> Array:
+        """Share of what lies between the contacts that is as high as the slice (n,)."""
+        with np.errstate(invalid="ignore"):
+            between = (self.t_m >= left_m[:, None]) & (self.t_m <= right_m[:, None])
+        filled = (self.heights_m > slice_m[:, None, None]).mean(axis=1)
+        return np.asarray((filled * between).sum(axis=1) / np.maximum(between.sum(axis=1), 1))
 
     def under_fingers_m(self, shift_m: Array, opening_m: Array) -> Array:
         """Highest point under either opened finger."""

@@ -7,116 +7,159 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from bus.arrays import Transform
 from bus.codes import Code
 from bus.errors import CycleFailure
-from bus.messages import Alignment, Detections, Evidence, Grasp, ModelReply, Observation
+from bus.messages import Alignment, Detections, Drift, Evidence, Grasp, ModelReply, Observation, Rectangle
 from config.schema import Station
 from perception.align import align
-from perception.depth import Rgbd, register
-from perception.heightmap import height_map
-from perception.imagine import free_rod_color, imagine, masked
+from perception.align.base import Shape
+from perception.depth import register
+from perception.drift import measure, require_faithful
+from perception.drift import register as register_outlines
+from perception.goal import GoalParts, take_apart
+from perception.goal_depth import carried_depth, scaled_to_observed
+from perception.heightmap import HeightMap, height_map
+from perception.imagine import Conversation, Say, imagine, subject_of
 from perception.lift import lift, thin, transform
-from perception.models.base import GoalImageModel, Subject
-from perception.models.geometric import GeometricModel
+from perception.models import Models
+from perception.models.base import GoalImage, Subject
 from perception.project import fit_line, lift_run, rectangle, rod_depth, runs
 from perception.rank import grasps_of_rod, rank
-from perception.segment import Mask, Scene, segment, segment_goal
+from perception.rectangles.metric import matches
+from perception.segment import segment
+from perception.target import choose
 
 Array = npt.NDArray[np.float64]
 
 _SHOWN_POINTS = 3000
-_MIN_ROD_PX = 60
-_MODELS = {GeometricModel.name: GeometricModel}
 
 
 @dataclass(frozen=True)
-class _Goal:
-    """The goal image, taken apart: its rod, its object, its depth."""
+class Proposal:
+    """One imagined rod, carried back.
 
-    rgbd: Rgbd
-    rod: Mask
-    object: Mask
-    replies: tuple[ModelReply, ...]
+    Attributes:
+        goal, parts, drift: the goal image, taken apart, and how far it strayed. ``depth_m``: its depth.
+        observed, imagined: the object, seen and imagined. ``alignment``: between them.
+        ends: per run of the rod through the object, its ends (2, 3) [m] in the colour frame, the widest first.
+    """
+
+    goal: GoalImage
+    parts: GoalParts
+    drift: Drift
+    depth_m: npt.NDArray[np.float32]
+    observed: Shape
+    imagined: Shape
+    alignment: Alignment
+    ends: tuple[Array, ...]
+    rectangles: tuple[Rectangle, ...]
 
 
-def detect(observation: Observation, station: Station, model: GoalImageModel | None = None) -> Detections:
-    """Ranked grasps of the object in the pick region, and the evidence for them. Pure.
+def detect(observation: Observation, station: Station, models: Models, say: Say) -> Detections:
+    """Ranked grasps of the target in the pick region, and the evidence for them. Pure but for the models.
 
     Args:
-        model: the goal-image model; None = the one that ``station.perception.model`` names.
+        say: told every call to the goal-image model as it happens.
 
     Raises:
-        CycleFailure: NO_OBJECT, NO_GRASP, MODEL_REFUSED (no rod in the goal image), MODEL_DRIFT (no object in it).
+        CycleFailure: NO_OBJECT, NO_GRASP, MODEL_*, SPEND_LIMIT. Of several proposals one that holds is enough.
     """
     base_from_color = observation.view.base_from_color
+    models.imaginer.begin()
     rgbd = register(observation.frame)
+    scene = choose(segment(rgbd, base_from_color, station), rgbd.color, Conversation(models.imaginer, say), station)
+    scene = models.refined(scene, rgbd.color)
+    subject, heights = subject_of(rgbd, scene, base_from_color), height_map(scene)
+    found: list[tuple[tuple[Grasp, ...], Proposal, int]] = []
+    failures: list[CycleFailure] = []
+    for sample in range(station.perception.imagine.samples):
+        try:
+            proposal = propose(Conversation(models.imaginer, say, sample), subject, models, station)
+            found.append((grasps_of(proposal, subject, heights, station), proposal, sample))
+        except CycleFailure as failure:
+            failures.append(failure)
+    if not found:
+        raise failures[0]
+    grasps, proposal, sample = max(found, key=lambda one: one[0][0].score)
+    agree = [_same_place(proposal, other) for _, other, _ in found]
+    evidence = _evidence(subject, proposal, sample, sum(agree) / station.perception.imagine.samples)
+    return Detections(rectangles=proposal.rectangles, grasps=grasps, evidence=evidence)
 
-    # Stage 1: segment, and imagine the rod.
-    scene = segment(rgbd, base_from_color, station)
-    goal = _imagined(rgbd, scene, base_from_color, model or _MODELS[station.perception.model](station), station)
+
+def propose(talk: Conversation, subject: Subject, models: Models, station: Station) -> Proposal:
+    """Imagine one rod and carry it back onto the observed object. Raises: CycleFailure, as `detect`."""
+    rgbd, settings = subject.rgbd, station.perception
+
+    # Stage 1: the goal image; how far it strayed from the observed object.
+    goal = imagine(talk, subject, station)
+    parts = take_apart(goal.image, subject)
+    line = fit_line(parts.rod)
+    observed = Shape(subject.scene.object_mask, np.zeros_like(parts.rod), rgbd.depth_m, rgbd.camera)
+    outline_fit, overlap = register_outlines(Shape(parts.object, parts.rod, rgbd.depth_m, rgbd.camera), observed.mask)
+    drift = measure(goal.image, parts, subject, outline_fit, overlap)
+    require_faithful(drift, settings.drift)
 
     # Stage 2: lift both, and align the imagined object to the observed one.
-    observed_points = lift(scene.object_mask, rgbd.depth_m, rgbd.camera)
-    goal_points = lift(goal.object, goal.rgbd.depth_m, rgbd.camera)
-    alignment = align(goal_points, observed_points)
+    if goal.depth_m is not None:
+        depth_m = goal.depth_m
+    elif models.depth is not None:
+        depth_m = scaled_to_observed(models.depth.estimate(goal.image, rgbd.camera.fx).depth_m, parts, subject)
+    else:
+        depth_m = carried_depth(parts, subject, outline_fit)
+    imagined = Shape(parts.object, parts.rod, depth_m, rgbd.camera)
+    alignment = align(settings.align, imagined, observed, max_residual=settings.max_residual)
 
-    # Stage 3: the rod's runs through the object, as rectangles and as grasps.
-    line = fit_line(goal.rod)
-    inverse_depth = rod_depth(line, goal.rod, goal.rgbd.depth_m)
-    crossings = runs(line, goal.rod, goal.object)
-    ends = [
-        transform(alignment.observed_from_goal, lift_run(line, run, inverse_depth, rgbd.camera)) for run in crossings
-    ]
-    heights = height_map(scene)
-    grasps: list[Grasp] = []
-    for index, run_ends in enumerate(ends):
-        grasps += grasps_of_rod(transform(base_from_color, run_ends), index, heights, station)
-    if not grasps:
-        raise CycleFailure(Code.NO_GRASP, "The imagined rod crosses the object nowhere the jaw can close on.")
-    return Detections(
-        rectangles=tuple(
-            rectangle(line, run, float(run_ends[:, 2].mean()), rgbd.camera, station)
-            for run, run_ends in zip(crossings, ends, strict=True)
-        ),
-        grasps=rank(grasps, station),
-        evidence=_evidence(rgbd, scene, goal, observed_points, goal_points, ends[0], alignment),
+    # Stage 3: the rod's runs through the object, carried over, as rectangles.
+    inverse_depth = rod_depth(line, parts.rod, depth_m)
+    ends = tuple(
+        transform(alignment.observed_from_goal, lift_run(line, run, inverse_depth, rgbd.camera))
+        for run in runs(line, parts.rod, parts.object)
     )
+    if not ends:
+        raise CycleFailure(Code.MODEL_NO_ROD, "The rod in the goal image does not pass through the object.")
+    rectangles = tuple(rectangle(run_ends, rgbd.camera, station) for run_ends in ends)
+    return Proposal(goal, parts, drift, depth_m, observed, imagined, alignment, ends, rectangles)
 
 
-def _imagined(rgbd: Rgbd, scene: Scene, base_from_color: Transform, model: GoalImageModel, station: Station) -> _Goal:
-    rod_color = free_rod_color(rgbd.color, scene.region_mask)
-    subject = Subject(rgbd, scene, masked(rgbd.color, scene.object_mask), base_from_color, rod_color)
-    goal, replies = imagine(model, subject, station)
-    rod, goal_object = segment_goal(goal.image, rod_color.rgb, scene)
-    if rod.sum() < _MIN_ROD_PX:
-        raise CycleFailure(Code.MODEL_REFUSED, "There is no rod in the goal image.")
-    depth_m = rgbd.depth_m if goal.depth_m is None else goal.depth_m
-    return _Goal(Rgbd(goal.image, depth_m, rgbd.camera), rod, goal_object, replies)
+def grasps_of(proposal: Proposal, subject: Subject, heights: HeightMap, station: Station) -> tuple[Grasp, ...]:
+    """Every run's grasps, ranked. Raises: CycleFailure(NO_GRASP), with the runs' widths."""
+    grasps: list[Grasp] = []
+    for index, run_ends in enumerate(proposal.ends):
+        ends_base = transform(subject.base_from_color, run_ends)
+        grasps += grasps_of_rod(ends_base, index, subject.scene, heights, station)
+    if not grasps:
+        widths = ", ".join(f"{np.linalg.norm(ends[1] - ends[0]) * 1e3:.0f}" for ends in proposal.ends)
+        raise CycleFailure(
+            Code.NO_GRASP, f"The imagined rod crosses the object nowhere the jaw can close on (runs of {widths} mm)."
+        )
+    return rank(grasps, station)
 
 
-def _evidence(
-    rgbd: Rgbd,
-    scene: Scene,
-    goal: _Goal,
-    observed_points: Array,
-    goal_points: Array,
-    rod_ends: Array,
-    alignment: Alignment,
-) -> Evidence:
-    rod_points = lift(goal.rod, goal.rgbd.depth_m, rgbd.camera)
-    observed_from_goal = alignment.observed_from_goal
+def _same_place(chosen: Proposal, other: Proposal) -> bool:
+    return any(matches(one, another) for one in chosen.rectangles for another in other.rectangles)
+
+
+def _evidence(subject: Subject, proposal: Proposal, sample: int, agreement: float) -> Evidence:
+    rgbd, observed_from_goal = subject.rgbd, proposal.alignment.observed_from_goal
+    goal_points = proposal.imagined.points
+    rod_points = lift(proposal.parts.rod, proposal.depth_m, rgbd.camera)
     return Evidence(
         color=rgbd.color,
-        object_mask=scene.object_mask,
-        goal_image=goal.rgbd.color,
-        goal_object_mask=goal.object,
-        goal_rod_mask=goal.rod,
-        observed_points=thin(observed_points, _SHOWN_POINTS),
+        object_mask=subject.scene.object_mask,
+        goal_image=proposal.goal.image,
+        goal_object_mask=proposal.parts.object,
+        goal_rod_mask=proposal.parts.rod,
+        observed_points=thin(proposal.observed.points, _SHOWN_POINTS),
         goal_points=thin(goal_points, _SHOWN_POINTS),
         aligned_points=thin(transform(observed_from_goal, goal_points), _SHOWN_POINTS),
         rod_points=thin(transform(observed_from_goal, rod_points), _SHOWN_POINTS),
-        rod_ends=(rod_ends[0], rod_ends[1]),
-        alignment=alignment,
-        replies=goal.replies,
+        rod_ends=(proposal.ends[0][0], proposal.ends[0][1]),
+        alignment=proposal.alignment,
+        drift=proposal.drift,
+        sample=sample,
+        agreement=agreement,
     )
+
+
+def unsaid(_reply: ModelReply) -> None:
+    """For a `say` when nobody listens."""

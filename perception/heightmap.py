@@ -8,6 +8,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
+from bus.arrays import Transform
+from perception.lift import transform
 from perception.segment import Scene
 
 CELL_M = 0.002
@@ -44,18 +46,24 @@ class HeightMap:
         return np.stack([columns * CELL_M + self.origin_m[0], rows * CELL_M + self.origin_m[1]], axis=1)
 
 
-def height_map(scene: Scene) -> HeightMap:
-    """The highest point seen in every cell."""
-    points, height_m = scene.points_base, scene.height_m
-    objects = points[scene.object_mask]
+def height_map(scene: Scene, level_from_base: Transform | None = None) -> HeightMap:
+    """The highest point seen in every cell.
+
+    Args:
+        level_from_base: look along this frame's -z instead of the table's; heights are then its z.
+    """
+    points = np.concatenate([scene.points_base[..., :2], scene.height_m[..., None]], axis=2)
+    if level_from_base is not None:
+        points = transform(level_from_base, points.reshape(-1, 3)).reshape(points.shape)
+    objects = points[scene.object_mask & np.isfinite(points[..., 2])]
     low, high = objects[:, :2].min(axis=0) - _MARGIN_M, objects[:, :2].max(axis=0) + _MARGIN_M
     nx, ny = np.ceil((high - low) / CELL_M).astype(int) + 1
-    seen = np.isfinite(height_m)
-    seen[seen] = ((points[seen][:, :2] > low) & (points[seen][:, :2] < high)).all(axis=1)
+    with np.errstate(invalid="ignore"):
+        seen = ((points[..., :2] > low) & (points[..., :2] < high)).all(axis=2)
     cell = np.rint((points[seen][:, :2] - low) / CELL_M).astype(int)
     flat = cell[:, 1] * nx + cell[:, 0]
     grid = np.full(nx * ny, -np.inf)
-    np.maximum.at(grid, flat, height_m[seen])
+    np.maximum.at(grid, flat, points[seen][:, 2])
     belongs = np.zeros(nx * ny, dtype=bool)
     belongs[flat[scene.object_mask[seen]]] = True
     grid, belongs = grid.reshape(ny, nx), belongs.reshape(ny, nx)

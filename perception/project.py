@@ -9,16 +9,23 @@ from __future__ import annotations
 import itertools
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
+from bus.codes import Code
+from bus.errors import CycleFailure
 from bus.messages import CameraModel, Rectangle
 from config.schema import Station
-from perception.lift import lift_pixels
+from perception.lift import lift_pixels, project
 
 _MIN_GAP_PX = 3.0
 _MIN_ISLAND = 0.5
 """Rod pieces shorter than this many rod widths are specks."""
+
+_MAX_ASTRAY = 0.2
+_MAX_SPREAD = 2.0
+"""Fitted width over thickness, and share of pixels off the line, of something that still is one straight rod."""
 
 Mask = npt.NDArray[np.bool_]
 Array = npt.NDArray[np.float64]
@@ -37,9 +44,12 @@ class Line:
 
 
 def fit_line(rod: Mask) -> Line:
-    """Principal axis of the rod's pixels, fitted twice: the second time without what lies off the first."""
+    """Principal axis of the rod's pixels, fitted twice: the second time without what lies off the first.
+
+    Raises: CycleFailure(MODEL_NO_ROD) when much of it lies off the line: bent, or more than one.
+    """
     v, u = np.nonzero(rod)
-    pixels = np.stack([u, v], axis=1).astype(float)
+    pixels = everything = np.stack([u, v], axis=1).astype(float)
     for _ in range(2):
         center = pixels.mean(axis=0)
         values, axes = np.linalg.eigh(np.cov((pixels - center).T))
@@ -47,6 +57,13 @@ def fit_line(rod: Mask) -> Line:
         off = np.abs((pixels - center) @ np.array([-direction[1], direction[0]]))
         width = float(np.sqrt(12 * max(values[0], 1e-9)))
         pixels = pixels[off <= max(width, 1.0)]
+    off = np.abs((everything - center) @ np.array([-direction[1], direction[0]]))
+    thickness_px = 2 * float(np.percentile(cv2.distanceTransform(rod.astype(np.uint8), cv2.DIST_L2, 3)[rod], 95))
+    if (off > max(width, 2.0)).mean() > _MAX_ASTRAY or width > _MAX_SPREAD * thickness_px + 2:
+        raise CycleFailure(
+            Code.MODEL_NO_ROD,
+            f"What is drawn is not one straight rod: {width:.0f} px wide, {thickness_px:.0f} px thick.",
+        )
     return Line(center, direction, width)
 
 
@@ -69,14 +86,20 @@ def runs(line: Line, rod: Mask, on_object: Mask) -> list[tuple[float, float]]:
     return sorted((gap for gap in gaps if gap[1] - gap[0] >= _MIN_GAP_PX), key=lambda gap: gap[0] - gap[1])
 
 
-def rectangle(line: Line, run: tuple[float, float], depth_m: float, camera: CameraModel, station: Station) -> Rectangle:
-    """The grasp rectangle of one run: width = compliance x run, height = the finger's width at the contact's depth."""
-    u, v = line.at(np.array([(run[0] + run[1]) / 2]))[0]
+def rectangle(ends: Array, camera: CameraModel, station: Station) -> Rectangle:
+    """The grasp rectangle of a carried run, given by its ends (2, 3) [m] in the colour frame.
+
+    Its width is compliance x run, plus the margin at both ends; its height the finger's width at the contacts' depth.
+    """
+    start_px, end_px = project(ends, camera)
+    along_px = end_px - start_px
+    u, v = (start_px + end_px) / 2
+    margin_px = station.perception.rectangle_margin_m * camera.fx / ends[:, 2].mean()
     return Rectangle(
         center_px=(float(u), float(v)),
-        angle_rad=float(np.arctan2(line.direction[1], line.direction[0]) % np.pi),
-        width_px=float(station.perception.compliance * (run[1] - run[0])),
-        height_px=float(station.hand.finger_width_m * camera.fx / depth_m),
+        angle_rad=float(np.arctan2(along_px[1], along_px[0]) % np.pi),
+        width_px=float(station.perception.compliance * np.linalg.norm(along_px) + 2 * margin_px),
+        height_px=float(station.hand.finger_width_m * camera.fx / ends[:, 2].mean()),
     )
 
 

@@ -1,46 +1,56 @@
-"""From carried rods to 6-DoF grasps: snapped to the observed surface, checked, ranked. Top-down."""
+"""From carried rods to 6-DoF grasps: approached around the rod, snapped to the observed surface, checked, ranked."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
+from bus.arrays import Transform
 from bus.messages import Grasp
 from config.schema import Station
-from perception.antipodal import Closings, close
-from perception.heightmap import HeightMap
+from perception.antipodal import WEIGHTS, Closings, close, weighted
+from perception.heightmap import HeightMap, height_map
+from perception.lift import inverse, transform
+from perception.segment import Scene
 
 _SNAP_M = np.array([0.0, -0.004, 0.004, -0.008, 0.008, -0.012, 0.012])
 _SNAP_RAD = np.deg2rad([0.0, -6.0, 6.0, -12.0, 12.0])
-_MOVE_PENALTY = 0.15
 _PER_RUN = 4
-_APART_M, _APART_RAD = 0.006, np.deg2rad(10.0)
-"""Grasps of one run differ by at least one of these."""
+_TILTS_RAD = np.deg2rad([20.0, -20.0])
+"""Approaches beside the vertical one, about the rod; taken only where from above there is none."""
+_WIDTH_APART_M = 0.010
+_ERRORS = np.array([[0.003, 0, 0], [-0.003, 0, 0], [0, 0.004, 0], [0, -0.004, 0], [0, 0, 0.087], [0, 0, -0.087]])
+"""Pose errors a grasp should survive: along and across the closing axis [m], heading [rad]."""
+_WEIGHTS = {**WEIGHTS, "unmoved": 0.30, "consistent": 0.10, "robust": 0.15}
 
 Array = npt.NDArray[np.float64]
 
 
-def grasps_of_rod(ends_base: Array, rectangle: int, heights: HeightMap, station: Station) -> list[Grasp]:
-    """Top-down grasps along one carried rod, given by the ends (2, 3) [m] of its run through the object, in ``base``.
+@dataclass(frozen=True)
+class _Rod:
+    """A run of the carried rod in the level frame: where it is (x, y), its heading, its width."""
 
-    A bounded search beside the rod (12 mm, 12 degrees) snaps it to the observed surface; the best few that differ are
-    kept, so that planning can fall back on them. Nothing there -> no grasp.
+    center_m: Array
+    heading_rad: float
+    width_m: float
+
+
+def grasps_of_rod(ends_base: Array, rectangle: int, scene: Scene, heights: HeightMap, station: Station) -> list[Grasp]:
+    """Grasps along one carried rod, given by the ends (2, 3) [m] of its run through the object, in ``base``.
+
+    From above first; if the jaw finds no hold so, tilted about the rod by 20 degrees either way.
+
+    Args:
+        heights: the scene's, from above.
     """
-    closings = _snap(ends_base, heights, station)
-    chosen: list[int] = []
-    for index in np.argsort(-closings.score, kind="stable"):
-        if len(chosen) == _PER_RUN or not np.isfinite(closings.score[index]):
-            break
-        if all(_differ(closings, int(index), other) for other in chosen):
-            chosen.append(int(index))
-    return [_grasp(closings, index, rectangle) for index in chosen]
-
-
-def _differ(closings: Closings, one: int, other: int) -> bool:
-    apart_m = float(np.linalg.norm(closings.center_m[one] - closings.center_m[other]))
-    return apart_m > _APART_M or abs(float(closings.heading_rad[one] - closings.heading_rad[other])) > _APART_RAD
+    grasps = _approach(ends_base, rectangle, np.eye(4), heights, station)
+    for tilt_rad in () if grasps else _TILTS_RAD:
+        base_from_level = _tilted(ends_base, float(tilt_rad))
+        level_heights = height_map(scene, inverse(base_from_level))
+        grasps += _approach(ends_base, rectangle, base_from_level, level_heights, station)
+    return grasps
 
 
 def rank(grasps: list[Grasp], station: Station) -> tuple[Grasp, ...]:
@@ -49,30 +59,86 @@ def rank(grasps: list[Grasp], station: Station) -> tuple[Grasp, ...]:
     return tuple(ordered[: station.perception.max_grasps])
 
 
-def _snap(ends_base: Array, heights: HeightMap, station: Station) -> Closings:
-    along = ends_base[1] - ends_base[0]
-    heading = float(np.arctan2(along[1], along[0]))
-    width_m = float(np.hypot(along[0], along[1]))
+def _approach(
+    ends_base: Array, rectangle: int, base_from_level: Transform, heights: HeightMap, station: Station
+) -> list[Grasp]:
+    """The best few that differ, approached along the level frame's -z, so that planning can fall back on them.
+
+    A bounded search beside the rod (12 mm, 12 degrees) snaps it to the observed surface.
+    """
+    ends = transform(inverse(base_from_level), ends_base)
+    along = ends[1] - ends[0]
+    heading, width_m = float(np.arctan2(along[1], along[0])), float(np.hypot(along[0], along[1]))
+    rod = _Rod(ends.mean(axis=0)[:2], heading, width_m)
+    closings = _judged(_snap(rod, heights, station), rod, heights, station)
+    imagined = base_from_level @ _pose(rod.center_m, heading, float(closings.tcp_m[0]))
+    return [
+        Grasp(
+            base_from_tcp=base_from_level
+            @ _pose(closings.center_m[index], float(closings.heading_rad[index]), float(closings.tcp_m[index])),
+            width_m=float(closings.width_m[index]),
+            opening_m=float(closings.opening_m[index]),
+            score=float(closings.score[index]),
+            rectangle=rectangle,
+            imagined_base_from_tcp=imagined,
+            terms={name: float(values[index]) for name, values in closings.terms.items()},
+        )
+        for index in closings.distinct(_PER_RUN)
+    ]
+
+
+def _snap(rod: _Rod, heights: HeightMap, station: Station) -> Closings:
+    """The jaw closed on and beside the rod; the first one is the rod itself."""
     side_m, turn_rad = (grid.ravel() for grid in np.meshgrid(_SNAP_M, _SNAP_RAD, indexing="ij"))
-    lateral = np.array([-np.sin(heading), np.cos(heading)])
-    centers = ends_base.mean(axis=0)[:2] + side_m[:, None] * lateral
-    closings = close(heights, centers, heading + turn_rad, np.full(len(side_m), width_m), station)
+    lateral = np.array([-np.sin(rod.heading_rad), np.cos(rod.heading_rad)])
+    centers = rod.center_m + side_m[:, None] * lateral
+    widths = np.full(len(side_m), rod.width_m)
+    closings = close(heights, centers, rod.heading_rad + turn_rad, widths, station)
     moved = np.abs(side_m) / np.abs(_SNAP_M).max() + np.abs(turn_rad) / np.abs(_SNAP_RAD).max()
-    score = closings.score - _MOVE_PENALTY * moved
-    return replace(closings, score=score)
+    return replace(closings, terms={**closings.terms, "unmoved": 1 - moved / 2})
 
 
-def _grasp(closings: Closings, index: int, rectangle: int) -> Grasp:
-    """The closing as a pose: y along the closing axis, z down."""
-    heading = closings.heading_rad[index]
-    y, z = np.array([np.cos(heading), np.sin(heading), 0.0]), np.array([0.0, 0.0, -1.0])
-    base_from_tcp = np.eye(4)
-    base_from_tcp[:3, 0], base_from_tcp[:3, 1], base_from_tcp[:3, 2] = np.cross(y, z), y, z
-    base_from_tcp[:3, 3] = [*closings.center_m[index], closings.tcp_m[index]]
-    return Grasp(
-        base_from_tcp=base_from_tcp,
-        width_m=float(closings.width_m[index]),
-        opening_m=float(closings.opening_m[index]),
-        score=float(closings.score[index]),
-        rectangle=rectangle,
-    )
+def _judged(closings: Closings, rod: _Rod, heights: HeightMap, station: Station) -> Closings:
+    """Scored also by whether the measured width is the imagined one, and by how many pose errors it survives."""
+    with np.errstate(invalid="ignore"):
+        apart = np.nan_to_num(np.abs(closings.width_m - rod.width_m), nan=np.inf) / _WIDTH_APART_M
+    feasible = np.flatnonzero(np.isfinite(closings.score))
+    robust = np.zeros(len(closings.score))
+    robust[feasible] = _survived(closings, feasible, heights, station)
+    terms = {**closings.terms, "consistent": 1 - np.minimum(apart, 1), "robust": robust}
+    score = np.where(np.isfinite(closings.score), weighted(terms, _WEIGHTS), -np.inf)
+    return replace(closings, terms=terms, score=score)
+
+
+def _survived(closings: Closings, chosen: npt.NDArray[np.intp], heights: HeightMap, station: Station) -> Array:
+    """Share of the pose errors after which the jaw still closes (n,)."""
+    heading = closings.heading_rad[chosen]
+    along = np.stack([np.cos(heading), np.sin(heading)], axis=1)
+    across = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    centers = closings.center_m[chosen, None] + _ERRORS[:, :1] * along[:, None] + _ERRORS[:, 1:2] * across[:, None]
+    headings = heading[:, None] + _ERRORS[:, 2]
+    widths = np.repeat(closings.width_m[chosen], len(_ERRORS))
+    erred = close(heights, centers.reshape(-1, 2), headings.ravel(), widths, station)
+    return np.asarray(np.isfinite(erred.score).reshape(len(chosen), len(_ERRORS)).mean(axis=1))
+
+
+def _tilted(ends_base: Array, tilt_rad: float) -> Transform:
+    """base_from_level: on the table below the rod, z turned about the rod's heading."""
+    along = (ends_base[1] - ends_base[0]) * np.array([1.0, 1.0, 0.0])
+    along = along / np.linalg.norm(along)
+    across, up = np.array([-along[1], along[0], 0.0]), np.array([0.0, 0.0, 1.0])
+    base_from_level = np.eye(4)
+    base_from_level[:3, 0] = along
+    base_from_level[:3, 1] = np.cos(tilt_rad) * across + np.sin(tilt_rad) * up
+    base_from_level[:3, 2] = np.cos(tilt_rad) * up - np.sin(tilt_rad) * across
+    base_from_level[:2, 3] = ends_base.mean(axis=0)[:2]
+    return base_from_level
+
+
+def _pose(center_m: Array, heading_rad: float, tcp_m: float) -> Transform:
+    """level_from_tcp: y along the closing axis, z down."""
+    y, z = np.array([np.cos(heading_rad), np.sin(heading_rad), 0.0]), np.array([0.0, 0.0, -1.0])
+    level_from_tcp = np.eye(4)
+    level_from_tcp[:3, 0], level_from_tcp[:3, 1], level_from_tcp[:3, 2] = np.cross(y, z), y, z
+    level_from_tcp[:3, 3] = [*center_m, tcp_m]
+    return level_from_tcp

@@ -1,4 +1,4 @@
-"""The *depth* segmenter: what stands on the table inside the pick region; and rod and object in a goal image."""
+"""The *depth* segmenter: what stands on the table inside the pick region, its outline refined by colour."""
 
 from __future__ import annotations
 
@@ -21,7 +21,10 @@ _MIN_AREA_PX = 150
 _BRIDGE_PX = 9
 """Parts closer than this are one object: thin arms break up in depth."""
 _MIN_TABLE_PX = 2000
-_RIM_PX = 81
+_DISK = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (7, 7))
+_SEEN_THROUGH = 0.4
+_CONFUSED = 0.05
+"""Colour decides nothing when more than this share of the surroundings looks like the object."""
 
 Mask = npt.NDArray[np.bool_]
 Array = npt.NDArray[np.float64]
@@ -34,17 +37,16 @@ class Scene:
     Attributes:
         points_base: (H, W, 3) in ``base``, NaN = no depth.
         height_m: (H, W) above the fitted table.
-        object_mask: (H, W). ``region_mask``: (H, W) the pick region, with a rim for a rod that sticks out.
+        object_mask: (H, W).
     """
 
     points_base: npt.NDArray[np.float64]
     height_m: npt.NDArray[np.float64]
     object_mask: Mask
-    region_mask: Mask
 
 
-def segment(rgbd: Rgbd, base_from_color: Transform, station: Station) -> Scene:
-    """Remove the table, cluster what rises above it in the pick region, keep the largest cluster.
+def segment(rgbd: Rgbd, base_from_color: Transform, station: Station) -> tuple[Scene, ...]:
+    """Remove the table and cluster what rises above it in the pick region: one scene an object, the largest first.
 
     Raises: CycleFailure(NO_OBJECT).
     """
@@ -54,8 +56,11 @@ def segment(rgbd: Rgbd, base_from_color: Transform, station: Station) -> Scene:
     x, y = points_base[..., 0], points_base[..., 1]
     inside = (x > x_min) & (x < x_max) & (y > y_min) & (y < y_max)
     raised = inside & (height_m > station.perception.min_object_height_m)
-    region = cv2.dilate(inside.astype(np.uint8), np.ones((_RIM_PX, _RIM_PX))) > 0
-    return Scene(points_base, height_m, _largest_cluster(raised), region)
+    clusters = _clusters(raised)
+    if not clusters:
+        raise CycleFailure(Code.NO_OBJECT, "Nothing rises above the table inside the pick region.")
+    masks = (refined_by_color(rgbd.color, _filled(cluster, np.isfinite(height_m))) for cluster in clusters)
+    return tuple(Scene(points_base, height_m, mask) for mask in masks)
 
 
 def image_points(rgbd: Rgbd, base_from_color: Transform) -> Array:
@@ -89,28 +94,56 @@ def _plane(coefficients: Array, points: Array) -> Array:
     return np.asarray(points[..., 0] * coefficients[0] + points[..., 1] * coefficients[1] + coefficients[2])
 
 
-def _largest_cluster(raised: Mask) -> Mask:
+def _clusters(raised: Mask) -> list[Mask]:
+    """Groups of raised pixels that are big enough, the largest first."""
     clean = cv2.morphologyEx(raised.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3)))
     bridged = cv2.dilate(clean, np.ones((_BRIDGE_PX, _BRIDGE_PX)))
     _, labels = cv2.connectedComponents(bridged)
     areas = np.bincount(labels[clean > 0], minlength=1)
-    best = int(areas.argmax()) if len(areas) else 0
-    if len(areas) == 0 or areas[best] < _MIN_AREA_PX:
-        raise CycleFailure(Code.NO_OBJECT, "Nothing rises above the table inside the pick region.")
-    return np.asarray((labels == best) & (clean > 0))
+    big = [label for label in np.argsort(-areas, kind="stable") if areas[label] >= _MIN_AREA_PX]
+    return [np.asarray((labels == label) & (clean > 0)) for label in big]
 
 
-def segment_goal(goal: npt.NDArray[np.uint8], rod_rgb: tuple[int, int, int], scene: Scene) -> tuple[Mask, Mask]:
-    """Rod and object in a goal image: the rod by the hue it was asked for, the object as what is left of it.
+def _filled(mask: Mask, seen: Mask) -> Mask:
+    """The mask without the holes that only missing depth makes: dark, shiny or steep parts inside the outline."""
+    closed = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, _DISK)
+    contours, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    whole = cv2.drawContours(np.zeros_like(closed), contours, -1, 1, cv2.FILLED)
+    count, holes = cv2.connectedComponents(whole - closed)
+    # A hole through which the table is seen is one.
+    see_through = [label for label in range(1, count) if seen[holes == label].mean() > _SEEN_THROUGH]
+    return np.asarray((whole > 0) & ~np.isin(holes, see_through))
 
-    Returns:
-        (rod mask, object mask).
+
+def refined_by_color(color: npt.NDArray[np.uint8], mask: Mask) -> Mask:
+    """The mask with its rim redrawn where object and surroundings differ in colour: depth edges are ragged.
+
+    Only a band of 3 pixels on either side of the outline may change.
     """
-    hsv = cv2.cvtColor(np.asarray(goal), cv2.COLOR_RGB2HSV).astype(int)
-    apart = np.abs(hsv[..., 0] - hue_of(rod_rgb))
-    rod = (np.minimum(apart, 180 - apart) < 8) & (hsv[..., 1] > 110) & (hsv[..., 2] > 60) & scene.region_mask
-    rod = cv2.morphologyEx(rod.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3))) > 0
-    return rod, scene.object_mask & ~rod
+    rows, columns = np.nonzero(mask)
+    around = np.s_[max(0, rows.min() - 12) : rows.max() + 13, max(0, columns.min() - 12) : columns.max() + 13]
+    part = mask[around].astype(np.uint8)
+    lab = cv2.cvtColor(cv2.blur(np.ascontiguousarray(color[around]), (3, 3)), cv2.COLOR_RGB2LAB).astype(np.float32)
+    core, whole = cv2.erode(part, _DISK) > 0, cv2.dilate(part, _DISK) > 0
+    beside = (cv2.dilate(part, _DISK, iterations=3) > 0) & ~whole
+    if core.sum() < _MIN_AREA_PX or beside.sum() < _MIN_AREA_PX:
+        return mask
+    band = whole & ~core
+    nearer = _distance(lab[band], lab[core]) < _distance(lab[band], lab[beside])
+    if (_distance(lab[beside], lab[core]) < _distance(lab[beside], lab[beside])).mean() > _CONFUSED:
+        return mask
+    redrawn = core.copy()
+    redrawn[band] = nearer
+    refined = mask.copy()
+    refined[around] = cv2.morphologyEx(redrawn.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3))) > 0
+    return refined
+
+
+def _distance(lab: Array, samples: Array) -> Array:
+    """Gaussian cost (n,) of colours under the samples' mean and covariance."""
+    mean, covariance = samples.mean(axis=0), np.cov(samples.T) + 4.0 * np.eye(3)
+    off = lab - mean
+    return np.asarray((off @ np.linalg.inv(covariance) * off).sum(axis=1) + np.log(np.linalg.det(covariance)))
 
 
 def hue_of(rgb: tuple[int, int, int]) -> int:

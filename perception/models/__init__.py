@@ -1,1 +1,96 @@
-"""The models that imagine: what they must do (`base`), and the one that needs no network (`geometric`)."""
+"""The models that play the paper's roles, opened from a station: who imagines, who segments, who sees depth."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from importlib import import_module
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from bus.errors import ConfigError
+from bus.messages import ModelReply
+from config.schema import Station
+from perception.models.base import GoalImageModel
+from perception.models.depth_pro import DepthPro
+from perception.models.geometric import GeometricModel
+from perception.models.hosted import HostedModel
+from perception.models.purse import LEDGER, Purse
+from perception.models.recorded import RecordedModel
+from perception.models.sam import Sam
+from perception.segment import Scene
+
+
+class _Provider(NamedTuple):
+    """Where a provider's class is - its package is imported only when it is used - and which key it takes."""
+
+    module: str
+    name: str
+
+
+_PROVIDERS = {
+    "openai": _Provider("perception.models.openai", "OpenAIProvider"),
+    "gemini": _Provider("perception.models.gemini", "GeminiProvider"),
+}
+
+
+@dataclass(frozen=True)
+class Models:
+    """The models of one cell. ``sam``, ``depth``: None = what was observed serves."""
+
+    imaginer: GoalImageModel
+    sam: Sam | None = None
+    depth: DepthPro | None = None
+
+    def refined(self, scene: Scene, color: npt.NDArray[np.uint8]) -> Scene:
+        """The scene with its object's outline as SAM sees it in the object's box; unchanged without SAM."""
+        if self.sam is None:
+            return scene
+        rows, columns = np.nonzero(scene.object_mask)
+        box_px = (float(columns.min()), float(rows.min()), float(columns.max()), float(rows.max()))
+        return replace(scene, object_mask=self.sam.by_box(color, box_px))
+
+
+def open_models(station: Station, environ: Mapping[str, str]) -> Models:
+    """Everything ``station.perception`` names.
+
+    Raises: ConfigError for a missing key, model id, package or weights; RecordingError for an unreadable ledger.
+    """
+    return Models(_imaginer(station, environ, station.recording.folder), *_local(station))
+
+
+def replayed_models(station: Station, replies: Iterable[ModelReply]) -> Models:
+    """The same for a replay: a hosted model answers what it answered then."""
+    hosted = station.perception.model in _PROVIDERS
+    return Models(RecordedModel(replies) if hosted else GeometricModel(station), *_local(station))
+
+
+def _local(station: Station) -> tuple[Sam | None, DepthPro | None]:
+    settings = station.perception
+    sam = Sam(settings.sam.weights, settings.sam.device) if settings.segmenter == "sam" else None
+    pro = settings.depth_pro
+    return sam, DepthPro(pro.weights, pro.device) if settings.goal_depth == "depth_pro" else None
+
+
+def _imaginer(station: Station, environ: Mapping[str, str], folder: Path) -> GoalImageModel:
+    name, settings = station.perception.model, station.perception.hosted
+    if name not in _PROVIDERS:
+        return GeometricModel(station)
+    for role in ("text_model", "image_model"):
+        if not getattr(settings, role):
+            raise ConfigError(
+                f"perception.hosted.{role} is not set.", f"Name one of the provider's models; see config/{name}.toml."
+            )
+    module: Any = import_module(_PROVIDERS[name].module)
+    variable = settings.key_variable or module.KEY_VARIABLE
+    if not environ.get(variable):
+        raise ConfigError(
+            f"The model {name!r} needs a key in the environment variable {variable}.",
+            f"export {variable}=...; a server of your own takes any text. Or use the embedded model: "
+            "--set perception.model=geometric.",
+        )
+    provider = getattr(module, _PROVIDERS[name].name)(settings, environ[variable])
+    return HostedModel(provider, settings, Purse(settings, folder / LEDGER))

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bus.arrays import Transform
+from bus.messages import Usage
 from perception.depth import Rgbd
 from perception.segment import Scene
 
@@ -27,6 +28,7 @@ class Subject:
 
     Attributes:
         masked: the colour image with the background taken out (I_S of the paper).
+        background: the colour it was replaced by, far from the object's own colours.
         base_from_color: where the camera stands.
         rod: the colour to draw the rod in; nothing else in the image has it.
     """
@@ -34,6 +36,7 @@ class Subject:
     rgbd: Rgbd
     scene: Scene
     masked: npt.NDArray[np.uint8]
+    background: tuple[int, int, int]
     base_from_color: Transform
     rod: RodColor
 
@@ -43,7 +46,7 @@ class GoalImage:
     """An imagined goal: the image, and its depth where the model knows it.
 
     Attributes:
-        image: (H, W, 3) RGB, of the observed image's size.
+        image: (H, W, 3) RGB, in the observed image's frame.
         depth_m: (H, W) z-depth, rod included; None = it must be estimated.
     """
 
@@ -51,16 +54,42 @@ class GoalImage:
     depth_m: npt.NDArray[np.float32] | None
 
 
+_NOTHING = Usage()
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a model gave for one step: words, or a picture.
+
+    Attributes:
+        image_png: a picture of the window it was shown (`perception.models.window`), as it came; hosted models.
+        goal: the picture in the observed image's frame; embedded models.
+        attempts: how often it was asked.
+    """
+
+    text: str = ""
+    image_png: bytes | None = None
+    goal: GoalImage | None = None
+    usage: Usage = _NOTHING
+    attempts: int = 1
+
+
 class GoalImageModel(Protocol):
-    """Imagines the rod. Each call gets the prompt it is to follow; ``name`` is recorded with every reply."""
+    """Imagines the rod. ``name`` is recorded with every reply. A call without answer raises CycleFailure."""
 
     name: str
 
-    def reason(self, subject: Subject, prompt: str) -> str:
+    def begin(self) -> None:
+        """A new cycle: its spending counts from zero."""
+
+    def locate(self, color: npt.NDArray[np.uint8], prompt: str) -> Answer:
+        """Where something is in the whole image, in words as the prompt asks for them."""
+
+    def reason(self, subject: Subject, prompt: str) -> Answer:
         """Where and how the object can be grasped, in words (R of the paper)."""
 
-    def direct(self, reasoning: str, prompt: str) -> str:
-        """One precise, self-contained editing instruction (T2)."""
+    def direct(self, subject: Subject, prompt: str) -> Answer:
+        """One precise, self-contained editing instruction (T2); the prompt holds the reasoning."""
 
-    def render(self, subject: Subject, directive: str, prompt: str) -> GoalImage:
+    def render(self, subject: Subject, prompt: str) -> Answer:
         """The goal image (I_G): the same object, impaled by the rod."""

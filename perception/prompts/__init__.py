@@ -1,12 +1,15 @@
-"""The prompts of the imagining, one text file a step; ``{fields}`` are filled in. Version 1."""
+"""The prompts of the imagining, one text file a step; ``{fields}`` are filled in.
+
+Version 2: ``locate`` and ``render`` added; ``constraint`` names the background.
+"""
 
 from __future__ import annotations
 
 from importlib.resources import files
 
-VERSION = 1
+VERSION = 2
 
 
 def prompt(step: str, **fields: str) -> str:
-    """The text of ``reason``, ``direct`` or ``constraint`` with its fields filled in."""
+    """The text of one step with its fields filled in; a missing or unknown field is a KeyError."""
     return files(__name__).joinpath(f"{step}.txt").read_text().format(**fields)

@@ -16,6 +16,7 @@ from config.limits import check
 from config.load import load_station
 from drivers.guard import Guard
 from drivers.registry import open_devices
+from perception.models import open_models
 from planning.robot import Robot
 
 OBJECTS = ("bottle", "controller", "cup", "drone", "spatula")
@@ -36,7 +37,7 @@ class Outcome:
         feeder.present(PresentRequest(object=name, cycle=0, seed=seed))
         self.lay_m = feeder.truth().base_from_object[2, 3]
         before = capture(camera, arm, robot)
-        found = detect(before, station)
+        found = detect(before, station, open_models(station, {}))
         chosen = plan(found, before, robot, station)
 
         def look() -> object:

@@ -15,6 +15,7 @@ from cell.works import Works
 from config.load import load_station
 from drivers.registry import open_devices
 from logs.reader import read_cycle
+from perception.models import open_models
 from planning.robot import Robot
 
 
@@ -34,7 +35,7 @@ def test_an_object_that_cannot_be_presented_is_the_reason_of_its_cycle(tmp_path:
     assert devices.camera is not None and devices.arm is not None and devices.hand is not None
     for device in (devices.camera, devices.arm, devices.hand):
         device.connect()
-    equipment = Equipment(devices.camera, devices.arm, devices.hand, Robot(station), station)
+    equipment = Equipment(devices.camera, devices.arm, devices.hand, Robot(station), station, open_models(station, {}))
     results: list[CycleResult] = []
     works = Works(equipment, Restless(), set, lambda topic, message: None, lambda stage: None, results.append)
     with pytest.raises(CycleFailure, match="does not come to rest"):

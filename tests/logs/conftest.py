@@ -18,6 +18,7 @@ from bus.messages import (
     ArmState,
     CycleResult,
     Detections,
+    Drift,
     Evidence,
     Execution,
     Failure,
@@ -58,7 +59,17 @@ def _detections(frame: Frame) -> Detections:
     pose = np.diag([1.0, -1.0, -1.0, 1.0])
     return Detections(
         rectangles=(Rectangle(center_px=(75.0, 40.0), angle_rad=0.3, width_px=30.0, height_px=12.0),),
-        grasps=(Grasp(base_from_tcp=pose, width_m=0.03, opening_m=0.045, score=0.7, rectangle=0),),
+        grasps=(
+            Grasp(
+                base_from_tcp=pose,
+                width_m=0.03,
+                opening_m=0.045,
+                score=0.7,
+                rectangle=0,
+                imagined_base_from_tcp=pose,
+                terms={"flat": 0.9, "patch": 0.5},
+            ),
+        ),
         evidence=Evidence(
             color=frame.color,
             object_mask=mask,
@@ -70,8 +81,28 @@ def _detections(frame: Frame) -> Detections:
             aligned_points=points,
             rod_points=points,
             rod_ends=(np.zeros(3), np.array([0.05, 0.0, 0.0])),
-            alignment=Alignment(method="pca_cfopt", observed_from_goal=np.eye(4), scale=1.0, chamfer_m2=1e-6),
-            replies=(ModelReply(step="reason", model="geometric", prompt="?", reply=HOSTILE),),
+            alignment=Alignment(
+                method="pca_cfopt",
+                observed_from_goal=np.eye(4),
+                scale=1.0,
+                chamfer_m2=1e-6,
+                goal_to_observed_m=0.001,
+                observed_to_goal_m=0.001,
+                residual=0.02,
+                hypotheses=4,
+                took_s=0.01,
+            ),
+            drift=Drift(
+                changed_outside=0.0,
+                other_objects=0.0,
+                silhouette_iou=0.97,
+                shift_px=0.0,
+                turn_rad=0.0,
+                scale=1.0,
+                color_shift=1.0,
+            ),
+            sample=0,
+            agreement=1.0,
         ),
     )
 
@@ -133,6 +164,7 @@ def record(tmp_path: Path, frame: Frame) -> Record:
         state = CellState(state="Execute", stage="", cycle_id=name, since_ns=1, available=("stop",), reason="")
         say(topics.STATE, state)
         say(topics.HAND_STATE, _HAND)
+        say(topics.MODEL_REPLY, ModelReply(step="reason", model="geometric", prompt="?", text=HOSTILE))
         code = None
         for stage, (topic, result) in _stages(frame).items():
             code = Code.NO_GRASP if stage == failed else None

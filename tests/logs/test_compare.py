@@ -69,7 +69,18 @@ def test_poses_differ_in_millimetres_and_degrees() -> None:
     turned[:2, :2] = [[0.0, -1.0], [1.0, 0.0]]
     turned[0, 3] = 0.002
     one, other = (
-        Alignment(method="pca_cfopt", observed_from_goal=matrix, scale=1.0, chamfer_m2=0.0) for matrix in (pose, turned)
+        Alignment(
+            method="pca_cfopt",
+            observed_from_goal=matrix,
+            scale=1.0,
+            chamfer_m2=0.0,
+            goal_to_observed_m=0.0,
+            observed_to_goal_m=0.0,
+            residual=0.0,
+            hypotheses=4,
+            took_s=0.01,
+        )
+        for matrix in (pose, turned)
     )
     rules = {"observed_from_goal": Tolerance(0.1, POSE)}
     found = compare(one, other, rules)

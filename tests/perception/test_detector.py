@@ -10,17 +10,24 @@ import pytest
 from bus.codes import Code
 from bus.commands import PresentRequest
 from bus.errors import CycleFailure
-from bus.messages import Detections, Observation
+from bus.messages import Detections, ModelReply, Observation
 from cell.capture import capture
 from config.load import load_station
 from config.schema import Station
 from drivers.registry import open_devices
+from logs.compare import compare
 from perception.change import cleared_fraction
-from perception.detector import detect
+from perception.detector import detect as detect_with
+from perception.detector import unsaid
+from perception.models import open_models
 from planning.robot import Robot
 
 See = Callable[[str, int], tuple[Observation, np.ndarray]]
 STATION = load_station(None, ["sim.seed=5"])
+
+
+def detect(observation: Observation, station: Station) -> Detections:
+    return detect_with(observation, station, open_models(station, {}), unsaid)
 
 
 @pytest.fixture(scope="module")
@@ -87,7 +94,7 @@ def test_grasps_are_ranked(see: See) -> None:
 
 def test_the_same_observation_gives_the_same_bits(see: See) -> None:
     observation, _ = see("cup", 1)
-    assert detect(observation, STATION).model_dump_json() == detect(observation, STATION).model_dump_json()
+    assert compare(detect(observation, STATION), detect(observation, STATION), {}) == []
 
 
 def test_compliance_widens_the_rectangles_and_not_the_object(see: See) -> None:
@@ -105,12 +112,13 @@ def test_the_rectangle_lies_on_the_object(see: See) -> None:
 
 
 def test_the_evidence_shows_the_rod_and_keeps_what_was_said(see: See) -> None:
-    evidence = detect(see("bottle", 1)[0], STATION).evidence
+    replies: list[ModelReply] = []
+    evidence = detect_with(see("bottle", 1)[0], STATION, open_models(STATION, {}), replies.append).evidence
     assert evidence.goal_rod_mask.sum() > 300
     assert not (evidence.goal_rod_mask & evidence.goal_object_mask).any()
     changed = (evidence.goal_image != evidence.color).any(axis=-1)
     assert (evidence.goal_rod_mask & ~changed).sum() == 0, "the rod is found only where it was painted"
-    assert [reply.step for reply in evidence.replies] == ["reason", "direct", "render"]
+    assert [reply.step for reply in replies] == ["reason", "direct", "render"]
     assert evidence.alignment.scale == pytest.approx(1.0, abs=0.05)
 
 

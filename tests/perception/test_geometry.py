@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -13,38 +13,12 @@ from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.messages import CameraModel, Frame
 from config.load import load_station
-from perception.align import align
 from perception.depth import register, without_flying_pixels
 from perception.lift import inverse, lift, lift_pixels, project, transform
 from perception.project import fit_line, rectangle, runs
 
 CAMERA = CameraModel(width=320, height=240, fx=300.0, fy=300.0, cx=160.0, cy=120.0)
 STATION = load_station()
-
-
-def _blob(seed: int) -> np.ndarray:
-    """An L of three unequal extents: no symmetry, no equal principal components."""
-    rng = np.random.default_rng(seed)
-    bar = rng.uniform([-0.06, -0.02, -0.01], [0.06, 0.02, 0.01], (900, 3))
-    foot = rng.uniform([0.03, 0.02, -0.01], [0.06, 0.06, 0.025], (400, 3))
-    return np.concatenate([bar, foot]) + np.array([0.02, -0.01, 0.6])
-
-
-@settings(max_examples=25)
-@given(st.floats(-np.pi, np.pi), st.floats(0.6, 1.6), st.floats(-0.1, 0.1))
-def test_alignment_undoes_a_turn_a_scale_and_a_shift(turn: float, scale: float, shift: float) -> None:
-    observed = _blob(0)
-    rotation = Rotation.from_euler("zx", [turn, 0.2]).as_matrix()
-    goal = (observed - observed.mean(axis=0)) @ rotation.T * scale + [shift, -shift, 0.7]
-    found = align(goal, observed)
-    np.testing.assert_allclose(transform(found.observed_from_goal, goal), observed, atol=1e-4)
-    assert found.scale == pytest.approx(1 / scale, rel=1e-6) and found.chamfer_m2 < 1e-8
-
-
-def test_a_goal_without_object_is_model_drift() -> None:
-    with pytest.raises(CycleFailure) as failure:
-        align(np.zeros((3, 3)), _blob(0))
-    assert failure.value.failure is Code.MODEL_DRIFT
 
 
 @given(st.lists(st.tuples(st.floats(0, 319), st.floats(0, 239), st.floats(0.3, 2.0)), min_size=1, max_size=20))
@@ -80,7 +54,8 @@ def test_one_gap_is_one_run_with_its_own_middle(angle_deg: float) -> None:
     line = fit_line(rod)
     (run,) = runs(line, rod, hidden)
     assert run[1] - run[0] == pytest.approx(41, abs=2)
-    box = rectangle(line, run, 0.6, CAMERA, STATION)
+    ends = lift_pixels(line.at(np.array(run)), np.full(2, 0.6), CAMERA)
+    box = rectangle(ends, CAMERA, STATION)
     turn = np.deg2rad(angle_deg)
     middle = np.array([160, 120]) + (140 - 160) * np.array([np.cos(turn), np.sin(turn)])
     np.testing.assert_allclose(box.center_px, middle, atol=2.0)
@@ -104,6 +79,13 @@ def test_a_gap_beside_the_object_does_not_count_and_no_gap_is_the_chord() -> Non
     whole, _ = _rod([], 0.0)
     (chord,) = runs(fit_line(whole), whole, hidden & ~whole)
     assert chord[1] - chord[0] == pytest.approx(41, abs=2)
+
+
+def test_two_crossing_rods_are_no_rod() -> None:
+    one, other = _rod([], 0.0)[0], _rod([], 70.0)[0]
+    with pytest.raises(CycleFailure) as failure:
+        fit_line(one | other)
+    assert failure.value.failure is Code.MODEL_NO_ROD
 
 
 def test_flying_pixels_are_dropped_and_surfaces_kept() -> None:

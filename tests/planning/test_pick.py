@@ -30,7 +30,8 @@ def grasp(x: float, y: float, z: float, yaw: float = 0.0, tilt: float = 0.0) -> 
     lean = np.array([[np.cos(tilt), 0, np.sin(tilt)], [0, 1, 0], [-np.sin(tilt), 0, np.cos(tilt)]])
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = turn @ np.diag([1.0, -1.0, -1.0]) @ lean, (x, y, z)
-    return Grasp(base_from_tcp=pose, width_m=0.04, opening_m=0.06, score=1.0, rectangle=0)
+    return Grasp(base_from_tcp=pose, width_m=0.04, opening_m=0.06, score=1.0, rectangle=0,
+                 imagined_base_from_tcp=pose, terms={})  # fmt: skip
 
 
 GOOD = grasp(0.45, 0.05, 0.05, yaw=0.6)

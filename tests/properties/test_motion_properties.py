@@ -71,7 +71,8 @@ def plan(x: float, y: float, z: float, yaw: float) -> PickPlan:
     pose = np.diag([1.0, -1.0, -1.0, 1.0])
     turn = np.array([[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
     pose[:3, :3], pose[:3, 3] = turn @ pose[:3, :3], (x, y, z)
-    grasp = Grasp(base_from_tcp=pose, width_m=0.04, opening_m=0.07, score=1.0, rectangle=0)
+    grasp = Grasp(base_from_tcp=pose, width_m=0.04, opening_m=0.07, score=1.0, rectangle=0,
+                  imagined_base_from_tcp=pose, terms={})  # fmt: skip
     return plan_pick(robot(), STATION, [grasp], CAPTURE)
 
 

@@ -1,0 +1,108 @@
+"""What alignment works on, and the measures every method is judged by."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
+
+from bus.arrays import Transform
+from bus.codes import Code
+from bus.errors import CycleFailure
+from bus.messages import CameraModel
+from perception.lift import lift, transform
+
+_MIN_POINTS = 30
+_JUDGED_POINTS = 800
+_TRIM = 0.85
+
+Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Shape:
+    """One object as a camera sees it.
+
+    Attributes:
+        mask: (H, W) the object's pixels.
+        hidden: (H, W) pixels that something (the rod) covers: they may or may not be the object's.
+        depth_m: (H, W) z-depth, NaN = unknown.
+        camera: the pinhole both images of an alignment share.
+    """
+
+    mask: Mask
+    hidden: Mask
+    depth_m: npt.NDArray[np.float32]
+    camera: CameraModel
+
+    @cached_property
+    def points(self) -> Array:
+        """(n, 3) [m] in the camera frame, of the object's pixels that have depth.
+
+        Raises: CycleFailure(MODEL_DRIFT) when they are too few to be a shape.
+        """
+        points = lift(self.mask, self.depth_m, self.camera)
+        if len(points) < _MIN_POINTS:
+            raise CycleFailure(Code.MODEL_DRIFT, f"Only {len(points)} points of the object are seen.")
+        return points
+
+
+class Fit(NamedTuple):
+    """What a method found: the map, its scale, and how many orientations it tried."""
+
+    observed_from_goal: Transform
+    scale: float
+    hypotheses: int
+
+
+class Residuals(NamedTuple):
+    """How well aligned clouds lie on each other; see `bus.messages.Alignment`."""
+
+    chamfer_m2: float
+    goal_to_observed_m: float
+    observed_to_goal_m: float
+    residual: float
+
+
+def affine(matrix: Array, translation: Array) -> Transform:
+    """(4, 4) of a (3, 3) matrix and a translation."""
+    a_from_b = np.eye(4)
+    a_from_b[:3, :3], a_from_b[:3, 3] = matrix, translation
+    return a_from_b
+
+
+def few(points: Array, most: int = _JUDGED_POINTS) -> Array:
+    """At most ``most`` of the points, evenly picked."""
+    return points[:: max(1, -(-len(points) // most))]
+
+
+def rms_radius_m(points: Array) -> float:
+    """Root mean square distance from the centroid."""
+    return float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()))
+
+
+def nearest(of: Array, to: cKDTree) -> Array:
+    """Distance of each point to the nearest one of the tree [m]."""
+    return np.asarray(to.query(of)[0])
+
+
+def trimmed_mean(distances: Array) -> float:
+    """Mean of the smaller 85 %."""
+    return float(np.sort(distances)[: max(1, int(_TRIM * len(distances)))].mean())
+
+
+def residuals(goal: Array, observed: Array, observed_from_goal: Transform) -> Residuals:
+    """Judge a fit on evenly thinned clouds."""
+    moved, kept = few(transform(observed_from_goal, goal)), few(observed)
+    forth, back = nearest(moved, cKDTree(kept)), nearest(kept, cKDTree(moved))
+    return Residuals(
+        chamfer_m2=float((forth**2).mean() + (back**2).mean()),
+        goal_to_observed_m=float(forth.max()),
+        observed_to_goal_m=float(back.max()),
+        residual=(trimmed_mean(forth) + trimmed_mean(back)) / 2 / rms_radius_m(kept),
+    )

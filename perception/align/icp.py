@@ -1,0 +1,21 @@
+"""Iterative closest point, point to point, from where the object is imagined; sizes made equal first."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from perception.align.base import Fit, Shape, few, rms_radius_m
+from perception.align.refine import Clouds, Pose
+
+_ITERATIONS = 40
+_POINTS = 500
+
+
+def icp(goal: Shape, observed: Shape) -> Fit:
+    """Besl and McKay 1992; its own scale would collapse the cloud, so the rms radii give it."""
+    goal_center, observed_center = goal.points.mean(axis=0), observed.points.mean(axis=0)
+    clouds = Clouds(few(goal.points, _POINTS) - goal_center, few(observed.points, _POINTS) - observed_center)
+    scale = rms_radius_m(observed.points) / rms_radius_m(goal.points)
+    start = Pose(np.eye(3), scale, np.zeros(3))
+    pose = clouds.refine(start, _ITERATIONS, relief=False, rescale=False)
+    return Fit(pose.between(goal_center, observed_center), scale, 1)

@@ -1,0 +1,45 @@
+"""Depth Pro: metric depth and focal length from one colour image, through transformers."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from perception.models.transformers import loaded, require
+
+
+class DepthEstimate(NamedTuple):
+    """``depth_m`` (H, W) z-depth; ``focal_px``: the focal length it believes in."""
+
+    depth_m: npt.NDArray[np.float32]
+    focal_px: float
+
+
+class DepthPro:
+    """One loaded model.
+
+    Args:
+        weights: a folder or a hub id. ``device``: ``cpu`` or ``cuda``.
+
+    Raises: ConfigError for missing packages or weights.
+    """
+
+    def __init__(self, weights: str, device: str = "cpu") -> None:
+        self._torch, transformers = require("The depth estimator 'depth_pro'")
+        self._processor = loaded(weights, lambda: transformers.DepthProImageProcessor.from_pretrained(weights))
+        model = loaded(weights, lambda: transformers.DepthProForDepthEstimation.from_pretrained(weights))
+        self._model, self._device = model.to(device).eval(), device
+
+    def estimate(self, image: npt.NDArray[np.uint8], focal_px: float | None = None) -> DepthEstimate:
+        """Depth of an RGB image (H, W, 3); with a known focal length it is rescaled to that."""
+        inputs = self._processor(images=image, return_tensors="pt").to(self._device)
+        with self._torch.inference_mode():
+            outputs = self._model(**inputs)
+        found = self._processor.post_process_depth_estimation(outputs, target_sizes=[image.shape[:2]])[0]
+        believed_px = float(found["focal_length"])
+        depth_m = found["predicted_depth"].cpu().numpy().astype(np.float32)
+        if focal_px is None:
+            return DepthEstimate(depth_m, believed_px)
+        return DepthEstimate(depth_m * np.float32(focal_px / believed_px), focal_px)

@@ -1,0 +1,64 @@
+"""Paints a rod into an observed image: a shaded cylinder, hidden where the object is nearer."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from perception.lift import project
+from perception.models.base import GoalImage, Subject
+
+_HIDING_M = 0.003
+"""A surface hides the rod also when it seems to lie this little behind it: depth is noisy."""
+_LIGHT = np.array([-0.35, -0.45, -0.82])  # towards the light, camera frame
+
+Array = npt.NDArray[np.float64]
+
+
+def paint(subject: Subject, ends: Array, radius_m: float) -> GoalImage:
+    """The masked image with a rod between ``ends`` (2, 3) [m, camera frame], z-buffered against the object."""
+    observed_m = _filled(subject)
+    depth_m, normals = _cylinder(ends, radius_m, subject)
+    visible = np.isfinite(depth_m) & ~(observed_m < depth_m + _HIDING_M)
+    light = np.abs(normals @ (_LIGHT / np.linalg.norm(_LIGHT)))
+    shade = np.clip(0.35 + 0.65 * light, 0, 1)[..., None] + 0.25 * (light**12)[..., None]
+    rod = np.clip(np.array(subject.rod.rgb) * shade, 0, 255)
+    image = np.where(visible[..., None], rod, subject.masked).astype(np.uint8)
+    goal_depth_m = np.where(visible, depth_m, subject.rgbd.depth_m).astype(np.float32)
+    return GoalImage(image, goal_depth_m)
+
+
+def _filled(subject: Subject) -> npt.NDArray[np.float32]:
+    """Observed depth of the object with its pinholes closed by the nearest surface beside them; NaN elsewhere."""
+    observed = np.where(subject.scene.object_mask, subject.rgbd.depth_m, np.inf).astype(np.float32)
+    closed = cv2.erode(cv2.dilate(-observed, np.ones((5, 5))), np.ones((5, 5)))
+    return np.where(np.isinf(closed), np.nan, -closed).astype(np.float32)
+
+
+def _cylinder(ends: Array, radius_m: float, subject: Subject) -> tuple[Array, Array]:
+    """Z-depth (H, W) of the cylinder's near surface in the camera, NaN beside it; and its normals (H, W, 3)."""
+    camera = subject.rgbd.camera
+    along = ends[1] - ends[0]
+    length_m = float(np.linalg.norm(along))
+    along = along / length_m
+    depth_m = np.full((camera.height, camera.width), np.nan)
+    normals = np.zeros((camera.height, camera.width, 3))
+    box = project(ends, camera)
+    pad = 2 * radius_m / float(ends[:, 2].min()) * camera.fx + 2
+    u0, v0 = np.maximum(np.floor(box.min(axis=0) - pad), 0).astype(int)
+    u1, v1 = np.minimum(np.ceil(box.max(axis=0) + pad), [camera.width - 1, camera.height - 1]).astype(int)
+    u, v = np.meshgrid(np.arange(u0, u1 + 1), np.arange(v0, v1 + 1))
+    rays = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(u.shape)], axis=-1)
+    # |(ray z - end) - along ((ray z - end) . along)| = radius, for the smaller z
+    across = rays - (rays @ along)[..., None] * along
+    offset = ends[0] - along * (ends[0] @ along)
+    a, b, c = (across**2).sum(-1), across @ offset, offset @ offset - radius_m**2
+    root = b**2 - a * c
+    z = (b - np.sqrt(np.maximum(root, 0))) / a
+    points = rays * z[..., None]
+    position = (points - ends[0]) @ along
+    hit = (root > 0) & (position >= 0) & (position <= length_m)
+    depth_m[v0 : v1 + 1, u0 : u1 + 1] = np.where(hit, z, np.nan)
+    normals[v0 : v1 + 1, u0 : u1 + 1] = (points - ends[0] - position[..., None] * along) / radius_m
+    return depth_m, normals

@@ -1,0 +1,47 @@
+"""The model of a replay: it answers what was answered then."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from bus.errors import CycleFailure, RecordingError
+from bus.messages import ModelReply
+from perception.models.base import Answer
+
+
+class RecordedModel:
+    """Gives back recorded replies, in their order, step by step; recorded failures fail again."""
+
+    def __init__(self, replies: Iterable[ModelReply]) -> None:
+        self._replies = list(replies)
+        self._left: list[ModelReply] = []
+        self.name = self._replies[0].model if self._replies else ""
+
+    def begin(self) -> None:
+        self._left = list(self._replies)
+
+    def locate(self, color: Any, prompt: str) -> Answer:
+        return self._next("locate")
+
+    def reason(self, subject: Any, prompt: str) -> Answer:
+        return self._next("reason")
+
+    def direct(self, subject: Any, prompt: str) -> Answer:
+        return self._next("direct")
+
+    def render(self, subject: Any, prompt: str) -> Answer:
+        return self._next("render")
+
+    def _next(self, step: str) -> Answer:
+        """Raises: the recorded CycleFailure; RecordingError when nothing more was recorded."""
+        reply = next((reply for reply in self._left if reply.step == step), None)
+        if reply is None:
+            raise RecordingError(
+                f"The recording holds no further reply to the step {step!r} of a hosted model.",
+                "Replay with the recorded settings of perception.model and perception.imagine.",
+            )
+        self._left.remove(reply)
+        if reply.failure is not None:
+            raise CycleFailure(reply.failure, reply.text_of_failure)
+        return Answer(reply.text, reply.image_png, usage=reply.usage, attempts=reply.attempts)

@@ -1,0 +1,99 @@
+"""Segment Anything: masks from a box, a point or words. SAM, SAM 2 and SAM 3 through transformers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from bus.codes import Code
+from bus.errors import ConfigError, CycleFailure
+from perception.models.transformers import loaded, require
+
+_CLASSES = {
+    "sam": ("SamModel", "SamProcessor"),
+    "sam2": ("Sam2Model", "Sam2Processor"),
+    "sam2_video": ("Sam2Model", "Sam2Processor"),
+    "sam3": ("Sam3Model", "Sam3Processor"),
+    "sam3_video": ("Sam3Model", "Sam3Processor"),
+}
+"""Model and processor by the configuration's ``model_type``; the hub's SAM 2 and 3 say that they are video models."""
+_MIN_SCORE = 0.5
+
+Image = npt.NDArray[np.uint8]
+Mask = npt.NDArray[np.bool_]
+
+
+class Sam:
+    """One loaded model. Masks are (H, W), the best-scoring one of those it offers.
+
+    Args:
+        weights: a folder or a hub id. ``device``: ``cpu`` or ``cuda``.
+
+    Raises: ConfigError for missing packages, missing weights, or another kind of model.
+    """
+
+    def __init__(self, weights: str, device: str = "cpu") -> None:
+        self._torch, transformers = require("The segmenter 'sam'")
+        self.kind = str(loaded(weights, lambda: transformers.AutoConfig.from_pretrained(weights)).model_type)
+        if self.kind not in _CLASSES:
+            raise ConfigError(
+                f"The weights {weights!r} are of a {self.kind!r} model.", f"Known: {', '.join(_CLASSES)}."
+            )
+        model, processor = (getattr(transformers, name) for name in _CLASSES[self.kind])
+        self._processor = loaded(weights, lambda: processor.from_pretrained(weights))
+        self._model = loaded(weights, lambda: model.from_pretrained(weights)).to(device).eval()
+        self._device = device
+
+    @property
+    def reads_text(self) -> bool:
+        return self.kind.startswith("sam3")
+
+    def by_box(self, image: Image, box_px: tuple[float, float, float, float]) -> Mask:
+        """The object in a box (u0, v0, u1, v1)."""
+        if self.reads_text:
+            return self._instance(image, input_boxes=[[list(box_px)]], input_boxes_labels=[[1]])
+        return self._prompted(image, input_boxes=[[list(box_px)]])
+
+    def by_point(self, image: Image, point_px: tuple[float, float]) -> Mask:
+        """The object at a pixel (u, v). SAM 3 takes boxes and words only: it gets a small box about the pixel."""
+        u, v = point_px
+        if self.reads_text:
+            return self.by_box(image, (u - 4, v - 4, u + 4, v + 4))
+        return self._prompted(image, input_points=[[[[u, v]]]], input_labels=[[[1]]])
+
+    def by_text(self, image: Image, text: str) -> Mask:
+        """The object that is named. Raises: ConfigError for SAM and SAM 2, which read no words."""
+        if not self.reads_text:
+            raise ConfigError(f"A {self.kind!r} model understands no words.", "Use SAM 3, or name the target's pixel.")
+        return self._instance(image, text=text)
+
+    def _prompted(self, image: Image, **prompts: Any) -> Mask:
+        """SAM and SAM 2: three masks a prompt, each with its predicted overlap."""
+        inputs = self._processor(images=image, return_tensors="pt", **prompts).to(self._device)
+        with self._torch.inference_mode():
+            outputs = self._model(**inputs)
+        sizes = [inputs["original_sizes"].cpu()]
+        sizes += [inputs["reshaped_input_sizes"].cpu()] if "reshaped_input_sizes" in inputs else []
+        masks = self._processor.post_process_masks(outputs.pred_masks.cpu(), *sizes)[0]
+        best = int(outputs.iou_scores.flatten().argmax())
+        return _required(np.asarray(masks.flatten(0, 1)[best].numpy() > 0))
+
+    def _instance(self, image: Image, **prompts: Any) -> Mask:
+        """SAM 3: every instance of what is prompted, each with its score."""
+        inputs = self._processor(images=image, return_tensors="pt", **prompts).to(self._device)
+        with self._torch.inference_mode():
+            outputs = self._model(**inputs)
+        found = self._processor.post_process_instance_segmentation(
+            outputs, threshold=_MIN_SCORE, mask_threshold=0.5, target_sizes=inputs["original_sizes"].tolist()
+        )[0]
+        if not len(found["scores"]):
+            raise CycleFailure(Code.NO_OBJECT, "SAM sees nothing of the kind.")
+        return _required(np.asarray(found["masks"][int(found["scores"].argmax())].cpu().numpy() > 0))
+
+
+def _required(mask: Mask) -> Mask:
+    if not mask.any():
+        raise CycleFailure(Code.NO_OBJECT, "SAM finds no object there.")
+    return mask

@@ -1,0 +1,90 @@
+"""The square around the object that a hosted model is shown and draws in: bigger for it, and nothing else to see."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from bus.codes import Code
+from bus.errors import CycleFailure
+
+_ROOM = 1.9
+"""Side over the object's larger extent: room for a rod that sticks out."""
+_MIN_SIDE_PX = 128
+_ASPECT_TOLERANCE = 0.03
+_MIN_PICTURE_PX = 128
+_ENDS = {b"\x89PNG": b"IEND\xaeB`\x82", b"\xff\xd8\xff": b"\xff\xd9"}
+"""How a whole file of a format that begins so ends; decoders fill up what is missing."""
+
+Image = npt.NDArray[np.uint8]
+Mask = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Window:
+    """A square of the colour image; it may reach over the image's rim."""
+
+    left: int
+    top: int
+    side_px: int
+
+    @staticmethod
+    def around(object_mask: Mask) -> Window:
+        """The square about the object's bounding box."""
+        rows, columns = np.flatnonzero(object_mask.any(axis=1)), np.flatnonzero(object_mask.any(axis=0))
+        extent = max(rows[-1] - rows[0], columns[-1] - columns[0]) + 1
+        side = max(round(_ROOM * extent), _MIN_SIDE_PX)
+        return Window(int(columns[0] + columns[-1] + 1 - side) // 2, int(rows[0] + rows[-1] + 1 - side) // 2, side)
+
+    def cut(self, image: npt.NDArray[np.uint8], beyond: int | tuple[int, int, int]) -> npt.NDArray[np.uint8]:
+        """The window's part of ``image`` (H, W) or (H, W, 3); ``beyond`` where there is no image."""
+        part = np.empty((self.side_px, self.side_px, *image.shape[2:]), dtype=np.uint8)
+        part[:] = beyond
+        inside, here = self._overlap(image.shape)
+        part[inside] = image[here]
+        return part
+
+    def paste(self, part: Image, onto: Image) -> Image:
+        """``onto`` with the window's part replaced."""
+        pasted = onto.copy()
+        inside, here = self._overlap(onto.shape)
+        pasted[here] = part[inside]
+        return pasted
+
+    def _overlap(self, shape: tuple[int, ...]) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
+        top, left = max(0, self.top), max(0, self.left)
+        bottom, right = min(shape[0], self.top + self.side_px), min(shape[1], self.left + self.side_px)
+        inside = slice(top - self.top, bottom - self.top), slice(left - self.left, right - self.left)
+        return inside, (slice(top, bottom), slice(left, right))
+
+
+def encode_png(image: npt.NDArray[np.uint8], size_px: int) -> bytes:
+    """A square image (RGB, RGBA or grey) as PNG of ``size_px``."""
+    big = cv2.resize(np.ascontiguousarray(image), (size_px, size_px), interpolation=cv2.INTER_CUBIC)
+    order = {3: cv2.COLOR_RGB2BGR, 4: cv2.COLOR_RGBA2BGRA}
+    pixels = cv2.cvtColor(big, order[big.shape[2]]) if big.ndim == 3 else big
+    ok, png = cv2.imencode(".png", pixels)
+    if not ok:
+        raise ValueError(f"cannot encode an image of shape {image.shape}")
+    return bytes(png)
+
+
+def decode_picture(data: bytes, window: Window) -> Image:
+    """What a model drew, in the window's own pixels (side, side, 3).
+
+    Raises: CycleFailure(MODEL_BAD_IMAGE) for a torn file, something else than a picture, or one of another shape.
+    """
+    end = next((end for begin, end in _ENDS.items() if data.startswith(begin)), b"")
+    pixels = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_COLOR) if data else None
+    if pixels is None or not data.rstrip(b"\0").endswith(end):
+        raise CycleFailure(Code.MODEL_BAD_IMAGE, f"The goal image ({len(data)} bytes) is torn or no picture.")
+    height, width = pixels.shape[:2]
+    if abs(width / height - 1) > _ASPECT_TOLERANCE or height < _MIN_PICTURE_PX:
+        raise CycleFailure(
+            Code.MODEL_BAD_IMAGE, f"The goal image has {width} x {height} pixels; a square was asked for."
+        )
+    shrunk = cv2.resize(pixels, (window.side_px, window.side_px), interpolation=cv2.INTER_AREA)
+    return np.asarray(cv2.cvtColor(shrunk, cv2.COLOR_BGR2RGB))

@@ -1,0 +1,56 @@
+"""One labelled image of a grasp dataset."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from bus.errors import ConfigError
+from bus.messages import Rectangle
+
+
+@dataclass(frozen=True)
+class Sample:
+    """An image and the rectangles that count as right.
+
+    Attributes:
+        color: (H, W, 3) RGB.
+        depth_m: (H, W), NaN = unknown; None = the sample has none. Not always z-depth: see the dataset.
+        mask: (H, W) of the object, where the dataset gives it.
+    """
+
+    name: str
+    color: npt.NDArray[np.uint8]
+    depth_m: npt.NDArray[np.float32] | None
+    mask: npt.NDArray[np.bool_] | None
+    truths: tuple[Rectangle, ...]
+
+
+def read_image(path: Path) -> npt.NDArray[np.generic]:
+    """A picture or depth image as it is stored. Raises: ConfigError when it cannot be read."""
+    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    if image is None:
+        raise ConfigError(f"Cannot read the image {path}.", "Is the dataset whole?")
+    return np.asarray(image)
+
+
+def read_color(path: Path) -> npt.NDArray[np.uint8]:
+    """(H, W, 3) RGB."""
+    return np.ascontiguousarray(read_image(path)[..., 2::-1], dtype=np.uint8)
+
+
+def read_depth(path: Path) -> npt.NDArray[np.float32]:
+    """(H, W) [m]; what is not positive is unknown (NaN)."""
+    depth_m = read_image(path).astype(np.float32)
+    return np.where(depth_m > 0, depth_m, np.float32(np.nan))
+
+
+def require_folder(root: Path, *parts: str) -> None:
+    """Raises: ConfigError when ``root`` lacks one of the folders."""
+    for part in ("", *parts):
+        if not (root / part).is_dir():
+            raise ConfigError(f"There is no folder {root / part}.", "Name the dataset's folder with --root.")

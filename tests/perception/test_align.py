@@ -1,0 +1,100 @@
+"""Every alignment method on one interface: an object whose true motion between two images is known."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bus.codes import Code
+from bus.errors import CycleFailure
+from bus.messages import CameraModel
+from perception.align import ALIGNERS, align
+from perception.align.base import Shape
+from perception.align.silhouette import outline
+from perception.lift import transform
+
+CAMERA = CameraModel(width=320, height=240, fx=300.0, fy=300.0, cx=160.0, cy=120.0)
+NOTHING = np.zeros((240, 320), dtype=bool)
+GOOD = tuple(name for name in ALIGNERS if name != "pca_cfopt_printed")
+
+
+def _shape(
+    turn_deg: float = 0.0, scale: float = 1.0, shift_px: tuple[float, float] = (0, 0), rod: bool = False
+) -> Shape:
+    """A slab with a foot and a step in height, turned and scaled about the image's centre."""
+    relief = np.zeros((240, 320), dtype=np.float32)
+    cv2.rectangle(relief, (110, 95), (210, 125), 0.03, -1)
+    cv2.rectangle(relief, (180, 125), (210, 165), 0.05, -1)
+    move = cv2.getRotationMatrix2D((160, 120), -turn_deg, scale)
+    move[:, 2] += shift_px
+    relief = cv2.warpAffine(relief, move, (320, 240), flags=cv2.INTER_NEAREST)
+    hidden = NOTHING.copy()
+    if rod:
+        hidden[:, 145:152] = True
+    mask = (relief > 0) & ~hidden
+    depth_m = np.where(mask, 0.6 - relief, np.nan).astype(np.float32)
+    return Shape(mask, hidden, depth_m, CAMERA)
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.floats(-180, 180), st.floats(0.7, 1.3), st.floats(-15, 15))
+def test_silhouette_3d_undoes_a_turn_a_scale_and_a_shift(turn_deg: float, scale: float, shift_px: float) -> None:
+    goal, observed = _shape(turn_deg, scale, (shift_px, -shift_px)), _shape()
+    found = align("silhouette_3d", goal, observed)
+    assert found.scale == pytest.approx(1 / scale, rel=0.05)
+    assert found.residual < 0.08
+
+
+@pytest.mark.parametrize("method", GOOD)
+def test_an_object_that_stayed_is_left_where_it_is(method: str) -> None:
+    found = align(method, _shape(rod=True), _shape())
+    np.testing.assert_allclose(transform(found.observed_from_goal, _shape().points), _shape().points, atol=0.004)
+    assert found.method == method and found.took_s > 0 and found.hypotheses >= 1
+
+
+@pytest.mark.parametrize("method", ["silhouette_3d", "pca_cfopt"])
+def test_a_turned_object_is_turned_back(method: str) -> None:
+    found = align(method, _shape(turn_deg=70), _shape())
+    turn_deg = np.degrees(np.arctan2(found.observed_from_goal[1, 0], found.observed_from_goal[0, 0]))
+    assert turn_deg == pytest.approx(-70, abs=3)
+
+
+@pytest.mark.parametrize("method", GOOD)
+def test_no_method_mirrors(method: str) -> None:
+    assert np.linalg.det(align(method, _shape(turn_deg=130), _shape()).observed_from_goal[:3, :3]) > 0
+
+
+def test_the_formula_as_printed_lets_the_cloud_collapse() -> None:
+    """Its scale carries metres; one-way distances reward it, two-way ones do not."""
+    found = align("pca_cfopt_printed", _shape(), _shape())
+    assert found.scale < 0.1 and found.observed_to_goal_m > 5 * found.goal_to_observed_m
+
+
+@pytest.mark.parametrize("method", ALIGNERS)
+def test_the_same_shapes_give_the_same_bits(method: str) -> None:
+    one, other = (align(method, _shape(turn_deg=40), _shape()) for _ in range(2))
+    np.testing.assert_array_equal(one.observed_from_goal, other.observed_from_goal)
+
+
+def test_another_object_leaves_a_residual_and_is_refused() -> None:
+    bar = np.zeros((240, 320), np.uint8)
+    cv2.rectangle(bar, (40, 115), (280, 125), 1, -1)
+    other = Shape(bar > 0, NOTHING, np.where(bar > 0, 0.57, np.nan).astype(np.float32), CAMERA)
+    with pytest.raises(CycleFailure) as failure:
+        align("silhouette_3d", other, _shape(), max_residual=0.15)
+    assert failure.value.failure is Code.MODEL_DRIFT
+
+
+def test_a_goal_without_object_is_model_drift() -> None:
+    empty = Shape(NOTHING, NOTHING, np.full((240, 320), np.nan, np.float32), CAMERA)
+    with pytest.raises(CycleFailure) as failure:
+        align("pca_cfopt", empty, _shape())
+    assert failure.value.failure is Code.MODEL_DRIFT
+
+
+def test_the_outline_closes_the_band_that_the_rod_hides() -> None:
+    closed, whole = outline(_shape(rod=True)), _shape().mask
+    assert (closed & whole).sum() / (closed | whole).sum() > 0.99

@@ -1,0 +1,1 @@
+"""Stands in for what tests and demos cannot have: hosted models that answer over HTTP."""
