@@ -85,7 +85,7 @@ def _observed(scene: Scene, rng: np.random.Generator) -> Observation:
     base_from_color = inverse(scene.camera_from_world)
     depth_m = np.where(np.isfinite(picture.depth_m), picture.depth_m, _table(base_from_color))
     depth_m = depth_m + _DEPTH_NOISE_M * rng.standard_normal(depth_m.shape)
-    color = np.where(picture.object[..., None], np.uint8(_OBJECT_RGB), np.uint8(_TABLE_RGB))
+    color = np.where(picture.object[..., None], np.array(_OBJECT_RGB), np.array(_TABLE_RGB))
     color = np.clip(color + rng.normal(0, 3, color.shape), 0, 255).astype(np.uint8)
     arm = ArmState(stamp_ns=1, mode=ArmMode.IDLE, q_rad=np.zeros(7), dq_rad_s=np.zeros(7), tau_ext_nm=np.zeros(7))
     frame = Frame(

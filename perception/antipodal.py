@@ -27,7 +27,7 @@ _MIN_SLACK_M = 0.004
 
 _SLICES = (0.35, 0.6, 0.85)
 _CONTOUR_POINTS = 140
-_CANDIDATES = 150
+_CANDIDATES = 80
 _FRICTION_COS = float(np.cos(np.arctan(0.5)))
 _STEP_M = 0.001
 _RAYS = np.linspace(-0.009, 0.009, 7)
@@ -94,13 +94,14 @@ def close(heights: HeightMap, centers_m: Array, headings_rad: Array, widths_m: A
     tcp_m = np.maximum(np.maximum(edge_m - _HOLD_M, lowest_m), palm_m)
     slice_m = np.minimum(tcp_m, 0.9 * edge_m)
     left, right = profile.contacts(slice_m, half_m)
-    touch_left, touch_right = left.min(axis=1), right.max(axis=1)
+    touches = np.isfinite(left).any(axis=1)
+    touch_left, touch_right = (np.where(touches, touch, 0.0) for touch in (left.min(axis=1), right.max(axis=1)))
     width_m, shift_m = touch_right - touch_left, (touch_left + touch_right) / 2
     opening_m = np.minimum(hand.max_width_m, width_m + 2 * clearance_m)
     # What is lower than the tips' clearance over the table is the table and its noise.
     free_m = np.maximum(tcp_m - TIP_BELOW_TCP_M - _FOOTPRINT_CLEARANCE_M, TABLE_CLEARANCE_M)
     feasible = (
-        np.isfinite(width_m)
+        touches
         & (width_m > hand.min_width_m)
         & (opening_m - width_m > _MIN_SLACK_M)
         & (tcp_m - TIP_BELOW_TCP_M < edge_m - _MIN_CONTACT_M)
@@ -108,14 +109,12 @@ def close(heights: HeightMap, centers_m: Array, headings_rad: Array, widths_m: A
     )
     cone = np.minimum(_face_cos(left, touch_left), _face_cos(right, touch_right))
     patch = ((left - touch_left[:, None] < _NEAR_PATCH_M) & (touch_right[:, None] - right < _NEAR_PATCH_M)).mean(axis=1)
-    center_m = centers_m + axis * np.nan_to_num(shift_m)[:, None]
+    center_m = centers_m + axis * shift_m[:, None]
     feasible &= (cone > _FRICTION_COS) & (patch > 0)
     terms = {
         "flat": np.clip((cone - _FRICTION_COS) / (1 - _FRICTION_COS), 0, 1),
         "patch": patch,
-        "margin": np.clip(
-            (hand.max_width_m - np.nan_to_num(width_m, posinf=0, neginf=0)) / (0.5 * hand.max_width_m), 0, 1
-        ),
+        "margin": np.clip((hand.max_width_m - width_m) / (0.5 * hand.max_width_m), 0, 1),
         "depth": np.clip((edge_m - tcp_m) / _HOLD_M, 0, 1),
         "solid": profile.solid(slice_m, touch_left, touch_right),
         "central": 1 - np.minimum(_offset(heights, center_m), 2) / 2,
@@ -183,15 +182,14 @@ class _Profile:
 
     def solid(self, slice_m: Array, left_m: Array, right_m: Array) -> Array:
         """Share of what lies between the contacts that is as high as the slice (n,)."""
-        with np.errstate(invalid="ignore"):
-            between = (self.t_m >= left_m[:, None]) & (self.t_m <= right_m[:, None])
+        between = (self.t_m >= left_m[:, None]) & (self.t_m <= right_m[:, None])
         filled = (self.heights_m > slice_m[:, None, None]).mean(axis=1)
         return np.asarray((filled * between).sum(axis=1) / np.maximum(between.sum(axis=1), 1))
 
     def under_fingers_m(self, shift_m: Array, opening_m: Array) -> Array:
         """Highest point under either opened finger."""
-        out = np.abs(self.t_m[None, :] - np.nan_to_num(shift_m)[:, None])
-        inner = np.nan_to_num(opening_m)[:, None] / 2
+        out = np.abs(self.t_m[None, :] - shift_m[:, None])
+        inner = opening_m[:, None] / 2
         under = (out >= inner) & (out <= inner + self._finger_m)
         return np.asarray(np.where(under[:, None, :], self.heights_m, 0.0).max(axis=(1, 2)))
 

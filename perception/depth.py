@@ -28,7 +28,7 @@ class Rgbd:
 
 
 def register(frame: Frame) -> Rgbd:
-    """Undistort the colour image and reproject the depth image into it, nearest surface first.
+    """Undistort the colour image and reproject the depth image into it, nearest surface first; as it is if it fits.
 
     A depth pixel covers about 1.5 colour pixels (NFOV depth, 720p colour), so each is splatted onto 2 x 2.
     """
@@ -38,6 +38,8 @@ def register(frame: Frame) -> Rgbd:
         matrix = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
         color = np.asarray(cv2.undistort(np.asarray(color), matrix, np.array(frame.color_camera.distortion)))
     depth_m = without_flying_pixels(frame.depth_m)
+    if frame.depth_camera == camera and np.array_equal(frame.color_from_depth, np.eye(4)):
+        return Rgbd(color, depth_m, camera)
     valid = np.isfinite(depth_m)
     points = _rays(frame.depth_camera)[valid] * depth_m[valid][:, None].astype(float)
     points = transform(frame.color_from_depth, points)

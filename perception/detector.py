@@ -13,12 +13,13 @@ from bus.messages import Alignment, Detections, Drift, Evidence, Grasp, ModelRep
 from config.schema import Station
 from perception.align import align
 from perception.align.base import Shape
-from perception.depth import register
+from perception.crop import Crop
+from perception.depth import Rgbd, register
 from perception.drift import measure, require_faithful
 from perception.drift import register as register_outlines
 from perception.goal import GoalParts, take_apart
 from perception.goal_depth import carried_depth, scaled_to_observed
-from perception.heightmap import HeightMap, height_map
+from perception.heightmap import MARGIN_M
 from perception.imagine import Conversation, Say, imagine, subject_of
 from perception.lift import lift, thin, transform
 from perception.models import Models
@@ -26,7 +27,7 @@ from perception.models.base import GoalImage, Subject
 from perception.project import fit_line, lift_run, rectangle, rod_depth, runs
 from perception.rank import grasps_of_rod, rank
 from perception.rectangles.metric import matches
-from perception.segment import segment
+from perception.segment import Scene, segment
 from perception.target import choose
 
 Array = npt.NDArray[np.float64]
@@ -69,21 +70,25 @@ def detect(observation: Observation, station: Station, models: Models, say: Say)
     rgbd = register(observation.frame)
     scene = choose(segment(rgbd, base_from_color, station), rgbd.color, Conversation(models.imaginer, say), station)
     scene = models.refined(scene, rgbd.color)
-    subject, heights = subject_of(rgbd, scene, base_from_color), height_map(scene)
+    crop = Crop.around(scene.object_mask, _margin_px(rgbd, scene))
+    subject = subject_of(crop.rgbd(rgbd), crop.scene(scene), base_from_color)
     found: list[tuple[tuple[Grasp, ...], Proposal, int]] = []
     failures: list[CycleFailure] = []
     for sample in range(station.perception.imagine.samples):
         try:
             proposal = propose(Conversation(models.imaginer, say, sample), subject, models, station)
-            found.append((grasps_of(proposal, subject, heights, station), proposal, sample))
+            found.append((grasps_of(proposal, subject, station), proposal, sample))
         except CycleFailure as failure:
             failures.append(failure)
     if not found:
         raise failures[0]
     grasps, proposal, sample = max(found, key=lambda one: one[0][0].score)
     agree = [_same_place(proposal, other) for _, other, _ in found]
-    evidence = _evidence(subject, proposal, sample, sum(agree) / station.perception.imagine.samples)
-    return Detections(rectangles=proposal.rectangles, grasps=grasps, evidence=evidence)
+    rectangles = tuple(rectangle(ends, rgbd.camera, station) for ends in proposal.ends)
+    evidence = _evidence(rgbd, crop, subject, proposal).model_copy(
+        update={"sample": sample, "agreement": sum(agree) / station.perception.imagine.samples}
+    )
+    return Detections(rectangles=rectangles, grasps=grasps, evidence=evidence)
 
 
 def propose(talk: Conversation, subject: Subject, models: Models, station: Station) -> Proposal:
@@ -121,12 +126,12 @@ def propose(talk: Conversation, subject: Subject, models: Models, station: Stati
     return Proposal(goal, parts, drift, depth_m, observed, imagined, alignment, ends, rectangles)
 
 
-def grasps_of(proposal: Proposal, subject: Subject, heights: HeightMap, station: Station) -> tuple[Grasp, ...]:
+def grasps_of(proposal: Proposal, subject: Subject, station: Station) -> tuple[Grasp, ...]:
     """Every run's grasps, ranked. Raises: CycleFailure(NO_GRASP), with the runs' widths."""
     grasps: list[Grasp] = []
     for index, run_ends in enumerate(proposal.ends):
         ends_base = transform(subject.base_from_color, run_ends)
-        grasps += grasps_of_rod(ends_base, index, subject.scene, heights, station)
+        grasps += grasps_of_rod(ends_base, index, subject, station)
     if not grasps:
         widths = ", ".join(f"{np.linalg.norm(ends[1] - ends[0]) * 1e3:.0f}" for ends in proposal.ends)
         raise CycleFailure(
@@ -139,16 +144,25 @@ def _same_place(chosen: Proposal, other: Proposal) -> bool:
     return any(matches(one, another) for one in chosen.rectangles for another in other.rectangles)
 
 
-def _evidence(subject: Subject, proposal: Proposal, sample: int, agreement: float) -> Evidence:
-    rgbd, observed_from_goal = subject.rgbd, proposal.alignment.observed_from_goal
-    goal_points = proposal.imagined.points
-    rod_points = lift(proposal.parts.rod, proposal.depth_m, rgbd.camera)
+def _margin_px(rgbd: Rgbd, scene: Scene) -> int:
+    """Room around the object for what the hand might touch, in pixels."""
+    nearest_m = float(np.nanmin(rgbd.depth_m[scene.object_mask]))
+    return int(np.ceil(MARGIN_M * rgbd.camera.fx / nearest_m))
+
+
+def _evidence(rgbd: Rgbd, crop: Crop, subject: Subject, proposal: Proposal) -> Evidence:
+    """All there is to look at, in the whole image."""
+    observed_from_goal, goal_points = proposal.alignment.observed_from_goal, proposal.imagined.points
+    rod_points = lift(proposal.parts.rod, proposal.depth_m, subject.rgbd.camera)
+    nothing = np.zeros(rgbd.depth_m.shape, dtype=bool)
+    background = np.empty_like(rgbd.color)
+    background[:] = subject.background
     return Evidence(
         color=rgbd.color,
-        object_mask=subject.scene.object_mask,
-        goal_image=proposal.goal.image,
-        goal_object_mask=proposal.parts.object,
-        goal_rod_mask=proposal.parts.rod,
+        object_mask=crop.back(subject.scene.object_mask, nothing),
+        goal_image=crop.back(proposal.goal.image, background),
+        goal_object_mask=crop.back(proposal.parts.object, nothing),
+        goal_rod_mask=crop.back(proposal.parts.rod, nothing),
         observed_points=thin(proposal.observed.points, _SHOWN_POINTS),
         goal_points=thin(goal_points, _SHOWN_POINTS),
         aligned_points=thin(transform(observed_from_goal, goal_points), _SHOWN_POINTS),
@@ -156,8 +170,8 @@ def _evidence(subject: Subject, proposal: Proposal, sample: int, agreement: floa
         rod_ends=(proposal.ends[0][0], proposal.ends[0][1]),
         alignment=proposal.alignment,
         drift=proposal.drift,
-        sample=sample,
-        agreement=agreement,
+        sample=0,
+        agreement=1.0,
     )
 
 

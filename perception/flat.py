@@ -14,7 +14,6 @@ from bus.messages import CameraModel, Rectangle
 from config.schema import Station
 from perception import antipodal
 from perception.depth import Rgbd
-from perception.heightmap import height_map
 from perception.imagine import subject_of
 from perception.lift import inverse, transform
 from perception.models.base import Subject
@@ -42,7 +41,7 @@ def flat_subject(color: npt.NDArray[np.uint8], object_mask: Mask, m_per_px: floa
 
 def flat_rectangle(subject: Subject, station: Station) -> Rectangle:
     """The antipodal search alone: its best closing as a rectangle. Raises: CycleFailure(NO_GRASP)."""
-    closings = antipodal.propose(height_map(subject.scene), station)
+    closings = antipodal.propose(subject.heights, station)
     best = closings.distinct(1)
     if not best:
         raise CycleFailure(Code.NO_GRASP, "No two opposite faces fit the jaw.")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +14,7 @@ from perception.lift import transform
 from perception.segment import Scene
 
 CELL_M = 0.002
-_MARGIN_M = 0.13
+MARGIN_M = 0.13
 """Around the object: room for the palm (0.2 m long)."""
 
 Array = npt.NDArray[np.float64]
@@ -35,11 +36,19 @@ class HeightMap:
 
     def at(self, x: Array, y: Array) -> Array:
         """Heights at points of any shape; the table outside the map."""
-        column = np.rint((x - self.origin_m[0]) / CELL_M).astype(int)
-        row = np.rint((y - self.origin_m[1]) / CELL_M).astype(int)
         ny, nx = self.height_m.shape
-        inside = (column >= 0) & (column < nx) & (row >= 0) & (row < ny)
-        return np.where(inside, self.height_m[row.clip(0, ny - 1), column.clip(0, nx - 1)], 0.0)
+        # In a frame of table, one cell wide: what lies outside falls on it.
+        column = ((x - self.origin_m[0]) * (1 / CELL_M) + 1.5).astype(np.int32)
+        row = ((y - self.origin_m[1]) * (1 / CELL_M) + 1.5).astype(np.int32)
+        np.clip(column, 0, nx + 1, out=column)
+        np.clip(row, 0, ny + 1, out=row)
+        row *= nx + 2
+        row += column
+        return np.asarray(self._framed.take(row))
+
+    @cached_property
+    def _framed(self) -> Array:
+        return np.pad(self.height_m, 1).ravel()
 
     def xy_m(self, rows: npt.NDArray[np.int64], columns: npt.NDArray[np.int64]) -> Array:
         """(n, 2) positions of cells."""
@@ -52,20 +61,21 @@ def height_map(scene: Scene, level_from_base: Transform | None = None) -> Height
     Args:
         level_from_base: look along this frame's -z instead of the table's; heights are then its z.
     """
-    points = np.concatenate([scene.points_base[..., :2], scene.height_m[..., None]], axis=2)
+    used = np.isfinite(scene.height_m)
+    ours = scene.object_mask[used]
+    points = np.concatenate([scene.points_base[used][:, :2], scene.height_m[used][:, None]], axis=1).astype(float)
     if level_from_base is not None:
-        points = transform(level_from_base, points.reshape(-1, 3)).reshape(points.shape)
-    objects = points[scene.object_mask & np.isfinite(points[..., 2])]
-    low, high = objects[:, :2].min(axis=0) - _MARGIN_M, objects[:, :2].max(axis=0) + _MARGIN_M
+        points = transform(level_from_base, points)
+    low, high = points[ours, :2].min(axis=0) - MARGIN_M, points[ours, :2].max(axis=0) + MARGIN_M
     nx, ny = np.ceil((high - low) / CELL_M).astype(int) + 1
-    with np.errstate(invalid="ignore"):
-        seen = ((points[..., :2] > low) & (points[..., :2] < high)).all(axis=2)
-    cell = np.rint((points[seen][:, :2] - low) / CELL_M).astype(int)
+    near = ((points[:, :2] > low) & (points[:, :2] < high)).all(axis=1)
+    points, ours = points[near], ours[near]
+    cell = np.rint((points[:, :2] - low) / CELL_M).astype(int)
     flat = cell[:, 1] * nx + cell[:, 0]
     grid = np.full(nx * ny, -np.inf)
-    np.maximum.at(grid, flat, points[seen][:, 2])
+    np.maximum.at(grid, flat, points[:, 2])
     belongs = np.zeros(nx * ny, dtype=bool)
-    belongs[flat[scene.object_mask[seen]]] = True
+    belongs[flat[ours]] = True
     grid, belongs = grid.reshape(ny, nx), belongs.reshape(ny, nx)
     unseen = np.isinf(grid)
     nearest = ndimage.distance_transform_edt(unseen, return_distances=False, return_indices=True)

@@ -17,6 +17,7 @@ from bus.errors import CycleFailure
 from bus.messages import ModelReply
 from config.schema import Station
 from perception.depth import Rgbd
+from perception.heightmap import height_map
 from perception.models.base import Answer, GoalImage, GoalImageModel, RodColor, Subject
 from perception.models.window import Window, decode_picture
 from perception.prompts import prompt
@@ -74,7 +75,10 @@ def subject_of(rgbd: Rgbd, scene: Scene, base_from_color: Transform) -> Subject:
     """What the model is shown: the object alone on a plain background, and the colour its rod is to have."""
     background = free_background(rgbd.color[scene.object_mask])
     masked = np.where(scene.object_mask[..., None], rgbd.color, np.array(background, dtype=np.uint8))
-    return Subject(rgbd, scene, masked, background, base_from_color, free_rod_color(rgbd.color[scene.object_mask]))
+    heights = height_map(scene)
+    return Subject(
+        rgbd, scene, heights, masked, background, base_from_color, free_rod_color(rgbd.color[scene.object_mask])
+    )
 
 
 def imagine(talk: Conversation, subject: Subject, station: Station) -> GoalImage:

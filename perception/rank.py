@@ -13,7 +13,7 @@ from config.schema import Station
 from perception.antipodal import WEIGHTS, Closings, close, weighted
 from perception.heightmap import HeightMap, height_map
 from perception.lift import inverse, transform
-from perception.segment import Scene
+from perception.models.base import Subject
 
 _SNAP_M = np.array([0.0, -0.004, 0.004, -0.008, 0.008, -0.012, 0.012])
 _SNAP_RAD = np.deg2rad([0.0, -6.0, 6.0, -12.0, 12.0])
@@ -21,6 +21,8 @@ _PER_RUN = 4
 _TILTS_RAD = np.deg2rad([20.0, -20.0])
 """Approaches beside the vertical one, about the rod; taken only where from above there is none."""
 _WIDTH_APART_M = 0.010
+_TESTED = 12
+"""The best so many are tested against pose errors; the others count as surviving none."""
 _ERRORS = np.array([[0.003, 0, 0], [-0.003, 0, 0], [0, 0.004, 0], [0, -0.004, 0], [0, 0, 0.087], [0, 0, -0.087]])
 """Pose errors a grasp should survive: along and across the closing axis [m], heading [rad]."""
 _WEIGHTS = {**WEIGHTS, "unmoved": 0.30, "consistent": 0.10, "robust": 0.15}
@@ -37,18 +39,15 @@ class _Rod:
     width_m: float
 
 
-def grasps_of_rod(ends_base: Array, rectangle: int, scene: Scene, heights: HeightMap, station: Station) -> list[Grasp]:
+def grasps_of_rod(ends_base: Array, rectangle: int, subject: Subject, station: Station) -> list[Grasp]:
     """Grasps along one carried rod, given by the ends (2, 3) [m] of its run through the object, in ``base``.
 
     From above first; if the jaw finds no hold so, tilted about the rod by 20 degrees either way.
-
-    Args:
-        heights: the scene's, from above.
     """
-    grasps = _approach(ends_base, rectangle, np.eye(4), heights, station)
+    grasps = _approach(ends_base, rectangle, np.eye(4), subject.heights, station)
     for tilt_rad in () if grasps else _TILTS_RAD:
         base_from_level = _tilted(ends_base, float(tilt_rad))
-        level_heights = height_map(scene, inverse(base_from_level))
+        level_heights = height_map(subject.scene, inverse(base_from_level))
         grasps += _approach(ends_base, rectangle, base_from_level, level_heights, station)
     return grasps
 
@@ -100,9 +99,8 @@ def _snap(rod: _Rod, heights: HeightMap, station: Station) -> Closings:
 
 def _judged(closings: Closings, rod: _Rod, heights: HeightMap, station: Station) -> Closings:
     """Scored also by whether the measured width is the imagined one, and by how many pose errors it survives."""
-    with np.errstate(invalid="ignore"):
-        apart = np.nan_to_num(np.abs(closings.width_m - rod.width_m), nan=np.inf) / _WIDTH_APART_M
-    feasible = np.flatnonzero(np.isfinite(closings.score))
+    apart = np.abs(closings.width_m - rod.width_m) / _WIDTH_APART_M
+    feasible = np.argsort(-closings.score, kind="stable")[: min(_TESTED, int(np.isfinite(closings.score).sum()))]
     robust = np.zeros(len(closings.score))
     robust[feasible] = _survived(closings, feasible, heights, station)
     terms = {**closings.terms, "consistent": 1 - np.minimum(apart, 1), "robust": robust}

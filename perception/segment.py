@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
 
 import cv2
 import numpy as np
@@ -11,23 +13,26 @@ import numpy.typing as npt
 from bus.arrays import Transform
 from bus.codes import Code
 from bus.errors import CycleFailure
+from bus.messages import CameraModel
 from config.schema import Station
 from perception.depth import Rgbd
-from perception.lift import lift_pixels, transform
 
 _TABLE_BAND_M = 0.015
 _INLIER_M = 0.004
 _MIN_AREA_PX = 150
 _BRIDGE_PX = 9
 """Parts closer than this are one object: thin arms break up in depth."""
-_MIN_TABLE_PX = 2000
+_TABLE_STEP = 5
+_MIN_TABLE_POINTS = 100
 _DISK = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (7, 7))
+_AROUND_PX = 12
 _SEEN_THROUGH = 0.4
 _CONFUSED = 0.05
 """Colour decides nothing when more than this share of the surroundings looks like the object."""
 
 Mask = npt.NDArray[np.bool_]
 Array = npt.NDArray[np.float64]
+Points = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -40,8 +45,8 @@ class Scene:
         object_mask: (H, W).
     """
 
-    points_base: npt.NDArray[np.float64]
-    height_m: npt.NDArray[np.float64]
+    points_base: Points
+    height_m: npt.NDArray[np.float32]
     object_mask: Mask
 
 
@@ -59,38 +64,45 @@ def segment(rgbd: Rgbd, base_from_color: Transform, station: Station) -> tuple[S
     clusters = _clusters(raised)
     if not clusters:
         raise CycleFailure(Code.NO_OBJECT, "Nothing rises above the table inside the pick region.")
-    masks = (refined_by_color(rgbd.color, _filled(cluster, np.isfinite(height_m))) for cluster in clusters)
-    return tuple(Scene(points_base, height_m, mask) for mask in masks)
+    seen = np.isfinite(height_m)
+    return tuple(Scene(points_base, height_m, _outlined(cluster, seen, rgbd.color)) for cluster in clusters)
 
 
-def image_points(rgbd: Rgbd, base_from_color: Transform) -> Array:
+def image_points(rgbd: Rgbd, base_from_color: Transform) -> Points:
     """(H, W, 3) points in ``base``, NaN where there is no depth."""
-    v, u = np.nonzero(np.isfinite(rgbd.depth_m))
-    points = np.full((*rgbd.depth_m.shape, 3), np.nan)
-    pixels = np.stack([u, v], axis=1).astype(float)
-    points[v, u] = transform(base_from_color, lift_pixels(pixels, rgbd.depth_m[v, u].astype(float), rgbd.camera))
+    turned = _rays(rgbd.camera) @ base_from_color[:3, :3].T.astype(np.float32)
+    points = turned.reshape(*rgbd.depth_m.shape, 3) * rgbd.depth_m[..., None]
+    points += base_from_color[:3, 3].astype(np.float32)
     return points
 
 
-def height_above_table(points_base: Array) -> Array:
+@lru_cache(maxsize=4)
+def _rays(camera: CameraModel) -> Points:
+    """(H x W, 3) rays with z = 1 of an undistorted camera."""
+    u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
+    rays = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(u.shape)], axis=-1)
+    return rays.reshape(-1, 3).astype(np.float32)
+
+
+def height_above_table(points_base: Points) -> npt.NDArray[np.float32]:
     """Height [m] over the plane fitted to what lies near z = 0 of ``base``, trimmed twice.
 
     Raises: CycleFailure(NO_OBJECT) when no table is seen.
     """
-    near = points_base[np.abs(points_base[..., 2]) < _TABLE_BAND_M]
-    if len(near) < _MIN_TABLE_PX:
+    coarse = points_base[::_TABLE_STEP, ::_TABLE_STEP].reshape(-1, 3).astype(float)
+    near = coarse[np.abs(coarse[:, 2]) < _TABLE_BAND_M]
+    if len(near) < _MIN_TABLE_POINTS:
         raise CycleFailure(Code.NO_OBJECT, "The camera sees no table at the height it is configured for.")
-    near = near[:: max(1, len(near) // 20_000)]
     coefficients: Array = np.zeros(3)
     for _ in range(3):
         close = np.abs(near[:, 2] - _plane(coefficients, near)) < _INLIER_M if coefficients.any() else slice(None)
         table = near[close]
         design = np.column_stack([table[:, :2], np.ones(len(table))])
         coefficients = np.asarray(np.linalg.lstsq(design, table[:, 2], rcond=None)[0])
-    return np.asarray(points_base[..., 2] - _plane(coefficients, points_base))
+    return np.asarray(points_base[..., 2] - _plane(coefficients.astype(np.float32), points_base))
 
 
-def _plane(coefficients: Array, points: Array) -> Array:
+def _plane(coefficients: npt.NDArray[np.floating], points: npt.NDArray[np.floating]) -> npt.NDArray[Any]:
     return np.asarray(points[..., 0] * coefficients[0] + points[..., 1] * coefficients[1] + coefficients[2])
 
 
@@ -102,6 +114,16 @@ def _clusters(raised: Mask) -> list[Mask]:
     areas = np.bincount(labels[clean > 0], minlength=1)
     big = [label for label in np.argsort(-areas, kind="stable") if areas[label] >= _MIN_AREA_PX]
     return [np.asarray((labels == label) & (clean > 0)) for label in big]
+
+
+def _outlined(cluster: Mask, seen: Mask, color: npt.NDArray[np.uint8]) -> Mask:
+    """A cluster with its holes closed and its rim redrawn by colour."""
+    rows, columns = np.flatnonzero(cluster.any(axis=1)), np.flatnonzero(cluster.any(axis=0))
+    top, left = max(0, rows[0] - _AROUND_PX), max(0, columns[0] - _AROUND_PX)
+    around = np.s_[top : rows[-1] + _AROUND_PX + 1, left : columns[-1] + _AROUND_PX + 1]
+    mask = np.zeros_like(cluster)
+    mask[around] = refined_by_color(color[around], _filled(cluster[around], seen[around]))
+    return mask
 
 
 def _filled(mask: Mask, seen: Mask) -> Mask:
@@ -120,10 +142,8 @@ def refined_by_color(color: npt.NDArray[np.uint8], mask: Mask) -> Mask:
 
     Only a band of 3 pixels on either side of the outline may change.
     """
-    rows, columns = np.nonzero(mask)
-    around = np.s_[max(0, rows.min() - 12) : rows.max() + 13, max(0, columns.min() - 12) : columns.max() + 13]
-    part = mask[around].astype(np.uint8)
-    lab = cv2.cvtColor(cv2.blur(np.ascontiguousarray(color[around]), (3, 3)), cv2.COLOR_RGB2LAB).astype(np.float32)
+    part = mask.astype(np.uint8)
+    lab = cv2.cvtColor(cv2.blur(np.ascontiguousarray(color), (3, 3)), cv2.COLOR_RGB2LAB).astype(np.float32)
     core, whole = cv2.erode(part, _DISK) > 0, cv2.dilate(part, _DISK) > 0
     beside = (cv2.dilate(part, _DISK, iterations=3) > 0) & ~whole
     if core.sum() < _MIN_AREA_PX or beside.sum() < _MIN_AREA_PX:
@@ -134,9 +154,7 @@ def refined_by_color(color: npt.NDArray[np.uint8], mask: Mask) -> Mask:
         return mask
     redrawn = core.copy()
     redrawn[band] = nearer
-    refined = mask.copy()
-    refined[around] = cv2.morphologyEx(redrawn.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3))) > 0
-    return refined
+    return np.asarray(cv2.morphologyEx(redrawn.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3))) > 0)
 
 
 def _distance(lab: Array, samples: Array) -> Array:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from bus.arrays import Transform
 from bus.messages import Usage
 from perception.depth import Rgbd
+from perception.heightmap import HeightMap
 from perception.segment import Scene
 
 
@@ -27,7 +28,7 @@ class Subject:
     """What a model is shown: the image with its object, and - for models that can use it - the depth.
 
     Attributes:
-        masked: the colour image with the background taken out (I_S of the paper).
+        heights: the scene from above. ``masked``: the colour image with the background taken out (I_S of the paper).
         background: the colour it was replaced by, far from the object's own colours.
         base_from_color: where the camera stands.
         rod: the colour to draw the rod in; nothing else in the image has it.
@@ -35,6 +36,7 @@ class Subject:
 
     rgbd: Rgbd
     scene: Scene
+    heights: HeightMap
     masked: npt.NDArray[np.uint8]
     background: tuple[int, int, int]
     base_from_color: Transform

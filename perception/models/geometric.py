@@ -15,7 +15,6 @@ from bus.errors import CycleFailure
 from config.schema import Station
 from perception import antipodal
 from perception.antipodal import Closings
-from perception.heightmap import height_map
 from perception.lift import inverse, transform
 from perception.models.base import Answer, Subject
 from perception.models.painter import paint
@@ -48,7 +47,7 @@ class GeometricModel:
 
     def reason(self, subject: Subject, prompt: str) -> Answer:
         """The best antipodal axis, in words. Raises: CycleFailure(NO_GRASP)."""
-        closings = antipodal.propose(height_map(subject.scene), self._station)
+        closings = antipodal.propose(subject.heights, self._station)
         ranked = closings.distinct(self._proposed + 1)
         if len(ranked) <= self._proposed:
             raise CycleFailure(Code.NO_GRASP, "No two opposite faces fit the jaw and can be reached from above.")

@@ -6,6 +6,7 @@ It sees what a hosted model sees - a picture and a prompt - and nothing of the c
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -14,7 +15,6 @@ import numpy.typing as npt
 from config.load import load_station
 from perception import antipodal
 from perception.flat import flat_subject
-from perception.heightmap import height_map
 from perception.imagine import ROD_COLORS
 from perception.lift import inverse, project, transform
 from perception.models.base import RodColor, Subject
@@ -70,14 +70,12 @@ def _subject(image: Image, prompt: str) -> Subject:
     m_per_px = 1e-3 / float(scale.group(1)) if scale else 0.15 / image.shape[0]
     subject = flat_subject(image, object_mask(image), m_per_px)
     color = next((color for color in ROD_COLORS if color.name in prompt), ROD_COLORS[0])
-    return Subject(
-        subject.rgbd, subject.scene, image, subject.background, subject.base_from_color, RodColor(color.name, color.rgb)
-    )
+    return replace(subject, masked=image, rod=RodColor(color.name, color.rgb))
 
 
 def _axis_px(subject: Subject) -> np.ndarray:
     """Ends (2, 2) of the best antipodal axis, sticking out."""
-    closings = antipodal.propose(height_map(subject.scene), _STATION)
+    closings = antipodal.propose(subject.heights, _STATION)
     best = closings.distinct(1)
     if not best:
         return _minor_axis_px(subject)
