@@ -5,14 +5,16 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Callable
+from pathlib import Path
 from statistics import median
 from typing import Annotated, Any
 
 import typer
 
-from benchmarks import alignment
+from benchmarks import alignment, detection, grasps, models
 from benchmarks.drifted import REGIMES
 from bus.commands import CommandRequest
+from bus.errors import CellError
 from bus.messages import CycleResult
 from cell.build import running_cell
 from cell.console import Screen
@@ -66,6 +68,42 @@ def alignment_(
     typer.echo(json.dumps(alignment.run(regime, trials, seed, tell=_teller(as_json))))
 
 
+@app.command(name="detect")
+def detect_(
+    frames: Annotated[int, typer.Option(min=2)] = 97,
+    seed: int = 0,
+    as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
+) -> None:
+    """Offline detection of 640 x 576 frames: CPU time [ms], memory, and whether the imagined rod comes back."""
+    typer.echo(json.dumps(detection.run(frames, seed, _teller(as_json))))
+
+
+@app.command(name="grasps")
+def grasps_(
+    dataset: Annotated[str, typer.Option(help="cornell or jacquard")],
+    root: Annotated[Path, typer.Option(help="The dataset's folder.")],
+    detector: Annotated[str, typer.Option(help="vlad, antipodal, or onnx:PATH")] = "vlad",
+    sheet: Annotated[Path | None, typer.Option(help="Where a picture of the failures goes.")] = None,
+    overrides: Annotated[list[str] | None, typer.Option("--set", help="key=value")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
+) -> None:
+    """Grasp rectangles on labelled images: the share that matches a label (IoU >= 25 %, 30 degrees)."""
+    if dataset not in grasps.DATASETS:
+        raise typer.BadParameter(f"{dataset!r} is none of {', '.join(grasps.DATASETS)}")
+    typer.echo(json.dumps(grasps.run(dataset, root, detector, overrides or [], _teller(as_json), sheet)))
+
+
+@app.command(name="models")
+def models_(
+    scenes: Annotated[int, typer.Option(min=1)] = 48,
+    seed: int = 0,
+    provider: Annotated[str, typer.Option(help="openai or gemini")] = "openai",
+    as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
+) -> None:
+    """Hosted models through the loopback server, drift none, mild and hard: does the carried rectangle survive?"""
+    typer.echo(json.dumps(models.run(scenes, seed, provider, _teller(as_json))))
+
+
 def _teller(quiet: bool) -> Callable[[str], None]:
     """Progress on stderr."""
     return (lambda line: None) if quiet else (lambda line: typer.echo(line, err=True))
@@ -85,5 +123,14 @@ def _figures(results: list[CycleResult]) -> dict[str, Any]:
     }
 
 
+def main() -> None:
+    """Errors are one line with advice, as everywhere."""
+    try:
+        app()
+    except CellError as error:
+        typer.echo(f"{error.code}: {error}", err=True)
+        raise SystemExit(error.exit_code) from error
+
+
 if __name__ == "__main__":
-    app()
+    main()

@@ -181,6 +181,12 @@ class DepthProSettings(Settings):
     device: str = "cpu"
 
 
+class OnnxSettings(Settings):
+    """A network of the GG-CNN family; its tensors: `perception.rectangles.network`. Needs ``vlad-cell[onnx]``."""
+
+    path: Path = Path("grasp.onnx")
+
+
 class TargetSettings(Settings):
     """Which object to take when several stand in the pick region; at most one of the two.
 
@@ -202,8 +208,9 @@ class TargetSettings(Settings):
 class PerceptionSettings(Settings):
     """VLAD-Grasp (paper, Algorithm 1) and the models that play its roles."""
 
-    model: Literal["geometric", "openai", "gemini"] = "geometric"
-    """Imagines the rod: ``geometric`` is embedded and needs no network."""
+    model: Literal["geometric", "openai", "gemini", "onnx"] = "geometric"
+    """Imagines the rod: ``geometric`` is embedded and needs no network; ``onnx`` paints a grasp network's rectangle."""
+    onnx: OnnxSettings = OnnxSettings()
     imagine: ImagineSettings = ImagineSettings()
     hosted: HostedSettings = HostedSettings()
     segmenter: Literal["depth", "sam"] = "depth"

@@ -27,18 +27,8 @@ def carried_depth(parts: GoalParts, subject: Subject, fit: Similarity) -> DepthI
     height, width = observed.shape
     depth_m = np.full(observed.shape, np.nan, dtype=np.float32)
     depth_m[rows, columns] = nearest[seen_at[:, 1].clip(0, height - 1), seen_at[:, 0].clip(0, width - 1)]
-    depth_m[parts.rod] = level_depth(subject)[parts.rod]
+    depth_m[parts.rod] = subject.level_depth_m[parts.rod]
     return depth_m
-
-
-def level_depth(subject: Subject) -> DepthImage:
-    """Z-depth of the plane z = constant of ``base`` through the middle of the object's seen surface."""
-    camera, base_from_color = subject.rgbd.camera, subject.base_from_color
-    level_m = float(np.nanmedian(subject.scene.points_base[subject.scene.object_mask][:, 2]))
-    u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
-    down = base_from_color[2, :3]
-    slope = down[0] * (u - camera.cx) / camera.fx + down[1] * (v - camera.cy) / camera.fy + down[2]
-    return np.asarray((level_m - base_from_color[2, 3]) / slope, dtype=np.float32)
 
 
 def scaled_to_observed(estimated_m: DepthImage, parts: GoalParts, subject: Subject) -> DepthImage:

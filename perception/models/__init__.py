@@ -18,6 +18,7 @@ from perception.models.base import GoalImageModel
 from perception.models.depth_pro import DepthPro
 from perception.models.geometric import GeometricModel
 from perception.models.hosted import HostedModel
+from perception.models.network import NetworkModel
 from perception.models.purse import LEDGER, Purse
 from perception.models.recorded import RecordedModel
 from perception.models.sam import Sam
@@ -35,6 +36,9 @@ _PROVIDERS = {
     "openai": _Provider("perception.models.openai", "OpenAIProvider"),
     "gemini": _Provider("perception.models.gemini", "GeminiProvider"),
 }
+
+
+_EMBEDDED = {"geometric": GeometricModel, "onnx": NetworkModel}
 
 
 @dataclass(frozen=True)
@@ -65,7 +69,7 @@ def open_models(station: Station, environ: Mapping[str, str]) -> Models:
 def replayed_models(station: Station, replies: Iterable[ModelReply]) -> Models:
     """The same for a replay: a hosted model answers what it answered then."""
     hosted = station.perception.model in _PROVIDERS
-    return Models(RecordedModel(replies) if hosted else GeometricModel(station), *_local(station))
+    return Models(RecordedModel(replies) if hosted else _EMBEDDED[station.perception.model](station), *_local(station))
 
 
 def _local(station: Station) -> tuple[Sam | None, DepthPro | None]:
@@ -78,7 +82,7 @@ def _local(station: Station) -> tuple[Sam | None, DepthPro | None]:
 def _imaginer(station: Station, environ: Mapping[str, str], folder: Path) -> GoalImageModel:
     name, settings = station.perception.model, station.perception.hosted
     if name not in _PROVIDERS:
-        return GeometricModel(station)
+        return _EMBEDDED[name](station)
     for role in ("text_model", "image_model"):
         if not getattr(settings, role):
             raise ConfigError(

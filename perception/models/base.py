@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -41,6 +42,15 @@ class Subject:
     background: tuple[int, int, int]
     base_from_color: Transform
     rod: RodColor
+
+    @cached_property
+    def level_depth_m(self) -> npt.NDArray[np.float32]:
+        """(H, W) z-depth [m] of the plane z = constant of ``base`` through the middle of the object's seen surface."""
+        camera, down = self.rgbd.camera, self.base_from_color[2, :3]
+        level_m = float(np.nanmedian(self.scene.points_base[self.scene.object_mask][:, 2]))
+        u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
+        slope = down[0] * (u - camera.cx) / camera.fx + down[1] * (v - camera.cy) / camera.fy + down[2]
+        return np.asarray((level_m - self.base_from_color[2, 3]) / slope, dtype=np.float32)
 
 
 @dataclass(frozen=True)

@@ -53,12 +53,11 @@ class GeometricModel:
             raise CycleFailure(Code.NO_GRASP, "No two opposite faces fit the jaw and can be reached from above.")
         chosen = ranked[self._proposed]
         self._proposed += 1
-        start, end = (", ".join(f"{value:.4f}" for value in end) for end in self._axis(closings, chosen))
         return Answer(
             f"The object is {subject.scene.height_m[subject.scene.object_mask].max() * 1e3:.0f} mm high. Two opposite "
             f"faces {closings.width_m[chosen] * 1e3:.1f} mm apart fit the jaw; of {np.isfinite(closings.score).sum()} "
-            f"feasible axes this one scores {closings.score[chosen]:.2f}. In the robot's base frame, in metres, "
-            f"the axis runs from ({start}) to ({end})."
+            f"feasible axes this one scores {closings.score[chosen]:.2f}. "
+            + axis_in_words(*self._axis(closings, chosen))
         )
 
     def direct(self, subject: Subject, prompt: str) -> Answer:
@@ -80,6 +79,12 @@ class GeometricModel:
         level_m = max(min(closings.tcp_m[index], closings.edge_m[index] - radius_m - _COVER_M), radius_m + _COVER_M / 2)
         center = np.append(closings.center_m[index], level_m)
         return center - half, center + half
+
+
+def axis_in_words(start_m: Array, end_m: Array) -> str:
+    """What `direct` and `render` look for."""
+    start, end = (", ".join(f"{value:.4f}" for value in point) for point in (start_m, end_m))
+    return f"In the robot's base frame, in metres, the axis runs from ({start}) to ({end})."
 
 
 def _axis_text(text: str) -> str:

@@ -14,7 +14,12 @@ from hypothesis import strategies as st
 from onnx import TensorProto, helper
 
 from bus.errors import ConfigError
-from bus.messages import Rectangle
+from bus.messages import ModelReply, Rectangle
+from config.load import load_station
+from perception.detector import propose
+from perception.flat import flat_subject
+from perception.imagine import Conversation
+from perception.models import open_models
 from perception.rectangles.cornell import read_cornell
 from perception.rectangles.jacquard import read_jacquard
 from perception.rectangles.metric import any_match, corners, iou, matches
@@ -157,6 +162,21 @@ def test_a_network_s_peak_becomes_a_rectangle_of_the_whole_image(channels: int, 
     assert np.allclose(found.center_px, (157.5, 47.5), atol=2)
     assert np.degrees(found.angle_rad) == pytest.approx(150), "counter-clockwise in the map, v points down in the image"
     assert found.width_px == pytest.approx(0.2 * 150 * 2) and found.height_px == pytest.approx(30)
+
+
+def test_a_network_can_imagine_the_rod(tmp_path: Path) -> None:
+    """Its rectangle, painted as a rod, comes back through the whole of Algorithm 1."""
+    color, mask = np.full((240, 320, 3), 170, np.uint8), np.zeros((240, 320), np.uint8)
+    corners_px = cv2.boxPoints(((160, 120), (120, 36), 60)).astype(int)
+    cv2.fillPoly(color, [corners_px], (40, 90, 200))
+    cv2.fillPoly(mask, [corners_px], 1)
+    station = load_station(None, ["perception.model=onnx", f"perception.onnx.path={_network(tmp_path / 'n.onnx', 4)}"])
+    models, subject = open_models(station, {}), flat_subject(color, mask > 0, 0.001)
+    models.imaginer.begin()
+    replies: list[ModelReply] = []
+    found = propose(Conversation(models.imaginer, replies.append), subject, models, station).rectangles[0]
+    assert np.degrees(found.angle_rad) == pytest.approx(150, abs=2) and found.width_px == pytest.approx(36, abs=4)
+    assert replies[0].model == "onnx" and "network's best rectangle" in replies[0].text
 
 
 def test_what_is_no_grasp_network_is_refused(tmp_path: Path) -> None:

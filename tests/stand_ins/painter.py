@@ -61,7 +61,7 @@ def object_mask(image: Image) -> npt.NDArray[np.bool_]:
     """What stands out from the picture's rim."""
     rim = np.concatenate([image[:4].reshape(-1, 3), image[-4:].reshape(-1, 3)])
     apart = np.abs(image.astype(np.int16) - np.median(rim, axis=0)).max(axis=2)
-    return cv2.morphologyEx((apart > _STANDS_OUT).astype(np.uint8), cv2.MORPH_OPEN, np.ones((5, 5))) > 0
+    return np.asarray(cv2.morphologyEx((apart > _STANDS_OUT).astype(np.uint8), cv2.MORPH_OPEN, np.ones((5, 5))) > 0)
 
 
 def _subject(image: Image, prompt: str) -> Subject:
@@ -93,4 +93,4 @@ def _minor_axis_px(subject: Subject) -> np.ndarray:
     pixels = np.stack([columns, rows], axis=1).astype(float)
     values, axes = np.linalg.eigh(np.cov(pixels.T))
     half = axes[:, 0] * (2 * np.sqrt(values[0]) + 0.12 * subject.rgbd.camera.width)
-    return pixels.mean(axis=0) + np.stack([-half, half])
+    return np.asarray(pixels.mean(axis=0) + np.stack([-half, half]))

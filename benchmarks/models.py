@@ -1,0 +1,109 @@
+"""Hosted models against the loopback server: does the carried rectangle survive the model's drift?
+
+Each scene is imagined by a real provider's client through the server, once without drift and then with it; a drifted
+answer is right when the best grasp's rectangle matches the undrifted one's (Jiang et al. 2011), whose axis may be any
+that the object's outline cannot tell from it: every one of a round object, the two of a cube.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import numpy as np
+
+from benchmarks.detection import SETTINGS, observations
+from bus.errors import CycleFailure
+from bus.messages import Detections, ModelReply, Observation
+from config.load import load_station
+from perception.detector import detect
+from perception.models import open_models
+from perception.rectangles.metric import matches
+from tests.stand_ins import drift
+from tests.stand_ins.drift import Drift
+from tests.stand_ins.model_server import ModelServer
+from tests.stand_ins.painter import paint, say
+
+Drifts = Drift | Callable[[int], Drift]
+_ROUND, _SQUARE = {"ball", "can", "bowl", "tape"}, {"cube"}
+
+
+def run(scenes: int, seed: int, provider: str, tell: Callable[[str], None]) -> dict[str, Any]:
+    """Success at every drift, of the scenes that the undrifted model solves, with three steps and with one."""
+    seen = list(observations(scenes, seed))
+    figures: dict[str, Any] = {"provider": provider, "scenes": scenes, "seed": seed}
+    for steps in (3, 1):
+        told = _steps(seen, seed, provider, steps, tell)
+        figures[f"steps_{steps}"] = told
+    return figures
+
+
+def _steps(
+    seen: list[tuple[str, Observation]], seed: int, provider: str, steps: int, tell: Callable[[str], None]
+) -> dict[str, Any]:
+    presets: dict[str, Drifts] = {
+        "none": drift.NONE,
+        "mild": lambda number: drift.mild(seed + number),
+        "hard": lambda number: drift.hard(seed + number),
+    }
+    undrifted = _answers(seen, presets["none"], provider, steps)
+    solved = [index for index, (found, _, _) in enumerate(undrifted) if found is not None]
+    figures: dict[str, Any] = {"undrifted_solved": len(solved) / len(seen), **_cost(undrifted)}
+    for name, preset in presets.items():
+        answers = _answers(seen, preset, provider, steps)
+        right = [_same(undrifted[index][0], answers[index][0], seen[index][0]) for index in solved]
+        reasons = Counter(answers[index][2] for index in solved if answers[index][2])
+        figures[name] = {"success": float(np.mean(right)), "refused": dict(reasons)}
+        tell(f"{provider} steps={steps} {name}: {np.mean(right):.3f} {dict(reasons)}")
+    return figures
+
+
+Answer = tuple[Detections | None, list[ModelReply], str]
+
+
+def _answers(seen: list[tuple[str, Observation]], preset: Drifts, provider: str, steps: int) -> list[Answer]:
+    """What detection gives for every scene; the same model, one server."""
+    with ModelServer(paint, say=say, drift=preset) as server, tempfile.TemporaryDirectory() as folder:
+        station = load_station(
+            None,
+            [
+                *SETTINGS,
+                f"perception.model={provider}",
+                f"perception.imagine.steps={steps}",
+                f"perception.hosted.base_url={server.url}{'/v1' if provider == 'openai' else ''}",
+                "perception.hosted.text_model=words",
+                "perception.hosted.image_model=pictures",
+                f"recording.folder={Path(folder)}",
+            ],
+        )
+        models = open_models(station, {"OPENAI_API_KEY": "none", "GEMINI_API_KEY": "none"})
+        answers: list[Answer] = []
+        for _, observation in seen:
+            replies: list[ModelReply] = []
+            try:
+                answers.append((detect(observation, station, models, replies.append), replies, ""))
+            except CycleFailure as failure:
+                answers.append((None, replies, str(failure.failure)))
+        return answers
+
+
+def _same(before: Detections | None, after: Detections | None, name: str) -> bool:
+    if before is None or after is None:
+        return False
+    one, other = (found.rectangles[found.grasps[0].rectangle] for found in (before, after))
+    turns = [0.0, np.pi / 2] if name in _SQUARE else [one.angle_rad - other.angle_rad if name in _ROUND else 0.0]
+    alike = [other.model_copy(update={"angle_rad": (other.angle_rad + turn) % np.pi}) for turn in turns]
+    return any(matches(like, one) for like in alike)
+
+
+def _cost(answers: list[Answer]) -> dict[str, Any]:
+    """Tokens and latency a scene takes."""
+    return {
+        "input_tokens": median(sum(reply.usage.input_tokens for reply in replies) for _, replies, _ in answers),
+        "output_tokens": median(sum(reply.usage.output_tokens for reply in replies) for _, replies, _ in answers),
+        "calls": median(len(replies) for _, replies, _ in answers),
+    }

@@ -1,0 +1,45 @@
+"""A grasp network in the goal-image model's role: it names the axis, and the rod is painted as the embedded model's."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from config.schema import Station
+from perception.lift import lift_pixels, transform
+from perception.models.base import Answer, Subject
+from perception.models.geometric import GeometricModel, axis_in_words
+from perception.rectangles.network import GraspNetwork
+
+
+class NetworkModel(GeometricModel):
+    """As the embedded model, but the axis is the network's best rectangle, level with the object's middle.
+
+    Raises: ConfigError, as `GraspNetwork`.
+    """
+
+    name = "onnx"
+
+    def __init__(self, station: Station) -> None:
+        super().__init__(station)
+        self._network = GraspNetwork(Path(station.perception.onnx.path))
+
+    def reason(self, subject: Subject, prompt: str) -> Answer:
+        """The network's rectangle, as an axis in the base frame."""
+        found = self._network.detect(subject.rgbd.color, subject.rgbd.depth_m)
+        direction = np.array([np.cos(found.angle_rad), np.sin(found.angle_rad)])
+        half_px = found.width_px / 2 * direction
+        ends_px = np.array(found.center_px) + np.stack([-half_px, half_px])
+        ends = transform(subject.base_from_color, self._lifted(ends_px, subject))
+        return Answer(
+            f"The network's best rectangle is at ({found.center_px[0]:.0f}, {found.center_px[1]:.0f}) px, "
+            f"{found.width_px:.0f} px wide. " + axis_in_words(ends[0], ends[1])
+        )
+
+    def _lifted(self, ends_px: npt.NDArray[np.float64], subject: Subject) -> npt.NDArray[np.float64]:
+        """(2, 3) [m] in the camera: on the level of the middle of the object's seen surface, less the rod's radius."""
+        depth_m = float(np.nanmedian(subject.level_depth_m[subject.scene.object_mask]))
+        radius_m = self._station.perception.rod_radius_m
+        return lift_pixels(ends_px, np.full(2, depth_m + 2 * radius_m), subject.rgbd.camera)
