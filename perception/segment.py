@@ -26,6 +26,10 @@ _TABLE_STEP = 5
 _MIN_TABLE_POINTS = 100
 _DISK = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (7, 7))
 _AROUND_PX = 12
+_EMBRACED = 0.3
+"""Gaps up to this share of the object's extent are looked into."""
+_FOREIGN = 25.0
+"""Squared standard deviations from the table's colour."""
 _SEEN_THROUGH = 0.4
 _CONFUSED = 0.05
 """Colour decides nothing when more than this share of the surroundings looks like the object."""
@@ -122,8 +126,25 @@ def _outlined(cluster: Mask, seen: Mask, color: npt.NDArray[np.uint8]) -> Mask:
     top, left = max(0, rows[0] - _AROUND_PX), max(0, columns[0] - _AROUND_PX)
     around = np.s_[top : rows[-1] + _AROUND_PX + 1, left : columns[-1] + _AROUND_PX + 1]
     mask = np.zeros_like(cluster)
-    mask[around] = refined_by_color(color[around], _filled(cluster[around], seen[around]))
+    part = np.ascontiguousarray(color[around])
+    bridged = _bridged(cluster[around], seen[around], part)
+    mask[around] = refined_by_color(part, _filled(bridged, seen[around]))
     return mask
+
+
+def _bridged(mask: Mask, seen: Mask, color: npt.NDArray[np.uint8]) -> Mask:
+    """The mask with what its parts embrace and what is not the table: without depth, or of another colour."""
+    reach = int(_EMBRACED * max(mask.shape)) | 1
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach))
+    framed = cv2.copyMakeBorder(mask.astype(np.uint8), *(4 * [reach]), cv2.BORDER_CONSTANT, value=0)
+    embraced = cv2.morphologyEx(framed, cv2.MORPH_CLOSE, kernel)[reach:-reach, reach:-reach] > 0
+    beside = ~(cv2.dilate(embraced.astype(np.uint8), _DISK) > 0)
+    if beside.sum() < _MIN_AREA_PX:
+        return mask
+    lab = cv2.cvtColor(cv2.blur(color, (3, 3)), cv2.COLOR_RGB2LAB).astype(np.float32)
+    foreign = _distance(lab, lab[beside]) - float(np.median(_distance(lab[beside], lab[beside]))) > _FOREIGN
+    added = cv2.morphologyEx((embraced & ~mask & (foreign | ~seen)).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3)))
+    return np.asarray(mask | (added > 0))
 
 
 def _filled(mask: Mask, seen: Mask) -> Mask:
@@ -161,7 +182,7 @@ def _distance(lab: Array, samples: Array) -> Array:
     """Gaussian cost (n,) of colours under the samples' mean and covariance."""
     mean, covariance = samples.mean(axis=0), np.cov(samples.T) + 4.0 * np.eye(3)
     off = lab - mean
-    return np.asarray((off @ np.linalg.inv(covariance) * off).sum(axis=1) + np.log(np.linalg.det(covariance)))
+    return np.asarray((off @ np.linalg.inv(covariance) * off).sum(axis=-1) + np.log(np.linalg.det(covariance)))
 
 
 def hue_of(rgb: tuple[int, int, int]) -> int:
