@@ -1,0 +1,207 @@
+"""Which object is taken, what its outline is, and which of several proposals: on scenes whose truth is known."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bus.codes import Code
+from bus.errors import CycleFailure
+from bus.messages import Detections, ModelReply, Observation
+from cell.detect import detect_unless_halted
+from config.load import load_station
+from config.schema import Station
+from perception.color_only import segment_by_color
+from perception.crop import Crop
+from perception.depth import register
+from perception.detector import detect, unsaid
+from perception.heightmap import height_map
+from perception.imagine import free_background, free_rod_color
+from perception.lift import inverse
+from perception.models import open_models
+from perception.rank import _approach, _tilted
+from perception.segment import segment
+from tests.perception.conftest import BAR, PLATE, Box, Look
+from tests.stand_ins.model_server import Fault, ModelServer
+from tests.stand_ins.painter import paint, say
+
+REGION = "scene.pick_region_m=[0.1, 0.8, -0.3, 0.3]"
+
+
+def _station(*overrides: str) -> Station:
+    return load_station(None, [REGION, *overrides])
+
+
+def _detect(observation: Observation, *overrides: str) -> Detections:
+    station = _station(*overrides)
+    return detect(observation, station, open_models(station, {}), unsaid)
+
+
+def _hosted(server: ModelServer, folder: Path, *overrides: str) -> Station:
+    return _station(
+        "perception.model=openai",
+        f"perception.hosted.base_url={server.url}/v1",
+        "perception.hosted.text_model=words",
+        "perception.hosted.image_model=pictures",
+        f"recording.folder={folder}",
+        *overrides,
+    )
+
+
+# --- which object ----------------------------------------------------------------------------------------------------
+
+
+def test_objects_come_largest_first(look: Look) -> None:
+    observation = look([BAR, PLATE])
+    scenes = segment(register(observation.frame), observation.view.base_from_color, _station())
+    areas = [int(scene.object_mask.sum()) for scene in scenes]
+    assert areas == pytest.approx([160 * 150, 100 * 24], rel=0.05)
+
+
+def test_of_several_the_one_with_the_best_grasp_is_taken(look: Look) -> None:
+    """The plate is larger, and wider than the jaw."""
+    mask = _detect(look([BAR, PLATE])).evidence.object_mask
+    assert mask[112, 130] and not mask[250, 320]
+
+
+def test_a_pixel_names_the_target_also_from_beside_it(look: Look) -> None:
+    other = BAR._replace(columns=(300, 400), rows=(40, 64))
+    for pixel in ("[350, 50]", "[350, 80]"):
+        assert _detect(look([BAR, other]), f"perception.target.pixel={pixel}").evidence.object_mask[50, 350]
+    with pytest.raises(CycleFailure, match="no object within") as failure:
+        _detect(look([BAR, other]), "perception.target.pixel=[240, 300]")
+    assert failure.value.failure is Code.NO_OBJECT
+
+
+def test_words_name_the_target_and_the_model_points_at_it(look: Look, tmp_path: Path) -> None:
+    other = BAR._replace(columns=(300, 400), rows=(40, 64))
+
+    def point(prompt: str, image: np.ndarray | None) -> str:
+        return "747, 111" if "Find this object in it: the upper bar" in prompt else say(prompt, image)
+
+    replies: list[ModelReply] = []
+    with ModelServer(paint, say=point) as server:
+        station = _hosted(server, tmp_path, "perception.target.text=the upper bar")
+        models = open_models(station, {"OPENAI_API_KEY": "x"})
+        assert detect(look([BAR, other]), station, models, replies.append).evidence.object_mask[50, 350]
+    assert [reply.step for reply in replies] == ["locate", "reason", "direct", "render"]
+
+
+def test_a_target_the_model_does_not_see_is_no_object(look: Look, tmp_path: Path) -> None:
+    with ModelServer(paint, say=lambda prompt, image: "none") as server:
+        station = _hosted(server, tmp_path, "perception.target.text=a zebra")
+        with pytest.raises(CycleFailure, match="zebra") as failure:
+            detect(look([BAR]), station, open_models(station, {"OPENAI_API_KEY": "x"}), unsaid)
+    assert failure.value.failure is Code.NO_OBJECT
+
+
+def test_the_embedded_model_understands_no_words(look: Look) -> None:
+    with pytest.raises(CycleFailure, match="no words"):
+        _detect(look([BAR]), "perception.target.text=the bar")
+
+
+# --- its outline -----------------------------------------------------------------------------------------------------
+
+
+def _mask(look: Look, boxes: list[Box]) -> np.ndarray:
+    observation = look(boxes)
+    return segment(register(observation.frame), observation.view.base_from_color, _station())[0].object_mask
+
+
+def test_a_hole_that_only_depth_leaves_is_closed(look: Look) -> None:
+    shiny = Box((290, 330), (230, 270), None, (250, 250, 250))
+    assert _mask(look, [PLATE, shiny])[250, 310]
+
+
+def test_a_hole_with_the_table_in_it_is_a_hole(look: Look) -> None:
+    assert not _mask(look, [PLATE, Box((270, 370), (205, 305), 0.0, (165, 165, 165))])[250, 320]
+
+
+def test_the_rim_follows_the_colour_where_depth_is_ragged(look: Look) -> None:
+    ragged = [Box((column, column + 2), (122, 126), 0.0, (165, 165, 165)) for column in range(80, 180, 4)]
+    lost = [box._replace(rgb=BAR.rgb, rows=(122, 124)) for box in ragged]
+    mask, truth = _mask(look, [BAR, *ragged, *lost]), np.zeros((360, 480), bool)
+    truth[100:124, 80:180] = True
+    assert (mask & truth).sum() / (mask | truth).sum() > 0.96
+
+
+def test_without_depth_colour_finds_the_object(look: Look) -> None:
+    bar = BAR._replace(columns=(190, 290), rows=(170, 194))
+    mask, truth = segment_by_color(look([bar]).frame.color), np.zeros((360, 480), bool)
+    truth[170:194, 190:290] = True
+    assert (mask & truth).sum() / (mask | truth).sum() > 0.95
+    with pytest.raises(CycleFailure) as failure:
+        segment_by_color(look([]).frame.color)
+    assert failure.value.failure is Code.NO_OBJECT
+
+
+def test_rod_and_background_take_colours_the_object_has_not() -> None:
+    magenta_and_white = np.array([[255, 0, 200], [250, 250, 250]] * 50, np.uint8)
+    assert free_rod_color(magenta_and_white).name != "magenta"
+    assert free_background(magenta_and_white) != (255, 255, 255)
+
+
+# --- which grasp -----------------------------------------------------------------------------------------------------
+
+
+def test_the_bar_is_taken_across_and_every_term_is_named(look: Look) -> None:
+    best = _detect(look([BAR])).grasps[0]
+    assert abs(best.base_from_tcp[1, 1]) > 0.99, "closing along base y, across the bar"
+    assert best.width_m == pytest.approx(24 * 0.57 / 450, abs=0.005)
+    assert set(best.terms) >= {"flat", "solid", "central", "robust", "consistent"}
+    assert all(0 <= value <= 1 for value in best.terms.values()) and 0 <= best.score <= 1
+
+
+def test_a_tilted_approach_turns_about_the_rod(look: Look) -> None:
+    observation = look([BAR])
+    scene = segment(register(observation.frame), observation.view.base_from_color, _station())[0]
+    ends = np.array([[0.32, 0.075, 0.015], [0.32, 0.12, 0.015]])
+    base_from_level = _tilted(ends, np.deg2rad(20))
+    grasps = _approach(ends, 0, base_from_level, height_map(scene, inverse(base_from_level)), _station())
+    assert grasps
+    for grasp in grasps:
+        rotation = grasp.base_from_tcp[:3, :3]
+        assert np.degrees(np.arccos(-rotation[2, 2])) == pytest.approx(20, abs=0.1)
+        assert np.linalg.det(rotation) == pytest.approx(1) and abs(rotation[2, 1]) < 0.1, "the axis stays level"
+
+
+def test_the_best_of_several_proposals_is_kept_and_their_agreement_told(look: Look) -> None:
+    replies: list[ModelReply] = []
+    station = _station("perception.imagine.samples=3")
+    found = detect(look([BAR]), station, open_models(station, {}), replies.append)
+    assert [reply.sample for reply in replies if reply.step == "reason"] == [0, 1, 2]
+    assert 0 <= found.evidence.sample < 3 and 1 / 3 <= found.evidence.agreement <= 1
+
+
+def test_one_good_proposal_is_enough(look: Look, tmp_path: Path) -> None:
+    with ModelServer(paint, say=say, faults=[Fault.REFUSAL], faults_for="image") as server:
+        station = _hosted(server, tmp_path, "perception.imagine.samples=2")
+        found = detect(look([BAR]), station, open_models(station, {"OPENAI_API_KEY": "x"}), unsaid)
+    assert found.evidence.sample == 1 and found.evidence.agreement == 0.5
+
+
+def test_a_crop_lifts_to_the_same_points(look: Look) -> None:
+    observation = look([BAR])
+    rgbd = register(observation.frame)
+    scene = segment(rgbd, observation.view.base_from_color, _station())[0]
+    crop = Crop.around(scene.object_mask, 30)
+    part = segment(crop.rgbd(rgbd), observation.view.base_from_color, _station())[0]
+    np.testing.assert_allclose(part.points_base[40, 40], scene.points_base[crop.top + 40, crop.left + 40], atol=1e-6)
+    np.testing.assert_array_equal(crop.back(crop.of(scene.object_mask), np.zeros((360, 480), bool)), scene.object_mask)
+
+
+# --- a stop ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_stop_does_not_wait_for_a_model_that_hangs(look: Look, tmp_path: Path) -> None:
+    halted, said = threading.Event(), list[ModelReply]()
+    with ModelServer(paint, say=say, faults=[Fault.HANG]) as server:
+        station = _hosted(server, tmp_path, "perception.hosted.deadline_s=60", "perception.hosted.attempts=1")
+        models = open_models(station, {"OPENAI_API_KEY": "x"})
+        threading.Timer(0.3, halted.set).start()
+        with pytest.raises(CycleFailure) as failure:
+            detect_unless_halted(look([BAR]), station, models, said.append, halted.is_set)
+    assert failure.value.failure is Code.STOPPED and not said
