@@ -18,10 +18,11 @@ import numpy as np
 
 from benchmarks.detection import SETTINGS, observations
 from bus.errors import CycleFailure
-from bus.messages import Detections, ModelReply, Observation
+from bus.messages import ModelReply, Observation, Rectangle
 from config.load import load_station
+from config.schema import Station
 from perception.detector import detect
-from perception.models import open_models
+from perception.models import Models, open_models
 from perception.rectangles.metric import matches
 from tests.stand_ins import drift
 from tests.stand_ins.drift import Drift
@@ -62,7 +63,8 @@ def _steps(
     return figures
 
 
-Answer = tuple[Detections | None, list[ModelReply], str]
+Answer = tuple[Rectangle | None, list[ModelReply], str]
+"""The best grasp's rectangle, what was said (without the pictures), and the code of a failure."""
 
 
 def _answers(seen: list[tuple[str, Observation]], preset: Drifts, provider: str, steps: int) -> list[Answer]:
@@ -81,20 +83,25 @@ def _answers(seen: list[tuple[str, Observation]], preset: Drifts, provider: str,
             ],
         )
         models = open_models(station, {"OPENAI_API_KEY": "none", "GEMINI_API_KEY": "none"})
-        answers: list[Answer] = []
-        for _, observation in seen:
-            replies: list[ModelReply] = []
-            try:
-                answers.append((detect(observation, station, models, replies.append), replies, ""))
-            except CycleFailure as failure:
-                answers.append((None, replies, str(failure.failure)))
-        return answers
+        return [_answer(observation, station, models) for _, observation in seen]
 
 
-def _same(before: Detections | None, after: Detections | None, name: str) -> bool:
-    if before is None or after is None:
+def _answer(observation: Observation, station: Station, models: Models) -> Answer:
+    replies: list[ModelReply] = []
+
+    def keep(reply: ModelReply) -> None:
+        replies.append(reply.model_copy(update={"image_png": None}))
+
+    try:
+        found = detect(observation, station, models, keep)
+    except CycleFailure as failure:
+        return None, replies, str(failure.failure)
+    return found.rectangles[found.grasps[0].rectangle], replies, ""
+
+
+def _same(one: Rectangle | None, other: Rectangle | None, name: str) -> bool:
+    if one is None or other is None:
         return False
-    one, other = (found.rectangles[found.grasps[0].rectangle] for found in (before, after))
     turns = [0.0, np.pi / 2] if name in _SQUARE else [one.angle_rad - other.angle_rad if name in _ROUND else 0.0]
     alike = [other.model_copy(update={"angle_rad": (other.angle_rad + turn) % np.pi}) for turn in turns]
     return any(matches(like, one) for like in alike)

@@ -26,7 +26,7 @@ _MIN_CONTACT_M = 0.003
 _MIN_SLACK_M = 0.004
 
 _SLICES = (0.35, 0.6, 0.85)
-_CONTOUR_POINTS = 140
+_CONTOUR_POINTS = 220
 _CANDIDATES = 80
 _FRICTION_COS = float(np.cos(np.arctan(0.5)))
 _STEP_M = 0.001
@@ -229,7 +229,7 @@ def _contour_pairs(heights: HeightMap, share: float, hand: HandSettings) -> tupl
     smooth = ndimage.gaussian_filter(solid.astype(float), 1.5)
     rim = solid & ~ndimage.binary_erosion(solid)
     rows, columns = np.nonzero(rim)
-    keep = slice(None, None, max(1, len(rows) // _CONTOUR_POINTS))
+    keep = slice(None, None, max(1, -(-len(rows) // _CONTOUR_POINTS)))
     rows, columns = rows[keep], columns[keep]
     gradient = np.stack(np.gradient(smooth)[::-1], axis=-1)[rows, columns]  # (x, y), towards the material
     inward = gradient / np.maximum(np.linalg.norm(gradient, axis=1, keepdims=True), 1e-9)

@@ -63,19 +63,20 @@ def height_map(scene: Scene, level_from_base: Transform | None = None) -> Height
     """
     used = np.isfinite(scene.height_m)
     ours = scene.object_mask[used]
-    points = np.concatenate([scene.points_base[used][:, :2], scene.height_m[used][:, None]], axis=1).astype(float)
+    points = np.stack([scene.points_base[..., 0][used], scene.points_base[..., 1][used], scene.height_m[used]])
     if level_from_base is not None:
-        points = transform(level_from_base, points)
-    low, high = points[ours, :2].min(axis=0) - MARGIN_M, points[ours, :2].max(axis=0) + MARGIN_M
+        points = transform(level_from_base, points.T.astype(float)).T.astype(np.float32)
+    low, high = points[:2, ours].min(axis=1) - MARGIN_M, points[:2, ours].max(axis=1) + MARGIN_M
+    low = low.astype(float)
     nx, ny = np.ceil((high - low) / CELL_M).astype(int) + 1
-    near = ((points[:, :2] > low) & (points[:, :2] < high)).all(axis=1)
-    points, ours = points[near], ours[near]
-    cell = np.rint((points[:, :2] - low) / CELL_M).astype(int)
-    flat = cell[:, 1] * nx + cell[:, 0]
+    column = np.rint((points[0] - low[0]) * (1 / CELL_M)).astype(np.int32)
+    row = np.rint((points[1] - low[1]) * (1 / CELL_M)).astype(np.int32)
+    near = (column >= 0) & (column < nx) & (row >= 0) & (row < ny)
+    flat = row[near] * nx + column[near]
     grid = np.full(nx * ny, -np.inf)
-    np.maximum.at(grid, flat, points[:, 2])
+    np.maximum.at(grid, flat, points[2, near].astype(float))
     belongs = np.zeros(nx * ny, dtype=bool)
-    belongs[flat[ours]] = True
+    belongs[flat[ours[near]]] = True
     grid, belongs = grid.reshape(ny, nx), belongs.reshape(ny, nx)
     unseen = np.isinf(grid)
     nearest = ndimage.distance_transform_edt(unseen, return_distances=False, return_indices=True)

@@ -136,7 +136,7 @@ def _bridged(mask: Mask, seen: Mask, color: npt.NDArray[np.uint8]) -> Mask:
     """The mask with what its parts embrace and what is not the table: without depth, or of another colour."""
     reach = int(_EMBRACED * max(mask.shape)) | 1
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach))
-    framed = cv2.copyMakeBorder(mask.astype(np.uint8), *(4 * [reach]), cv2.BORDER_CONSTANT, value=0)
+    framed = np.pad(mask.astype(np.uint8), reach)
     embraced = cv2.morphologyEx(framed, cv2.MORPH_CLOSE, kernel)[reach:-reach, reach:-reach] > 0
     beside = ~(cv2.dilate(embraced.astype(np.uint8), _DISK) > 0)
     if beside.sum() < _MIN_AREA_PX:

@@ -1,0 +1,161 @@
+"""The tensor contract of grasp networks, by small models made here: what goes in, what the four maps mean."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from bus.errors import ConfigError
+from bus.messages import Rectangle
+from perception.rectangles.metric import matches
+from perception.rectangles.network import GraspNetwork
+
+onnx = pytest.importorskip("onnx", reason="needs onnx: uv pip install 'vlad-cell[dev]'")
+pytest.importorskip("onnxruntime", reason="needs onnxruntime: uv pip install 'vlad-cell[onnx]'")
+
+SIZE = 64
+SOBEL = np.array([[-1, 0, 1], [-2, 0, 2], [-1, 0, 1]], np.float32)
+FLOAT = onnx.TensorProto.FLOAT
+MAPS = ("quality", "cos2", "sin2", "wide")
+
+Node = Any
+
+
+def _node(kind: str, inputs: str, output: str, **attributes: Any) -> Node:
+    return onnx.helper.make_node(kind, inputs.split(), [output], **attributes)
+
+
+def _save(path: Path, channels: int, nodes: list[Node], constants: dict[str, np.ndarray]) -> Path:
+    """A network of these nodes, from ``image`` to `MAPS`."""
+    graph = onnx.helper.make_graph(
+        nodes,
+        "grasp",
+        [onnx.helper.make_tensor_value_info("image", FLOAT, [1, channels, SIZE, SIZE])],
+        [onnx.helper.make_tensor_value_info(name, FLOAT, [1, 1, SIZE, SIZE]) for name in MAPS],
+        [onnx.numpy_helper.from_array(value, name) for name, value in constants.items()],
+    )
+    onnx.save(onnx.helper.make_model(graph, opset_imports=[onnx.helper.make_opsetid("", 13)], ir_version=9), str(path))
+    return path
+
+
+def _one_plane(path: Path, channels: int, plane: int) -> GraspNetwork:
+    """Quality and width are one of the planes as it came in; the angle is 0."""
+    nodes = [
+        _node("Slice", "image first last axis", "quality"),
+        _node("Mul", "quality zero", "sin2"),
+        _node("Add", "sin2 one", "cos2"),
+        _node("Identity", "quality", "wide"),
+    ]
+    whole = {"first": plane, "last": plane + 1, "axis": 1}
+    constants = {name: np.array([value], np.int64) for name, value in whole.items()}
+    constants |= {"zero": np.zeros((), np.float32), "one": np.ones((), np.float32)}
+    return GraspNetwork(_save(path, channels, nodes, constants))
+
+
+def _gradients(path: Path) -> GraspNetwork:
+    """A grasp network without training: near is good, the jaw closes along the depth's gradient."""
+    mean = {"kernel_shape": [15, 15], "pads": [7, 7, 7, 7]}
+    edge = {"kernel_shape": [3, 3], "pads": [1, 1, 1, 1]}
+    nodes = [
+        _node("Neg", "image", "near"),
+        _node("AveragePool", "near", "quality", **mean),
+        _node("Conv", "image sobel_u", "along_u", **edge),
+        _node("Conv", "image sobel_v", "along_v", **edge),
+        _node("Mul", "along_u along_u", "uu"),
+        _node("Mul", "along_v along_v", "vv"),
+        _node("Sub", "uu vv", "twice_cos"),
+        _node("AveragePool", "twice_cos", "cos2", **mean),
+        _node("Mul", "along_u along_v", "uv"),
+        _node("Mul", "uv minus_two", "twice_sin"),
+        _node("AveragePool", "twice_sin", "sin2", **mean),
+        _node("Mul", "near zero", "nothing"),
+        _node("Add", "nothing width", "wide"),
+    ]
+    scalars = {"minus_two": -2.0, "zero": 0.0, "width": 18 / 150}
+    constants = {name: np.array(value, np.float32) for name, value in scalars.items()}
+    constants |= {"sobel_u": SOBEL[None, None], "sobel_v": np.ascontiguousarray(SOBEL.T)[None, None]}
+    return GraspNetwork(_save(path, 1, nodes, constants))
+
+
+def _scene() -> tuple[np.ndarray, np.ndarray]:
+    """128 x 192: a far spot, a red, a green and a blue one, each in its own place."""
+    color, depth_m = np.full((128, 192, 3), 40, np.uint8), np.full((128, 192), 1.0, np.float32)
+    depth_m[20:32, 60:72] = 1.5
+    color[20:32, 120:132, 0] = 240
+    color[96:108, 60:72, 1] = 240
+    color[96:108, 120:132, 2] = 240
+    return color, depth_m
+
+
+DEPTH, RED, GREEN, BLUE = (65.5, 25.5), (125.5, 25.5), (65.5, 101.5), (125.5, 101.5)
+
+
+@pytest.mark.parametrize(
+    ("channels", "plane", "spot"),
+    [(1, 0, DEPTH), (3, 0, RED), (3, 1, GREEN), (3, 2, BLUE), (4, 0, DEPTH), (4, 1, RED), (4, 2, GREEN), (4, 3, BLUE)],
+)
+def test_depth_comes_first_then_red_green_blue(
+    channels: int, plane: int, spot: tuple[float, float], tmp_path: Path
+) -> None:
+    found = _one_plane(tmp_path / "n.onnx", channels, plane).detect(*_scene())
+    np.testing.assert_allclose(found.center_px, spot, atol=2)
+
+
+def test_color_is_a_share_less_its_mean(tmp_path: Path) -> None:
+    color = np.zeros((SIZE, SIZE, 3), np.uint8)
+    color[:, :, 0] = 255
+    found = _one_plane(tmp_path / "n.onnx", 3, 0).detect(color, None)
+    assert found.width_px == pytest.approx(150 * 2 / 3, rel=1e-5), "a width of 1 is 150 px; red is 1 - 1/3"
+
+
+def test_depth_is_clipped_to_a_metre_about_its_mean(tmp_path: Path) -> None:
+    depth_m = np.full((SIZE, SIZE), 1.0, np.float32)
+    depth_m[30:34, 30:34] = 9.0
+    found = _one_plane(tmp_path / "n.onnx", 1, 0).detect(np.zeros((SIZE, SIZE, 3), np.uint8), depth_m)
+    assert found.width_px == pytest.approx(150) and found.height_px == pytest.approx(75)
+
+
+@pytest.mark.parametrize("shape", [(128, 256), (256, 128)])
+def test_the_middle_square_is_looked_at_at_the_network_s_size(shape: tuple[int, int], tmp_path: Path) -> None:
+    depth_m = np.full(shape, 1.0, np.float32)
+    depth_m[:8], depth_m[:, :8] = 2.0, 2.0
+    middle = (shape[1] / 2 + 20, shape[0] / 2 - 12)
+    cv2.circle(depth_m, (round(middle[0]), round(middle[1])), 8, 4.0, -1)
+    found = _one_plane(tmp_path / "n.onnx", 1, 0).detect(np.zeros((*shape, 3), np.uint8), depth_m)
+    np.testing.assert_allclose(found.center_px, middle, atol=2)
+    assert found.width_px == pytest.approx(2 * 150), "widths scale with the crop"
+
+
+@pytest.mark.parametrize("angle_deg", range(0, 180, 15))
+def test_the_jaw_closes_across_a_bar_however_it_lies(angle_deg: int, tmp_path: Path) -> None:
+    """Cos and sin of twice the counter-clockwise angle: the whole way from depth to a rectangle that counts."""
+    depth_m = np.full((128, 192), 1.0, np.float32)
+    truth = Rectangle(center_px=(100.0, 60.0), angle_rad=np.deg2rad(angle_deg), width_px=36, height_px=20)
+    bar = cv2.boxPoints((truth.center_px, (20, 70), float(angle_deg)))
+    cv2.fillPoly(depth_m, [np.rint(bar).astype(np.int32)], 0.9)
+    found = _gradients(tmp_path / "n.onnx").detect(np.zeros((128, 192, 3), np.uint8), depth_m)
+    apart_deg = (np.degrees(found.angle_rad) - angle_deg + 90) % 180 - 90
+    assert abs(apart_deg) < 5 and 0 <= found.angle_rad < np.pi
+    along = np.array([-np.sin(truth.angle_rad), np.cos(truth.angle_rad)])
+    slid = np.array(truth.center_px) + along * ((np.array(found.center_px) - truth.center_px) @ along)
+    assert matches(found, truth.model_copy(update={"center_px": tuple(slid.tolist())})), "anywhere along the bar"
+    assert np.linalg.norm(slid - truth.center_px) < 25
+
+
+def test_holes_in_the_depth_are_no_grasps(tmp_path: Path) -> None:
+    color, depth_m = _scene()
+    depth_m[60:70, 90:100] = np.nan
+    found = _one_plane(tmp_path / "n.onnx", 4, 0).detect(color, depth_m)
+    assert np.isfinite(found.width_px) and np.allclose(found.center_px, DEPTH, atol=2)
+
+
+def test_a_damaged_file_is_refused(tmp_path: Path) -> None:
+    _one_plane(tmp_path / "n.onnx", 1, 0)
+    whole = (tmp_path / "n.onnx").read_bytes()
+    (tmp_path / "half.onnx").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(ConfigError, match=r"half\.onnx"):
+        GraspNetwork(tmp_path / "half.onnx")
