@@ -14,6 +14,7 @@ from config.schema import Station
 from perception import antipodal
 from perception.heightmap import height_map
 from perception.imagine import Conversation
+from perception.models.sam import Sam
 from perception.prompts import prompt
 from perception.segment import Mask, Scene
 
@@ -22,9 +23,17 @@ _NEAR_PX = 40.0
 _PIXEL = re.compile(r"(\d+)\D+(\d+)")
 
 
-def choose(scenes: Sequence[Scene], color: npt.NDArray[np.uint8], talk: Conversation, station: Station) -> Scene:
-    """The scene of the target. Raises: CycleFailure(NO_OBJECT) when none is meant; as the model, when it is asked."""
+def choose(
+    scenes: Sequence[Scene], color: npt.NDArray[np.uint8], talk: Conversation, station: Station, sam: Sam | None = None
+) -> Scene:
+    """The scene of the target. Raises: CycleFailure(NO_OBJECT) when none is meant; as the model, when it is asked.
+
+    Args:
+        sam: finds what is named in words, if it reads any; else the goal-image model points at it.
+    """
     target = station.perception.target
+    if target.text is not None and sam is not None and sam.reads_text:
+        return _most_covered(scenes, sam.by_text(color, target.text), target.text)
     if target.text is not None:
         return at_pixel(scenes, _pointed_at(target.text, color, talk, station))
     if target.pixel is not None:
@@ -46,6 +55,13 @@ def at_pixel(scenes: Sequence[Scene], pixel: tuple[float, float]) -> Scene:
             f"{distances[nearest]:.0f} px away.",
         )
     return scenes[nearest]
+
+
+def _most_covered(scenes: Sequence[Scene], mask: Mask, text: str) -> Scene:
+    shared = [int((scene.object_mask & mask).sum()) for scene in scenes]
+    if max(shared) == 0:
+        raise CycleFailure(Code.NO_OBJECT, f"What SAM takes for {text!r} is no object in the pick region.")
+    return scenes[int(np.argmax(shared))]
 
 
 def _pointed_at(text: str, color: npt.NDArray[np.uint8], talk: Conversation, station: Station) -> tuple[float, float]:

@@ -21,6 +21,7 @@ BACKBONE = {
 
 @pytest.fixture(scope="module")
 def weights(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """A model that believes in about 60 degrees, and in different depths for different pixels."""
     reason = "the extra vlad-cell[models] is not installed"
     torch, _, hf = (pytest.importorskip(name, reason=reason) for name in ("torch", "torchvision", "transformers"))
     torch.manual_seed(0)
@@ -31,7 +32,10 @@ def weights(tmp_path_factory: pytest.TempPathFactory) -> str:
         fov_model_config=BACKBONE, use_fov_model=True, num_fov_head_layers=1,
     )  # fmt: skip
     folder = tmp_path_factory.mktemp("depth_pro")
-    hf.DepthProForDepthEstimation(config).save_pretrained(folder)
+    model = hf.DepthProForDepthEstimation(config)
+    model.head.layers[-2].bias.data.fill_(0.5)
+    model.fov_model.head.layers[-1].bias.data.fill_(60.0)
+    model.save_pretrained(folder)
     hf.DepthProImageProcessor(size={"height": 2 * PATCH, "width": 2 * PATCH}).save_pretrained(folder)
     return str(folder)
 
@@ -42,8 +46,9 @@ def test_depth_is_a_positive_finite_image_of_the_same_size(weights: str) -> None
     assert depth_m.dtype == np.float32
     assert np.isfinite(depth_m).all()
     assert (depth_m > 0).all()
+    assert depth_m.std() > 0
     assert isinstance(focal_px, float)
-    assert np.isfinite(focal_px)
+    assert 50 < focal_px < 100
 
 
 @pytest.mark.parametrize("factor", [0.5, 1.0, 2.0])
