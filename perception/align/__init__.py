@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from importlib.util import find_spec
 
 from bus.codes import Code
 from bus.errors import CycleFailure
@@ -12,12 +13,14 @@ from perception.align.base import Fit, Shape, residuals
 from perception.align.icp import icp
 from perception.align.pca import pca_cfopt, pca_cfopt_printed
 from perception.align.silhouette_3d import silhouette_3d
+from perception.align.teaser import PACKAGE, teaser
 
 _METHODS: dict[str, Callable[[Shape, Shape], Fit]] = {
     "silhouette_3d": silhouette_3d,
     "pca_cfopt": pca_cfopt,
     "pca_cfopt_printed": pca_cfopt_printed,
     "icp": icp,
+    "teaser": teaser,
 }
 
 
@@ -38,4 +41,5 @@ def align(method: str, goal: Shape, observed: Shape, *, max_residual: float = fl
     return Alignment(method=method, **fit._asdict(), **judged._asdict(), took_s=time.perf_counter() - began_s)
 
 
-ALIGNERS = tuple(_METHODS)
+ALIGNERS = tuple(name for name in _METHODS if name != "teaser" or find_spec(PACKAGE) is not None)
+"""Those that can be used here."""

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
+
 import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from bus.codes import Code
-from bus.errors import CycleFailure
+from bus.errors import ConfigError, CycleFailure
 from bus.messages import CameraModel
 from perception.align import ALIGNERS, align
-from perception.align.base import Shape
+from perception.align.base import Shape, few
 from perception.align.silhouette import outline
+from perception.align.teaser import PACKAGE, correspondences
 from perception.lift import transform
 
 CAMERA = CameraModel(width=320, height=240, fx=300.0, fy=300.0, cx=160.0, cy=120.0)
@@ -98,3 +102,17 @@ def test_a_goal_without_object_is_model_drift() -> None:
 def test_the_outline_closes_the_band_that_the_rod_hides() -> None:
     closed, whole = outline(_shape(rod=True)), _shape().mask
     assert (closed & whole).sum() / (closed | whole).sum() > 0.99
+
+
+def test_teaser_s_correspondences_are_blind_to_turns() -> None:
+    cloud = few(_shape().points, 200)
+    turn = Rotation.from_euler("xyz", [0.4, 0.2, 1.9]).as_matrix()
+    order = np.random.default_rng(0).permutation(len(cloud))
+    pairs = correspondences(cloud, (cloud @ turn.T)[order])
+    assert len(pairs) > 60 and (order[pairs[:, 1]] == pairs[:, 0]).mean() > 0.9
+
+
+@pytest.mark.skipif(find_spec(PACKAGE) is not None, reason="TEASER++ is installed here")
+def test_without_teaser_the_error_says_what_to_do() -> None:
+    with pytest.raises(ConfigError, match="Build MIT-SPARK"):
+        align("teaser", _shape(), _shape())

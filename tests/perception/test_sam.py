@@ -192,6 +192,13 @@ def test_a_torn_configuration_is_a_clear_error(weights: Callable[[str], str], tm
         Sam(str(tmp_path))
 
 
+@pytest.mark.usefixtures("weights")
+def test_weights_of_another_kind_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "config.json").write_text('{"model_type": "dinov2"}')
+    with pytest.raises(ConfigError, match="'dinov2' model"):
+        Sam(str(tmp_path))
+
+
 @pytest.mark.parametrize("package", ["torch", "transformers"])
 def test_a_missing_package_is_named_with_its_cure(package: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(

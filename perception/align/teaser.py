@@ -1,0 +1,77 @@
+"""TEASER++ (Yang et al. 2020), for whoever has it installed: there is no wheel of it, so it is never a dependency.
+
+It needs correspondences; they are made of distance histograms, which neither turns nor shifts change. Sizes are made
+equal first and its own scale stays off: a degenerate one ends the process with an assertion.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
+
+from bus.codes import Code
+from bus.errors import ConfigError, CycleFailure
+from perception.align.base import Array, Fit, Shape, affine, few, rms_radius_m
+
+PACKAGE = "teaserpp_python"
+_POINTS = 300
+_BINS = 24
+_FARTHEST = 3.0
+"""Of the histogram, in rms radii."""
+_NOISE = 0.08
+"""Bound of a correspondence's error, in rms radii."""
+_MIN_PAIRS = 10
+
+
+def teaser(goal: Shape, observed: Shape) -> Fit:
+    """Raises: ConfigError when it is not installed; CycleFailure(MODEL_DRIFT) when too little corresponds."""
+    if find_spec(PACKAGE) is None:
+        raise ConfigError(
+            "The alignment 'teaser' needs TEASER++.",
+            "Build MIT-SPARK/TEASER-plusplus with its Python bindings, or choose another: perception.align.",
+        )
+    goal_center, observed_center = goal.points.mean(axis=0), observed.points.mean(axis=0)
+    goal_m, observed_m = rms_radius_m(goal.points), rms_radius_m(observed.points)
+    ours = few((goal.points - goal_center) / goal_m, _POINTS)
+    theirs = few((observed.points - observed_center) / observed_m, _POINTS)
+    pairs = correspondences(ours, theirs)
+    if len(pairs) < _MIN_PAIRS:
+        raise CycleFailure(
+            Code.MODEL_DRIFT, f"Only {len(pairs)} points of the imagined object correspond to observed ones."
+        )
+    rotation, shift = _solve(ours[pairs[:, 0]], theirs[pairs[:, 1]])
+    scale = observed_m / goal_m
+    matrix = scale * rotation
+    return Fit(affine(matrix, observed_center + observed_m * shift - matrix @ goal_center), scale, 1)
+
+
+def correspondences(goal: Array, observed: Array) -> npt.NDArray[np.int64]:
+    """(k, 2) indices of points whose histograms of distances to their own cloud are each other's nearest."""
+    ours, theirs = _histograms(goal), _histograms(observed)
+    forth, back = cKDTree(theirs).query(ours)[1], cKDTree(ours).query(theirs)[1]
+    mutual = np.flatnonzero(back[forth] == np.arange(len(ours)))
+    return np.stack([mutual, forth[mutual]], axis=1)
+
+
+def _histograms(cloud: Array) -> Array:
+    """(n, bins) smoothed shares of a cloud's points by their distance from each of them."""
+    apart = np.linalg.norm(cloud[:, None] - cloud[None], axis=2)
+    edges = np.linspace(0, _FARTHEST, _BINS + 1)
+    return np.stack([np.cumsum(np.histogram(row, edges)[0]) / len(cloud) for row in apart])
+
+
+def _solve(goal: Array, observed: Array) -> tuple[Array, Array]:
+    """Rotation (3, 3) and shift (3,) of corresponding points (k, 3)."""
+    package: Any = import_module(PACKAGE)
+    params = package.RobustRegistrationSolver.Params()
+    params.cbar2, params.noise_bound, params.estimate_scaling = 1.0, _NOISE, False
+    params.rotation_gnc_factor, params.rotation_max_iterations, params.rotation_cost_threshold = 1.4, 100, 1e-12
+    solver = package.RobustRegistrationSolver(params)
+    solver.solve(goal.T, observed.T)
+    found = solver.getSolution()
+    return np.asarray(found.rotation), np.asarray(found.translation).ravel()
