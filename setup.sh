@@ -45,7 +45,7 @@ fi
 stamp=.venv/.installed
 wanted="$(cat requirements.lock pyproject.toml setup.sh | sha256sum | cut -d' ' -f1)"
 if [ "$(cat "$stamp" 2>/dev/null || true)" != "$wanted" ]; then
-    say "installing the Python packages of requirements.lock into .venv (1.3 GB on disk; a minute or two)"
+    say "installing the Python packages of requirements.lock into .venv (1.5 GB on disk; a minute or two)"
     quiet=--quiet
     [ ! -t 2 ] || quiet="" # a terminal gets uv's progress bars
     uv pip sync $quiet --compile-bytecode --python .venv --require-hashes requirements.lock
