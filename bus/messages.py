@@ -142,7 +142,7 @@ class Grasp(Message):
     Attributes:
         base_from_tcp: tcp z = approach direction, tcp y = closing axis, origin between the pads.
         width_m: object width between the pads; ``opening_m``: hand width to approach with.
-        score: higher is better; the weighted sum of ``terms``, each named and between 0 and 1.
+        score: higher is better; the weighted mean of ``terms``, each named and between 0 and 1.
         rectangle: index of the rectangle it came from.
         imagined_base_from_tcp: the same grasp exactly where the carried rod put it, before the snap to the surface.
     """

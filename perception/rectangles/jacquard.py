@@ -15,10 +15,14 @@ from bus.errors import ConfigError
 from bus.messages import Rectangle
 from perception.rectangles.sample import Sample, read_color, read_depth, read_image, require_folder
 
+_DEPTHS = ("perfect_depth", "stereo_depth")
+
 
 def read_jacquard(root: Path, depth: str = "perfect_depth") -> Iterator[Sample]:
     """Every view below ``root``; ``depth``: ``perfect_depth`` or ``stereo_depth``. Raises: ConfigError."""
     require_folder(root)
+    if depth not in _DEPTHS:
+        raise ConfigError(f"Jacquard has no depth {depth!r}.", f"There are: {', '.join(_DEPTHS)}.")
     for picture in sorted(root.rglob("*_RGB.png")):
         stem = picture.name.removesuffix("_RGB.png")
         mask, deep = (picture.with_name(f"{stem}_{kind}") for kind in ("mask.png", f"{depth}.tiff"))
@@ -26,13 +30,13 @@ def read_jacquard(root: Path, depth: str = "perfect_depth") -> Iterator[Sample]:
             name=stem,
             color=read_color(picture),
             depth_m=read_depth(deep) if deep.exists() else None,
-            mask=_mask(mask) if mask.exists() else None,
+            mask=_mask(mask),
             truths=read_labels(picture.with_name(f"{stem}_grasps.txt")),
         )
 
 
 def read_labels(path: Path) -> tuple[Rectangle, ...]:
-    """The rectangles of one label file. Raises: ConfigError."""
+    """The rectangles of one label file; rows with a NaN are left out. Raises: ConfigError."""
     try:
         rows = [[float(word) for word in line.split(";")] for line in path.read_text().splitlines() if line.strip()]
     except (OSError, ValueError) as error:
@@ -44,6 +48,7 @@ def read_labels(path: Path) -> tuple[Rectangle, ...]:
             center_px=(x, y), angle_rad=float(np.deg2rad(theta_deg) % np.pi), width_px=opening_px, height_px=jaw_px
         )
         for x, y, theta_deg, opening_px, jaw_px in rows
+        if np.isfinite((x, y, theta_deg, opening_px, jaw_px)).all()
     )
 
 

@@ -25,10 +25,12 @@ def corners(rectangle: Rectangle) -> Corners:
 
 
 def iou(one: Rectangle, other: Rectangle) -> float:
-    """Intersection over union of the areas, 0 to 1."""
+    """Intersection over union of the areas, 0 to 1; a rectangle without area overlaps nothing."""
+    if min(one.width_px, one.height_px, other.width_px, other.height_px) <= 0:
+        return 0.0
     shared = _area(_clipped(corners(one), corners(other)))
     union = one.width_px * one.height_px + other.width_px * other.height_px - shared
-    return float(np.clip(shared / union, 0, 1)) if union > 0 else 0.0
+    return float(np.clip(shared / union, 0, 1))
 
 
 def _clipped(polygon: Corners, by: Corners) -> Corners:

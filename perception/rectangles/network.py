@@ -18,6 +18,8 @@ _WIDTH_PX = 150.0
 """What a width map of 1 means, in the network's own pixels (Morrison et al. 2018, Kumra et al. 2020)."""
 _HEIGHT_SHARE = 0.5
 _SMOOTHING_PX = 2.0
+_NEEDED = "Needed: (1, 1|3|4, S, S) float32 -> four maps (1, 1, S, S)."
+_REFUSALS = ("Fail", "InvalidArgument", "InvalidGraph", "NoSuchFile", "NotImplemented", "RuntimeException")
 _CHANNELS = {1: "depth", 3: "colour", 4: "depth and colour"}
 
 Array = npt.NDArray[np.float32]
@@ -43,29 +45,39 @@ class GraspNetwork:
         runtime: Any = import_module("onnxruntime")
         if not path.is_file():
             raise ConfigError(f"There is no network {path}.", "Name an .onnx file.")
+        states = runtime.capi.onnxruntime_pybind11_state
+        refusals = tuple(getattr(states, name) for name in _REFUSALS)
         options = runtime.SessionOptions()
         options.intra_op_num_threads = 1
         try:
-            self._session = runtime.InferenceSession(path.read_bytes(), options, providers=["CPUExecutionProvider"])
-        except runtime.capi.onnxruntime_pybind11_state.Fail as error:
-            raise ConfigError(f"{path} is no network that onnxruntime can run ({error}).") from error
-        except runtime.capi.onnxruntime_pybind11_state.InvalidProtobuf as error:
+            self._session = runtime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+            self._input, self.channels, self.size_px = self._tensors(path)
+            self._try_out(path)
+        except states.InvalidProtobuf as error:
             raise ConfigError(f"{path} is no ONNX file.") from error
-        self._input, self.channels, self.size_px = self._tensors(path)
+        except refusals as error:
+            raise ConfigError(f"{path} is no network that onnxruntime can run ({error}).") from error
 
     def _tensors(self, path: Path) -> tuple[str, int, int]:
         inputs, outputs = self._session.get_inputs(), self._session.get_outputs()
-        shape = inputs[0].shape
-        fits = len(inputs) == 1 and len(outputs) == 4 and len(shape) == 4 and shape[1] in _CHANNELS
+        shape = inputs[0].shape if len(inputs) == 1 else []
+        fits = len(outputs) == 4 and len(shape) == 4 and shape[1] in _CHANNELS and inputs[0].type == "tensor(float)"
         if not fits or shape[2] != shape[3] or not isinstance(shape[2], int):
-            found = f"{[one.shape for one in inputs]} -> {[one.shape for one in outputs]}"
-            raise ConfigError(f"{path} has the tensors {found}.", "Needed: (1, 1|3|4, S, S) -> four maps (1, 1, S, S).")
+            found = f"{[(one.shape, one.type) for one in inputs]} -> {[one.shape for one in outputs]}"
+            raise ConfigError(f"{path} has the tensors {found}.", _NEEDED)
         return inputs[0].name, shape[1], shape[2]
+
+    def _try_out(self, path: Path) -> None:
+        """One run on nothing: the maps a network names may differ from those it gives."""
+        nothing = np.zeros((1, self.channels, self.size_px, self.size_px), dtype=np.float32)
+        shapes = [np.shape(one) for one in self._session.run(None, {self._input: nothing})]
+        if any(shape != (1, 1, self.size_px, self.size_px) for shape in shapes):
+            raise ConfigError(f"{path} gives maps of the shapes {shapes} for {nothing.shape}.", _NEEDED)
 
     def detect(self, color: npt.NDArray[np.uint8], depth_m: npt.NDArray[np.float32] | None) -> Rectangle:
         """The best grasp in the middle square of an image (H, W, 3). Raises: ConfigError when depth is needed."""
-        if self.channels != 3 and depth_m is None:
-            raise ConfigError(f"This network needs {_CHANNELS[self.channels]}; the image has no depth.")
+        if self.channels != 3 and (depth_m is None or depth_m.shape != color.shape[:2]):
+            raise ConfigError(f"This network needs {_CHANNELS[self.channels]}; the image has no depth of its own size.")
         side = min(color.shape[:2])
         top, left = (color.shape[0] - side) // 2, (color.shape[1] - side) // 2
         square = np.s_[top : top + side, left : left + side]
@@ -89,6 +101,8 @@ class GraspNetwork:
         size = (self.size_px, self.size_px)
         planes: list[Array] = []
         if depth_m is not None and self.channels != 3:
+            if not np.isfinite(depth_m).any():
+                raise ConfigError(f"This network needs {_CHANNELS[self.channels]}; every depth is unknown.")
             known = np.where(np.isfinite(depth_m), depth_m, np.nanmedian(depth_m)).astype(np.float32)
             small = np.asarray(cv2.resize(known, size, interpolation=cv2.INTER_AREA))
             planes.append(np.clip(small - small.mean(), -1, 1)[None])

@@ -30,17 +30,17 @@ class Sample:
     truths: tuple[Rectangle, ...]
 
 
-def read_image(path: Path) -> npt.NDArray[np.generic]:
-    """A picture or depth image as it is stored. Raises: ConfigError when it cannot be read."""
-    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+def read_image(path: Path, flags: int = cv2.IMREAD_UNCHANGED) -> npt.NDArray[np.generic]:
+    """A picture or depth image, by default as it is stored. Raises: ConfigError when it cannot be read."""
+    image = cv2.imread(str(path), flags)
     if image is None:
         raise ConfigError(f"Cannot read the image {path}.", "Is the dataset whole?")
     return np.asarray(image)
 
 
 def read_color(path: Path) -> npt.NDArray[np.uint8]:
-    """(H, W, 3) RGB."""
-    return np.ascontiguousarray(read_image(path)[..., 2::-1], dtype=np.uint8)
+    """(H, W, 3) RGB, of grey pictures too. Raises: ConfigError."""
+    return np.asarray(read_image(path, cv2.IMREAD_COLOR_RGB), dtype=np.uint8)
 
 
 def read_depth(path: Path) -> npt.NDArray[np.float32]:

@@ -159,3 +159,61 @@ def test_a_damaged_file_is_refused(tmp_path: Path) -> None:
     (tmp_path / "half.onnx").write_bytes(whole[: len(whole) // 2])
     with pytest.raises(ConfigError, match=r"half\.onnx"):
         GraspNetwork(tmp_path / "half.onnx")
+
+
+def _passing(path: Path, side: int, kind: int = FLOAT, step: Node | None = None, inputs: int = 1) -> Path:
+    """Four maps of this side: the input itself, or ``step`` of it."""
+    shape = [1, 1, SIZE, SIZE]
+    graph = onnx.helper.make_graph(
+        [step or _node("Identity", "image", "map"), *(_node("Identity", "map", name) for name in MAPS)],
+        "grasp",
+        [onnx.helper.make_tensor_value_info("image", kind, shape)] * inputs,
+        [onnx.helper.make_tensor_value_info(name, kind, [1, 1, side, side]) for name in MAPS],
+    )
+    onnx.save(onnx.helper.make_model(graph, opset_imports=[onnx.helper.make_opsetid("", 13)], ir_version=9), str(path))
+    return path
+
+
+HALF = _node("AveragePool", "image", "map", kernel_shape=[2, 2], strides=[2, 2])
+BLANK = _node("Constant", "", "map", value=onnx.numpy_helper.from_array(np.zeros((1, 1, SIZE, SIZE), np.float32)))
+
+
+@pytest.mark.parametrize(
+    ("made", "said"),
+    [
+        ({"side": SIZE // 2, "step": HALF}, "gives maps of the shapes"),
+        ({"side": SIZE, "kind": onnx.TensorProto.FLOAT16}, "float16"),
+        ({"side": SIZE, "step": BLANK, "inputs": 0}, "has the tensors"),
+        ({"side": SIZE, "step": _node("Identity", "missing", "map")}, "onnxruntime can run"),
+        ({"side": SIZE, "step": _node("NoSuchOperator", "image", "map")}, "onnxruntime can run"),
+    ],
+)
+def test_what_breaks_the_contract_is_refused_with_what_was_found(
+    made: dict[str, Any], said: str, tmp_path: Path
+) -> None:
+    with pytest.raises(ConfigError, match=said):
+        GraspNetwork(_passing(tmp_path / "n.onnx", **made))
+
+
+def test_an_empty_file_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "empty.onnx").touch()
+    with pytest.raises(ConfigError, match=r"empty\.onnx"):
+        GraspNetwork(tmp_path / "empty.onnx")
+
+
+def test_weights_may_lie_in_a_file_beside(tmp_path: Path) -> None:
+    """As PyTorch's exporter writes them by default."""
+    _gradients(tmp_path / "n.onnx")
+    beside = {"save_as_external_data": True, "location": "n.onnx.data", "size_threshold": 0}
+    onnx.save(onnx.load(tmp_path / "n.onnx"), str(tmp_path / "n.onnx"), **beside)
+    assert GraspNetwork(tmp_path / "n.onnx").size_px == SIZE
+    (tmp_path / "n.onnx.data").unlink()
+    with pytest.raises(ConfigError, match=r"n\.onnx"):
+        GraspNetwork(tmp_path / "n.onnx")
+
+
+@pytest.mark.parametrize("depth_m", [np.full((128, 192), np.nan, np.float32), np.ones((64, 96), np.float32)])
+def test_depth_that_says_nothing_is_refused(depth_m: np.ndarray, tmp_path: Path) -> None:
+    network = _one_plane(tmp_path / "n.onnx", 4, 0)
+    with pytest.raises(ConfigError, match="needs depth"):
+        network.detect(_scene()[0], depth_m)

@@ -52,6 +52,27 @@ def test_the_overlap_is_symmetric_and_a_share(one: Rectangle, other: Rectangle) 
     assert iou(one, one) == pytest.approx(1, abs=1e-3)
 
 
+@given(RECTANGLES, RECTANGLES, NUMBERS, NUMBERS, st.floats(0, 3.14))
+def test_the_overlap_does_not_depend_on_where_both_lie(
+    one: Rectangle, other: Rectangle, u: float, v: float, turn_rad: float
+) -> None:
+    turn = np.array([[np.cos(turn_rad), -np.sin(turn_rad)], [np.sin(turn_rad), np.cos(turn_rad)]])
+
+    def moved(rectangle: Rectangle) -> Rectangle:
+        center_px = tuple((turn @ rectangle.center_px + (u, v)).tolist())
+        angle_rad = (rectangle.angle_rad + turn_rad) % np.pi
+        return rectangle.model_copy(update={"center_px": center_px, "angle_rad": angle_rad})
+
+    assert iou(moved(one), moved(other)) == pytest.approx(iou(one, other), abs=1e-6)
+
+
+@pytest.mark.parametrize("size", [(0, 20), (60, 0), (0, 0)])
+def test_what_has_no_area_overlaps_nothing(size: tuple[float, float]) -> None:
+    flat = _box(at=(0, 0), width=size[0], height=size[1])
+    for other in (_box(angle_deg, at=(0, 0)) for angle_deg in range(0, 180, 7)):
+        assert iou(flat, other) == iou(other, flat) == iou(flat, flat) == 0
+
+
 def test_overlap_and_angle_both_count() -> None:
     assert matches(_box(29), _box(0)) and not matches(_box(31), _box(0))
     assert matches(_box(175), _box(0)), "axes have no sign"
@@ -103,6 +124,27 @@ def test_jacquard_angles_turn_from_u_towards_v(tmp_path: Path) -> None:
     (sample,) = read_jacquard(tmp_path)
     assert sample.truths[0].angle_rad == pytest.approx(np.deg2rad(30)) and sample.truths[0].width_px == 18
     assert sample.mask is not None and sample.mask.sum() == 144 and sample.depth_m is None
+
+
+def _jacquard(root: Path, labels: str) -> Path:
+    cv2.imwrite(str(root / "0_a_RGB.png"), np.zeros((32, 32), np.uint8))
+    cv2.imwrite(str(root / "0_a_mask.png"), np.zeros((32, 32), np.uint8))
+    (root / "0_a_grasps.txt").write_text(labels)
+    return root
+
+
+def test_jacquard_rows_with_a_nan_are_left_out_and_grey_is_a_colour(tmp_path: Path) -> None:
+    (sample,) = read_jacquard(_jacquard(tmp_path, "1;2;nan;4;5\n1;2;3;4;5\n"))
+    assert len(sample.truths) == 1 and sample.color.shape == (32, 32, 3)
+
+
+def test_what_jacquard_lacks_is_named(tmp_path: Path) -> None:
+    root = _jacquard(tmp_path, "1;2;3;4;5\n")
+    with pytest.raises(ConfigError, match="stereo_depth"):
+        list(read_jacquard(root, "depth"))
+    (root / "0_a_mask.png").unlink()
+    with pytest.raises(ConfigError, match="0_a_mask"):
+        list(read_jacquard(root))
 
 
 @pytest.mark.parametrize("read", [read_cornell, read_jacquard])
