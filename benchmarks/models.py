@@ -10,6 +10,7 @@ from __future__ import annotations
 import tempfile
 from collections import Counter
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -82,8 +83,8 @@ def _answers(seen: list[tuple[str, Observation]], preset: Drifts, provider: str,
                 f"recording.folder={Path(folder)}",
             ],
         )
-        models = open_models(station, {"OPENAI_API_KEY": "none", "GEMINI_API_KEY": "none"})
-        return [_answer(observation, station, models) for _, observation in seen]
+        with closing(open_models(station, {"OPENAI_API_KEY": "none", "GEMINI_API_KEY": "none"})) as models:
+            return [_answer(observation, station, models) for _, observation in seen]
 
 
 def _answer(observation: Observation, station: Station, models: Models) -> Answer:

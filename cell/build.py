@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 
 from bus.codes import Code
 from bus.errors import CycleFailure
@@ -26,8 +26,11 @@ def running_cell(station: Station, observer: Observer) -> Iterator[Daemon]:
     """
     for node in station.nodes.values():
         registry.require(node.driver)
-    robot, models = Robot(station), open_models(station, os.environ)
-    with Bus.listen(station.cell_id, station.bus.endpoint) as bus:
+    robot = Robot(station)
+    with (
+        closing(open_models(station, os.environ)) as models,
+        Bus.listen(station.cell_id, station.bus.endpoint) as bus,
+    ):
         faults: list[Daemon] = []
 
         def on_exit(name: str, code: int) -> None:

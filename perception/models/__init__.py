@@ -49,6 +49,10 @@ class Models:
     sam: Sam | None = None
     depth: DepthPro | None = None
 
+    def close(self) -> None:
+        """Let go of what the models hold."""
+        self.imaginer.close()
+
     def refined(self, scene: Scene, color: npt.NDArray[np.uint8]) -> Scene:
         """The scene with its object's outline as SAM sees it in the object's box; unchanged without SAM."""
         if self.sam is None:

@@ -105,3 +105,6 @@ class GoalImageModel(Protocol):
 
     def render(self, subject: Subject, prompt: str) -> Answer:
         """The goal image (I_G): the same object, impaled by the rod."""
+
+    def close(self) -> None:
+        """Let go of connections; nothing is asked after it."""

@@ -7,7 +7,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from perception.models.transformers import loaded, require
+from bus.codes import Code
+from bus.errors import ConfigError, CycleFailure
+from perception.models.transformers import loaded, loaded_model, require
 
 
 class DepthEstimate(NamedTuple):
@@ -23,22 +25,29 @@ class DepthPro:
     Args:
         weights: a folder or a hub id. ``device``: ``cpu`` or ``cuda``.
 
-    Raises: ConfigError for missing packages or weights.
+    Raises: ConfigError for missing packages or weights, or weights without the part that sees the focal length.
     """
 
     def __init__(self, weights: str, device: str = "cpu") -> None:
         self._torch, transformers = require("The depth estimator 'depth_pro'")
         self._processor = loaded(weights, lambda: transformers.DepthProImageProcessor.from_pretrained(weights))
-        model = loaded(weights, lambda: transformers.DepthProForDepthEstimation.from_pretrained(weights))
-        self._model, self._device = model.to(device).eval(), device
+        self._model = loaded_model(weights, transformers.DepthProForDepthEstimation, device)
+        if not self._model.config.use_fov_model:
+            raise ConfigError(f"The weights {weights!r} estimate no focal length.", "Use them with use_fov_model.")
+        self._device = device
 
     def estimate(self, image: npt.NDArray[np.uint8], focal_px: float | None = None) -> DepthEstimate:
-        """Depth of an RGB image (H, W, 3); with a known focal length it is rescaled to that."""
+        """Depth of an RGB image (H, W, 3); with a known focal length it is rescaled to that.
+
+        Raises: CycleFailure(MODEL_BAD_IMAGE) when the estimated focal length is none.
+        """
         inputs = self._processor(images=image, return_tensors="pt").to(self._device)
         with self._torch.inference_mode():
             outputs = self._model(**inputs)
         found = self._processor.post_process_depth_estimation(outputs, target_sizes=[image.shape[:2]])[0]
         believed_px = float(found["focal_length"])
+        if not 0.0 < believed_px < np.inf:
+            raise CycleFailure(Code.MODEL_BAD_IMAGE, f"Depth Pro believes in a focal length of {believed_px:.0f} px.")
         depth_m = found["predicted_depth"].cpu().numpy().astype(np.float32)
         if focal_px is None:
             return DepthEstimate(depth_m, believed_px)

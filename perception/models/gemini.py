@@ -44,6 +44,9 @@ class GeminiProvider:
             raise ModelFault(Code.MODEL_REFUSED, f"It refused: {_why(reply)}")
         return Answer(text=text, usage=_usage(reply))
 
+    def close(self) -> None:
+        self._client.close()
+
     def edit(self, image_png: bytes, keep_png: bytes, prompt: str, timeout_s: float) -> Answer:
         contents: list[Any] = [types.Part.from_text(text=prompt + _KEEP)]
         contents += [types.Part.from_bytes(data=png, mime_type="image/png") for png in (image_png, keep_png)]

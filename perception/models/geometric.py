@@ -72,6 +72,9 @@ class GeometricModel:
         ends = transform(inverse(subject.base_from_color), ends_base)
         return Answer(f"rod {axis}", goal=paint(subject, ends, self._station.perception.rod_radius_m))
 
+    def close(self) -> None:
+        """It holds nothing."""
+
     def _axis(self, closings: Closings, index: int) -> tuple[Array, Array]:
         """Ends of the rod in ``base`` [m]: at the height of the contacts, inside the object, above the table."""
         radius_m, heading = self._station.perception.rod_radius_m, closings.heading_rad[index]

@@ -42,6 +42,9 @@ class Provider(Protocol):
     def edit(self, image_png: bytes, keep_png: bytes, prompt: str, timeout_s: float) -> Answer:
         """The image redrawn. ``keep_png``: RGBA of the image's size, opaque where it must stay as it is."""
 
+    def close(self) -> None:
+        """Let go of connections."""
+
 
 class HostedModel:
     """A goal-image model behind a provider's API."""
@@ -79,6 +82,9 @@ class HostedModel:
         keep_png = encode_png(np.dstack([kept, kept, kept, kept]), self._settings.size_px)
         png = self._shown(subject)
         return self._call(lambda timeout_s: self._provider.edit(png, keep_png, prompt, timeout_s))
+
+    def close(self) -> None:
+        self._provider.close()
 
     def _shown(self, subject: Subject) -> bytes:
         window = Window.around(subject.scene.object_mask)

@@ -35,6 +35,9 @@ class OpenAIProvider:
             ask = _respond if self._settings.text_api == "responses" else _chat
             return ask(client, self._settings.text_model, prompt, image_png)
 
+    def close(self) -> None:
+        self._client.close()
+
     def edit(self, image_png: bytes, keep_png: bytes, prompt: str, timeout_s: float) -> Answer:
         size: Any = f"{self._settings.size_px}x{self._settings.size_px}"
         with _faults():

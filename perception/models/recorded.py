@@ -33,6 +33,9 @@ class RecordedModel:
     def render(self, subject: Any, prompt: str) -> Answer:
         return self._next("render")
 
+    def close(self) -> None:
+        """It holds nothing."""
+
     def _next(self, step: str) -> Answer:
         """Raises: the recorded CycleFailure; RecordingError when nothing more was recorded."""
         reply = next((reply for reply in self._left if reply.step == step), None)

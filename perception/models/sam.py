@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from bus.codes import Code
 from bus.errors import ConfigError, CycleFailure
-from perception.models.transformers import loaded, require
+from perception.models.transformers import loaded, loaded_model, require
 
 _CLASSES = {
     "sam": ("SamModel", "SamProcessor"),
@@ -23,6 +23,7 @@ _MIN_SCORE = 0.5
 
 Image = npt.NDArray[np.uint8]
 Mask = npt.NDArray[np.bool_]
+Scores = npt.NDArray[np.float32]
 
 
 class Sam:
@@ -43,7 +44,7 @@ class Sam:
             )
         model, processor = (getattr(transformers, name) for name in _CLASSES[self.kind])
         self._processor = loaded(weights, lambda: processor.from_pretrained(weights))
-        self._model = loaded(weights, lambda: model.from_pretrained(weights)).to(device).eval()
+        self._model = loaded_model(weights, model, device)
         self._device = device
 
     @property
@@ -53,21 +54,27 @@ class Sam:
     def by_box(self, image: Image, box_px: tuple[float, float, float, float]) -> Mask:
         """The object in a box (u0, v0, u1, v1)."""
         if self.reads_text:
-            return self._instance(image, input_boxes=[[list(box_px)]], input_boxes_labels=[[1]])
+            found, scores = self._instances(image, input_boxes=[[list(box_px)]], input_boxes_labels=[[1]])
+            return _best(found, scores * _overlaps(found, box_px))
         return self._prompted(image, input_boxes=[[list(box_px)]])
 
     def by_point(self, image: Image, point_px: tuple[float, float]) -> Mask:
-        """The object at a pixel (u, v). SAM 3 takes boxes and words only: it gets a small box about the pixel."""
+        """The object at a pixel (u, v).
+
+        SAM 3 takes boxes and words only: it gets a small box about the pixel, and finds what looks like its content.
+        """
         u, v = point_px
         if self.reads_text:
-            return self.by_box(image, (u - 4, v - 4, u + 4, v + 4))
+            about_px = [u - 4, v - 4, u + 4, v + 4]
+            found, scores = self._instances(image, input_boxes=[[about_px]], input_boxes_labels=[[1]])
+            return _best(found, scores * found[:, int(v), int(u)])
         return self._prompted(image, input_points=[[[[u, v]]]], input_labels=[[[1]]])
 
     def by_text(self, image: Image, text: str) -> Mask:
         """The object that is named. Raises: ConfigError for SAM and SAM 2, which read no words."""
         if not self.reads_text:
             raise ConfigError(f"A {self.kind!r} model understands no words.", "Use SAM 3, or name the target's pixel.")
-        return self._instance(image, text=text)
+        return _best(*self._instances(image, text=text))
 
     def _prompted(self, image: Image, **prompts: Any) -> Mask:
         """SAM and SAM 2: three masks a prompt, each with its predicted overlap."""
@@ -80,17 +87,31 @@ class Sam:
         best = int(outputs.iou_scores.flatten().argmax())
         return _required(np.asarray(masks.flatten(0, 1)[best].numpy() > 0))
 
-    def _instance(self, image: Image, **prompts: Any) -> Mask:
-        """SAM 3: every instance of what is prompted, each with its score."""
+    def _instances(self, image: Image, **prompts: Any) -> tuple[Mask, Scores]:
+        """SAM 3: every instance (n, H, W) of what is prompted, anywhere in the image, and its score (n,)."""
         inputs = self._processor(images=image, return_tensors="pt", **prompts).to(self._device)
         with self._torch.inference_mode():
             outputs = self._model(**inputs)
         found = self._processor.post_process_instance_segmentation(
             outputs, threshold=_MIN_SCORE, mask_threshold=0.5, target_sizes=inputs["original_sizes"].tolist()
         )[0]
-        if not len(found["scores"]):
-            raise CycleFailure(Code.NO_OBJECT, "SAM sees nothing of the kind.")
-        return _required(np.asarray(found["masks"][int(found["scores"].argmax())].cpu().numpy() > 0))
+        masks = found["masks"].cpu().numpy() > 0
+        return masks.reshape(-1, *image.shape[:2]), found["scores"].cpu().numpy()
+
+
+def _overlaps(masks: Mask, box_px: tuple[float, float, float, float]) -> Scores:
+    """Intersection over union (n,) of each mask and the box."""
+    u0, v0, u1, v1 = (round(edge) for edge in box_px)
+    box = np.zeros(masks.shape[1:], dtype=bool)
+    box[max(0, v0) : v1 + 1, max(0, u0) : u1 + 1] = True
+    shared, either = (masks & box).sum(axis=(1, 2)), (masks | box).sum(axis=(1, 2))
+    return np.asarray(shared / np.maximum(either, 1), dtype=np.float32)
+
+
+def _best(masks: Mask, scores: Scores) -> Mask:
+    if not (scores > 0).any():
+        raise CycleFailure(Code.NO_OBJECT, "SAM sees nothing of the kind.")
+    return _required(masks[int(scores.argmax())])
 
 
 def _required(mask: Mask) -> Mask:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from importlib import import_module
 from importlib.util import find_spec
+from pickle import UnpicklingError
 from typing import Any
 
 from bus.errors import ConfigError
@@ -13,19 +14,51 @@ PACKAGES = ("torch", "torchvision", "transformers")
 
 
 def require(role: str) -> tuple[Any, Any]:
-    """(torch, transformers). Raises: ConfigError when they are missing; ``role`` is what needs them."""
-    if find_spec("torch") is None or find_spec("transformers") is None:
-        raise ConfigError(f"{role} needs torch and transformers.", "Install them: uv pip install 'vlad-cell[models]'.")
+    """(torch, transformers). Raises: ConfigError when one of `PACKAGES` is missing; ``role`` is what needs them."""
+    missing = [name for name in PACKAGES if find_spec(name) is None]
+    if missing:
+        raise ConfigError(
+            f"{role} needs torch, torchvision and transformers; missing: {', '.join(missing)}.",
+            "Install them: uv pip install 'vlad-cell[models]'.",
+        )
     return import_module("torch"), import_module("transformers")
 
 
 def loaded(weights: str, load: Callable[[], Any]) -> Any:
-    """What ``load`` gives. Raises: ConfigError when the weights are not there or are something else."""
+    """What ``load`` gives. Raises: ConfigError when the weights are not there, damaged, or something else."""
     try:
         return load()
-    except (OSError, ValueError, KeyError) as error:
+    except _load_errors() as error:
         first = str(error).strip().partition("\n")[0]
         raise ConfigError(
             f"Cannot load the weights {weights!r} ({first}).",
             "Name a folder that save_pretrained wrote, or a hub id (which needs the network, and for some a login).",
         ) from error
+
+
+def loaded_model(weights: str, kind: Any, device: str) -> Any:
+    """A whole model of class ``kind`` in float32 on ``device``, in evaluation mode.
+
+    Raises: ConfigError as `loaded`, when tensors are missing (they would be random), or for a device that is not here.
+    """
+    model, report = loaded(weights, lambda: kind.from_pretrained(weights, dtype="float32", output_loading_info=True))
+    if report["missing_keys"]:
+        raise ConfigError(
+            f"The weights {weights!r} lack {len(report['missing_keys'])} tensors of a {kind.__name__}, "
+            f"e.g. {min(report['missing_keys'])!r}.",
+            "Name the folder of the whole model.",
+        )
+    try:
+        return model.to(device).eval()
+    except (RuntimeError, AssertionError) as error:
+        first = str(error).strip().partition("\n")[0]
+        raise ConfigError(
+            f"Torch cannot use the device {device!r} ({first}).", "Use cpu, or install its driver."
+        ) from error
+
+
+def _load_errors() -> tuple[type[Exception], ...]:
+    """RuntimeError: tensors of another size. ImportError: a part of the folder's model needs one more package."""
+    safetensors, hub = import_module("safetensors"), import_module("huggingface_hub.errors")
+    formats = (safetensors.SafetensorError, hub.StrictDataclassError, UnpicklingError)
+    return OSError, ValueError, KeyError, RuntimeError, ImportError, *formats

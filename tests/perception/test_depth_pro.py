@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
+import shutil
 from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from bus.errors import ConfigError
+from bus.codes import Code
+from bus.errors import ConfigError, CycleFailure
 from perception.models.depth_pro import DepthPro
 
 IMAGE = np.random.default_rng(0).integers(0, 255, (48, 80, 3), dtype=np.uint8)
@@ -69,6 +72,22 @@ def test_the_same_image_has_the_same_depth(weights: str) -> None:
         assert again.focal_px == once.focal_px
 
 
+def test_a_model_without_focal_length_is_refused(weights: str, tmp_path: Path) -> None:
+    shutil.copytree(weights, tmp_path, dirs_exist_ok=True)
+    config = json.loads((tmp_path / "config.json").read_text()) | {"use_fov_model": False}
+    (tmp_path / "config.json").write_text(json.dumps(config))
+    with pytest.raises(ConfigError, match="no focal length"):
+        DepthPro(str(tmp_path))
+
+
+def test_an_impossible_focal_length_is_no_estimate(weights: str) -> None:
+    model = DepthPro(weights)
+    model._model.fov_model.head.layers[-1].bias.data.fill_(-60.0)
+    with pytest.raises(CycleFailure, match="focal length of -") as failure:
+        model.estimate(IMAGE)
+    assert failure.value.failure is Code.MODEL_BAD_IMAGE
+
+
 @pytest.mark.usefixtures("weights")
 @pytest.mark.parametrize("name", ["nothing", "an/unknown-hub-id"])
 def test_weights_that_are_not_there_are_named(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -78,7 +97,7 @@ def test_weights_that_are_not_there_are_named(name: str, tmp_path: Path, monkeyp
         DepthPro(name)
 
 
-@pytest.mark.parametrize("package", ["torch", "transformers"])
+@pytest.mark.parametrize("package", ["torch", "torchvision", "transformers"])
 def test_a_missing_package_is_named_with_its_cure(package: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
         "perception.models.transformers.find_spec", lambda name: None if name == package else find_spec("json")

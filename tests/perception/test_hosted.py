@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import closing
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -76,9 +77,9 @@ def _station(server: ModelServer, provider: str, folder: Path, *overrides: str) 
 
 
 def _propose(station: Station, subject: Subject, replies: list[ModelReply]) -> Proposal:
-    models = open_models(station, KEYS)
-    models.imaginer.begin()
-    return propose(Conversation(models.imaginer, replies.append), subject, models, station)
+    with closing(open_models(station, KEYS)) as models:
+        models.imaginer.begin()
+        return propose(Conversation(models.imaginer, replies.append), subject, models, station)
 
 
 def _fails(station: Station, subject: Subject) -> tuple[Code, list[ModelReply]]:

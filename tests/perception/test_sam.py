@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import shutil
 import string
 from collections.abc import Callable
 from importlib.util import find_spec
@@ -199,7 +201,7 @@ def test_weights_of_another_kind_are_refused(tmp_path: Path) -> None:
         Sam(str(tmp_path))
 
 
-@pytest.mark.parametrize("package", ["torch", "transformers"])
+@pytest.mark.parametrize("package", ["torch", "torchvision", "transformers"])
 def test_a_missing_package_is_named_with_its_cure(package: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
         "perception.models.transformers.find_spec", lambda name: None if name == package else find_spec("json")
@@ -207,3 +209,83 @@ def test_a_missing_package_is_named_with_its_cure(package: str, monkeypatch: pyt
     with pytest.raises(ConfigError, match="segmenter 'sam' needs torch") as refusal:
         Sam("anything")
     assert "uv pip install 'vlad-cell[models]'" in refusal.value.advice
+
+
+def damaged(weights: str, folder: Path, damage: Callable[[Path], object]) -> str:
+    """A copy of the weights to which something was done."""
+    shutil.copytree(weights, folder, dirs_exist_ok=True)
+    damage(folder)
+    return str(folder)
+
+
+def shorten(folder: Path) -> None:
+    file = folder / "model.safetensors"
+    file.write_bytes(file.read_bytes()[:1000])
+
+
+def widen(folder: Path) -> None:
+    config = json.loads((folder / "config.json").read_text())
+    config["mask_decoder_config"]["mlp_dim"] = 32
+    (folder / "config.json").write_text(json.dumps(config))
+
+
+def mistype(folder: Path) -> None:
+    config = json.loads((folder / "config.json").read_text())
+    config["mask_decoder_config"]["mlp_dim"] = "wide"
+    (folder / "config.json").write_text(json.dumps(config))
+
+
+@pytest.mark.parametrize("damage", [shorten, widen, mistype])
+def test_damaged_weights_are_a_clear_error(
+    damage: Callable[[Path], object], weights: Callable[[str], str], tmp_path: Path
+) -> None:
+    with pytest.raises(ConfigError, match="Cannot load the weights"):
+        Sam(damaged(weights("sam2"), tmp_path, damage))
+
+
+def test_weights_that_lack_tensors_are_refused_rather_than_made_up(
+    weights: Callable[[str], str], tmp_path: Path
+) -> None:
+    files = pytest.importorskip("safetensors.torch")
+
+    def leave_out(folder: Path) -> None:
+        tensors = files.load_file(folder / "model.safetensors")
+        kept = {name: tensor for name, tensor in tensors.items() if not name.startswith("mask_decoder")}
+        files.save_file(kept, folder / "model.safetensors", metadata={"format": "pt"})
+
+    with pytest.raises(ConfigError, match=r"lack \d+ tensors of a Sam2Model"):
+        Sam(damaged(weights("sam2"), tmp_path, leave_out))
+
+
+@pytest.mark.parametrize("kind", BUILDERS)
+@pytest.mark.parametrize("precision", ["float16", "bfloat16"])
+def test_weights_in_half_precision_run_in_single(
+    precision: str, kind: str, weights: Callable[[str], str], tmp_path: Path
+) -> None:
+    torch = pytest.importorskip("torch")
+    model = Sam(weights(kind))._model.to(getattr(torch, precision))
+    sam = Sam(damaged(weights(kind), tmp_path, model.save_pretrained))
+    assert sam._model.dtype is torch.float32
+    assert PROMPTS["box"](sam).shape == IMAGE.shape[:2]
+
+
+def test_a_device_that_is_not_here_is_a_clear_error(weights: Callable[[str], str]) -> None:
+    with pytest.raises(ConfigError, match="cannot use the device 'abacus'"):
+        Sam(weights("sam"), "abacus")
+
+
+@pytest.mark.parametrize("left", [0, 32])
+def test_sam_3_takes_the_instance_in_the_box_not_the_best_anywhere(
+    left: int, weights: Callable[[str], str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sam = Sam(weights("sam3"))
+    torch = pytest.importorskip("torch")
+    masks = torch.zeros((2, *IMAGE.shape[:2]), dtype=torch.int64)
+    masks[0, 10:40, :30] = masks[1, 10:40, 32:62] = 1
+    found = {"masks": masks, "scores": torch.tensor([0.9, 0.6])}
+    monkeypatch.setattr(sam._processor, "post_process_instance_segmentation", lambda *_, **__: [found])
+    boxed, pointed = sam.by_box(IMAGE, (left, 10, left + 29, 39)), sam.by_point(IMAGE, (left + 15, 20))
+    for mask in (boxed, pointed):
+        np.testing.assert_array_equal(mask, masks[int(left > 0)].numpy() > 0)
+    with pytest.raises(CycleFailure):
+        sam.by_point(IMAGE, (5, 2))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +29,7 @@ from tests.perception.conftest import BAR, PLATE, Box, Look
 from tests.stand_ins.model_server import Fault, ModelServer
 from tests.stand_ins.painter import paint, say
 
+KEY = {"OPENAI_API_KEY": "x"}
 REGION = "scene.pick_region_m=[0.1, 0.8, -0.3, 0.3]"
 
 
@@ -85,16 +87,16 @@ def test_words_name_the_target_and_the_model_points_at_it(look: Look, tmp_path: 
     replies: list[ModelReply] = []
     with ModelServer(paint, say=point) as server:
         station = _hosted(server, tmp_path, "perception.target.text=the upper bar")
-        models = open_models(station, {"OPENAI_API_KEY": "x"})
-        assert detect(look([BAR, other]), station, models, replies.append).evidence.object_mask[50, 350]
+        with closing(open_models(station, KEY)) as models:
+            assert detect(look([BAR, other]), station, models, replies.append).evidence.object_mask[50, 350]
     assert [reply.step for reply in replies] == ["locate", "reason", "direct", "render"]
 
 
 def test_a_target_the_model_does_not_see_is_no_object(look: Look, tmp_path: Path) -> None:
     with ModelServer(paint, say=lambda prompt, image: "none") as server:
         station = _hosted(server, tmp_path, "perception.target.text=a zebra")
-        with pytest.raises(CycleFailure, match="zebra") as failure:
-            detect(look([BAR]), station, open_models(station, {"OPENAI_API_KEY": "x"}), unsaid)
+        with closing(open_models(station, KEY)) as models, pytest.raises(CycleFailure, match="zebra") as failure:
+            detect(look([BAR]), station, models, unsaid)
     assert failure.value.failure is Code.NO_OBJECT
 
 
@@ -179,7 +181,8 @@ def test_the_best_of_several_proposals_is_kept_and_their_agreement_told(look: Lo
 def test_one_good_proposal_is_enough(look: Look, tmp_path: Path) -> None:
     with ModelServer(paint, say=say, faults=[Fault.REFUSAL], faults_for="image") as server:
         station = _hosted(server, tmp_path, "perception.imagine.samples=2")
-        found = detect(look([BAR]), station, open_models(station, {"OPENAI_API_KEY": "x"}), unsaid)
+        with closing(open_models(station, KEY)) as models:
+            found = detect(look([BAR]), station, models, unsaid)
     assert found.evidence.sample == 1 and found.evidence.agreement == 0.5
 
 
@@ -200,8 +203,7 @@ def test_a_stop_does_not_wait_for_a_model_that_hangs(look: Look, tmp_path: Path)
     halted, said = threading.Event(), list[ModelReply]()
     with ModelServer(paint, say=say, faults=[Fault.HANG]) as server:
         station = _hosted(server, tmp_path, "perception.hosted.deadline_s=60", "perception.hosted.attempts=1")
-        models = open_models(station, {"OPENAI_API_KEY": "x"})
         threading.Timer(0.3, halted.set).start()
-        with pytest.raises(CycleFailure) as failure:
+        with closing(open_models(station, KEY)) as models, pytest.raises(CycleFailure) as failure:
             detect_unless_halted(look([BAR]), station, models, said.append, halted.is_set)
     assert failure.value.failure is Code.STOPPED and not said
