@@ -60,11 +60,14 @@ def alignment_(
     regime: Annotated[str, typer.Option(help="hard or mild")] = "hard",
     trials: Annotated[int, typer.Option(min=1)] = 132,
     seed: int = 0,
+    sheet: Annotated[Path | None, typer.Option(help="Where a picture of the first 24 trials goes.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
 ) -> None:
     """Every alignment method on the same imagined objects: successes, distances [m], CPU time [ms]."""
     if regime not in REGIMES:
         raise typer.BadParameter(f"{regime!r} is none of {', '.join(REGIMES)}")
+    if sheet is not None:
+        alignment.contact_sheet(sheet, min(trials, 24), seed, regime)
     typer.echo(json.dumps(alignment.run(regime, trials, seed, tell=_teller(as_json))))
 
 

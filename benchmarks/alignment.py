@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 
 from benchmarks import drifted
 from benchmarks.drifted import Trial
-from benchmarks.drifted import trials as trials
+from benchmarks.sheet import write_sheet
 from bus.errors import CycleFailure
 from bus.messages import Alignment
 from perception.align import ALIGNERS, align
@@ -92,9 +92,7 @@ def contact_sheet(path: Path, count: int, seed: int, regime: str = "hard") -> No
         np.hstack([_tile(trial.observed, trial.name, trial.rod_ends), _tile(trial.goal, "goal", None)])
         for trial in drifted.trials(regime, count, seed)
     ]
-    tiles += [np.zeros_like(tiles[0])] * (-len(tiles) % _COLUMNS)
-    rows = [np.hstack(tiles[start : start + _COLUMNS]) for start in range(0, len(tiles), _COLUMNS)]
-    cv2.imwrite(str(path), np.vstack(rows))
+    write_sheet(path, tiles, _COLUMNS)
 
 
 def _timed(method: Callable[[Shape, Shape], Alignment], trial: Trial) -> tuple[Alignment | None, float]:

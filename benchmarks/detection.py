@@ -12,8 +12,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from benchmarks.scenes import CAMERA, Scene, render, scene_of
-from benchmarks.shapes import catalogue
+from benchmarks.scenes import CAMERA, Scene, render, scenes
 from bus.errors import CycleFailure
 from bus.messages import ArmMode, ArmState, Detections, Frame, ModelReply, Observation, View
 from config.load import load_station
@@ -60,15 +59,8 @@ def run(frames: int, seed: int, tell: Callable[[str], None]) -> dict[str, Any]:
 
 def observations(count: int, seed: int) -> Iterator[tuple[str, Observation]]:
     """Name and observation of ``count`` seeded scenes, object after object; the world is ``base``."""
-    made, index = 0, 0
-    while made < count:
-        rng = np.random.default_rng([seed, index])
-        item = catalogue()[index % len(catalogue())]
-        index += 1
-        scene = scene_of(item, rng)
-        if scene is not None:
-            made += 1
-            yield item.name, _observed(scene, rng)
+    for scene, rng in scenes(count, seed):
+        yield scene.object.name, _observed(scene, rng)
 
 
 def came_back(found: Detections, replies: list[ModelReply], observation: Observation) -> bool:

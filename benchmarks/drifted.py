@@ -12,8 +12,7 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from benchmarks.scenes import CAMERA, Picture, Scene, render, scene_of
-from benchmarks.shapes import catalogue
+from benchmarks.scenes import CAMERA, Picture, Scene, render, scenes
 from perception.align.base import Array, Shape, affine
 from perception.lift import lift_pixels, project, transform
 
@@ -62,15 +61,8 @@ class Trial:
 
 def trials(regime: str, count: int, seed: int) -> Iterator[Trial]:
     """``count`` trials, object after object; regimes share their scenes. Raises: KeyError for an unknown regime."""
-    made, index = 0, 0
-    while made < count:
-        rng = np.random.default_rng([seed, index])
-        item = catalogue()[index % len(catalogue())]
-        index += 1
-        scene = scene_of(item, rng)
-        if scene is not None:
-            made += 1
-            yield _trial(scene, REGIMES[regime], rng)
+    for scene, rng in scenes(count, seed):
+        yield _trial(scene, REGIMES[regime], rng)
 
 
 def _trial(scene: Scene, regime: Regime, rng: np.random.Generator) -> Trial:

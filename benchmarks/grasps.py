@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from benchmarks.sheet import write_sheet
 from bus.errors import CycleFailure
 from bus.messages import Rectangle
 from config.load import load_station
@@ -22,7 +23,7 @@ from perception.imagine import Conversation
 from perception.models import open_models
 from perception.rectangles.cornell import read_cornell
 from perception.rectangles.jacquard import read_jacquard
-from perception.rectangles.metric import MAX_APART_RAD, angle_apart_rad, corners, iou, matches
+from perception.rectangles.metric import MAX_APART_RAD, MIN_IOU, angle_apart_rad, any_match, corners, iou
 from perception.rectangles.network import GraspNetwork
 from perception.rectangles.sample import Sample
 
@@ -114,19 +115,16 @@ def _judged(sample: Sample, detect: Detector) -> Outcome:
         predicted = detect(sample)
     except CycleFailure as failure:
         return Outcome(sample, None, str(failure.failure))
-    if any(matches(predicted, truth) for truth in sample.truths):
+    if any_match(predicted, sample.truths):
         return Outcome(sample, predicted, "success")
-    overlapping = [truth for truth in sample.truths if iou(predicted, truth) >= 0.25]
+    overlapping = [truth for truth in sample.truths if iou(predicted, truth) >= MIN_IOU]
     turned = [truth for truth in sample.truths if angle_apart_rad(predicted, truth) <= MAX_APART_RAD]
     return Outcome(sample, predicted, "angle" if overlapping else "place" if turned else "both")
 
 
 def contact_sheet(outcomes: list[Outcome], path: Path) -> None:
     """Labels green, the prediction red, the outline of what was segmented blue."""
-    tiles = [_tile(outcome) for outcome in outcomes]
-    tiles += [np.zeros_like(tiles[0])] * (-len(tiles) % _COLUMNS)
-    rows = [np.hstack(tiles[start : start + _COLUMNS]) for start in range(0, len(tiles), _COLUMNS)]
-    cv2.imwrite(str(path), np.vstack(rows)[..., ::-1])
+    write_sheet(path, [_tile(outcome)[..., ::-1] for outcome in outcomes], _COLUMNS)
 
 
 def _tile(outcome: Outcome) -> npt.NDArray[np.uint8]:

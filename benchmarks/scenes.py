@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from benchmarks.shapes import Object
+from benchmarks.shapes import Object, catalogue
 from bus.messages import CameraModel
 from perception.align.base import Array, Mask, affine
 from perception.lift import inverse, lift_pixels, project, transform
@@ -50,6 +51,18 @@ class Picture:
 
 
 # --- the scene --------------------------------------------------------------------------------------------------------
+
+
+def scenes(count: int, seed: int) -> Iterator[tuple[Scene, np.random.Generator]]:
+    """``count`` seeded scenes, object after object, each with its own generator for what follows."""
+    made, index = 0, 0
+    while made < count:
+        rng = np.random.default_rng([seed, index])
+        scene = scene_of(catalogue()[index % len(catalogue())], rng)
+        index += 1
+        if scene is not None:
+            made += 1
+            yield scene, rng
 
 
 def scene_of(item: Object, rng: np.random.Generator) -> Scene | None:

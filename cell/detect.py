@@ -11,14 +11,14 @@ from bus.errors import CycleFailure
 from bus.messages import Detections, ModelReply, Observation
 from config.schema import Station
 from perception.detector import detect as vlad_grasp
+from perception.detector import unsaid
+from perception.imagine import Say
 from perception.models import Models
 
 _LOOK_S = 0.05
 
 
-def detect(
-    observation: Observation, station: Station, models: Models, say: Callable[[ModelReply], None] = lambda _: None
-) -> Detections:
+def detect(observation: Observation, station: Station, models: Models, say: Say = unsaid) -> Detections:
     """Ranked grasps and their evidence. Raises: CycleFailure (NO_OBJECT, NO_GRASP, MODEL_*, SPEND_LIMIT)."""
     return vlad_grasp(observation, station, models, say)
 
@@ -27,7 +27,7 @@ def detect_unless_halted(
     observation: Observation,
     station: Station,
     models: Models,
-    say: Callable[[ModelReply], None],
+    say: Say,
     halted: Callable[[], bool],
 ) -> Detections:
     """`detect`, given up at once on a stop: a hosted model may take minutes, and nothing can call it back.

@@ -10,8 +10,8 @@ import numpy.typing as npt
 
 from bus.messages import CameraModel
 from perception.depth import Rgbd
-from perception.segment import Mask, Scene
 
+Mask = npt.NDArray[np.bool_]
 ScalarT = TypeVar("ScalarT", bound=np.generic)
 
 
@@ -52,10 +52,6 @@ class Crop:
             cy=camera.cy - self.top,
         )
         return Rgbd(self.of(rgbd.color), self.of(rgbd.depth_m), part)
-
-    def scene(self, scene: Scene) -> Scene:
-        """The same of a scene."""
-        return Scene(self.of(scene.points_base), self.of(scene.height_m), self.of(scene.object_mask))
 
     def back(self, part: npt.NDArray[ScalarT], whole: npt.NDArray[ScalarT]) -> npt.NDArray[ScalarT]:
         """``whole`` with this part replaced."""

@@ -72,7 +72,7 @@ def detect(observation: Observation, station: Station, models: Models, say: Say)
     scene = choose(segment(rgbd, base_from_color, station), rgbd.color, talk, station, models.sam)
     scene = models.refined(scene, rgbd.color)
     crop = Crop.around(scene.object_mask, _margin_px(rgbd, scene))
-    subject = subject_of(crop.rgbd(rgbd), crop.scene(scene), base_from_color)
+    subject = subject_of(crop.rgbd(rgbd), scene.within(crop), base_from_color)
     found: list[tuple[tuple[Grasp, ...], Proposal, int]] = []
     failures: list[CycleFailure] = []
     for sample in range(station.perception.imagine.samples):
@@ -86,9 +86,8 @@ def detect(observation: Observation, station: Station, models: Models, say: Say)
     grasps, proposal, sample = max(found, key=lambda one: one[0][0].score)
     agree = [_same_place(proposal, other) for _, other, _ in found]
     rectangles = tuple(rectangle(ends, rgbd.camera, station) for ends in proposal.ends)
-    evidence = _evidence(rgbd, crop, subject, proposal).model_copy(
-        update={"sample": sample, "agreement": sum(agree) / station.perception.imagine.samples}
-    )
+    agreement = sum(agree) / station.perception.imagine.samples
+    evidence = _evidence(rgbd, crop, subject, proposal, sample, agreement)
     return Detections(rectangles=rectangles, grasps=grasps, evidence=evidence)
 
 
@@ -151,7 +150,7 @@ def _margin_px(rgbd: Rgbd, scene: Scene) -> int:
     return int(np.ceil(MARGIN_M * rgbd.camera.fx / nearest_m))
 
 
-def _evidence(rgbd: Rgbd, crop: Crop, subject: Subject, proposal: Proposal) -> Evidence:
+def _evidence(rgbd: Rgbd, crop: Crop, subject: Subject, proposal: Proposal, sample: int, agreement: float) -> Evidence:
     """All there is to look at, in the whole image."""
     observed_from_goal, goal_points = proposal.alignment.observed_from_goal, proposal.imagined.points
     rod_points = lift(proposal.parts.rod, proposal.depth_m, subject.rgbd.camera)
@@ -171,8 +170,8 @@ def _evidence(rgbd: Rgbd, crop: Crop, subject: Subject, proposal: Proposal) -> E
         rod_ends=(proposal.ends[0][0], proposal.ends[0][1]),
         alignment=proposal.alignment,
         drift=proposal.drift,
-        sample=0,
-        agreement=1.0,
+        sample=sample,
+        agreement=agreement,
     )
 
 

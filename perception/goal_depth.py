@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
 from perception.align.silhouette import Similarity
+from perception.crop import Crop
 from perception.goal import GoalParts
 from perception.models.base import Subject
+
+_NEAR_PX = 30
 
 DepthImage = npt.NDArray[np.float32]
 
@@ -40,10 +42,6 @@ def scaled_to_observed(estimated_m: DepthImage, parts: GoalParts, subject: Subje
 def _filled(depth_m: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
     """Every NaN replaced by the nearest known depth, near the object only."""
     known = np.isfinite(depth_m)
-    near = cv2.dilate(known.astype(np.uint8), np.ones((61, 61))) > 0
-    rows, columns = np.flatnonzero(near.any(axis=1)), np.flatnonzero(near.any(axis=0))
-    part = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-    index = ndimage.distance_transform_edt(~known[part], return_distances=False, return_indices=True)
-    filled = np.full(depth_m.shape, float(np.nanmedian(depth_m)))
-    filled[part] = depth_m[part][tuple(index)]
-    return filled
+    crop = Crop.around(known, _NEAR_PX)
+    index = ndimage.distance_transform_edt(~crop.of(known), return_distances=False, return_indices=True)
+    return crop.back(crop.of(depth_m)[tuple(index)], np.full(depth_m.shape, float(np.nanmedian(depth_m))))

@@ -48,7 +48,11 @@ def inverse(a_from_b: Transform) -> Transform:
     return b_from_a
 
 
+def few(points: Array, most: int) -> Array:
+    """At most ``most`` of the points, evenly picked."""
+    return points[:: max(1, -(-len(points) // most))]
+
+
 def thin(points: Array, most: int) -> npt.NDArray[np.float32]:
-    """At most ``most`` of the points, evenly picked, for showing and logging."""
-    step = max(1, -(-len(points) // most))
-    return np.asarray(points[::step], dtype=np.float32)
+    """The same for showing and logging."""
+    return np.asarray(few(points, most), dtype=np.float32)

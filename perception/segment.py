@@ -15,6 +15,7 @@ from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.messages import CameraModel
 from config.schema import Station
+from perception.crop import Crop
 from perception.depth import Rgbd
 
 _TABLE_BAND_M = 0.015
@@ -52,6 +53,10 @@ class Scene:
     points_base: Points
     height_m: npt.NDArray[np.float32]
     object_mask: Mask
+
+    def within(self, crop: Crop) -> Scene:
+        """The part of it inside a crop."""
+        return Scene(crop.of(self.points_base), crop.of(self.height_m), crop.of(self.object_mask))
 
 
 def segment(rgbd: Rgbd, base_from_color: Transform, station: Station) -> tuple[Scene, ...]:
@@ -122,14 +127,10 @@ def _clusters(raised: Mask) -> list[Mask]:
 
 def _outlined(cluster: Mask, seen: Mask, color: npt.NDArray[np.uint8]) -> Mask:
     """A cluster with its holes closed and its rim redrawn by colour."""
-    rows, columns = np.flatnonzero(cluster.any(axis=1)), np.flatnonzero(cluster.any(axis=0))
-    top, left = max(0, rows[0] - _AROUND_PX), max(0, columns[0] - _AROUND_PX)
-    around = np.s_[top : rows[-1] + _AROUND_PX + 1, left : columns[-1] + _AROUND_PX + 1]
-    mask = np.zeros_like(cluster)
-    part = np.ascontiguousarray(color[around])
-    bridged = _bridged(cluster[around], seen[around], part)
-    mask[around] = refined_by_color(part, _filled(bridged, seen[around]))
-    return mask
+    crop = Crop.around(cluster, _AROUND_PX)
+    part, seen_part = crop.of(color), crop.of(seen)
+    whole = _filled(_bridged(crop.of(cluster), seen_part, part), seen_part)
+    return crop.back(refined_by_color(part, whole), np.zeros_like(cluster))
 
 
 def _bridged(mask: Mask, seen: Mask, color: npt.NDArray[np.uint8]) -> Mask:
@@ -164,7 +165,7 @@ def refined_by_color(color: npt.NDArray[np.uint8], mask: Mask) -> Mask:
     Only a band of 3 pixels on either side of the outline may change.
     """
     part = mask.astype(np.uint8)
-    lab = cv2.cvtColor(cv2.blur(np.ascontiguousarray(color), (3, 3)), cv2.COLOR_RGB2LAB).astype(np.float32)
+    lab = cv2.cvtColor(cv2.blur(color, (3, 3)), cv2.COLOR_RGB2LAB).astype(np.float32)
     core, whole = cv2.erode(part, _DISK) > 0, cv2.dilate(part, _DISK) > 0
     beside = (cv2.dilate(part, _DISK, iterations=3) > 0) & ~whole
     if core.sum() < _MIN_AREA_PX or beside.sum() < _MIN_AREA_PX:

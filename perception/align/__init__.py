@@ -25,7 +25,7 @@ _METHODS: dict[str, Callable[[Shape, Shape], Fit]] = {
 
 
 def align(method: str, goal: Shape, observed: Shape, *, max_residual: float = float("inf")) -> Alignment:
-    """The map that carries ``goal`` onto ``observed``, found by ``method`` (`config.schema.AlignMethod`).
+    """The map that carries ``goal`` onto ``observed``, found by ``method`` (`config.schema.PerceptionSettings.align`).
 
     Raises: CycleFailure(MODEL_DRIFT) when a shape is too small, or what is left over exceeds ``max_residual``.
     """

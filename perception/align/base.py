@@ -14,11 +14,12 @@ from bus.arrays import Transform
 from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.messages import CameraModel
-from perception.lift import lift, transform
+from perception.lift import few, lift, transform
 
 _MIN_POINTS = 30
-_JUDGED_POINTS = 800
-_TRIM = 0.85
+JUDGED_POINTS = 800
+TRIM = 0.85
+"""Share of the distances that count; the rest are outliers."""
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -76,11 +77,6 @@ def affine(matrix: Array, translation: Array) -> Transform:
     return a_from_b
 
 
-def few(points: Array, most: int = _JUDGED_POINTS) -> Array:
-    """At most ``most`` of the points, evenly picked."""
-    return points[:: max(1, -(-len(points) // most))]
-
-
 def rms_radius_m(points: Array) -> float:
     """Root mean square distance from the centroid."""
     return float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()))
@@ -93,12 +89,12 @@ def nearest(of: Array, to: cKDTree) -> Array:
 
 def trimmed_mean(distances: Array) -> float:
     """Mean of the smaller 85 %."""
-    return float(np.sort(distances)[: max(1, int(_TRIM * len(distances)))].mean())
+    return float(np.sort(distances)[: max(1, int(TRIM * len(distances)))].mean())
 
 
 def residuals(goal: Array, observed: Array, observed_from_goal: Transform) -> Residuals:
     """Judge a fit on evenly thinned clouds."""
-    moved, kept = few(transform(observed_from_goal, goal)), few(observed)
+    moved, kept = few(transform(observed_from_goal, goal), JUDGED_POINTS), few(observed, JUDGED_POINTS)
     forth, back = nearest(moved, cKDTree(kept)), nearest(kept, cKDTree(moved))
     return Residuals(
         chamfer_m2=float((forth**2).mean() + (back**2).mean()),

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from perception.align.base import Fit, Shape, few, rms_radius_m
+from perception.align.base import Fit, Shape, rms_radius_m
 from perception.align.refine import Clouds, Pose
+from perception.lift import few
 
 _ITERATIONS = 40
 _POINTS = 500

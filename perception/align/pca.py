@@ -13,7 +13,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
-from perception.align.base import Array, Fit, Shape, affine, few, nearest
+from perception.align.base import JUDGED_POINTS, Array, Fit, Shape, affine, nearest
+from perception.lift import few
 
 _PROPER_SIGNS = ((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1))
 _ALL_SIGNS = tuple(itertools.product((1, -1), repeat=3))
@@ -50,7 +51,7 @@ def _principal(points: Array) -> tuple[Array, Array]:
 
 
 def _least_chamfer(candidates: Sequence[Array], goal: Array, observed: Array) -> int:
-    goal, observed = few(goal), few(observed)
+    goal, observed = few(goal, JUDGED_POINTS), few(observed, JUDGED_POINTS)
     tree = cKDTree(observed)
 
     def loss_m2(matrix: Array) -> float:

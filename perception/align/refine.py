@@ -8,9 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from bus.arrays import Transform
-from perception.align.base import Array, affine, trimmed_mean
+from perception.align.base import TRIM, Array, affine, trimmed_mean
 
-_TRIM = 0.85
 _TRIM_FROM, _RELIEF_FROM = 3, 4
 _RELIEF = (0.6, 1.7)
 _SCALE_RANGE = 2.0
@@ -72,7 +71,8 @@ class Clouds:
         for step in range(begin, begin + iterations):
             goal, observed, distances = self.pairs(pose)
             if step >= _TRIM_FROM:
-                keep = np.argpartition(distances, int(_TRIM * len(distances)))[: int(_TRIM * len(distances))]
+                kept = int(TRIM * len(distances))
+                keep = np.argpartition(distances, kept)[:kept]
                 goal, observed = goal[keep], observed[keep]
             pose = _umeyama(goal, observed, pose, start.scale, rescale)
             if relief and step >= _RELIEF_FROM:

@@ -9,7 +9,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from perception.align.base import Array, Mask, Shape, few
+from perception.align.base import Array, Mask, Shape
+from perception.lift import few
 
 _ANGLES = 36
 _CONTOUR_POINTS = 120

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from perception.align.base import Array, Fit, Shape, few
+from perception.align.base import Array, Fit, Shape
 from perception.align.refine import Clouds, Pose
 from perception.align.silhouette import outline, silhouette_fits
+from perception.lift import few
 
 _STARTS = 4
 _FIRST, _THEN = 4, 8

@@ -16,7 +16,8 @@ from scipy.spatial import cKDTree
 
 from bus.codes import Code
 from bus.errors import ConfigError, CycleFailure
-from perception.align.base import Array, Fit, Shape, affine, few, rms_radius_m
+from perception.align.base import Array, Fit, Shape, affine, rms_radius_m
+from perception.lift import few
 
 PACKAGE = "teaserpp_python"
 _POINTS = 300

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from bus.codes import Code
 from bus.errors import CycleFailure
+from perception.crop import Crop
 
 _ROOM = 1.9
 """Side over the object's larger extent: room for a rod that sticks out."""
@@ -34,10 +35,9 @@ class Window:
     @staticmethod
     def around(object_mask: Mask) -> Window:
         """The square about the object's bounding box."""
-        rows, columns = np.flatnonzero(object_mask.any(axis=1)), np.flatnonzero(object_mask.any(axis=0))
-        extent = max(rows[-1] - rows[0], columns[-1] - columns[0]) + 1
-        side = max(round(_ROOM * extent), _MIN_SIDE_PX)
-        return Window(int(columns[0] + columns[-1] + 1 - side) // 2, int(rows[0] + rows[-1] + 1 - side) // 2, side)
+        box = Crop.around(object_mask, 0)
+        side = max(round(_ROOM * max(box.bottom - box.top, box.right - box.left)), _MIN_SIDE_PX)
+        return Window((box.left + box.right - side) // 2, (box.top + box.bottom - side) // 2, side)
 
     def cut(self, image: npt.NDArray[np.uint8], beyond: int | tuple[int, int, int]) -> npt.NDArray[np.uint8]:
         """The window's part of ``image`` (H, W) or (H, W, 3); ``beyond`` where there is no image."""
