@@ -270,28 +270,41 @@ class Detections(Message):
     evidence: Evidence
 
 
-SegmentName = Literal["transit", "approach", "lift", "view", "place", "lower", "retreat", "home"]
+SegmentName = Literal["reach", "carry", "place", "home"]
 
 
 class Segment(Message):
-    """One executable motion of the pick, in order of `SegmentName`."""
+    """One executable motion of the pick, from rest to rest.
+
+    Attributes:
+        name: ``reach`` to before the object and along the approach line, ``carry`` up the lift line and to where it is
+            looked at again, ``place`` above the tray and down, ``home`` up and to the capture pose.
+        route: its free part is a straight joint line, or was searched for around obstacles.
+    """
 
     name: SegmentName
+    route: Literal["straight", "searched"]
     trajectory: Trajectory
 
 
 class Rejection(Message):
-    """A grasp that was not chosen, and why."""
+    """A way to grasp that was not chosen, and why. ``tilt_rad``: as in `PickPlan`."""
 
     grasp: int
+    tilt_rad: float
     code: Code
     reason: str
 
 
 class PickPlan(Message):
-    """plan: the chosen grasp and every motion of the pick, each checked against limits and collisions."""
+    """plan: the chosen grasp and every motion of the pick, each checked against limits and collisions.
+
+    Attributes:
+        grasp: its index. ``tilt_rad``: how far its approach was turned about the closing axis (the rod).
+    """
 
     grasp: int
+    tilt_rad: float
     segments: tuple[Segment, ...]
     rejected: tuple[Rejection, ...]
 

@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 
 import numpy as np
 
 from bus.codes import Code
 from bus.errors import CycleFailure
-from bus.messages import Delivery, Execution, Grasp, HandState, Observation, PickPlan, SegmentRun
+from bus.messages import Delivery, Execution, Grasp, HandState, Observation, PickPlan, SegmentName, SegmentRun
 from bus.trajectory import TICK_S, Trajectory
 from config.schema import Station
 from drivers.interface import Arm, Hand
 
 Halted = Callable[[], bool]
 """Whether somebody asked the cell to stop; asked before every motion of arm and hand."""
-
-BEFORE_GRASP = ("transit", "approach")
-AFTER_GRASP = ("lift", "view")
-TO_TRAY = ("place", "lower")
-FROM_TRAY = ("retreat", "home")
 
 
 class _Runner:
@@ -46,9 +41,8 @@ class _Runner:
             self.stopped_in = name
         return motion.finished
 
-    def run_all(self, plan: PickPlan, names: Iterable[str]) -> bool:
-        wanted = set(names)
-        return all(self.run(part.name, part.trajectory) for part in plan.segments if part.name in wanted)
+    def run_part(self, plan: PickPlan, name: SegmentName) -> bool:
+        return self.run(name, _part(plan, name))
 
 
 def execute(
@@ -70,9 +64,9 @@ def execute(
     after: Observation | None = None
     if runner.may("open"):
         hand.move(grasp.opening_m, station.hand.speed_m_s)
-    if runner.run_all(plan, BEFORE_GRASP) and runner.may("grasp"):
+    if runner.run_part(plan, "reach") and runner.may("grasp"):
         grasped = hand.grasp(station.hand.grasp_force_n, station.hand.speed_m_s)
-        if runner.run_all(plan, AFTER_GRASP) and _hold(runner, plan, station):
+        if runner.run_part(plan, "carry") and _hold(runner, plan, station):
             after = look()
     execution = Execution(
         runs=tuple(runner.runs),
@@ -85,10 +79,14 @@ def execute(
 
 def _hold(runner: _Runner, plan: PickPlan, station: Station) -> bool:
     """Stand still for ``verify.hold_s``, in ``verify.samples`` pieces, the hand read after each."""
-    (view,) = (part.trajectory for part in plan.segments if part.name == "view")
     ticks = max(1, round(station.verify.hold_s / station.verify.samples / TICK_S))
-    still = Trajectory(raw_q_rad=np.repeat(view.end_q_rad[None], ticks, axis=0), window=1)
+    still = Trajectory(raw_q_rad=np.repeat(_part(plan, "carry").end_q_rad[None], ticks, axis=0), window=1)
     return all(runner.run("hold", still) for _ in range(station.verify.samples))
+
+
+def _part(plan: PickPlan, name: SegmentName) -> Trajectory:
+    (trajectory,) = (part.trajectory for part in plan.segments if part.name == name)
+    return trajectory
 
 
 def deliver(plan: PickPlan, devices: tuple[Arm, Hand], station: Station, halted: Halted) -> Delivery:
@@ -99,9 +97,9 @@ def deliver(plan: PickPlan, devices: tuple[Arm, Hand], station: Station, halted:
     arm, hand = devices
     runner = _Runner(arm, hand, halted)
     released: HandState | None = None
-    if runner.run_all(plan, TO_TRAY) and runner.may("release"):
+    if runner.run_part(plan, "place") and runner.may("release"):
         released = hand.move(station.hand.max_width_m, station.hand.speed_m_s)
-        runner.run_all(plan, FROM_TRAY)
+        runner.run_part(plan, "home")
     if runner.stopped_in is not None:
         raise CycleFailure(Code.STOPPED, f"Stopped during {runner.stopped_in!r} of the delivery.")
     return Delivery(runs=tuple(runner.runs), released=released)

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from bus.codes import Code
-from bus.messages import Detections, Execution, HandState, Observation, SegmentRun, Verdict
+from bus.messages import Detections, Execution, HandState, Motion, Observation, Verdict
 from config.schema import Station
 from perception.change import cleared_fraction
 from planning.robot import Robot
 
-_TAIL = 20
-"""Measured samples (10 ms each) at the end of the transit that weigh the empty hand."""
+_HEAD, _TAIL = 10, 20
+"""Measured samples (10 ms each) that weigh the empty hand, as it sets out, and the held object."""
 
 
 def verify(
@@ -31,7 +31,8 @@ def verify(
         raise ValueError("verify needs an execution that reached its hold")
     holds = [run for run in execution.runs if run.name == "hold"]
     width_min_m = min(run.hand.width_m for run in holds)
-    load_n = _weight_n(holds, robot) - _weight_n([run for run in execution.runs if run.name == "transit"], robot)
+    empty_n = _weight_n([run.motion for run in execution.runs if run.name == "reach"], slice(None, _HEAD), robot)
+    load_n = _weight_n([run.motion for run in holds], slice(-_TAIL, None), robot) - empty_n
     cleared = cleared_fraction(detections, before, after, station)
     code, reason = _judge(grasped, width_min_m, load_n, cleared, station)
     return Verdict(
@@ -65,11 +66,11 @@ def _judge(
     )
 
 
-def _weight_n(runs: list[SegmentRun], robot: Robot) -> float:
-    """Mean downward force at the tcp over the last samples of each run [N]."""
+def _weight_n(motions: list[Motion], samples: slice, robot: Robot) -> float:
+    """Mean downward force at the tcp over some samples of each motion [N]."""
     forces = [
         -robot.tcp_force_n(q_rad, tau_ext_nm)[2]
-        for run in runs
-        for q_rad, tau_ext_nm in zip(run.motion.q_rad[-_TAIL:], run.motion.tau_ext_nm[-_TAIL:], strict=True)
+        for motion in motions
+        for q_rad, tau_ext_nm in zip(motion.q_rad[samples], motion.tau_ext_nm[samples], strict=True)
     ]
     return float(np.mean(forces))

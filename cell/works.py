@@ -23,7 +23,8 @@ from cell.cyclelog import CycleLog
 from cell.runinfo import run_info
 from drivers.interface import Feeder
 from logs.recorder import ensure_space
-from planning.timing import move
+from planning.motion import move
+from planning.scene import Scene
 
 _REST_RAD_S = 0.1
 """Below this the arm rests: the FR3's measured velocity chatters by up to 0.08 rad/s at standstill."""
@@ -105,7 +106,7 @@ class Works:
         if float(np.abs(q_rad - home_q_rad).max()) < _AT_CAPTURE_RAD:
             return
         self._require_not_halted()
-        motion = self._equipment.arm.execute(move(self._equipment.robot, q_rad, home_q_rad))
+        motion = self._equipment.arm.execute(move(Scene.of(self._equipment.robot), q_rad, home_q_rad))
         if not motion.finished:
             raise CycleFailure(Code.STOPPED, "Stopped on the way to the capture pose.")
 

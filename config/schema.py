@@ -235,13 +235,24 @@ class PerceptionSettings(Settings):
 
 
 class PlanningSettings(Settings):
-    """How motions are made (facts: toppra -> 1 kHz -> moving average)."""
+    """How motions are made.
+
+    Attributes:
+        window_ms: moving average behind the time-optimal profile; 64 keeps the FR3's recommended torque rate.
+        approach_m, lift_m: straight lines before the grasp and after it.
+        clearance_m: how near anything may come to anything; the fingers may come within 2 mm.
+        tilts_deg: approach directions tried, about the rod, as turns from the one perception proposes.
+        max_approaches: how many ways to grasp are tried, over all grasps and directions.
+        searches: how often a path around obstacles is looked for before a goal counts as unreachable.
+    """
 
     window_ms: Annotated[int, Field(ge=4, le=200)] = 64
     approach_m: Positive = 0.10
     lift_m: Positive = 0.15
-    clearance_m: NonNegative = 0.004
-    max_grasps: Annotated[int, Field(ge=1)] = 12
+    clearance_m: Annotated[float, Field(ge=0.003, le=0.02)] = 0.004
+    tilts_deg: tuple[Finite, ...] = (0.0, 15.0, -15.0, 30.0, -30.0)
+    max_approaches: Annotated[int, Field(ge=1)] = 24
+    searches: Annotated[int, Field(ge=1, le=20)] = 3
 
 
 class VerifySettings(Settings):

@@ -41,7 +41,7 @@ def register(frame: Frame) -> Rgbd:
     if frame.depth_camera == camera and np.array_equal(frame.color_from_depth, np.eye(4)):
         return Rgbd(color, depth_m, camera)
     valid = np.isfinite(depth_m)
-    points = _rays(frame.depth_camera)[valid] * depth_m[valid][:, None].astype(float)
+    points = rays(frame.depth_camera)[valid] * depth_m[valid][:, None].astype(float)
     points = transform(frame.color_from_depth, points)
     return Rgbd(color, _splat(points, camera), camera)
 
@@ -59,7 +59,7 @@ def without_flying_pixels(depth_m: npt.NDArray[np.float32]) -> npt.NDArray[np.fl
 
 
 @lru_cache(maxsize=4)
-def _rays(camera: CameraModel) -> npt.NDArray[np.float64]:
+def rays(camera: CameraModel) -> npt.NDArray[np.float64]:
     """Rays (h, w, 3) with z = 1 of every pixel of a distorted camera."""
     u, v = np.meshgrid(np.arange(camera.width, dtype=float), np.arange(camera.height, dtype=float))
     pixels = np.stack([u.ravel(), v.ravel()], axis=1)[:, None]

@@ -20,6 +20,17 @@ Array = npt.NDArray[np.float64]
 D1, D3, D5 = 0.333, 0.316, 0.384
 A4, A7 = 0.0825, 0.088
 FLANGE = 0.107
+_RIGHT = np.pi / 2
+_DH = (
+    (0, 0, D1),
+    (0, -_RIGHT, 0),
+    (0, _RIGHT, D3),
+    (A4, _RIGHT, 0),
+    (-A4, -_RIGHT, D5),
+    (0, _RIGHT, 0),
+    (A7, _RIGHT, 0),
+)
+"""(a, alpha, d) of each joint."""
 
 _BEND = np.arctan2(D3, A4) + np.arctan2(D5, A4)  # angle S-elbow-W of the straight arm (q4 = 0)
 _UPPER_ARM, _FOREARM = np.hypot(D3, A4), np.hypot(D5, A4)
@@ -124,12 +135,38 @@ def rest_to_rest_s(q_from_rad: Array, q_to_rad: Array) -> Array:
 
 
 def limit_distance_rad(q_rad: Array) -> Array:
-    """Distance (...) of the nearest joint of (..., 7) to its position limit; negative outside."""
+    """Distance (...) of the nearest joint of (..., 7) to its position limit; negative outside, NaN where q is."""
     return np.asarray(np.minimum(q_rad - LOWER_RAD, UPPER_RAD - q_rad).min(axis=-1))
 
 
-def cost(q_from_rad: Joints, q_rad: JointSamples, manipulability: Array) -> Array:
+def cost(q_from_rad: Joints, q_rad: JointSamples) -> Array:
     """Cost (k,) of solutions (k, 7), lower is better: time to get there, nearness of singularities and limits."""
-    singular = np.maximum(0.0, 0.06 - manipulability) / 0.06
+    singular = np.maximum(0.0, 0.06 - manipulability(q_rad)) / 0.06
     near_limit = np.maximum(0.0, 0.1 - limit_distance_rad(q_rad)) / 0.1
     return np.asarray(rest_to_rest_s(q_from_rad, q_rad) + 0.3 * singular + 0.3 * near_limit)
+
+
+def manipulability(q_rad: JointSamples) -> Array:
+    """Yoshikawa's measure ``sqrt(det(J Jt))`` (n,) of the flange; 0 = singular. The tcp's is the same."""
+    base_from_joint, flange_m = _chain(q_rad)
+    axes, origins = base_from_joint[..., :3, 2], base_from_joint[..., :3, 3]
+    jacobian = np.concatenate([np.cross(axes, flange_m[:, None] - origins), axes], axis=-1)
+    return np.asarray(np.sqrt(np.maximum(0.0, np.linalg.det(jacobian.swapaxes(-1, -2) @ jacobian))))
+
+
+def _chain(q_rad: JointSamples) -> tuple[Array, Array]:
+    """Poses (n, 7, 4, 4) of the joint frames and positions (n, 3) of the flange."""
+    pose = np.broadcast_to(np.eye(4), (len(q_rad), 4, 4))
+    frames = []
+    for (a_m, alpha_rad, d_m), q in zip(_DH, q_rad.T, strict=True):
+        cos, sin, zero, one = np.cos(q), np.sin(q), np.zeros_like(q), np.ones_like(q)
+        ca, sa = np.cos(alpha_rad), np.sin(alpha_rad)
+        step = np.array([
+            [cos, -sin, zero, a_m * one],
+            [ca * sin, ca * cos, -sa * one, -sa * d_m * one],
+            [sa * sin, sa * cos, ca * one, ca * d_m * one],
+            [zero, zero, zero, one],
+        ])  # fmt: skip
+        pose = pose @ step.transpose(2, 0, 1)
+        frames.append(pose)
+    return np.stack(frames, axis=1), pose[:, :3, 3] + FLANGE * pose[:, :3, 2]

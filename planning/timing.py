@@ -1,4 +1,4 @@
-"""From a joint path to a trajectory: as fast as the limits allow, jerk-bounded, judged before it is given out.
+"""From a joint path to a trajectory: as fast as the limits allow and jerk-bounded.
 
 Time-optimal parametrisation (toppra: Pham & Pham, "A New Approach to Time-Optimal Path Parameterization Based on
 Reachability Analysis", T-RO 2018) bounds velocity and acceleration; the moving average that the trajectory is played
@@ -8,10 +8,12 @@ time is stretched until they do. The raw ones matter too: a brake starts from th
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import ruckig
 import toppra
 from toppra.constraint import DiscretizationType, JointAccelerationConstraint, LinearConstraint
 
@@ -19,28 +21,64 @@ from bus.arrays import Joints, JointSamples
 from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.trajectory import TICK_S, Trajectory, moving_average
-from config.limits import ACCELERATION_RAD_S2, LimitReport, check, outside, velocity_bounds
+from config.limits import ACCELERATION_RAD_S2, JERK_RAD_S3, LimitReport, check, outside, velocity_bounds
 from config.schema import Station
-from planning.path import first_collision
-from planning.robot import Robot
+from planning.blend import Curve
 
 Array = npt.NDArray[np.float64]
+Sampler = Callable[[Array], JointSamples]
+"""Positions (n, 7) of a profile at its times (n,) [s]."""
 
-_GRID = 301
+_GRID = 151
 _VELOCITY_SHARE = 0.998  # position-dependent limits are not convex over the filter's window
-_ACCELERATION_SHARE = 0.99
+_ACCELERATION_SHARE = 0.997
 _TINY_RAD = 1e-5
 _TINY_TICKS = 20
 _STRETCH_ROUNDS = 8
 
 
-def move(robot: Robot, q_from_rad: Joints, q_to_rad: Joints) -> Trajectory:
-    """A straight joint move from rest to rest, with the hand as wide as it may be.
+def timed(station: Station, curve: Curve) -> Trajectory:
+    """The fastest trajectory within the limits along ``curve``.
 
     Raises:
-        CycleFailure: COLLISION, naming what is touched; MOTION_REFUSED outside the limits.
+        CycleFailure: MOTION_REFUSED when the path leaves the position limits or cannot be timed within the others.
     """
-    return gated(robot, np.stack([q_from_rad, q_to_rad]), width_m=None)
+    points_rad, length_rad = curve.points_rad, float(curve.at_rad[-1])
+    _require_inside(points_rad)
+    if length_rad < _TINY_RAD:
+        return _tiny(points_rad[0], points_rad[-1], station.planning.window_ms)
+    path = toppra.SplineInterpolator(curve.at_rad, points_rad, bc_type="not-a-knot")
+    profile = _fastest(path, length_rad, station.arm.speed)
+    return _within_limits(profile, profile.duration, (points_rad[0], points_rad[-1]), station.planning.window_ms)
+
+
+def rest_to_rest(station: Station, q_from_rad: Joints, q_to_rad: Joints) -> Trajectory:
+    """A straight joint line (ruckig, all joints in phase): to the capture pose, and after a recovery.
+
+    Raises:
+        CycleFailure: MOTION_REFUSED outside the limits.
+    """
+    ends = np.stack([q_from_rad, q_to_rad])
+    _require_inside(ends)
+    if np.abs(ends[1] - ends[0]).max() < _TINY_RAD:
+        return _tiny(ends[0], ends[1], station.planning.window_ms)
+    line = np.linspace(ends[0], ends[1], 101)
+    lower, upper = velocity_bounds(line)
+    fastest = np.maximum(1e-3, np.where(ends[1] > ends[0], upper, -lower).min(axis=0))
+    order = ruckig.InputParameter(7)
+    order.current_position, order.target_position = ends[0].tolist(), ends[1].tolist()
+    order.max_velocity = (_VELOCITY_SHARE * station.arm.speed * fastest).tolist()
+    order.max_acceleration = (_ACCELERATION_SHARE * station.arm.speed**2 * ACCELERATION_RAD_S2).tolist()
+    order.max_jerk = JERK_RAD_S3.tolist()
+    order.synchronization = ruckig.Synchronization.Phase
+    profile = ruckig.Trajectory(7)
+    if ruckig.Ruckig(7).calculate(order, profile) != ruckig.Result.Working:
+        raise CycleFailure(Code.MOTION_REFUSED, "The move cannot be timed within the joint limits.")
+
+    def sampler(times_s: Array) -> JointSamples:
+        return np.array([profile.at_time(t)[0] for t in times_s])
+
+    return _within_limits(sampler, profile.duration, (ends[0], ends[1]), station.planning.window_ms)
 
 
 def hold(q_rad: Joints, duration_s: float) -> Trajectory:
@@ -49,44 +87,35 @@ def hold(q_rad: Joints, duration_s: float) -> Trajectory:
     return Trajectory(raw_q_rad=np.repeat(np.asarray(q_rad, dtype=float)[None], samples, axis=0), window=1)
 
 
-def gated(robot: Robot, points_rad: JointSamples, *, width_m: float | None) -> Trajectory:
-    """Time a path, then judge the commands that would really be sent, independently of how they were planned.
-
-    Raises:
-        CycleFailure: COLLISION or MOTION_REFUSED.
-    """
+def _require_inside(points_rad: JointSamples) -> None:
+    if not len(points_rad):
+        raise CycleFailure(Code.MOTION_REFUSED, "The path has no points.")
     if not np.isfinite(points_rad).all():
         raise CycleFailure(Code.MOTION_REFUSED, "The path has a joint position that is not a finite number.")
-    trajectory = timed(robot.station, points_rad)
-    touch = first_collision(robot, trajectory.filtered(), width_m=width_m)
-    if touch is not None:
-        raise CycleFailure(Code.COLLISION, f"On the way, {touch}.")
-    return trajectory
-
-
-def timed(station: Station, points_rad: JointSamples) -> Trajectory:
-    """The fastest trajectory within the limits through ``points_rad`` (m, 7), which lie on a smooth curve.
-
-    Raises:
-        CycleFailure: MOTION_REFUSED when the path leaves the position limits or cannot be timed within the others.
-    """
     beyond = outside(points_rad)
     if beyond is not None:
         raise CycleFailure(Code.MOTION_REFUSED, f"The path leaves the limits: {beyond}.")
-    window = station.planning.window_ms
-    steps_rad = np.abs(np.diff(points_rad, axis=0)).max(axis=1)
-    at = np.concatenate([[0.0], np.cumsum(steps_rad)])
-    length_rad = float(at[-1])
-    if length_rad == 0.0:
-        return _accepted(points_rad[:1], window)
-    if length_rad < _TINY_RAD:
-        share = np.linspace(0.0, 1.0, _TINY_TICKS)[:, None]
-        return _accepted(points_rad[0] + share * (points_rad[-1] - points_rad[0]), window)
-    path = toppra.SplineInterpolator(at, points_rad, bc_type="not-a-knot")
-    profile = _fastest(path, length_rad, station.arm.speed)
+
+
+def _tiny(q_from_rad: Joints, q_to_rad: Joints, window: int) -> Trajectory:
+    """A goal already reached is one sample; one that is hardly away is gone to evenly."""
+    if np.array_equal(q_from_rad, q_to_rad):
+        return Trajectory(raw_q_rad=q_from_rad[None], window=window)
+    share = np.linspace(0.0, 1.0, _TINY_TICKS)[:, None]
+    trajectory = Trajectory(raw_q_rad=q_from_rad + share * (q_to_rad - q_from_rad), window=window)
+    report = check(trajectory.filtered())
+    if not report.ok:
+        raise CycleFailure(Code.MOTION_REFUSED, report.describe())
+    return trajectory
+
+
+def _within_limits(sampler: Sampler, duration_s: float, ends: tuple[Joints, Joints], window: int) -> Trajectory:
+    """The profile at 1 kHz, slowed until its raw and its filtered samples keep every limit."""
     stretch = 1.0
     for _ in range(_STRETCH_ROUNDS):
-        raw = _sampled(profile, points_rad, stretch)
+        ticks = max(1, int(np.ceil(duration_s * stretch / TICK_S)))
+        raw = np.array(sampler(np.linspace(0.0, duration_s, ticks + 1)))
+        raw[0], raw[-1] = ends
         of_raw, of_filtered = check(raw), check(moving_average(raw, window))
         over = max(_excess(of_raw, jerk=False), _excess(of_filtered, jerk=True))
         if over <= 1.0:
@@ -95,14 +124,6 @@ def timed(station: Station, points_rad: JointSamples) -> Trajectory:
             break
         stretch *= 1.0005 * over
     raise CycleFailure(Code.MOTION_REFUSED, f"The path cannot be timed. {of_filtered.describe()}")
-
-
-def _accepted(raw_q_rad: JointSamples, window: int) -> Trajectory:
-    trajectory = Trajectory(raw_q_rad=raw_q_rad, window=window)
-    report = check(trajectory.filtered())
-    if not report.ok:
-        raise CycleFailure(Code.MOTION_REFUSED, report.describe())
-    return trajectory
 
 
 def _excess(report: LimitReport, *, jerk: bool) -> float:
@@ -114,23 +135,15 @@ def _excess(report: LimitReport, *, jerk: bool) -> float:
     )
 
 
-def _sampled(profile: Any, points_rad: JointSamples, stretch: float) -> JointSamples:
-    """1 kHz samples of ``profile``, slowed by ``stretch``; the ends are the path's ends exactly."""
-    ticks = max(1, int(np.ceil(profile.duration * stretch / TICK_S)))
-    raw = np.array(profile(np.linspace(0.0, profile.duration, ticks + 1)))
-    raw[0], raw[-1] = points_rad[0], points_rad[-1]
-    return raw
-
-
 def _fastest(path: Any, length_rad: float, speed: float) -> Any:
     """The time-optimal profile along ``path``; ``speed`` < 1 scales its time by 1 / speed."""
     limit = (_ACCELERATION_SHARE * speed**2 * ACCELERATION_RAD_S2)[:, None] * np.array([-1.0, 1.0])
     acceleration = JointAccelerationConstraint(limit, discretization_scheme=DiscretizationType.Interpolation)
-    velocity = _PositionDependentVelocity(_VELOCITY_SHARE * speed)
+    velocity = PositionDependentVelocity(_VELOCITY_SHARE * speed)
     solver = toppra.algorithm.TOPPRA(
         [velocity, acceleration],
         path,
-        gridpoints=np.linspace(0.0, length_rad, _GRID),
+        gridpoints=_grid(path, length_rad),
         solver_wrapper="seidel",
         parametrizer="ParametrizeConstAccel",
     )
@@ -141,8 +154,17 @@ def _fastest(path: Any, length_rad: float, speed: float) -> Any:
     return profile
 
 
-class _PositionDependentVelocity(LinearConstraint):  # type: ignore[misc]
-    """`config.limits.velocity_bounds` as a bound on the squared path speed at each grid point."""
+def _grid(path: Any, length_rad: float) -> Array:
+    """Grid points, denser where the path bends: half as many as an even grid needs for the same accuracy."""
+    s = np.linspace(0.0, length_rad, 10 * _GRID)
+    bend = np.sqrt(np.linalg.norm(path(s, 2), axis=1))
+    density = bend / max(float(bend.mean()), 1e-12) + 0.3
+    share = np.concatenate([[0.0], np.cumsum(density[1:] + density[:-1])])
+    return np.asarray(np.interp(np.linspace(0.0, share[-1], _GRID), share, s))
+
+
+class PositionDependentVelocity(LinearConstraint):  # type: ignore[misc]
+    """`config.limits.velocity_bounds`, times ``share``, as a bound on the squared path speed at each grid point."""
 
     def __init__(self, share: float) -> None:
         super().__init__()

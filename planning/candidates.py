@@ -1,0 +1,100 @@
+"""Ways to grasp, best first, and the arm configurations that can do them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bus.arrays import Joints, Transform
+from bus.codes import Code
+from bus.messages import Grasp
+from config.schema import Station
+from planning.infeasible import Infeasible
+from planning.kinematics import branches, cost, limit_distance_rad, q7_grid
+from planning.robot import FINGER_TIP_M, FINGER_TIP_SIZE_M, flange_pose
+from planning.scene import FINGER_CLEARANCE_M
+from planning.search import LIMIT_MARGIN_RAD
+
+MAX_RAISE_M = 0.015
+"""How far a grasp may be raised to keep the finger tips off the table; more would miss the object."""
+_HALF_TURN = np.diag([-1.0, -1.0, 1.0, 1.0])
+
+
+@dataclass(frozen=True)
+class Approach:
+    """One grasp from one direction.
+
+    Attributes:
+        index: of the grasp. ``tilt_rad``: turn about the closing axis from the direction that perception proposed.
+    """
+
+    index: int
+    grasp: Grasp
+    tilt_rad: float
+
+    @property
+    def score(self) -> float:
+        """A tilted approach counts as its grasp seen from that far aside."""
+        return self.grasp.score * float(np.cos(self.tilt_rad))
+
+
+def approaches(grasps: Sequence[Grasp], station: Station) -> list[Approach]:
+    """Every grasp from every direction, best first."""
+    tilts_rad = np.radians(station.planning.tilts_deg)
+    every = [Approach(i, grasp, float(tilt)) for i, grasp in enumerate(grasps) for tilt in tilts_rad]
+    return sorted(every, key=lambda one: -one.score)[: station.planning.max_approaches]
+
+
+def grasp_pose(approach: Approach, station: Station) -> Transform:
+    """base_from_tcp of an approach, raised as far as its finger tips need to clear the table.
+
+    Raises: Infeasible: not a pose, wider than the jaw, or too low.
+    """
+    grasp = approach.grasp
+    _require_pose(grasp)
+    if grasp.width_m > station.hand.max_width_m:
+        raise Infeasible(
+            Code.NO_GRASP,
+            f"width: {grasp.width_m * 1e3:.0f} mm are wider than the jaw opens ({station.hand.max_width_m * 1e3:.0f})",
+        )
+    c, s = np.cos(approach.tilt_rad), np.sin(approach.tilt_rad)
+    turn = np.array([[c, 0, s, 0], [0, 1, 0, 0], [-s, 0, c, 0], [0, 0, 0, 1]])
+    return _off_the_table(np.asarray(grasp.base_from_tcp) @ turn, grasp.opening_m, station)
+
+
+def configurations(poses: Sequence[Transform], q_from_rad: Joints) -> Iterator[tuple[Joints, Transform]]:
+    """Arm configurations that bring the tcp to any of ``poses``, off the limits, the cheapest from here first."""
+    every = branches(flange_pose(np.stack(poses))[:, None], q7_grid())
+    kept = limit_distance_rad(every) >= LIMIT_MARGIN_RAD
+    q, owner = every[kept], np.nonzero(kept)[0]
+    for index in np.argsort(cost(q_from_rad, q), kind="stable"):
+        yield q[index], poses[owner[index]]
+
+
+def twins(base_from_tcp: Transform) -> list[Transform]:
+    """The pose and the one turned by half a turn about the approach: a parallel jaw does not mind."""
+    return [base_from_tcp, base_from_tcp @ _HALF_TURN]
+
+
+def _require_pose(grasp: Grasp) -> None:
+    pose = grasp.base_from_tcp
+    if not (np.isfinite(pose).all() and np.isfinite([grasp.width_m, grasp.opening_m, grasp.score]).all()):
+        raise Infeasible(Code.UNREACHABLE, "the grasp is not made of finite numbers")
+    rotation = pose[:3, :3]
+    if np.abs(rotation.T @ rotation - np.eye(3)).max() > 1e-6 or np.linalg.det(rotation) < 0:
+        raise Infeasible(Code.UNREACHABLE, "the grasp's orientation is not a rotation")
+
+
+def _off_the_table(pose: Transform, opening_m: float, station: Station) -> Transform:
+    half_x, half_y = FINGER_TIP_SIZE_M[0] / 2, opening_m / 2 + FINGER_TIP_SIZE_M[1]
+    corners = np.array([[x, y, FINGER_TIP_M] for x in (-half_x, half_x) for y in (-half_y, half_y)])
+    lowest_m = float((corners @ pose[:3, :3].T)[:, 2].min() + pose[2, 3])
+    table_m = station.scene.table.center_m[2] + station.scene.table.size_m[2] / 2
+    raise_m = table_m + FINGER_CLEARANCE_M + 5e-4 - lowest_m
+    if raise_m > MAX_RAISE_M:
+        raise Infeasible(Code.COLLISION, "the grasp is so low that the fingers would touch table")
+    raised = pose.copy()
+    raised[2, 3] += max(0.0, raise_m)
+    return raised

@@ -1,0 +1,195 @@
+"""What stands around the arm during one pick, and whether a path through it is free.
+
+Known boxes come from the station, other obstacles from the camera, and once something is held it moves along. Plans
+are made with the convex hulls of the robot's parts; `Scene.gate` is built from other shapes to judge them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import coal
+import numpy as np
+import numpy.typing as npt
+
+from bus.arrays import Joints, JointSamples, Points, Transform
+from config.scene import scene_boxes
+from config.schema import Box
+from planning.robot import HAND_FROM_TCP_M, Robot
+from planning.seen import CELL_M, Field, few, observed_field, solid
+from planning.world import FINGERS, Thing, World, held_thing
+
+Array = npt.NDArray[np.float64]
+
+FINGER_CLEARANCE_M = 0.002
+"""How near the fingers may come to things: they work where objects lie."""
+_CHECK_STEP_M = 0.003
+_RESIDUAL_M = 0.0025
+_FEWEST_POINTS = 20
+_COARSE_M = 0.025
+"""Nothing within this: no finer check is needed as far as no point of the robot moves farther."""
+_GATE_STEP_M = 0.008
+_GATE_MARGIN_M = 0.001
+_LEVER_M = np.array([1.15, 1.15, 0.95, 0.85, 0.45, 0.40, 0.20])
+"""Farthest that a point of arm, hand or camera can be from each joint's axis."""
+
+
+@dataclass(frozen=True)
+class Sight:
+    """What the camera saw.
+
+    Attributes:
+        points_base: (H, W, 3) [m] in ``base``, NaN = no depth.
+        target: (H, W) the object to be grasped.
+    """
+
+    points_base: Points
+    target: npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """The obstacles of one pick.
+
+    Attributes:
+        boxes: what is known to stand there; the first is the table.
+        field: what was seen besides; None = nothing.
+        target: the points (n, 3) of the object to be grasped in ``base``; only the fingers may touch it.
+        held: the object in the hand.
+    """
+
+    robot: Robot
+    boxes: tuple[Box, ...]
+    field: Field | None = None
+    target: Array | None = None
+    held: Thing | None = None
+
+    @classmethod
+    def of(cls, robot: Robot, sight: Sight | None = None, boxes: Sequence[Box] | None = None) -> Scene:
+        """The station's boxes (or others), and what was seen among them."""
+        known = scene_boxes(robot.station.scene) if boxes is None else tuple(boxes)
+        if sight is None:
+            return cls(robot, known)
+        target = sight.points_base[sight.target].astype(float)
+        target = few(target[np.isfinite(target[:, 2])])
+        field = observed_field(sight.points_base, sight.target, known)
+        return cls(robot, known, field, target if len(target) >= _FEWEST_POINTS else None)
+
+    def holding(self, base_from_tcp: Transform) -> Scene:
+        """The scene in which the target hangs in the hand, as it lay when the tcp was at ``base_from_tcp``."""
+        if self.target is None:
+            return self
+        hand_from_tcp = np.eye(4)
+        hand_from_tcp[2, 3] = HAND_FROM_TCP_M
+        held = held_thing(self._target_solid(), hand_from_tcp @ np.linalg.inv(base_from_tcp))
+        return replace(self, target=None, held=held)
+
+    def empty(self) -> Scene:
+        """The scene without the target, in the hand or on the table."""
+        return self._without_target
+
+    @cached_property
+    def _without_target(self) -> Scene:
+        return self if self.target is None and self.held is None else replace(self, target=None, held=None)
+
+    def touch(self, q_rad: Joints, width_m: float) -> str | None:
+        """What comes nearer than the clearance in one configuration, in words, or None."""
+        return self._fine.touch(q_rad, width_m)
+
+    def first_touch(self, path_rad: JointSamples, width_m: float) -> str | None:
+        """What the robot touches first on the polyline ``path_rad`` (n, 7), or None.
+
+        Between checks no point of the robot moves farther than the margin that the checks found free, so that 2.5 mm
+        remain everywhere on the way (0.5 mm below the fingers).
+        """
+        travel_m = sweep_m(path_rad)
+        blocks = max(1, int(np.ceil(travel_m[-1] / (2 * (_COARSE_M - _RESIDUAL_M)))))
+        edges = np.linspace(0.0, travel_m[-1], blocks + 1)
+        middles = _at(path_rad, travel_m, (edges[1:] + edges[:-1]) / 2)
+        for begin, end, middle in zip(edges[:-1], edges[1:], middles, strict=True):
+            if self._coarse.touch(middle, width_m) is None:
+                continue
+            checks = int(np.ceil((end - begin) / _CHECK_STEP_M)) + 1
+            for q in _at(path_rad, travel_m, np.linspace(begin, end, checks)):
+                touch = self._fine.touch(q, width_m)
+                if touch is not None:
+                    return touch
+        return None
+
+    def gate(self, commands_rad: JointSamples, width_m: float) -> str | None:
+        """The last judgement on 1 kHz commands, by other shapes than they were planned with.
+
+        The exact meshes instead of their hulls, the observed points instead of the field, checked wherever the robot
+        may have moved by 8 mm.
+        """
+        travel_m = sweep_m(commands_rad)
+        ticks = np.searchsorted(travel_m, np.arange(0.0, travel_m[-1], _GATE_STEP_M))
+        for tick in np.unique(np.append(ticks, len(commands_rad) - 1)):
+            touch = self._exact.touch(commands_rad[tick], width_m)
+            if touch is not None:
+                return touch
+        return None
+
+    # --- worlds -------------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def _fine(self) -> World:
+        clearance_m = self.robot.station.planning.clearance_m
+        finger_m = min(clearance_m, FINGER_CLEARANCE_M)
+        return World(self.robot, self.robot.hulls, self._things, margin_m=clearance_m, finger_margin_m=finger_m)
+
+    @cached_property
+    def _coarse(self) -> World:
+        return World(self.robot, self.robot.hulls, self._things, margin_m=_COARSE_M, finger_margin_m=_COARSE_M)
+
+    @cached_property
+    def _exact(self) -> World:
+        things = self._known
+        if self.field is not None:
+            things += (Thing("an observed obstacle", coal.makeOctree(self.field.points, CELL_M)),)
+        if self.held is not None:
+            things += (self.held,)
+        return World(self.robot, self.robot.meshes, things, margin_m=_GATE_MARGIN_M, finger_margin_m=0.0)
+
+    @property
+    def _known(self) -> tuple[Thing, ...]:
+        near_table = frozenset({"link 0"})  # the base stands on it
+        return tuple(
+            Thing(box.name, coal.Box(*box.size_m), _at_center(box), near_table if box is self.boxes[0] else frozenset())
+            for box in self.boxes
+        )
+
+    @cached_property
+    def _things(self) -> tuple[Thing, ...]:
+        things = self._known
+        if self.field is not None:
+            things += (self.field.thing(),)
+        if self.target is not None:
+            things += (Thing("the target", self._target_solid(), near=FINGERS),)
+        if self.held is not None:
+            things += (self.held,)
+        return things
+
+    def _target_solid(self) -> coal.CollisionGeometry:
+        """The target down to just above the table, on which it stood."""
+        assert self.target is not None
+        table = self.boxes[0]
+        floor_m = table.center_m[2] + table.size_m[2] / 2 + self.robot.station.planning.clearance_m + 1e-3
+        return solid(self.target, floor_m)
+
+
+def sweep_m(path_rad: JointSamples) -> Array:
+    """How far (n,) any point of the robot may have moved along the polyline ``path_rad`` (n, 7), at most."""
+    return np.concatenate([[0.0], np.cumsum(np.abs(np.diff(path_rad, axis=0)) @ _LEVER_M)])
+
+
+def _at(path_rad: JointSamples, travel_m: Array, at_m: Array) -> JointSamples:
+    return np.stack([np.interp(at_m, travel_m, column) for column in path_rad.T], axis=1)
+
+
+def _at_center(box: Box) -> Transform:
+    pose = np.eye(4)
+    pose[:3, 3] = box.center_m
+    return pose

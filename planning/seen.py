@@ -1,0 +1,128 @@
+"""What the camera sees besides the target, as a height field: each cell is solid up to the highest point in it.
+
+A camera that looks down sees tops, not sides, and nothing behind an edge. So every column is filled from below, and
+between neighbouring pixels that lie apart in depth the line that joins them counts as seen: what an edge hides is
+taken for solid.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import coal
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+
+from bus.arrays import Points
+from config.schema import Box
+from planning.world import Thing
+
+Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+CELL_M = 0.005
+KNOWN_M = 0.012
+"""What is seen so near to a box of the station file is that box (depth noise, edges)."""
+_BELOW_M = 0.05
+_MAX_SHEET_M = 1.0
+_ENOUGH_POINTS = 500
+_BESIDE_TARGET_PX = 2
+"""Depth at the target's outline mixes with what is behind it."""
+
+
+@dataclass(frozen=True)
+class Field:
+    """Heights over a grid of ``base`` x and y.
+
+    Attributes:
+        origin_m: (x, y) of node [0, 0]. ``height_m``: (ny, nx) [m] in ``base``; below the table where nothing is.
+        points: (n, 3) what was seen there, as it was seen, for a check of another kind.
+    """
+
+    origin_m: Array
+    height_m: Array
+    points: Array
+
+    def thing(self) -> Thing:
+        """As an obstacle."""
+        ny, nx = self.height_m.shape
+        size = np.array([nx - 1, ny - 1]) * CELL_M
+        pose = np.eye(4)
+        pose[:2, 3] = self.origin_m + size / 2
+        # coal counts rows from the largest y on
+        field = coal.HeightFieldAABB(size[0], size[1], self.height_m[::-1], float(self.height_m.min()) - _BELOW_M)
+        return Thing("an observed obstacle", field, pose)
+
+
+def observed_field(points_base: Points, target: Mask, boxes: Sequence[Box]) -> Field | None:
+    """The obstacles in one depth image; None when there is nothing but known boxes and the target.
+
+    Args:
+        points_base: (H, W, 3) [m] in ``base``, NaN = no depth; neighbours that belong together are nearer than a cell.
+        target: (H, W) the object to be grasped.
+        boxes: what is known to stand there; the first is the table.
+    """
+    around = ndimage.binary_dilation(target, iterations=_BESIDE_TARGET_PX)
+    points = np.where(around[..., None], np.inf, points_base).astype(float)
+    single = points[np.isfinite(points[..., 2])]
+    seen = np.concatenate(
+        [_unknown(some, boxes) for some in (single, _sheets(points), _sheets(points.transpose(1, 0, 2)))]
+    )
+    if not len(seen):
+        return None
+    low = np.floor(seen[:, :2].min(axis=0) / CELL_M) - 1
+    column, row = (np.rint(seen[:, :2] / CELL_M) - low).astype(int).T
+    height_m = np.full((row.max() + 2, column.max() + 2), boxes[0].center_m[2] - boxes[0].size_m[2] / 2)
+    np.maximum.at(height_m, (row, column), seen[:, 2])
+    return Field(low * CELL_M, height_m, seen)
+
+
+def _sheets(points: Array) -> Array:
+    """The points (n, 3) that join neighbours in a row of an image (H, W, 3) which lie apart.
+
+    A neighbour is the next pixel with depth; infinite points are the target, which joins nothing.
+    """
+    nothing = np.isnan(points[..., 2])
+    last = np.maximum.accumulate(np.where(nothing, -1, np.arange(points.shape[1])), axis=1)
+    before = last[:, :-1]
+    rows, columns = np.nonzero(~nothing[:, 1:] & (before >= 0))
+    a, b = points[rows, before[rows, columns]], points[rows, columns + 1]
+    with np.errstate(invalid="ignore"):
+        along = b - a  # NaN or infinite beside the target
+    gap_m = np.linalg.norm(along, axis=1)
+    apart = (gap_m > CELL_M) & (gap_m < _MAX_SHEET_M)
+    a, along = a[apart], along[apart]
+    steps = np.ceil(gap_m[apart] / CELL_M).astype(int)
+    number = np.repeat(np.arange(len(steps)), steps)
+    share = (np.arange(len(number)) - np.repeat(np.cumsum(steps) - steps, steps)) / steps[number]
+    return np.asarray(a[number] + share[:, None] * along[number])
+
+
+def _unknown(points: Array, boxes: Sequence[Box]) -> Array:
+    """Those above the table that no known box explains."""
+    points = points[points[:, 2] > boxes[0].center_m[2] + boxes[0].size_m[2] / 2 + KNOWN_M]
+    known = np.zeros(len(points), dtype=bool)
+    for box in boxes:
+        known |= (np.abs(points - box.center_m) <= np.array(box.size_m) / 2 + KNOWN_M).all(axis=1)
+    return points[~known]
+
+
+def solid(points_base: Array, floor_m: float) -> coal.CollisionGeometry:
+    """The convex hull of points (n, 3) in ``base`` and of what is below them, down to the height ``floor_m``."""
+    raised = points_base.copy()
+    raised[:, 2] = np.maximum(raised[:, 2], floor_m + 1e-3)
+    on_floor = raised.copy()
+    on_floor[:, 2] = floor_m
+    mesh = coal.BVHModelOBBRSS()
+    mesh.beginModel(0, 0)
+    mesh.addVertices(np.concatenate([raised, on_floor]))
+    mesh.endModel()
+    mesh.buildConvexHull(False, "Qt")
+    return mesh.convex
+
+
+def few(points: Array) -> Array:
+    """Some hundred of the points, evenly picked."""
+    return points[:: max(1, len(points) // _ENOUGH_POINTS)]
