@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
-from benchmarks import alignment, detection, grasps, models
+from benchmarks import alignment, detection, grasps, models, planning
 from benchmarks.drifted import REGIMES
 from bus.commands import CommandRequest
 from bus.errors import CellError
@@ -105,6 +105,16 @@ def models_(
 ) -> None:
     """Hosted models through the loopback server, drift none, mild and hard: does the carried rectangle survive?"""
     typer.echo(json.dumps(models.run(scenes, seed, provider, _teller(as_json))))
+
+
+@app.command(name="planning")
+def planning_(
+    scenes: Annotated[int, typer.Option(min=2, help="Four picks in each.")] = 50,
+    seed: int = 0,
+    as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
+) -> None:
+    """Picks among boxes, known or only seen: solved, CPU time [ms], limits, collisions, stops; and plain libraries."""
+    typer.echo(json.dumps(planning.run(scenes, seed, _teller(as_json))))
 
 
 def _teller(quiet: bool) -> Callable[[str], None]:

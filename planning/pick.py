@@ -31,7 +31,7 @@ Array = npt.NDArray[np.float64]
 
 LOWER_M = 0.05
 """Height above the place point from which the object is lowered, and to which the hand retreats."""
-_EXAMINED = 16  # arm configurations examined for one pose
+_EXAMINED = 16  # arm configurations tried for a place to look from
 _LANDINGS = 4  # of them, how many a path may end at
 _PLACE_YAWS_RAD = np.arange(12) * np.pi / 6
 
@@ -141,8 +141,9 @@ def _before_grasp(
     up_m = np.array([0.0, 0.0, station.planning.lift_m])
     opening_m = min(grasp.opening_m, station.hand.max_width_m)
     befores = [_shifted(pose, back_m) for pose in twins(base_from_tcp)]
-    for q, before in islice(configurations(befores, q_now_rad), _EXAMINED):
+    for q, before in configurations(befores, q_now_rad):
         try:
+            _require_free("before the grasp", scene, q[None], opening_m)
             approach = _line("approach", q, before, -back_m)
             lift = _line("lift", approach[-1], _shifted(before, -back_m), up_m)
             _require_free("approach", scene, approach, opening_m)
@@ -234,8 +235,9 @@ def _above_tray(
     down_m = np.array([0.0, 0.0, -LOWER_M])
     above_m = np.array(station.scene.place_m) - down_m
     poses = [_posed(_turned(yaw) @ base_from_tcp_rotation, above_m) for yaw in _PLACE_YAWS_RAD]
-    for q, pose in islice(configurations(poses, view_q), 2 * _EXAMINED):
+    for q, pose in configurations(poses, view_q):
         try:
+            _require_free("above the tray", holding, q[None], grasp.width_m)
             lower = _line("lower", q, pose, down_m)
             _require_free("lower", holding, lower, grasp.width_m)
             _require_free("retreat", holding.empty(), lower, station.hand.max_width_m)

@@ -18,7 +18,7 @@ from bus.arrays import Joints, JointSamples, Points, Transform
 from config.scene import scene_boxes
 from config.schema import Box
 from planning.robot import HAND_FROM_TCP_M, Robot
-from planning.seen import CELL_M, Field, few, observed_field, solid
+from planning.seen import Field, few, observed_field, solid
 from planning.world import FINGERS, Thing, World, held_thing
 
 Array = npt.NDArray[np.float64]
@@ -148,7 +148,7 @@ class Scene:
     def _exact(self) -> World:
         things = self._known
         if self.field is not None:
-            things += (Thing("an observed obstacle", coal.makeOctree(self.field.points, CELL_M)),)
+            things += (self.field.points_thing,)
         if self.held is not None:
             things += (self.held,)
         return World(self.robot, self.robot.meshes, things, margin_m=_GATE_MARGIN_M, finger_margin_m=0.0)
@@ -165,7 +165,7 @@ class Scene:
     def _things(self) -> tuple[Thing, ...]:
         things = self._known
         if self.field is not None:
-            things += (self.field.thing(),)
+            things += (self.field.thing,)
         if self.target is not None:
             things += (Thing("the target", self._target_solid(), near=FINGERS),)
         if self.held is not None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import coal
 import numpy as np
@@ -25,6 +26,7 @@ Mask = npt.NDArray[np.bool_]
 CELL_M = 0.005
 KNOWN_M = 0.012
 """What is seen so near to a box of the station file is that box (depth noise, edges)."""
+_NAME = "an observed obstacle"
 _BELOW_M = 0.05
 _MAX_SHEET_M = 1.0
 _ENOUGH_POINTS = 500
@@ -32,7 +34,7 @@ _BESIDE_TARGET_PX = 2
 """Depth at the target's outline mixes with what is behind it."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Field:
     """Heights over a grid of ``base`` x and y.
 
@@ -45,15 +47,21 @@ class Field:
     height_m: Array
     points: Array
 
+    @cached_property
     def thing(self) -> Thing:
-        """As an obstacle."""
+        """As an obstacle, filled down to the table."""
         ny, nx = self.height_m.shape
         size = np.array([nx - 1, ny - 1]) * CELL_M
         pose = np.eye(4)
         pose[:2, 3] = self.origin_m + size / 2
         # coal counts rows from the largest y on
         field = coal.HeightFieldAABB(size[0], size[1], self.height_m[::-1], float(self.height_m.min()) - _BELOW_M)
-        return Thing("an observed obstacle", field, pose)
+        return Thing(_NAME, field, pose)
+
+    @cached_property
+    def points_thing(self) -> Thing:
+        """The points alone, as an obstacle: each fills the cell it is in."""
+        return Thing(_NAME, coal.makeOctree(self.points, CELL_M))
 
 
 def observed_field(points_base: Points, target: Mask, boxes: Sequence[Box]) -> Field | None:
