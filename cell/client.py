@@ -38,9 +38,17 @@ class Client:
         """Names of the nodes that are up."""
         return sorted(self._bus.nodes_alive())
 
-    def command(self, verb: str, *, cycles: int = 1, object_name: str | None = None) -> CommandReply:
+    def command(
+        self, verb: str, *, cycles: int = 1, until_empty: bool = False, object_name: str | None = None
+    ) -> CommandReply:
         """Send one command. Raises: Refused with code, reason and what is available."""
-        request = CommandRequest(command_id=uuid.uuid4().hex, client_id=CLIENT_ID, cycles=cycles, object=object_name)
+        request = CommandRequest(
+            command_id=uuid.uuid4().hex,
+            client_id=CLIENT_ID,
+            cycles=cycles,
+            until_empty=until_empty,
+            object=object_name,
+        )
         reply = self._bus.request(topics.COMMAND, request, CommandReply, timeout_s=self._timeout_s, verb=verb)
         refuse(reply)
         return reply

@@ -156,7 +156,8 @@ class SceneSettings(Settings):
     @model_validator(mode="after")
     def _names_are_unique(self) -> SceneSettings:
         walls = [wall.name for one in self.bins for wall in one.walls]
-        names = [*(one.name for one in (self.table, self.tray, *self.obstacles, *self.bins)), *walls]
+        boxes = [box.name for box in (self.table, self.tray, *self.obstacles)]
+        names = [*boxes, *(one.name for one in self.bins), *walls]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise ValueError(f"every box and bin of the scene needs a name of its own; used twice: {', '.join(twice)}")

@@ -53,7 +53,8 @@ def fill(placings: Sequence[Placing], region_m: Array, rng: np.random.Generator,
     if fitted:
         raise DriverError("The objects do not come to rest in the pick region.", "Do they roll?")
     raise ConfigError(
-        f"{len(placings)} objects do not fit into the pick region.", "Lower sim.clutter, or enlarge scene.pick_region_m."
+        f"{len(placings)} objects do not fit into the pick region.",
+        "Lower sim.clutter, or enlarge scene.pick_region_m.",
     )
 
 

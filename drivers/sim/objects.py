@@ -157,7 +157,8 @@ def object_names(folder: Path | None) -> tuple[str, ...]:
 def name_in_order(names: tuple[str, ...], seed: int, index: int) -> str:
     """The ``index``-th of a seeded order in which each comes once a round."""
     round_number, place = divmod(index, len(names))
-    return names[np.random.default_rng([seed % 2**64, round_number]).permutation(len(names))[place]]
+    order = np.random.default_rng([seed % 2**64, round_number]).permutation(len(names))
+    return names[int(order[place])]
 
 
 def add_object(spec: mujoco.MjSpec, name: str, folder: Path | None, body_name: str) -> None:

@@ -190,7 +190,9 @@ class World:
             self.model: mujoco.MjModel = spec.compile()
         except ValueError as error:
             names = ", ".join(sorted(set(objects.values())))
-            raise ConfigError(f"An object does not compile: {error}.", f"Correct the object.xml of: {names}.") from error
+            raise ConfigError(
+                f"An object does not compile: {error}.", f"Correct the object.xml of: {names}."
+            ) from error
         self.data: mujoco.MjData = mujoco.MjData(self.model)
         self.objects = dict(objects)
         self._index()
