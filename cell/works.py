@@ -6,6 +6,7 @@ import itertools
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from datetime import UTC, datetime
 
 import numpy as np
@@ -21,6 +22,7 @@ from cell.cycle import FAULTS, Cycle, Equipment, Say
 from cell.cyclelog import CycleLog
 from cell.feed import Feed
 from cell.runinfo import run_info
+from config.scene import placing_at
 from drivers.interface import Feeder
 from logs.recorder import ensure_space
 from planning.timing import move
@@ -118,9 +120,10 @@ class Works:
         number = next(self._numbers)
         day = datetime.now(UTC).strftime("%Y-%m-%d")
         path = self._station.recording.folder / day / f"{cycle_id}.mcap"
-        metadata = run_info(self._station, cycle_id)
-        self.log = CycleLog(path, self._station.model_dump_json(), metadata, time.time_ns)
-        self._cycle = Cycle(cycle_id, self._equipment, self._say, self._on_stage, self.log, self.halt.is_set)
+        station = placing_at(self._station, number)
+        self.log = CycleLog(path, station.model_dump_json(), run_info(station, cycle_id), time.time_ns)
+        equipment = replace(self._equipment, station=station)
+        self._cycle = Cycle(cycle_id, equipment, self._say, self._on_stage, self.log, self.halt.is_set)
         self._on_stage("")
         self._name_object(self._cycle, lambda: self.feed.present(number, self.object))
 

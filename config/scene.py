@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from config.schema import Box, SceneSettings, walls_on
+from config.schema import Box, SceneSettings, Station, walls_on
 
 TRAY_WALL_M = 0.010
 """Thickness of the tray's walls, centred on the tray's outline."""
@@ -12,6 +12,14 @@ def scene_boxes(scene: SceneSettings) -> tuple[Box, ...]:
     """Everything that stands still: table, tray floor, tray walls, bins' walls, obstacles. All in ``base``."""
     walls = tuple(wall for one in scene.bins for wall in one.walls)
     return (scene.table, scene.tray, *_tray_walls(scene), *walls, *scene.obstacles)
+
+
+def placing_at(station: Station, number: int) -> Station:
+    """The station whose ``place_m`` is the ``number``-th of its place pattern; the pattern itself is then spent."""
+    scene = station.scene
+    (dx, dy), (x, y, z) = scene.place_pattern_m[number % len(scene.place_pattern_m)], scene.place_m
+    placed = scene.model_copy(update={"place_m": (x + dx, y + dy, z), "place_pattern_m": ((0.0, 0.0),)})
+    return station.model_copy(update={"scene": placed})
 
 
 def _tray_walls(scene: SceneSettings) -> tuple[Box, ...]:

@@ -142,6 +142,7 @@ class SceneSettings(Settings):
     Attributes:
         pick_region_m: (x_min, x_max, y_min, y_max) in ``base`` where objects are looked for.
         place_m: where the tcp lets the object go, above the tray's floor.
+        place_pattern_m: where from there, along x and y of ``base``, one cycle after the other: not on one heap.
         bins: what objects are picked from; the pick region lies inside of one, or outside of all.
     """
 
@@ -150,6 +151,7 @@ class SceneSettings(Settings):
     tray_wall_height_m: NonNegative = 0.04
     pick_region_m: tuple[Finite, Finite, Finite, Finite] = (0.32, 0.60, -0.20, 0.20)
     place_m: Vector = (0.40, 0.45, 0.20)
+    place_pattern_m: Annotated[tuple[tuple[Finite, Finite], ...], Field(min_length=1)] = ((0.0, 0.0),)
     obstacles: tuple[Box, ...] = ()
     bins: tuple[Bin, ...] = ()
 
@@ -335,7 +337,7 @@ class SimSettings(Settings):
     friction: NonNegative = 0.8
     seed: int = 0
     objects: Path | None = None
-    clutter: Annotated[int, Field(ge=0, le=50)] = 0
+    clutter: Annotated[int, Field(ge=0, le=20)] = 0
     depth_noise: NonNegative = 1.0
     """Scale of the Femto Mega noise model; 0 = perfect depth."""
 

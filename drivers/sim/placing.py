@@ -53,11 +53,10 @@ class Placing:
         joint.qvel[:] = 0.0
 
     def put(self, position_m: npt.NDArray[np.float64], wxyz: npt.NDArray[np.float64]) -> None:
-        """The object's body at rest at a pose in ``base``."""
+        """The object's body at rest at a pose in ``base``; what is derived from it comes with the next step."""
         joint = self._data.joint(self.body)
         joint.qpos[:3], joint.qpos[3:] = position_m, wxyz
         joint.qvel[:] = 0.0
-        mujoco.mj_forward(self._model, self._data)
 
     def pose(self) -> npt.NDArray[np.float64]:
         """(7,): position [m] and quaternion wxyz of the object's body in ``base``."""

@@ -29,6 +29,7 @@ _HAND_DAMPING_NS_M = 400.0
 _JAW_ROOT_M, _JAW_TIP_M = 0.010, 0.0545  # along the finger; the tip is the shipped mesh's
 _JAW_SOLREF, _JAW_SOLIMP = (0.004, 1.0), (0.97, 0.995, 0.001, 0.5, 2.0)  # rubber on a hard object yields 0.1-0.5 mm
 _COLLISION_GROUP = 3
+_APART_M = 2.0
 _TABLE_RGBA = (0.46, 0.50, 0.52, 1.0)
 _TRAY_RGBA = (0.20, 0.33, 0.42, 1.0)
 
@@ -58,8 +59,9 @@ def compose(
     _furnish(spec, station)
     for name, pose in hand_from_camera.items():
         _add_camera(spec.body("hand"), name, pose, fovy_deg[name])
-    for body_name, object_name in objects.items():
+    for index, (body_name, object_name) in enumerate(objects.items()):
         add_object(spec, object_name, station.sim.objects, body_name)
+        spec.body(body_name).pos = (0.0, 0.0, -index * _APART_M)  # where they begin they must not touch
     return spec
 
 
