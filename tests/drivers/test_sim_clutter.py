@@ -60,7 +60,7 @@ def test_the_same_seed_fills_alike_to_the_bit_and_another_one_does_not() -> None
 
 def test_names_come_once_a_round_and_repeat_when_there_are_more() -> None:
     assert sorted(filled(0).objects.values()) == sorted(PAPER_OBJECTS)
-    six = list(filled(4, 6).objects.values())
+    six = list(filled(5, 6).objects.values())
     assert sorted(six[:5]) == sorted(PAPER_OBJECTS) and six[5] in PAPER_OBJECTS
 
 
@@ -103,14 +103,14 @@ def test_an_object_falls_against_the_walls_and_stays_inside(world: World) -> Non
 
 
 def test_the_planner_sees_the_wall_that_the_simulation_builds(world: World) -> None:
-    """A hand that reaches through the left wall, a hand in the middle of the bin."""
+    """A hand that reaches through the right wall, a hand in the middle of the bin."""
     robot = Robot(world.station)
     assert {f"bin-{side}" for side in ("front", "back", "right", "left")} <= {
         world.model.geom(index).name for index in range(world.model.ngeom)
     }
-    for y_m, touches in ((0.265, "bin-left"), (0.0, None)):
+    for y_m, touches in ((-0.22, "bin-right"), (0.0, None)):
         base_from_tcp = np.diag([1.0, -1.0, -1.0, 1.0])
-        base_from_tcp[:3, 3] = 0.46, y_m, 0.04
+        base_from_tcp[:3, 3] = 0.46, y_m, 0.03
         found = [robot.collision(q_rad) for q_rad in inverse(flange_pose(base_from_tcp), q7_grid())]
         if touches is None:
             assert None in found
