@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from bus.arrays import Transform
 from bus.frozen import Message
@@ -20,13 +20,21 @@ class CommandRequest(Message):
         command_id: chosen by the client; the same id sent twice acts once.
         client_id: who asks, for the log.
         cycles: ``start`` only: how many picks.
+        until_empty: ``start`` only, instead of ``cycles``: until a pick finds nothing, or three in a row failed.
         object: ``pick`` in simulation only: name of the object to present; None = the next one.
     """
 
     command_id: Annotated[str, Field(max_length=100)] = ""
     client_id: Annotated[str, Field(max_length=100)] = ""
     cycles: Annotated[int, Field(ge=1, le=1_000_000)] = 1
+    until_empty: bool = False
     object: Annotated[str, Field(max_length=100)] | None = None
+
+    @model_validator(mode="after")
+    def _cycles_or_until_empty(self) -> CommandRequest:
+        if self.until_empty and self.cycles != 1:
+            raise ValueError("a start runs so many cycles or until_empty, not both")
+        return self
 
 
 class CommandReply(Message):
@@ -102,15 +110,40 @@ class HandGrasp(Message):
 
 
 class PresentRequest(Message):
-    """Simulation only: put one object on the table. ``object`` None = the ``cycle``-th of a seeded order."""
+    """Simulation only: put one object on the table. ``object`` None = the ``cycle``-th of a seeded order.
+
+    Where the table was filled at the start (``sim.clutter``), it stays as it is, and an object by name is refused.
+    """
 
     object: str | None
     cycle: int
     seed: int
 
 
-class Presented(Message):
-    """Simulation only: what lies on the table, and where it really is."""
+class PresentedObject(Message):
+    """Simulation only: one object, and where it really is, wherever that is."""
 
-    object: str
+    name: str
     base_from_object: Transform
+
+
+class Presented(Message):
+    """Simulation only: every object of the cell - also what was delivered - and where it really is.
+
+    `object` and `base_from_object` are those of the only one; ValueError where there are several.
+    """
+
+    objects: tuple[PresentedObject, ...]
+
+    @property
+    def object(self) -> str:
+        return self._only.name
+
+    @property
+    def base_from_object(self) -> Transform:
+        return self._only.base_from_object
+
+    @property
+    def _only(self) -> PresentedObject:
+        (only,) = self.objects
+        return only

@@ -17,6 +17,7 @@ from bus.commands import CommandRequest
 from bus.errors import CellError
 from bus.messages import CycleResult
 from cell import client, nodes
+from cell.batch import Batch
 from cell.build import running_cell
 from cell.console import Screen
 from cell.daemon import Daemon
@@ -60,6 +61,10 @@ def _finish(result: CycleResult) -> None:
 def start(
     config: Config = DEFAULT_STATION,
     cycles: Annotated[int | None, typer.Option(min=1, help="Reset, run this many picks, and end.")] = None,
+    until_empty: Annotated[
+        bool,
+        typer.Option("--until-empty", help="Reset, pick until nothing is left or 3 picks in a row failed, and end."),
+    ] = False,
     seed: Annotated[int | None, typer.Option(help="Seed of the simulated cell (= --set sim.seed).")] = None,
     objects: Annotated[
         Path | None, typer.Option(help="Folder of NAME/object.xml objects (= --set sim.objects).")
@@ -68,7 +73,9 @@ def start(
     as_json: Json = False,
     report: Annotated[bool, typer.Option(help="Write a report page for every cycle.")] = True,
 ) -> None:
-    """Start the cell: the daemon and its nodes. Without --cycles it stays, and waits for commands."""
+    """Start the cell: the daemon and its nodes. Without --cycles or --until-empty it stays, and waits for commands."""
+    if cycles is not None and until_empty:
+        raise typer.BadParameter("--cycles and --until-empty exclude each other: a number of picks, or all of them.")
     extra = [f"sim.seed={seed}"] if seed is not None else []
     extra += [f"sim.objects={objects}"] if objects is not None else []
     station = load_station(config, [*(overrides or []), *extra])
@@ -76,32 +83,35 @@ def start(
     _on_signal(screen.interrupted.set)
     screen.line(f"cell [bold]{station.cell_id}[/] on {station.bus.endpoint}: starting {', '.join(station.nodes)} ...")
     with running_cell(station, screen.observe) as daemon:
-        if cycles is None:
+        if cycles is None and not until_empty:
             screen.line("ready. From another terminal: cell reset, cell pick --wait, cell status. Ctrl-C ends.")
             for _ in screen.follow():
                 pass
             return
-        failed = _run_cycles(daemon, screen, cycles)
-    if screen.interrupted.is_set() or failed:
+        operator = CommandRequest(client_id=client.CLIENT_ID, cycles=cycles or 1, until_empty=until_empty)
+        batch = _run_batch(daemon, screen, operator)
+        if until_empty:
+            screen.summary(batch.summary(daemon.objects_left()))
+    done = batch.is_empty if until_empty else batch.picked == cycles
+    if screen.interrupted.is_set() or not done:
         raise typer.Exit(1)
 
 
-def _run_cycles(daemon: Daemon, screen: Screen, cycles: int) -> int:
-    """Reset, run ``cycles`` picks; returns how many did not succeed (also those that never came)."""
-    operator = CommandRequest(client_id=client.CLIENT_ID, cycles=cycles)
+def _run_batch(daemon: Daemon, screen: Screen, operator: CommandRequest) -> Batch:
+    """Reset, then all picks of one ``start``; over also when the cell aborts, is stopped, or Ctrl-C was pressed."""
+    batch = Batch(operator)
     refuse(daemon.command("reset", operator))
-    succeeded = done = 0
     for said in screen.follow():
         if isinstance(said, CycleResult):
-            done += 1
-            succeeded += said.result == "SUCCESS"
-            if done == cycles or said.result in ("EMPTY", "ABORTED"):
-                break
-        elif said.state == "Idle" and done == 0:
+            batch.hear(said)
+        elif said.state == "Idle" and batch.done == 0:
             refuse(daemon.command("start", operator))
         elif said.state in ("Aborted", "Stopped") and said.reason:
+            batch.end(said.reason)
+        if batch.is_over:
             break
-    return cycles - succeeded
+    batch.end("Interrupted.")
+    return batch
 
 
 def _on_signal(end: Callable[[], None]) -> None:

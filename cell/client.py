@@ -38,9 +38,17 @@ class Client:
         """Names of the nodes that are up."""
         return sorted(self._bus.nodes_alive())
 
-    def command(self, verb: str, *, cycles: int = 1, object_name: str | None = None) -> CommandReply:
+    def command(
+        self, verb: str, *, cycles: int = 1, until_empty: bool = False, object_name: str | None = None
+    ) -> CommandReply:
         """Send one command. Raises: Refused with code, reason and what is available."""
-        request = CommandRequest(command_id=uuid.uuid4().hex, client_id=CLIENT_ID, cycles=cycles, object=object_name)
+        request = CommandRequest(
+            command_id=uuid.uuid4().hex,
+            client_id=CLIENT_ID,
+            cycles=cycles,
+            until_empty=until_empty,
+            object=object_name,
+        )
         reply = self._bus.request(topics.COMMAND, request, CommandReply, timeout_s=self._timeout_s, verb=verb)
         refuse(reply)
         return reply
@@ -58,12 +66,20 @@ class Client:
     def wait_for_result(self, cycle_id: str, timeout_s: float) -> CycleResult:
         """The result of cycle ``cycle_id``. Raises: ReplyTimeout."""
         give_up_s = time.monotonic() + timeout_s
-        while True:
-            heard = self._next(give_up_s, f"Cycle {cycle_id} gave no result within {timeout_s:.0f} s.")
-            if heard.key == topics.RESULT.key:
-                result = decode(CycleResult, heard.payload)
-                if result.cycle_id == cycle_id:
-                    return result
+        while (result := self._next_result(give_up_s, f"Cycle {cycle_id}", timeout_s)).cycle_id != cycle_id:
+            pass
+        return result
+
+    def next_result(self, timeout_s: float) -> CycleResult:
+        """The next result of whichever cycle: of the next one of a ``start``. Raises: ReplyTimeout."""
+        return self._next_result(time.monotonic() + timeout_s, "The next cycle", timeout_s)
+
+    def _next_result(self, give_up_s: float, whose: str, timeout_s: float) -> CycleResult:
+        while (heard := self._next(give_up_s, f"{whose} gave no result within {timeout_s:.0f} s.")).key != (
+            topics.RESULT.key
+        ):
+            pass
+        return decode(CycleResult, heard.payload)
 
     def _next(self, give_up_s: float, text: str) -> Heard:
         try:

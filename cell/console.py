@@ -16,6 +16,7 @@ from bus.errors import RecordingError
 from bus.frozen import Message
 from bus.messages import CycleResult, Detections, Execution, PickPlan, StageRecord, Verdict
 from bus.topics import Topic
+from cell.batch import Summary
 from logs.reader import read_cycle
 from logs.report import write_report
 
@@ -39,6 +40,13 @@ class Screen:
         """One line for a person; nothing in JSON mode."""
         if not self._json:
             self._out.print(text, style=style)
+
+    def summary(self, summary: Summary) -> None:
+        """How a batch until empty ended: one line, or one JSON object after the results."""
+        if self._json:
+            self._out.out(summary.model_dump_json(), highlight=False)
+        else:
+            self._out.print(summary.line(), style="bold green" if summary.is_empty else "bold red")
 
     def follow(self, *, quiet: bool = False) -> Iterator[CellState | CycleResult]:
         """Print what is said (unless ``quiet``), and yield states and results, until interrupted."""

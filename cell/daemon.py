@@ -15,6 +15,7 @@ from bus.frozen import Message
 from bus.messages import CycleResult
 from bus.session import Bus, Heard
 from bus.topics import Topic
+from cell.batch import Batch
 from cell.cycle import Equipment
 from cell.machine import Machine
 from cell.states import State, available
@@ -55,7 +56,7 @@ class Daemon:
         self._works = works = Works(
             equipment, devices.feeder, bus.nodes_alive, self._say, self._on_stage, self._on_result
         )
-        self._remaining = 0
+        self._batch: Batch | None = None
         self._said_state = CellState(state="", stage="", cycle_id="", since_ns=0, available=(), reason="")
         self.machine = Machine(
             {
@@ -95,6 +96,14 @@ class Daemon:
         """A command from inside this process; the same as one over the bus."""
         return self.machine.command(verb, request)
 
+    def objects_left(self) -> int | None:
+        """Simulation: how many objects really are in the pick region; None where nobody knows."""
+        try:
+            return self._works.feed.left()
+        except (DriverError, BusError) as error:
+            _log.warning("%s", error)
+            return None
+
     # --- what others say ----------------------------------------------------------------------------------------------
 
     def _on_command(self, payload: bytes, fields: Mapping[str, str]) -> Message:
@@ -119,17 +128,34 @@ class Daemon:
         """Called before an accepted command changes the state; says which cycle it begins."""
         own = request.client_id == CELL_CLIENT
         if verb in ("stop", "abort"):
-            self._remaining = 0
+            self._batch = None
             self._works.halt.set()
         elif verb in ("reset", "clear") and not own:
-            self._remaining = 0
+            self._batch = None
             self._works.halt.clear()
         elif verb in ("start", "pick") and not own:
-            self._remaining = request.cycles if verb == "start" else 1
+            self._require_possible(request)
+            self._batch = Batch(request if verb == "start" else CommandRequest())
             self._works.object, self._works.next_cycle_id = request.object, new_cycle_id()
             self._works.halt.clear()
             return self._works.next_cycle_id
         return ""
+
+    def _require_possible(self, request: CommandRequest) -> None:
+        """Raises: Refused for what the simulated table cannot do."""
+        clutter = self._station.sim.clutter if self._station.simulated else None
+        if request.until_empty and clutter == 0:
+            raise Refused(
+                "Every cycle brings a new object: the table is never empty.",
+                "Use config/bin.toml, or set sim.clutter.",
+                code="NEVER_EMPTY",
+            )
+        if request.object is not None and clutter:
+            raise Refused(
+                f"The table was filled at the start: {request.object!r} cannot be presented.",
+                "Pick without naming an object, or set sim.clutter = 0.",
+                code="TABLE_FILLED",
+            )
 
     def _on_state(self, state: State, reason: str) -> None:
         """Say the new state, and go on with the next cycle of a ``start``."""
@@ -137,12 +163,13 @@ class Daemon:
         if reason and state in (State.ABORTING, State.ABORTED):
             self._say(topics.EVENT, Event(code=state.upper(), severity="error", text=reason))
         own = CommandRequest(client_id=CELL_CLIENT)
-        if state is State.COMPLETE and self._remaining > 0:
+        goes_on = self._batch is not None and not self._batch.is_over
+        if state is State.COMPLETE and goes_on:
             self.machine.post("reset", own)
-        elif state is State.IDLE and self._remaining > 0:
+        elif state is State.IDLE and goes_on:
             self.machine.post("start", own)
         elif state in (State.STOPPING, State.ABORTING):
-            self._remaining = 0
+            self._batch = None
 
     # --- what we say --------------------------------------------------------------------------------------------------
 
@@ -154,8 +181,13 @@ class Daemon:
         self._observer(topic, message)
 
     def _on_result(self, result: CycleResult) -> None:
-        """An empty table or a fault ends the running ``start``."""
-        self._remaining = 0 if result.result in ("EMPTY", "ABORTED") else max(0, self._remaining - 1)
+        """Count it in the running ``start``; say so when that gives up."""
+        batch = self._batch
+        if batch is None:
+            return
+        batch.hear(result)
+        if batch.gave_up:
+            self._say(topics.EVENT, Event(code="GAVE_UP", severity="error", text=batch.reason))
 
     def _on_stage(self, stage: str) -> None:
         self._say_state(self.machine.state, stage=stage)

@@ -6,6 +6,7 @@ import itertools
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from datetime import UTC, datetime
 
 import numpy as np
@@ -13,14 +14,15 @@ import numpy as np
 from bus import topics
 from bus.codec import encode
 from bus.codes import Code
-from bus.commands import PresentRequest
 from bus.errors import BusError, CycleFailure, DriverError
 from bus.messages import ArmMode, CycleResult
 from bus.session import Heard
 from bus.topics import encoding_of
 from cell.cycle import FAULTS, Cycle, Equipment, Say
 from cell.cyclelog import CycleLog
+from cell.feed import Feed
 from cell.runinfo import run_info
+from config.scene import placing_at
 from drivers.interface import Feeder
 from logs.recorder import ensure_space
 from planning.motion import move
@@ -50,6 +52,7 @@ class Works:
         halt: set by whoever wants everything to stop; asked before every motion.
         next_cycle_id, object: of the cycle that begins next; "" and None = a new id, the feeder's next object.
         log: the open cycle's record, or None.
+        feed: what lies on the simulated table.
     """
 
     def __init__(
@@ -61,8 +64,9 @@ class Works:
         on_stage: Callable[[str], None],
         on_result: Callable[[CycleResult], None],
     ) -> None:
-        self._equipment, self._feeder, self._nodes_alive = equipment, feeder, nodes_alive
+        self._equipment, self._nodes_alive = equipment, nodes_alive
         self._station = equipment.station
+        self.feed = Feed(feeder, equipment.station)
         self._say, self._on_stage, self._on_result = say, on_stage, on_result
         self._numbers = itertools.count()
         self._cycle: Cycle | None = None
@@ -117,18 +121,17 @@ class Works:
         number = next(self._numbers)
         day = datetime.now(UTC).strftime("%Y-%m-%d")
         path = self._station.recording.folder / day / f"{cycle_id}.mcap"
-        metadata = run_info(self._station, cycle_id)
-        self.log = CycleLog(path, self._station.model_dump_json(), metadata, time.time_ns)
-        self._cycle = Cycle(cycle_id, self._equipment, self._say, self._on_stage, self.log, self.halt.is_set)
+        station = placing_at(self._station, number)
+        self.log = CycleLog(path, station.model_dump_json(), run_info(station, cycle_id), time.time_ns)
+        equipment = replace(self._equipment, station=station)
+        self._cycle = Cycle(cycle_id, equipment, self._say, self._on_stage, self.log, self.halt.is_set)
         self._on_stage("")
-        if self._feeder is not None:
-            self._present(self._feeder, self._cycle, number)
+        self._name_object(self._cycle, lambda: self.feed.present(number, self.object))
 
-    def _present(self, feeder: Feeder, cycle: Cycle, number: int) -> None:
-        """Put the cycle's object on the table. Raises: CycleFailure, kept in the cycle."""
+    def _name_object(self, cycle: Cycle, ask: Callable[[], str]) -> None:
+        """What the feeder says of the cycle's object. Raises: CycleFailure, kept in the cycle."""
         try:
-            request = PresentRequest(object=self.object, cycle=number, seed=self._station.sim.seed)
-            cycle.object = feeder.present(request).object
+            cycle.object = ask()
         except (DriverError, BusError) as error:
             raise cycle.fail(error) from error
 
@@ -143,8 +146,10 @@ class Works:
 
     def complete(self) -> None:
         """Deliver, and close the record."""
-        assert self._cycle is not None
-        self._cycle.deliver()
+        cycle = self._cycle
+        assert cycle is not None
+        cycle.deliver()
+        self._name_object(cycle, lambda: self.feed.taken(cycle.object))
         self._finish()
 
     def stop(self, is_quiet: Callable[[float], bool]) -> None:

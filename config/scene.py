@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
-from config.schema import Box, SceneSettings
+from config.schema import Box, SceneSettings, Station, walls_on
 
 TRAY_WALL_M = 0.010
 """Thickness of the tray's walls, centred on the tray's outline."""
 
 
 def scene_boxes(scene: SceneSettings) -> tuple[Box, ...]:
-    """Everything that stands still: table, tray floor, tray walls, obstacles. All in ``base``."""
-    return (scene.table, scene.tray, *_tray_walls(scene), *scene.obstacles)
+    """Everything that stands still: table, tray floor, tray walls, bins' walls, obstacles. All in ``base``."""
+    walls = tuple(wall for one in scene.bins for wall in one.walls)
+    return (scene.table, scene.tray, *_tray_walls(scene), *walls, *scene.obstacles)
+
+
+def placing_at(station: Station, number: int) -> Station:
+    """The station whose ``place_m`` is the ``number``-th of its place pattern; the pattern itself is then spent."""
+    scene = station.scene
+    (dx, dy), (x, y, z) = scene.place_pattern_m[number % len(scene.place_pattern_m)], scene.place_m
+    placed = scene.model_copy(update={"place_m": (x + dx, y + dy, z), "place_pattern_m": ((0.0, 0.0),)})
+    return station.model_copy(update={"scene": placed})
 
 
 def _tray_walls(scene: SceneSettings) -> tuple[Box, ...]:
@@ -18,16 +27,4 @@ def _tray_walls(scene: SceneSettings) -> tuple[Box, ...]:
     if scene.tray_wall_height_m == 0:
         return ()
     (x, y, z), (length, width, thickness) = scene.tray.center_m, scene.tray.size_m
-    height = scene.tray_wall_height_m
-    middle = z + thickness / 2 + height / 2
-    along_x, along_y = (length + TRAY_WALL_M, TRAY_WALL_M, height), (TRAY_WALL_M, width + TRAY_WALL_M, height)
-    sides = (
-        ("front", -length / 2, 0.0, along_y),
-        ("back", length / 2, 0.0, along_y),
-        ("right", 0.0, -width / 2, along_x),
-        ("left", 0.0, width / 2, along_x),
-    )
-    return tuple(
-        Box(name=f"{scene.tray.name}-{side}", center_m=(x + dx, y + dy, middle), size_m=size)
-        for side, dx, dy, size in sides
-    )
+    return walls_on(scene.tray.name, (x, y, z + thickness / 2), (length, width), TRAY_WALL_M, scene.tray_wall_height_m)

@@ -97,12 +97,53 @@ class Box(Settings):
     size_m: tuple[Positive, Positive, Positive]
 
 
+class Bin(Settings):
+    """Four walls that stand on the table, axis-aligned in ``base``; the table is the floor.
+
+    Attributes:
+        center_m: (x, y) of its middle. ``size_m``: of its inside, along x and y.
+    """
+
+    name: Chunk
+    center_m: tuple[Finite, Finite]
+    size_m: tuple[Positive, Positive]
+    wall_height_m: Positive = 0.08
+    wall_thickness_m: Positive = 0.01
+
+    @property
+    def walls(self) -> tuple[Box, ...]:
+        """Front (towards the base), back, right and left: ``<name>-front`` and so on."""
+        thickness_m = self.wall_thickness_m
+        outline_m = (self.size_m[0] + thickness_m, self.size_m[1] + thickness_m)
+        return walls_on(self.name, (*self.center_m, 0.0), outline_m, thickness_m, self.wall_height_m)
+
+
+def walls_on(
+    name: str, foot_m: Vector, outline_m: tuple[float, float], thickness_m: float, height_m: float
+) -> tuple[Box, ...]:
+    """Four walls that stand centred on a rectangle's outline around ``foot_m``."""
+    (x, y, z), (length, width) = foot_m, outline_m
+    middle = z + height_m / 2
+    along_x, along_y = (length + thickness_m, thickness_m, height_m), (thickness_m, width + thickness_m, height_m)
+    sides = (
+        ("front", -length / 2, 0.0, along_y),
+        ("back", length / 2, 0.0, along_y),
+        ("right", 0.0, -width / 2, along_x),
+        ("left", 0.0, width / 2, along_x),
+    )
+    return tuple(
+        Box(name=f"{name}-{side}", center_m=(x + dx, y + dy, middle), size_m=size) for side, dx, dy, size in sides
+    )
+
+
 class SceneSettings(Settings):
     """What stands around the arm. The table's top is the plane z = 0 of ``base``.
 
     Attributes:
         pick_region_m: (x_min, x_max, y_min, y_max) in ``base`` where objects are looked for.
         place_m: where the tcp lets the object go, above the tray's floor.
+        place_pattern_m: where from there, along x and y of ``base``, one cycle after the other: not on one heap.
+        bins: what objects are picked from; the pick region lies inside of one, or outside of all.
     """
 
     table: Box = Box(name="table", center_m=(0.45, 0.0, -0.02), size_m=(0.9, 1.4, 0.04))
@@ -110,7 +151,30 @@ class SceneSettings(Settings):
     tray_wall_height_m: NonNegative = 0.04
     pick_region_m: tuple[Finite, Finite, Finite, Finite] = (0.32, 0.60, -0.20, 0.20)
     place_m: Vector = (0.40, 0.45, 0.20)
+    place_pattern_m: Annotated[tuple[tuple[Finite, Finite], ...], Field(min_length=1)] = ((0.0, 0.0),)
     obstacles: tuple[Box, ...] = ()
+    bins: tuple[Bin, ...] = ()
+
+    @model_validator(mode="after")
+    def _names_are_unique(self) -> SceneSettings:
+        walls = [wall.name for one in self.bins for wall in one.walls]
+        boxes = [box.name for box in (self.table, self.tray, *self.obstacles)]
+        names = [*boxes, *(one.name for one in self.bins), *walls]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise ValueError(f"every box and bin of the scene needs a name of its own; used twice: {', '.join(twice)}")
+        return self
+
+    @model_validator(mode="after")
+    def _pick_region_clear_of_walls(self) -> SceneSettings:
+        x_min, x_max, y_min, y_max = self.pick_region_m
+        for wall in (wall for one in self.bins for wall in one.walls):
+            (x, y, _), (length, width, _) = wall.center_m, wall.size_m
+            apart = x + length / 2 <= x_min or x_max <= x - length / 2
+            apart = apart or y + width / 2 <= y_min or y_max <= y - width / 2
+            if not apart:
+                raise ValueError(f"pick_region_m {self.pick_region_m} reaches into the wall {wall.name!r}")
+        return self
 
 
 class ImagineSettings(Settings):
@@ -277,12 +341,14 @@ class SimSettings(Settings):
         pace: 0 = as fast as possible, in lockstep; 1 = real time.
         friction: sliding friction of the finger pads on objects.
         objects: folder of ``<name>/object.xml`` MJCF objects; None = the paper's five, built in.
+        clutter: 0 = every cycle brings one object; n = the pick region is filled once, with n.
     """
 
     pace: Annotated[float, Field(ge=0, le=10)] = 0.0
     friction: NonNegative = 0.8
     seed: int = 0
     objects: Path | None = None
+    clutter: Annotated[int, Field(ge=0, le=20)] = 0
     depth_noise: NonNegative = 1.0
     """Scale of the Femto Mega noise model; 0 = perfect depth."""
 

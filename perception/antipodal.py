@@ -16,7 +16,8 @@ from perception.heightmap import CELL_M, HeightMap
 
 TIP_BELOW_TCP_M = 0.0095
 """How far the Panda's fingertips reach beyond the tcp."""
-PALM_ABOVE_TIP_M = 0.052
+PALM_ABOVE_TIP_M = 0.0465
+"""The lowest of the hand above the finger tips, as in the collision model."""
 TABLE_CLEARANCE_M = 0.004
 _HOLD_M = 0.012
 """How far below the visible edge the tcp goes: the pads (18 mm) lie on the side, not under a round object's widest."""

@@ -2,32 +2,46 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from bus.commands import Presented, PresentRequest
+from bus.commands import Presented, PresentedObject, PresentRequest
+from bus.errors import ConfigError
 from config.schema import Station
 from drivers.interface import Devices
 from drivers.sim.arm import SimArm
 from drivers.sim.camera import SimCamera
 from drivers.sim.hand import SimHand
+from drivers.sim.objects import name_in_order
 from drivers.sim.world import World
+
+_ADVICE = "Leave the object out, or set sim.clutter = 0."
 
 
 class SimFeeder:
-    """Puts objects on the table: a named one, or the next of a seeded order in which each comes once a round."""
+    """Puts objects on the table: a named one, or the next of a seeded order in which each comes once a round.
+
+    A table that was filled with several (`sim.clutter`) it leaves as it is.
+    """
 
     def __init__(self, world: World) -> None:
         self._world = world
 
     def present(self, request: PresentRequest) -> Presented:
-        names = self._world.names
-        round_number, place = divmod(request.cycle, len(names))
-        order = np.random.default_rng([request.seed, round_number]).permutation(len(names))
-        self._world.present(request.object or names[order[place]], request.seed * 100_003 + request.cycle)
+        world = self._world
+        if world.station.sim.clutter == 0:
+            name = request.object or name_in_order(world.names, request.seed, request.cycle)
+            world.present(name, request.seed * 100_003 + request.cycle)
+        elif request.object is not None:
+            raise ConfigError(f"The table was filled at the start: {request.object!r} is not presented.", _ADVICE)
         return self.truth()
 
     def truth(self) -> Presented:
-        return Presented(object=self._world.object_name, base_from_object=self._world.base_from_object())
+        world = self._world
+        with world.lock:
+            return Presented(
+                objects=tuple(
+                    PresentedObject(name=name, base_from_object=world.base_from_object(body))
+                    for body, name in world.objects.items()
+                )
+            )
 
 
 def open_devices(station: Station) -> Devices:

@@ -11,7 +11,7 @@ import numpy as np
 from bus.errors import ConfigError
 
 OBJECT = "object"
-"""Name of the free body, and prefix of everything that belongs to it."""
+"""Name of the free body of the only object; of several, they are ``object-0``, ``object-1`` and so on."""
 
 _FRICTION = (0.6, 0.005, 0.0005)
 _CONTACT_GROUP = 3  # where MJCF objects put their convex contact parts, beside a mesh to look at
@@ -154,13 +154,20 @@ def object_names(folder: Path | None) -> tuple[str, ...]:
     return names
 
 
-def add_object(spec: mujoco.MjSpec, name: str, folder: Path | None) -> None:
-    """Add object ``name`` as the free body `OBJECT`. Raises: ConfigError for an unknown or unreadable one."""
+def name_in_order(names: tuple[str, ...], seed: int, index: int) -> str:
+    """The ``index``-th of a seeded order in which each comes once a round."""
+    round_number, place = divmod(index, len(names))
+    order = np.random.default_rng([seed % 2**64, round_number]).permutation(len(names))
+    return names[int(order[place])]
+
+
+def add_object(spec: mujoco.MjSpec, name: str, folder: Path | None, body_name: str) -> None:
+    """Add object ``name`` as the free body ``body_name``. Raises: ConfigError for an unknown or unreadable one."""
     if name not in object_names(folder):
         raise ConfigError(f"Unknown object {name!r}.", f"There are: {', '.join(object_names(folder))}.")
     if folder is None:
-        body = spec.worldbody.add_body(name=OBJECT)
-        body.add_freejoint(name=OBJECT)
+        body = spec.worldbody.add_body(name=body_name)
+        body.add_freejoint(name=body_name)
         _PAPER_OBJECTS[name](_Builder(body))
         return
     file = folder / name / "object.xml"
@@ -168,10 +175,10 @@ def add_object(spec: mujoco.MjSpec, name: str, folder: Path | None) -> None:
         part = mujoco.MjSpec.from_file(str(file.resolve()))
     except (ValueError, mujoco.FatalError) as error:
         raise ConfigError(f"Cannot read the object {file}: {error}.", "It must be a MuJoCo model.") from error
-    _attach(spec, part, file)
+    _attach(spec, part, file, body_name)
 
 
-def _attach(spec: mujoco.MjSpec, part: mujoco.MjSpec, file: Path) -> None:
+def _attach(spec: mujoco.MjSpec, part: mujoco.MjSpec, file: Path, body_name: str) -> None:
     """Attach the first body of ``part``; its own joints go, it gets one free joint."""
     root = next((body for body in part.worldbody.bodies), None)
     if root is None:
@@ -190,9 +197,9 @@ def _attach(spec: mujoco.MjSpec, part: mujoco.MjSpec, file: Path) -> None:
     _adopt(part.option, spec.option)
     for name in _VISUAL_SETTINGS:
         _adopt(getattr(part.visual, name), getattr(spec.visual, name))
-    attached = spec.worldbody.add_frame().attach_body(root, f"{OBJECT}_", "")
-    attached.name = OBJECT
-    attached.add_freejoint(name=OBJECT)
+    attached = spec.worldbody.add_frame().attach_body(root, f"{body_name}_", "")
+    attached.name = body_name
+    attached.add_freejoint(name=body_name)
 
 
 def _adopt(its: object, ours: object) -> None:

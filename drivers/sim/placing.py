@@ -1,4 +1,4 @@
-"""Puts the object on the table: as it is modelled, at a chosen heading and place, wholly inside the pick region."""
+"""Puts an object on the table: as it is modelled, at a chosen heading and place, wholly inside the pick region."""
 
 from __future__ import annotations
 
@@ -15,21 +15,27 @@ _DROP_M = 0.002
 
 
 class Placing:
-    """Moves the free object of one model; nothing here lets time pass.
+    """Moves one free object of a model; nothing here lets time pass.
 
     Args:
         pick_region_m: (x_min, x_max, y_min, y_max) in ``base``.
+        body: name of the free body.
     """
 
     def __init__(
-        self, model: mujoco.MjModel, data: mujoco.MjData, pick_region_m: tuple[float, float, float, float]
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        pick_region_m: tuple[float, float, float, float],
+        body: str = OBJECT,
     ) -> None:
         self._model, self._data, self._pick_region_m = model, data, pick_region_m
+        self.body = body
 
     def stand(self, heading_rad: float) -> None:
         """The object as it is modelled, turned about the vertical, just above the middle of the pick region."""
         x_min, x_max, y_min, y_max = self._pick_region_m
-        joint = self._data.joint(OBJECT)
+        joint = self._data.joint(self.body)
         joint.qpos[:3] = (x_min + x_max) / 2, (y_min + y_max) / 2, 1.0
         joint.qpos[3:] = np.cos(heading_rad / 2), 0.0, 0.0, np.sin(heading_rad / 2)
         joint.qvel[:] = 0.0
@@ -40,29 +46,43 @@ class Placing:
     def shift_into_region(self, share: npt.NDArray[np.float64]) -> None:
         """Move the resting object so that all of it lies inside the pick region, ``share`` (2,) of the way across."""
         low, high = self.extent()[:, :2]
-        first, last = self._region() - [low, high]
+        first, last = self.region() - [low, high]
         shift = np.where(first <= last, first + share * (last - first), (first + last) / 2)
-        joint = self._data.joint(OBJECT)
+        joint = self._data.joint(self.body)
         joint.qpos[:2] += shift
         joint.qvel[:] = 0.0
 
-    def _region(self) -> npt.NDArray[np.float64]:
+    def put(self, position_m: npt.NDArray[np.float64], wxyz: npt.NDArray[np.float64]) -> None:
+        """The object's body at rest at a pose in ``base``; what is derived from it comes with the next step."""
+        joint = self._data.joint(self.body)
+        joint.qpos[:3], joint.qpos[3:] = position_m, wxyz
+        joint.qvel[:] = 0.0
+
+    def pose(self) -> npt.NDArray[np.float64]:
+        """(7,): position [m] and quaternion wxyz of the object's body in ``base``."""
+        return np.array(self._data.joint(self.body).qpos)
+
+    def region(self) -> npt.NDArray[np.float64]:
         """(2, 2): lowest and highest corner of where objects may lie."""
         x_min, x_max, y_min, y_max = self._pick_region_m
         return np.array([[x_min + _MARGIN_M, y_min + _MARGIN_M], [x_max - _MARGIN_M, y_max - _MARGIN_M]])
 
     def extent(self) -> npt.NDArray[np.float64]:
         """(2, 3): lowest and highest corner of what can be touched of the object, in ``base``."""
-        model, data = self._model, self._data
-        solid = (model.geom_bodyid == model.body(OBJECT).id) & (model.geom_contype != 0)
-        points = [
-            data.geom_xpos[geom] + self._outline(int(geom)) @ data.geom_xmat[geom].reshape(3, 3).T
-            for geom in np.flatnonzero(solid)
-        ]
-        every = np.concatenate(points)
+        every = self.outline()
         return np.array([every.min(axis=0), every.max(axis=0)])
 
-    def _outline(self, geom: int) -> npt.NDArray[np.float64]:
+    def outline(self) -> npt.NDArray[np.float64]:
+        """(n, 3): points in ``base`` that span what can be touched of the object."""
+        model, data = self._model, self._data
+        solid = (model.geom_bodyid == model.body(self.body).id) & (model.geom_contype != 0)
+        points = [
+            data.geom_xpos[geom] + self._span(int(geom)) @ data.geom_xmat[geom].reshape(3, 3).T
+            for geom in np.flatnonzero(solid)
+        ]
+        return np.concatenate(points)
+
+    def _span(self, geom: int) -> npt.NDArray[np.float64]:
         """Points (n, 3) that span the geom, in its own frame: a mesh's vertices, or its bounding box's corners."""
         model, mesh = self._model, self._model.geom_dataid[geom]
         if mesh >= 0:
@@ -72,6 +92,12 @@ class Placing:
 
     def rests_inside(self) -> bool:
         x_min, x_max, y_min, y_max = self._pick_region_m
-        x, y, z = self._data.body(OBJECT).xpos
-        moving = float(np.abs(self._data.joint(OBJECT).qvel).max()) > 0.05
+        x, y, z = self._data.body(self.body).xpos
+        moving = float(np.abs(self._data.joint(self.body).qvel).max()) > 0.05
         return not moving and x_min < x < x_max and y_min < y < y_max and z > -0.01
+
+    def rests_wholly_inside(self) -> bool:
+        """Also with all of its extent."""
+        x_min, x_max, y_min, y_max = self._pick_region_m
+        low, high = self.extent()[:, :2]
+        return self.rests_inside() and bool((low > (x_min, y_min)).all() and (high < (x_max, y_max)).all())

@@ -1,8 +1,9 @@
-"""Composes the MuJoCo model: FR3 and Panda hand, table, tray, wrist camera, and one object."""
+"""Composes the MuJoCo model: FR3 and Panda hand, what stands around, wrist camera, and the objects."""
 
 from __future__ import annotations
 
 import importlib.resources
+from collections.abc import Mapping
 from pathlib import Path
 
 import mujoco
@@ -28,16 +29,18 @@ _HAND_DAMPING_NS_M = 400.0
 _JAW_ROOT_M, _JAW_TIP_M = 0.010, 0.0545  # along the finger; the tip is the shipped mesh's
 _JAW_SOLREF, _JAW_SOLIMP = (0.004, 1.0), (0.97, 0.995, 0.001, 0.5, 2.0)  # rubber on a hard object yields 0.1-0.5 mm
 _COLLISION_GROUP = 3
+_APART_M = 2.0
 _TABLE_RGBA = (0.46, 0.50, 0.52, 1.0)
 _TRAY_RGBA = (0.20, 0.33, 0.42, 1.0)
 
 
 def compose(
-    station: Station, object_name: str, hand_from_camera: dict[str, np.ndarray], fovy_deg: dict[str, float]
+    station: Station, objects: Mapping[str, str], hand_from_camera: dict[str, np.ndarray], fovy_deg: dict[str, float]
 ) -> mujoco.MjSpec:
-    """The whole cell with ``object_name`` as the free body `objects.OBJECT`.
+    """The whole cell.
 
     Args:
+        objects: name of the free body -> name of the object that it is.
         hand_from_camera: pose (4x4, optical frame) of each rendered camera in the hand.
         fovy_deg: its vertical field of view.
     """
@@ -56,7 +59,9 @@ def compose(
     _furnish(spec, station)
     for name, pose in hand_from_camera.items():
         _add_camera(spec.body("hand"), name, pose, fovy_deg[name])
-    add_object(spec, object_name, station.sim.objects)
+    for index, (body_name, object_name) in enumerate(objects.items()):
+        add_object(spec, object_name, station.sim.objects, body_name)
+        spec.body(body_name).pos = (0.0, 0.0, -index * _APART_M)  # where they begin they must not touch
     return spec
 
 

@@ -16,7 +16,8 @@ import numpy.typing as npt
 from bus.arrays import Joints, Transform
 from bus.errors import ConfigError, DriverError
 from config.schema import Station
-from drivers.sim.objects import OBJECT, object_names
+from drivers.sim.clutter import fill
+from drivers.sim.objects import OBJECT, name_in_order, object_names
 from drivers.sim.optics import FOVY_DEG, hand_from_cameras
 from drivers.sim.placing import Placing
 from drivers.sim.scene import ARM_JOINTS, FINGER_JOINTS, HAND_ACTUATOR, compose
@@ -41,16 +42,21 @@ class World:
         self.lock = threading.RLock()
         self.motion = threading.Lock()
         self.names = object_names(station.sim.objects)
-        self.object_name = self.names[0]
+        self.objects: dict[str, str] = {}  # free body -> name of the object
         self.presented = 0  # the seed
         self.presentations = 0
         self._q_command_rad = np.array(station.arm.capture_q_rad)
         self._dq_command_rad_s = np.zeros(7)
         self._hand_target_m = station.hand.max_width_m / 2
         self._paced_s: tuple[float, float] = (0.0, 0.0)
-        self._load(self.object_name)
+        clutter, seed = station.sim.clutter, station.sim.seed
+        filling = {f"{OBJECT}-{index}": name_in_order(self.names, seed, index) for index in range(clutter)}
+        self._load(filling or {OBJECT: self.names[0]})
         self._set_arm(self._q_command_rad, self._hand_target_m)
-        self.present(self.object_name, station.sim.seed)
+        if filling:
+            self._fill(seed)
+        else:
+            self.present(self.names[0], seed)
 
     # --- time ---------------------------------------------------------------------------------------------------------
 
@@ -80,15 +86,17 @@ class World:
     def present(self, name: str, seed: int) -> None:
         """Replace the object by ``name`` at a seeded pose, and let it come to rest.
 
-        Raises: ConfigError for an unknown object, DriverError when it does not come to rest inside the pick region.
+        Raises: ConfigError for an unknown object, or when the table was filled with several; DriverError when it does
+            not come to rest inside the pick region.
         """
+        if self.station.sim.clutter > 0:
+            raise ConfigError("The table was filled with several objects: none is presented.", "Set sim.clutter = 0.")
         if name not in self.names:
             raise ConfigError(f"Unknown object {name!r}.", f"There are: {', '.join(self.names)}.")
         rng = np.random.default_rng([seed % 2**64, *name.encode()])
         with self.motion, self.lock:
-            if name != self.object_name:
-                self._load(name)
-                self.object_name = name
+            if name != self.objects[OBJECT]:
+                self._load({OBJECT: name})
             self.presented = seed
             self.presentations += 1
             table = Placing(self.model, self.data, self.station.scene.pick_region_m)
@@ -103,12 +111,21 @@ class World:
             f"The object {name!r} does not come to rest in the pick region.", "Is it too big, or does it roll?"
         )
 
-    def base_from_object(self) -> Transform:
-        """True pose of the object's body in ``base``."""
+    def _fill(self, seed: int) -> None:
+        """Lay all objects into the pick region, once. Raises: ConfigError, DriverError, as `clutter.fill`."""
+        region_m = self.station.scene.pick_region_m
+        with self.motion, self.lock:
+            placings = [Placing(self.model, self.data, region_m, body) for body in self.objects]
+            rng = np.random.default_rng([seed % 2**64, len(placings)])
+            fill(placings, placings[0].region(), rng, self._settle)
+            self.presented, self.presentations = seed, 1
+
+    def base_from_object(self, body: str = OBJECT) -> Transform:
+        """True pose of an object's body in ``base``."""
         with self.lock:
             pose = np.eye(4)
-            pose[:3, :3] = self.data.body(OBJECT).xmat.reshape(3, 3)
-            pose[:3, 3] = self.data.body(OBJECT).xpos
+            pose[:3, :3] = self.data.body(body).xmat.reshape(3, 3)
+            pose[:3, 3] = self.data.body(body).xpos
             return pose
 
     def _settle(self) -> None:
@@ -164,16 +181,20 @@ class World:
 
     # --- model --------------------------------------------------------------------------------------------------------
 
-    def _load(self, name: str) -> None:
-        """Compile the cell with object ``name``; the robot keeps its state."""
+    def _load(self, objects: dict[str, str]) -> None:
+        """Compile the cell with ``objects``; the robot keeps its state."""
         old = getattr(self, "data", None)
         kept = None if old is None else (old.qpos[self._robot_qpos].copy(), old.qvel[self._robot_dofs].copy())
-        spec = compose(self.station, name, hand_from_cameras(self.station), FOVY_DEG)
+        spec = compose(self.station, objects, hand_from_cameras(self.station), FOVY_DEG)
         try:
             self.model: mujoco.MjModel = spec.compile()
         except ValueError as error:
-            raise ConfigError(f"The object {name!r} does not compile: {error}.", "Correct its object.xml.") from error
+            names = ", ".join(sorted(set(objects.values())))
+            raise ConfigError(
+                f"An object does not compile: {error}.", f"Correct the object.xml of: {names}."
+            ) from error
         self.data: mujoco.MjData = mujoco.MjData(self.model)
+        self.objects = dict(objects)
         self._index()
         if kept is not None:
             self.data.qpos[self._robot_qpos], self.data.qvel[self._robot_dofs] = kept

@@ -1,0 +1,48 @@
+"""What lies on the simulated table: presented for a cycle, and asked for again after it. On hardware nobody knows."""
+
+from __future__ import annotations
+
+from bus.commands import Presented, PresentRequest
+from config.schema import Station
+from drivers.interface import Feeder
+
+
+class Feed:
+    """The feeder, as the works use it.
+
+    Args:
+        feeder: puts objects on the simulated table; None on hardware.
+    """
+
+    def __init__(self, feeder: Feeder | None, station: Station) -> None:
+        self._feeder, self._station = feeder, station
+        self._is_filled = station.sim.clutter > 0
+        self._before: Presented | None = None
+
+    def present(self, number: int, name: str | None) -> str:
+        """Put the cycle's object on the table; its name, or "" where several lie there. Raises: DriverError, BusError.
+
+        Args:
+            number: of the cycle. ``name``: None = the next of the seeded order.
+        """
+        if self._feeder is None:
+            return ""
+        request = PresentRequest(object=name, cycle=number, seed=self._station.sim.seed)
+        self._before = self._feeder.present(request)
+        return "" if self._is_filled else self._before.object
+
+    def taken(self, presented: str) -> str:
+        """What the cycle took: ``presented``; of several, what really left the pick region, "" if nothing did."""
+        if not self._is_filled or self._feeder is None or self._before is None:
+            return presented
+        pairs = zip(self._before.objects, self._inside(self._before), self._inside(self._feeder.truth()), strict=True)
+        return ", ".join(one.name for one, was_inside, is_inside in pairs if was_inside and not is_inside)
+
+    def left(self) -> int | None:
+        """How many objects really are in the pick region; None on hardware. Raises: DriverError, BusError."""
+        return None if self._feeder is None else sum(self._inside(self._feeder.truth()))
+
+    def _inside(self, truth: Presented) -> list[bool]:
+        x_min, x_max, y_min, y_max = self._station.scene.pick_region_m
+        places = [one.base_from_object[:2, 3] for one in truth.objects]
+        return [bool(x_min < x < x_max and y_min < y < y_max) for x, y in places]

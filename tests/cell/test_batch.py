@@ -1,0 +1,73 @@
+"""The picks of one `start`: when another follows, and when it is over."""
+
+from __future__ import annotations
+
+import pytest
+from pydantic import ValidationError
+
+from bus.codes import Code
+from bus.commands import CommandRequest
+from bus.messages import CycleResult
+from cell.batch import Batch
+
+UNTIL_EMPTY = CommandRequest(until_empty=True)
+
+
+def heard(batch: Batch, *results: str) -> Batch:
+    for result in results:
+        code = {"FAILED": Code.DROPPED, "ABORTED": Code.ARM_REFLEX, "EMPTY": Code.NO_OBJECT}.get(result)
+        batch.hear(
+            CycleResult.model_validate(
+                {
+                    "cycle_id": "1",
+                    "object": "",
+                    "result": result,
+                    "code": code,
+                    "reason": "why",
+                    "stages": {},
+                    "wall_s": 1.0,
+                    "recording": "",
+                }
+            )
+        )
+    return batch
+
+
+def test_so_many_picks_and_no_more() -> None:
+    batch = heard(Batch(CommandRequest(cycles=3)), "SUCCESS", "FAILED")
+    assert not batch.is_over
+    assert heard(batch, "FAILED").is_over and (batch.picked, batch.failed) == (1, 2)
+
+
+def test_so_many_picks_never_give_up() -> None:
+    assert not heard(Batch(CommandRequest(cycles=9)), *["FAILED"] * 5).is_over
+
+
+def test_until_empty_goes_on_until_a_pick_finds_nothing() -> None:
+    batch = heard(Batch(UNTIL_EMPTY), *["SUCCESS"] * 40)
+    assert not batch.is_over
+    assert heard(batch, "EMPTY").is_over and batch.is_empty
+
+
+def test_three_failures_in_a_row_end_it_with_the_last_reason() -> None:
+    batch = heard(Batch(UNTIL_EMPTY), "FAILED", "FAILED", "SUCCESS", "FAILED", "FAILED")
+    assert not batch.is_over
+    assert heard(batch, "FAILED").gave_up and not batch.is_empty
+    assert batch.reason == "3 picks in a row failed, the last by DROPPED: why"
+
+
+@pytest.mark.parametrize("request_", [UNTIL_EMPTY, CommandRequest(cycles=5)])
+def test_a_fault_ends_every_batch(request_: CommandRequest) -> None:
+    batch = heard(Batch(request_), "SUCCESS", "ABORTED")
+    assert batch.is_over and not batch.is_empty and "ARM_REFLEX" in batch.reason
+
+
+def test_the_summary_says_what_nobody_knows() -> None:
+    batch = heard(Batch(UNTIL_EMPTY), "SUCCESS", "FAILED", "EMPTY")
+    assert batch.summary(0).line() == "picked 1, failed 1, objects left: 0. why"
+    assert "objects left: unknown" in batch.summary(None).line()
+
+
+def test_a_number_and_until_empty_exclude_each_other() -> None:
+    with pytest.raises(ValidationError, match="not both"):
+        CommandRequest(cycles=2, until_empty=True)

@@ -1,0 +1,148 @@
+"""A bin emptied, as an operator and as another program does it; judged by MuJoCo's own truth."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bus.commands import Presented
+from bus.errors import Refused
+from bus.session import Bus
+from cell import client
+from cell.build import running_cell
+from config.load import DEFAULT_STATION, load_station
+from config.schema import Station
+from drivers.remote import RemoteFeeder
+
+BIN_STATION = DEFAULT_STATION.with_name("bin.toml")
+TWO_OBJECTS = ("sim.clutter=2", "sim.seed=1")
+
+
+def _start(*arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "cell", "start", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+
+
+def _truth(station: Station) -> Presented:
+    with Bus.join(station.cell_id, station.bus.endpoint) as bus, closing(RemoteFeeder(bus, 5.0)) as feeder:
+        feeder.connect()
+        return feeder.truth()
+
+
+def _lies_in(truth: Presented, station: Station) -> list[bool]:
+    """Which objects lie over the tray's floor."""
+    (x, y, _), (length, width, _) = station.scene.tray.center_m, station.scene.tray.size_m
+    places = [one.base_from_object[:3, 3] for one in truth.objects]
+    return [bool(abs(p[0] - x) < length / 2 and abs(p[1] - y) < width / 2 and p[2] > 0.0) for p in places]
+
+
+# --- over the bus -----------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def cell(
+    tmp_path_factory: pytest.TempPathFactory, new_endpoint: Callable[[], str]
+) -> Iterator[tuple[Station, client.Client]]:
+    """A running cell with two objects in its bin, Stopped."""
+    folder = tmp_path_factory.mktemp("recordings")
+    options = [f"bus.endpoint={new_endpoint()}", f"recording.folder={folder}", *TWO_OBJECTS]
+    station = load_station(BIN_STATION, options)
+    with running_cell(station, lambda topic, message: None), client.connect(station) as connection:
+        yield station, connection
+
+
+def _run_until_empty(connection: client.Client) -> list[str]:
+    """Reset, ``start`` until empty, and the results of all its cycles."""
+    connection.command("reset")
+    connection.wait_for_state({"Idle"}, 30)
+    cycle_id = connection.command("start", until_empty=True).cycle_id
+    results = [connection.wait_for_result(cycle_id, 60)]
+    while results[-1].result not in ("EMPTY", "ABORTED"):
+        results.append(connection.next_result(60))
+    connection.wait_for_state({"Complete"}, 30)
+    return [f"{result.result} {result.object}".strip() for result in results]
+
+
+def test_every_object_ends_in_the_tray_and_the_bin_is_empty(cell: tuple[Station, client.Client]) -> None:
+    station, connection = cell
+    before = _truth(station)
+    assert _lies_in(before, station) == [False, False]
+    results = _run_until_empty(connection)
+    assert sorted(results) == sorted(["EMPTY", *(f"SUCCESS {one.name}" for one in before.objects)])
+    assert results[-1] == "EMPTY"
+    assert _lies_in(_truth(station), station) == [True, True]
+
+
+def test_an_empty_bin_is_empty_at_once_and_no_cycle_refills_it(cell: tuple[Station, client.Client]) -> None:
+    _, connection = cell
+    started_s = time.monotonic()
+    assert _run_until_empty(connection) == ["EMPTY"]
+    assert time.monotonic() - started_s < 10
+
+
+def test_an_object_by_name_is_refused_in_a_filled_bin(cell: tuple[Station, client.Client]) -> None:
+    _, connection = cell
+    connection.command("reset")
+    connection.wait_for_state({"Idle"}, 30)
+    with pytest.raises(Refused, match="'cup' cannot be presented") as refusal:
+        connection.command("pick", object_name="cup")
+    assert refusal.value.code == "TABLE_FILLED" and connection.state().state == "Idle"
+
+
+# --- on the command line ----------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def bin_options(options: list[str]) -> list[str]:
+    return ["--config", str(BIN_STATION), "--until-empty", "--no-report", *options]
+
+
+def _lines(done: subprocess.CompletedProcess[str]) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in done.stdout.splitlines()]
+
+
+def test_results_then_the_summary_and_exit_0_and_a_replay_is_equal(bin_options: list[str]) -> None:
+    done = _start(*bin_options, "--json", "--seed", "3", "--set", "sim.clutter=1")
+    assert done.returncode == 0, done.stderr
+    picked, empty, summary = _lines(done)
+    assert (picked["result"], empty["result"]) == ("SUCCESS", "EMPTY") and picked["object"] and not empty["object"]
+    assert summary == {
+        "picked": 1,
+        "failed": 0,
+        "objects_left": 0,
+        "is_empty": True,
+        "reason": "Nothing rises above the table inside the pick region.",
+    }
+    replayed = subprocess.run([sys.executable, "-m", "cell", "replay", picked["recording"]], timeout=60, check=False)
+    assert replayed.returncode == 0, "it was placed where the recording says"
+
+
+def test_three_failures_in_a_row_end_it_with_exit_1_and_the_last_reason(bin_options: list[str]) -> None:
+    """A hand that takes nothing narrower than its jaw finds no grasp, again and again."""
+    done = _start(*bin_options, "--set", "sim.clutter=1", "--set", "hand.min_width_m=0.079")
+    assert done.returncode == 1 and "Traceback" not in done.stderr
+    last = done.stdout.splitlines()[-1]
+    assert last.startswith("picked 0, failed 3, objects left: 1. 3 picks in a row failed, the last by NO_GRASP")
+
+
+def test_a_number_of_cycles_and_until_empty_exclude_each_other() -> None:
+    done = _start("--until-empty", "--cycles", "3")
+    assert done.returncode == 2 and "exclude each other" in done.stderr and "Traceback" not in done.stderr
+
+
+def test_a_table_that_never_empties_is_refused(options: list[str]) -> None:
+    done = _start("--until-empty", *options)
+    assert done.returncode == 3 and "never empty" in done.stderr and "config/bin.toml" in done.stderr
+
+
+def test_a_reach_into_a_wall_is_a_configuration_error(tmp_path: Path) -> None:
+    done = _start("--config", str(BIN_STATION), "--until-empty", "--set", "scene.pick_region_m=[0.2, 0.6, -0.2, 0.2]")
+    assert done.returncode == 2 and "bin-front" in done.stderr and "Traceback" not in done.stderr

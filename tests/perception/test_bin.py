@@ -1,0 +1,111 @@
+"""Several objects between walls: what counts as an object, what as empty, and what was cleared."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import mujoco
+import numpy as np
+import pytest
+
+from bus.codes import Code
+from bus.errors import CycleFailure
+from bus.messages import Observation
+from cell.capture import capture
+from config.load import DEFAULT_STATION, load_station
+from drivers.sim.arm import SimArm
+from drivers.sim.camera import SimCamera
+from drivers.sim.world import World
+from perception.antipodal import PALM_ABOVE_TIP_M, TABLE_CLEARANCE_M, TIP_BELOW_TCP_M
+from perception.change import cleared_fraction
+from perception.depth import register
+from perception.detector import detect, unsaid
+from perception.models import open_models
+from perception.segment import Scene, segment
+from planning.kinematics import inverse, q7_grid
+from planning.path import flange_pose
+from planning.robot import Robot
+
+BIN_STATION = DEFAULT_STATION.with_name("bin.toml")
+
+
+class Bin:
+    """A filled bin under the camera; objects can be taken away by hand."""
+
+    def __init__(self, seed: int, *, clutter: int = 5, wall_height_m: float = 0.045) -> None:
+        wall = f"{{name='bin', center_m=[0.46, 0], size_m=[0.41, 0.545], wall_height_m={wall_height_m}}}"
+        options = [f"sim.seed={seed}", f"sim.clutter={clutter}", f"scene.bins=[{wall}]"]
+        self.station = load_station(BIN_STATION, options)
+        self.world = World(self.station)
+        self.camera, self.arm, self.robot = SimCamera(self.world), SimArm(self.world), Robot(self.station)
+        self.camera.connect()
+        self.arm.connect()
+
+    def look(self) -> Observation:
+        return capture(self.camera, self.arm, self.robot)
+
+    def scenes(self) -> tuple[Scene, ...]:
+        seen = self.look()
+        return segment(register(seen.frame), seen.view.base_from_color, self.station)
+
+    def nearest(self, place_m: np.ndarray) -> str:
+        """The body whose origin is nearest to a place (x, y)."""
+        return min(
+            self.world.objects, key=lambda body: float(np.hypot(*(self.world.data.body(body).xpos[:2] - place_m)))
+        )
+
+    def take_away(self, body: str) -> None:
+        self.world.data.joint(body).qpos[2] = -5.0
+        mujoco.mj_forward(self.world.model, self.world.data)
+
+
+@pytest.fixture
+def filled() -> Callable[..., Bin]:
+    return Bin
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_every_object_is_one_cluster_and_no_wall_is_one(filled: Callable[..., Bin], seed: int) -> None:
+    bin_ = filled(seed)
+    scenes = bin_.scenes()
+    middles = [np.nanmean(scene.points_base[scene.object_mask], axis=0)[:2] for scene in scenes]
+    assert sorted(bin_.nearest(middle) for middle in middles) == sorted(bin_.world.objects)
+
+
+@pytest.mark.parametrize("wall_height_m", [0.045, 0.08])
+@pytest.mark.parametrize("seed", range(3))
+def test_walls_alone_are_an_empty_bin(filled: Callable[..., Bin], seed: int, wall_height_m: float) -> None:
+    bin_ = filled(seed, clutter=1, wall_height_m=wall_height_m)
+    bin_.take_away("object-0")
+    for _ in range(3):
+        with pytest.raises(CycleFailure) as failure:
+            bin_.scenes()
+        assert failure.value.failure is Code.NO_OBJECT
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_place_is_cleared_when_its_object_left_whatever_the_neighbours_do(
+    filled: Callable[..., Bin], seed: int
+) -> None:
+    bin_ = filled(seed)
+    before = bin_.look()
+    found = detect(before, bin_.station, open_models(bin_.station, {}), unsaid)
+    target = bin_.nearest(found.grasps[0].base_from_tcp[:2, 3])
+    other = next(body for body in bin_.world.objects if body != target)
+    bin_.take_away(other)
+    assert cleared_fraction(found, before, bin_.look(), bin_.station) < 0.3, "another one left, not this one"
+    bin_.take_away(target)
+    assert cleared_fraction(found, before, bin_.look(), bin_.station) > 0.9
+
+
+def test_where_detection_lets_the_palm_pass_the_planner_does_too(filled: Callable[..., Bin]) -> None:
+    """The lowest tcp over a wall that detection allows: the planner's hand clears the wall."""
+    bin_ = filled(0, clutter=1, wall_height_m=0.08)
+    tcp_m = bin_.station.scene.bins[0].wall_height_m + TABLE_CLEARANCE_M - PALM_ABOVE_TIP_M + TIP_BELOW_TCP_M + 1e-3
+    base_from_tcp = np.diag([1.0, -1.0, -1.0, 1.0])  # closes along y, the palm over the left wall
+    base_from_tcp[:3, 3] = 0.46, 0.2, tcp_m
+    touches = [bin_.robot.collision(q_rad) for q_rad in inverse(flange_pose(base_from_tcp), q7_grid())]
+    assert None in touches
+    base_from_tcp[2, 3] -= 0.006
+    touches = [bin_.robot.collision(q_rad) for q_rad in inverse(flange_pose(base_from_tcp), q7_grid())]
+    assert touches and None not in touches
