@@ -53,8 +53,8 @@ class Problem:
     def scene(self, robot: Robot) -> Scene:
         """What the planner is given."""
         if self.sight is not None:
-            return Scene.of(robot, self.sight, (TABLE,))
-        return Scene(robot, self.boxes, target=self.target_points)
+            return Scene.of(robot, robot.station, self.sight, (TABLE,))
+        return Scene(robot, robot.station, self.boxes, target=self.target_points)
 
 
 def station() -> Station:
@@ -78,7 +78,7 @@ def _boxes(robot: Robot, rng: np.random.Generator) -> tuple[Box, ...]:
     capture_q = np.array(robot.station.arm.capture_q_rad)
     while True:
         boxes = (TABLE, *_bin(), *(_box(f"box-{i}", rng) for i in range(5)))
-        if Scene(robot, boxes).touch(capture_q, robot.station.hand.max_width_m) is None:
+        if Scene(robot, robot.station, boxes).touch(capture_q, robot.station.hand.max_width_m) is None:
             return boxes
 
 
@@ -111,7 +111,7 @@ def _problem(robot: Robot, boxes: tuple[Box, ...], seen_only: bool, number: int,
     for _ in range(_FEASIBLE_TRIES):
         target, yaw_rad, grasp = _target(rng)
         points = _surface(target, yaw_rad)
-        scene = Scene(robot, boxes, target=points)
+        scene = Scene(robot, robot.station, boxes, target=points)
         for approach in approaches([grasp], robot.station):
             if _feasible(scene, approach):
                 sight = _sight(boxes, target, yaw_rad, rng) if seen_only else None
@@ -137,7 +137,7 @@ def _target(rng: np.random.Generator) -> tuple[Box, float, Grasp]:
 
 def _feasible(scene: Scene, approach: Approach) -> bool:
     """Whether any arm configuration off the limits can approach and lift."""
-    plan, station = scene.robot.station.planning, scene.robot.station
+    plan, station = scene.station.planning, scene.station
     pose, grasp, empty = grasp_pose(approach, station), approach.grasp, scene.empty()
     back_m, up_m = -plan.approach_m * pose[:3, 2], np.array([0.0, 0.0, plan.lift_m])
     for twin in twins(pose):

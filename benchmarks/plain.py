@@ -25,7 +25,7 @@ _EXAMINED = 48
 
 def reach(scene: Scene, base_from_tcp: Transform, opening_m: float, q_now_rad: Joints) -> JointSamples | None:
     """1 kHz commands (n, 7) from rest to the grasp, or None."""
-    back_m = -scene.robot.station.planning.approach_m * base_from_tcp[:3, 2]
+    back_m = -scene.station.planning.approach_m * base_from_tcp[:3, 2]
     befores = []
     for pose in twins(base_from_tcp):
         before = pose.copy()

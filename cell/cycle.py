@@ -99,7 +99,7 @@ class Cycle:
             topics.DETECT,
             lambda: detect_unless_halted(before, e.station, e.models, self._say_reply, self.halted),
         )
-        chosen = self._plan = self._stage("plan", topics.PLAN, lambda: plan(found, before, e.robot))
+        chosen = self._plan = self._stage("plan", topics.PLAN, lambda: plan(found, before, e.robot, e.station))
         after: Observation | None = None
 
         def act() -> Execution:

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from bus.messages import Detections, Observation, PickPlan
+from config.schema import Station
 from perception.surroundings import surroundings
 from planning.pick import plan_pick
 from planning.robot import Robot
 from planning.scene import Scene, Sight
 
 
-def plan(detections: Detections, observation: Observation, robot: Robot) -> PickPlan:
+def plan(detections: Detections, observation: Observation, robot: Robot, station: Station) -> PickPlan:
     """The first feasible way to grasp and its motions, through what stands there and what was seen there.
 
     Raises: CycleFailure (NO_GRASP, UNREACHABLE, COLLISION, MOTION_REFUSED).
     """
     points_base, target = surroundings(observation, detections.evidence.object_mask)
-    scene = Scene.of(robot, Sight(points_base, target))
+    scene = Scene.of(robot, station, Sight(points_base, target))
     return plan_pick(scene, detections.grasps, observation.view.arm.q_rad)

@@ -68,10 +68,10 @@ def _detect(record: CycleRecord, station: Station, _robot: Robot) -> Message:
     return detect(_observation(record), station, replayed_models(station, record.replies))
 
 
-def _plan(record: CycleRecord, _station: Station, robot: Robot) -> Message:
+def _plan(record: CycleRecord, station: Station, robot: Robot) -> Message:
     found = _result(record, "detect", Detections)
     assert isinstance(found, Detections)
-    return plan(found, _observation(record), robot)
+    return plan(found, _observation(record), robot, station)
 
 
 def _verify(record: CycleRecord, station: Station, robot: Robot) -> Message:

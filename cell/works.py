@@ -110,7 +110,7 @@ class Works:
         if float(np.abs(q_rad - home_q_rad).max()) < _AT_CAPTURE_RAD:
             return
         self._require_not_halted()
-        motion = self._equipment.arm.execute(move(Scene.of(self._equipment.robot), q_rad, home_q_rad))
+        motion = self._equipment.arm.execute(move(Scene.of(self._equipment.robot, self._station), q_rad, home_q_rad))
         if not motion.finished:
             raise CycleFailure(Code.STOPPED, "Stopped on the way to the capture pose.")
 

@@ -67,7 +67,7 @@ def connect(
     def free(q: Joints) -> bool:
         return (allowed is None or allowed(q)) and scene.touch(q, width_m) is None
 
-    for seed in range(scene.robot.station.planning.searches):
+    for seed in range(scene.station.planning.searches):
         path = search(free, q_from_rad, goals_rad, seed)
         if path is not None and scene.first_touch(path, width_m) is None:
             reached = int(np.argmin([np.abs(goal - path[-1]).max() for goal in goals_rad]))
@@ -108,8 +108,8 @@ def move(scene: Scene, q_from_rad: Joints, q_to_rad: Joints) -> Trajectory:
 
     Raises: CycleFailure: COLLISION, naming what is touched; MOTION_REFUSED outside the limits.
     """
-    width_m = scene.robot.station.hand.max_width_m
-    trajectory = rest_to_rest(scene.robot.station, q_from_rad, q_to_rad)
+    width_m = scene.station.hand.max_width_m
+    trajectory = rest_to_rest(scene.station, q_from_rad, q_to_rad)
     if scene.gate(trajectory.filtered(), width_m) is None and scene.first_touch(trajectory.raw_q_rad, width_m) is None:
         return trajectory
     for q_rad, which in ((q_from_rad, "cannot start"), (q_to_rad, "cannot end")):
@@ -143,6 +143,6 @@ def _gate(trajectory: Trajectory, curve: Curve, scene: Scene, leaving: Scene | N
 
 def _timed(name: SegmentName, scene: Scene, curve: Curve) -> Trajectory:
     try:
-        return timed(scene.robot.station, curve)
+        return timed(scene.station, curve)
     except CycleFailure as why:
         raise Infeasible(Code.UNREACHABLE, f"{name}: limit: {why.text}") from why

@@ -64,7 +64,7 @@ def plan_pick(scene: Scene, grasps: Sequence[Grasp], q_now_rad: Joints) -> PickP
     if not grasps:
         raise CycleFailure(Code.NO_GRASP, "There is no grasp to plan for.")
     rejected: list[Rejection] = []
-    for approach in approaches(grasps, scene.robot.station):
+    for approach in approaches(grasps, scene.station):
         try:
             segments = plan_approach(scene, approach, np.asarray(q_now_rad))
         except Infeasible as why:
@@ -78,7 +78,7 @@ def plan_pick(scene: Scene, grasps: Sequence[Grasp], q_now_rad: Joints) -> PickP
 
 def plan_approach(scene: Scene, approach: Approach, q_now_rad: Joints) -> tuple[Segment, ...]:
     """Every motion of the pick by one approach. Raises: Infeasible."""
-    base_from_tcp = grasp_pose(approach, scene.robot.station)
+    base_from_tcp = grasp_pose(approach, scene.station)
     holding = scene.holding(base_from_tcp)
     view_q = _view_configuration(scene.empty(), base_from_tcp[:3, 3])
     reach, carry = _reach_and_carry(scene, holding, approach.grasp, base_from_tcp, q_now_rad, view_q)
@@ -88,7 +88,7 @@ def plan_approach(scene: Scene, approach: Approach, q_now_rad: Joints) -> tuple[
 
 def plan_reach(scene: Scene, approach: Approach, q_now_rad: Joints) -> Segment:
     """Only the first motion. Raises: Infeasible."""
-    grasp, base_from_tcp = approach.grasp, grasp_pose(approach, scene.robot.station)
+    grasp, base_from_tcp = approach.grasp, grasp_pose(approach, scene.station)
     return _reach(scene, grasp, base_from_tcp, q_now_rad, lambda _: True)[0]
 
 
@@ -98,7 +98,7 @@ def _check_start(scene: Scene, q_now_rad: Joints) -> None:
     beyond = outside(q_now_rad)
     if beyond is not None:
         raise CycleFailure(Code.MOTION_REFUSED, f"The arm cannot start from where it is: {beyond}.")
-    touch = scene.touch(q_now_rad, scene.robot.station.hand.max_width_m)
+    touch = scene.touch(q_now_rad, scene.station.hand.max_width_m)
     if touch is not None:
         raise CycleFailure(Code.COLLISION, f"The arm cannot start from where it is: {touch}.")
 
@@ -126,7 +126,7 @@ def _reach_and_carry(
 def _reach(
     scene: Scene, grasp: Grasp, base_from_tcp: Transform, q_now_rad: Joints, calm: Callable[[Landing], bool]
 ) -> tuple[Segment, Landing]:
-    opening_m = min(grasp.opening_m, scene.robot.station.hand.max_width_m)
+    opening_m = min(grasp.opening_m, scene.station.hand.max_width_m)
     landings = _before_grasp(scene, grasp, base_from_tcp, q_now_rad)
     way, landing = _first_way(scene, q_now_rad, landings, opening_m, calm)
     return motion("reach", way, [*way.lines(), landing.line_rad], scene, opening_m), landing
@@ -136,7 +136,7 @@ def _before_grasp(
     scene: Scene, grasp: Grasp, base_from_tcp: Transform, q_now_rad: Joints
 ) -> Iterator[Landing | Infeasible]:
     """Where the free path may end: before the grasp, with a free approach line and a free lift line."""
-    station = scene.robot.station
+    station = scene.station
     back_m = -station.planning.approach_m * base_from_tcp[:3, 2]
     up_m = np.array([0.0, 0.0, station.planning.lift_m])
     opening_m = min(grasp.opening_m, station.hand.max_width_m)
@@ -196,7 +196,7 @@ def _carry(scene: Scene, holding: Scene, grasp: Grasp, landing: Landing, view_q:
 
 def _view_configuration(scene: Scene, object_m: Array) -> Joints:
     """From where to look again: the capture pose moved aside, the first way the arm reaches; else the pose itself."""
-    robot, station = scene.robot, scene.robot.station
+    robot, station = scene.robot, scene.station
     capture_q = np.array(station.arm.capture_q_rad)
     camera_m = robot.base_from_color(capture_q)[:2, 3]
     for aside_m in station.verify.look_aside_m:
@@ -214,7 +214,7 @@ def _view_configuration(scene: Scene, object_m: Array) -> Joints:
 def _place_and_home(
     holding: Scene, grasp: Grasp, base_from_tcp_rotation: Array, view_q: Joints
 ) -> tuple[Segment, Segment]:
-    station, empty, robot = holding.robot.station, holding.empty(), holding.robot
+    station, empty, robot = holding.station, holding.empty(), holding.robot
     capture_q, wide_m = np.array(station.arm.capture_q_rad), station.hand.max_width_m
 
     def calm(landing: Landing) -> bool:
@@ -231,7 +231,7 @@ def _above_tray(
     holding: Scene, grasp: Grasp, base_from_tcp_rotation: Array, view_q: Joints
 ) -> Iterator[Landing | Infeasible]:
     """Above the tray, with a free line down and up again; the object keeps its tilt, its yaw is free."""
-    station = holding.robot.station
+    station = holding.station
     down_m = np.array([0.0, 0.0, -LOWER_M])
     above_m = np.array(station.scene.place_m) - down_m
     poses = [_posed(_turned(yaw) @ base_from_tcp_rotation, above_m) for yaw in _PLACE_YAWS_RAD]

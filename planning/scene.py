@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from bus.arrays import Joints, JointSamples, Points, Transform
 from config.scene import scene_boxes
-from config.schema import Box
+from config.schema import Box, Station
 from planning.robot import HAND_FROM_TCP_M, Robot
 from planning.seen import Field, few, observed_field, solid
 from planning.world import FINGERS, Thing, World, held_thing
@@ -54,6 +54,7 @@ class Scene:
     """The obstacles of one pick.
 
     Attributes:
+        station: clearance, hand and motion settings are read from it.
         boxes: what is known to stand there; the first is the table.
         field: what was seen besides; None = nothing.
         target: the points (n, 3) of the object to be grasped in ``base``; only the fingers may touch it.
@@ -61,21 +62,24 @@ class Scene:
     """
 
     robot: Robot
+    station: Station
     boxes: tuple[Box, ...]
     field: Field | None = None
     target: Array | None = None
     held: Thing | None = None
 
     @classmethod
-    def of(cls, robot: Robot, sight: Sight | None = None, boxes: Sequence[Box] | None = None) -> Scene:
+    def of(
+        cls, robot: Robot, station: Station, sight: Sight | None = None, boxes: Sequence[Box] | None = None
+    ) -> Scene:
         """The station's boxes (or others), and what was seen among them."""
-        known = scene_boxes(robot.station.scene) if boxes is None else tuple(boxes)
+        known = scene_boxes(station.scene) if boxes is None else tuple(boxes)
         if sight is None:
-            return cls(robot, known)
+            return cls(robot, station, known)
         target = sight.points_base[sight.target].astype(float)
         target = few(target[np.isfinite(target[:, 2])])
         field = observed_field(sight.points_base, sight.target, known)
-        return cls(robot, known, field, target if len(target) >= _FEWEST_POINTS else None)
+        return cls(robot, station, known, field, target if len(target) >= _FEWEST_POINTS else None)
 
     def holding(self, base_from_tcp: Transform) -> Scene:
         """The scene in which the target hangs in the hand, as it lay when the tcp was at ``base_from_tcp``."""
@@ -136,7 +140,7 @@ class Scene:
 
     @cached_property
     def _fine(self) -> World:
-        clearance_m = self.robot.station.planning.clearance_m
+        clearance_m = self.station.planning.clearance_m
         finger_m = min(clearance_m, FINGER_CLEARANCE_M)
         return World(self.robot, self.robot.hulls, self._things, margin_m=clearance_m, finger_margin_m=finger_m)
 
@@ -176,7 +180,7 @@ class Scene:
         """The target down to just above the table, on which it stood."""
         assert self.target is not None
         table = self.boxes[0]
-        floor_m = table.center_m[2] + table.size_m[2] / 2 + self.robot.station.planning.clearance_m + 1e-3
+        floor_m = table.center_m[2] + table.size_m[2] / 2 + self.station.planning.clearance_m + 1e-3
         return solid(self.target, floor_m)
 
 
