@@ -310,7 +310,7 @@ class PlanningSettings(Settings):
         searches: how often a path around obstacles is looked for before a goal counts as unreachable.
     """
 
-    window_ms: Annotated[int, Field(ge=4, le=200)] = 64
+    window_ms: Annotated[int, Field(ge=16, le=200)] = 64
     approach_m: Positive = 0.10
     lift_m: Positive = 0.15
     clearance_m: Annotated[float, Field(ge=0.003, le=0.02)] = 0.004

@@ -27,62 +27,95 @@ def line(window: int, distance_rad: float = 1.0, speed: float = 1.5, acceleratio
     return Trajectory(raw_q_rad=START + s[:, None] * DIRECTION, window=window)
 
 
-def play(trajectory: Trajectory, brake_at: int | None = None) -> tuple[np.ndarray, Stream]:
-    """All commands, with a brake right before command number ``brake_at``."""
-    stream, commands = Stream(trajectory), []
-    while True:
-        if len(commands) == brake_at:
-            stream.brake()
+def play(trajectory: Trajectory, asked: dict[int, str] | None = None) -> tuple[np.ndarray, Stream]:
+    """All commands; right before command number ``n`` the stream is asked to ``asked[n]``."""
+    stream, commands, asked = Stream(trajectory), [], dict(asked or {})
+    while not (stream.held and not asked):
+        if len(commands) in asked:
+            getattr(stream, asked.pop(len(commands)))()
         command = stream.next()
         if command is None:
-            return np.array(commands), stream
+            break
         commands.append(command)
+    return np.array(commands), stream
 
 
-@pytest.mark.parametrize("window", [1, 4, 64])
+def require_on_line_and_in_limits(commands: np.ndarray, what: object) -> None:
+    assert check(commands).ok, (what, check(commands).describe())
+    along = (commands - START) @ DIRECTION / (DIRECTION @ DIRECTION)
+    assert np.abs(commands - START - along[:, None] * DIRECTION).max() < 1e-9
+    assert (np.diff(along) > -1e-12).all(), "never backwards"
+
+
+@pytest.mark.parametrize("window", [1, 16, 64])
 def test_undisturbed_commands_are_the_filtered_trajectory(window: int) -> None:
     trajectory = line(window)
     commands, stream = play(trajectory)
-    assert commands.shape == trajectory.filtered().shape
-    assert np.abs(commands - trajectory.filtered()).max() < 1e-12
+    assert np.array_equal(commands, trajectory.filtered())
     assert stream.finished
     assert stream.next() is None
 
 
-@pytest.mark.parametrize("window", [4, 64])
+@pytest.mark.parametrize("window", [16, 64])
 def test_a_brake_at_any_instant_keeps_every_limit_and_the_path(window: int) -> None:
     trajectory = line(window)
-    for brake_at in range(0, len(trajectory.raw_q_rad), 23):
-        commands, stream = play(trajectory, brake_at)
-        assert check(commands).ok, (brake_at, check(commands).describe())
-        along = (commands - START) @ DIRECTION / (DIRECTION @ DIRECTION)
-        assert np.abs(commands - START - along[:, None] * DIRECTION).max() < 1e-9
-        assert (np.diff(along) > -1e-6).all(), "a brake never runs backwards"
-        assert not stream.finished
+    for brake_at in range(1, len(trajectory.filtered()), 23):
+        commands, stream = play(trajectory, {brake_at: "brake"})
+        require_on_line_and_in_limits(commands, brake_at)
+        assert stream.finished == np.array_equal(commands[-1], trajectory.filtered()[-1])
+
+
+@pytest.mark.parametrize("window", [16, 64])
+def test_held_and_resumed_at_any_instants_it_ends_at_the_end(window: int) -> None:
+    trajectory = line(window)
+    rng = np.random.default_rng(5)
+    for _ in range(30):
+        at = np.cumsum(rng.integers(1, 300, 6)).tolist()
+        commands, stream = play(trajectory, dict(zip(at, ("hold", "resume") * 3, strict=True)))
+        require_on_line_and_in_limits(commands, at)
+        assert stream.finished
+        assert np.array_equal(commands[-1], trajectory.filtered()[-1])
+
+
+def test_held_it_gives_the_same_command_until_resumed() -> None:
+    commands, stream = play(line(64), {400: "hold"})
+    assert stream.held
+    assert all(np.array_equal(stream.next(), commands[-1]) for _ in range(50))
+    stream.resume()
+    assert not stream.held
+    assert not np.array_equal(stream.next(), stream.next())
+
+
+def test_a_hold_costs_hardly_more_than_the_time_it_lasts() -> None:
+    trajectory = line(64)
+    commands, _ = play(trajectory, {400: "hold", 1400: "resume"})
+    stopping_and_starting = len(commands) - len(trajectory.filtered()) - 1000
+    assert stopping_and_starting < 250
+
+
+def test_nothing_resumes_after_a_brake() -> None:
+    commands, stream = play(line(64), {300: "hold", 900: "brake", 901: "resume"})
+    assert len(commands) == 900
+    assert not stream.finished
+    assert stream.next() is None
 
 
 def test_a_brake_stops_soon() -> None:
-    trajectory = line(64)
-    commands, _ = play(trajectory, 400)
+    commands, _ = play(line(64), {400: "brake"})
     assert len(commands) - 400 < 1.5 / 9.8 * 1000 + 64 + 20
 
 
-def test_a_brake_before_the_first_command_hardly_moves() -> None:
-    commands, stream = play(line(4), 0)
-    assert np.abs(commands - START).max() < 1e-3
+def test_a_brake_before_the_first_command_does_not_move() -> None:
+    commands, stream = play(line(16), {0: "brake"})
+    assert (commands == START).all()
     assert not stream.finished
 
 
-def test_a_brake_after_the_last_raw_sample_changes_nothing() -> None:
+def test_a_brake_after_the_last_command_changes_nothing() -> None:
     trajectory = line(64)
-    commands, stream = play(trajectory, len(trajectory.raw_q_rad) + 10)
-    assert np.array_equal(commands, play(trajectory)[0])
+    commands, stream = play(trajectory, {len(trajectory.filtered()): "brake"})
+    assert np.array_equal(commands, trajectory.filtered())
     assert stream.finished
-
-
-def test_a_braked_stream_ends_at_rest() -> None:
-    commands, _ = play(line(8), 300)
-    assert np.abs(commands[-1] - commands[-2]).max() < 1e-6
 
 
 def test_a_trajectory_of_one_sample_gives_its_window_and_ends() -> None:

@@ -1,0 +1,101 @@
+"""How far a motion has come along its samples, and how fast its rate may change.
+
+With q(s) the planned motion (s in ticks) and r = ds/dt the rate of progress, the acceleration is q' dr/dt + q'' r^2 and
+the jerk q' d2r/dt2 + ...: both are kept by bounding dr/dt and its change, joint by joint, around the present tick.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import CubicSpline
+from scipy.ndimage import minimum_filter1d
+
+from bus.arrays import Joints, JointSamples
+from bus.trajectory import TICK_S
+from config.limits import ACCELERATION_RAD_S2
+
+Array = npt.NDArray[np.float64]
+
+_ACCELERATION = 0.985 * float(ACCELERATION_RAD_S2.min()) * TICK_S**2
+"""What a change of rate may bring a joint to [rad per tick^2]."""
+_ONSET = 1.5
+"""A stop sets in this much harder than the moving average makes the motion itself begin."""
+_SHORTEST_WINDOW = 16
+_AHEAD_TICKS = 128
+"""A stop lasts about so long: how fast its end may set in is known that far ahead."""
+_STILL = 1e-12
+
+
+class Progress:
+    """A motion's place and rate. Undisturbed, the commands are the samples themselves, bit for bit.
+
+    Args:
+        samples_rad: (n, 7) 1 kHz commands, from rest to rest, within every limit.
+        window: of the moving average they came from: how smoothly a stop sets in. With fewer than 16 samples the curve
+            through them overshoots their acceleration by up to 0.6 %.
+    """
+
+    def __init__(self, samples_rad: JointSamples, window: int) -> None:
+        self._samples = samples_rad
+        self._last = len(samples_rad) - 1
+        self._at = 0.0
+        self._rate = 1.0
+        self._gain = 0.0  # change of the rate in the last tick
+        if self._last > 0:
+            self._bounds(window)
+
+    @property
+    def at_end(self) -> bool:
+        return self._at >= self._last
+
+    @property
+    def at_rest(self) -> bool:
+        return self._rate == 0.0 or self.at_end
+
+    def q_rad(self) -> Joints:
+        """The command here."""
+        tick = int(self._at)
+        return np.asarray(self._samples[tick] if tick == self._at else self._curve(self._at))
+
+    def advance(self, target_rate: float) -> None:
+        """One tick on, the rate brought nearer to ``target_rate`` (0 or 1) as fast as every joint allows."""
+        if self._rate == target_rate:
+            self._at = min(self._at + self._rate, float(self._last))
+            return
+        if self._at == 0.0 and target_rate == 0.0:  # not under way yet
+            self._rate = 0.0
+            return
+        gain = self._next_gain(target_rate)
+        rate = self._rate + gain
+        self._at = min(self._at + (self._rate + rate) / 2, float(self._last))
+        arrived = abs(rate - target_rate) < _STILL
+        self._rate, self._gain = (target_rate, 0.0) if arrived else (rate, gain)
+
+    def _next_gain(self, target_rate: float) -> float:
+        """The largest allowed step towards the target that can still fade out when it gets there."""
+        tick = int(self._at)
+        onset = self._onset[tick]
+        away = abs(target_rate - self._rate)
+        fading = min(away, onset * (np.sqrt(0.25 + 2 * away / onset) - 0.5))
+        wanted = max(self._gain - onset, -fading) if target_rate < self._rate else min(self._gain + onset, fading)
+        low, high = self._gains(tick)
+        return float(np.clip(np.clip(wanted, low, high), -self._rate, 1.0 - self._rate))
+
+    def _gains(self, tick: int) -> tuple[float, float]:
+        """The gains (<= 0, >= 0) with which no joint exceeds its acceleration from this tick to the next."""
+        slope, bend = self._slope[tick : tick + 3], self._bend[tick : tick + 3]
+        speed = np.maximum(np.abs(slope), 1e-15)
+        drive = np.sign(slope) * bend * self._rate**2  # > 0: the path itself speeds this joint up
+        low, high = (-_ACCELERATION - drive) / speed, (_ACCELERATION - drive) / speed
+        return min(0.0, float(low.max())), max(0.0, float(high.min()))
+
+    def _bounds(self, window: int) -> None:
+        ticks = np.arange(self._last + 1)
+        self._curve = CubicSpline(ticks, self._samples, bc_type="clamped")
+        slope, bend = self._curve(ticks, 1), self._curve(ticks, 2)
+        window = max(window, _SHORTEST_WINDOW)
+        fastest = np.maximum(np.abs(slope).max(axis=1), 1e-15)
+        onset = _ONSET * np.minimum(4 / window**2, 2 * _ACCELERATION / window / fastest)
+        self._onset: Array = minimum_filter1d(onset, _AHEAD_TICKS, origin=-(_AHEAD_TICKS // 2))
+        self._slope, self._bend = (np.concatenate([rows, np.repeat(rows[-1:], 2, axis=0)]) for rows in (slope, bend))
