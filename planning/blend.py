@@ -31,12 +31,12 @@ class Curve:
 
     Attributes:
         at_rad: arc lengths (n,), evenly spaced. ``points_rad``: (n, 7); its ends are the path's ends exactly.
-        straight_rows: how many of the first points lie on the first piece, before its corner.
+        bends: first and last row of every rounded corner; outside of them the curve is the path itself.
     """
 
     at_rad: Array
     points_rad: JointSamples
-    straight_rows: int
+    bends: tuple[tuple[int, int], ...]
 
 
 def blended(pieces: Sequence[JointSamples], share: float = CORNER_SHARE) -> Curve:
@@ -52,7 +52,7 @@ def blended(pieces: Sequence[JointSamples], share: float = CORNER_SHARE) -> Curv
     curves = [curve for curve, length in zip(curves, lengths, strict=True) if length > _SHORT_RAD]
     lengths = lengths[lengths > _SHORT_RAD]
     if not curves:
-        return Curve(np.zeros(1), np.array(pieces[0][:1]), 0)
+        return Curve(np.zeros(1), np.array(pieces[0][:1]), ())
     ends = np.concatenate([[0.0], np.cumsum(lengths)])
     s = np.concatenate([[0.0], *[end + at[1:] for end, (at, _) in zip(ends, curves, strict=False)]])
     q = np.concatenate([curves[0][1][:1], *[points[1:] for _, points in curves]])
@@ -60,7 +60,8 @@ def blended(pieces: Sequence[JointSamples], share: float = CORNER_SHARE) -> Curv
     width = _half_width(at, ends, share)
     points_rad = _averaged(s, q, at, width)
     points_rad[0], points_rad[-1] = pieces[0][0], pieces[-1][-1]
-    return Curve(at, points_rad, int(np.searchsorted(at + width, ends[1], side="right")) - 1)
+    bends = [(np.searchsorted(at + width, end) - 1, np.searchsorted(at - width, end)) for end in ends[1:-1]]
+    return Curve(at, points_rad, tuple((max(0, int(a)), min(len(at) - 1, int(b))) for a, b in bends))
 
 
 def _dense(piece: JointSamples) -> tuple[Array, JointSamples]:

@@ -84,17 +84,17 @@ def motion(
     *,
     leaving: Scene | None = None,
 ) -> Segment:
-    """The motion along ``pieces``, which hold ``way`` and the tcp lines before or after it.
+    """The motion along ``pieces``, which hold ``way`` and the tcp lines before or after it, each of them free.
 
     Args:
-        leaving: the scene that counts instead while the first piece is still followed straight.
+        leaving: the scene that counts instead on the first piece, until its corner.
 
     Raises: Infeasible: a limit, or what would be touched.
     """
     touch: str | None = None
     for share in _CORNER_SHARES:
         curve = blended(pieces, share)
-        touch = _first_touch(curve, scene, leaving, width_m)
+        touch = _bends_touch(curve, scene, width_m)
         if touch is None:
             trajectory = _timed(name, scene, curve)
             touch = _gate(trajectory, curve, scene, leaving, width_m)
@@ -123,13 +123,12 @@ def move(scene: Scene, q_from_rad: Joints, q_to_rad: Joints) -> Trajectory:
         raise CycleFailure(why.code, f"There is no way from here: {why.reason}.") from why
 
 
-def _first_touch(curve: Curve, scene: Scene, leaving: Scene | None, width_m: float) -> str | None:
-    if leaving is None:
-        return scene.first_touch(curve.points_rad, width_m)
-    split = curve.straight_rows
-    return leaving.first_touch(curve.points_rad[: split + 1], width_m) or scene.first_touch(
-        curve.points_rad[split:], width_m
-    )
+def _bends_touch(curve: Curve, scene: Scene, width_m: float) -> str | None:
+    for begin, end in curve.bends:
+        touch = scene.first_touch(curve.points_rad[begin : end + 1], width_m)
+        if touch is not None:
+            return touch
+    return None
 
 
 def _gate(trajectory: Trajectory, curve: Curve, scene: Scene, leaving: Scene | None, width_m: float) -> str | None:
@@ -137,7 +136,8 @@ def _gate(trajectory: Trajectory, curve: Curve, scene: Scene, leaving: Scene | N
     commands = trajectory.filtered()
     if leaving is None:
         return scene.gate(commands, width_m)
-    split = int(np.argmin(np.abs(commands - curve.points_rad[curve.straight_rows]).max(axis=1)))
+    corner_q = curve.points_rad[curve.bends[0][0]] if curve.bends else curve.points_rad[-1]
+    split = int(np.argmin(np.abs(commands - corner_q).max(axis=1)))
     return leaving.gate(commands[: split + 1], width_m) or scene.gate(commands[split:], width_m)
 
 

@@ -30,7 +30,7 @@ _RESIDUAL_M = 0.0025
 _FEWEST_POINTS = 20
 _COARSE_M = 0.025
 """Nothing within this: no finer check is needed as far as no point of the robot moves farther."""
-_GATE_STEP_M = 0.008
+_GATE_TICKS = 5
 _GATE_MARGIN_M = 0.001
 _LEVER_M = np.array([1.15, 1.15, 0.95, 0.85, 0.45, 0.40, 0.20])
 """Farthest that a point of arm, hand or camera can be from each joint's axis."""
@@ -100,7 +100,7 @@ class Scene:
 
     def touch(self, q_rad: Joints, width_m: float) -> str | None:
         """What comes nearer than the clearance in one configuration, in words, or None."""
-        return self._fine.touch(q_rad, width_m)
+        return self._planned.touch(q_rad, width_m)
 
     def first_touch(self, path_rad: JointSamples, width_m: float) -> str | None:
         """What the robot touches first on the polyline ``path_rad`` (n, 7), or None.
@@ -113,11 +113,11 @@ class Scene:
         edges = np.linspace(0.0, travel_m[-1], blocks + 1)
         middles = _at(path_rad, travel_m, (edges[1:] + edges[:-1]) / 2)
         for begin, end, middle in zip(edges[:-1], edges[1:], middles, strict=True):
-            if self._coarse.touch(middle, width_m) is None:
+            if self._planned.touch(middle, width_m, coarse=True) is None:
                 continue
             checks = int(np.ceil((end - begin) / _CHECK_STEP_M)) + 1
             for q in _at(path_rad, travel_m, np.linspace(begin, end, checks)):
-                touch = self._fine.touch(q, width_m)
+                touch = self._planned.touch(q, width_m)
                 if touch is not None:
                     return touch
         return None
@@ -125,13 +125,10 @@ class Scene:
     def gate(self, commands_rad: JointSamples, width_m: float) -> str | None:
         """The last judgement on 1 kHz commands, by other shapes than they were planned with.
 
-        The exact meshes instead of their hulls, the observed points instead of the field, checked wherever the robot
-        may have moved by 8 mm.
+        The exact meshes instead of their hulls, the observed points instead of the field, every 5 ms.
         """
-        travel_m = sweep_m(commands_rad)
-        ticks = np.searchsorted(travel_m, np.arange(0.0, travel_m[-1], _GATE_STEP_M))
-        for tick in np.unique(np.append(ticks, len(commands_rad) - 1)):
-            touch = self._exact.touch(commands_rad[tick], width_m)
+        for q in np.concatenate([commands_rad[::_GATE_TICKS], commands_rad[-1:]]):
+            touch = self._exact.touch(q, width_m)
             if touch is not None:
                 return touch
         return None
@@ -139,14 +136,17 @@ class Scene:
     # --- worlds -------------------------------------------------------------------------------------------------------
 
     @cached_property
-    def _fine(self) -> World:
+    def _planned(self) -> World:
         clearance_m = self.station.planning.clearance_m
         finger_m = min(clearance_m, FINGER_CLEARANCE_M)
-        return World(self.robot, self.robot.hulls, self._things, margin_m=clearance_m, finger_margin_m=finger_m)
-
-    @cached_property
-    def _coarse(self) -> World:
-        return World(self.robot, self.robot.hulls, self._things, margin_m=_COARSE_M, finger_margin_m=_COARSE_M)
+        return World(
+            self.robot,
+            self.robot.hulls,
+            self._things,
+            margin_m=clearance_m,
+            finger_margin_m=finger_m,
+            coarse_m=_COARSE_M,
+        )
 
     @cached_property
     def _exact(self) -> World:

@@ -48,8 +48,8 @@ def timed(station: Station, curve: Curve) -> Trajectory:
     if length_rad < _TINY_RAD:
         return _tiny(points_rad[0], points_rad[-1], station.planning.window_ms)
     path = toppra.SplineInterpolator(curve.at_rad, points_rad, bc_type="not-a-knot")
-    profile = _fastest(path, length_rad, station.arm.speed)
-    return _within_limits(profile, profile.duration, (points_rad[0], points_rad[-1]), station.planning.window_ms)
+    sampler, duration_s = _fastest(path, length_rad, station.arm.speed)
+    return _within_limits(sampler, duration_s, (points_rad[0], points_rad[-1]), station.planning.window_ms)
 
 
 def rest_to_rest(station: Station, q_from_rad: Joints, q_to_rad: Joints) -> Trajectory:
@@ -135,23 +135,27 @@ def _excess(report: LimitReport, *, jerk: bool) -> float:
     )
 
 
-def _fastest(path: Any, length_rad: float, speed: float) -> Any:
-    """The time-optimal profile along ``path``; ``speed`` < 1 scales its time by 1 / speed."""
+def _fastest(path: Any, length_rad: float, speed: float) -> tuple[Sampler, float]:
+    """The time-optimal profile along ``path`` and its duration [s]; ``speed`` < 1 scales its time by 1 / speed."""
     limit = (_ACCELERATION_SHARE * speed**2 * ACCELERATION_RAD_S2)[:, None] * np.array([-1.0, 1.0])
     acceleration = JointAccelerationConstraint(limit, discretization_scheme=DiscretizationType.Interpolation)
     velocity = PositionDependentVelocity(_VELOCITY_SHARE * speed)
-    solver = toppra.algorithm.TOPPRA(
-        [velocity, acceleration],
-        path,
-        gridpoints=_grid(path, length_rad),
-        solver_wrapper="seidel",
-        parametrizer="ParametrizeConstAccel",
-    )
+    s = _grid(path, length_rad)
+    solver = toppra.algorithm.TOPPRA([velocity, acceleration], path, gridpoints=s, solver_wrapper="seidel")
     with np.errstate(divide="ignore", invalid="ignore"):  # where no velocity is left at all
-        profile = solver.compute_trajectory(0.0, 0.0)
-    if profile is None or not np.isfinite(profile.duration):
+        _, rate, _ = solver.compute_parameterization(0.0, 0.0)
+        if rate is not None:
+            step_s = 2 * np.diff(s) / (rate[1:] + rate[:-1])
+    if rate is None or not np.isfinite(step_s).all():
         raise CycleFailure(Code.MOTION_REFUSED, "The path cannot be followed within the joint limits.")
-    return profile
+    at_s = np.concatenate([[0.0], np.cumsum(step_s)])
+
+    def sampler(times_s: Array) -> JointSamples:
+        row = np.clip(np.searchsorted(at_s, times_s, side="right") - 1, 0, len(step_s) - 1)
+        t, gain = times_s - at_s[row], (rate[row + 1] - rate[row]) / step_s[row]
+        return np.asarray(path(np.clip(s[row] + rate[row] * t + gain * t**2 / 2, 0.0, length_rad)))
+
+    return sampler, float(at_s[-1])
 
 
 def _grid(path: Any, length_rad: float) -> Array:

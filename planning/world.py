@@ -4,14 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from itertools import combinations, product
+from functools import cache
+from itertools import combinations
+from typing import Any
 
 import coal
 import numpy as np
+import numpy.typing as npt
 import pinocchio as pin
 
 from bus.arrays import Joints, Transform
 from planning.robot import Robot, part_name
+
+Mask = npt.NDArray[np.bool_]
 
 FINGERS = frozenset({"left finger", "right finger"})
 _HAND = FINGERS | {"hand", "camera", "link 7"}
@@ -54,6 +59,7 @@ class World:
         parts: the robot's, `Robot.hulls` or `Robot.meshes`.
         margin_m: how near anything may come to anything.
         finger_margin_m: how near the fingers may come to things, among which they work.
+        coarse_m: a second, larger margin for everything, to ask for with ``touch(coarse=True)``.
     """
 
     def __init__(
@@ -64,37 +70,38 @@ class World:
         *,
         margin_m: float,
         finger_margin_m: float,
+        coarse_m: float | None = None,
     ) -> None:
         self._robot = robot
         self._things = tuple(things)
-        self._names = [part_name(part.name) for part in parts] + [thing.name for thing in self._things]
         self._robot_parts = len(parts)
+        self._names = [*_part_names(tuple(part.name for part in parts)), *(thing.name for thing in self._things)]
         self._model = pin.GeometryModel()
         for part in parts:
             self._model.addGeometryObject(part)
         for number, thing in enumerate(self._things):
             self._model.addGeometryObject(self._placed(f"thing {number}", thing))
-        for pair in self._pairs():
-            self._model.addCollisionPair(pin.CollisionPair(*pair))
-        self._geometry = self._model.createData()
+        self._model.setCollisionPairs(self._pairs())
         self._data = robot.model.createData()
         self._full = np.zeros(robot.model.nq)
-        for pair, request in zip(self._model.collisionPairs, self._geometry.collisionRequests, strict=True):
-            fingers = self._names[pair.first] in FINGERS and pair.second >= self._robot_parts
-            request.security_margin = finger_margin_m if fingers else margin_m
-        self._manager = pin.BroadPhaseManager_DynamicAABBTreeCollisionManager(robot.model, self._model, self._geometry)
+        margins = np.full((len(self._names), len(self._names)), margin_m)
+        fingers = [index for index, name in enumerate(self._names) if name in FINGERS]
+        margins[np.ix_(fingers, range(self._robot_parts, len(self._names)))] = finger_margin_m
+        self._fine = self._level(margins)
+        self._coarse = self._fine if coarse_m is None else self._level(np.full_like(margins, coarse_m))
 
-    def touch(self, q_rad: Joints, width_m: float) -> str | None:
+    def touch(self, q_rad: Joints, width_m: float, *, coarse: bool = False) -> str | None:
         """What comes nearer than its margin, e.g. ``right finger touches table``; None if nothing does.
 
         Args:
             width_m: opening of the hand.
         """
+        geometry, manager = self._coarse if coarse else self._fine
         self._full[:7], self._full[7:] = q_rad, width_m / 2
-        pin.updateGeometryPlacements(self._robot.model, self._data, self._model, self._geometry, self._full)
-        self._manager.update(False)
-        callback = pin.CollisionCallBackDefault(self._model, self._geometry, True)
-        self._manager.collide(callback)
+        pin.updateGeometryPlacements(self._robot.model, self._data, self._model, geometry, self._full)
+        manager.update(False)
+        callback = pin.CollisionCallBackDefault(self._model, geometry, True)
+        manager.collide(callback)
         if not callback.collision:
             return None
         pair = self._model.collisionPairs[callback.collisionPairIndex]
@@ -107,22 +114,33 @@ class World:
             frozenset((self._names[p.first], self._names[p.second])) for p in pairs if p.second < self._robot_parts
         )
 
+    def _level(self, margins: npt.NDArray[np.float64]) -> tuple[pin.GeometryData, Any]:
+        geometry = self._model.createData()
+        geometry.setSecurityMargins(self._model, margins)
+        return geometry, pin.BroadPhaseManager_DynamicAABBTreeCollisionManager(self._robot.model, self._model, geometry)
+
     def _placed(self, name: str, thing: Thing) -> pin.GeometryObject:
         if thing.held:
             return self._robot.on_hand(name, thing.shape, thing.pose)
         return pin.GeometryObject(name, 0, 0, pin.SE3(thing.pose), thing.shape)
 
-    def _pairs(self) -> list[tuple[int, int]]:
-        """Part against part, part against thing, and what is held against the other things."""
-        parts, things = range(self._robot_parts), range(self._robot_parts, len(self._names))
-        own = [
-            (a, b)
-            for a, b in combinations(parts, 2)
-            if self._names[a] != self._names[b] and frozenset((self._names[a], self._names[b])) not in _NEIGHBOURS
-        ]
-        around = [(a, b) for a, b in product(parts, things) if self._names[a] not in self._thing(b).near]
-        held = [(a, b) for a, b in product(things, things) if self._thing(a).held and not self._thing(b).held]
-        return own + around + held
+    def _pairs(self) -> Mask:
+        """Part against part, part against thing, and what is held against the other things (upper triangle)."""
+        parts, every = self._robot_parts, len(self._names)
+        pairs = np.zeros((every, every), dtype=bool)
+        pairs[:parts, :parts] = _own_pairs(tuple(self._names[:parts]))
+        for index, thing in enumerate(self._things, start=parts):
+            pairs[:parts, index] = [name not in thing.near for name in self._names[:parts]]
+            if thing.held:
+                pairs[index, parts:] = pairs[parts:, index] = [not other.held for other in self._things]
+        return np.triu(pairs, 1)
 
-    def _thing(self, index: int) -> Thing:
-        return self._things[index - self._robot_parts]
+
+@cache
+def _part_names(names: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(part_name(name) for name in names)
+
+
+@cache
+def _own_pairs(names: tuple[str, ...]) -> Mask:
+    return np.array([[a != b and frozenset((a, b)) not in _NEIGHBOURS for b in names] for a in names])
