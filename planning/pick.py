@@ -143,7 +143,7 @@ def _before_grasp(
     befores = [_shifted(pose, back_m) for pose in twins(base_from_tcp)]
     for q, before in configurations(befores, q_now_rad):
         try:
-            _require_free("before the grasp", scene, q[None], opening_m)
+            _require_untouched("before the grasp", scene, q, opening_m)
             approach = _line("approach", q, before, -back_m)
             lift = _line("lift", approach[-1], _shifted(before, -back_m), up_m)
             _require_free("approach", scene, approach, opening_m)
@@ -237,7 +237,7 @@ def _above_tray(
     poses = [_posed(_turned(yaw) @ base_from_tcp_rotation, above_m) for yaw in _PLACE_YAWS_RAD]
     for q, pose in configurations(poses, view_q):
         try:
-            _require_free("above the tray", holding, q[None], grasp.width_m)
+            _require_untouched("above the tray", holding, q, grasp.width_m)
             lower = _line("lower", q, pose, down_m)
             _require_free("lower", holding, lower, grasp.width_m)
             _require_free("retreat", holding.empty(), lower, station.hand.max_width_m)
@@ -255,6 +255,12 @@ def _line(name: str, q_from_rad: Joints, base_from_tcp: Transform, shift_m: Arra
     if line is None:
         raise Infeasible(Code.UNREACHABLE, f"{name}: the arm cannot follow the straight line")
     return line
+
+
+def _require_untouched(name: str, scene: Scene, q_rad: Joints, width_m: float) -> None:
+    touch = scene.touch(q_rad, width_m)
+    if touch is not None:
+        raise Infeasible(Code.COLLISION, f"{name}: {touch}")
 
 
 def _require_free(name: str, scene: Scene, points_rad: JointSamples, width_m: float) -> None:

@@ -30,7 +30,7 @@ _RESIDUAL_M = 0.0025
 _FEWEST_POINTS = 20
 _COARSE_M = 0.025
 """Nothing within this: no finer check is needed as far as no point of the robot moves farther."""
-_GATE_TICKS = 5
+_GATE_TICKS = 8
 _GATE_MARGIN_M = 0.001
 _LEVER_M = np.array([1.15, 1.15, 0.95, 0.85, 0.45, 0.40, 0.20])
 """Farthest that a point of arm, hand or camera can be from each joint's axis."""
@@ -125,7 +125,7 @@ class Scene:
     def gate(self, commands_rad: JointSamples, width_m: float) -> str | None:
         """The last judgement on 1 kHz commands, by other shapes than they were planned with.
 
-        The exact meshes instead of their hulls, the observed points instead of the field, every 5 ms.
+        The exact meshes instead of their hulls, the observed points instead of the field, every 8 ms.
         """
         for q in np.concatenate([commands_rad[::_GATE_TICKS], commands_rad[-1:]]):
             touch = self._exact.touch(q, width_m)

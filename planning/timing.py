@@ -29,7 +29,7 @@ Array = npt.NDArray[np.float64]
 Sampler = Callable[[Array], JointSamples]
 """Positions (n, 7) of a profile at its times (n,) [s]."""
 
-_GRID = 151
+_GRID = 121
 _VELOCITY_SHARE = 0.998  # position-dependent limits are not convex over the filter's window
 _ACCELERATION_SHARE = 0.997
 _TINY_RAD = 1e-5
