@@ -1,0 +1,148 @@
+"""Where free paths may end: arm configurations from which a straight line of the tcp is free, down and up again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from bus.arrays import Joints, JointSamples, Transform
+from bus.codes import Code
+from bus.messages import Grasp
+from planning.candidates import configurations, twins
+from planning.infeasible import Infeasible, summary
+from planning.line import tcp_line
+from planning.motion import Allowed, Way, connect
+from planning.scene import Scene
+
+Array = npt.NDArray[np.float64]
+
+LOWER_M = 0.05
+"""Height above the place point from which the object is lowered, and to which the hand retreats."""
+_KEPT = 4
+"""So many landings are collected before a path around the obstacles is looked for."""
+_PLACE_YAWS_RAD = np.arange(12) * np.pi / 6
+
+
+@dataclass(frozen=True)
+class Landing:
+    """An arm configuration from which a tcp line is free.
+
+    Attributes:
+        q_rad: where the free path may end. ``line_rad``: the line (n, 7) from there.
+        leave_rad: the line (m, 7) by which the hand leaves again.
+    """
+
+    q_rad: Joints
+    line_rad: JointSamples
+    leave_rad: JointSamples
+
+
+def before_grasp(
+    scene: Scene, grasp: Grasp, base_from_tcp: Transform, q_now_rad: Joints
+) -> Iterator[Landing | Infeasible]:
+    """Where the free path may end: before the grasp, with a free approach line and a free lift line."""
+    station = scene.station
+    back_m = -station.planning.approach_m * base_from_tcp[:3, 2]
+    up_m = np.array([0.0, 0.0, station.planning.lift_m])
+    opening_m = min(grasp.opening_m, station.hand.max_width_m)
+    befores = [shifted(pose, back_m) for pose in twins(base_from_tcp)]
+    for q, before in configurations(befores, q_now_rad):
+        try:
+            _require_untouched("before the grasp", scene, q, opening_m)
+            approach = _line("approach", q, before, -back_m)
+            lift = _line("lift", approach[-1], shifted(before, -back_m), up_m)
+            _require_free("approach", scene, approach, opening_m)
+            _require_free("lift", scene.empty(), lift, grasp.width_m)
+        except Infeasible as why:
+            yield why
+        else:
+            yield Landing(q, approach, lift)
+
+
+def above_tray(
+    holding: Scene, grasp: Grasp, base_from_tcp_rotation: Array, view_q: Joints
+) -> Iterator[Landing | Infeasible]:
+    """Above the tray, with a free line down and up again; the object keeps its tilt, its yaw is free."""
+    station = holding.station
+    down_m = np.array([0.0, 0.0, -LOWER_M])
+    above_m = np.array(station.scene.place_m) - down_m
+    poses = [_posed(_turned(yaw) @ base_from_tcp_rotation, above_m) for yaw in _PLACE_YAWS_RAD]
+    for q, pose in configurations(poses, view_q):
+        try:
+            _require_untouched("above the tray", holding, q, grasp.width_m)
+            lower = _line("lower", q, pose, down_m)
+            _require_free("lower", holding, lower, grasp.width_m)
+            _require_free("retreat", holding.empty(), lower, station.hand.max_width_m)
+        except Infeasible as why:
+            yield why
+        else:
+            yield Landing(q, lower, lower[::-1])
+
+
+def first_way(
+    scene: Scene,
+    q_from_rad: Joints,
+    landings: Iterator[Landing | Infeasible],
+    width_m: float,
+    calm: Callable[[Landing], bool],
+    allowed: Allowed | None = None,
+) -> tuple[Way, Landing]:
+    """A straight way to a calm landing; else a way around to one; else any way to any landing.
+
+    Raises: Infeasible.
+    """
+    failures: list[Infeasible] = []
+    kept: list[tuple[Landing, bool]] = []
+    for landing in landings:
+        if isinstance(landing, Infeasible):
+            failures.append(landing)
+            continue
+        kept.append((landing, calm(landing)))
+        if kept[-1][1] and scene.first_touch(np.stack([q_from_rad, landing.q_rad]), width_m) is None:
+            return Way(0, "straight", np.stack([q_from_rad, landing.q_rad])), landing
+        if len(kept) == _KEPT:
+            break
+    for some in ([one for one, is_calm in kept if is_calm], [one for one, _ in kept]):
+        if some:
+            try:
+                way = connect(scene, q_from_rad, [one.q_rad for one in some], width_m, allowed)
+                return way, some[way.goal]
+            except Infeasible as why:
+                failures.append(why)
+    raise summary(failures, "unreachable: no arm configuration reaches the pose")
+
+
+def _line(name: str, q_from_rad: Joints, base_from_tcp: Transform, shift_m: Array) -> JointSamples:
+    line = tcp_line(q_from_rad, base_from_tcp, shift_m)
+    if line is None:
+        raise Infeasible(Code.UNREACHABLE, f"{name}: the arm cannot follow the straight line")
+    return line
+
+
+def _require_untouched(name: str, scene: Scene, q_rad: Joints, width_m: float) -> None:
+    touch = scene.touch(q_rad, width_m)
+    if touch is not None:
+        raise Infeasible(Code.COLLISION, f"{name}: {touch}")
+
+
+def _require_free(name: str, scene: Scene, points_rad: JointSamples, width_m: float) -> None:
+    touch = scene.first_touch(points_rad, width_m)
+    if touch is not None:
+        raise Infeasible(Code.COLLISION, f"{name}: {touch}")
+
+
+def shifted(pose: Transform, shift_m: Array) -> Transform:
+    return _posed(pose[:3, :3], pose[:3, 3] + shift_m)
+
+
+def _posed(rotation: Array, position_m: Array) -> Transform:
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation, position_m
+    return pose
+
+
+def _turned(yaw_rad: float) -> Array:
+    return np.array([[np.cos(yaw_rad), -np.sin(yaw_rad), 0.0], [np.sin(yaw_rad), np.cos(yaw_rad), 0.0], [0, 0, 1.0]])
