@@ -73,6 +73,7 @@ def _content(record: CycleRecord) -> dict[str, Any]:
         "clouds": _clouds(record, found, plan),
         "motion": _motion(record),
         "facts": _facts(record),
+        "plan": plan,
         "rejected": plan.rejected if plan is not None else (),
         "grasps": _grasps(found),
         "drift": _drift(record, found),
