@@ -29,7 +29,8 @@ KNOWN_M = 0.012
 _NAME = "an observed obstacle"
 _BELOW_M = 0.05
 _MAX_SHEET_M = 1.0
-_ENOUGH_POINTS = 500
+_ENOUGH_POINTS = 300
+_BESIDE_M = 0.002 * np.array([[-1, -1, 0], [-1, 1, 0], [1, -1, 0], [1, 1, 0]])
 _BESIDE_TARGET_PX = 2
 """Depth at the target's outline mixes with what is behind it."""
 
@@ -118,8 +119,11 @@ def _unknown(points: Array, boxes: Sequence[Box]) -> Array:
 
 
 def solid(points_base: Array, floor_m: float) -> coal.CollisionGeometry:
-    """The convex hull of points (n, 3) in ``base`` and of what is below them, down to the height ``floor_m``."""
-    raised = points_base.copy()
+    """The convex hull of points (n, 3) in ``base`` and of what is below them, down to the height ``floor_m``.
+
+    It reaches 2 mm beyond the points on each side: depth pixels miss edges, and a single row of them is no solid.
+    """
+    raised = (points_base[:, None] + _BESIDE_M).reshape(-1, 3)
     raised[:, 2] = np.maximum(raised[:, 2], floor_m + 1e-3)
     on_floor = raised.copy()
     on_floor[:, 2] = floor_m
