@@ -87,7 +87,7 @@ class Scene:
             return self
         hand_from_tcp = np.eye(4)
         hand_from_tcp[2, 3] = HAND_FROM_TCP_M
-        held = held_thing(self._target_solid(), hand_from_tcp @ np.linalg.inv(base_from_tcp))
+        held = held_thing(self._target_solid, hand_from_tcp @ np.linalg.inv(base_from_tcp))
         return replace(self, target=None, held=held)
 
     def empty(self) -> Scene:
@@ -171,11 +171,12 @@ class Scene:
         if self.field is not None:
             things += (self.field.thing,)
         if self.target is not None:
-            things += (Thing("the target", self._target_solid(), near=FINGERS),)
+            things += (Thing("the target", self._target_solid, near=FINGERS),)
         if self.held is not None:
             things += (self.held,)
         return things
 
+    @cached_property
     def _target_solid(self) -> coal.CollisionGeometry:
         """The target down to just above the table, on which it stood."""
         assert self.target is not None
