@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -11,6 +12,7 @@ import numpy.typing as npt
 from bus.arrays import Joints, JointSamples, Transform
 from bus.codes import Code
 from bus.messages import Grasp
+from config.schema import Station
 from planning.candidates import configurations, twins
 from planning.infeasible import Infeasible, summary
 from planning.line import tcp_line
@@ -18,6 +20,7 @@ from planning.motion import Allowed, Way, connect
 from planning.scene import Scene
 
 Array = npt.NDArray[np.float64]
+MadeT = TypeVar("MadeT")
 
 LOWER_M = 0.05
 """Height above the place point from which the object is lowered, and to which the hand retreats."""
@@ -40,6 +43,11 @@ class Landing:
     leave_rad: JointSamples
 
 
+def opening_m(grasp: Grasp, station: Station) -> float:
+    """How wide the hand is while it reaches."""
+    return min(grasp.opening_m, station.hand.max_width_m)
+
+
 def before_grasp(
     scene: Scene, grasp: Grasp, base_from_tcp: Transform, q_now_rad: Joints
 ) -> Iterator[Landing | Infeasible]:
@@ -47,14 +55,14 @@ def before_grasp(
     station = scene.station
     back_m = -station.planning.approach_m * base_from_tcp[:3, 2]
     up_m = np.array([0.0, 0.0, station.planning.lift_m])
-    opening_m = min(grasp.opening_m, station.hand.max_width_m)
+    open_m = opening_m(grasp, station)
     befores = [shifted(pose, back_m) for pose in twins(base_from_tcp)]
     for q, before in configurations(befores, q_now_rad):
         try:
-            _require_untouched("before the grasp", scene, q, opening_m)
+            _require_untouched("before the grasp", scene, q, open_m)
             approach = _line("approach", q, before, -back_m)
             lift = _line("lift", approach[-1], shifted(before, -back_m), up_m)
-            _require_free("approach", scene, approach, opening_m)
+            _require_free("approach", scene, approach, open_m)
             _require_free("lift", scene.empty(), lift, grasp.width_m)
         except Infeasible as why:
             yield why
@@ -82,17 +90,31 @@ def above_tray(
             yield Landing(q, lower, lower[::-1])
 
 
-def first_way(
+def first_that_works(ways: Iterator[tuple[Way, Landing]], make: Callable[[Way, Landing], MadeT]) -> MadeT:
+    """What ``make`` makes of the first way of which it can. Raises: Infeasible, with the most frequent reason."""
+    failures: list[Infeasible] = []
+    try:
+        for way, landing in ways:
+            try:
+                return make(way, landing)
+            except Infeasible as why:
+                failures.append(why)
+    except Infeasible as why:
+        failures.append(why)
+    raise summary(failures, "there is no way")
+
+
+def ways(
     scene: Scene,
     q_from_rad: Joints,
     landings: Iterator[Landing | Infeasible],
     width_m: float,
     calm: Callable[[Landing], bool],
     allowed: Allowed | None = None,
-) -> tuple[Way, Landing]:
-    """A straight way to a calm landing; else a way around to one; else any way to any landing.
+) -> Iterator[tuple[Way, Landing]]:
+    """Straight ways to calm landings; then ways around the obstacles to one; then any way to any landing.
 
-    Raises: Infeasible.
+    Raises: Infeasible at the end, when there was none.
     """
     failures: list[Infeasible] = []
     kept: list[tuple[Landing, bool]] = []
@@ -101,15 +123,16 @@ def first_way(
             failures.append(landing)
             continue
         kept.append((landing, calm(landing)))
-        if kept[-1][1] and scene.first_touch(np.stack([q_from_rad, landing.q_rad]), width_m) is None:
-            return Way(0, "straight", np.stack([q_from_rad, landing.q_rad])), landing
+        line = np.stack([q_from_rad, landing.q_rad])
+        if kept[-1][1] and scene.first_touch(line, width_m) is None:
+            yield Way(0, "straight", line), landing
         if len(kept) == _KEPT:
             break
     for some in ([one for one, is_calm in kept if is_calm], [one for one, _ in kept]):
         if some:
             try:
                 way = connect(scene, q_from_rad, [one.q_rad for one in some], width_m, allowed)
-                return way, some[way.goal]
+                yield way, some[way.goal]
             except Infeasible as why:
                 failures.append(why)
     raise summary(failures, "unreachable: no arm configuration reaches the pose")

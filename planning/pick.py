@@ -8,7 +8,7 @@ taken; every way before it keeps the reason why not. Same inputs, same bits.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import islice
 
 import numpy as np
@@ -22,8 +22,8 @@ from config.limits import outside
 from planning.candidates import Approach, approaches, configurations, grasp_pose
 from planning.carry import steady, upright
 from planning.infeasible import Infeasible
-from planning.landing import Landing, above_tray, before_grasp, first_way, shifted
-from planning.motion import connect, motion
+from planning.landing import Landing, above_tray, before_grasp, first_that_works, opening_m, shifted, ways
+from planning.motion import Way, connect, motion
 from planning.scene import Scene
 
 Array = npt.NDArray[np.float64]
@@ -70,7 +70,8 @@ def plan_approach(scene: Scene, approach: Approach, q_now_rad: Joints) -> tuple[
 def plan_reach(scene: Scene, approach: Approach, q_now_rad: Joints) -> Segment:
     """Only the first motion. Raises: Infeasible."""
     grasp, base_from_tcp = approach.grasp, grasp_pose(approach, scene.station)
-    return _reach(scene, grasp, base_from_tcp, q_now_rad, lambda _: True)[0]
+    ways_to_grasp = _ways_to_grasp(scene, grasp, base_from_tcp, q_now_rad, lambda _: True)
+    return first_that_works(ways_to_grasp, lambda way, landing: _reach(scene, grasp, way, landing))
 
 
 def _check_start(scene: Scene, q_now_rad: Joints) -> None:
@@ -100,17 +101,22 @@ def _reach_and_carry(
     def calm(landing: Landing) -> bool:
         return steady(scene.robot, landing.leave_rad[-1], view_q)
 
-    reach, landing = _reach(scene, grasp, base_from_tcp, q_now_rad, calm)
-    return reach, _carry(scene, holding, grasp, landing, view_q)
+    def make(way: Way, landing: Landing) -> tuple[Segment, Segment]:
+        reach = _reach(scene, grasp, way, landing)
+        return reach, _carry(scene, holding, grasp, landing, view_q)
+
+    return first_that_works(_ways_to_grasp(scene, grasp, base_from_tcp, q_now_rad, calm), make)
 
 
-def _reach(
+def _ways_to_grasp(
     scene: Scene, grasp: Grasp, base_from_tcp: Transform, q_now_rad: Joints, calm: Callable[[Landing], bool]
-) -> tuple[Segment, Landing]:
-    opening_m = min(grasp.opening_m, scene.station.hand.max_width_m)
+) -> Iterator[tuple[Way, Landing]]:
     landings = before_grasp(scene, grasp, base_from_tcp, q_now_rad)
-    way, landing = first_way(scene, q_now_rad, landings, opening_m, calm)
-    return motion("reach", way, [*way.lines(), landing.line_rad], scene, opening_m), landing
+    return ways(scene, q_now_rad, landings, opening_m(grasp, scene.station), calm)
+
+
+def _reach(scene: Scene, grasp: Grasp, way: Way, landing: Landing) -> Segment:
+    return motion("reach", way, [*way.lines(), landing.line_rad], scene, opening_m(grasp, scene.station))
 
 
 def _carry(scene: Scene, holding: Scene, grasp: Grasp, landing: Landing, view_q: Joints) -> Segment:
@@ -146,8 +152,11 @@ def _place_and_home(
     def calm(landing: Landing) -> bool:
         return steady(robot, view_q, landing.q_rad)
 
+    def make(way: Way, landing: Landing) -> tuple[Segment, Segment]:
+        place = motion("place", way, [*way.lines(), landing.line_rad], holding, grasp.width_m)
+        back = connect(empty, landing.leave_rad[-1], [capture_q], wide_m)
+        return place, motion("home", back, [landing.leave_rad, *back.lines()], empty, wide_m)
+
     landings = above_tray(holding, grasp, base_from_tcp_rotation, view_q)
-    way, landing = first_way(holding, view_q, landings, grasp.width_m, calm, upright(robot, view_q, view_q))
-    place = motion("place", way, [*way.lines(), landing.line_rad], holding, grasp.width_m)
-    way = connect(empty, landing.leave_rad[-1], [capture_q], wide_m)
-    return place, motion("home", way, [landing.leave_rad, *way.lines()], empty, wide_m)
+    may = upright(robot, view_q, view_q)
+    return first_that_works(ways(holding, view_q, landings, grasp.width_m, calm, may), make)

@@ -61,8 +61,8 @@ class Field:
 
     @cached_property
     def points_thing(self) -> Thing:
-        """The points alone, as an obstacle: each fills the cell it is in."""
-        return Thing(_NAME, coal.makeOctree(self.points, CELL_M))
+        """The points alone, as an obstacle: each fills a small cube."""
+        return Thing(_NAME, coal.makeOctree(self.points, CELL_M / 2))
 
 
 def observed_field(points_base: Points, target: Mask, boxes: Sequence[Box]) -> Field | None:
@@ -82,9 +82,10 @@ def observed_field(points_base: Points, target: Mask, boxes: Sequence[Box]) -> F
     if not len(seen):
         return None
     low = np.floor(seen[:, :2].min(axis=0) / CELL_M) - 1
-    column, row = (np.rint(seen[:, :2] / CELL_M) - low).astype(int).T
-    height_m = np.full((row.max() + 2, column.max() + 2), boxes[0].center_m[2] - boxes[0].size_m[2] / 2)
-    np.maximum.at(height_m, (row, column), seen[:, 2])
+    column, row = (np.floor(seen[:, :2] / CELL_M) - low).astype(int).T
+    height_m = np.full((row.max() + 3, column.max() + 3), boxes[0].center_m[2] - boxes[0].size_m[2] / 2)
+    for dr, dc in ((0, 0), (0, 1), (1, 0), (1, 1)):  # the corners of the point's cell
+        np.maximum.at(height_m, (row + dr, column + dc), seen[:, 2])
     return Field(low * CELL_M, height_m, seen)
 
 

@@ -6,17 +6,10 @@ import numpy as np
 import pytest
 
 from config.limits import LOWER_RAD, UPPER_RAD
-from config.schema import NodeSettings, Station
-from planning.kinematics import branches, cost, inverse, limit_distance_rad, q7_grid, rest_to_rest_s
+from planning.kinematics import branches, cost, inverse, limit_distance_rad, manipulability, q7_grid, rest_to_rest_s
 from planning.robot import Robot
 
-STATION = Station(nodes={"sim": NodeSettings(driver="sim", serves=("camera", "arm", "hand"))})
 STRETCHED_Q4 = -0.47
-
-
-@pytest.fixture(scope="module")
-def robot() -> Robot:
-    return Robot(STATION)
 
 
 def random_q(count: int) -> np.ndarray:
@@ -66,10 +59,20 @@ def test_rest_to_rest_time_is_that_of_a_trapezoid() -> None:
 
 
 def test_nearness_of_a_limit_and_of_a_singularity_cost() -> None:
-    q = (LOWER_RAD + UPPER_RAD) / 2
+    q = np.array([0.0, -0.45, 0.0, -1.83, 0.0, 1.38, 0.785])
     at_limit = q.copy()
     at_limit[1] = UPPER_RAD[1]
     assert limit_distance_rad(at_limit) == 0.0
-    both = np.stack([q, q])
-    assert np.allclose(cost(q, both, np.array([0.06, 0.0])), [0.0, 0.3])
-    assert cost(at_limit, at_limit[None], np.array([1.0]))[0] == pytest.approx(0.3)
+    assert manipulability(q[None])[0] > 0.06
+    assert cost(q, q[None])[0] == 0.0
+    assert cost(at_limit, at_limit[None])[0] == pytest.approx(0.3)
+    stretched = np.array([0.0, 0.0, 0.0, UPPER_RAD[3], 0.0, 1.87, 0.0])
+    assert manipulability(stretched[None])[0] < 0.06
+    assert cost(stretched, stretched[None])[0] > 0.3
+
+
+def test_manipulability_is_that_of_pinocchios_jacobian(robot: Robot) -> None:
+    q = random_q(200)
+    jacobians = np.stack([robot.jacobian(each) for each in q])
+    expected = np.sqrt(np.maximum(0.0, np.linalg.det(jacobians @ jacobians.swapaxes(1, 2))))
+    assert np.abs(manipulability(q) - expected).max() < 1e-12
