@@ -17,6 +17,8 @@ _MEASURE_TICKS = 10
 _TORQUE_NOISE_NM = 0.02
 _STILL_RAD_S = 1e-3
 _PATIENCE_TICKS = 300
+_HELD_PATIENCE_TICKS = 1000
+"""More: what still moves when the world stands still would be reported until the end of the hold."""
 _REFLEX_NM = 30.0
 _REFLEX_SAMPLES = 3
 """The arm stops itself, as the FR3's collision behaviour does, when the external torque on any joint exceeds this in so
@@ -96,7 +98,7 @@ class SimArm:
             ticks.pop()
         measured.append(self._world.arm())
         ticks.append(len(commanded))
-        self._settle(commanded[-1])
+        self._settle(commanded[-1], _PATIENCE_TICKS)
         self._motions += 1
         if self._reflex:
             raise ArmReflex("The arm touched something and stopped itself.", "Clear it, then recover.")
@@ -118,17 +120,17 @@ class SimArm:
             self._reflex = True
             self.stop()
 
-    def _settle(self, q_rad: Joints) -> None:
+    def _settle(self, q_rad: Joints, patience_ticks: int) -> None:
         """Hold the last command until the arm rests."""
         self._world.command_arm(q_rad, q_rad)
-        for _ in range(_PATIENCE_TICKS):
+        for _ in range(patience_ticks):
             if np.abs(self._world.arm_speed_rad_s()).max() < _STILL_RAD_S:
                 return
             self._world.tick()
 
     def _wait_held(self, q_rad: Joints) -> None:
         """Let the arm rest at the held command, then sleep until `resume` or `stop`."""
-        self._settle(q_rad)
+        self._settle(q_rad, _HELD_PATIENCE_TICKS)
         with self._turn:
             self._turn.wait_for(lambda: not self._holding)
 

@@ -14,7 +14,7 @@ class Comer:
         self._gate = gate
         self.answered = threading.Event()
         self.may_begin: bool | None = None
-        self._thread = threading.Thread(target=self._move)
+        self._thread = threading.Thread(target=self._move, daemon=True)
         self._thread.start()
 
     def _move(self) -> None:

@@ -109,7 +109,7 @@ class _Running:
         self.start_q_rad = arm.state().q_rad
         self.trajectory = _nod(self.start_q_rad, by_rad=1.2, duration_s=20.0)
         self.ended: list[Motion] = []
-        self._thread = threading.Thread(target=self._run)
+        self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
         _wait_until(lambda: bool(np.abs(arm.state().q_rad - self.start_q_rad).max() >= 0.01))
 
