@@ -13,8 +13,9 @@ import pytest
 from bus.arrays import Joints
 from bus.codes import Code
 from bus.commands import Presented, PresentRequest
-from bus.errors import CycleFailure, DriverError
+from bus.errors import CycleFailure, DriverError, MotionRefused
 from bus.messages import ArmMode, CycleResult
+from bus.trajectory import Trajectory
 from cell.cycle import Equipment
 from cell.works import Works
 from config.load import load_station
@@ -166,6 +167,61 @@ def test_a_hold_between_motions_is_held_at_once_and_the_next_one_waits(bench: Be
     works.unhold()
     assert began.wait(5)
     thread.join(5)
+
+
+def test_a_motion_on_its_way_to_the_arm_is_held_when_it_arrives(tmp_path: Path) -> None:
+    bench = Bench(tmp_path)
+    works, passed, arrives = bench.works, threading.Event(), threading.Event()
+    still = Trajectory(raw_q_rad=np.repeat(bench.arm.state().q_rad[None], 2000, axis=0), window=1)
+
+    def motion() -> None:
+        with works.gate.motion():
+            passed.set()
+            assert arrives.wait(5)
+            bench.arm.execute(still)
+
+    moving = threading.Thread(target=motion, daemon=True)
+    moving.start()
+    assert passed.wait(5)
+    works.gate.hold()
+    holding = threading.Thread(target=works.hold, daemon=True)
+    holding.start()
+    holding.join(0.05)
+    assert holding.is_alive()
+    arrives.set()
+    holding.join(5)
+    assert not holding.is_alive()
+    works.unhold()
+    moving.join(5)
+    assert not moving.is_alive()
+
+
+def test_a_motion_that_was_over_as_the_hold_came_needs_no_resume(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    works, over = bench.works, threading.Event()
+
+    def motion() -> None:
+        with works.gate.motion():
+            over.wait(5)
+
+    def resume() -> None:
+        over.set()
+        raise MotionRefused("Nothing is held.")
+
+    monkeypatch.setattr(bench.arm, "resume", resume)
+    thread = threading.Thread(target=motion, daemon=True)
+    thread.start()
+    while not works.gate.is_moving:
+        pass
+    works.gate.hold()
+    works.unhold()
+    thread.join(5)
+    assert not works.gate.is_moving
+
+
+def test_a_motion_that_neither_goes_on_nor_ends_is_an_error(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cell.works._ENDING_S", 0.01)
+    with bench.works.gate.motion(), pytest.raises(MotionRefused):
+        bench.works.unhold()
 
 
 def test_an_object_that_cannot_be_presented_is_the_reason_of_its_cycle(tmp_path: Path) -> None:
