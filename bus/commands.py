@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 from bus.arrays import Transform
 from bus.frozen import Message
 
-Verb = Literal["reset", "start", "pick", "stop", "abort", "clear"]
+Verb = Literal["reset", "start", "pick", "stop", "abort", "clear", "hold", "unhold"]
 """Commands to the cell; an unknown one is refused with this list."""
 
 

@@ -93,6 +93,8 @@ ARM_STATE = Topic("arm/state", "publish", JointStates)
 ARM_NOW = Topic("arm/now", "query", ArmState, Nothing, logged=False)
 ARM_EXECUTE = Topic("arm/execute", "query", Motion, Trajectory)
 ARM_STOP = Topic("arm/stop", "query", Nothing, Nothing)
+ARM_HOLD = Topic("arm/hold", "query", Nothing, Nothing)
+ARM_RESUME = Topic("arm/resume", "query", Nothing, Nothing)
 ARM_RECOVER = Topic("arm/recover", "query", Nothing, Nothing)
 
 TF = Topic("tf", "publish", FrameTransforms)

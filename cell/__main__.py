@@ -39,6 +39,8 @@ app = typer.Typer(
 )
 _out = Console(highlight=False, soft_wrap=True)
 _SETTLED = {"Stopped", "Idle", "Complete", "Aborted"}
+_ENDED = {"Stopped", "Aborted"}
+_RUNS_AGAIN = {"Execute", "Completing", "Complete", "Idle"}  # the last two when little of the cycle was left
 _PATIENCE_S = 600.0
 
 Config = Annotated[Path, typer.Option("--config", "-c", help="Station file.", show_default="the simulated cell")]
@@ -147,15 +149,15 @@ def pick(
     _finish(result)
 
 
-def _simple_command(verb: str, help_text: str) -> None:
-    """Register ``cell VERB``: send it, wait until the machine rests again, print the state."""
+def _simple_command(verb: str, help_text: str, until: set[str] = _SETTLED) -> None:
+    """Register ``cell VERB``: send it, wait until it is in a state of ``until``, or ended; print the state."""
 
     def run(config: Config = DEFAULT_STATION, overrides: Set = None, as_json: Json = False) -> None:
         with client.connect(load_station(config, overrides or [])) as cell:
             cell.command(verb)
-            state = cell.wait_for_state(_SETTLED, 60.0)
+            state = cell.wait_for_state(until | _ENDED, 60.0)
         _print_json(state.model_dump_json()) if as_json else _out.print(f"{state.state} {state.reason}".strip())
-        if state.state == "Aborted" and verb != "abort":
+        if state.state not in until or (state.state == "Aborted" and verb != "abort"):
             raise typer.Exit(1)
 
     app.command(verb, help=help_text)(run)
@@ -165,6 +167,8 @@ _simple_command("reset", "Self-check, arm to the capture pose; ends in Idle.")
 _simple_command("stop", "Controlled stop: brake on the path, confirm by the measured velocity; ends in Stopped.")
 _simple_command("abort", "Brake now; ends in Aborted. Then: clear, reset, start - three deliberate acts.")
 _simple_command("clear", "Clear an abort; ends in Stopped.")
+_simple_command("hold", "Pause a running cycle: brake on the path and wait there; ends in Held.", {"Held"})
+_simple_command("unhold", "Go on with a held cycle; returns when it runs again.", _RUNS_AGAIN)
 
 
 @app.command()

@@ -54,13 +54,13 @@ class Client:
         return reply
 
     def wait_for_state(self, wanted: set[str], timeout_s: float) -> CellState:
-        """The first state of ``wanted``. Raises: ReplyTimeout."""
+        """The state now, or the next one, that is of ``wanted``. Raises: ReplyTimeout."""
         state = self.state()
         give_up_s = time.monotonic() + timeout_s
         while state.state not in wanted:
             heard = self._next(give_up_s, f"The cell is still {state.state} after {timeout_s:.0f} s.")
-            if heard.key == topics.STATE.key:
-                state = decode(CellState, heard.payload)
+            if heard.key == topics.STATE.key and (said := decode(CellState, heard.payload)).since_ns > state.since_ns:
+                state = said
         return state
 
     def wait_for_result(self, cycle_id: str, timeout_s: float) -> CycleResult:

@@ -30,6 +30,7 @@ class Screen:
         self._json, self._report = json_lines, report
         self._out = Console(highlight=False, soft_wrap=True)
         self._heard: queue.SimpleQueue[tuple[Topic, Message | bytes]] = queue.SimpleQueue()
+        self._state = ""
         self.interrupted = threading.Event()
 
     def observe(self, topic: Topic, message: Message | bytes) -> None:
@@ -68,8 +69,9 @@ class Screen:
         elif isinstance(message, CellState):
             if message.state in ("Starting", "Aborted") and message.cycle_id:
                 self._out.print(f"cycle [bold]{message.cycle_id}[/]")
-            elif message.stage == "":
+            elif message.stage == "" or message.state != self._state:
                 self._out.print(f"  [dim]{message.state}[/]")
+            self._state = message.state
         elif isinstance(message, StageRecord):
             said = message.failure.text if message.failure else _summary(message.result)
             self._out.print(f"  {message.stage:<8} {message.duration_s:6.2f} s  {said}")

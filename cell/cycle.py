@@ -26,7 +26,8 @@ from bus.topics import Topic
 from cell.capture import capture
 from cell.cyclelog import CycleLog
 from cell.detect import detect_unless_halted
-from cell.execute import Halted, deliver, execute
+from cell.execute import deliver, execute
+from cell.gate import Gate
 from cell.plan import plan
 from cell.verify import verify
 from config.schema import Station
@@ -80,7 +81,7 @@ class Cycle:
     say: Say
     on_stage: Callable[[str], None]
     log: CycleLog
-    halted: Halted
+    gate: Gate
     object: str = ""
     stages: dict[str, float] = field(default_factory=dict)
     failure: Failure | None = None
@@ -97,7 +98,7 @@ class Cycle:
         found = self._stage(
             "detect",
             topics.DETECT,
-            lambda: detect_unless_halted(before, e.station, e.models, self._say_reply, self.halted),
+            lambda: detect_unless_halted(before, e.station, e.models, self._say_reply, lambda: self.gate.halted),
         )
         chosen = self._plan = self._stage("plan", topics.PLAN, lambda: plan(found, before, e.robot, e.station))
         after: Observation | None = None
@@ -105,7 +106,7 @@ class Cycle:
         def act() -> Execution:
             nonlocal after
             execution, after = execute(
-                chosen, found.grasps[chosen.grasp], (e.arm, e.hand), self._observe, e.station, self.halted
+                chosen, found.grasps[chosen.grasp], (e.arm, e.hand), self._observe, e.station, self.gate
             )
             return execution
 
@@ -127,7 +128,7 @@ class Cycle:
         e, chosen = self.equipment, self._plan
         if chosen is None or self.verdict is None:
             return
-        self._stage("deliver", topics.DELIVER, lambda: deliver(chosen, (e.arm, e.hand), e.station, self.halted))
+        self._stage("deliver", topics.DELIVER, lambda: deliver(chosen, (e.arm, e.hand), e.station, self.gate))
 
     def result(self) -> CycleResult:
         """How it ended, said and recorded by the caller as the last message of the cycle."""
@@ -177,7 +178,7 @@ class Cycle:
     def _stage(self, name: StageName, topic: Topic, work: Callable[[], ResultT]) -> ResultT:
         """Run one stage and say what came of it. Raises: CycleFailure for everything that ends the cycle."""
         self.log.check()
-        if self.halted():
+        if self.gate.halted:
             raise self.fail(CycleFailure(Code.STOPPED, f"Stopped before {name!r}."))
         self.on_stage(name)
         started_ns, started_s = time.time_ns(), time.monotonic()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import threading
 import time
 from collections.abc import Callable, Mapping
 
@@ -18,7 +19,7 @@ from bus.topics import Topic
 from cell.batch import Batch
 from cell.cycle import Equipment
 from cell.machine import Machine
-from cell.states import State, available
+from cell.states import COMMANDS, HOLD_STATES, State, available
 from cell.works import Works, new_cycle_id
 from config.schema import Station
 from drivers.interface import Devices
@@ -57,6 +58,7 @@ class Daemon:
             equipment, devices.feeder, bus.nodes_alive, self._say, self._on_stage, self._on_result
         )
         self._batch: Batch | None = None
+        self._saying = threading.Lock()
         self._said_state = CellState(state="", stage="", cycle_id="", since_ns=0, available=(), reason="")
         self.machine = Machine(
             {
@@ -64,6 +66,8 @@ class Daemon:
                 State.STARTING: works.begin,
                 State.EXECUTE: works.pick,
                 State.COMPLETING: works.complete,
+                State.HOLDING: works.hold,
+                State.UNHOLDING: works.unhold,
                 State.STOPPING: lambda: works.stop(self.machine.wait_quiet),
                 State.ABORTING: lambda: works.stop(self.machine.wait_quiet),
                 State.CLEARING: works.clear,
@@ -114,7 +118,7 @@ class Daemon:
 
     def _on_node(self, name: str, is_alive: bool) -> None:
         if not is_alive and name in self._station.nodes:
-            self._works.halt.set()
+            self._works.gate.halt()
             self.machine.fault(CycleFailure(Code.NODE_LOST, f"The node {name!r} is gone."))
 
     def _hear(self, heard: Heard) -> None:
@@ -129,15 +133,17 @@ class Daemon:
         own = request.client_id == CELL_CLIENT
         if verb in ("stop", "abort"):
             self._batch = None
-            self._works.halt.set()
+            self._works.gate.halt()
+        elif verb == "hold":
+            self._works.gate.hold()
         elif verb in ("reset", "clear") and not own:
             self._batch = None
-            self._works.halt.clear()
+            self._works.gate.clear()
         elif verb in ("start", "pick") and not own:
             self._require_possible(request)
             self._batch = Batch(request if verb == "start" else CommandRequest())
             self._works.object, self._works.next_cycle_id = request.object, new_cycle_id()
-            self._works.halt.clear()
+            self._works.gate.clear()
             return self._works.next_cycle_id
         return ""
 
@@ -159,7 +165,8 @@ class Daemon:
 
     def _on_state(self, state: State, reason: str) -> None:
         """Say the new state, and go on with the next cycle of a ``start``."""
-        self._say_state(state, reason=reason)
+        with self._saying:
+            self._say_state(state, reason=reason, stage=self._stage_held(state))
         if reason and state in (State.ABORTING, State.ABORTED):
             self._say(topics.EVENT, Event(code=state.upper(), severity="error", text=reason))
         own = CommandRequest(client_id=CELL_CLIENT)
@@ -190,7 +197,13 @@ class Daemon:
             self._say(topics.EVENT, Event(code="GAVE_UP", severity="error", text=batch.reason))
 
     def _on_stage(self, stage: str) -> None:
-        self._say_state(self.machine.state, stage=stage)
+        with self._saying:  # read and said together: the owner thread may be changing it
+            self._say_state(self.machine.state, stage=stage)
+
+    def _stage_held(self, state: State) -> str:
+        """The stage that a new state leaves open: a hold, and the way back from it, keep the cycle's."""
+        was_held = self._said_state.state in HOLD_STATES and state in COMMANDS["hold"]
+        return self._said_state.stage if was_held or state in HOLD_STATES else ""
 
     def _say_state(self, state: State, *, reason: str = "", stage: str = "") -> None:
         self._said_state = CellState(

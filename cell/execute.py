@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TypeVar
 
 import numpy as np
 
@@ -10,32 +11,36 @@ from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.messages import Delivery, Execution, Grasp, HandState, Observation, PickPlan, SegmentName, SegmentRun
 from bus.trajectory import TICK_S, Trajectory
+from cell.gate import Gate
 from config.schema import Station
 from drivers.interface import Arm, Hand
 
-Halted = Callable[[], bool]
-"""Whether somebody asked the cell to stop; asked before every motion of arm and hand."""
+DoneT = TypeVar("DoneT")
 
 
 class _Runner:
-    """Runs segments one after the other until one is stopped; keeps what was measured."""
+    """Runs motions one after the other, each through the gate, until one is stopped; keeps what was measured."""
 
-    def __init__(self, arm: Arm, hand: Hand, halted: Halted) -> None:
-        self._arm, self._hand, self._halted = arm, hand, halted
+    def __init__(self, arm: Arm, hand: Hand, gate: Gate) -> None:
+        self._arm, self._hand, self._gate = arm, hand, gate
         self.runs: list[SegmentRun] = []
         self.stopped_in: str | None = None
 
-    def may(self, name: str) -> bool:
-        """Whether the next thing, called ``name``, may begin; a stop before it is kept."""
-        if self._halted():
-            self.stopped_in = name
-        return self.stopped_in is None
+    def move(self, name: str, motion: Callable[[], DoneT]) -> DoneT | None:
+        """One motion of arm or hand, called ``name``, when the gate lets it through; a stop before it is kept."""
+        if self.stopped_in is not None:
+            return None
+        with self._gate.motion() as may_begin:
+            if may_begin:
+                return motion()
+        self.stopped_in = name
+        return None
 
     def run(self, name: str, trajectory: Trajectory) -> bool:
         """Play one segment; False when it was stopped, or must not begin."""
-        if not self.may(name):
+        motion = self.move(name, lambda: self._arm.execute(trajectory))
+        if motion is None:
             return False
-        motion = self._arm.execute(trajectory)
         self.runs.append(SegmentRun.model_validate({"name": name, "motion": motion, "hand": self._hand.state()}))
         if not motion.finished:
             self.stopped_in = name
@@ -51,7 +56,7 @@ def execute(
     devices: tuple[Arm, Hand],
     look: Callable[[], Observation],
     station: Station,
-    halted: Halted,
+    gate: Gate,
 ) -> tuple[Execution, Observation | None]:
     """Open, approach, close, lift, hold, and look again from aside.
 
@@ -59,13 +64,12 @@ def execute(
         What happened, and the second observation (None when stopped before it).
     """
     arm, hand = devices
-    runner = _Runner(arm, hand, halted)
+    runner = _Runner(arm, hand, gate)
     grasped: HandState | None = None
     after: Observation | None = None
-    if runner.may("open"):
-        hand.move(grasp.opening_m, station.hand.speed_m_s)
-    if runner.run_part(plan, "reach") and runner.may("grasp"):
-        grasped = hand.grasp(station.hand.grasp_force_n, station.hand.speed_m_s)
+    runner.move("open", lambda: hand.move(grasp.opening_m, station.hand.speed_m_s))
+    if runner.run_part(plan, "reach"):
+        grasped = runner.move("grasp", lambda: hand.grasp(station.hand.grasp_force_n, station.hand.speed_m_s))
         if runner.run_part(plan, "carry") and _hold(runner, plan, station):
             after = look()
     execution = Execution(
@@ -89,16 +93,16 @@ def _part(plan: PickPlan, name: SegmentName) -> Trajectory:
     return trajectory
 
 
-def deliver(plan: PickPlan, devices: tuple[Arm, Hand], station: Station, halted: Halted) -> Delivery:
+def deliver(plan: PickPlan, devices: tuple[Arm, Hand], station: Station, gate: Gate) -> Delivery:
     """Lay what the hand holds into the tray and come back to the capture pose.
 
     Raises: CycleFailure(STOPPED) when a stop interrupted it.
     """
     arm, hand = devices
-    runner = _Runner(arm, hand, halted)
+    runner = _Runner(arm, hand, gate)
     released: HandState | None = None
-    if runner.run_part(plan, "place") and runner.may("release"):
-        released = hand.move(station.hand.max_width_m, station.hand.speed_m_s)
+    if runner.run_part(plan, "place"):
+        released = runner.move("release", lambda: hand.move(station.hand.max_width_m, station.hand.speed_m_s))
         runner.run_part(plan, "home")
     if runner.stopped_in is not None:
         raise CycleFailure(Code.STOPPED, f"Stopped during {runner.stopped_in!r} of the delivery.")

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from bus.codes import Code
 from bus.commands import CommandReply, CommandRequest
 from bus.errors import CellError, CycleFailure, Refused
-from cell.states import NEXT, State, after_command, available
+from cell.states import HOLD_STATES, NEXT, State, after_command, available
 
 _log = logging.getLogger(__name__)
 _REMEMBERED_COMMANDS = 256
@@ -66,9 +66,11 @@ class Machine:
         self._answered: dict[str, CommandReply] = {}
         self.state = State.STOPPED
         self._why_aborted = ""
+        self._held_from = State.EXECUTE
+        self._ended_held: _Done | None = None  # the held state's work, when it ended by itself meanwhile
         self._thread = threading.Thread(target=self._own, name="machine", daemon=True)
-        self._quiet = threading.Event()
-        self._quiet.set()
+        self._works_change = threading.Condition()
+        self._running = 0  # works other than the stopping ones; two while a held one waits and another holds it
 
     def start(self) -> None:
         """Begin in Stopped: nothing moves until somebody commands it."""
@@ -91,7 +93,8 @@ class Machine:
 
     def wait_quiet(self, timeout_s: float) -> bool:
         """Wait until no work other than the calling state's runs; used by the stopping works."""
-        return self._quiet.wait(timeout_s)
+        with self._works_change:
+            return self._works_change.wait_for(lambda: self._running == 0, timeout_s)
 
     def close(self) -> None:
         """End the owner thread after what is queued."""
@@ -126,6 +129,8 @@ class Machine:
                 reason=str(refusal),
                 available=getattr(refusal, "available", ()) or available(self.state),
             )
+        if target is State.HOLDING:
+            self._held_from, self._ended_held = self.state, None
         self._enter(target, f"command {command.verb!r} from {request.client_id or 'a client'}")
         reply = CommandReply(ok=True, state=self.state, available=available(self.state), cycle_id=cycle_id)
         if request.command_id:
@@ -135,27 +140,49 @@ class Machine:
         return reply
 
     def _finish(self, done: _Done) -> None:
-        if done.state is not self.state:
-            return  # a stop or abort came first; its own work goes on
-        if done.state is State.ABORTING:
+        if done.state is self._held_from and self.state in HOLD_STATES:
+            self._finish_held(done)
+        elif done.state is not self.state:
+            pass  # a stop or abort came first; its own work goes on
+        elif done.state is State.ABORTING:
             if done.error is not None:
                 _log.warning("while aborting: %s", done.error)
             self._enter(State.ABORTED, self._why_aborted)  # the cause, not what else went wrong on the way
-        elif done.error is None:
-            self._enter(NEXT[done.state], "")
-        elif isinstance(done.error, CycleFailure) and done.error.failure is Code.STOPPED:
-            self._enter(State.STOPPING, str(done.error))
+        elif done.error is not None:
+            self._fail(done.error)
+        elif done.state is State.UNHOLDING:
+            self._go_on()
         else:
-            self._enter(State.ABORTING, str(done.error))
+            self._enter(NEXT[done.state], "")
 
-    def _enter(self, state: State, reason: str) -> None:
+    def _finish_held(self, done: _Done) -> None:
+        """The held work ended by itself, its last motion was just over: its success waits for Unholding."""
+        if done.error is None:
+            self._ended_held = done
+        else:
+            self._fail(done.error)
+
+    def _go_on(self) -> None:
+        """Back to the held state, whose work still runs, or ended meanwhile."""
+        self._change(self._held_from, "")
+        if self._ended_held is not None:
+            self._finish(self._ended_held)
+
+    def _fail(self, error: CellError) -> None:
+        stopped = isinstance(error, CycleFailure) and error.failure is Code.STOPPED
+        self._enter(State.STOPPING if stopped else State.ABORTING, str(error))
+
+    def _change(self, state: State, reason: str) -> None:
         self.state = state
         if state is State.ABORTING:
             self._why_aborted = reason
         self._on_state(state, reason)
+
+    def _enter(self, state: State, reason: str) -> None:
+        self._change(state, reason)
         if state in self._works:
             if state not in _STOPPING:
-                self._quiet.clear()  # here and not in the thread: a stop may come before that runs
+                self._count(1)  # here and not in the thread: a stop may come before that runs
             threading.Thread(target=self._work, args=(state,), name=str(state), daemon=True).start()
         elif state in NEXT:
             self._inbox.put(_Done(state, None))
@@ -169,10 +196,14 @@ class Machine:
         except Exception as defect:  # noqa: BLE001 - a defect in a work must abort the machine, not leave it hanging
             _log.exception("defect in %s", state)
             error = CycleFailure(Code.INTERNAL, f"{type(defect).__name__}: {defect}.")
-        finally:
-            if state not in _STOPPING:
-                self._quiet.set()
-        self._inbox.put(_Done(state, error))
+        self._inbox.put(_Done(state, error))  # before the count: no later state's end may overtake it
+        if state not in _STOPPING:
+            self._count(-1)
+
+    def _count(self, by: int) -> None:
+        with self._works_change:
+            self._running += by
+            self._works_change.notify_all()
 
 
 def refuse(reply: CommandReply) -> None:

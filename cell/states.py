@@ -1,5 +1,8 @@
 """The machine: PackML states and commands (ISA-TR88.00.02) as one table, and nothing else.
 
+It departs from the standard in one place: a hold is possible not from Execute only but also from Completing, because
+the delivery is motion too, and Unholding leads back to whichever of the two it came from.
+
 An invalid command is refused with its reason and what is available - never ignored. One thread owns the machine.
 """
 
@@ -18,6 +21,9 @@ class State(StrEnum):
     IDLE = "Idle"
     STARTING = "Starting"
     EXECUTE = "Execute"
+    HOLDING = "Holding"
+    HELD = "Held"
+    UNHOLDING = "Unholding"
     COMPLETING = "Completing"
     COMPLETE = "Complete"
     STOPPING = "Stopping"
@@ -30,12 +36,18 @@ NEXT: dict[State, State] = {
     State.RESETTING: State.IDLE,
     State.STARTING: State.EXECUTE,
     State.EXECUTE: State.COMPLETING,
+    State.HOLDING: State.HELD,
+    State.UNHOLDING: State.EXECUTE,
     State.COMPLETING: State.COMPLETE,
     State.STOPPING: State.STOPPED,
     State.ABORTING: State.ABORTED,
     State.CLEARING: State.STOPPED,
 }
-"""Where an acting state goes when it is done."""
+"""Where an acting state goes when it is done; from Unholding, Completing where the hold came from that."""
+
+HOLD_STATES = frozenset({State.HOLDING, State.HELD, State.UNHOLDING})
+"""While one of these lasts, the work of the state that was held is still open."""
+
 
 _UNSTOPPABLE = {State.STOPPING, State.STOPPED, State.CLEARING, State.ABORTING, State.ABORTED}
 _ABORT_FROM = set(State) - {State.ABORTING, State.ABORTED}
@@ -46,6 +58,8 @@ COMMANDS: dict[str, dict[State, State]] = {
     "pick": {State.IDLE: State.STARTING, State.COMPLETE: State.RESETTING},
     "stop": dict.fromkeys(set(State) - _UNSTOPPABLE, State.STOPPING),
     "abort": dict.fromkeys(_ABORT_FROM, State.ABORTING),
+    "hold": {State.EXECUTE: State.HOLDING, State.COMPLETING: State.HOLDING},
+    "unhold": {State.HELD: State.UNHOLDING},
     "clear": {State.ABORTED: State.CLEARING},
 }
 """Command -> {from: to}. ``pick`` is a start of one cycle; after a completed one it resets first."""
@@ -54,6 +68,7 @@ _HOW_TO_GET_READY = {
     State.STOPPED: "Reset the cell first: `cell reset`.",
     State.ABORTED: "Three deliberate acts: `cell clear`, `cell reset`, then start.",
     State.EXECUTE: "A cycle is running: wait for it, or `cell stop`.",
+    State.HELD: "A cycle is held: `cell unhold`, or `cell stop`.",
 }
 
 

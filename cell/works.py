@@ -1,26 +1,27 @@
-"""What the machine does in its acting states: self-check, begin, pick, complete, stop, clear."""
+"""What the machine does in its acting states: self-check, begin, pick, complete, hold, unhold, stop, clear."""
 
 from __future__ import annotations
 
 import itertools
-import threading
 import time
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime
+from typing import TypeVar
 
 import numpy as np
 
 from bus import topics
 from bus.codec import encode
 from bus.codes import Code
-from bus.errors import BusError, CycleFailure, DriverError
+from bus.errors import BusError, CycleFailure, DriverError, MotionRefused
 from bus.messages import ArmMode, CycleResult
 from bus.session import Heard
 from bus.topics import encoding_of
 from cell.cycle import FAULTS, Cycle, Equipment, Say
 from cell.cyclelog import CycleLog
 from cell.feed import Feed
+from cell.gate import Gate
 from cell.runinfo import run_info
 from config.scene import placing_at
 from drivers.interface import Feeder
@@ -32,6 +33,11 @@ _REST_RAD_S = 0.1
 """Below this the arm rests: the FR3's measured velocity chatters by up to 0.08 rad/s at standstill."""
 _STOP_PATIENCE_S = 20.0
 _AT_CAPTURE_RAD = 1e-3
+_LOOK_S = 0.01
+_ENDING_S = 1.0
+"""How long a motion may take to be over once its arm says that nothing is held."""
+
+DoneT = TypeVar("DoneT")
 
 
 def new_cycle_id() -> str:
@@ -49,7 +55,7 @@ class Works:
         on_result: told every cycle's result, after its recording is closed.
 
     Attributes:
-        halt: set by whoever wants everything to stop; asked before every motion.
+        gate: halted by whoever wants everything to stop, shut by a hold; every motion passes it.
         next_cycle_id, object: of the cycle that begins next; "" and None = a new id, the feeder's next object.
         log: the open cycle's record, or None.
         feed: what lies on the simulated table.
@@ -70,7 +76,7 @@ class Works:
         self._say, self._on_stage, self._on_result = say, on_stage, on_result
         self._numbers = itertools.count()
         self._cycle: Cycle | None = None
-        self.halt = threading.Event()
+        self.gate = Gate()
         self.next_cycle_id = ""
         self.object: str | None = None
         self.log: CycleLog | None = None
@@ -92,25 +98,25 @@ class Works:
         if state.mode is not ArmMode.IDLE:
             raise CycleFailure(Code.ARM_REFLEX, f"The arm is in mode {state.mode.value!r}, not idle.")
         if not e.hand.state().is_homed:
-            self._require_not_halted()
-            e.hand.home()
+            self._move(e.hand.home)
         self._to_capture_pose(state.q_rad)
-        self._require_not_halted()
-        e.hand.move(self._station.hand.max_width_m, self._station.hand.speed_m_s)
+        self._move(lambda: e.hand.move(self._station.hand.max_width_m, self._station.hand.speed_m_s))
         age_s = (time.time_ns() - e.camera.capture().stamp_ns) / 1e9
         if age_s > self._station.camera.max_age_s:
             raise CycleFailure(Code.STALE_FRAME, f"The camera's newest frame is {age_s:.1f} s old.")
 
-    def _require_not_halted(self) -> None:
-        if self.halt.is_set():
-            raise CycleFailure(Code.STOPPED, "Stopped while resetting.")
+    def _move(self, motion: Callable[[], DoneT]) -> DoneT:
+        with self.gate.motion() as may_begin:
+            if may_begin:
+                return motion()
+        raise CycleFailure(Code.STOPPED, "Stopped while resetting.")
 
     def _to_capture_pose(self, q_rad: np.ndarray) -> None:
         home_q_rad = np.asarray(self._station.arm.capture_q_rad)
         if float(np.abs(q_rad - home_q_rad).max()) < _AT_CAPTURE_RAD:
             return
-        self._require_not_halted()
-        motion = self._equipment.arm.execute(move(Scene.of(self._equipment.robot, self._station), q_rad, home_q_rad))
+        way = move(Scene.of(self._equipment.robot, self._station), q_rad, home_q_rad)
+        motion = self._move(lambda: self._equipment.arm.execute(way))
         if not motion.finished:
             raise CycleFailure(Code.STOPPED, "Stopped on the way to the capture pose.")
 
@@ -124,7 +130,7 @@ class Works:
         station = placing_at(self._station, number)
         self.log = CycleLog(path, station.model_dump_json(), run_info(station, cycle_id), time.time_ns)
         equipment = replace(self._equipment, station=station)
-        self._cycle = Cycle(cycle_id, equipment, self._say, self._on_stage, self.log, self.halt.is_set)
+        self._cycle = Cycle(cycle_id, equipment, self._say, self._on_stage, self.log, self.gate)
         self._on_stage("")
         self._name_object(self._cycle, lambda: self.feed.present(number, self.object))
 
@@ -152,9 +158,36 @@ class Works:
         self._name_object(cycle, lambda: self.feed.taken(cycle.object))
         self._finish()
 
+    def hold(self) -> None:
+        """Hold what moves, and confirm by the measured velocity that the arm rests; a stop ends the wait.
+
+        The fingers cannot be held: their motion is waited for. Raises: CycleFailure when the arm does not rest.
+        """
+        arm = self._equipment.arm
+        give_up_s = time.monotonic() + _STOP_PATIENCE_S
+        at_rest = 0  # readings running
+        while at_rest < 2 and not self.gate.halted:  # the first may be of a motion that was just on its way: hold again
+            if time.monotonic() > give_up_s:
+                raise CycleFailure(Code.INTERNAL, f"The cell still moves {_STOP_PATIENCE_S:.0f} s after the hold.")
+            arm.hold()
+            is_moving, state = self.gate.is_moving, arm.state()
+            held = not is_moving or state.mode is ArmMode.MOVE
+            at_rest = at_rest + 1 if held and float(np.abs(state.dq_rad_s).max()) <= _REST_RAD_S else 0
+            time.sleep(_LOOK_S)
+
+    def unhold(self) -> None:
+        """Let the held motion go on, and what waits at the gate begin. Raises: MotionRefused, CycleFailure."""
+        if self.gate.is_moving:
+            try:
+                self._equipment.arm.resume()
+            except MotionRefused:  # the hold came at its very end: then it is over now
+                if not self.gate.wait_still(_ENDING_S):
+                    raise
+        self.gate.let_go()
+
     def stop(self, is_quiet: Callable[[float], bool]) -> None:
         """Stop until ``is_quiet`` (no work runs), then confirm by the measured velocity that the arm rests."""
-        self.halt.set()
+        self.gate.halt()
         arm, hand = self._equipment.arm, self._equipment.hand
         give_up_s = time.monotonic() + _STOP_PATIENCE_S
         try:

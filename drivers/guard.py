@@ -48,6 +48,15 @@ class Guard:
         with suppress(CellError):
             self._arm.stop()
 
+    def hold(self) -> None:
+        """Passed on unchecked, like `stop`."""
+        with suppress(CellError):
+            self._arm.hold()
+
+    def resume(self) -> None:
+        """Passed on: what goes on is the rest of a trajectory that was checked whole."""
+        self._arm.resume()
+
     def recover(self) -> None:
         self._arm.recover()
 

@@ -1,8 +1,8 @@
 """The three protocols every driver implements: the simulated, the real and the remote one alike.
 
 Life cycle: ``connect`` opens everything or nothing; ``close`` is always allowed and idempotent; every other
-member raises `bus.errors.NotConnected` before ``connect`` and after ``close``. ``stop`` never raises and may be called
-from any thread, also while another call is under way. All errors are of `bus.errors.DriverError`.
+member raises `bus.errors.NotConnected` before ``connect`` and after ``close``. ``stop`` and ``hold`` never raise
+and may be called from any thread, also while another call is under way. All errors are of `bus.errors.DriverError`.
 """
 
 from __future__ import annotations
@@ -39,7 +39,16 @@ class Arm(Protocol):
         """Play ``trajectory`` and return when the arm rests. Raises: MotionRefused (nothing moved), ArmReflex."""
 
     def stop(self) -> None:
-        """Brake on the path, now. The running ``execute`` returns with ``finished = False``."""
+        """Brake on the path, now. The running ``execute`` returns with ``finished = False``, also out of a hold."""
+
+    def hold(self) -> None:
+        """Brake on the path and wait there: the running ``execute`` goes on waiting, the mode stays MOVE.
+
+        Without a motion nothing happens. Whoever holds confirms it by the measured velocity.
+        """
+
+    def resume(self) -> None:
+        """Go on along the held path to its end. Raises: MotionRefused when nothing is held or about to be."""
 
     def recover(self) -> None:
         """Clear a reflex. Nothing moves."""

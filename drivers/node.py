@@ -1,4 +1,4 @@
-"""Serves a driver's devices on the bus: one lane (thread) per device and one for each stop."""
+"""Serves a driver's devices on the bus: one lane (thread) per device, and others for what must not wait for it."""
 
 from __future__ import annotations
 
@@ -116,6 +116,8 @@ class Node:
         self._answer(topics.ARM_EXECUTE, Trajectory, arm.execute, "arm")
         self._answer(topics.ARM_RECOVER, Nothing, lambda _: arm.recover(), "arm")
         self._answer(topics.ARM_STOP, Nothing, lambda _: arm.stop(), "arm-stop")
+        self._answer(topics.ARM_HOLD, Nothing, lambda _: arm.hold(), "arm-hold")
+        self._answer(topics.ARM_RESUME, Nothing, lambda _: arm.resume(), "arm-hold")
         self._answer(topics.ARM_NOW, Nothing, lambda _: arm.state(), "state")
         self._every(ARM_STATE_PERIOD_S, lambda: self._bus.publish(topics.ARM_STATE, arm_state_to_wire(arm.state())))
 

@@ -16,6 +16,7 @@ from drivers.interface import Devices
 
 _log = logging.getLogger(__name__)
 _MOTION_SLACK_S = 30.0
+_LONGEST_HOLD_S = 24 * 3600.0
 
 
 class _Remote:
@@ -54,7 +55,12 @@ class RemoteArm(_Remote):
         return self._link().request(topics.ARM_NOW, Nothing(), ArmState, timeout_s=self._timeout_s)
 
     def execute(self, trajectory: Trajectory) -> Motion:
-        patience_s = 3.0 * trajectory.duration_s + _MOTION_SLACK_S
+        """Play it at the node; the question waits as long as a hold may last, a day.
+
+        A node that is lost does not need that deadline: with its connection the question ends (`bus.errors.NoReply`),
+        and the daemon aborts when its liveliness token goes. One that hangs is ended by `stop`, in a lane of its own.
+        """
+        patience_s = 3.0 * trajectory.duration_s + _MOTION_SLACK_S + _LONGEST_HOLD_S
         return self._link().request(topics.ARM_EXECUTE, trajectory, Motion, timeout_s=patience_s)
 
     def stop(self) -> None:
@@ -62,6 +68,15 @@ class RemoteArm(_Remote):
             self._bus.ask(topics.ARM_STOP, Nothing(), timeout_s=self._timeout_s)
         except CellError as error:  # a stop never raises; whoever stops confirms it by the measured velocity
             _log.error("arm stop was not answered: %s", error)
+
+    def hold(self) -> None:
+        try:
+            self._bus.ask(topics.ARM_HOLD, Nothing(), timeout_s=self._timeout_s)
+        except CellError as error:  # see stop
+            _log.error("arm hold was not answered: %s", error)
+
+    def resume(self) -> None:
+        self._link().ask(topics.ARM_RESUME, Nothing(), timeout_s=self._timeout_s)
 
     def recover(self) -> None:
         self._link().ask(topics.ARM_RECOVER, Nothing(), timeout_s=self._timeout_s)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import threading
+
 import numpy as np
 
 from bus.arrays import Joints
-from bus.errors import ArmReflex, NotConnected
+from bus.errors import ArmReflex, MotionRefused, NotConnected
 from bus.messages import ArmMode, ArmState, Motion
 from bus.trajectory import TICK_S, Trajectory
 from drivers.sim.world import World
@@ -15,6 +17,8 @@ _MEASURE_TICKS = 10
 _TORQUE_NOISE_NM = 0.02
 _STILL_RAD_S = 1e-3
 _PATIENCE_TICKS = 300
+_HELD_PATIENCE_TICKS = 1000
+"""More: what still moves when the world stands still would be reported until the end of the hold."""
 _REFLEX_NM = 30.0
 _REFLEX_SAMPLES = 3
 """The arm stops itself, as the FR3's collision behaviour does, when the external torque on any joint exceeds this in so
@@ -22,12 +26,17 @@ many samples running: a push, not the knock of an object that slips from the fin
 
 
 class SimArm:
-    """Plays trajectories on the world's arm, one tick a millisecond of robot time."""
+    """Plays trajectories on the world's arm, one tick a millisecond of robot time.
+
+    While a motion is held at rest no time passes and nothing is computed: its `Motion` has no samples of the wait.
+    """
 
     def __init__(self, world: World) -> None:
         self._world = world
         self._connected = False
         self._stream: Stream | None = None
+        self._holding = self._stopped = False  # the motion of `_stream`
+        self._turn = threading.Condition()  # guards these three
         self._motions = 0
         self._reflex = False
         self._pushed_samples = 0
@@ -58,19 +67,27 @@ class SimArm:
     def execute(self, trajectory: Trajectory) -> Motion:
         self._require()
         with self._world.motion:
-            stream = self._stream = Stream(trajectory)
+            stream = Stream(trajectory)
+            self._turn_to(stream)
             try:
                 return self._play(stream)
             finally:
-                self._stream = None
+                self._turn_to(None)
+
+    def _turn_to(self, stream: Stream | None) -> None:
+        with self._turn:
+            self._stream, self._holding, self._stopped = stream, False, False
 
     def _play(self, stream: Stream) -> Motion:
         commanded: list[np.ndarray] = []
         measured: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
         while (command := stream.next()) is not None:
+            if stream.held and commanded and np.array_equal(command, commanded[-1]):
+                self._wait_held(command)
+                continue
             if len(commanded) % _MEASURE_TICKS == 0:
                 measured.append(self._world.arm())
-                self._feel(measured[-1][2], stream)
+                self._feel(measured[-1][2])
             self._world.command_arm(command, commanded[-1] if commanded else command)
             self._world.tick()
             commanded.append(command)
@@ -81,7 +98,7 @@ class SimArm:
             ticks.pop()
         measured.append(self._world.arm())
         ticks.append(len(commanded))
-        self._settle(commanded[-1])
+        self._settle(commanded[-1], _PATIENCE_TICKS)
         self._motions += 1
         if self._reflex:
             raise ArmReflex("The arm touched something and stopped itself.", "Clear it, then recover.")
@@ -96,25 +113,48 @@ class SimArm:
             tau_ext_nm=tau_ext_nm + rng.normal(0.0, _TORQUE_NOISE_NM, tau_ext_nm.shape),
         )
 
-    def _feel(self, tau_ext_nm: Joints, stream: Stream) -> None:
+    def _feel(self, tau_ext_nm: Joints) -> None:
         """Stop on the path when something pushes back too hard."""
         self._pushed_samples = self._pushed_samples + 1 if np.abs(tau_ext_nm).max() > _REFLEX_NM else 0
         if self._pushed_samples >= _REFLEX_SAMPLES:
             self._reflex = True
-            stream.brake()
+            self.stop()
 
-    def _settle(self, q_rad: Joints) -> None:
+    def _settle(self, q_rad: Joints, patience_ticks: int) -> None:
         """Hold the last command until the arm rests."""
         self._world.command_arm(q_rad, q_rad)
-        for _ in range(_PATIENCE_TICKS):
+        for _ in range(patience_ticks):
             if np.abs(self._world.arm_speed_rad_s()).max() < _STILL_RAD_S:
                 return
             self._world.tick()
 
+    def _wait_held(self, q_rad: Joints) -> None:
+        """Let the arm rest at the held command, then sleep until `resume` or `stop`."""
+        self._settle(q_rad, _HELD_PATIENCE_TICKS)
+        with self._turn:
+            self._turn.wait_for(lambda: not self._holding)
+
     def stop(self) -> None:
-        stream = self._stream
-        if stream is not None:
-            stream.brake()
+        with self._turn:
+            if self._stream is not None:
+                self._stream.brake()
+            self._stopped, self._holding = True, False
+            self._turn.notify_all()
+
+    def hold(self) -> None:
+        with self._turn:
+            if self._stream is not None and not self._stopped:
+                self._holding = True
+                self._stream.hold()
+
+    def resume(self) -> None:
+        self._require()
+        with self._turn:
+            if self._stream is None or not self._holding:
+                raise MotionRefused("No motion of the arm is held.", "Only a held motion goes on; plan a new one.")
+            self._holding = False
+            self._stream.resume()
+            self._turn.notify_all()
 
     def recover(self) -> None:
         self._require()

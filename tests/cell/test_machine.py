@@ -147,3 +147,180 @@ def test_an_abort_work_that_fails_still_ends_aborted(bench: Bench) -> None:
     bench.works[State.ABORTING] = work
     bench.command("abort")
     assert bench.until(State.ABORTED)[-1] is State.ABORTED
+
+
+# --- hold and unhold --------------------------------------------------------------------------------------------------
+
+
+class HeldBench(Bench):
+    """A machine in Held, from ``origin``; that state's work goes on until `end_work`, and raises ``error``."""
+
+    def __init__(self, origin: State) -> None:
+        super().__init__()
+        self.origin = origin
+        self.error: CellError | None = None
+        self._end = threading.Event()
+        self._resting = threading.Event()
+        running = threading.Event()
+
+        def work() -> None:
+            running.set()
+            assert self._end.wait(5)
+            if self.error is not None:
+                raise self.error
+
+        def stop() -> None:
+            self._resting.set()
+            self._end.set()
+            assert self.machine.wait_quiet(5)
+
+        self.works.update({origin: work, State.STOPPING: stop, State.ABORTING: stop})
+        self.works[State.HOLDING] = lambda: self._require(self._resting)
+        self.machine.start()
+        self.command("reset")
+        self.until(State.IDLE)
+        self.command("start")
+        assert running.wait(5)
+        self.until(origin)
+
+    def _require(self, event: threading.Event) -> None:
+        assert event.wait(5)
+
+    def rest(self) -> None:
+        """The arm rests: Holding may end."""
+        self._resting.set()
+
+    def end_work(self, error: CellError | None = None) -> None:
+        """Let the held state's work end, and wait until the machine knows."""
+        self.error = error
+        self._end.set()
+        for thread in threading.enumerate():
+            if thread.name == self.origin:
+                thread.join(5)
+        self.machine.command("no such command", CommandRequest())  # answered after what was queued before
+
+    def hold(self) -> None:
+        assert self.command("hold")
+        self.rest()
+        assert self.until(State.HELD) == [State.HOLDING, State.HELD]
+
+
+@pytest.fixture(params=[State.EXECUTE, State.COMPLETING])
+def held(request: pytest.FixtureRequest) -> Iterator[HeldBench]:
+    bench = HeldBench(request.param)
+    yield bench
+    bench.command("stop")
+    bench.machine.close()
+
+
+def _after(origin: State) -> list[State]:
+    passed = [State.EXECUTE, State.COMPLETING, State.COMPLETE]
+    return passed[passed.index(origin) :]
+
+
+def test_a_hold_waits_and_unhold_goes_on_where_it_came_from(held: HeldBench) -> None:
+    for _ in range(2):
+        held.hold()
+        assert held.command("unhold")
+        assert held.until(held.origin) == [State.UNHOLDING, held.origin]
+    held.end_work()
+    assert held.until(State.COMPLETE) == _after(held.origin)[1:]
+
+
+def test_a_hold_is_held_only_once_its_work_says_so(held: HeldBench) -> None:
+    assert held.command("hold")
+    reply = held.machine.command("unhold", CommandRequest())
+    assert (reply.ok, reply.state, reply.code) == (False, "Holding", "WRONG_STATE")
+    assert not held.command("hold")
+    held.rest()
+    held.until(State.HELD)
+
+
+@pytest.mark.parametrize("when", ["holding", "held"])
+def test_work_that_ends_during_a_hold_is_acted_on_at_unhold(held: HeldBench, when: str) -> None:
+    assert held.command("hold")
+    if when == "holding":
+        held.end_work()
+        held.rest()
+    else:
+        held.rest()
+        held.until(State.HELD)
+        held.end_work()
+    if when == "holding":
+        held.until(State.HELD)
+    assert held.machine.state is State.HELD and held.states.empty()
+    assert held.command("unhold")
+    assert held.until(State.COMPLETE) == [State.UNHOLDING, *_after(held.origin)]
+
+
+def test_work_that_ended_in_an_earlier_hold_counts_once() -> None:
+    held = HeldBench(State.EXECUTE)
+    completing = threading.Event()
+    held.works[State.COMPLETING] = lambda: held._require(completing)
+    held.hold()
+    held.end_work()
+    assert held.command("unhold")
+    held.until(State.COMPLETING)
+    held.hold()
+    assert held.command("unhold")
+    assert held.until(State.COMPLETING) == [State.UNHOLDING, State.COMPLETING]
+    completing.set()
+    assert held.until(State.COMPLETE) == [State.COMPLETE]
+    held.machine.close()
+
+
+@pytest.mark.parametrize("when", ["holding", "held"])
+@pytest.mark.parametrize("verb", ["stop", "abort"])
+def test_a_stop_or_abort_ends_a_hold_and_waits_for_both_works(held: HeldBench, verb: str, when: str) -> None:
+    if when == "held":
+        held.hold()
+    else:
+        assert held.command("hold")
+    assert held.command(verb)
+    passing, final = {"stop": (State.STOPPING, State.STOPPED), "abort": (State.ABORTING, State.ABORTED)}[verb]
+    assert held.until(final)[-2:] == [passing, final]
+    assert not held.command("unhold")
+
+
+def test_a_stop_while_unholding_wins() -> None:
+    held = HeldBench(State.EXECUTE)
+    going_on = threading.Event()
+    held.works[State.UNHOLDING] = lambda: held._require(going_on)
+    held.hold()
+    assert held.command("unhold") and held.command("stop")
+    going_on.set()
+    assert held.until(State.STOPPED) == [State.UNHOLDING, State.STOPPING, State.STOPPED]
+    held.machine.close()
+
+
+@pytest.mark.parametrize("when", ["holding", "held"])
+def test_a_fault_during_a_hold_aborts(held: HeldBench, when: str) -> None:
+    if when == "held":
+        held.hold()
+    else:
+        assert held.command("hold")
+    held.machine.fault(CycleFailure(Code.NODE_LOST, "The node is gone."))
+    assert held.until(State.ABORTED)[-2:] == [State.ABORTING, State.ABORTED]
+
+
+@pytest.mark.parametrize("code", [Code.ARM_REFLEX, Code.STOPPED])
+def test_a_held_work_that_fails_does_not_wait_for_unhold(held: HeldBench, code: Code) -> None:
+    held.hold()
+    held.end_work(CycleFailure(code, "It ended."))
+    final = State.STOPPED if code is Code.STOPPED else State.ABORTED
+    assert held.until(final)[-1] is final
+
+
+@pytest.mark.parametrize("state", [State.HOLDING, State.UNHOLDING])
+def test_a_hold_or_unhold_that_fails_aborts(state: State) -> None:
+    held = HeldBench(State.EXECUTE)
+
+    def work() -> None:
+        raise CycleFailure(Code.INTERNAL, "The arm does not rest.")
+
+    held.works[state] = work
+    if state is State.UNHOLDING:
+        held.hold()
+    assert held.command({State.HOLDING: "hold", State.UNHOLDING: "unhold"}[state])
+    assert held.until(State.ABORTED)[-2:] == [State.ABORTING, State.ABORTED]
+    held.machine.close()

@@ -10,6 +10,7 @@ from bus.messages import Execution, Verdict
 from cell.capture import capture
 from cell.detect import detect
 from cell.execute import deliver, execute
+from cell.gate import Gate
 from cell.plan import plan
 from cell.verify import verify
 from config.limits import check
@@ -45,10 +46,10 @@ class Outcome:
             return capture(camera, arm, robot)
 
         self.execution: Execution
-        self.execution, after = execute(chosen, found.grasps[chosen.grasp], (arm, hand), look, station, lambda: False)
+        self.execution, after = execute(chosen, found.grasps[chosen.grasp], (arm, hand), look, station, Gate())
         assert after is not None
         self.verdict: Verdict = verify(self.execution, found, before, after, robot, station)
-        self.delivery = deliver(chosen, (arm, hand), station, lambda: False)
+        self.delivery = deliver(chosen, (arm, hand), station, Gate())
         self.place = feeder.truth().base_from_object[:3, 3]
         self.station = station
         camera.close()

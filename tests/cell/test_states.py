@@ -7,7 +7,7 @@ import pytest
 from bus.errors import Refused
 from cell.states import COMMANDS, NEXT, State, after_command, available
 
-ACTING = {"Resetting", "Starting", "Execute", "Completing", "Stopping", "Aborting", "Clearing"}
+ACTING = {"Resetting", "Starting", "Execute", "Completing", "Holding", "Unholding", "Stopping", "Aborting", "Clearing"}
 
 
 def test_acting_states_end_by_themselves_and_only_they() -> None:
@@ -22,6 +22,13 @@ def test_stop_is_possible_wherever_something_may_move_but_not_while_aborting() -
 
 def test_abort_is_possible_everywhere_but_when_aborted() -> None:
     assert {state for state in State if "abort" not in available(state)} == {State.ABORTING, State.ABORTED}
+
+
+def test_a_hold_is_possible_where_a_cycle_moves_and_ends_only_by_unhold_stop_or_abort() -> None:
+    assert {state for state in State if "hold" in available(state)} == {State.EXECUTE, State.COMPLETING}
+    assert {state for state in State if "unhold" in available(state)} == {State.HELD}
+    assert available(State.HELD) == ("stop", "abort", "unhold")
+    assert State.HELD not in NEXT
 
 
 def test_from_aborted_three_deliberate_acts_lead_to_motion() -> None:

@@ -12,12 +12,18 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
+from typer.testing import CliRunner
 
+from bus.errors import Refused
+from bus.session import Bus
 from cell import client
+from cell.__main__ import app
 from config.schema import Station
+from drivers.remote import RemoteArm
 
 EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "trigger.py"
 
@@ -160,3 +166,39 @@ def test_sigterm_stops_the_cell_and_leaves_no_process(daemon: tuple[subprocess.P
     assert process.wait(20) == 0
     for pid in children:
         assert not Path(f"/proc/{pid}").exists()
+
+
+def _in_process(*arguments: str) -> str:
+    """What a ``cell`` command prints; run here, a new process would miss the motion."""
+    done = CliRunner().invoke(app, list(arguments), catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+    return done.output
+
+
+def test_a_held_cycle_rests_and_goes_on_to_success(
+    daemon: tuple[subprocess.Popen[str], Station], options: list[str]
+) -> None:
+    _, station = daemon
+    with client.connect(station) as cell, Bus.join(station.cell_id, station.bus.endpoint) as bus:
+        arm = RemoteArm(bus, station.bus.ask_timeout_s)
+        arm.connect()
+        cell.command("reset")
+        cell.wait_for_state({"Idle"}, 30)
+        with pytest.raises(Refused, match="not possible while the cell is Idle"):
+            cell.command("hold")
+        cycle_id = cell.command("pick").cycle_id
+        give_up_s = time.monotonic() + 30
+        while np.abs(arm.state().dq_rad_s).max() < 0.3:
+            assert time.monotonic() < give_up_s
+            time.sleep(0.005)
+        assert _in_process("hold", *options) == "Held\n"
+        while np.abs((held := arm.state()).dq_rad_s).max() >= 1e-3:
+            assert time.monotonic() < give_up_s
+        np.testing.assert_array_equal(arm.state().q_rad, held.q_rad)
+        shown = _in_process("status", *options)
+        assert shown.startswith("Held ") and "available: stop, abort, unhold" in shown
+        assert cell.state().stage != ""
+        np.testing.assert_array_equal(arm.state().q_rad, held.q_rad)
+        assert _in_process("unhold", *options).strip() in ("Execute", "Completing")
+        result = cell.wait_for_result(cycle_id, 60)
+    assert result.result == "SUCCESS", result.reason

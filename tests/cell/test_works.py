@@ -1,19 +1,27 @@
-"""What the machine's works leave behind when one of them fails."""
+"""What the machine's works do with the simulated devices, and leave behind when one of them fails."""
 
 from __future__ import annotations
 
+import threading
+import time
+from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from bus.arrays import Joints
 from bus.codes import Code
 from bus.commands import Presented, PresentRequest
-from bus.errors import CycleFailure, DriverError
-from bus.messages import CycleResult
+from bus.errors import CycleFailure, DriverError, MotionRefused
+from bus.messages import ArmMode, CycleResult
+from bus.trajectory import Trajectory
 from cell.cycle import Equipment
 from cell.works import Works
 from config.load import load_station
+from drivers.interface import Feeder
 from drivers.registry import open_devices
+from drivers.sim.world import World
 from logs.reader import read_cycle
 from perception.models import open_models
 from planning.robot import Robot
@@ -29,15 +37,196 @@ class Restless:
         raise NotImplementedError
 
 
+class Bench:
+    """Works with simulated devices; the result they say, and a hold at a chosen instant of a chosen stage."""
+
+    def __init__(self, folder: Path, feeder: Feeder | None = None) -> None:
+        station = load_station(None, [f"recording.folder={folder}"])
+        devices = open_devices("sim", station)
+        assert devices.camera is not None and devices.arm is not None and devices.hand is not None
+        for device in (devices.camera, devices.arm, devices.hand):
+            device.connect()
+        self.arm, self.camera = devices.arm, devices.camera
+        equipment = Equipment(
+            devices.camera, devices.arm, devices.hand, Robot(station), station, open_models(station, {})
+        )
+        self.results: list[CycleResult] = []
+        self.works = Works(
+            equipment,
+            feeder or devices.feeder,
+            lambda: set(station.nodes),
+            lambda topic, message: None,
+            self._on_stage,
+            self.results.append,
+        )
+        self._stage = ""
+        self._ticks_to_hold = {"execute": 500, "deliver": 500}
+        self.moving = threading.Event()
+
+    def _on_stage(self, stage: str) -> None:
+        self._stage = stage
+
+    def tick(self) -> None:
+        """Called with every command to the arm: holds in the middle of its first motion of each stage that moves."""
+        left = self._ticks_to_hold.get(self._stage, 0)
+        self._ticks_to_hold[self._stage] = left - 1
+        if left == 1:
+            self.works.gate.hold()
+            self.arm.hold()
+            self.moving.set()
+
+    def run(self, work: Callable[[], None]) -> threading.Thread:
+        """``work`` in a thread of its own, as the machine does it; back when it is being held."""
+        self.moving.clear()
+        thread = threading.Thread(target=work, daemon=True)
+        thread.start()
+        assert self.moving.wait(60)
+        return thread
+
+    def held_q_rad(self, thread: threading.Thread) -> Joints:
+        """Where the arm rests, in the middle of a motion that waits; the world stands still."""
+        give_up_s = time.monotonic() + 5
+        while np.abs((state := self.arm.state()).dq_rad_s).max() >= 1e-3:
+            assert time.monotonic() < give_up_s
+        assert thread.is_alive() and self.works.gate.is_moving and state.mode is ArmMode.MOVE
+        np.testing.assert_array_equal(self.arm.state().q_rad, state.q_rad)
+        return state.q_rad
+
+
+@pytest.fixture
+def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Bench:
+    bench = Bench(tmp_path)
+    command_arm = World.command_arm
+
+    def watched(world: World, q_rad: np.ndarray, last_q_rad: np.ndarray) -> None:
+        command_arm(world, q_rad, last_q_rad)
+        bench.tick()
+
+    monkeypatch.setattr(World, "command_arm", watched)
+    return bench
+
+
+def test_a_cycle_held_in_its_pick_and_in_its_delivery_succeeds(bench: Bench) -> None:
+    works = bench.works
+    works.reset()
+    works.begin()
+    for work in (works.pick, works.complete):
+        thread = bench.run(work)
+        works.hold()
+        bench.held_q_rad(thread)
+        works.unhold()
+        thread.join(60)
+        assert not thread.is_alive() and not works.gate.is_moving
+    (result,) = bench.results
+    assert result.result == "SUCCESS", result.reason
+    bench.camera.close()
+
+
+def test_a_stop_ends_a_held_cycle_and_nothing_moves_afterwards(bench: Bench) -> None:
+    works = bench.works
+    works.reset()
+    works.begin()
+
+    def pick() -> None:
+        with pytest.raises(CycleFailure, match="Stopped during 'reach'"):
+            works.pick()
+
+    thread = bench.run(pick)
+    works.hold()
+    held_q_rad = bench.held_q_rad(thread)
+
+    def is_quiet(wait_s: float) -> bool:
+        thread.join(wait_s)
+        return not thread.is_alive()
+
+    works.stop(is_quiet)
+    (result,) = bench.results
+    assert (result.result, result.code) == ("ABORTED", Code.STOPPED)
+    works.gate.let_go()
+    state = bench.arm.state()
+    assert state.mode is ArmMode.IDLE
+    np.testing.assert_allclose(state.q_rad, held_q_rad, atol=1e-3)
+    works.gate.clear()
+    works.reset()
+    bench.camera.close()
+
+
+def test_a_hold_between_motions_is_held_at_once_and_the_next_one_waits(bench: Bench) -> None:
+    works, began = bench.works, threading.Event()
+    works.gate.hold()
+    works.hold()
+
+    def next_motion() -> None:
+        with works.gate.motion() as may_begin:
+            assert may_begin
+            began.set()
+
+    thread = threading.Thread(target=next_motion, daemon=True)
+    thread.start()
+    assert not began.wait(0.05)
+    works.unhold()
+    assert began.wait(5)
+    thread.join(5)
+
+
+def test_a_motion_on_its_way_to_the_arm_is_held_when_it_arrives(tmp_path: Path) -> None:
+    bench = Bench(tmp_path)
+    works, passed, arrives = bench.works, threading.Event(), threading.Event()
+    still = Trajectory(raw_q_rad=np.repeat(bench.arm.state().q_rad[None], 2000, axis=0), window=1)
+
+    def motion() -> None:
+        with works.gate.motion():
+            passed.set()
+            assert arrives.wait(5)
+            bench.arm.execute(still)
+
+    moving = threading.Thread(target=motion, daemon=True)
+    moving.start()
+    assert passed.wait(5)
+    works.gate.hold()
+    holding = threading.Thread(target=works.hold, daemon=True)
+    holding.start()
+    holding.join(0.05)
+    assert holding.is_alive()
+    arrives.set()
+    holding.join(5)
+    assert not holding.is_alive()
+    works.unhold()
+    moving.join(5)
+    assert not moving.is_alive()
+
+
+def test_a_motion_that_was_over_as_the_hold_came_needs_no_resume(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    works, over = bench.works, threading.Event()
+
+    def motion() -> None:
+        with works.gate.motion():
+            over.wait(5)
+
+    def resume() -> None:
+        over.set()
+        raise MotionRefused("Nothing is held.")
+
+    monkeypatch.setattr(bench.arm, "resume", resume)
+    thread = threading.Thread(target=motion, daemon=True)
+    thread.start()
+    while not works.gate.is_moving:
+        pass
+    works.gate.hold()
+    works.unhold()
+    thread.join(5)
+    assert not works.gate.is_moving
+
+
+def test_a_motion_that_neither_goes_on_nor_ends_is_an_error(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cell.works._ENDING_S", 0.01)
+    with bench.works.gate.motion(), pytest.raises(MotionRefused):
+        bench.works.unhold()
+
+
 def test_an_object_that_cannot_be_presented_is_the_reason_of_its_cycle(tmp_path: Path) -> None:
-    station = load_station(None, [f"recording.folder={tmp_path}"])
-    devices = open_devices("sim", station)
-    assert devices.camera is not None and devices.arm is not None and devices.hand is not None
-    for device in (devices.camera, devices.arm, devices.hand):
-        device.connect()
-    equipment = Equipment(devices.camera, devices.arm, devices.hand, Robot(station), station, open_models(station, {}))
-    results: list[CycleResult] = []
-    works = Works(equipment, Restless(), set, lambda topic, message: None, lambda stage: None, results.append)
+    bench = Bench(tmp_path, Restless())
+    works, results = bench.works, bench.results
     with pytest.raises(CycleFailure, match="does not come to rest"):
         works.begin()
     works.stop(lambda wait_s: True)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 
-from bus.errors import NotConnected
-from bus.messages import ArmMode
+from bus.errors import MotionRefused, NotConnected
+from bus.messages import ArmMode, Motion
 from bus.trajectory import TICK_S, Trajectory
 from config.limits import check
 from drivers.interface import Arm, Devices
@@ -95,3 +96,98 @@ def test_before_connect_and_after_close_it_says_so(devices: Devices) -> None:
     arm.stop()
     arm.connect()
     assert arm.state().mode is ArmMode.IDLE
+
+
+# --- hold and resume --------------------------------------------------------------------------------------------------
+
+
+class _Running:
+    """A long motion in a thread of its own, under way when this returns."""
+
+    def __init__(self, arm: Arm) -> None:
+        self._arm = arm
+        self.start_q_rad = arm.state().q_rad
+        self.trajectory = _nod(self.start_q_rad, by_rad=1.2, duration_s=20.0)
+        self.ended: list[Motion] = []
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+        _wait_until(lambda: bool(np.abs(arm.state().q_rad - self.start_q_rad).max() >= 0.01))
+
+    def _run(self) -> None:
+        self.ended.append(self._arm.execute(self.trajectory))
+
+    def end(self) -> Motion:
+        self._thread.join(timeout=20)
+        (motion,) = self.ended
+        return motion
+
+
+def _wait_until(holds: Callable[[], bool]) -> None:
+    give_up_s = time.monotonic() + 10
+    while not holds():
+        assert time.monotonic() < give_up_s
+        time.sleep(0.001)
+
+
+def _hold(arm: Arm) -> None:
+    """Hold, and wait until the arm rests."""
+    arm.hold()
+    _wait_until(lambda: bool(np.abs(arm.state().dq_rad_s).max() < 1e-3))
+
+
+def test_a_held_motion_rests_and_goes_on_to_exactly_its_end(arm: Arm) -> None:
+    running = _Running(arm)
+    _hold(arm)
+    held = arm.state()
+    assert held.mode is ArmMode.MOVE and not running.ended
+    arm.hold()
+    np.testing.assert_allclose(arm.state().q_rad, held.q_rad, atol=1e-3)
+    arm.resume()
+    motion = running.end()
+    assert motion.finished and arm.state().mode is ArmMode.IDLE
+    np.testing.assert_allclose(motion.commanded_q_rad[-1], running.trajectory.end_q_rad, atol=1e-9)
+    np.testing.assert_allclose(arm.state().q_rad, running.trajectory.end_q_rad, atol=5e-3)
+    assert np.abs(np.diff(motion.commanded_q_rad, axis=0)).max() < 2e-3
+
+
+def test_a_stop_ends_a_held_motion_where_it_rests(arm: Arm) -> None:
+    running = _Running(arm)
+    _hold(arm)
+    held_q_rad = arm.state().q_rad
+    arm.stop()
+    assert not running.end().finished
+    np.testing.assert_allclose(arm.state().q_rad, held_q_rad, atol=2e-3)
+    with pytest.raises(MotionRefused):
+        arm.resume()
+
+
+def test_a_hold_after_a_stop_keeps_nothing_waiting(arm: Arm) -> None:
+    running = _Running(arm)
+    arm.stop()
+    arm.hold()
+    assert not running.end().finished
+
+
+def test_resume_without_a_hold_is_refused(arm: Arm) -> None:
+    with pytest.raises(MotionRefused, match="held"):
+        arm.resume()
+    running = _Running(arm)
+    with pytest.raises(MotionRefused, match="held"):
+        arm.resume()
+    arm.stop()
+    running.end()
+
+
+def test_a_hold_without_a_motion_does_nothing_and_holds_no_later_one(arm: Arm) -> None:
+    arm.hold()
+    assert arm.state().mode is ArmMode.IDLE
+    assert arm.execute(_nod(arm.state().q_rad)).finished
+
+
+def test_hold_never_raises(devices: Devices) -> None:
+    arm = devices.arm
+    assert arm is not None
+    arm.close()
+    arm.hold()
+    with pytest.raises(NotConnected):
+        arm.resume()

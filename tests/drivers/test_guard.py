@@ -40,6 +40,12 @@ class RecordingArm:
     def stop(self) -> None:
         self.asked.append("stop")
 
+    def hold(self) -> None:
+        self.asked.append("hold")
+
+    def resume(self) -> None:
+        self.asked.append("resume")
+
     def recover(self) -> None:
         self.asked.append("recover")
 
@@ -49,6 +55,9 @@ class RecordingArm:
 
 class DeadArm(RecordingArm):
     def stop(self) -> None:
+        raise NotConnected("The arm is not connected.")
+
+    def hold(self) -> None:
         raise NotConnected("The arm is not connected.")
 
 
@@ -142,11 +151,14 @@ def test_everything_else_passes_straight_through() -> None:
     guard = Guard(arm, STATION)
     guard.connect()
     guard.stop()
+    guard.hold()
+    guard.resume()
     guard.recover()
     guard.close()
-    assert arm.asked == ["connect", "stop", "recover", "close"]
+    assert arm.asked == ["connect", "stop", "hold", "resume", "recover", "close"]
     assert guard.state().mode is ArmMode.IDLE
 
 
-def test_a_stop_never_raises() -> None:
+def test_a_stop_and_a_hold_never_raise() -> None:
     Guard(DeadArm(), STATION).stop()
+    Guard(DeadArm(), STATION).hold()

@@ -1,0 +1,68 @@
+"""The gate every motion of arm and hand passes: shut while held, and for good once halted."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+
+class Gate:
+    """Every member may be called from any thread."""
+
+    def __init__(self) -> None:
+        self._change = threading.Condition()
+        self._halted = self._held = False
+        self._passed = 0
+
+    def halt(self) -> None:
+        """Let nothing through any more, and turn away whoever waits."""
+        with self._change:
+            self._halted = True
+            self._change.notify_all()
+
+    def hold(self) -> None:
+        """Let nothing begin until `let_go`: whoever comes waits."""
+        with self._change:
+            self._held = True
+
+    def let_go(self) -> None:
+        """End a hold; after a halt that changes nothing."""
+        with self._change:
+            self._held = False
+            self._change.notify_all()
+
+    def clear(self) -> None:
+        """Open again, after a halt or a hold."""
+        with self._change:
+            self._halted = self._held = False
+            self._change.notify_all()
+
+    @property
+    def halted(self) -> bool:
+        """Whether somebody asked the cell to stop."""
+        return self._halted
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether a motion was let through that is not over: under way, on its way to its device, or held by it."""
+        return self._passed > 0
+
+    @contextmanager
+    def motion(self) -> Iterator[bool]:
+        """Around every motion: waits while held, then says whether it may begin; False once halted."""
+        with self._change:
+            self._change.wait_for(lambda: self._halted or not self._held)
+            may_begin = not self._halted
+            self._passed += may_begin
+        try:
+            yield may_begin
+        finally:
+            with self._change:
+                self._passed -= may_begin
+                self._change.notify_all()
+
+    def wait_still(self, timeout_s: float) -> bool:
+        """Wait until no motion is under way; False when one still is."""
+        with self._change:
+            return self._change.wait_for(lambda: self._passed == 0, timeout_s)
