@@ -32,9 +32,6 @@ class Stream:
         self._asking = threading.Lock()
         self._begun = False
         self._over = False
-        self._hold_asked = threading.Event()
-        self._resting: Joints | None = None
-        self.held = False
 
     @property
     def finished(self) -> bool:
@@ -58,25 +55,8 @@ class Stream:
         """Come to rest on the path for good."""
         self._ask(_Want.STOP)
 
-    def hold(self) -> None:
-        """Wait on the path from the next tick on."""
-        self._hold_asked.set()
-
-    def resume(self) -> None:
-        """Go on to the end."""
-        self._hold_asked.clear()
-
     def next(self) -> Joints | None:
         """The next command, one tick after the last; None once at rest, at the end or after a brake."""
-        braked = self._brake_asked.is_set()
-        if self.held and braked:
-            self._over = self._braking = True
-        self.held = self._hold_asked.is_set() and not braked and not self._over and self._resting is not None
-        if not self.held:
-            self._resting = self._next()
-        return self._resting
-
-    def _next(self) -> Joints | None:
         if self._over:
             return None
         if not self._begun:
