@@ -1,0 +1,75 @@
+"""Ways around obstacles, the same ones every time."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+
+from planning.robot import Robot
+from planning.scene import Scene
+from planning.search import search
+from tests.planning.conftest import CAPTURE, WIDE_M, among, box
+
+ACROSS = CAPTURE + np.array([1.2, 0, 0, 0, 0, 0, 0])
+WALL = box("wall", (0.30, 0.25, 0.45), (0.4, 0.03, 0.3))
+
+_ELSEWHERE = """
+import json, numpy as np
+from planning.search import search
+a, b = np.zeros(7) + [0, 0, 0, -1.5, 0, 1.5, 0], np.array([1.0, 0.5, 0, -1.5, 0, 1.5, 0])
+print(json.dumps(search(lambda q: not (0.4 < q[0] < 0.6 and q[1] < 0.9), a, [b], seed=3).tolist()))
+"""
+
+
+def way_around(scene: Scene, seed: int) -> np.ndarray | None:
+    return search(lambda q: scene.touch(q, WIDE_M) is None, CAPTURE, [ACROSS], seed)
+
+
+def test_it_finds_a_way_around_a_wall(robot: Robot) -> None:
+    scene = among(robot, WALL)
+    assert "touches wall" in str(scene.first_touch(np.stack([CAPTURE, ACROSS]), WIDE_M))
+    paths = [path for seed in range(3) if (path := way_around(scene, seed)) is not None]
+    assert any(scene.first_touch(path, WIDE_M) is None for path in paths)
+    assert all(np.allclose(path[[0, -1]], [CAPTURE, ACROSS]) for path in paths)
+
+
+def test_the_same_question_has_the_same_answer_whatever_was_asked_before(robot: Robot) -> None:
+    scene = among(robot, WALL)
+    first = way_around(scene, seed=1)
+    way_around(scene, seed=2)
+    again = way_around(scene, seed=1)
+    assert first is not None and again is not None
+    assert np.array_equal(first, again)
+
+
+def test_another_process_gives_the_same_answer() -> None:
+    answers = [
+        json.loads(subprocess.run([sys.executable, "-c", _ELSEWHERE], capture_output=True, check=True).stdout)
+        for _ in range(2)
+    ]
+    assert answers[0] == answers[1]
+
+
+def test_where_there_is_no_way_it_gives_up_after_a_bounded_effort() -> None:
+    asked = 0
+
+    def walled_in(q: np.ndarray) -> bool:
+        nonlocal asked
+        asked += 1
+        return bool(np.abs(q - CAPTURE).max() < 0.05 or np.abs(q - ACROSS).max() < 0.05)
+
+    assert search(walled_in, CAPTURE, [ACROSS], seed=0) is None
+    assert asked < 30_000
+
+
+def test_it_goes_to_whichever_goal_it_reaches() -> None:
+    def only_the_second(q: np.ndarray) -> bool:
+        return bool(q[0] < 0.5)
+
+    near = CAPTURE + np.array([-0.5, 0, 0, 0, 0, 0, 0])
+    path = search(only_the_second, CAPTURE, [ACROSS, near], seed=0)
+    assert path is not None
+    assert np.allclose(path[-1], near)
