@@ -176,7 +176,7 @@ class Works:
             time.sleep(_LOOK_S)
 
     def unhold(self) -> None:
-        """Let the held motion go on, and what waits at the gate begin. Raises: MotionRefused, CycleFailure."""
+        """Let the held motion go on, and what waits at the gate begin. Raises: MotionRefused, BusError."""
         if self.gate.is_moving:
             try:
                 self._equipment.arm.resume()
