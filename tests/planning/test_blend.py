@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -18,7 +20,7 @@ TWO = [np.stack([CAPTURE, TURNED]), np.stack([TURNED, BACK])]
 def off_polyline(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
     """Distance (n,) of points from the polyline."""
     nearest = np.full(len(points), np.inf)
-    for a, b in zip(corners[:-1], corners[1:], strict=True):
+    for a, b in pairwise(corners):
         along = np.clip((points - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)
         nearest = np.minimum(nearest, np.linalg.norm(points - a - along[:, None] * (b - a), axis=1))
     return nearest

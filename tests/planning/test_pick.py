@@ -9,18 +9,13 @@ from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.messages import Grasp, PickPlan
 from config.limits import UPPER_RAD
-from config.schema import Box, NodeSettings, SceneSettings, Station, VerifySettings
-from planning.pick import LOWER_M, plan_pick
+from config.schema import Station, VerifySettings
+from planning.landing import LOWER_M
+from planning.pick import plan_pick
 from planning.robot import FINGER_TIP_M, Robot
-
-NODES = {"sim": NodeSettings(driver="sim", serves=("camera", "arm", "hand"))}
-STATION = Station(nodes=NODES)
-CAPTURE = np.array(STATION.arm.capture_q_rad)
-
-
-@pytest.fixture(scope="module")
-def robot() -> Robot:
-    return Robot(STATION)
+from planning.scene import Scene, Sight
+from tests.planning.conftest import CAPTURE, NODES, STATION, WIDE_M, among, box
+from tests.planning.views import seen_from_above
 
 
 def grasp(x: float, y: float, z: float, yaw: float = 0.0, tilt: float = 0.0) -> Grasp:
@@ -42,34 +37,51 @@ def ends(plan: PickPlan) -> dict[str, np.ndarray]:
     return {segment.name: segment.trajectory.end_q_rad for segment in plan.segments}
 
 
+def passes(robot: Robot, plan: PickPlan, name: str, position_m: np.ndarray) -> float:
+    """How near the tcp comes to a position during one motion [m]."""
+    (segment,) = (segment for segment in plan.segments if segment.name == name)
+    tcp = np.stack([robot.base_from_tcp(q)[:3, 3] for q in segment.trajectory.filtered()[::5]])
+    return float(np.linalg.norm(tcp - position_m, axis=1).min())
+
+
 @pytest.fixture(scope="module")
-def plan(robot: Robot) -> PickPlan:
-    return plan_pick(robot, STATION, [GOOD], CAPTURE)
+def plan(scene: Scene) -> PickPlan:
+    return plan_pick(scene, [GOOD], CAPTURE)
 
 
-def test_the_segments_follow_each_other_without_a_gap(plan: PickPlan) -> None:
-    names = [s.name for s in plan.segments]
-    assert names == ["transit", "approach", "lift", "view", "place", "lower", "retreat", "home"]
+def test_four_motions_follow_each_other_without_a_gap(plan: PickPlan) -> None:
+    assert [s.name for s in plan.segments] == ["reach", "carry", "place", "home"]
     assert np.array_equal(plan.segments[0].trajectory.start_q_rad, CAPTURE)
     for before, after in zip(plan.segments, plan.segments[1:], strict=False):
         assert np.array_equal(before.trajectory.end_q_rad, after.trajectory.start_q_rad)
-    assert (plan.grasp, plan.rejected) == (0, ())
+    assert (plan.grasp, plan.tilt_rad, plan.rejected) == (0, 0.0, ())
+    assert {s.route for s in plan.segments} == {"straight"}
 
 
 def test_the_tcp_goes_where_the_pick_needs_it(robot: Robot, plan: PickPlan) -> None:
     tcp = {name: robot.base_from_tcp(q) for name, q in ends(plan).items()}
     target = GOOD.base_from_tcp
     half_turn = target @ np.diag([-1.0, -1.0, 1.0, 1.0])
-    assert min(np.abs(tcp["approach"] - t).max() for t in (target, half_turn)) < 1e-9
-    assert np.allclose(tcp["transit"][:3, 3], target[:3, 3] - STATION.planning.approach_m * target[:3, 2], atol=1e-9)
-    assert np.allclose(tcp["lift"][:3, 3], target[:3, 3] + [0, 0, STATION.planning.lift_m], atol=1e-9)
-    assert np.allclose(tcp["lower"][:3, 3], STATION.scene.place_m, atol=1e-9)
-    assert np.allclose(tcp["place"][:3, 3], np.array(STATION.scene.place_m) + np.array([0, 0, LOWER_M]), atol=1e-9)
+    assert min(np.abs(tcp["reach"] - t).max() for t in (target, half_turn)) < 1e-9
+    assert np.allclose(tcp["place"][:3, 3], STATION.scene.place_m, atol=1e-9)
     assert np.array_equal(ends(plan)["home"], CAPTURE)
+    above = np.array(STATION.scene.place_m) + np.array([0, 0, LOWER_M])
+    assert passes(robot, plan, "place", above) < 0.03, "the corner is rounded"
+    assert passes(robot, plan, "home", above) < 0.03
+
+
+def test_the_hand_comes_straight_down_and_goes_straight_up(robot: Robot, plan: PickPlan) -> None:
+    for name, share in (("reach", 0.3), ("carry", 0.3)):
+        (segment,) = (segment for segment in plan.segments if segment.name == name)
+        tcp = np.stack([robot.base_from_tcp(q)[:3, 3] for q in segment.trajectory.filtered()])
+        length_m = STATION.planning.approach_m if name == "reach" else STATION.planning.lift_m
+        low = tcp[tcp[:, 2] < GOOD.base_from_tcp[2, 3] + share * length_m]
+        assert len(low) > 20
+        assert np.hypot(*(low[:, :2] - GOOD.base_from_tcp[:2, 3]).T).max() < 1e-3
 
 
 def test_the_second_look_is_taken_from_aside_as_high_and_as_level_as_the_first(robot: Robot, plan: PickPlan) -> None:
-    first, second = robot.base_from_color(CAPTURE), robot.base_from_color(ends(plan)["view"])
+    first, second = robot.base_from_color(CAPTURE), robot.base_from_color(ends(plan)["carry"])
     aside_m = second[:2, 3] - GOOD.base_from_tcp[:2, 3]
     assert min(np.abs(aside_m - offset).max() for offset in STATION.verify.look_aside_m) < 1e-6
     assert np.allclose(second[:3, :3], first[:3, :3], atol=1e-6) and abs(second[2, 3] - first[2, 3]) < 1e-6
@@ -77,104 +89,142 @@ def test_the_second_look_is_taken_from_aside_as_high_and_as_level_as_the_first(r
 
 def test_without_a_reachable_place_aside_the_second_look_is_taken_from_the_capture_pose(robot: Robot) -> None:
     far = Station(nodes=NODES, verify=VerifySettings(look_aside_m=((3.0, 0.0),)))
-    assert np.array_equal(ends(plan_pick(robot, far, [GOOD], CAPTURE))["view"], CAPTURE)
+    assert np.array_equal(ends(plan_pick(Scene.of(robot, far), [GOOD], CAPTURE))["carry"], CAPTURE)
 
 
-def test_a_tilted_grasp_keeps_the_objects_tilt_where_it_is_laid_down(robot: Robot) -> None:
+def test_a_tilted_grasp_keeps_the_objects_tilt_where_it_is_laid_down(robot: Robot, scene: Scene) -> None:
     tilted = grasp(0.45, 0.0, 0.06, yaw=0.4, tilt=0.4)
-    laid = robot.base_from_tcp(ends(plan_pick(robot, STATION, [tilted], CAPTURE))["lower"])
+    laid = robot.base_from_tcp(ends(plan_pick(scene, [tilted], CAPTURE))["place"])
     assert np.allclose(laid[2, :3] ** 2, tilted.base_from_tcp[2, :3] ** 2, atol=1e-9), "only turned about the vertical"
 
 
 @pytest.mark.parametrize(("x", "y", "yaw"), [(0.41, -0.16, -0.8), (0.45, -0.1, -1.5), (0.44, 0.16, -1.8)])
 def test_the_held_object_is_carried_steadily_where_the_fastest_way_would_swing_it(
-    robot: Robot, x: float, y: float, yaw: float
+    robot: Robot, scene: Scene, x: float, y: float, yaw: float
 ) -> None:
-    steady = plan_pick(robot, STATION, [grasp(x, y, 0.05, yaw)], CAPTURE)
+    steady = plan_pick(scene, [grasp(x, y, 0.05, yaw)], CAPTURE)
     for segment in steady.segments:
-        if segment.name in ("view", "place"):
+        if segment.name in ("carry", "place"):
             poses = [robot.base_from_tcp(q) for q in segment.trajectory.filtered()[::20]]
             assert max(pose[2, 2] for pose in poses) < -np.cos(np.radians(21.0)), "tool within 21 degrees of down"
             assert min(pose[2, 3] for pose in poses) > min(poses[0][2, 3], poses[-1][2, 3]) - 0.025
 
 
-def test_a_low_grasp_is_raised_until_the_finger_tips_clear_the_table(robot: Robot) -> None:
-    low = plan_pick(robot, STATION, [grasp(0.45, 0.05, 0.004)], CAPTURE)
-    tips_m = robot.base_from_tcp(ends(low)["approach"])[2, 3] - FINGER_TIP_M
+def test_a_low_grasp_is_raised_until_the_finger_tips_clear_the_table(robot: Robot, scene: Scene) -> None:
+    low = plan_pick(scene, [grasp(0.45, 0.05, 0.004)], CAPTURE)
+    tips_m = robot.base_from_tcp(ends(low)["reach"])[2, 3] - FINGER_TIP_M
     assert 0.002 <= tips_m <= 0.003
 
 
-def test_a_grasp_inside_the_table_is_refused(robot: Robot) -> None:
+def test_a_grasp_inside_the_table_is_refused(scene: Scene) -> None:
     with pytest.raises(CycleFailure, match="fingers would touch table") as caught:
-        plan_pick(robot, STATION, [grasp(0.45, 0.05, -0.02)], CAPTURE)
+        plan_pick(scene, [grasp(0.45, 0.05, -0.02)], CAPTURE)
     assert caught.value.failure is Code.COLLISION
 
 
-def test_the_first_feasible_grasp_wins_and_the_others_keep_their_reason(robot: Robot) -> None:
-    chosen = plan_pick(robot, STATION, [FAR, grasp(0.45, 0.0, -0.05), GOOD, GOOD], CAPTURE)
+def test_the_first_feasible_grasp_wins_and_the_others_keep_their_reason(scene: Scene) -> None:
+    chosen = plan_pick(scene, [FAR, grasp(0.45, 0.0, -0.05), GOOD, GOOD], CAPTURE)
     assert chosen.grasp == 2
     assert [(r.grasp, r.code) for r in chosen.rejected] == [(0, Code.UNREACHABLE), (1, Code.COLLISION)]
     assert all(r.reason for r in chosen.rejected)
 
 
-def test_no_feasible_grasp_is_a_failure_with_counted_reasons(robot: Robot) -> None:
-    with pytest.raises(CycleFailure, match="None of 2 grasps is feasible: 2 x no arm configuration") as caught:
-        plan_pick(robot, STATION, [FAR, FAR], CAPTURE)
+def test_no_feasible_grasp_is_a_failure_with_counted_reasons(scene: Scene) -> None:
+    with pytest.raises(
+        CycleFailure, match="None of 10 ways to grasp is feasible: 10 x unreachable: no arm configuration"
+    ) as caught:
+        plan_pick(scene, [FAR, FAR], CAPTURE)
     assert caught.value.failure is Code.UNREACHABLE
 
 
-def test_no_grasp_at_all_is_a_failure(robot: Robot) -> None:
+def test_no_grasp_at_all_is_a_failure(scene: Scene) -> None:
     with pytest.raises(CycleFailure) as caught:
-        plan_pick(robot, STATION, [], CAPTURE)
+        plan_pick(scene, [], CAPTURE)
     assert caught.value.failure is Code.NO_GRASP
 
 
-def test_an_obstacle_in_the_way_of_every_approach_is_named() -> None:
-    lid = Box(name="lid", center_m=(0.45, 0.05, 0.12), size_m=(0.2, 0.2, 0.01))
-    station = Station(nodes=NODES, scene=SceneSettings(obstacles=(lid,)))
+def test_an_obstacle_in_the_way_of_every_approach_is_named(robot: Robot) -> None:
+    lid = box("lid", (0.45, 0.05, 0.12), (0.2, 0.2, 0.01))
     with pytest.raises(CycleFailure, match="touches lid") as caught:
-        plan_pick(Robot(station), station, [GOOD], CAPTURE)
+        plan_pick(among(robot, lid), [GOOD], CAPTURE)
     assert caught.value.failure is Code.COLLISION
 
 
+def test_beside_a_wall_it_comes_from_the_free_side(robot: Robot) -> None:
+    across = grasp(0.45, 0.05, 0.05)  # closes along y: the palm is long along y, tilts lean it along x
+    wall = box("wall", (0.49, 0.05, 0.2), (0.02, 0.3, 0.4))
+    leaning = plan_pick(among(robot, wall), [across], CAPTURE)
+    assert leaning.tilt_rad != 0.0
+    assert "touches wall" in leaning.rejected[0].reason
+    assert robot.base_from_hand(ends(leaning)["reach"])[0, 3] < 0.45, "the hand is on the side away from the wall"
+
+
+def test_too_wide_for_the_jaw_is_a_reason(scene: Scene) -> None:
+    wide = GOOD.model_copy(update={"width_m": 0.085})
+    chosen = plan_pick(scene, [wide, GOOD], CAPTURE)
+    assert chosen.grasp == 1
+    assert (chosen.rejected[0].code, chosen.rejected[0].reason[:6]) == (Code.NO_GRASP, "width:")
+
+
+def test_a_post_in_the_straight_way_is_gone_around(robot: Robot, plan: PickPlan) -> None:
+    middle = plan.segments[2].trajectory.raw_q_rad
+    tcp = robot.base_from_tcp(middle[int(0.6 * len(middle))])[:3, 3]
+    crowded = among(robot, box("post", (tcp[0], tcp[1], 0.35), (0.04, 0.04, 0.7)))
+    around = plan_pick(crowded, [GOOD], CAPTURE)
+    assert "searched" in {segment.route for segment in around.segments}
+    for segment in around.segments:
+        assert crowded.gate(segment.trajectory.filtered(), WIDE_M) is None
+
+
+def test_what_is_only_seen_is_kept_away_from_by_the_true_boxes(robot: Robot) -> None:
+    target = box("target", (0.45, 0.05, 0.04), (0.05, 0.04, 0.08))
+    beside = (box("left", (0.45, 0.132, 0.03), (0.06, 0.04, 0.06)), box("tall", (0.60, 0.0, 0.15), (0.05, 0.05, 0.30)))
+    view = seen_from_above((STATION.scene.table, *beside), eye_m=(0.45, 0.0, 1.2), target=target, noise_m=0.001)
+    chosen = plan_pick(Scene.of(robot, STATION, Sight(*view)), [grasp(0.45, 0.05, 0.05)], CAPTURE)
+    truth = among(robot, *beside)
+    widths_m = {"reach": 0.06, "home": WIDE_M}
+    for segment in chosen.segments:
+        assert truth.gate(segment.trajectory.filtered(), widths_m.get(segment.name, 0.04)) is None, segment.name
+
+
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_a_grasp_that_is_not_finite_is_rejected(robot: Robot, bad: float) -> None:
+def test_a_grasp_that_is_not_finite_is_rejected(scene: Scene, bad: float) -> None:
     pose = GOOD.base_from_tcp.copy()
     pose[0, 3] = bad
-    chosen = plan_pick(robot, STATION, [GOOD.model_copy(update={"base_from_tcp": pose}), GOOD], CAPTURE)
+    chosen = plan_pick(scene, [GOOD.model_copy(update={"base_from_tcp": pose}), GOOD], CAPTURE)
     assert chosen.grasp == 1
     assert "finite" in chosen.rejected[0].reason
 
 
-def test_a_grasp_whose_axes_are_mirrored_is_rejected(robot: Robot) -> None:
+def test_a_grasp_whose_axes_are_mirrored_is_rejected(scene: Scene) -> None:
     mirrored = GOOD.model_copy(update={"base_from_tcp": GOOD.base_from_tcp @ np.diag([-1.0, 1.0, 1.0, 1.0])})
-    assert "not a rotation" in plan_pick(robot, STATION, [mirrored, GOOD], CAPTURE).rejected[0].reason
+    assert "not a rotation" in plan_pick(scene, [mirrored, GOOD], CAPTURE).rejected[0].reason
 
 
-def test_an_arm_that_stands_in_a_collision_cannot_start() -> None:
-    block = Box(name="block", center_m=(0.375, 0.0, 0.6), size_m=(0.3, 0.3, 0.1))
-    station = Station(nodes=NODES, scene=SceneSettings(obstacles=(block,)))
+def test_an_arm_that_stands_in_a_collision_cannot_start(robot: Robot) -> None:
+    block = box("block", (0.375, 0.0, 0.6), (0.3, 0.3, 0.1))
     with pytest.raises(CycleFailure, match=r"cannot start .* touches block") as caught:
-        plan_pick(Robot(station), station, [GOOD], CAPTURE)
+        plan_pick(among(robot, block), [GOOD], CAPTURE)
     assert caught.value.failure is Code.COLLISION
 
 
-def test_an_arm_outside_its_limits_or_nowhere_cannot_start(robot: Robot) -> None:
+def test_an_arm_outside_its_limits_or_nowhere_cannot_start(scene: Scene) -> None:
     beyond = CAPTURE.copy()
     beyond[1] = UPPER_RAD[1] + 0.01
     for q, text in ((beyond, "joint 2 .* outside its range"), (CAPTURE * np.nan, "not finite")):
         with pytest.raises(CycleFailure, match=text) as caught:
-            plan_pick(robot, STATION, [GOOD], q)
+            plan_pick(scene, [GOOD], q)
         assert caught.value.failure is Code.MOTION_REFUSED
 
 
-def test_an_arm_that_waits_before_the_object_already_need_not_move(robot: Robot, plan: PickPlan) -> None:
-    again = plan_pick(robot, STATION, [GOOD], ends(plan)["transit"])
-    assert again.segments[0].trajectory.duration_s < 0.2
+def test_it_starts_from_wherever_the_arm_is(scene: Scene) -> None:
+    elsewhere = CAPTURE + np.array([0.7, 0.2, -0.2, 0.3, 0.2, 0.3, 0.5])
+    again = plan_pick(scene, [GOOD], elsewhere)
+    assert np.array_equal(again.segments[0].trajectory.start_q_rad, elsewhere)
+    assert np.array_equal(ends(again)["home"], CAPTURE)
 
 
-def test_same_inputs_give_the_same_bits(robot: Robot, plan: PickPlan) -> None:
-    robot.collision(CAPTURE + 0.3)  # whatever it was asked before
-    for model in (robot, Robot(STATION)):
-        again = plan_pick(model, STATION, [GOOD], CAPTURE)
-        assert again.model_dump_json() == plan.model_dump_json()
+def test_same_inputs_give_the_same_bits(scene: Scene, plan: PickPlan) -> None:
+    scene.touch(CAPTURE + 0.3, WIDE_M)  # whatever it was asked before
+    for anew in (scene, Scene.of(Robot(STATION), STATION)):
+        assert plan_pick(anew, [GOOD], CAPTURE).model_dump_json() == plan.model_dump_json()
