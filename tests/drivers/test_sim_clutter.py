@@ -13,8 +13,8 @@ from drivers.sim.devices import SimFeeder
 from drivers.sim.placing import Placing
 from drivers.sim.world import World
 from planning.kinematics import inverse, q7_grid
-from planning.path import flange_pose
-from planning.robot import Robot
+from planning.robot import Robot, flange_pose
+from planning.scene import Scene
 
 BIN_STATION = DEFAULT_STATION.with_name("bin.toml")
 PAPER_OBJECTS = ("bottle", "controller", "cup", "drone", "spatula")
@@ -104,14 +104,14 @@ def test_an_object_falls_against_the_walls_and_stays_inside(world: World) -> Non
 
 def test_the_planner_sees_the_wall_that_the_simulation_builds(world: World) -> None:
     """A hand that reaches through the right wall, a hand in the middle of the bin."""
-    robot = Robot(world.station)
+    scene = Scene.of(Robot(world.station), world.station)
     assert {f"bin-{side}" for side in ("front", "back", "right", "left")} <= {
         world.model.geom(index).name for index in range(world.model.ngeom)
     }
     for y_m, touches in ((-0.22, "bin-right"), (0.0, None)):
         base_from_tcp = np.diag([1.0, -1.0, -1.0, 1.0])
         base_from_tcp[:3, 3] = 0.46, y_m, 0.03
-        found = [robot.collision(q_rad) for q_rad in inverse(flange_pose(base_from_tcp), q7_grid())]
+        found = [scene.touch(q_rad, 0.08) for q_rad in inverse(flange_pose(base_from_tcp), q7_grid())]
         if touches is None:
             assert None in found
         else:

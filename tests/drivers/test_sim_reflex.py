@@ -10,9 +10,10 @@ from bus.messages import ArmMode
 from config.load import load_station
 from drivers.guard import Guard
 from drivers.registry import open_devices
-from planning.path import tcp_line
+from planning.blend import blended
+from planning.line import tcp_line
 from planning.robot import Robot
-from planning.timing import timed
+from planning.timing import rest_to_rest, timed
 
 
 def test_driving_the_hand_into_the_table_is_a_reflex_until_recovered() -> None:
@@ -26,11 +27,11 @@ def test_driving_the_hand_into_the_table_is_a_reflex_until_recovered() -> None:
     into_the_table = tcp_line(q_rad, pose, np.array([0.0, 0.0, -pose[2, 3] - 0.06]))
     assert into_the_table is not None
     with pytest.raises(ArmReflex, match="touched something"):
-        arm.execute(timed(station, into_the_table))
+        arm.execute(timed(station, blended([into_the_table])))
     state = arm.state()
     assert state.mode is ArmMode.REFLEX
     assert robot.base_from_tcp(state.q_rad)[2, 3] < 0.05 and np.abs(state.dq_rad_s).max() < 0.05
     with pytest.raises(MotionRefused, match="reflex"):
-        arm.execute(timed(station, np.stack([state.q_rad, state.q_rad + 0.01])))
+        arm.execute(rest_to_rest(station, state.q_rad, state.q_rad + 0.01))
     arm.recover()
     assert arm.state().mode is ArmMode.IDLE

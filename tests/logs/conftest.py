@@ -122,7 +122,7 @@ def _run(name: str) -> SegmentRun:
 
 
 def _stages(frame: Frame) -> dict[str, tuple[Topic, Message]]:
-    names = ("transit", "approach", "lift", "view", "hold")
+    names = ("reach", "carry", "hold")
     still = Trajectory(raw_q_rad=_HOME[None], window=1)
     after = frame.stamp_ns + 1
     execution = Execution(runs=tuple(_run(name) for name in names), grasped=_HAND, stopped_in=None, after=_view(after))
@@ -134,7 +134,12 @@ def _stages(frame: Frame) -> dict[str, tuple[Topic, Message]]:
         "detect": (topics.DETECT, _detections(frame)),
         "plan": (
             topics.PLAN,
-            PickPlan(grasp=0, segments=(Segment(name="transit", trajectory=still),), rejected=()),
+            PickPlan(
+                grasp=0,
+                tilt_rad=0.0,
+                segments=(Segment(name="reach", route="straight", trajectory=still),),
+                rejected=(),
+            ),
         ),
         "execute": (topics.EXECUTE, execution),
         "verify": (topics.VERIFY, verdict),

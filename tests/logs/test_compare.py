@@ -106,7 +106,7 @@ def test_arrays_report_their_largest_deviation_and_a_different_length() -> None:
     [
         Failure(code=Code.NO_GRASP, text="None."),
         HandState(stamp_ns=1, width_m=0.1, is_moving=False, is_homed=True),
-        Rejection(grasp=0, code=Code.COLLISION, reason="table"),
+        Rejection(grasp=0, tilt_rad=0.0, code=Code.COLLISION, reason="table"),
     ],
 )
 def test_another_kind_of_outcome_is_one_difference(other: Failure | HandState | Rejection) -> None:

@@ -57,16 +57,21 @@ def _run() -> SegmentRun:
     motion = Motion(
         finished=True, commanded_q_rad=q_rad, t_s=np.arange(20) * 0.01, q_rad=q_rad, dq_rad_s=-q_rad, tau_ext_nm=q_rad
     )
-    return SegmentRun(name="transit", motion=motion, hand=HAND)
+    return SegmentRun(name="reach", motion=motion, hand=HAND)
 
 
 def _results(frame: Frame) -> dict[Topic, Message]:
     """One result a stage; detect is left out, its images would only make the file bigger."""
-    segment = Segment(name="transit", trajectory=Trajectory(raw_q_rad=np.stack([Q_RAD, Q_RAD + 0.1]), window=4))
+    segment = Segment(
+        name="reach", route="straight", trajectory=Trajectory(raw_q_rad=np.stack([Q_RAD, Q_RAD + 0.1]), window=4)
+    )
     return {
         topics.CAPTURE: _view(frame.stamp_ns),
         topics.PLAN: PickPlan(
-            grasp=1, segments=(segment,), rejected=(Rejection(grasp=0, code=Code.COLLISION, reason="tray"),)
+            grasp=1,
+            tilt_rad=0.0,
+            segments=(segment,),
+            rejected=(Rejection(grasp=0, tilt_rad=0.0, code=Code.COLLISION, reason="tray"),),
         ),
         topics.EXECUTE: Execution(runs=(_run(),), grasped=HAND, stopped_in=None, after=_view(frame.stamp_ns + 1)),
         topics.VERIFY: Verdict(

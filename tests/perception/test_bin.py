@@ -23,8 +23,8 @@ from perception.detector import detect, unsaid
 from perception.models import open_models
 from perception.segment import Scene, segment
 from planning.kinematics import inverse, q7_grid
-from planning.path import flange_pose
-from planning.robot import Robot
+from planning.robot import Robot, flange_pose
+from planning.scene import Scene
 
 BIN_STATION = DEFAULT_STATION.with_name("bin.toml")
 
@@ -38,6 +38,7 @@ class Bin:
         self.station = load_station(BIN_STATION, options)
         self.world = World(self.station)
         self.camera, self.arm, self.robot = SimCamera(self.world), SimArm(self.world), Robot(self.station)
+        self.scene = Scene.of(self.robot, self.station)
         self.camera.connect()
         self.arm.connect()
 
@@ -104,8 +105,8 @@ def test_where_detection_lets_the_palm_pass_the_planner_does_too(filled: Callabl
     tcp_m = bin_.station.scene.bins[0].wall_height_m + TABLE_CLEARANCE_M - PALM_ABOVE_TIP_M + TIP_BELOW_TCP_M + 1e-3
     base_from_tcp = np.diag([1.0, -1.0, -1.0, 1.0])  # closes along y, the palm over the left wall
     base_from_tcp[:3, 3] = 0.46, 0.2, tcp_m
-    touches = [bin_.robot.collision(q_rad) for q_rad in inverse(flange_pose(base_from_tcp), q7_grid())]
+    touches = [bin_.scene.touch(q_rad, 0.08) for q_rad in inverse(flange_pose(base_from_tcp), q7_grid())]
     assert None in touches
     base_from_tcp[2, 3] -= 0.006
-    touches = [bin_.robot.collision(q_rad) for q_rad in inverse(flange_pose(base_from_tcp), q7_grid())]
+    touches = [bin_.scene.touch(q_rad, 0.08) for q_rad in inverse(flange_pose(base_from_tcp), q7_grid())]
     assert touches and None not in touches

@@ -252,8 +252,9 @@ def test_tuples_of_different_length_are_one_difference_of_their_counts(one: int,
     plans = [
         PickPlan(
             grasp=0,
+            tilt_rad=0.0,
             segments=(),
-            rejected=tuple(Rejection(grasp=n, code=Code.COLLISION, reason="tray") for n in range(count)),
+            rejected=tuple(Rejection(grasp=n, tilt_rad=0.0, code=Code.COLLISION, reason="tray") for n in range(count)),
         )
         for count in (one, other)
     ]
