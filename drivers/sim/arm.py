@@ -10,6 +10,7 @@ from bus.arrays import Joints
 from bus.errors import ArmReflex, MotionRefused, NotConnected
 from bus.messages import ArmMode, ArmState, Motion
 from bus.trajectory import TICK_S, Trajectory
+from drivers.coast import coast
 from drivers.sim.world import World
 from drivers.stream import Stream
 
@@ -81,17 +82,11 @@ class SimArm:
     def _play(self, stream: Stream) -> Motion:
         commanded: list[np.ndarray] = []
         measured: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-        while (command := stream.next()) is not None:
-            if stream.held and commanded and np.array_equal(command, commanded[-1]):
-                self._wait_held(command)
-                continue
-            if len(commanded) % _MEASURE_TICKS == 0:
-                measured.append(self._world.arm())
-                self._feel(measured[-1][2])
-            self._world.command_arm(command, commanded[-1] if commanded else command)
-            self._world.tick()
-            commanded.append(command)
-            self._world.pace(len(commanded))
+        try:
+            self._follow(stream, commanded, measured)
+        except Exception:
+            self._coast(commanded)
+            raise
         ticks = list(range(0, len(commanded), _MEASURE_TICKS))
         if len(commanded) - ticks[-1] < _MEASURE_TICKS / 2:  # the end takes the place of a sample just before it
             measured.pop()
@@ -112,6 +107,35 @@ class SimArm:
             dq_rad_s=dq_rad_s,
             tau_ext_nm=tau_ext_nm + rng.normal(0.0, _TORQUE_NOISE_NM, tau_ext_nm.shape),
         )
+
+    def _follow(
+        self,
+        stream: Stream,
+        commanded: list[np.ndarray],
+        measured: list[tuple[np.ndarray, np.ndarray, np.ndarray]],
+    ) -> None:
+        """Command every tick, and measure every tenth, into the two lists."""
+        while (command := stream.next()) is not None:
+            if stream.held and commanded and np.array_equal(command, commanded[-1]):
+                self._wait_held(command)
+                continue
+            if len(commanded) % _MEASURE_TICKS == 0:
+                measured.append(self._world.arm())
+                self._feel(measured[-1][2])
+            self._world.command_arm(command, commanded[-1] if commanded else command)
+            self._world.tick()
+            commanded.append(command)
+            self._world.pace(len(commanded))
+
+    def _coast(self, commanded: list[np.ndarray]) -> None:
+        """After an error in the middle of a motion: bring the joints to rest, with what is known of how they move."""
+        if len(commanded) < 3:
+            return
+        for command in coast(np.array(commanded[-3:])):
+            self._world.command_arm(command, commanded[-1])
+            self._world.tick()
+            commanded.append(command)
+        self._settle(commanded[-1], _PATIENCE_TICKS)
 
     def _feel(self, tau_ext_nm: Joints) -> None:
         """Stop on the path when something pushes back too hard."""

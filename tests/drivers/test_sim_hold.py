@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
+from bus.errors import DriverError
 from bus.messages import Motion
 from bus.trajectory import Trajectory
 from config.load import load_station
@@ -82,3 +83,25 @@ def test_the_samples_tell_the_motion_without_the_wait(bench: Bench) -> None:
 def test_a_stop_or_a_close_ends_it(bench: Bench, how: str) -> None:
     getattr(bench.arm, how)()
     assert not bench.end().finished
+
+
+def test_after_an_error_in_a_motion_the_arm_comes_to_rest(monkeypatch: pytest.MonkeyPatch) -> None:
+    world = World(load_station())
+    arm = SimArm(world)
+    arm.connect()
+    start = arm.state().q_rad
+    swing = start + 0.4 * (1 - np.cos(np.linspace(0, np.pi, 900)))[:, None] * np.eye(7)[0]
+    readings = iter(range(1000))
+    measure = world.arm
+
+    def failing() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        if next(readings) == 45:
+            raise DriverError("The encoder was lost.", "Check it.")
+        return measure()
+
+    monkeypatch.setattr(world, "arm", failing)
+    with pytest.raises(DriverError, match="encoder"):
+        arm.execute(Trajectory(raw_q_rad=swing, window=64))
+    q_rad, dq_rad_s, _ = measure()
+    assert np.abs(dq_rad_s).max() < 1e-2
+    assert 0.1 < q_rad[0] - start[0] < 0.8

@@ -24,7 +24,7 @@ from perception.models import open_models
 from perception.segment import Scene, segment
 from planning.kinematics import inverse, q7_grid
 from planning.robot import Robot, flange_pose
-from planning.scene import Scene
+from planning.scene import Scene as Surroundings
 
 BIN_STATION = DEFAULT_STATION.with_name("bin.toml")
 
@@ -38,7 +38,7 @@ class Bin:
         self.station = load_station(BIN_STATION, options)
         self.world = World(self.station)
         self.camera, self.arm, self.robot = SimCamera(self.world), SimArm(self.world), Robot(self.station)
-        self.scene = Scene.of(self.robot, self.station)
+        self.scene = Surroundings.of(self.robot, self.station)
         self.camera.connect()
         self.arm.connect()
 
