@@ -61,8 +61,8 @@ class Field:
 
     @cached_property
     def points_thing(self) -> Thing:
-        """The points alone, as an obstacle: each fills a small cube."""
-        return Thing(_NAME, coal.makeOctree(self.points, CELL_M / 2))
+        """The points alone, as an obstacle: each is a cube that reaches at most half its size above the point."""
+        return Thing(_NAME, coal.makeOctree(self.points - [0.0, 0.0, CELL_M / 2], CELL_M))
 
 
 def observed_field(points_base: Points, target: Mask, boxes: Sequence[Box]) -> Field | None:
@@ -74,11 +74,11 @@ def observed_field(points_base: Points, target: Mask, boxes: Sequence[Box]) -> F
         boxes: what is known to stand there; the first is the table.
     """
     around = ndimage.binary_dilation(target, iterations=_BESIDE_TARGET_PX)
-    points = np.where(around[..., None], np.inf, points_base).astype(float)
-    single = points[np.isfinite(points[..., 2])]
-    seen = np.concatenate(
-        [_unknown(some, boxes) for some in (single, _sheets(points), _sheets(points.transpose(1, 0, 2)))]
-    )
+    points = np.where(around[..., None], np.float32(np.inf), points_base)
+    table_m = boxes[0].center_m[2] + boxes[0].size_m[2] / 2 + KNOWN_M
+    single = points[np.isfinite(points[..., 2]) & (points[..., 2] > table_m)]
+    sheets = (_sheets(points, table_m), _sheets(points.transpose(1, 0, 2), table_m))
+    seen = np.concatenate([_unknown(some.astype(float), boxes) for some in (single, *sheets)])
     if not len(seen):
         return None
     low = np.floor(seen[:, :2].min(axis=0) / CELL_M) - 1
@@ -89,15 +89,17 @@ def observed_field(points_base: Points, target: Mask, boxes: Sequence[Box]) -> F
     return Field(low * CELL_M, height_m, seen)
 
 
-def _sheets(points: Array) -> Array:
-    """The points (n, 3) that join neighbours in a row of an image (H, W, 3) which lie apart.
+def _sheets(points: Points, table_m: float) -> Points:
+    """The points (n, 3) that join neighbours in a row of an image (H, W, 3) which lie apart and not both on the table.
 
     A neighbour is the next pixel with depth; infinite points are the target, which joins nothing.
     """
     nothing = np.isnan(points[..., 2])
     last = np.maximum.accumulate(np.where(nothing, -1, np.arange(points.shape[1])), axis=1)
     before = last[:, :-1]
-    rows, columns = np.nonzero(~nothing[:, 1:] & (before >= 0))
+    raised = points[..., 2] > table_m
+    raised |= np.take_along_axis(raised, np.maximum(np.pad(before, ((0, 0), (1, 0))), 0), axis=1)
+    rows, columns = np.nonzero(~nothing[:, 1:] & (before >= 0) & raised[:, 1:])
     a, b = points[rows, before[rows, columns]], points[rows, columns + 1]
     with np.errstate(invalid="ignore"):
         along = b - a  # NaN or infinite beside the target
@@ -107,12 +109,11 @@ def _sheets(points: Array) -> Array:
     steps = np.ceil(gap_m[apart] / CELL_M).astype(int)
     number = np.repeat(np.arange(len(steps)), steps)
     share = (np.arange(len(number)) - np.repeat(np.cumsum(steps) - steps, steps)) / steps[number]
-    return np.asarray(a[number] + share[:, None] * along[number])
+    return np.asarray(a[number] + share[:, None].astype(np.float32) * along[number])
 
 
 def _unknown(points: Array, boxes: Sequence[Box]) -> Array:
-    """Those above the table that no known box explains."""
-    points = points[points[:, 2] > boxes[0].center_m[2] + boxes[0].size_m[2] / 2 + KNOWN_M]
+    """Those that no known box explains."""
     known = np.zeros(len(points), dtype=bool)
     for box in boxes:
         known |= (np.abs(points - box.center_m) <= np.array(box.size_m) / 2 + KNOWN_M).all(axis=1)
