@@ -128,7 +128,8 @@ def ways(
             yield Way(0, "straight", line), landing
         if len(kept) == _KEPT:
             break
-    for some in ([one for one, is_calm in kept if is_calm], [one for one, _ in kept]):
+    calm_ones, every = [one for one, is_calm in kept if is_calm], [one for one, _ in kept]
+    for some in (calm_ones, every if len(every) > len(calm_ones) else []):
         if some:
             try:
                 way = connect(scene, q_from_rad, [one.q_rad for one in some], width_m, allowed)
