@@ -60,10 +60,9 @@ def plan_pick(scene: Scene, grasps: Sequence[Grasp], q_now_rad: Joints) -> PickP
 def plan_approach(scene: Scene, approach: Approach, q_now_rad: Joints) -> tuple[Segment, ...]:
     """Every motion of the pick by one approach. Raises: Infeasible."""
     base_from_tcp = grasp_pose(approach, scene.station)
-    holding = scene.holding(base_from_tcp)
     view_q = _view_configuration(scene.empty(), base_from_tcp[:3, 3])
-    reach, carry = _reach_and_carry(scene, holding, approach.grasp, base_from_tcp, q_now_rad, view_q)
-    place, home = _place_and_home(holding, approach.grasp, base_from_tcp[:3, :3], view_q)
+    reach, carry, grasped_at = _reach_and_carry(scene, approach.grasp, base_from_tcp, q_now_rad, view_q)
+    place, home = _place_and_home(scene.holding(grasped_at), approach.grasp, grasped_at[:3, :3], view_q)
     return reach, carry, place, home
 
 
@@ -96,14 +95,17 @@ def _none_feasible(rejected: Sequence[Rejection]) -> CycleFailure:
 
 
 def _reach_and_carry(
-    scene: Scene, holding: Scene, grasp: Grasp, base_from_tcp: Transform, q_now_rad: Joints, view_q: Joints
-) -> tuple[Segment, Segment]:
+    scene: Scene, grasp: Grasp, base_from_tcp: Transform, q_now_rad: Joints, view_q: Joints
+) -> tuple[Segment, Segment, Transform]:
+    """The first two motions, and where the tcp really grasps: at the pose asked for, or half a turn from it."""
+
     def calm(landing: Landing) -> bool:
         return steady(scene.robot, landing.leave_rad[-1], view_q)
 
-    def make(way: Way, landing: Landing) -> tuple[Segment, Segment]:
+    def make(way: Way, landing: Landing) -> tuple[Segment, Segment, Transform]:
+        grasped_at = scene.robot.base_from_tcp(landing.line_rad[-1])
         reach = _reach(scene, grasp, way, landing)
-        return reach, _carry(scene, holding, grasp, landing, view_q)
+        return reach, _carry(scene, scene.holding(grasped_at), grasp, landing, view_q), grasped_at
 
     return first_that_works(_ways_to_grasp(scene, grasp, base_from_tcp, q_now_rad, calm), make)
 

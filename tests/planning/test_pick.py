@@ -70,6 +70,20 @@ def test_the_tcp_goes_where_the_pick_needs_it(robot: Robot, plan: PickPlan) -> N
     assert passes(robot, plan, "home", above) < 0.03
 
 
+@pytest.mark.parametrize("yaw", [0.6, 0.6 + np.pi])
+def test_what_is_held_hangs_as_it_was_grasped_also_by_the_grasp_turned_by_half_a_turn(
+    robot: Robot, yaw: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    target = box("target", (0.45, 0.05, 0.03), (0.04, 0.1, 0.06))
+    view = seen_from_above((STATION.scene.table,), eye_m=(0.45, 0.0, 1.2), target=target)
+    scene = Scene.of(robot, STATION, Sight(*view))
+    held_at: list[np.ndarray] = []
+    holding = Scene.holding
+    monkeypatch.setattr(Scene, "holding", lambda self, pose: held_at.append(pose) or holding(self, pose))
+    plan = plan_pick(scene, [grasp(0.45, 0.05, 0.05, yaw=yaw)], CAPTURE)
+    assert held_at and np.allclose(held_at[-1], robot.base_from_tcp(ends(plan)["reach"]), atol=1e-9)
+
+
 def test_the_hand_comes_straight_down_and_goes_straight_up(robot: Robot, plan: PickPlan) -> None:
     for name, share in (("reach", 0.3), ("carry", 0.3)):
         (segment,) = (segment for segment in plan.segments if segment.name == name)
