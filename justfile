@@ -23,8 +23,13 @@ start *args: setup
 sim *args: setup
     uv run cell start --config {{config}} --set sim.pace=1 "$@"
 
+# Install what the tests of the real drivers need: the vendors' SDKs, and a simulator of the FR3 in its own environment
+stand-ins: setup
+    @./setup.sh stand-ins
+
 # Run the tests; more arguments go to pytest
 test *args: setup
+    @./setup.sh stand-ins || echo "test: tests of the real drivers that need the above will be skipped" >&2
     uv run pytest "$@"
 
 # Lint, format, types, import contracts
@@ -55,3 +60,8 @@ docs: setup
 lock:
     uv pip compile --quiet --universal --generate-hashes --no-emit-index-url --no-annotate --no-header \
         --fork-strategy fewest --python-version 3.11 --upgrade --extra dev pyproject.toml --output-file requirements.lock
+    printf '%s\n' "pylibfranka>=0.21.3; python_version < '3.13'" franky-control "pyorbbecsdk2; python_version < '3.14'" | \
+        uv pip compile --quiet --universal --generate-hashes --no-emit-index-url --no-annotate --no-header \
+        --python-version 3.11 --upgrade --constraint requirements.lock - --output-file requirements-hardware.lock
+    echo franka-sim | uv pip compile --quiet --universal --generate-hashes --no-emit-index-url --no-annotate --no-header \
+        --python-version 3.11 --upgrade - --output-file tests/stand_ins/franka_sim.lock

@@ -51,5 +51,21 @@ if [ "$(cat "$stamp" 2>/dev/null || true)" != "$wanted" ]; then
     uv pip sync $quiet --compile-bytecode --python .venv --require-hashes requirements.lock
     uv pip install --quiet --python .venv --no-deps --no-build-isolation --editable . # after sync, which removes it
     printf '%s\n' "$wanted" >"$stamp"
+    rm -f .venv/.hardware # so is what was installed beside the lock
     say "done"
+fi
+[ "${1:-}" = stand-ins ] || exit 0
+
+# --- for the tests of the real drivers: the vendors' SDKs, and franka-sim, whose pins need an environment of its own -------
+stamp=.venv/.hardware
+wanted="$(cat requirements-hardware.lock tests/stand_ins/franka_sim.lock | sha256sum | cut -d' ' -f1)"
+if [ "$(cat "$stamp" 2>/dev/null || true)" != "$wanted" ] || [ ! -x .venv-franka-sim/bin/python ]; then
+    say "installing the SDKs of the FR3 and the Femto Mega into .venv, and franka-sim into .venv-franka-sim"
+    uv pip install --quiet --python .venv --no-deps --require-hashes --requirements requirements-hardware.lock ||
+        fail "the SDKs cannot be installed here"
+    rm -rf .venv-franka-sim
+    uv venv --quiet --python '>=3.10,<3.13' .venv-franka-sim || fail "franka-sim needs Python 3.10 to 3.12"
+    uv pip sync --quiet --python .venv-franka-sim --require-hashes tests/stand_ins/franka_sim.lock ||
+        fail "franka-sim cannot be installed here"
+    printf '%s\n' "$wanted" >"$stamp"
 fi

@@ -28,6 +28,7 @@ class Code(StrEnum):
     DROPPED = "DROPPED"
     NOT_CLEARED = "NOT_CLEARED"
     STOPPED = "STOPPED"
+    DEVICE_LOST = "DEVICE_LOST"
     NODE_LOST = "NODE_LOST"
     RECORDING = "RECORDING"
     INTERNAL = "INTERNAL"
@@ -56,6 +57,7 @@ ADVICE: dict[Code, str] = {
     Code.DROPPED: "The object slipped. Raise the grasp force or choose a rougher finger pad.",
     Code.NOT_CLEARED: "Something still lies where the object was; check for a second object.",
     Code.STOPPED: "The cycle was stopped by command. `cell reset` makes the cell ready again.",
+    Code.DEVICE_LOST: "Check the device's power and network; when it is back, `cell clear` and `cell reset`.",
     Code.NODE_LOST: "A driver node went away. Read its log, then `cell clear` and `cell reset`.",
     Code.RECORDING: "The recording could not be written. Check the free space of the recordings folder.",
     Code.INTERNAL: "This is a defect. Please report it with the cycle's recording.",

@@ -72,13 +72,14 @@ class Event(Message):
 
 
 class Health(Message):
-    """A node about itself, once a second."""
+    """A node about itself, once a second; ``readings``: what its devices report, e.g. ``camera.ir_temperature_c``."""
 
     name: str
     pid: int
     uptime_s: float
     answered: int
     failed: int
+    readings: dict[str, float] = {}
 
 
 class ErrorReply(Message):

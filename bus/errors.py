@@ -15,6 +15,7 @@
     ├── DriverError           1  a device failed
     │   ├── DriverUnavailable    cannot be started here (package, display, address)
     │   ├── NotConnected         used before connect() or after close()
+    │   ├── DeviceLost           it answered, and does no longer; recover() or the next use connects anew
     │   ├── MotionRefused        the guard's check failed; nothing moved
     │   ├── ArmReflex            the arm stopped itself; needs recover()
     │   ├── HandFault            the hand did not do what was asked
@@ -109,6 +110,10 @@ class DriverUnavailable(DriverError):
 
 class NotConnected(DriverError):
     code = "NOT_CONNECTED"
+
+
+class DeviceLost(DriverError):
+    code = "DEVICE_LOST"
 
 
 class MotionRefused(DriverError):

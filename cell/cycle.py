@@ -14,6 +14,7 @@ from bus.errors import (
     ArmReflex,
     BusError,
     CycleFailure,
+    DeviceLost,
     DriverError,
     HandFault,
     MotionRefused,
@@ -38,8 +39,8 @@ from planning.robot import Robot
 ResultT = TypeVar("ResultT", bound=Message)
 Say = Callable[[Topic, "Message | bytes"], None]
 
-FAULTS = {Code.ARM_REFLEX, Code.MOTION_REFUSED, Code.HAND_FAULT, Code.STALE_FRAME, Code.NODE_LOST, Code.RECORDING,
-          Code.INTERNAL}  # fmt: skip
+FAULTS = {Code.ARM_REFLEX, Code.MOTION_REFUSED, Code.HAND_FAULT, Code.STALE_FRAME, Code.DEVICE_LOST, Code.NODE_LOST,
+          Code.RECORDING, Code.INTERNAL}  # fmt: skip
 """Codes after which the machine goes to Aborted: a device or the cell itself failed, not the pick."""
 
 _CODE_OF_ERROR: tuple[tuple[type[Exception], Code], ...] = (
@@ -47,6 +48,7 @@ _CODE_OF_ERROR: tuple[tuple[type[Exception], Code], ...] = (
     (MotionRefused, Code.MOTION_REFUSED),
     (HandFault, Code.HAND_FAULT),
     (StaleFrame, Code.STALE_FRAME),
+    (DeviceLost, Code.DEVICE_LOST),
     (BusError, Code.NODE_LOST),
     (DriverError, Code.INTERNAL),
     (RecordingError, Code.RECORDING),

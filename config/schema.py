@@ -9,22 +9,10 @@ import re
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Fraction = Annotated[float, Field(ge=0, le=1)]
-Vector = tuple[Finite, Finite, Finite]
-JointVector = tuple[Finite, Finite, Finite, Finite, Finite, Finite, Finite]
-Chunk = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]*$")]
-
-
-class Settings(BaseModel):
-    """Base of all settings: frozen, unknown keys refused."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
+from config.base import Chunk, Finite, Fraction, JointVector, NonNegative, Positive, Settings, Vector
+from config.hardware import FemtoMegaSettings, Fr3Settings, PandaHandSettings
 
 class BusSettings(Settings):
     """How the cell's processes talk. Only loopback endpoints are accepted (others need TLS and access control)."""
@@ -368,6 +356,9 @@ class Station(Settings):
     planning: PlanningSettings = PlanningSettings()
     verify: VerifySettings = VerifySettings()
     sim: SimSettings = SimSettings()
+    fr3: Fr3Settings = Fr3Settings()
+    panda_hand: PandaHandSettings = PandaHandSettings()
+    femto_mega: FemtoMegaSettings = FemtoMegaSettings()
 
     @model_validator(mode="after")
     def _every_device_served_once(self) -> Station:

@@ -80,6 +80,14 @@ class Hand(Protocol):
 
 
 @runtime_checkable
+class Reporting(Protocol):
+    """What a device adds that has something to say about its own health."""
+
+    def readings(self) -> dict[str, float]:
+        """Figures by name, units in the names, e.g. ``ir_temperature_c``; empty while not connected. Never raises."""
+
+
+@runtime_checkable
 class Feeder(Protocol):
     """Simulation only: what puts objects on the table, and knows where they really are."""
 

@@ -18,7 +18,7 @@ from bus.topics import Topic, encoding_of
 from bus.trajectory import Trajectory
 from config.schema import Station
 from drivers.guard import Guard
-from drivers.interface import Arm, Camera, Devices, Feeder, Hand
+from drivers.interface import Arm, Camera, Devices, Feeder, Hand, Reporting
 
 ARM_STATE_PERIOD_S = 0.01
 HAND_STATE_PERIOD_S = 0.05
@@ -144,9 +144,19 @@ class Node:
                 uptime_s=time.monotonic() - self._started_s,
                 answered=self._answered,
                 failed=self._failed,
+                readings=self._readings(),
             ),
             name=self._name,
         )
+
+    def _readings(self) -> dict[str, float]:
+        devices = {"camera": self._devices.camera, "arm": self._devices.arm, "hand": self._devices.hand}
+        return {
+            f"{name}.{key}": value
+            for name, device in devices.items()
+            if isinstance(device, Reporting)
+            for key, value in device.readings().items()
+        }
 
     def _every(self, period_s: float, publish: Callable[[], None]) -> None:
         """Call ``publish`` every ``period_s`` in a thread of its own, until close."""

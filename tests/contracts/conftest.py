@@ -1,4 +1,7 @@
-"""Every implementation of the device protocols, each behind the same fixtures: one suite for all."""
+"""Every implementation of the device protocols, each behind the same fixtures: one suite for all.
+
+`IMPLEMENTATIONS` names them, with what each serves; a suite runs on those that serve its device.
+"""
 
 from __future__ import annotations
 
@@ -36,14 +39,28 @@ def _remote(station: Station, stack: ExitStack, endpoint: str) -> Devices:
     return Devices(*parts)
 
 
-IMPLEMENTATIONS: dict[str, Callable[[Station, ExitStack, str], Devices]] = {"sim": _simulated, "remote": _remote}
+Opener = Callable[[Station, ExitStack, str], Devices]
+ALL = {"camera", "arm", "hand"}
+IMPLEMENTATIONS: dict[str, tuple[Opener, set[str]]] = {
+    "sim": (_simulated, ALL),
+    "remote": (_remote, ALL),
+}
 
 
-@pytest.fixture(scope="module", params=sorted(IMPLEMENTATIONS))
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """``test_arm`` runs on every implementation that serves an arm, and so on."""
+    if "devices" in metafunc.fixturenames:
+        device = metafunc.module.__name__.rpartition("test_")[2]
+        names = [name for name, (_, serves) in IMPLEMENTATIONS.items() if device in serves]
+        metafunc.parametrize("devices", names, indirect=True, scope="module")
+
+
+@pytest.fixture(scope="module")
 def devices(request: pytest.FixtureRequest, station: Station, new_endpoint: Callable[[], str]) -> Iterator[Devices]:
-    """One implementation of all devices, not yet connected."""
+    """One implementation of the devices, not yet connected."""
+    opener, _ = IMPLEMENTATIONS[request.param]
     with ExitStack() as stack:
-        devices = IMPLEMENTATIONS[request.param](station, stack, new_endpoint())
+        devices = opener(station, stack, new_endpoint())
         yield devices
         for device in (devices.camera, devices.arm, devices.hand):
             if device is not None:
