@@ -79,7 +79,7 @@ class Health(Message):
     uptime_s: float
     answered: int
     failed: int
-    readings: dict[str, float] = {}
+    readings: dict[str, float] = Field(default_factory=dict)
 
 
 class ErrorReply(Message):

@@ -14,6 +14,7 @@ from pydantic import Field, field_validator, model_validator
 from config.base import Chunk, Finite, Fraction, JointVector, NonNegative, Positive, Settings, Vector
 from config.hardware import FemtoMegaSettings, Fr3Settings, PandaHandSettings
 
+
 class BusSettings(Settings):
     """How the cell's processes talk. Only loopback endpoints are accepted (others need TLS and access control)."""
 
