@@ -151,12 +151,11 @@ class Node:
 
     def _readings(self) -> dict[str, float]:
         devices = {"camera": self._devices.camera, "arm": self._devices.arm, "hand": self._devices.hand}
-        return {
-            f"{name}.{key}": value
-            for name, device in devices.items()
-            if isinstance(device, Reporting)
-            for key, value in device.readings().items()
-        }
+        readings: dict[str, float] = {}
+        for name, device in devices.items():
+            if isinstance(device, Reporting):
+                readings |= {f"{name}.{key}": value for key, value in device.readings().items()}
+        return readings
 
     def _every(self, period_s: float, publish: Callable[[], None]) -> None:
         """Call ``publish`` every ``period_s`` in a thread of its own, until close."""
