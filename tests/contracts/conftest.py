@@ -13,10 +13,13 @@ import pytest
 from bus.session import Bus
 from config.load import load_station
 from config.schema import Station
+from drivers.fr3.arm import Fr3Arm
 from drivers.interface import Arm, Camera, Devices, Feeder, Hand
 from drivers.node import Node
+from drivers.panda_hand import PandaHand
 from drivers.registry import open_devices
 from drivers.remote import RemoteArm, RemoteCamera, RemoteFeeder, RemoteHand
+from tests.stand_ins.franka import franka_station
 
 
 @pytest.fixture(scope="module")
@@ -39,12 +42,25 @@ def _remote(station: Station, stack: ExitStack, endpoint: str) -> Devices:
     return Devices(*parts)
 
 
+def _fr3(station: Station, stack: ExitStack, _endpoint: str) -> Devices:
+    return Devices(arm=Fr3Arm(franka_station(station, stack)))
+
+
+def _panda_hand(station: Station, stack: ExitStack, _endpoint: str) -> Devices:
+    return Devices(hand=PandaHand(franka_station(station, stack)))
+
+
 Opener = Callable[[Station, ExitStack, str], Devices]
 ALL = {"camera", "arm", "hand"}
 IMPLEMENTATIONS: dict[str, tuple[Opener, set[str]]] = {
     "sim": (_simulated, ALL),
     "remote": (_remote, ALL),
+    "fr3": (_fr3, {"arm"}),
+    "panda_hand": (_panda_hand, {"hand"}),
 }
+
+
+REAL_TIME = {"fr3", "panda_hand"}
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
@@ -52,7 +68,8 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     if "devices" in metafunc.fixturenames:
         device = metafunc.module.__name__.rpartition("test_")[2]
         names = [name for name, (_, serves) in IMPLEMENTATIONS.items() if device in serves]
-        metafunc.parametrize("devices", names, indirect=True, scope="module")
+        marked = [pytest.param(name, marks=pytest.mark.realtime) if name in REAL_TIME else name for name in names]
+        metafunc.parametrize("devices", marked, indirect=True, scope="module")
 
 
 @pytest.fixture(scope="module")
@@ -72,6 +89,12 @@ def arm(devices: Devices) -> Iterator[Arm]:
     assert devices.arm is not None
     devices.arm.connect()
     yield devices.arm
+
+
+@pytest.fixture
+def long_s(arm: Arm) -> float:
+    """A motion so long can be interrupted, and is waited for: simulated time passes 20 times faster."""
+    return 5.0 if isinstance(arm, Fr3Arm) else 20.0
 
 
 @pytest.fixture

@@ -15,9 +15,14 @@ from bus.trajectory import TICK_S, Trajectory
 from config.limits import check
 from drivers.interface import Arm, Devices
 
+REST_RAD_S = 0.1
+"""Measured velocities chatter by up to 0.08 rad/s at standstill, on the real arm's simulator as on the arm."""
+START_RAD = 5e-3
+"""An arm may be commanded to be so far from where it is measured: there a motion begins; it ends as planned."""
 
-def _nod(start_q_rad: np.ndarray, by_rad: float = 0.2, duration_s: float = 1.0) -> Trajectory:
-    """There and back on joint 7, at rest at both ends."""
+
+def _nod(start_q_rad: np.ndarray, by_rad: float = 0.2, duration_s: float = 1.6) -> Trajectory:
+    """There and back on joint 7, at rest at both ends, well below the limits: then a late command breaks none."""
     ticks = round(duration_s / TICK_S)
     phase = np.linspace(0.0, 1.0, ticks)
     raw_q_rad = np.repeat(np.asarray(start_q_rad)[None], ticks, axis=0)
@@ -32,7 +37,7 @@ def test_it_implements_the_protocol(devices: Devices) -> None:
 def test_at_rest_it_is_idle_and_finite(arm: Arm) -> None:
     state = arm.state()
     assert state.mode is ArmMode.IDLE and np.isfinite(state.q_rad).all()
-    assert np.abs(state.dq_rad_s).max() < 0.05
+    assert np.abs(state.dq_rad_s).max() < REST_RAD_S
     assert abs(time.time_ns() - state.stamp_ns) < 5e9
 
 
@@ -41,7 +46,8 @@ def test_it_plays_a_trajectory_to_its_end(arm: Arm) -> None:
     trajectory = _nod(start_q_rad)
     motion = arm.execute(trajectory)
     assert motion.finished
-    np.testing.assert_allclose(motion.commanded_q_rad, trajectory.filtered(), atol=1e-9)
+    np.testing.assert_allclose(motion.commanded_q_rad, trajectory.filtered(), atol=START_RAD)
+    np.testing.assert_allclose(motion.commanded_q_rad[-1], trajectory.end_q_rad, atol=1e-9)
     np.testing.assert_allclose(arm.state().q_rad, start_q_rad, atol=5e-3)
     assert check(motion.commanded_q_rad).ok
 
@@ -57,8 +63,8 @@ def test_it_measures_while_it_moves(arm: Arm) -> None:
     assert np.abs(motion.q_rad[:, 6] - motion.q_rad[0, 6]).max() > 0.15
 
 
-def test_a_stop_brakes_on_the_path_within_limits(arm: Arm) -> None:
-    trajectory = _nod(arm.state().q_rad, by_rad=1.2, duration_s=20.0)
+def test_a_stop_brakes_on_the_path_within_limits(arm: Arm, long_s: float) -> None:
+    trajectory = _nod(arm.state().q_rad, by_rad=1.2, duration_s=long_s)
     ended: list[bool] = []
     runner = threading.Thread(target=lambda: ended.append(arm.execute(trajectory).finished))
     start_q_rad = arm.state().q_rad
@@ -69,7 +75,7 @@ def test_a_stop_brakes_on_the_path_within_limits(arm: Arm) -> None:
     arm.stop()
     runner.join(timeout=20)
     assert ended == [False]
-    assert np.abs(arm.state().dq_rad_s).max() < 0.05
+    assert np.abs(arm.state().dq_rad_s).max() < REST_RAD_S
     back = arm.execute(Trajectory(raw_q_rad=arm.state().q_rad[None], window=1))
     assert back.finished
 
@@ -104,10 +110,10 @@ def test_before_connect_and_after_close_it_says_so(devices: Devices) -> None:
 class _Running:
     """A long motion in a thread of its own, under way when this returns."""
 
-    def __init__(self, arm: Arm) -> None:
+    def __init__(self, arm: Arm, long_s: float) -> None:
         self._arm = arm
         self.start_q_rad = arm.state().q_rad
-        self.trajectory = _nod(self.start_q_rad, by_rad=1.2, duration_s=20.0)
+        self.trajectory = _nod(self.start_q_rad, by_rad=1.2, duration_s=long_s)
         self.ended: list[Motion] = []
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
@@ -130,13 +136,20 @@ def _wait_until(holds: Callable[[], bool]) -> None:
 
 
 def _hold(arm: Arm) -> None:
-    """Hold, and wait until the arm rests."""
+    """Hold, and wait until the arm rests: it is at the same place twice."""
     arm.hold()
-    _wait_until(lambda: bool(np.abs(arm.state().dq_rad_s).max() < 1e-3))
+    places_q_rad = [arm.state().q_rad + 1.0]
+
+    def rests() -> bool:
+        time.sleep(0.05)
+        places_q_rad.append(arm.state().q_rad)
+        return bool(np.abs(places_q_rad[-1] - places_q_rad[-2]).max() < 2e-4)
+
+    _wait_until(rests)
 
 
-def test_a_held_motion_rests_and_goes_on_to_exactly_its_end(arm: Arm) -> None:
-    running = _Running(arm)
+def test_a_held_motion_rests_and_goes_on_to_exactly_its_end(arm: Arm, long_s: float) -> None:
+    running = _Running(arm, long_s)
     _hold(arm)
     held = arm.state()
     assert held.mode is ArmMode.MOVE and not running.ended
@@ -150,8 +163,8 @@ def test_a_held_motion_rests_and_goes_on_to_exactly_its_end(arm: Arm) -> None:
     assert np.abs(np.diff(motion.commanded_q_rad, axis=0)).max() < 2e-3
 
 
-def test_a_stop_ends_a_held_motion_where_it_rests(arm: Arm) -> None:
-    running = _Running(arm)
+def test_a_stop_ends_a_held_motion_where_it_rests(arm: Arm, long_s: float) -> None:
+    running = _Running(arm, long_s)
     _hold(arm)
     held_q_rad = arm.state().q_rad
     arm.stop()
@@ -161,17 +174,17 @@ def test_a_stop_ends_a_held_motion_where_it_rests(arm: Arm) -> None:
         arm.resume()
 
 
-def test_a_hold_after_a_stop_keeps_nothing_waiting(arm: Arm) -> None:
-    running = _Running(arm)
+def test_a_hold_after_a_stop_keeps_nothing_waiting(arm: Arm, long_s: float) -> None:
+    running = _Running(arm, long_s)
     arm.stop()
     arm.hold()
     assert not running.end().finished
 
 
-def test_resume_without_a_hold_is_refused(arm: Arm) -> None:
+def test_resume_without_a_hold_is_refused(arm: Arm, long_s: float) -> None:
     with pytest.raises(MotionRefused, match="held"):
         arm.resume()
-    running = _Running(arm)
+    running = _Running(arm, long_s)
     with pytest.raises(MotionRefused, match="held"):
         arm.resume()
     arm.stop()

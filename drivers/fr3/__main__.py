@@ -1,0 +1,10 @@
+"""``python -m drivers.fr3 SOCKET BLOCK``: the control process of `drivers.fr3.arm`, with two inherited descriptors."""
+
+import sys
+from multiprocessing.connection import Connection
+
+from drivers.fr3.block import Block
+from drivers.fr3.loop import serve
+
+if __name__ == "__main__":
+    sys.exit(serve(Connection(int(sys.argv[1])), Block(int(sys.argv[2]))))

@@ -1,0 +1,133 @@
+"""Memory the arm's driver shares with its control process: the newest state one way, what is wanted the other."""
+
+from __future__ import annotations
+
+import mmap
+import os
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+
+from bus.arrays import Joints
+from bus.errors import DriverError
+
+_JOINTS = ("q_rad", "dq_rad_s", "tau_ext_nm", "q_d_rad")
+_LAYOUT = np.dtype(
+    [
+        ("sequence", "u8"),  # odd while a state is being written
+        ("stamp_ns", "i8"),
+        ("mode", "u8"),
+        ("success_rate", "f8"),
+        ("lost_cycles", "u8"),
+        ("busy", "u1"),
+        ("want", "u1"),
+        *((name, "f8", 7) for name in _JOINTS),
+    ]
+)
+_TRIES = 10_000
+MOVE = 2
+"""libfranka's RobotMode while it is controlled."""
+
+
+class Want(IntEnum):
+    """What is to become of the motion under way."""
+
+    PLAY = 0
+    HOLD = 1
+    STOP = 2
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """One state of the robot, consistent in itself.
+
+    Attributes:
+        stamp_ns: UTC, when it arrived here. ``mode``: libfranka's RobotMode.
+        tau_ext_nm: torque by the outside world on each joint. ``q_d_rad``: commanded position.
+        success_rate: share of the last 100 commands of the newest motion that came in time.
+        lost_cycles: since the connection was made.
+        busy: the control process does something that takes longer than a cycle; the state may be old.
+    """
+
+    stamp_ns: int
+    mode: int
+    success_rate: float
+    lost_cycles: int
+    busy: bool
+    q_rad: Joints
+    dq_rad_s: Joints
+    tau_ext_nm: Joints
+    q_d_rad: Joints
+
+
+class Block:
+    """One record of shared memory, behind a file descriptor that a child process can inherit; one writer a side."""
+
+    def __init__(self, descriptor: int) -> None:
+        self.descriptor = descriptor
+        self._map = mmap.mmap(descriptor, _LAYOUT.itemsize)
+        self._record: Any = np.frombuffer(self._map, _LAYOUT)
+
+    @classmethod
+    def create(cls) -> Block:
+        descriptor = os.memfd_create("fr3-state", 0)
+        os.truncate(descriptor, _LAYOUT.itemsize)
+        return cls(descriptor)
+
+    def close(self) -> None:
+        """Let go of the descriptor; what was written can still be read."""
+        os.close(self.descriptor)
+
+    # --- the driver's side --------------------------------------------------------------------------------------------
+
+    def read(self) -> Snapshot | None:
+        """The newest state; None before the first. Raises: DriverError when it is never found whole."""
+        for _ in range(_TRIES):
+            before = int(self._record["sequence"][0])
+            copy = self._record[0].copy()
+            if before % 2 == 0 and int(self._record["sequence"][0]) == before:
+                return _snapshot(copy) if before else None
+        raise DriverError("The control process died while it wrote the arm's state.", "Recover the arm.")
+
+    def ask(self, want: Want) -> None:
+        self._record["want"][0] = want
+
+    # --- the control process's side -----------------------------------------------------------------------------------
+
+    @property
+    def want(self) -> int:
+        return int(self._record["want"][0])
+
+    def say_busy(self, busy: bool) -> None:
+        self._record["busy"][0] = busy
+
+    def write(self, stamp_ns: int, state: Any, lost_cycles: int) -> None:
+        """Publish one libfranka RobotState.
+
+        Its ``tau_ext_hat_filtered`` is the robot's counter torque (a gripper pulled down reads as an upward force:
+        libfranka issue 26); ours is what the outside world does to the joints.
+        """
+        record = self._record
+        record["sequence"][0] += 1
+        record["stamp_ns"][0] = stamp_ns
+        record["mode"][0] = int(state.robot_mode)
+        if record["mode"][0] == MOVE:  # at rest the robot says 0
+            record["success_rate"][0] = state.control_command_success_rate
+        record["lost_cycles"][0] = lost_cycles
+        record["q_rad"][0], record["dq_rad_s"][0], record["q_d_rad"][0] = state.q, state.dq, state.q_d
+        np.negative(state.tau_ext_hat_filtered, out=record["tau_ext_nm"][0])
+        record["sequence"][0] += 1
+
+
+def _snapshot(record: Any) -> Snapshot:
+    joints = {name: np.array(record[name]) for name in _JOINTS}
+    return Snapshot(
+        stamp_ns=int(record["stamp_ns"]),
+        mode=int(record["mode"]),
+        success_rate=float(record["success_rate"]),
+        lost_cycles=int(record["lost_cycles"]),
+        busy=bool(record["busy"]),
+        **joints,
+    )

@@ -1,0 +1,197 @@
+"""The arm's control process: answers the robot every millisecond. Nothing else runs here.
+
+Started by `drivers.fr3.arm` with two inherited file descriptors: the shared `Block` and a socket for requests.
+libfranka holds Python's lock in every call, so this cannot be a thread of the driver.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import importlib
+import os
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from typing import Any, Literal
+
+import numpy as np
+
+from bus.commands import ErrorReply
+from bus.errors import CellError, DriverUnavailable, MotionRefused
+from bus.remote_errors import error_reply
+from bus.trajectory import TICK_S, Trajectory
+from config.hardware import Fr3Settings
+from drivers.fr3.block import Block
+from drivers.fr3.faults import connect_error, motion_error, raised_by
+from drivers.fr3.player import Played, Player
+
+_LOOK_TICKS = 50
+"""How often a motion looks whether the driver is still there."""
+_PRIORITY = 80
+_MCL_CURRENT_AND_FUTURE = 3
+
+
+@dataclass(frozen=True)
+class Request:
+    """What the driver asks; each is answered with a `Played`, an `ErrorReply`, or None when there is nothing to say."""
+
+    verb: Literal["execute", "recover"]
+    trajectory: Trajectory | None = None
+    tolerance_rad: float = 0.0
+
+
+class ControlLoop:
+    """One connection to one robot.
+
+    Args:
+        franka: the module ``pylibfranka``. ``gone``: tells that nobody listens any more.
+    """
+
+    def __init__(self, franka: Any, settings: Fr3Settings, block: Block, gone: Callable[[], bool]) -> None:
+        self._franka, self._block, self._gone = franka, block, gone
+        enforce = settings.realtime == "enforce"
+        realtime = franka.RealtimeConfig.kEnforce if enforce else franka.RealtimeConfig.kIgnore
+        self._robot = franka.Robot(settings.address, realtime)
+        _configure(self._robot, settings)
+        self._lost_cycles = 0
+        self.idle()
+
+    def idle(self) -> None:
+        """One cycle without a motion: keep the state fresh."""
+        self._publish(self._robot.read_once())
+
+    def recover(self) -> None:
+        """Clear a reflex; takes 50 ms to some seconds. Nothing moves."""
+        self._block.say_busy(True)
+        try:
+            self._robot.automatic_error_recovery()
+        finally:
+            self.idle()
+            self._block.say_busy(False)
+
+    def play(self, trajectory: Trajectory, tolerance_rad: float) -> Played:
+        """Stream ``trajectory`` and return when the arm rests. Raises: what libfranka raises; MotionRefused."""
+        player = Player(trajectory, self._block)
+        control = self._robot.start_joint_position_control(self._franka.ControllerMode.JointImpedance)
+        state, _ = control.readOnce()
+        try:
+            command = player.begin(state, tolerance_rad)
+        except MotionRefused:
+            self._finish(control, np.array(state.q_d))
+            raise
+        while True:
+            control.writeOnce(self._positions(command))
+            state, period = control.readOnce()
+            self._publish(state)
+            ticks = max(1, round(period.to_sec() / TICK_S))  # by the robot's time, which knows of lost cycles
+            self._lost_cycles += ticks - 1
+            following = player.advance(ticks, state)
+            if following is None:
+                break
+            command = following
+            if len(player.commanded) % _LOOK_TICKS == 0 and self._gone():
+                player.brake()
+        self._finish(control, command)
+        self.idle()
+        return player.played(self._robot.read_once())
+
+    def _finish(self, control: Any, command: Any) -> None:
+        last = self._positions(command)
+        last.motion_finished = True
+        control.writeOnce(last)
+
+    def _positions(self, command: Any) -> Any:
+        return self._franka.JointPositions(command.tolist())
+
+    def _publish(self, state: Any) -> None:
+        self._block.write(time.time_ns(), state, self._lost_cycles)
+
+
+def _configure(robot: Any, settings: Fr3Settings) -> None:
+    torque_nm, wrench = list(settings.collision_torque_nm), list(settings.collision_wrench)
+    robot.set_collision_behavior(torque_nm, torque_nm, wrench, wrench)
+    robot.set_joint_impedance(list(settings.joint_stiffness_nm_rad))
+    load = settings.load
+    robot.set_load(load.mass_kg, list(load.flange_from_center_m), np.diag(load.inertia_kg_m2).ravel().tolist())
+
+
+def _be_punctual() -> None:
+    """Run before all others, from memory that is never swapped out. Raises: DriverUnavailable where not allowed."""
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
+    except PermissionError as error:
+        raise DriverUnavailable(
+            "The arm's control process may not run at real-time priority.",
+            "Add `@realtime - rtprio 99` and `@realtime - memlock unlimited` to /etc/security/limits.conf, join that"
+            " group and log in again (`cell doctor`).",
+        ) from error
+    if ctypes.CDLL(None, use_errno=True).mlockall(_MCL_CURRENT_AND_FUTURE) != 0:
+        raise DriverUnavailable(
+            f"Memory cannot be locked: {os.strerror(ctypes.get_errno())}.", "Raise memlock in limits.conf, as above."
+        )
+
+
+def open_loop(settings: Fr3Settings, block: Block, gone: Callable[[], bool]) -> ControlLoop:
+    """Connect and configure. Raises: DriverUnavailable, with what to do."""
+    try:
+        franka = importlib.import_module("pylibfranka")
+    except ImportError as error:
+        raise DriverUnavailable(
+            f"pylibfranka cannot be imported: {error}.",
+            "uv pip install -e '.[fr3]'; it has wheels for Python 3.11 and 3.12.",
+        ) from error
+    if settings.realtime == "enforce":
+        _be_punctual()
+    try:
+        return ControlLoop(franka, settings, block, gone)
+    except raised_by(franka) as error:
+        raise connect_error(error, settings.address) from error
+
+
+def serve(requests: Connection, block: Block) -> int:
+    """Answer requests until the driver is gone, or the robot; returns the exit code."""
+    settings = Fr3Settings.model_validate_json(requests.recv())
+
+    try:
+        loop = open_loop(settings, block, gone=requests.poll)  # nothing is asked during a motion: it is the end
+    except CellError as error:
+        requests.send(error_reply(error))
+        return error.exit_code
+    requests.send(None)
+    gc.freeze()
+    gc.disable()
+    return _serve(loop, requests)
+
+
+def _serve(loop: ControlLoop, requests: Connection) -> int:
+    lost = raised_by(importlib.import_module("pylibfranka"))
+    while True:
+        try:
+            if requests.poll():
+                requests.send(_answer(loop, requests.recv()))
+                gc.collect()
+            loop.idle()
+        except (EOFError, BrokenPipeError, ConnectionResetError):
+            return 0
+        except lost as error:
+            print(f"fr3: {motion_error(error)}", file=sys.stderr)  # noqa: T201
+            return 1
+
+
+def _answer(loop: ControlLoop, request: Request) -> Played | ErrorReply | None:
+    faults = raised_by(importlib.import_module("pylibfranka"))
+    try:
+        if request.trajectory is not None:
+            return loop.play(request.trajectory, request.tolerance_rad)
+        loop.recover()
+    except CellError as error:
+        return error_reply(error)
+    except faults as error:
+        failure = error_reply(motion_error(error))
+    else:
+        return None
+    loop.idle()  # whoever hears of it sees the mode that came of it
+    return failure
