@@ -13,6 +13,7 @@ import pytest
 from bus.session import Bus
 from config.load import load_station
 from config.schema import Station
+from drivers.faulty import FaultyArm, FaultyCamera, FaultyHand
 from drivers.interface import Arm, Camera, Devices, Feeder, Hand
 from drivers.node import Node
 from drivers.registry import open_devices
@@ -39,11 +40,19 @@ def _remote(station: Station, stack: ExitStack, endpoint: str) -> Devices:
     return Devices(*parts)
 
 
+def _faulty(station: Station, _stack: ExitStack, _endpoint: str) -> Devices:
+    """The simulated devices, wrapped by faults that are not there."""
+    real = open_devices("sim", station)
+    assert real.camera is not None and real.arm is not None and real.hand is not None
+    return Devices(FaultyCamera(real.camera), FaultyArm(real.arm), FaultyHand(real.hand), real.feeder)
+
+
 Opener = Callable[[Station, ExitStack, str], Devices]
 ALL = {"camera", "arm", "hand"}
 IMPLEMENTATIONS: dict[str, tuple[Opener, set[str]]] = {
     "sim": (_simulated, ALL),
     "remote": (_remote, ALL),
+    "faulty": (_faulty, ALL),
 }
 
 
