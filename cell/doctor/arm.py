@@ -81,8 +81,10 @@ def latency(station: Station, port: int = DESK_PORT, slowest_s: float = _SLOWEST
         return skip(name, "No node uses the driver fr3.")
     if ip is None or is_this_machine(ip):
         return skip(name, "No network to be measured.")
-    if _is_elsewhere(ip) or is_connected(ip, FCI_PORT):
-        return skip(name, "Not measured: the arm is not on a network of this machine, or a program is driving it.")
+    if _is_elsewhere(ip):
+        return skip(name, f"Not measured: {ip} is not on a network of this machine (see above).")
+    if is_connected(ip, FCI_PORT):
+        return skip(name, "Not measured while a program of this machine drives the arm.")
     trips_s = _round_trips_s(ip, port)
     if not trips_s:
         return skip(name, f"{station.fr3.address} does not answer.")
