@@ -21,6 +21,7 @@ from cell.batch import Batch
 from cell.build import running_cell
 from cell.console import Screen
 from cell.daemon import Daemon
+from cell.doctor import examine
 from cell.machine import refuse
 from cell.replay import replay_file
 from config.load import DEFAULT_STATION, load_station
@@ -236,6 +237,13 @@ def cycles(
 def show_config(config: Config = DEFAULT_STATION, overrides: Set = None) -> None:
     """Print the whole configuration, defaults included, as JSON."""
     _print_json(load_station(config, overrides or []).model_dump_json(indent=2))
+
+
+@app.command()
+def doctor(config: Config = DEFAULT_STATION, overrides: Set = None, as_json: Json = False) -> None:
+    """Check this machine and the station's devices before the first start. Exit 0 nothing to fix, 1 something is."""
+    if not examine.report(load_station(config, overrides or []), _out, as_json=as_json):
+        raise typer.Exit(1)
 
 
 @app.command()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bus.errors import StaleFrame
+from bus.errors import DeviceLost, StaleFrame
 from bus.messages import Observation, View
 from drivers.interface import Arm, Camera
 from planning.robot import Robot
@@ -12,15 +12,22 @@ from planning.robot import Robot
 _REST_RAD = 2e-3
 
 
-def capture(camera: Camera, arm: Arm, robot: Robot) -> Observation:
+def capture(camera: Camera, arm: Arm, robot: Robot, newer_than_ns: int = 0) -> Observation:
     """A frame and the pose of the colour camera in ``base`` when it was exposed.
 
-    Raises: StaleFrame when the arm moved meanwhile (the pose would be wrong), and whatever the devices raise.
+    Raises:
+        StaleFrame: the arm moved meanwhile (the pose would be wrong), or the frame is not ``newer_than_ns``.
+        DeviceLost: the arm does not know where it is. And whatever else the devices raise.
     """
     before = arm.state()
     frame = camera.capture()
     after = arm.state()
+    if frame.stamp_ns <= newer_than_ns:
+        late_s = (newer_than_ns - frame.stamp_ns) / 1e9
+        raise StaleFrame(f"The camera shows an old frame: {late_s:.1f} s before the oldest that would do.")
     moved_rad = float(np.abs(after.q_rad - before.q_rad).max())
+    if not np.isfinite(moved_rad):
+        raise DeviceLost("The arm reports a position that is not a finite number.", "Restart its node.")
     if moved_rad > _REST_RAD:
         raise StaleFrame(f"The arm moved by {moved_rad:.4f} rad during the exposure.", "Capture while it rests.")
     view = View(stamp_ns=frame.stamp_ns, arm=after, base_from_color=robot.base_from_color(after.q_rad))

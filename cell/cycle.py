@@ -89,6 +89,7 @@ class Cycle:
     failure: Failure | None = None
     verdict: Verdict | None = None
     _plan: PickPlan | None = None
+    _seen_ns: int = 0
     _started_s: float = field(default_factory=time.monotonic)
 
     def run(self) -> None:
@@ -161,8 +162,12 @@ class Cycle:
         self.say(topics.MODEL_REPLY, reply)
 
     def _observe(self) -> Observation:
+        """What the camera sees now, and not what it showed before. Raises: StaleFrame."""
         e = self.equipment
-        return capture(e.camera, e.arm, e.robot)
+        oldest_ns = time.time_ns() - round(e.station.camera.max_age_s * 1e9)
+        seen = capture(e.camera, e.arm, e.robot, max(oldest_ns, self._seen_ns))
+        self._seen_ns = seen.frame.stamp_ns
+        return seen
 
     def _look(self) -> Observation:
         """The capture stage; its record holds the view, the frame travels as images."""

@@ -8,7 +8,7 @@ from typing import TypeVar
 import numpy as np
 
 from bus.codes import Code
-from bus.errors import CycleFailure
+from bus.errors import CycleFailure, HandFault
 from bus.messages import Delivery, Execution, Grasp, HandState, Observation, PickPlan, SegmentName, SegmentRun
 from bus.trajectory import TICK_S, Trajectory
 from cell.gate import Gate
@@ -17,12 +17,15 @@ from drivers.interface import Arm, Hand
 
 DoneT = TypeVar("DoneT")
 
+_WIDTH_SLACK_M = 0.005
+"""A measured width may lie so far outside the hand's range; what lies farther no hand has."""
+
 
 class _Runner:
     """Runs motions one after the other, each through the gate, until one is stopped; keeps what was measured."""
 
-    def __init__(self, arm: Arm, hand: Hand, gate: Gate) -> None:
-        self._arm, self._hand, self._gate = arm, hand, gate
+    def __init__(self, arm: Arm, hand: Hand, gate: Gate, widest_m: float) -> None:
+        self._arm, self._hand, self._gate, self._widest_m = arm, hand, gate, widest_m
         self.runs: list[SegmentRun] = []
         self.stopped_in: str | None = None
 
@@ -41,10 +44,20 @@ class _Runner:
         motion = self.move(name, lambda: self._arm.execute(trajectory))
         if motion is None:
             return False
-        self.runs.append(SegmentRun.model_validate({"name": name, "motion": motion, "hand": self._hand.state()}))
+        self.runs.append(SegmentRun.model_validate({"name": name, "motion": motion, "hand": self._read_hand()}))
         if not motion.finished:
             self.stopped_in = name
         return motion.finished
+
+    def _read_hand(self) -> HandState:
+        """Raises: HandFault for a width that no hand has."""
+        state = self._hand.state()
+        if not -_WIDTH_SLACK_M <= state.width_m <= self._widest_m + _WIDTH_SLACK_M:
+            raise HandFault(
+                f"The hand reports a width of {state.width_m * 1e3:.1f} mm; it opens to {self._widest_m * 1e3:.0f} mm.",
+                "Home it, or correct hand.max_width_m.",
+            )
+        return state
 
     def run_part(self, plan: PickPlan, name: SegmentName) -> bool:
         return self.run(name, _part(plan, name))
@@ -64,7 +77,7 @@ def execute(
         What happened, and the second observation (None when stopped before it).
     """
     arm, hand = devices
-    runner = _Runner(arm, hand, gate)
+    runner = _Runner(arm, hand, gate, station.hand.max_width_m)
     grasped: HandState | None = None
     after: Observation | None = None
     runner.move("open", lambda: hand.move(grasp.opening_m, station.hand.speed_m_s))
@@ -99,7 +112,7 @@ def deliver(plan: PickPlan, devices: tuple[Arm, Hand], station: Station, gate: G
     Raises: CycleFailure(STOPPED) when a stop interrupted it.
     """
     arm, hand = devices
-    runner = _Runner(arm, hand, gate)
+    runner = _Runner(arm, hand, gate, station.hand.max_width_m)
     released: HandState | None = None
     if runner.run_part(plan, "place"):
         released = runner.move("release", lambda: hand.move(station.hand.max_width_m, station.hand.speed_m_s))

@@ -198,7 +198,7 @@ class Works:
                 hand.stop()
                 if time.monotonic() > give_up_s:
                     raise CycleFailure(Code.INTERNAL, f"The cycle still runs {_STOP_PATIENCE_S:.0f} s after the stop.")
-            while (speed_rad_s := float(np.abs(arm.state().dq_rad_s).max())) > _REST_RAD_S:
+            while not (speed_rad_s := float(np.abs(arm.state().dq_rad_s).max())) <= _REST_RAD_S:  # nan is no rest
                 if time.monotonic() > give_up_s:
                     raise CycleFailure(Code.INTERNAL, f"The arm still moves at {speed_rad_s:.2f} rad/s after the stop.")
                 time.sleep(0.01)

@@ -77,6 +77,8 @@ def _require_ready(state: ArmState, trajectory: Trajectory, tolerance_rad: float
         raise MotionRefused(
             f"The arm is not idle: it reports {state.mode.value}.", "Wait, stop it or recover it first."
         )
+    if not (np.isfinite(state.q_rad).all() and np.isfinite(state.dq_rad_s).all()):
+        raise MotionRefused("The arm reports a position or speed that is not a finite number.", "Restart its node.")
     away = np.abs(trajectory.start_q_rad - state.q_rad)
     if not (away <= tolerance_rad).all():
         joint = int(np.argmax(away))

@@ -7,12 +7,25 @@ from pathlib import Path
 import pytest
 
 from bus.errors import ConfigError
-from config.load import load_station, station_from, station_hash
+from config.load import DEFAULT_STATION, load_station, station_from, station_hash
 
 
 def test_the_default_station_is_the_simulated_cell() -> None:
     station = load_station()
     assert station.cell_id == "sim" and station.simulated
+
+
+@pytest.mark.parametrize("file", sorted(DEFAULT_STATION.parent.glob("*.toml")), ids=lambda file: file.stem)
+def test_every_station_file_loads(file: Path) -> None:
+    assert load_station(file).cell_id
+
+
+def test_the_lab_is_real_slow_and_strict() -> None:
+    station = load_station(DEFAULT_STATION.with_name("lab.toml"))
+    assert not station.simulated
+    assert {node.driver for node in station.nodes.values()} == {"fr3", "panda_hand", "femto_mega"}
+    assert station.fr3.realtime == "enforce" and station.fr3.load.mass_kg > 0 and station.arm.speed <= 0.25
+    assert station.fr3.address == station.panda_hand.address and station.femto_mega.address is not None
 
 
 def test_overrides_take_toml_values_and_bare_text() -> None:

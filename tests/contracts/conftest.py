@@ -13,6 +13,7 @@ import pytest
 from bus.session import Bus
 from config.load import load_station
 from config.schema import Station
+from drivers.faulty import FaultyArm, FaultyCamera, FaultyHand
 from drivers.fr3.arm import Fr3Arm
 from drivers.interface import Arm, Camera, Devices, Feeder, Hand
 from drivers.node import Node
@@ -50,6 +51,13 @@ def _panda_hand(station: Station, stack: ExitStack, _endpoint: str) -> Devices:
     return Devices(hand=PandaHand(franka_station(station, stack)))
 
 
+def _faulty(station: Station, _stack: ExitStack, _endpoint: str) -> Devices:
+    """The simulated devices, wrapped by faults that are not there."""
+    real = open_devices("sim", station)
+    assert real.camera is not None and real.arm is not None and real.hand is not None
+    return Devices(FaultyCamera(real.camera), FaultyArm(real.arm), FaultyHand(real.hand), real.feeder)
+
+
 Opener = Callable[[Station, ExitStack, str], Devices]
 ALL = {"camera", "arm", "hand"}
 IMPLEMENTATIONS: dict[str, tuple[Opener, set[str]]] = {
@@ -57,6 +65,7 @@ IMPLEMENTATIONS: dict[str, tuple[Opener, set[str]]] = {
     "remote": (_remote, ALL),
     "fr3": (_fr3, {"arm"}),
     "panda_hand": (_panda_hand, {"hand"}),
+    "faulty": (_faulty, ALL),
 }
 
 

@@ -1,0 +1,93 @@
+"""How the doctor asks the network: never for long, and leaving nothing open."""
+
+from __future__ import annotations
+
+import ipaddress
+import queue
+import socket
+import struct
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeVar
+
+AnswerT = TypeVar("AnswerT")
+
+REACH_S = 1.0
+"""What has not answered a TCP connection by then counts as not there."""
+CONNECTIONS, ROUTES = Path("/proc/net/tcp"), Path("/proc/net/route")
+_ESTABLISHED, _LISTEN = "01", "0A"
+
+
+def answer_within(seconds: float, ask: Callable[[], AnswerT]) -> AnswerT | None:
+    """What ``ask`` returns; None when it has not by then (it then ends by itself) or raised an OSError."""
+    answers: queue.SimpleQueue[AnswerT | None] = queue.SimpleQueue()
+
+    def work() -> None:
+        try:
+            answers.put(ask())
+        except OSError:
+            answers.put(None)
+
+    threading.Thread(target=work, daemon=True).start()
+    try:
+        return answers.get(timeout=seconds)
+    except queue.Empty:
+        return None
+
+
+def ip_of(address: str) -> str | None:
+    """The IPv4 address behind a name, or None when nobody knows it."""
+    return answer_within(REACH_S, lambda: socket.gethostbyname(address))
+
+
+def is_this_machine(ip: str) -> bool:
+    """Whether it is a loopback address: of a simulator."""
+    return ipaddress.ip_address(ip).is_loopback
+
+
+def obstacle(address: str, port: int) -> str:
+    """Why no TCP connection opens, or "" when one does; it is closed again at once."""
+    try:
+        with socket.create_connection((address, port), REACH_S):
+            return ""
+    except TimeoutError:
+        return f"does not answer within {REACH_S:.0f} s"
+    except ConnectionRefusedError:
+        return "refuses the connection"
+    except OSError as error:
+        return f"cannot be reached ({error.strerror or error})"
+
+
+def is_connected(ip: str, port: int, table: Path = CONNECTIONS) -> bool:
+    """Whether some program of this machine has a TCP connection to there."""
+    return (_hex(ip, port), _ESTABLISHED) in {(row[2], row[3]) for row in _rows(table)}
+
+
+def is_listening(ip: str, port: int, table: Path = CONNECTIONS) -> bool:
+    """Whether some program of this machine accepts TCP connections there."""
+    local = {(row[1], row[3]) for row in _rows(table)}
+    return any((_hex(one, port), _LISTEN) in local for one in (ip, "0.0.0.0"))
+
+
+def _rows(table: Path) -> list[list[str]]:
+    return [line.split() for line in table.read_text().splitlines()[1:]]
+
+
+def _hex(ip: str, port: int) -> str:
+    return f"{socket.inet_aton(ip)[::-1].hex().upper()}:{port:04X}"
+
+
+def way_to(ip: str, routes: Path = ROUTES) -> tuple[str, bool] | None:
+    """The interface that leads there, and whether through a router: the most specific of the kernel's routes."""
+    if is_this_machine(ip):
+        return "lo", False
+    there = struct.unpack("<I", socket.inet_aton(ip))[0]
+    rows = [line.split() for line in routes.read_text().splitlines()[1:]] if routes.exists() else []
+    ways = [
+        (int(row[7], 16), row[0], int(row[2], 16) != 0) for row in rows if there & int(row[7], 16) == int(row[1], 16)
+    ]
+    if not ways:
+        return None
+    _, interface, gateway = max(ways, key=lambda way: way[0].bit_count())
+    return interface, gateway

@@ -1,0 +1,132 @@
+"""Checks of what else must be reached: camera, hosted model, the bus, and nodes that run elsewhere."""
+
+from __future__ import annotations
+
+import os
+import socket
+from collections.abc import Mapping
+from importlib import import_module
+from urllib.parse import urlsplit
+from urllib.request import getproxies
+
+from bus.errors import BusError
+from cell import client
+from cell.doctor.finding import Finding, fix, ok, skip, uses
+from cell.doctor.network import answer_within, ip_of, is_connected, obstacle, way_to
+from config.schema import Station
+
+CAMERA_PORT = 8090
+_ASK_CELL_S = 3.0
+_SERVERS = {"openai": "https://api.openai.com", "gemini": "https://generativelanguage.googleapis.com"}
+
+
+# --- the camera -------------------------------------------------------------------------------------------------------
+
+
+def camera(station: Station, port: int = CAMERA_PORT) -> Finding:
+    name, address = "camera", station.femto_mega.address
+    if not uses(station, "femto_mega"):
+        return skip(name, "No node uses the driver femto_mega.")
+    if address is None:
+        return skip(name, "It has no fixed address: its node looks for it by its serial number.")
+    ip = ip_of(address)
+    if ip is None:
+        return fix(name, f"Nobody knows the address {address!r}.", "Set femto_mega.address.")
+    if trouble := "" if is_connected(ip, port) else obstacle(ip, port):
+        advice = (
+            "Power on and cable? Is this machine's address in the same network (as delivered the camera has"
+            " 192.168.1.10)? Else set femto_mega.address."
+        )
+        return fix(name, f"{address}, port {port} {trouble}.", advice)
+    way = way_to(ip)
+    behind = f", but from behind the router on {way[0]}: is it really the camera?" if way and way[1] else ""
+    return ok(name, f"{address}, port {port}: answers{behind}")
+
+
+# --- the hosted model -------------------------------------------------------------------------------------------------
+
+
+def model_key(station: Station, environ: Mapping[str, str] = os.environ) -> Finding:
+    """Whether the key is set; it is never shown."""
+    name, model, hosted = "model key", station.perception.model, station.perception.hosted
+    if model not in _SERVERS:
+        return skip(name, f"The model {model!r} runs on this machine and needs none.")
+    unnamed = [role for role in ("text_model", "image_model") if not getattr(hosted, role)]
+    if unnamed:
+        return fix(name, f"perception.hosted.{unnamed[0]} is not set.", f"Name a model as in config/{model}.toml.")
+    variable = hosted.key_variable or str(import_module(f"perception.models.{model}").KEY_VARIABLE)
+    if not environ.get(variable):
+        advice = f"export {variable}=...   (a server of your own takes any text)"
+        return fix(name, f"The environment variable {variable} is not set.", advice)
+    return ok(name, f"{variable} is set; models {hosted.text_model} and {hosted.image_model}")
+
+
+def model_server(station: Station, proxies: Mapping[str, str] | None = None) -> Finding:
+    name, model = "model server", station.perception.model
+    if model not in _SERVERS:
+        return skip(name, f"The model {model!r} runs on this machine.")
+    url = urlsplit(station.perception.hosted.base_url or _SERVERS[model])
+    host, port = url.hostname or "", url.port or (80 if url.scheme == "http" else 443)
+    if url.scheme in (getproxies() if proxies is None else proxies):
+        return skip(name, f"{host} is reached through a proxy.")
+    trouble = "is not known to anybody" if ip_of(host) is None else obstacle(host, port)
+    if trouble:
+        advice = "Check this machine's network and perception.hosted.base_url; the embedded model needs no server."
+        return fix(name, f"{host}, port {port} {trouble}.", advice)
+    return ok(name, f"{host}, port {port}: answers")
+
+
+# --- the bus, and who is on it ----------------------------------------------------------------------------------------
+
+
+def _running(station: Station) -> tuple[str, list[str]] | None:
+    """The state and the live nodes of the cell that runs at the station's endpoint; None when no cell answers."""
+
+    def ask() -> tuple[str, list[str]] | None:
+        try:
+            with client.connect(station) as cell:
+                return str(cell.state().state), cell.nodes()
+        except BusError:
+            return None
+
+    return answer_within(_ASK_CELL_S, ask)
+
+
+def _is_free(endpoint: str) -> str:
+    """Why nothing can listen at ``endpoint``, or ""."""
+    host, _, port = endpoint.removeprefix("tcp/").rpartition(":")
+    host = host.strip("[]")
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    try:
+        with socket.socket(family) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind((host, int(port)))
+    except (OSError, OverflowError) as error:
+        return str(getattr(error, "strerror", None) or error)
+    return ""
+
+
+def bus(station: Station) -> Finding:
+    name, endpoint = "bus", station.bus.endpoint
+    taken = _is_free(endpoint)
+    if not taken:
+        return ok(name, f"{endpoint} is free for this cell")
+    running = _running(station)
+    if running is not None:
+        return ok(name, f"The cell {station.cell_id!r} is running at {endpoint}: {running[0]}")
+    advice = "Set bus.endpoint to a free port, e.g. tcp/127.0.0.1:7448, or end the program (ss -ltnp names it)."
+    return fix(name, f"{endpoint} cannot be used ({taken}), and no cell {station.cell_id!r} answers there.", advice)
+
+
+def nodes(station: Station) -> Finding:
+    name, outside = "nodes elsewhere", [one for one, node in station.nodes.items() if node.run == "elsewhere"]
+    if not outside:
+        return skip(name, "All nodes are started by the cell itself.")
+    if not _is_free(station.bus.endpoint):
+        return skip(name, f"No cell is running; once it is, start {', '.join(outside)} with `cell node`.")
+    running = _running(station)
+    missing = [one for one in outside if running is None or one not in running[1]]
+    if missing:
+        advice = "; ".join(f"cell node {one} --config ..." for one in missing)
+        return fix(name, f"Not up: {', '.join(missing)}.", advice)
+    return ok(name, f"Up: {', '.join(outside)}")
