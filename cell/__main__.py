@@ -255,7 +255,7 @@ def node(
 ) -> None:
     """Serve one driver node on the bus (for nodes with run = "elsewhere"; the daemon runs the others)."""
     if supervised:
-        raise typer.Exit(nodes.serve_supervised(name, sys.stdin, sys.stdout))
+        raise typer.Exit(nodes.serve_supervised(name, sys.stdin, nodes.own_stdout()))
     station: Station = load_station(config, overrides or [])
     nodes.serve_until_interrupted(name, station)
 

@@ -124,6 +124,13 @@ def _line_within(stream: IO[str], timeout_s: float) -> str:
         return stream.readline() if selector.select(timeout_s) else ""
 
 
+def own_stdout() -> IO[str]:
+    """This process's stdout for our own lines only: what vendors' libraries print there goes to stderr from now on."""
+    ours = os.fdopen(os.dup(sys.stdout.fileno()), "w")
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+    return ours
+
+
 def serve_supervised(name: str, stdin: IO[str], stdout: IO[str]) -> int:
     """The child's side: read the station, serve node ``name``, end when stdin closes. Returns the exit code."""
     station = station_from(json.loads(stdin.readline()))

@@ -174,7 +174,6 @@ class _Process:
                 [sys.executable, "-m", "drivers.fr3", str(theirs.fileno()), str(self.block.descriptor)],
                 pass_fds=(theirs.fileno(), self.block.descriptor),
                 stdin=subprocess.DEVNULL,
-                stdout=sys.stderr.fileno(),  # a node's own stdout speaks to its supervisor
             )
         self._requests = Connection(os.dup(ours.fileno()))
         ours.close()

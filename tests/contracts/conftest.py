@@ -20,6 +20,7 @@ from drivers.node import Node
 from drivers.panda_hand import PandaHand
 from drivers.registry import open_devices
 from drivers.remote import RemoteArm, RemoteCamera, RemoteFeeder, RemoteHand
+from tests.stand_ins.femto_mega.process import femto_mega
 from tests.stand_ins.franka import franka_station
 
 
@@ -58,18 +59,23 @@ def _faulty(station: Station, _stack: ExitStack, _endpoint: str) -> Devices:
     return Devices(FaultyCamera(real.camera), FaultyArm(real.arm), FaultyHand(real.hand), real.feeder)
 
 
+def _femto_mega(station: Station, stack: ExitStack, _endpoint: str) -> Devices:
+    return Devices(camera=femto_mega(stack))
+
+
 Opener = Callable[[Station, ExitStack, str], Devices]
 ALL = {"camera", "arm", "hand"}
 IMPLEMENTATIONS: dict[str, tuple[Opener, set[str]]] = {
     "sim": (_simulated, ALL),
     "remote": (_remote, ALL),
+    "femto_mega": (_femto_mega, {"camera"}),
     "fr3": (_fr3, {"arm"}),
     "panda_hand": (_panda_hand, {"hand"}),
     "faulty": (_faulty, ALL),
 }
 
 
-REAL_TIME = {"fr3", "panda_hand"}
+REAL_TIME = {"femto_mega", "fr3", "panda_hand"}
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:

@@ -4,6 +4,34 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from contextlib import ExitStack
+from importlib.util import find_spec
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import pytest
+
+from config.hardware import FemtoMegaSettings
+from drivers.femto_mega.camera import FemtoMega
+
+
+def no_extensions() -> Path:
+    """An empty folder for the SDK's extensions: their licence is for Orbbec's own cameras. Skips without the SDK."""
+    if find_spec("pyorbbecsdk") is None:
+        pytest.skip("no Femto Mega: pyorbbecsdk is not installed: `just stand-ins` does it (Python up to 3.13)")
+    return _empty
+
+
+def femto_mega(stack: ExitStack, **settings: Any) -> FemtoMega:
+    """The driver, not yet connected, of a stand-in that runs as long as ``stack``."""
+    extensions = no_extensions()
+    fake = stack.enter_context(FakeFemtoMega())
+    return FemtoMega(FemtoMegaSettings(address=fake.host, **settings), extensions)
+
+
+_folder = TemporaryDirectory(prefix="no-extensions-")
+_empty = Path(_folder.name)  # one for the process, as the SDK's context is
 
 
 class FakeFemtoMega:

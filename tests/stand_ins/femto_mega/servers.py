@@ -82,9 +82,7 @@ def control(device: Device) -> Callable[[socket.socket], None]:
                 continue
             error, payload = _answer(device, opcode, body)
             payload += bytes(len(payload) % 2)
-            connection.sendall(
-                struct.pack("<5H", _RESPONSE, 1 + len(payload) // 2, opcode, number, error) + payload
-            )
+            connection.sendall(struct.pack("<5H", _RESPONSE, 1 + len(payload) // 2, opcode, number, error) + payload)
 
     return serve
 
@@ -135,12 +133,13 @@ class Rtsp:
         stream = connection.makefile("rb")
         sending, ended = threading.Lock(), threading.Event()
         try:
-            while (line := stream.readline()) != b"":
-                if line.startswith(b"$"):  # RTCP from the client
-                    head = (line + stream.read(max(0, 4 - len(line))))[:4]
-                    stream.read(struct.unpack(">H", head[2:4])[0] - (len(line) - 4 if len(line) > 4 else 0))
+            while (first := stream.read(1)) != b"":
+                if first == b"$":  # RTCP from the client
+                    _, length = struct.unpack(">BH", stream.read(3))
+                    stream.read(length)
                     continue
-                self._request(connection, line.decode(), _headers(stream), sending, ended)
+                line = (first + stream.readline()).decode()
+                self._request(connection, line, _headers(stream), sending, ended)
         finally:
             ended.set()
 

@@ -1,0 +1,1 @@
+"""The Orbbec Femto Mega, through Orbbec's own SDK."""

@@ -1,0 +1,238 @@
+"""One connection to one camera: everything that touches Orbbec's SDK.
+
+The SDK crashes the process on a None where it expects an object, holds Python's lock while it connects, and hands back
+a dead device as long as anything of it is still referenced. So nothing of it leaves this file, and `Session.close`
+drops all of it.
+"""
+
+from __future__ import annotations
+
+import functools
+import gc
+import importlib
+import logging
+import socket
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bus.arrays import Transform
+from bus.errors import DriverUnavailable
+from bus.messages import CameraModel
+from config.hardware import FemtoMegaSettings
+
+_log = logging.getLogger(__name__)
+_PORT = 8090
+_PROBE_S = 1.0
+_ORBBEC, _FEMTO_MEGAS = 0x2BC5, (0x0669, 0x06C0)
+_DEPTH, _COLOR = (640, 576, 30), (1280, 720, 30)
+_CABLE = "Check its power, the gigabit cable and femto_mega.address; `cell doctor` looks for it."
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Colour and depth of one exposure, copied out of the SDK.
+
+    Attributes:
+        number: the device's count of depth frames.
+        device_us, global_us: start of the exposure by the camera's clock, and as UTC by the SDK's fit (0 = none yet).
+        arrived_ns: UTC, here.
+        depth_mm: (576, 640) uint16, 0 = invalid. ``scale_mm``: of one unit of it.
+    """
+
+    number: int
+    device_us: int
+    global_us: int
+    arrived_ns: int
+    jpeg: bytes
+    depth_mm: np.ndarray
+    scale_mm: float
+
+
+class Session:
+    """Opened and streaming. Raises: DriverUnavailable, with what to do; nothing stays open then.
+
+    Args:
+        open_device: other than by address or serial number, from the SDK's context (a playback, in tests).
+    """
+
+    def __init__(
+        self,
+        settings: FemtoMegaSettings,
+        extensions: Path | None = None,
+        open_device: Callable[[Any, Any], Any] | None = None,
+    ) -> None:
+        self._sdk, context = _sdk_and_context(extensions)
+        self._pipeline: Any = None
+        self._device: Any = None
+        self.faults = (self._sdk.OBError, RuntimeError)
+        try:
+            self._device = open_device(self._sdk, context) if open_device else _open(self._sdk, context, settings)
+            self._start()
+        except self.faults as error:
+            self.close()
+            raise DriverUnavailable(f"The Femto Mega cannot be used: {_said(error)}.", _CABLE) from error
+        except DriverUnavailable:
+            self.close()
+            raise
+
+    # --- streaming ----------------------------------------------------------------------------------------------------
+
+    def _start(self) -> None:
+        sdk = self._sdk
+        self._pipeline = sdk.Pipeline(self._device)
+        depth = self._profile(sdk.OBSensorType.DEPTH_SENSOR, _DEPTH, sdk.OBFormat.Y16)
+        color = self._profile(sdk.OBSensorType.COLOR_SENSOR, _COLOR, sdk.OBFormat.MJPG)
+        self.depth_camera, self.color_camera = _camera_model(depth), _camera_model(color)
+        self.color_from_depth = _pose(depth.get_extrinsic_to(color))
+        config = sdk.Config()
+        config.enable_stream(depth)
+        config.enable_stream(color)
+        config.set_frame_aggregate_output_mode(sdk.OBFrameAggregateOutputMode.FULL_FRAME_REQUIRE)
+        self._pipeline.enable_frame_sync()
+        self._pipeline.start(config)
+        self.fit_clock()
+
+    def _profile(self, sensor: Any, wanted: tuple[int, int, int], encoding: Any) -> Any:
+        width, height, fps = wanted
+        profiles = self._pipeline.get_stream_profile_list(sensor)
+        try:
+            return profiles.get_video_stream_profile(width, height, encoding, fps)
+        except self.faults as error:
+            count = profiles.get_count() if hasattr(profiles, "get_count") else len(profiles)
+            there = [profiles.get_stream_profile_by_index(index).as_video_stream_profile() for index in range(count)]
+            listed = ", ".join(sorted({f"{p.get_width()}x{p.get_height()}@{p.get_fps()}" for p in there}))
+            raise DriverUnavailable(
+                f"The camera has no {width}x{height}@{fps} {encoding.name}; it has {listed}.", "Update its firmware."
+            ) from error
+
+    def next(self, patience_s: float) -> Pair | None:
+        """The newest pair, or None when none came in time; older ones that had queued up are dropped."""
+        frames = self._pipeline.wait_for_frames(int(patience_s * 1000))
+        while frames is not None:
+            newer = self._pipeline.wait_for_frames(1)
+            if newer is None:
+                break
+            frames = newer
+        return None if frames is None else pair_of(frames)
+
+    def fit_clock(self) -> None:
+        """Let the SDK fit the camera's clock to ours, from now on; a playback has no clock."""
+        with suppress(*self.faults):
+            self._device.enable_global_timestamp(False)
+            self._device.enable_global_timestamp(True)
+
+    def fix_exposure(self) -> None:
+        """Keep the exposure that auto-exposure found."""
+        automatic = self._sdk.OBPropertyID.OB_PROP_COLOR_AUTO_EXPOSURE_BOOL
+        if self._device.is_property_supported(automatic, self._sdk.OBPermissionType.PERMISSION_WRITE):
+            self._device.set_bool_property(automatic, False)
+
+    def temperatures_c(self) -> dict[str, float]:
+        """By name, e.g. ``ir_temperature_c``; empty when the camera does not answer."""
+        try:
+            felt = self._device.get_temperature()
+        except self.faults as error:
+            _log.warning("the camera's temperature cannot be read: %s", _said(error))
+            return {}
+        named = {"cpu": felt.cpu_temperature, "ir": felt.ir_temperature, "laser": felt.laser_temperature}
+        return {f"{name}_temperature_c": float(value) for name, value in named.items()}
+
+    def close(self) -> None:
+        """Stop and drop every reference; idempotent."""
+        pipeline, self._pipeline, self._device = self._pipeline, None, None
+        if pipeline is not None:
+            with suppress(*self.faults):
+                pipeline.stop()
+        del pipeline
+        gc.collect()
+
+
+def pair_of(frames: Any) -> Pair | None:
+    """A frame set, copied out; None when it lacks colour or depth."""
+    depth, color = frames.get_depth_frame(), frames.get_color_frame()
+    if depth is None or color is None:
+        return None
+    height, width = depth.get_height(), depth.get_width()
+    return Pair(
+        number=depth.get_index(),
+        device_us=depth.get_timestamp_us(),
+        global_us=depth.get_global_timestamp_us(),
+        arrived_ns=time.time_ns(),
+        jpeg=np.asarray(color.get_data()).tobytes(),
+        depth_mm=np.frombuffer(np.asarray(depth.get_data()).tobytes(), "<u2").reshape(height, width),
+        scale_mm=float(depth.get_depth_scale()),
+    )
+
+
+# --- opening ----------------------------------------------------------------------------------------------------------
+
+
+@functools.cache
+def _sdk_and_context(extensions: Path | None) -> tuple[Any, Any]:
+    """The SDK and its one context, kept for as long as the process lives."""
+    try:
+        sdk = importlib.import_module("pyorbbecsdk")
+    except ImportError as error:
+        raise DriverUnavailable(
+            f"pyorbbecsdk cannot be imported: {error}.",
+            "uv pip install -e '.[femto]'; it has wheels for Python up to 3.13.",
+        ) from error
+    sdk.Context.set_logger_to_file(sdk.OBLogLevel.NONE, "")  # else ./Log grows to 300 MB
+    sdk.Context.set_logger_to_console(sdk.OBLogLevel.NONE)
+    if extensions is not None:
+        sdk.Context.set_extensions_directory(str(extensions))
+    return sdk, sdk.Context()
+
+
+def _open(sdk: Any, context: Any, settings: FemtoMegaSettings) -> Any:
+    if settings.address is not None:
+        _probe(settings.address)
+        context.enable_net_device_enumeration(False)
+        device = context.create_net_device(settings.address, _PORT)
+    elif settings.serial is not None:
+        device = context.query_devices().get_device_by_serial_number(settings.serial)
+    else:
+        raise DriverUnavailable("Which camera is not said.", "Set femto_mega.address or femto_mega.serial.")
+    info = device.get_device_info()
+    if (info.get_vid(), info.get_pid()) not in [(_ORBBEC, product) for product in _FEMTO_MEGAS]:
+        raise DriverUnavailable(f"{info.get_name()} is no Femto Mega.", "Correct femto_mega.address.")
+    if settings.serial is not None and info.get_serial_number() != settings.serial:
+        raise DriverUnavailable(
+            f"At {settings.address} is the camera {info.get_serial_number()}, not {settings.serial}.",
+            "Correct femto_mega.address or femto_mega.serial; another camera needs a calibration of its own.",
+        )
+    return device
+
+
+def _probe(address: str) -> None:
+    """The SDK would wait 26 s for a camera that is not there, and hold Python's lock meanwhile."""
+    try:
+        socket.create_connection((address, _PORT), _PROBE_S).close()
+    except OSError as error:
+        raise DriverUnavailable(f"No camera answers at {address}: {error}.", _CABLE) from error
+
+
+def _camera_model(profile: Any) -> CameraModel:
+    lens, bent = profile.get_intrinsic(), profile.get_distortion()
+    distortion = (bent.k1, bent.k2, bent.p1, bent.p2, bent.k3, bent.k4, bent.k5, bent.k6)
+    return CameraModel(
+        width=lens.width, height=lens.height, fx=lens.fx, fy=lens.fy, cx=lens.cx, cy=lens.cy, distortion=distortion
+    )
+
+
+def _pose(extrinsic: Any) -> Transform:
+    """``color_from_depth``; the device's single precision made an exact rotation."""
+    u, _, vt = np.linalg.svd(np.asarray(extrinsic.rot, dtype=float).reshape(3, 3))
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = u @ vt, np.asarray(extrinsic.transform, dtype=float).ravel() / 1000.0
+    return pose
+
+
+def _said(error: Exception) -> str:
+    return " ".join(str(error).split()).rstrip(".")
