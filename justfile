@@ -27,6 +27,10 @@ sim *args: setup
 stand-ins: setup
     @./setup.sh stand-ins
 
+# Run one pick of the lab's drivers against stand-ins of its devices; more arguments go to `cell start`
+stand-in *args: stand-ins
+    uv run python -m tests.stand_ins.cell --cycles 1 "$@"
+
 # Run the tests; more arguments go to pytest
 test *args: setup
     @./setup.sh stand-ins || echo "test: tests of the real drivers that need the above will be skipped" >&2

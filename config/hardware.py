@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
@@ -67,6 +68,7 @@ class FemtoMegaSettings(Settings):
         serial: its serial number; with an address it is checked.
         settle_frames: so many frames pass, at least, before the first one is used (auto-exposure).
         fixed_exposure: keep the exposure that auto-exposure found.
+        extensions: folder of the SDK's extension libraries, whose licence is for Orbbec's cameras only; None = its own.
         lost_after_s: without a frame for so long the camera counts as lost, and is connected anew.
     """
 
@@ -74,6 +76,7 @@ class FemtoMegaSettings(Settings):
     serial: str | None = None
     settle_frames: Annotated[int, Field(ge=1, le=300)] = 20
     fixed_exposure: bool = False
+    extensions: Path | None = None
     lost_after_s: Annotated[Finite, Field(gt=0.2, le=30)] = 0.8
 
     @model_validator(mode="after")

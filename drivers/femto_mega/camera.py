@@ -7,7 +7,6 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -40,14 +39,10 @@ class _Seen:
 
 
 class FemtoMega:
-    """Depth 640x576 (NFOV unbinned) and colour 1280x720, both at 30 Hz and of one moment.
+    """Depth 640x576 (NFOV unbinned) and colour 1280x720, both at 30 Hz and of one moment."""
 
-    Args:
-        extensions: folder of the SDK's extension libraries; None = those it came with.
-    """
-
-    def __init__(self, settings: FemtoMegaSettings, extensions: Path | None = None) -> None:
-        self._settings, self._extensions = settings, extensions
+    def __init__(self, settings: FemtoMegaSettings) -> None:
+        self._settings = settings
         self._reader: threading.Thread | None = None
         self._ending = threading.Event()
         self._news = threading.Condition()  # guards what follows
@@ -120,7 +115,7 @@ class FemtoMega:
     # --- the reading thread -------------------------------------------------------------------------------------------
 
     def _open(self) -> Session:
-        return Session(self._settings, self._extensions)
+        return Session(self._settings)
 
     def _read(self) -> None:
         """Until close: read, and open again whenever the camera was silent for too long."""

@@ -6,7 +6,8 @@ from collections import deque
 
 _KEPT = 60
 _FEWEST = 10
-_JUMP_US = 100_000
+_JUMP_US = 500_000
+"""More than any delay on the way here varies by."""
 _ROUND_TRIP_NS = 1_000_000
 """What half a round trip to the camera may hide in every sample."""
 

@@ -64,10 +64,9 @@ class Session:
     def __init__(
         self,
         settings: FemtoMegaSettings,
-        extensions: Path | None = None,
         open_device: Callable[[Any, Any], Any] | None = None,
     ) -> None:
-        self._sdk, context = _sdk_and_context(extensions)
+        self._sdk, context = _sdk_and_context(settings.extensions)
         self._pipeline: Any = None
         self._device: Any = None
         self.faults = (self._sdk.OBError, RuntimeError)

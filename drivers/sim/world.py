@@ -146,6 +146,11 @@ class World:
             self._hand_target_m = width_m / 2
             self.model.actuator_forcerange[self._hand_actuator] = (-2 * force_n, 2 * force_n)
 
+    def pose_robot(self, q_rad: Joints, width_m: float) -> None:
+        """Put arm and fingers there at once, at rest: to mirror a robot that is elsewhere."""
+        with self.lock:
+            self._set_arm(q_rad, width_m / 2)
+
     def arm(self) -> tuple[Joints, Joints, Joints]:
         """Measured positions, velocities, and external torques of the arm."""
         with self.lock:

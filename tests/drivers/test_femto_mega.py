@@ -30,7 +30,7 @@ def fake() -> Iterator[FakeFemtoMega]:
 
 @pytest.fixture
 def camera(fake: FakeFemtoMega) -> Iterator[FemtoMega]:
-    camera = FemtoMega(FemtoMegaSettings(address=fake.host, serial=SERIAL), no_extensions())
+    camera = FemtoMega(FemtoMegaSettings(address=fake.host, serial=SERIAL, extensions=no_extensions()))
     camera.connect()
     yield camera
     camera.close()
@@ -127,7 +127,7 @@ def test_it_reports_temperatures_and_rate(camera: FemtoMega) -> None:
 
 
 def test_another_serial_number_is_refused(fake: FakeFemtoMega) -> None:
-    other = FemtoMega(FemtoMegaSettings(address=fake.host, serial="CL2X99999999"), no_extensions())
+    other = FemtoMega(FemtoMegaSettings(address=fake.host, serial="CL2X99999999", extensions=no_extensions()))
     with pytest.raises(DriverUnavailable, match=f"{SERIAL}, not CL2X99999999"):
         other.connect()
 
@@ -136,13 +136,13 @@ def test_nobody_at_the_address_is_said_at_once() -> None:
     no_extensions()
     started_s = time.monotonic()
     with pytest.raises(DriverUnavailable, match=r"No camera answers at 127\.0\.0\.22.*femto_mega\.address"):
-        FemtoMega(FemtoMegaSettings(address="127.0.0.22"), no_extensions()).connect()
+        FemtoMega(FemtoMegaSettings(address="127.0.0.22", extensions=no_extensions())).connect()
     assert time.monotonic() - started_s < 2
 
 
 def test_without_address_and_serial_it_asks_for_one() -> None:
     with pytest.raises(DriverUnavailable, match=r"Set femto_mega\.address or femto_mega\.serial"):
-        FemtoMega(FemtoMegaSettings(), no_extensions()).connect()
+        FemtoMega(FemtoMegaSettings(extensions=no_extensions())).connect()
 
 
 # --- its clock --------------------------------------------------------------------------------------------------------

@@ -38,7 +38,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Session]:
     path: Path = tmp_path_factory.mktemp("bag") / "still.bag"
     color = np.full((720, 1280, 3), 90, np.uint8)
     write_bag(path, [(color, _dotted_depth_mm())] * 20, COLOR, DEPTH, COLOR_FROM_DEPTH)
-    session = Session(FemtoMegaSettings(), extensions, lambda sdk, _: sdk.PlaybackDevice(str(path)))
+    session = Session(FemtoMegaSettings(extensions=extensions), lambda sdk, _: sdk.PlaybackDevice(str(path)))
     yield session
     session.close()
 

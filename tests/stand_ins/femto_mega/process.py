@@ -27,7 +27,7 @@ def femto_mega(stack: ExitStack, **settings: Any) -> FemtoMega:
     """The driver, not yet connected, of a stand-in that runs as long as ``stack``."""
     extensions = no_extensions()
     fake = stack.enter_context(FakeFemtoMega())
-    return FemtoMega(FemtoMegaSettings(address=fake.host, **settings), extensions)
+    return FemtoMega(FemtoMegaSettings(address=fake.host, extensions=extensions, **settings))
 
 
 _folder = TemporaryDirectory(prefix="no-extensions-")
@@ -39,15 +39,15 @@ class FakeFemtoMega:
 
     Args:
         host: its own loopback address, because the ports are fixed.
-        module: what is run: a module that takes the host as its argument and serves.
+        module: what is run, with the host as its argument, and further ones.
     """
 
-    def __init__(self, host: str = "127.0.0.20", module: str = "tests.stand_ins.femto_mega") -> None:
-        self.host, self._module = host, module
+    def __init__(self, host: str = "127.0.0.20", module: str = "tests.stand_ins.femto_mega", *further: str) -> None:
+        self.host, self._command = host, [sys.executable, "-m", module, host, *further]
 
     def __enter__(self) -> FakeFemtoMega:
         self._process = subprocess.Popen(
-            [sys.executable, "-m", self._module, self.host], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+            self._command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True
         )
         self._expect("serving")
         return self

@@ -1,0 +1,87 @@
+"""A Femto Mega stand-in whose pictures are of the simulated table, with the arm where a running cell's arm is.
+
+``python -m tests.stand_ins.mirror HOST ENDPOINT CELL_ID``
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+import time
+from collections.abc import Iterator
+
+import numpy as np
+from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
+
+from bus import topics
+from bus.codec import decode
+from bus.errors import BusError
+from bus.messages import HandState
+from bus.session import Bus, Heard
+from config.load import load_station
+from drivers.sim.camera import SimCamera
+from drivers.sim.world import World
+from tests.stand_ins.femto_mega.__main__ import serve
+from tests.stand_ins.femto_mega.device import Exposure
+
+_PERIOD_S = 0.1
+_SAME_RAD = 1e-3
+
+
+class Mirror:
+    """What the cell's arm and hand were last heard to do."""
+
+    def __init__(self) -> None:
+        station = load_station()
+        self.q_rad = np.array(station.arm.capture_q_rad)
+        self.width_m = station.hand.max_width_m
+
+    def hear_arm(self, heard: Heard) -> None:
+        joints = JointStates.FromString(heard.payload).joints
+        self.q_rad = np.array([joint.position for joint in joints])
+
+    def hear_hand(self, heard: Heard) -> None:
+        self.width_m = decode(HandState, heard.payload).width_m
+
+
+def exposures(mirror: Mirror) -> Iterator[Exposure]:
+    """The table, ten times a second where drawing it is that fast; drawn anew when the arm has moved."""
+    world = World(load_station())
+    camera = SimCamera(world)
+    camera.connect()
+    drawn_q_rad, last = mirror.q_rad + 1.0, None
+    while True:
+        taken_s, q_rad = time.monotonic(), mirror.q_rad
+        if last is None or np.abs(q_rad - drawn_q_rad).max() > _SAME_RAD:
+            world.pose_robot(q_rad, mirror.width_m)
+            frame = camera.capture()
+            depth_mm = np.nan_to_num(frame.depth_m * 1000).round().astype(np.uint16)
+            drawn_q_rad, last = q_rad, Exposure(frame.color, depth_mm, taken_s)
+        yield Exposure(last.color, last.depth_mm, taken_s)
+        time.sleep(max(0.0, taken_s + _PERIOD_S - time.monotonic()))
+
+
+def listen(mirror: Mirror, endpoint: str, cell_id: str) -> Bus:
+    """Join the cell as soon as it is there."""
+    while True:
+        try:
+            bus = Bus.join(cell_id, endpoint)
+        except BusError:
+            time.sleep(0.2)
+            continue
+        bus.subscribe(topics.ARM_STATE.key, mirror.hear_arm)
+        bus.subscribe(topics.HAND_STATE.key, mirror.hear_hand)
+        return bus
+
+
+def main(host: str, endpoint: str, cell_id: str) -> None:
+    os.nice(10)  # drawing must not make the arm's commands late
+    os.environ["LP_NUM_THREADS"] = "1"  # Mesa's software driver would take every core
+    mirror = Mirror()
+    threading.Thread(target=listen, args=(mirror, endpoint, cell_id), daemon=True).start()
+    serve(host, exposures(mirror))
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
