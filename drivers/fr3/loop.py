@@ -13,6 +13,7 @@ import os
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from typing import Any, Literal
@@ -31,6 +32,7 @@ from drivers.fr3.player import Played, Player
 _LOOK_TICKS = 50
 """How often a motion looks whether the driver is still there."""
 _PRIORITY = 80
+_NICE = -10
 _MCL_CURRENT_AND_FUTURE = 3
 
 
@@ -145,6 +147,9 @@ def open_loop(settings: Fr3Settings, block: Block, gone: Callable[[], bool]) -> 
         ) from error
     if settings.realtime == "enforce":
         _be_punctual()
+    else:
+        with suppress(PermissionError):  # at least before what is less urgent
+            os.nice(_NICE)
     try:
         return ControlLoop(franka, settings, block, gone)
     except raised_by(franka) as error:

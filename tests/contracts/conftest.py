@@ -10,6 +10,7 @@ from contextlib import ExitStack
 
 import pytest
 
+from bus.messages import ArmMode
 from bus.session import Bus
 from config.load import load_station
 from config.schema import Station
@@ -103,6 +104,8 @@ def devices(request: pytest.FixtureRequest, station: Station, new_endpoint: Call
 def arm(devices: Devices) -> Iterator[Arm]:
     assert devices.arm is not None
     devices.arm.connect()
+    if devices.arm.state().mode is ArmMode.REFLEX:  # of a test that is tried again
+        devices.arm.recover()
     yield devices.arm
 
 
