@@ -20,6 +20,7 @@
     │   ├── ArmReflex            the arm stopped itself; needs recover()
     │   ├── HandFault            the hand did not do what was asked
     │   └── StaleFrame           the camera gave no fresh frame
+    ├── CalibrationError      1  a calibration has no good result
     └── CycleFailure          1  a stage of the cycle ended it: .code from bus.codes
 """
 
@@ -130,6 +131,10 @@ class HandFault(DriverError):
 
 class StaleFrame(DriverError):
     code = "STALE_FRAME"
+
+
+class CalibrationError(CellError):
+    code = "CALIBRATION"
 
 
 class CycleFailure(CellError):

@@ -16,7 +16,7 @@ from rich.console import Console
 from bus.commands import CommandRequest
 from bus.errors import CellError
 from bus.messages import CycleResult
-from cell import client, nodes
+from cell import calibrate, client, nodes
 from cell.batch import Batch
 from cell.build import running_cell
 from cell.console import Screen
@@ -38,6 +38,7 @@ app = typer.Typer(
     rich_markup_mode="rich",
     epilog="Exit codes: 0 done, 1 the robot failed (code printed), 2 usage or configuration, 3 refused, 4 unreachable.",
 )
+app.add_typer(calibrate.app, name="calibrate")
 _out = Console(highlight=False, soft_wrap=True)
 _SETTLED = {"Stopped", "Idle", "Complete", "Aborted"}
 _ENDED = {"Stopped", "Aborted"}

@@ -12,6 +12,7 @@ from typing import Annotated, Literal
 from pydantic import Field, field_validator, model_validator
 
 from config.base import Chunk, Finite, Fraction, JointVector, NonNegative, Positive, Settings, Vector
+from config.calibration import CalibrationSettings
 from config.hardware import FemtoMegaSettings, Fr3Settings, PandaHandSettings
 
 
@@ -330,6 +331,8 @@ class SimSettings(Settings):
         pace: 0 = as fast as possible, in lockstep; 1 = real time.
         friction: sliding friction of the finger pads on objects.
         objects: folder of ``<name>/object.xml`` MJCF objects; None = the paper's five, built in.
+        board: the calibration board lies on the table, and no object does.
+        mounting_error_mm, mounting_error_deg: how far the camera really sits from where the station says, somewhere.
         clutter: 0 = every cycle brings one object; n = the pick region is filled once, with n.
     """
 
@@ -338,6 +341,9 @@ class SimSettings(Settings):
     seed: int = 0
     objects: Path | None = None
     clutter: Annotated[int, Field(ge=0, le=20)] = 0
+    board: bool = False
+    mounting_error_mm: NonNegative = 0.0
+    mounting_error_deg: NonNegative = 0.0
     depth_noise: NonNegative = 1.0
     """Scale of the Femto Mega noise model; 0 = perfect depth."""
 
@@ -357,6 +363,7 @@ class Station(Settings):
     planning: PlanningSettings = PlanningSettings()
     verify: VerifySettings = VerifySettings()
     sim: SimSettings = SimSettings()
+    calibration: CalibrationSettings = CalibrationSettings()
     fr3: Fr3Settings = Fr3Settings()
     panda_hand: PandaHandSettings = PandaHandSettings()
     femto_mega: FemtoMegaSettings = FemtoMegaSettings()

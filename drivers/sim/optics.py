@@ -14,7 +14,7 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from bus.messages import CameraModel
-from config.schema import Station
+from config.schema import SimSettings, Station
 
 COLOR = CameraModel(
     width=1280, height=720, fx=746.5, fy=746.3, cx=640.4, cy=361.2,
@@ -73,9 +73,20 @@ DEPTH_PINHOLE = _pinhole(DEPTH, 2.0)  # its pixels are picked, not blended: dept
 FOVY_DEG = {"color": COLOR_PINHOLE.fovy_deg, "depth": DEPTH_PINHOLE.fovy_deg}
 
 
+def _mounting_error(sim: SimSettings) -> npt.NDArray[np.float64]:
+    """In a direction, and about an axis, that only the seed knows."""
+    shift, axis = np.random.default_rng([sim.seed % 2**64, 5]).normal(size=(2, 3))
+    turn_rad = np.deg2rad(sim.mounting_error_deg) * axis / np.linalg.norm(axis)
+    error = np.eye(4)
+    error[:3, :3] = Rotation.from_rotvec(turn_rad).as_matrix()
+    error[:3, 3] = sim.mounting_error_mm / 1e3 * shift / np.linalg.norm(shift)
+    return error
+
+
 def hand_from_cameras(station: Station) -> dict[str, npt.NDArray[np.float64]]:
-    """Poses of both lenses in the hand, from the mounting of the colour lens."""
+    """Poses of both lenses in the hand, from the mounting of the colour lens and its error."""
     hand_from_color = np.eye(4)
     hand_from_color[:3, :3] = Rotation.from_quat(station.camera.hand_from_color_wxyz, scalar_first=True).as_matrix()
     hand_from_color[:3, 3] = station.camera.hand_from_color_position_m
+    hand_from_color = hand_from_color @ _mounting_error(station.sim)
     return {"color": hand_from_color, "depth": hand_from_color @ COLOR_FROM_DEPTH}

@@ -11,6 +11,7 @@ import numpy as np
 
 from config.scene import scene_boxes
 from config.schema import Box, Station
+from drivers.sim.board import lay_board
 from drivers.sim.objects import add_object
 
 ARM_JOINTS = tuple(f"fr3_joint{index}" for index in range(1, 8))
@@ -57,6 +58,8 @@ def compose(
     spec.visual.headlight.specular = (0.0,) * 3
     _prepare_robot(spec, station)
     _furnish(spec, station)
+    if station.sim.board:
+        lay_board(spec, station.calibration)
     for name, pose in hand_from_camera.items():
         _add_camera(spec.body("hand"), name, pose, fovy_deg[name])
     for index, (body_name, object_name) in enumerate(objects.items()):

@@ -51,8 +51,10 @@ class World:
         self._paced_s: tuple[float, float] = (0.0, 0.0)
         clutter, seed = station.sim.clutter, station.sim.seed
         filling = {f"{OBJECT}-{index}": name_in_order(self.names, seed, index) for index in range(clutter)}
-        self._load(filling or {OBJECT: self.names[0]})
+        self._load({} if station.sim.board else filling or {OBJECT: self.names[0]})
         self._set_arm(self._q_command_rad, self._hand_target_m)
+        if station.sim.board:
+            return
         if filling:
             self._fill(seed)
         else:
@@ -89,6 +91,8 @@ class World:
         Raises: ConfigError for an unknown object, or when the table was filled with several; DriverError when it does
             not come to rest inside the pick region.
         """
+        if self.station.sim.board:
+            raise ConfigError("The calibration board lies on the table: no object is presented.", "sim.board = false")
         if self.station.sim.clutter > 0:
             raise ConfigError("The table was filled with several objects: none is presented.", "Set sim.clutter = 0.")
         if name not in self.names:

@@ -1,0 +1,42 @@
+"""The ChArUco board on the simulated table."""
+
+from __future__ import annotations
+
+import cv2
+import mujoco
+import numpy as np
+
+from bus.errors import ConfigError
+from config.calibration import CalibrationSettings
+
+_PIXELS_PER_M = 4000.0
+_THICK_M = 0.002
+
+
+def lay_board(spec: mujoco.MjSpec, settings: CalibrationSettings) -> None:
+    """Add it to the world, face up, its middle at ``board_center_m``."""
+    number = getattr(cv2.aruco, settings.dictionary, None)
+    if number is None:
+        raise ConfigError(f"OpenCV has no marker dictionary {settings.dictionary!r}.", "Take DICT_5X5_100, say.")
+    dictionary = cv2.aruco.getPredefinedDictionary(number)
+    board = cv2.aruco.CharucoBoard(settings.squares, settings.square_m, settings.marker_m, dictionary)
+    width, height = (round(side * _PIXELS_PER_M) for side in settings.size_m)
+    grey = board.generateImage((width, height))
+    texture = spec.add_texture(name="board", type=mujoco.mjtTexture.mjTEXTURE_2D, width=width, height=height)
+    texture.nchannel = 3
+    texture.data = np.repeat(grey[..., None], 3, axis=-1).tobytes()
+    material = spec.add_material(name="board", specular=0.0, shininess=0.0, reflectance=0.0)
+    material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "board"
+    half_x, half_y = (side / 2 for side in settings.size_m)
+    x, y, z = settings.board_center_m
+    yaw = settings.board_yaw_rad / 2
+    spec.worldbody.add_geom(
+        name="board",
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=[half_x, half_y, _THICK_M / 2],
+        pos=[x, y, z + _THICK_M / 2],
+        quat=[np.cos(yaw), 0.0, 0.0, np.sin(yaw)],
+        material="board",
+        contype=0,
+        conaffinity=0,
+    )

@@ -1,0 +1,75 @@
+"""Where to look at a calibration board from: many directions, each reached without touching anything."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import islice
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from bus.arrays import Joints, Transform
+from bus.errors import CalibrationError
+from config.schema import Station
+from planning.candidates import configurations
+from planning.robot import HAND_FROM_TCP_M, hand_from_color
+from planning.scene import Scene
+
+_DISTANCES_M = (0.42, 0.50)
+_TILTS_DEG = (0.0, 15.0, 28.0)
+_AROUND_DEG = (0.0, 120.0, 240.0, 60.0, 180.0, 300.0)
+_ROLLS_DEG = (0.0, 35.0, -35.0)
+_EXAMINED = 12
+
+
+def vantages(scene: Scene, station: Station, q_from_rad: Joints) -> list[Joints]:
+    """As many arm configurations as `calibration.poses`, each looking at the board's middle from another direction.
+
+    Raises: CalibrationError when fewer than 12 can be reached.
+    """
+    wanted, found = station.calibration.poses, []
+    q_rad = q_from_rad
+    for base_from_color in islice(_looks(station), 4 * wanted):
+        reached = _reached(scene, station, base_from_color, q_rad)
+        if reached is not None:
+            found.append(reached)
+            q_rad = reached
+        if len(found) == wanted:
+            return found
+    if len(found) < 12:
+        raise CalibrationError(
+            f"The arm reaches only {len(found)} places to look at the board from; 12 are needed.",
+            "Lay the board nearer to the middle of the arm's reach and correct calibration.board_center_m.",
+        )
+    return found
+
+
+def _looks(station: Station) -> Iterator[Transform]:
+    """Poses of the colour camera, spread over directions, distances and turns about the view."""
+    settings = station.calibration
+    center_m = np.array(settings.board_center_m)
+    turn = 0
+    for around_deg in (*_AROUND_DEG, *(angle + 30.0 for angle in _AROUND_DEG)):
+        for tilt_deg in _TILTS_DEG[1:] if turn else _TILTS_DEG:
+            distance_m = _DISTANCES_M[turn % len(_DISTANCES_M)]
+            roll_deg = _ROLLS_DEG[turn % len(_ROLLS_DEG)]
+            turn += 1
+            # straight down, image up = base x, as from the capture pose
+            level = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+            tilt = Rotation.from_euler("zy", [around_deg, tilt_deg], degrees=True).as_matrix()
+            untwist = Rotation.from_euler("z", -around_deg, degrees=True).as_matrix()
+            roll = Rotation.from_euler("z", roll_deg, degrees=True).as_matrix()
+            pose = np.eye(4)
+            pose[:3, :3] = tilt @ untwist @ level @ roll
+            pose[:3, 3] = center_m - distance_m * pose[:3, 2]
+            yield pose
+
+
+def _reached(scene: Scene, station: Station, base_from_color: Transform, q_from_rad: Joints) -> Joints | None:
+    hand_from_tcp = np.eye(4)
+    hand_from_tcp[2, 3] = HAND_FROM_TCP_M
+    base_from_tcp = base_from_color @ np.linalg.inv(hand_from_color(station.camera)) @ hand_from_tcp
+    for q_rad, _ in islice(configurations([base_from_tcp], q_from_rad), _EXAMINED):
+        if scene.touch(q_rad, station.hand.max_width_m) is None:
+            return q_rad
+    return None
