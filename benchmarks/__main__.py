@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
-from benchmarks import alignment, detection, grasps, models, planning
+from benchmarks import alignment, calibration, detection, grasps, models, planning
 from benchmarks.drifted import REGIMES
 from bus.commands import CommandRequest
 from bus.errors import CellError
@@ -115,6 +115,15 @@ def planning_(
 ) -> None:
     """Picks among boxes, known or only seen: solved, CPU time [ms], limits, collisions, stops; and plain libraries."""
     typer.echo(json.dumps(planning.run(scenes, seed, _teller(as_json))))
+
+
+@app.command(name="calibrate")
+def calibrate_(
+    seeds: Annotated[int, typer.Option(min=1)] = 5,
+    as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
+) -> None:
+    """Hand-eye calibration with the simulated camera 15 mm and 3 degrees from where it should be: error left."""
+    typer.echo(json.dumps(calibration.run(seeds, _teller(as_json))))
 
 
 def _teller(quiet: bool) -> Callable[[str], None]:

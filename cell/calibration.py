@@ -83,7 +83,7 @@ class Surveyor:
             off_px=rms_px,
             worst_px=float(off.max()),
             off_mm=rms_px / camera.fx * _distance_m(sightings, mounting, self._station) * 1e3,
-            depth_off_mm=_depth_off_mm(frames[0], sightings[0]),
+            depth_off_mm=_depth_off_mm(frames, sightings),
         )
 
     def _vantages(self) -> list[Joints]:
@@ -125,9 +125,13 @@ def _distance_m(sightings: Sequence[Sighting], mounting: Transform, station: Sta
     return float(np.mean([np.linalg.norm(eye - station.calibration.board_center_m) for eye in eyes]))
 
 
-def _depth_off_mm(frame: Frame, sighting: Sighting) -> float:
-    """Measured minus expected depth, over the board's corners in one view."""
-    pixels, expected_m = corners_in_color(sighting, frame.color_camera)
-    u, v = np.rint(pixels).astype(int).T
-    measured_m = register(frame).depth_m[v, u]
-    return float(np.nanmean(measured_m - expected_m) * 1e3) if np.isfinite(measured_m).any() else float("nan")
+def _depth_off_mm(frames: Sequence[Frame], sightings: Sequence[Sighting]) -> float:
+    """Measured minus expected depth, over the board's corners in all views; NaN where the camera is too near for it."""
+    off_m = []
+    for frame, sighting in zip(frames, sightings, strict=True):
+        pixels, expected_m = corners_in_color(sighting, frame.color_camera)
+        u, v = np.rint(pixels).astype(int).T
+        off_m.append(register(frame).depth_m[v, u] - expected_m)
+    measured_m = np.concatenate(off_m)
+    measured_m = measured_m[np.isfinite(measured_m)]
+    return float(measured_m.mean() * 1e3) if len(measured_m) else float("nan")

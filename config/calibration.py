@@ -28,7 +28,7 @@ class CalibrationSettings(Settings):
     board_yaw_rad: Finite = 0.0
     poses: Annotated[int, Field(ge=12, le=60)] = 15
     max_rms_px: Positive = 1.0
-    max_off_px: Positive = 3.0
+    max_off_px: Positive = 1.0
 
     @model_validator(mode="after")
     def _marker_in_square(self) -> CalibrationSettings:

@@ -15,7 +15,7 @@ from planning.candidates import configurations
 from planning.robot import HAND_FROM_TCP_M, hand_from_color
 from planning.scene import Scene
 
-_DISTANCES_M = (0.42, 0.50)
+_DISTANCES_M = (0.45, 0.58)
 _TILTS_DEG = (0.0, 15.0, 28.0)
 _AROUND_DEG = (0.0, 120.0, 240.0, 60.0, 180.0, 300.0)
 _ROLLS_DEG = (0.0, 35.0, -35.0)
@@ -56,7 +56,7 @@ def _looks(station: Station) -> Iterator[Transform]:
             turn += 1
             # straight down, image up = base x, as from the capture pose
             level = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-            tilt = Rotation.from_euler("zy", [around_deg, tilt_deg], degrees=True).as_matrix()
+            tilt = Rotation.from_euler("ZY", [around_deg, tilt_deg], degrees=True).as_matrix()
             untwist = Rotation.from_euler("z", -around_deg, degrees=True).as_matrix()
             roll = Rotation.from_euler("z", roll_deg, degrees=True).as_matrix()
             pose = np.eye(4)

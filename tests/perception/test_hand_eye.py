@@ -1,0 +1,121 @@
+"""Hand-eye calibration from synthetic views with noise, and what it refuses."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from bus.errors import CalibrationError, ConfigError
+from config.calibration import CalibrationSettings
+from drivers.sim.optics import COLOR
+from perception.calibrate import Sighting, board_image, charuco_board, corners_in_color, hand_eye, off_px, sight
+
+SETTINGS = CalibrationSettings()
+CORNERS_M = np.asarray(charuco_board(SETTINGS).getChessboardCorners(), dtype=float)
+
+
+def pose(turn_deg: tuple[float, float, float], position_m: tuple[float, float, float]) -> np.ndarray:
+    matrix = np.eye(4)
+    matrix[:3, :3] = Rotation.from_euler("xyz", turn_deg, degrees=True).as_matrix()
+    matrix[:3, 3] = position_m
+    return matrix
+
+
+HAND_FROM_COLOR = pose((2.0, -3.0, 91.0), (0.07, 0.01, 0.03))
+BASE_FROM_BOARD = pose((180.0, 0.0, 20.0), (0.45, 0.05, 0.0))
+
+
+def views(seed: int, noise_px: float, count: int = 15, spread_deg: float = 25.0) -> list[Sighting]:
+    """The board from ``count`` directions."""
+    rng = np.random.default_rng(seed)
+    matrix = np.array([[COLOR.fx, 0, COLOR.cx], [0, COLOR.fy, COLOR.cy], [0, 0, 1]])
+    middle = CORNERS_M.mean(axis=0)
+    sightings = []
+    for _ in range(count):
+        turn = Rotation.from_rotvec(np.deg2rad(rng.uniform(-spread_deg, spread_deg, 3))).as_matrix()
+        color_from_board = np.eye(4)
+        color_from_board[:3, :3] = turn
+        color_from_board[:3, 3] = np.array([0.0, 0.0, rng.uniform(0.4, 0.55)]) - turn @ middle
+        rotation, _ = cv2.Rodrigues(turn)
+        pixels, _ = cv2.projectPoints(CORNERS_M, rotation, color_from_board[:3, 3], matrix, np.array(COLOR.distortion))
+        base_from_hand = BASE_FROM_BOARD @ np.linalg.inv(HAND_FROM_COLOR @ color_from_board)
+        noisy = pixels[:, 0] + rng.normal(0.0, noise_px, (len(CORNERS_M), 2))
+        sightings.append(Sighting(base_from_hand, CORNERS_M, noisy))
+    return sightings
+
+
+def apart(a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
+    turn = Rotation.from_matrix(a[:3, :3].T @ b[:3, :3]).magnitude()
+    return float(np.linalg.norm(a[:3, 3] - b[:3, 3]) * 1e3), float(np.rad2deg(turn))
+
+
+def test_without_noise_it_is_exact() -> None:
+    found = hand_eye(views(1, 0.0), COLOR)
+    assert apart(found.hand_from_color, HAND_FROM_COLOR) < (1e-3, 1e-3)
+    assert apart(found.base_from_board, BASE_FROM_BOARD) < (1e-3, 1e-3)
+    assert found.rms_px < 1e-4 and found.spread_mm < 1e-2
+
+
+@settings(max_examples=3)
+@given(seed=st.integers(0, 10_000))
+def test_with_a_third_of_a_pixel_of_noise_it_is_right_to_half_a_millimetre(seed: int) -> None:
+    found = hand_eye(views(seed, 0.33), COLOR)
+    off_mm, off_deg = apart(found.hand_from_color, HAND_FROM_COLOR)
+    assert off_mm < 0.5 and off_deg < 0.3
+    assert 0.3 < found.rms_px < 0.6 and len(found.views_px) == 15
+
+
+def test_a_few_wrong_corners_do_not_carry_it_away() -> None:
+    sightings = views(3, 0.2)
+    pixels = sightings[4].pixels.copy()
+    pixels[:2] += 40.0
+    sightings[4] = Sighting(sightings[4].base_from_hand, sightings[4].board_m, pixels)
+    found = hand_eye(sightings, COLOR)
+    assert apart(found.hand_from_color, HAND_FROM_COLOR)[0] < 1.0
+    assert int(np.argmax(found.views_px)) == 4, "the report names the bad view"
+
+
+def test_too_few_views_are_refused() -> None:
+    with pytest.raises(CalibrationError, match="7 views; 8 are needed"):
+        hand_eye(views(1, 0.0, count=7), COLOR)
+
+
+def test_views_from_one_direction_are_refused() -> None:
+    with pytest.raises(CalibrationError, match="turned by only"):
+        hand_eye(views(1, 0.0, spread_deg=2.0), COLOR)
+
+
+def test_the_check_tells_a_right_calibration_from_one_that_is_off() -> None:
+    sightings = views(5, 0.2)
+    right_px = off_px(sightings, COLOR, HAND_FROM_COLOR).mean()
+    assert right_px < 0.3
+    shifted = HAND_FROM_COLOR @ pose((0.0, 1.0, 0.0), (0.006, 0.0, 0.0))
+    assert off_px(sightings, COLOR, shifted).mean() > 4 * right_px
+
+
+def test_the_printed_board_is_found_in_a_picture_and_a_blank_one_is_none() -> None:
+    image = board_image(SETTINGS, 2000.0)
+    color = np.full((720, 1280, 3), 255, np.uint8)
+    color[100 : 100 + len(image), 300 : 300 + image.shape[1]] = image[..., None]
+    seen = sight(color, np.eye(4), SETTINGS)
+    assert seen is not None and len(seen.pixels) == len(CORNERS_M)
+    expected_px = seen.board_m[:, :2] * 2000.0 + (300, 100)
+    assert np.abs(seen.pixels - expected_px).max() < 1.5
+    assert sight(np.full_like(color, 255), np.eye(4), SETTINGS) is None
+
+
+def test_corners_get_their_depth_from_the_board_s_pose() -> None:
+    (sighting,) = views(2, 0.0, count=1)
+    _, depth_m = corners_in_color(sighting, COLOR)
+    color_from_board = np.linalg.inv(sighting.base_from_hand @ HAND_FROM_COLOR) @ BASE_FROM_BOARD
+    np.testing.assert_allclose(depth_m, (CORNERS_M @ color_from_board[:3, :3].T + color_from_board[:3, 3])[:, 2],
+                               atol=1e-5)  # fmt: skip
+
+
+def test_an_unknown_dictionary_is_refused() -> None:
+    with pytest.raises(ConfigError, match="DICT_NONE"):
+        charuco_board(CalibrationSettings(dictionary="DICT_NONE"))
