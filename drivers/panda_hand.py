@@ -35,7 +35,7 @@ class PandaHand:
         self._gripper: Any = None
         self._homed = self._moving = self._gripping = False
         self._acting = threading.Lock()
-        self._width_m, self._seen_ns = math.nan, 0
+        self._width_m, self._opens_to_m, self._seen_ns = math.nan, math.inf, 0
         self._ending = threading.Event()
         self._poller: threading.Thread | None = None
 
@@ -86,7 +86,10 @@ class PandaHand:
 
     def _ask_width(self) -> None:
         with _mapped():
-            self._width_m = float(self._require().state.width)
+            now = self._require().state
+            self._width_m = float(now.width)
+            if self._homed and now.max_width > 0:
+                self._opens_to_m = float(now.max_width)
         self._seen_ns = time.time_ns()
 
     def _reconnect(self) -> None:
@@ -109,10 +112,11 @@ class PandaHand:
         return self.state()
 
     def move(self, width_m: float, speed_m_s: float) -> HandState:
+        """Each hand opens to a slightly different width, known after homing; fully open means that one."""
         if not (math.isfinite(width_m) and 0 <= width_m <= self._widest_m):
             raise HandFault(f"The hand cannot open to {width_m} m.", f"Ask for 0 to {self._widest_m} m.")
         finger_m_s = _finger_speed(speed_m_s)
-        self._act(lambda gripper: gripper.move(width_m, finger_m_s), gripping=False)
+        self._act(lambda gripper: gripper.move(min(width_m, self._opens_to_m), finger_m_s), gripping=False)
         return self.state()
 
     def grasp(self, force_n: float, speed_m_s: float) -> HandState:
@@ -177,7 +181,7 @@ def _mapped() -> Iterator[None]:
     franky = importlib.import_module("franky")
     try:
         yield
-    except franky.NetworkException as error:
+    except (franky.NetworkException, RuntimeError) as error:  # a dead connection is at times only a "Net Exception"
         raise DeviceLost(f"The hand was lost: {' '.join(str(error).split())}.", _LOST_ADVICE) from error
     except franky.Exception as error:
         said = " ".join(str(error).replace("libfranka gripper:", "").split())
