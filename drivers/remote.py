@@ -79,7 +79,7 @@ class RemoteArm(_Remote):
         self._link().ask(topics.ARM_RESUME, Nothing(), timeout_s=self._timeout_s)
 
     def recover(self) -> None:
-        self._link().ask(topics.ARM_RECOVER, Nothing(), timeout_s=self._timeout_s)
+        self._link().ask(topics.ARM_RECOVER, Nothing(), timeout_s=_MOTION_SLACK_S)  # it may have to connect anew
 
 
 class RemoteHand(_Remote):

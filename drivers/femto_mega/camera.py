@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -26,6 +27,7 @@ _PATIENCE_S = 0.9
 _READY_S = 10.0
 _READ_S = 0.2
 _AGAIN_S = 0.5
+_FEEL_S = 5.0
 _FULL_SCALE = 65535
 _STEADY = 0.05
 _STEADY_FRAMES = 5
@@ -50,6 +52,7 @@ class FemtoMega:
         self._seen: _Seen | None = None
         self._clock = DeviceClock()
         self._counts = {"frames": 0, "dropped_frames": 0, "broken_frames": 0, "reconnects": 0}
+        self._temperatures_c: dict[str, float] = {}
         self._started_s = 0.0
 
     # --- Camera -------------------------------------------------------------------------------------------------------
@@ -95,13 +98,12 @@ class FemtoMega:
     def readings(self) -> dict[str, float]:
         """Temperatures, frame rate, counts, and how well its clock is known."""
         with self._news:
-            session = self._session if self._reader is not None else None
-            if session is None:
+            if self._reader is None or self._session is None:
                 return {}
             counts = {name: float(count) for name, count in self._counts.items()}
             rate = counts.pop("frames") / max(1e-3, time.monotonic() - self._started_s)
             known = {"clock_jumps": float(self._clock.jumps), "stamp_error_ms": self._clock.error_ns / 1e6}
-            return {"frames_per_s": rate, **counts, **known, **session.temperatures_c()}
+            return {"frames_per_s": rate, **counts, **known, **self._temperatures_c}
 
     def _require(self) -> Session | None:
         """The session, None while the camera is lost."""
@@ -133,9 +135,12 @@ class FemtoMega:
         """Until close, or the camera falls silent."""
         settled = _Settled(self._settings.settle_frames, self._fix(session))
         heard_s = time.monotonic()
+        felt_s = -math.inf
         while not self._ending.is_set():
             try:
                 pair = session.next(_READ_S)
+                if pair is not None and time.monotonic() - felt_s > _FEEL_S:  # a silent camera would block for seconds
+                    self._temperatures_c, felt_s = session.temperatures_c(), time.monotonic()
             except session.faults as error:
                 _log.warning("camera: %s", error)
                 return
