@@ -103,7 +103,7 @@ class Fr3Arm:
                 raise MotionRefused(
                     f"The arm may not move: it is in mode {arm_mode(now.mode).value!r}.", advice_of_mode(now.mode)
                 )
-            request = Request("execute", trajectory, self._tolerance_rad)
+            request = Request(trajectory, self._tolerance_rad)
             with self._turn:
                 self._moving = True
                 self._ask(process, Want.PLAY)
@@ -155,7 +155,7 @@ class Fr3Arm:
                 self._process = process = _Process(self._settings.model_dump_json(), self._settings.address)
             mode = arm_mode(process.snapshot().mode)
             if mode is ArmMode.REFLEX:
-                process.answer(Request("recover"))
+                process.answer(Request())
             elif mode not in (ArmMode.IDLE, ArmMode.MOVE):
                 number = process.snapshot().mode
                 raise MotionRefused(f"The arm cannot recover by itself: it is in mode {mode.value!r}.",

@@ -22,7 +22,8 @@ _ADVICE_OF_MODE = {
 _ADVICE_OF_REFLEX = (
     ("communication_constraints", "Commands came too late: a PREEMPT_RT kernel, a direct cable and a CPU governor of"
      " `performance` are needed (`cell doctor`)."),
-    ("discontinuity", "A command broke a limit of the motion: keep this recording, it is a defect of planning."),
+    ("discontinuity", "Commands came late, most likely (`lost_cycles` of the arm's health, `cell doctor`); if none did,"
+     " keep this recording: it is a defect of planning."),
     ("limits_violation", "A joint came to its end: keep this recording, it is a defect of planning."),
     ("self_collision", "The arm nearly touched itself: keep this recording, it is a defect of planning."),
     ("reflex", "The arm touched something: clear it. If there was nothing, raise fr3.collision_torque_nm or correct"

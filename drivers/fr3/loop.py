@@ -9,6 +9,7 @@ from __future__ import annotations
 import ctypes
 import gc
 import importlib
+import itertools
 import os
 import sys
 import time
@@ -16,7 +17,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -38,9 +39,11 @@ _MCL_CURRENT_AND_FUTURE = 3
 
 @dataclass(frozen=True)
 class Request:
-    """What the driver asks; each is answered with a `Played`, an `ErrorReply`, or None when there is nothing to say."""
+    """What the driver asks: play a trajectory, or, without one, recover.
 
-    verb: Literal["execute", "recover"]
+    It is answered with a `Played`, an `ErrorReply`, or None when there is nothing to say.
+    """
+
     trajectory: Trajectory | None = None
     tolerance_rad: float = 0.0
 
@@ -84,7 +87,7 @@ class ControlLoop:
         except MotionRefused:
             self._finish(control, np.array(state.q_d))
             raise
-        while True:
+        for cycle in itertools.count(1):
             control.writeOnce(self._positions(command))
             state, period = control.readOnce()
             self._publish(state)
@@ -94,7 +97,7 @@ class ControlLoop:
             if following is None:
                 break
             command = following
-            if len(player.commanded) % _LOOK_TICKS == 0 and self._gone():
+            if cycle % _LOOK_TICKS == 0 and self._gone():
                 player.brake()
         self._finish(control, command)
         self.idle()
