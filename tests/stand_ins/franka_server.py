@@ -6,6 +6,7 @@ import ctypes
 import logging
 import os
 import signal
+from pathlib import Path
 
 from franka_sim import FrankaSimServer
 
@@ -17,8 +18,9 @@ def main() -> None:
     options.add_argument("--object-width-m", type=float)
     asked = options.parse_args()
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)  # an orphan would keep the ports
-    with contextlib.suppress(PermissionError):
-        os.nice(-10)  # it stands for a robot, which is never late
+    with contextlib.suppress(OSError):  # it stands for a robot, which is never late; only root may ask for that
+        os.nice(-10)
+        Path("/proc/self/autogroup").write_text("-10")
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
     server = FrankaSimServer(
         host="127.0.0.1",
