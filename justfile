@@ -57,10 +57,11 @@ replay *args: setup
 report *args: setup
     uv run cell report "$@"
 
-# Regenerate docs/commands.md from the commands' own help
+# Regenerate docs/commands.md from the commands' own help, docs/states.md from the machine's table
 docs: setup
     uv run typer cell.__main__ utils docs --name cell --title "Commands" --output docs/commands.md
     sed -i -e "s/&#x27;/'/g" -e 's/&gt;/>/g' docs/commands.md
+    uv run python -m docs.states_page
 
 # Resolve the dependencies anew into requirements.lock
 lock:

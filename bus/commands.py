@@ -9,9 +9,6 @@ from pydantic import Field, model_validator
 from bus.arrays import Transform
 from bus.frozen import Message
 
-Verb = Literal["reset", "start", "pick", "stop", "abort", "clear", "hold", "unhold"]
-"""Commands to the cell; an unknown one is refused with this list."""
-
 
 class CommandRequest(Message):
     """A command to the cell, sent as the payload of ``command/{verb}``.

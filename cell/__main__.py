@@ -171,6 +171,10 @@ _simple_command("abort", "Brake now; ends in Aborted. Then: clear, reset, start 
 _simple_command("clear", "Clear an abort; ends in Stopped.")
 _simple_command("hold", "Pause a running cycle: brake on the path and wait there; ends in Held.", {"Held"})
 _simple_command("unhold", "Go on with a held cycle; returns when it runs again.", _RUNS_AGAIN)
+_simple_command(
+    "suspend", "Pause for a reason outside the cell; brakes as hold does; ends in Suspended.", {"Suspended"}
+)
+_simple_command("unsuspend", "Go on with a suspended cycle; returns when it runs again.", _RUNS_AGAIN)
 
 
 @app.command()

@@ -19,7 +19,7 @@ from bus.topics import Topic
 from cell.batch import Batch
 from cell.cycle import Equipment
 from cell.machine import Machine
-from cell.states import COMMANDS, HOLD_STATES, State, available
+from cell.states import COMMANDS, PAUSES, State, available
 from cell.works import Works, new_cycle_id
 from config.schema import Station
 from drivers.interface import Devices
@@ -68,6 +68,8 @@ class Daemon:
                 State.COMPLETING: works.complete,
                 State.HOLDING: works.hold,
                 State.UNHOLDING: works.unhold,
+                State.SUSPENDING: works.hold,
+                State.UNSUSPENDING: works.unhold,
                 State.STOPPING: lambda: works.stop(self.machine.wait_quiet),
                 State.ABORTING: lambda: works.stop(self.machine.wait_quiet),
                 State.CLEARING: works.clear,
@@ -134,7 +136,7 @@ class Daemon:
         if verb in ("stop", "abort"):
             self._batch = None
             self._works.gate.halt()
-        elif verb == "hold":
+        elif verb in ("hold", "suspend"):
             self._works.gate.hold()
         elif verb in ("reset", "clear") and not own:
             self._batch = None
@@ -202,8 +204,8 @@ class Daemon:
 
     def _stage_held(self, state: State) -> str:
         """The stage that a new state leaves open: a hold, and the way back from it, keep the cycle's."""
-        was_held = self._said_state.state in HOLD_STATES and state in COMMANDS["hold"]
-        return self._said_state.stage if was_held or state in HOLD_STATES else ""
+        was_held = self._said_state.state in PAUSES and state in COMMANDS["hold"]
+        return self._said_state.stage if was_held or state in PAUSES else ""
 
     def _say_state(self, state: State, *, reason: str = "", stage: str = "") -> None:
         self._said_state = CellState(

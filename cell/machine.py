@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from bus.codes import Code
 from bus.commands import CommandReply, CommandRequest
 from bus.errors import CellError, CycleFailure, Refused
-from cell.states import HOLD_STATES, NEXT, State, after_command, available
+from cell.states import GOING_ON, NEXT, PAUSES, PAUSING, State, after_command, available
 
 _log = logging.getLogger(__name__)
 _REMEMBERED_COMMANDS = 256
@@ -129,7 +129,7 @@ class Machine:
                 reason=str(refusal),
                 available=getattr(refusal, "available", ()) or available(self.state),
             )
-        if target is State.HOLDING:
+        if target in PAUSING:
             self._held_from, self._ended_held = self.state, None
         self._enter(target, f"command {command.verb!r} from {request.client_id or 'a client'}")
         reply = CommandReply(ok=True, state=self.state, available=available(self.state), cycle_id=cycle_id)
@@ -140,7 +140,7 @@ class Machine:
         return reply
 
     def _finish(self, done: _Done) -> None:
-        if done.state is self._held_from and self.state in HOLD_STATES:
+        if done.state is self._held_from and self.state in PAUSES:
             self._finish_held(done)
         elif done.state is not self.state:
             pass  # a stop or abort came first; its own work goes on
@@ -150,13 +150,13 @@ class Machine:
             self._enter(State.ABORTED, self._why_aborted)  # the cause, not what else went wrong on the way
         elif done.error is not None:
             self._fail(done.error)
-        elif done.state is State.UNHOLDING:
+        elif done.state in GOING_ON:
             self._go_on()
         else:
             self._enter(NEXT[done.state], "")
 
     def _finish_held(self, done: _Done) -> None:
-        """The held work ended by itself, its last motion was just over: its success waits for Unholding."""
+        """The held work ended by itself, its last motion was just over: its success waits until the pause is over."""
         if done.error is None:
             self._ended_held = done
         else:

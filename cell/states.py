@@ -1,7 +1,8 @@
-"""The machine: PackML states and commands (ISA-TR88.00.02) as one table, and nothing else.
+"""The machine: PackML's 17 states and 9 commands (ISA-TR88.00.02) as one table, and nothing else.
 
-It departs from the standard in one place: a hold is possible not from Execute only but also from Completing, because
-the delivery is motion too, and Unholding leads back to whichever of the two it came from.
+It departs from the standard in two places. A hold is possible not from Execute only but also from Completing, because
+the delivery is motion too, and Unholding leads back to whichever of the two it came from. And there is a tenth command,
+``pick``: a start of one cycle.
 
 An invalid command is refused with its reason and what is available - never ignored. One thread owns the machine.
 """
@@ -24,6 +25,9 @@ class State(StrEnum):
     HOLDING = "Holding"
     HELD = "Held"
     UNHOLDING = "Unholding"
+    SUSPENDING = "Suspending"
+    SUSPENDED = "Suspended"
+    UNSUSPENDING = "Unsuspending"
     COMPLETING = "Completing"
     COMPLETE = "Complete"
     STOPPING = "Stopping"
@@ -38,6 +42,8 @@ NEXT: dict[State, State] = {
     State.EXECUTE: State.COMPLETING,
     State.HOLDING: State.HELD,
     State.UNHOLDING: State.EXECUTE,
+    State.SUSPENDING: State.SUSPENDED,
+    State.UNSUSPENDING: State.EXECUTE,
     State.COMPLETING: State.COMPLETE,
     State.STOPPING: State.STOPPED,
     State.ABORTING: State.ABORTED,
@@ -45,9 +51,10 @@ NEXT: dict[State, State] = {
 }
 """Where an acting state goes when it is done; from Unholding, Completing where the hold came from that."""
 
-HOLD_STATES = frozenset({State.HOLDING, State.HELD, State.UNHOLDING})
-"""While one of these lasts, the work of the state that was held is still open."""
-
+PAUSING = frozenset({State.HOLDING, State.SUSPENDING})
+GOING_ON = frozenset({State.UNHOLDING, State.UNSUSPENDING})
+PAUSES = PAUSING | {State.HELD, State.SUSPENDED} | GOING_ON
+"""While one of these lasts, the work of the state that was held or suspended is still open."""
 
 _UNSTOPPABLE = {State.STOPPING, State.STOPPED, State.CLEARING, State.ABORTING, State.ABORTED}
 _ABORT_FROM = set(State) - {State.ABORTING, State.ABORTED}
@@ -60,15 +67,19 @@ COMMANDS: dict[str, dict[State, State]] = {
     "abort": dict.fromkeys(_ABORT_FROM, State.ABORTING),
     "hold": {State.EXECUTE: State.HOLDING, State.COMPLETING: State.HOLDING},
     "unhold": {State.HELD: State.UNHOLDING},
+    "suspend": {State.EXECUTE: State.SUSPENDING},
+    "unsuspend": {State.SUSPENDED: State.UNSUSPENDING},
     "clear": {State.ABORTED: State.CLEARING},
 }
-"""Command -> {from: to}. ``pick`` is a start of one cycle; after a completed one it resets first."""
+"""Command -> {from: to}. ``pick`` after a completed cycle resets first. Hold is for the operator's or the cell's own
+reason, Suspend for one outside of it; both brake on the path and wait."""
 
 _HOW_TO_GET_READY = {
     State.STOPPED: "Reset the cell first: `cell reset`.",
     State.ABORTED: "Three deliberate acts: `cell clear`, `cell reset`, then start.",
     State.EXECUTE: "A cycle is running: wait for it, or `cell stop`.",
     State.HELD: "A cycle is held: `cell unhold`, or `cell stop`.",
+    State.SUSPENDED: "A cycle is suspended: `cell unsuspend`, or `cell stop`.",
 }
 
 

@@ -6,8 +6,17 @@ import pytest
 
 from bus.errors import Refused
 from cell.states import COMMANDS, NEXT, State, after_command, available
+from docs.states_page import PAGE, page
 
-ACTING = {"Resetting", "Starting", "Execute", "Completing", "Holding", "Unholding", "Stopping", "Aborting", "Clearing"}
+ACTING = {"Resetting", "Starting", "Execute", "Completing", "Holding", "Unholding", "Suspending", "Unsuspending",
+          "Stopping", "Aborting", "Clearing"}  # fmt: skip
+WAITING = {"Stopped", "Idle", "Held", "Suspended", "Aborted", "Complete"}
+
+
+def test_it_has_the_standards_17_states_and_9_commands_and_pick() -> None:
+    assert {str(state) for state in State} == ACTING | WAITING and len(State) == 17
+    assert set(COMMANDS) - {"pick"} == {"reset", "start", "stop", "hold", "unhold", "suspend", "unsuspend", "abort",
+                                        "clear"}  # fmt: skip
 
 
 def test_acting_states_end_by_themselves_and_only_they() -> None:
@@ -29,6 +38,11 @@ def test_a_hold_is_possible_where_a_cycle_moves_and_ends_only_by_unhold_stop_or_
     assert {state for state in State if "unhold" in available(state)} == {State.HELD}
     assert available(State.HELD) == ("stop", "abort", "unhold")
     assert State.HELD not in NEXT
+
+
+def test_a_suspension_is_possible_in_execute_and_ends_only_by_unsuspend_stop_or_abort() -> None:
+    assert {state for state in State if "suspend" in available(state)} == {State.EXECUTE}
+    assert available(State.SUSPENDED) == ("stop", "abort", "unsuspend")
 
 
 def test_from_aborted_three_deliberate_acts_lead_to_motion() -> None:
@@ -72,3 +86,7 @@ def test_an_unknown_command_lists_the_known_ones() -> None:
     with pytest.raises(Refused, match="pick") as refusal:
         after_command(State.IDLE, "dance")
     assert refusal.value.code == "UNKNOWN_COMMAND"
+
+
+def test_the_page_of_the_states_is_written_from_the_table() -> None:
+    assert PAGE.read_text() == page(), "run: just docs"

@@ -1,0 +1,61 @@
+"""Writes docs/states.md from the table in cell/states.py: ``uv run python -m docs.states_page``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from cell.states import COMMANDS, NEXT, State, available
+
+PAGE = Path(__file__).with_name("states.md")
+_ALMOST_EVERYWHERE = 6
+"""A command from more states than this is told in words: its arrows would hide all others."""
+
+
+def page() -> str:
+    """The page's text."""
+    everywhere = [command for command, arrows in COMMANDS.items() if len(arrows) > _ALMOST_EVERYWHERE]
+    return "\n".join(
+        [
+            "# States and commands",
+            "",
+            "<!-- Written by docs/states_page.py from cell/states.py; do not edit. -->",
+            "",
+            "PackML (ISA-TR88.00.02): 17 states, 9 commands, and `pick`, a start of one cycle. States that act",
+            "end by themselves, and lead where the third column says; the others wait for a command. A command",
+            "that a state does not accept is refused with the reason and what is available; the same `command_id` sent",
+            "twice acts once. After start-up the cell is Stopped: nothing moves until somebody commands it.",
+            "",
+            *_diagram(everywhere),
+            "",
+            *(_in_words(command) for command in everywhere),
+            "",
+            "| state | accepts | when done |",
+            "|---|---|---|",
+            *(_row(state) for state in State),
+            "",
+            "From Unholding the cell goes back to where the hold came from: Execute or Completing.",
+            "",
+        ]
+    )
+
+
+def _diagram(left_out: list[str]) -> list[str]:
+    arrows = [f"    {source} --> {target} : {command}" for command, way in COMMANDS.items() if command not in left_out
+              for source, target in way.items()]  # fmt: skip
+    ends = [f"    {source} --> {target}" for source, target in NEXT.items()]
+    return ["```mermaid", "stateDiagram-v2", "    [*] --> Stopped", *arrows, *ends, "```"]
+
+
+def _in_words(command: str) -> str:
+    refused = [str(state) for state in State if state not in COMMANDS[command]]
+    (target,) = set(COMMANDS[command].values())
+    return f"- `{command}` leads to {target} from everywhere but {', '.join(refused)}."
+
+
+def _row(state: State) -> str:
+    accepts = " ".join(f"`{command}`" for command in available(state)) or "-"
+    return f"| {state} | {accepts} | {NEXT.get(state, 'waits')} |"
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page())
