@@ -68,15 +68,52 @@ class Event(Message):
     advice: str = ""
 
 
+class LoopHealth(Message):
+    """A loop of a node: how often it really runs (over the last 2 s), and how many of its rounds it has left out."""
+
+    rate_hz: float
+    target_hz: float
+    missed: int
+
+
 class Health(Message):
-    """A node about itself, once a second; ``readings``: what its devices report, e.g. ``camera.ir_temperature_c``."""
+    """A node about itself, once a second.
+
+    Attributes:
+        answered, failed: questions since its start. ``last_fault``: the newest error, "" without any.
+        loops: by name, e.g. ``arm.state``.
+        readings: what its devices report, e.g. ``camera.ir_temperature_c``.
+    """
 
     name: str
     pid: int
     uptime_s: float
     answered: int
     failed: int
+    last_fault: str = ""
+    loops: dict[str, LoopHealth] = Field(default_factory=dict)
     readings: dict[str, float] = Field(default_factory=dict)
+
+
+class NodeHealth(Message):
+    """A node as the cell sees it.
+
+    Attributes:
+        is_alive: its liveliness token is there. ``problems``: of this node; empty = healthy.
+        restarts: how often its supervisor brought it back. ``said``: its newest word about itself.
+    """
+
+    is_alive: bool
+    problems: tuple[str, ...]
+    restarts: int
+    said: Health | None
+
+
+class CellHealth(Message):
+    """The health of the whole cell, derived by the daemon: healthy when no node has a problem."""
+
+    is_healthy: bool
+    nodes: dict[str, NodeHealth]
 
 
 class ErrorReply(Message):

@@ -16,6 +16,7 @@ from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 
 from bus.commands import (
+    CellHealth,
     CellState,
     CommandReply,
     CommandRequest,
@@ -69,6 +70,8 @@ class Topic:
 COMMAND = Topic("command/{verb}", "query", CommandReply, CommandRequest)
 STATE = Topic("state", "publish", CellState)
 STATE_NOW = Topic("state", "query", CellState, Nothing, logged=False)
+HEALTH = Topic("health", "publish", CellHealth)
+HEALTH_NOW = Topic("health", "query", CellHealth, Nothing, logged=False)
 EVENT = Topic("event", "publish", Event)
 
 CAPTURE = Topic("cycle/capture", "publish", StageRecord[View])

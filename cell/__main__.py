@@ -179,14 +179,18 @@ _simple_command("unsuspend", "Go on with a suspended cycle; returns when it runs
 
 @app.command()
 def status(config: Config = DEFAULT_STATION, overrides: Set = None, as_json: Json = False) -> None:
-    """The machine's state, what it would accept, and which nodes are up."""
+    """The machine's state, what it would accept, and how its nodes are."""
     with client.connect(load_station(config, overrides or [])) as cell:
-        state, alive = cell.state(), cell.nodes()
+        state, health = cell.state(), cell.health()
     if as_json:
-        _print_json({**state.model_dump(mode="json"), "nodes": alive})
+        _print_json({**state.model_dump(mode="json"), "health": health.model_dump(mode="json")})
         return
     _out.print(f"[bold]{state.state}[/] {state.stage} {state.cycle_id} {state.reason}".rstrip())
-    _out.print(f"  available: {', '.join(state.available) or '-'}\n  nodes up:  {', '.join(alive) or 'none'}")
+    _out.print(f"  available: {', '.join(state.available) or '-'}")
+    for name, node in health.nodes.items():
+        said = "; ".join(node.problems) or "healthy"
+        again = f" (started again {node.restarts} times)" if node.restarts else ""
+        _out.print(f"  node {name}: {said}{again}", style="red" if node.problems else "")
 
 
 @app.command()

@@ -6,8 +6,6 @@ import os
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 
-from bus.codes import Code
-from bus.errors import CycleFailure
 from bus.session import Bus
 from cell.daemon import Daemon, Observer
 from cell.nodes import Supervisor
@@ -31,17 +29,22 @@ def running_cell(station: Station, observer: Observer) -> Iterator[Daemon]:
         closing(open_models(station, os.environ)) as models,
         Bus.listen(station.cell_id, station.bus.endpoint) as bus,
     ):
-        faults: list[Daemon] = []
+        daemons: list[Daemon] = []  # none before it is built; a node may end earlier
 
         def on_exit(name: str, code: int) -> None:
-            for daemon in faults:
-                daemon.machine.fault(CycleFailure(Code.NODE_LOST, f"The node {name!r} ended with exit code {code}."))
+            for daemon in daemons:
+                daemon.lose_node(name, f"The node {name!r} ended with exit code {code}.")
 
-        supervisor = Supervisor(station, on_exit)
+        def on_back(name: str) -> None:
+            for daemon in daemons:
+                daemon.welcome_node(name)
+
+        supervisor = Supervisor(station, on_exit, on_back)
         try:
             supervisor.start()
-            daemon = Daemon(station, bus, remote_devices(bus, station), robot, models, observer)
-            faults.append(daemon)
+            devices = remote_devices(bus, station)
+            daemon = Daemon(station, bus, devices, robot, models, observer, supervisor.restarts, supervisor.end_frozen)
+            daemons.append(daemon)
             daemon.open()
             try:
                 yield daemon

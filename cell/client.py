@@ -10,7 +10,7 @@ from contextlib import contextmanager
 
 from bus import topics
 from bus.codec import decode
-from bus.commands import CellState, CommandReply, CommandRequest, Nothing
+from bus.commands import CellHealth, CellState, CommandReply, CommandRequest, Nothing
 from bus.errors import ReplyTimeout
 from bus.messages import CycleResult
 from bus.session import Bus, Heard
@@ -34,9 +34,9 @@ class Client:
         """The machine's state now."""
         return self._bus.request(topics.STATE_NOW, Nothing(), CellState, timeout_s=self._timeout_s)
 
-    def nodes(self) -> list[str]:
-        """Names of the nodes that are up."""
-        return sorted(self._bus.nodes_alive())
+    def health(self) -> CellHealth:
+        """The cell's health now, node by node."""
+        return self._bus.request(topics.HEALTH_NOW, Nothing(), CellHealth, timeout_s=self._timeout_s)
 
     def command(
         self, verb: str, *, cycles: int = 1, until_empty: bool = False, object_name: str | None = None

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 
 from bus import topics
 from bus.codec import decode
-from bus.codes import Code
+from bus.codes import ADVICE, Code
 from bus.commands import CellState, CommandReply, CommandRequest, Event
 from bus.errors import BusError, CycleFailure, DriverError, Refused
 from bus.frozen import Message
@@ -18,6 +18,7 @@ from bus.session import Bus, Heard
 from bus.topics import Topic
 from cell.batch import Batch
 from cell.cycle import Equipment
+from cell.health import LOOK_PERIOD_S, Watch
 from cell.machine import Machine
 from cell.states import COMMANDS, PAUSES, State, available
 from cell.works import Works, new_cycle_id
@@ -33,6 +34,9 @@ Observer = Callable[[Topic, "Message | bytes"], None]
 CELL_CLIENT = "cell"
 """``client_id`` of the commands the daemon gives itself between the cycles of one ``start``."""
 _CLOSE_PATIENCE_S = 25.0
+_HEALTH_PERIOD_S = 1.0
+_FROZEN_S = 3.0
+"""A node gone for so long whose process still runs is killed, and brought back; a shorter stall heals itself."""
 
 
 class Daemon:
@@ -44,10 +48,19 @@ class Daemon:
         devices: connected devices, usually `drivers.remote`.
         robot: the planning model. ``models``: perception's.
         observer: told everything the daemon says, on the thread that says it; it may only enqueue.
+        restarts, end_frozen: of the nodes' supervisor: how often a node was brought back; end one that hangs.
     """
 
     def __init__(
-        self, station: Station, bus: Bus, devices: Devices, robot: Robot, models: Models, observer: Observer
+        self,
+        station: Station,
+        bus: Bus,
+        devices: Devices,
+        robot: Robot,
+        models: Models,
+        observer: Observer,
+        restarts: Callable[[str], int] = lambda name: 0,
+        end_frozen: Callable[[str], None] = lambda name: None,
     ) -> None:
         camera, arm, hand = devices.camera, devices.arm, devices.hand
         if camera is None or arm is None or hand is None:
@@ -57,6 +70,10 @@ class Daemon:
         self._works = works = Works(
             equipment, devices.feeder, bus.nodes_alive, self._say, self._on_stage, self._on_result
         )
+        self._watch = Watch(station, self._on_lost, restarts)
+        self._end_frozen = end_frozen
+        self._closing = threading.Event()
+        self._watchdog = threading.Thread(target=self._watch_over, name="watchdog", daemon=True)
         self._batch: Batch | None = None
         self._saying = threading.Lock()
         self._said_state = CellState(state="", stage="", cycle_id="", since_ns=0, available=(), reason="")
@@ -84,10 +101,12 @@ class Daemon:
         for topic in topics.TOPICS:
             if topic.kind == "publish" and topic.logged:
                 self._bus.subscribe(topic.key.replace("{name}", "*"), self._hear)
-        self._bus.watch_nodes(self._on_node)
+        self._watch.listen(self._bus)
         self._bus.answer(topics.STATE_NOW, lambda _payload, _fields: self._said_state, lane="state")
+        self._bus.answer(topics.HEALTH_NOW, lambda _payload, _fields: self._watch.health(), lane="state")
         self._bus.answer(topics.COMMAND, self._on_command, lane="command", verb="*")
         self.machine.start()
+        self._watchdog.start()
 
     def close(self) -> None:
         """Stop what runs, then end the machine; idempotent."""
@@ -96,6 +115,9 @@ class Daemon:
         give_up_s = time.monotonic() + _CLOSE_PATIENCE_S
         while self.machine.state in (State.STOPPING, State.ABORTING) and time.monotonic() < give_up_s:
             time.sleep(0.02)
+        self._closing.set()
+        if self._watchdog.is_alive():
+            self._watchdog.join()
         self.machine.close()
 
     def command(self, verb: str, request: CommandRequest) -> CommandReply:
@@ -110,6 +132,36 @@ class Daemon:
             _log.warning("%s", error)
             return None
 
+    # --- the nodes ----------------------------------------------------------------------------------------------------
+
+    def lose_node(self, name: str, text: str) -> None:
+        """A node's process ended: everything stops, and the machine aborts with its name."""
+        self._on_lost(name, CycleFailure(Code.NODE_LOST, text))
+
+    def welcome_node(self, name: str) -> None:
+        """A node is back; nothing moves by itself."""
+        text = f"The node {name!r} was started again."
+        self._say(topics.EVENT, Event(code="NODE_BACK", severity="info", text=text, advice=ADVICE[Code.NODE_LOST]))
+
+    def _on_lost(self, _name: str, failure: CycleFailure) -> None:
+        self._works.gate.halt()
+        self.machine.fault(failure)
+
+    def _watch_over(self) -> None:
+        """The watchdogs' thread: look often, say the cell's health once a second, and end what is frozen."""
+        said_s = 0.0
+        ended: set[str] = set()
+        while not self._closing.wait(LOOK_PERIOD_S):
+            self._watch.look()
+            for name in self._station.nodes:
+                is_frozen = self._watch.gone_for_s(name) > _FROZEN_S
+                if is_frozen and name not in ended:
+                    self._end_frozen(name)
+                ended = ended | {name} if is_frozen else ended - {name}
+            if time.monotonic() - said_s >= _HEALTH_PERIOD_S:
+                said_s = time.monotonic()
+                self._say(topics.HEALTH, self._watch.health())
+
     # --- what others say ----------------------------------------------------------------------------------------------
 
     def _on_command(self, payload: bytes, fields: Mapping[str, str]) -> Message:
@@ -117,11 +169,6 @@ class Daemon:
         if request.client_id == CELL_CLIENT:
             raise Refused(f"The client id {CELL_CLIENT!r} is the cell's own.", "Send another.", code="BAD_CLIENT")
         return self.machine.command(fields["verb"], request)
-
-    def _on_node(self, name: str, is_alive: bool) -> None:
-        if not is_alive and name in self._station.nodes:
-            self._works.gate.halt()
-            self.machine.fault(CycleFailure(Code.NODE_LOST, f"The node {name!r} is gone."))
 
     def _hear(self, heard: Heard) -> None:
         log = self._works.log

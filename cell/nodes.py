@@ -15,6 +15,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from typing import IO
 
 from pydantic import Field
@@ -33,6 +34,7 @@ from drivers.registry import open_devices
 _log = logging.getLogger(__name__)
 START_TIMEOUT_S = 60.0
 _STOP_TIMEOUT_S = 5.0
+_FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.5, 30.0
 
 
 class Ready(Message):
@@ -44,30 +46,40 @@ class Ready(Message):
 
 
 class Supervisor:
-    """The child processes of one daemon.
+    """The child processes of one daemon; one that ends unasked is brought back, ever more slowly.
 
     Args:
         on_exit: called with (node name, exit code) from a watching thread when a child ends unasked.
+        on_back: called with the node's name when it serves again.
     """
 
-    def __init__(self, station: Station, on_exit: Callable[[str, int], None]) -> None:
+    def __init__(
+        self, station: Station, on_exit: Callable[[str, int], None], on_back: Callable[[str], None] = lambda name: None
+    ) -> None:
         self._station = station
-        self._on_exit = on_exit
+        self._on_exit, self._on_back = on_exit, on_back
         self._children: dict[str, subprocess.Popen[str]] = {}
-        self._closing = False
+        self._restarts: dict[str, int] = {}
+        self._watchers: list[threading.Thread] = []
+        self._closing = threading.Event()
+        self._spawning = threading.Lock()  # nothing is spawned once closing is set
 
     def start(self) -> None:
         """Start every node that runs here and wait until all serve. Raises: what the child could not do, typed."""
         for name, node in self._station.nodes.items():
             if node.run == "here":
-                self._children[name] = self._spawn(name)
+                self._spawn(name)
         for name, child in self._children.items():
-            self._await_ready(name, child)
-            threading.Thread(target=self._watch, args=(name, child), daemon=True).start()
+            _await_ready(name, child)
+        for name in self._children:
+            watcher = threading.Thread(target=self._watch, args=(name,), name=f"watch-{name}", daemon=True)
+            watcher.start()
+            self._watchers.append(watcher)
 
     def close(self) -> None:
         """End all children: ask by closing their stdin, then insist; idempotent."""
-        self._closing = True
+        with self._spawning:
+            self._closing.set()
         for child in self._children.values():
             if child.stdin is not None and not child.stdin.closed:
                 child.stdin.close()
@@ -78,43 +90,95 @@ class Supervisor:
                 _log.warning("node %s did not end by itself; killing it", name)
                 child.kill()
                 child.wait()
-            if child.stdout is not None:
-                child.stdout.close()
+        for watcher in self._watchers:
+            watcher.join(_STOP_TIMEOUT_S)
+        for child in self._children.values():
+            _close_pipes(child)
 
-    def _spawn(self, name: str) -> subprocess.Popen[str]:
-        child = subprocess.Popen(
-            [sys.executable, "-m", "cell", "node", name, "--supervised"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-            start_new_session=True,  # Ctrl-C in the terminal is the daemon's to handle, in order
-        )
-        assert child.stdin is not None
-        try:
-            child.stdin.write(self._station.model_dump_json() + "\n")
-            child.stdin.flush()
-        except BrokenPipeError:
-            _log.error("node %s ended before it read its station", name)
-        return child
+    def restarts(self, name: str) -> int:
+        """How often the node was brought back."""
+        return self._restarts.get(name, 0)
 
-    def _await_ready(self, name: str, child: subprocess.Popen[str]) -> None:
-        assert child.stdout is not None
-        line = _line_within(child.stdout, START_TIMEOUT_S)
-        try:
-            ready = decode(Ready, line.encode())
-        except BadPayload as error:
-            self.close()
-            raise DriverUnavailable(
-                f"The node {name!r} did not start (exit code {child.poll()}).", "Its own message stands above."
-            ) from error
-        if ready.error is not None:
-            self.close()
-            raise error_from_reply(ready.error)
+    def end_frozen(self, name: str) -> None:
+        """Kill a node that no longer answers but still runs; its watcher brings it back. None of ours: nothing."""
+        child = self._children.get(name)
+        if child is not None and child.poll() is None:
+            _log.warning("node %s no longer answers; killing it", name)
+            child.kill()
 
-    def _watch(self, name: str, child: subprocess.Popen[str]) -> None:
-        code = child.wait()
-        if not self._closing:
+    def _spawn(self, name: str) -> bool:
+        """Start the node's process; False when the supervisor is closing."""
+        with self._spawning:
+            if not self._closing.is_set():
+                self._children[name] = _child(name, self._station)
+            return not self._closing.is_set()
+
+    def _watch(self, name: str) -> None:
+        """Bring the node back whenever it ends, until close."""
+        while True:
+            child = self._children[name]
+            code = child.wait()
+            if self._closing.is_set():
+                return
+            _close_pipes(child)
             self._on_exit(name, code)
+            if not self._bring_back(name):
+                return
+            self._restarts[name] = self.restarts(name) + 1
+            self._on_back(name)
+
+    def _bring_back(self, name: str) -> bool:
+        """Try until the node serves; False when the supervisor closes first."""
+        pause_s = _FIRST_PAUSE_S
+        while not self._closing.wait(pause_s) and self._spawn(name):
+            try:
+                _await_ready(name, self._children[name])
+            except CellError as error:
+                _log.warning("node %s cannot be brought back yet: %s", name, error)
+                pause_s = min(2 * pause_s, _LONGEST_PAUSE_S)
+            else:
+                return True
+        return False
+
+
+def _child(name: str, station: Station) -> subprocess.Popen[str]:
+    child = subprocess.Popen(
+        [sys.executable, "-m", "cell", "node", name, "--supervised"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        start_new_session=True,  # Ctrl-C in the terminal is the daemon's to handle, in order
+    )
+    assert child.stdin is not None
+    try:
+        child.stdin.write(station.model_dump_json() + "\n")
+        child.stdin.flush()
+    except BrokenPipeError:
+        _log.error("node %s ended before it read its station", name)
+    return child
+
+
+def _await_ready(name: str, child: subprocess.Popen[str]) -> None:
+    """Raises: DriverUnavailable, or what the child could not do; the child is over then."""
+    assert child.stdout is not None
+    line = _line_within(child.stdout, START_TIMEOUT_S)
+    try:
+        ready = decode(Ready, line.encode())
+    except BadPayload as error:
+        child.kill()
+        raise DriverUnavailable(
+            f"The node {name!r} did not start (exit code {child.wait()}).", "Its own message stands above."
+        ) from error
+    if ready.error is not None:
+        child.wait(_STOP_TIMEOUT_S)
+        raise error_from_reply(ready.error)
+
+
+def _close_pipes(child: subprocess.Popen[str]) -> None:
+    for pipe in (child.stdin, child.stdout):
+        if pipe is not None:
+            with suppress(BrokenPipeError):  # what was still to be written went with the child
+                pipe.close()
 
 
 def _line_within(stream: IO[str], timeout_s: float) -> str:

@@ -17,10 +17,15 @@ from config.hardware import FemtoMegaSettings, Fr3Settings, PandaHandSettings
 
 
 class BusSettings(Settings):
-    """How the cell's processes talk. Only loopback endpoints are accepted (others need TLS and access control)."""
+    """How the cell's processes talk. Only loopback endpoints are accepted (others need TLS and access control).
+
+    Attributes:
+        stale_s: a node whose arm or hand says nothing for so long is lost, whatever else it does.
+    """
 
     endpoint: str = "tcp/127.0.0.1:7447"
     ask_timeout_s: Positive = 5.0
+    stale_s: Positive = 0.75
 
     @field_validator("endpoint")
     @classmethod

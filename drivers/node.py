@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import threading
 import time
 from collections.abc import Callable, Mapping
 from typing import TypeVar
@@ -11,7 +10,7 @@ from typing import TypeVar
 from bus import topics
 from bus.codec import arm_state_to_wire, decode, frame_to_wire
 from bus.commands import HandGrasp, HandMove, Health, Nothing, PresentRequest
-from bus.errors import BusError, CellError
+from bus.errors import CellError
 from bus.frozen import Message
 from bus.session import Bus, Heard
 from bus.topics import Topic, encoding_of
@@ -19,10 +18,13 @@ from bus.trajectory import Trajectory
 from config.schema import Station
 from drivers.guard import Guard
 from drivers.interface import Arm, Camera, Devices, Feeder, Hand, Reporting
+from drivers.loops import Loop
 
 ARM_STATE_PERIOD_S = 0.01
 HAND_STATE_PERIOD_S = 0.05
 HEALTH_PERIOD_S = 1.0
+_PULSE = "health"
+"""The loop that tells of the others; whoever does not hear it knows."""
 
 AskT = TypeVar("AskT", bound=Message)
 
@@ -41,8 +43,8 @@ class Node:
         self._arm = Guard(devices.arm, station) if devices.arm is not None else None
         self._started_s = time.monotonic()
         self._answered = self._failed = 0
-        self._closing = threading.Event()
-        self._publishers: list[threading.Thread] = []
+        self._last_fault = ""
+        self._loops: list[Loop] = []
 
     def open(self) -> None:
         """Connect every device or none, then answer and announce. Raises: DriverError."""
@@ -59,16 +61,15 @@ class Node:
             self._serve_hand(self._devices.hand)
         if self._devices.feeder is not None:
             self._serve_feeder(self._devices.feeder)
-        self._every(HEALTH_PERIOD_S, self._publish_health)
+        self._every(_PULSE, HEALTH_PERIOD_S, self._publish_health)
         self._bus.announce(self._name)
 
     def close(self) -> None:
         """Stop the arm, end the publishers, disconnect; idempotent."""
-        self._closing.set()
         if self._arm is not None:
             self._arm.stop()
-        for publisher in self._publishers:
-            publisher.join(timeout=1.0)
+        for loop in self._loops:
+            loop.close()
         self._disconnect()
 
     def _connect(self) -> None:
@@ -93,8 +94,8 @@ class Node:
         def handle(payload: bytes, _: Mapping[str, str]) -> Message:
             try:
                 answer = act(decode(ask_type, payload))
-            except CellError:
-                self._failed += 1
+            except CellError as error:
+                self._note(error)
                 raise
             self._answered += 1
             return Nothing() if answer is None else answer
@@ -104,7 +105,11 @@ class Node:
     def _serve_camera(self, camera: Camera) -> None:
         def capture(payload: bytes, _: Mapping[str, str]) -> list[Heard]:
             decode(Nothing, payload)
-            parts = frame_to_wire(camera.capture())
+            try:
+                parts = frame_to_wire(camera.capture())
+            except CellError as error:
+                self._note(error)
+                raise
             self._answered += 1
             for topic in topics.FRAME_PARTS:
                 self._bus.publish(topic, parts[topic.key])
@@ -119,7 +124,11 @@ class Node:
         self._answer(topics.ARM_HOLD, Nothing, lambda _: arm.hold(), "arm-hold")
         self._answer(topics.ARM_RESUME, Nothing, lambda _: arm.resume(), "arm-hold")
         self._answer(topics.ARM_NOW, Nothing, lambda _: arm.state(), "state")
-        self._every(ARM_STATE_PERIOD_S, lambda: self._bus.publish(topics.ARM_STATE, arm_state_to_wire(arm.state())))
+        self._every(
+            "arm.state",
+            ARM_STATE_PERIOD_S,
+            lambda: self._bus.publish(topics.ARM_STATE, arm_state_to_wire(arm.state())),
+        )
 
     def _serve_hand(self, hand: Hand) -> None:
         self._answer(topics.HAND_MOVE, HandMove, lambda ask: hand.move(ask.width_m, ask.speed_m_s), "hand")
@@ -127,7 +136,7 @@ class Node:
         self._answer(topics.HAND_HOME, Nothing, lambda _: hand.home(), "hand")
         self._answer(topics.HAND_STOP, Nothing, lambda _: hand.stop(), "hand-stop")
         self._answer(topics.HAND_NOW, Nothing, lambda _: hand.state(), "state")
-        self._every(HAND_STATE_PERIOD_S, lambda: self._bus.publish(topics.HAND_STATE, hand.state()))
+        self._every("hand.state", HAND_STATE_PERIOD_S, lambda: self._bus.publish(topics.HAND_STATE, hand.state()))
 
     def _serve_feeder(self, feeder: Feeder) -> None:
         self._answer(topics.SIM_PRESENT, PresentRequest, feeder.present, "arm")
@@ -144,6 +153,8 @@ class Node:
                 uptime_s=time.monotonic() - self._started_s,
                 answered=self._answered,
                 failed=self._failed,
+                last_fault=self._last_fault,
+                loops={loop.name: loop.health() for loop in self._loops if loop.name != _PULSE},
                 readings=self._readings(),
             ),
             name=self._name,
@@ -157,18 +168,9 @@ class Node:
                 readings |= {f"{name}.{key}": value for key, value in device.readings().items()}
         return readings
 
-    def _every(self, period_s: float, publish: Callable[[], None]) -> None:
-        """Call ``publish`` every ``period_s`` in a thread of its own, until close."""
+    def _every(self, name: str, period_s: float, act: Callable[[], None]) -> None:
+        self._loops.append(Loop(name, period_s, act, self._note))
 
-        def loop() -> None:
-            while not self._closing.wait(period_s):
-                try:
-                    publish()
-                except BusError:
-                    return  # the session closed under us: nobody listens any more
-                except CellError:
-                    self._failed += 1  # shows in the health; the next round tries again
-
-        publisher = threading.Thread(target=loop, daemon=True)
-        publisher.start()
-        self._publishers.append(publisher)
+    def _note(self, error: CellError) -> None:
+        self._failed += 1
+        self._last_fault = f"{error.code}: {error}"

@@ -85,7 +85,8 @@ def _running(station: Station) -> tuple[str, list[str]] | None:
     def ask() -> tuple[str, list[str]] | None:
         try:
             with client.connect(station) as cell:
-                return str(cell.state().state), cell.nodes()
+                nodes = cell.health().nodes
+                return str(cell.state().state), [name for name, node in nodes.items() if node.is_alive]
         except BusError:
             return None
 

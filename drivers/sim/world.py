@@ -98,16 +98,18 @@ class World:
         if name not in self.names:
             raise ConfigError(f"Unknown object {name!r}.", f"There are: {', '.join(self.names)}.")
         rng = np.random.default_rng([seed % 2**64, *name.encode()])
-        with self.motion, self.lock:
+        with self.motion:  # the lock only by the way: the arm's state goes on being read
             if name != self.objects[OBJECT]:
                 self._load({OBJECT: name})
             self.presented = seed
             self.presentations += 1
             table = Placing(self.model, self.data, self.station.scene.pick_region_m)
             for _ in range(_DRAWS):
-                table.stand(rng.uniform(-np.pi, np.pi))
+                with self.lock:
+                    table.stand(rng.uniform(-np.pi, np.pi))
                 self._settle()
-                table.shift_into_region(rng.uniform(size=2))
+                with self.lock:
+                    table.shift_into_region(rng.uniform(size=2))
                 self._settle()
                 if table.rests_inside():
                     return
@@ -134,7 +136,7 @@ class World:
 
     def _settle(self) -> None:
         for _ in range(_SETTLE_TICKS):
-            self._step()
+            self.tick()
 
     # --- arm and hand -------------------------------------------------------------------------------------------------
 
@@ -191,22 +193,24 @@ class World:
     # --- model --------------------------------------------------------------------------------------------------------
 
     def _load(self, objects: dict[str, str]) -> None:
-        """Compile the cell with ``objects``; the robot keeps its state."""
-        old = getattr(self, "data", None)
-        kept = None if old is None else (old.qpos[self._robot_qpos].copy(), old.qvel[self._robot_dofs].copy())
+        """Compile the cell with ``objects``; the robot keeps its state. The caller sees to it that nothing moves."""
         spec = compose(self.station, objects, hand_from_cameras(self.station), FOVY_DEG)
         try:
-            self.model: mujoco.MjModel = spec.compile()
+            model: mujoco.MjModel = spec.compile()
         except ValueError as error:
             names = ", ".join(sorted(set(objects.values())))
             raise ConfigError(
                 f"An object does not compile: {error}.", f"Correct the object.xml of: {names}."
             ) from error
-        self.data: mujoco.MjData = mujoco.MjData(self.model)
-        self.objects = dict(objects)
-        self._index()
-        if kept is not None:
-            self.data.qpos[self._robot_qpos], self.data.qvel[self._robot_dofs] = kept
+        with self.lock:
+            old = getattr(self, "data", None)
+            kept = None if old is None else (old.qpos[self._robot_qpos].copy(), old.qvel[self._robot_dofs].copy())
+            self.model: mujoco.MjModel = model
+            self.data: mujoco.MjData = mujoco.MjData(model)
+            self.objects = dict(objects)
+            self._index()
+            if kept is not None:
+                self.data.qpos[self._robot_qpos], self.data.qvel[self._robot_dofs] = kept
 
     def _index(self) -> None:
         model = self.model

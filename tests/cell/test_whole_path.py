@@ -101,7 +101,7 @@ def test_show_and_cycles_tell_what_was_recorded(lines: list[dict[str, Any]]) -> 
 
 def test_other_processes_command_the_daemon(daemon: tuple[subprocess.Popen[str], Station], options: list[str]) -> None:
     status = json.loads(_cell("status", "--json", *options).stdout)
-    assert (status["state"], status["nodes"]) == ("Stopped", ["sim"])
+    assert (status["state"], list(status["health"]["nodes"])) == ("Stopped", ["sim"])
     refused = _cell("pick", "--json", *options)
     assert refused.returncode == 3
     assert json.loads(refused.stdout)["code"] == "WRONG_STATE" and "cell reset" in refused.stderr

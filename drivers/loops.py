@@ -1,0 +1,74 @@
+"""Loops of a node that publish at a fixed rate, and know whether they keep it."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+
+from bus.commands import LoopHealth
+from bus.errors import BusError, CellError
+
+_RATE_WINDOW_S = 2.0
+
+
+class Loop:
+    """Calls ``act`` every ``period_s`` in a thread of its own, until closed.
+
+    A round that begins a whole period late is a missed deadline, and is left out: rounds never pile up.
+
+    Args:
+        on_fault: told every error of ``act`` but a closed bus, which ends the loop.
+    """
+
+    def __init__(
+        self, name: str, period_s: float, act: Callable[[], None], on_fault: Callable[[CellError], None]
+    ) -> None:
+        self.name = name
+        self._period_s, self._act, self._on_fault = period_s, act, on_fault
+        self._rounds: deque[float] = deque()  # when those of the window were done
+        self._missed = 0
+        self._changing = threading.Lock()
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._run, name=f"loop-{name}", daemon=True)
+        self._thread.start()
+
+    def health(self) -> LoopHealth:
+        """Asked from another thread: a loop that hangs reports so by its rate."""
+        with self._changing:
+            self._forget(time.monotonic())
+            rate_hz = len(self._rounds) / _RATE_WINDOW_S
+            return LoopHealth(rate_hz=rate_hz, target_hz=1.0 / self._period_s, missed=self._missed)
+
+    def close(self, patience_s: float = 1.0) -> None:
+        self._closing.set()
+        self._thread.join(patience_s)
+
+    def _run(self) -> None:
+        due_s = time.monotonic() + self._period_s
+        while not self._closing.wait(max(0.0, due_s - time.monotonic())):
+            try:
+                self._act()
+            except BusError:
+                return  # the session closed under us: nobody listens any more
+            except CellError as error:
+                self._on_fault(error)  # the next round tries again
+            else:
+                self._count()
+            due_s += self._period_s
+            late = int((time.monotonic() - due_s) / self._period_s)
+            if late > 0:
+                due_s += late * self._period_s
+                with self._changing:
+                    self._missed += late
+
+    def _count(self) -> None:
+        now_s = time.monotonic()
+        with self._changing:
+            self._rounds.append(now_s)
+            self._forget(now_s)
+
+    def _forget(self, now_s: float) -> None:
+        while self._rounds and self._rounds[0] < now_s - _RATE_WINDOW_S:
+            self._rounds.popleft()
