@@ -15,14 +15,15 @@ class CommandRequest(Message):
 
     Attributes:
         command_id: chosen by the client; the same id sent twice acts once.
-        client_id: who asks, for the log.
+        client_id: who asks: a chunk of a Zenoh key; what moves the arm needs its liveliness token ``lease/{client_id}``
+            (`cell.leases`).
         cycles: ``start`` only: how many picks.
         until_empty: ``start`` only, instead of ``cycles``: until a pick finds nothing, or three in a row failed.
         object: ``pick`` in simulation only: name of the object to present; None = the next one.
     """
 
     command_id: Annotated[str, Field(max_length=100)] = ""
-    client_id: Annotated[str, Field(max_length=100)] = ""
+    client_id: Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]{0,100}$")] = ""
     cycles: Annotated[int, Field(ge=1, le=1_000_000)] = 1
     until_empty: bool = False
     object: Annotated[str, Field(max_length=100)] | None = None
@@ -37,7 +38,8 @@ class CommandRequest(Message):
 class CommandReply(Message):
     """The cell's answer: accepted, or refused with a code, the reason, and what it would accept now.
 
-    ``cycle_id`` names the cycle that an accepted ``pick`` or ``start`` begins.
+    ``cycle_id`` names the cycle that an accepted ``pick`` or ``start`` begins; ``lease`` the client that holds the
+    lease now: when its token goes, the cell holds.
     """
 
     ok: bool
@@ -46,6 +48,7 @@ class CommandReply(Message):
     reason: str = ""
     available: tuple[str, ...] = ()
     cycle_id: str = ""
+    lease: str = ""
 
 
 class CellState(Message):

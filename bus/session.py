@@ -238,22 +238,22 @@ class Bus:
 
     # --- be alive -----------------------------------------------------------------------------------------------------
 
-    def announce(self, name: str) -> None:
-        """Hold the liveliness token of node ``name`` until close."""
-        self._declared.append(self._session.liveliness().declare_token(self.key(topics.NODE_ALIVE, name=name)))
+    def announce(self, topic: Topic, **fields: str) -> None:
+        """Hold a liveliness token (a node's, a lease) until close."""
+        self._declared.append(self._session.liveliness().declare_token(self.key(topic, **fields)))
 
-    def nodes_alive(self) -> set[str]:
-        """Names of the nodes that are up."""
-        replies = self._session.liveliness().get(self.key(topics.NODE_ALIVE, name="*"), timeout=1.0)
+    def alive(self, topic: Topic) -> set[str]:
+        """Who holds a token of ``topic``, a key with one field."""
+        replies = self._session.liveliness().get(self.key(topic, name="*"), timeout=1.0)
         return {self._short(reply.ok.key_expr).split("/")[1] for reply in replies if reply.ok is not None}
 
-    def watch_nodes(self, callback: Callable[[str, bool], None]) -> None:
-        """Call ``callback(name, is_alive)`` when a node comes or goes; it may only enqueue."""
+    def watch_alive(self, topic: Topic, callback: Callable[[str, bool], None]) -> None:
+        """Call ``callback(name, is_alive)`` when a token of ``topic`` comes or goes; it may only enqueue."""
 
         def change(sample: zenoh.Sample) -> None:
             callback(self._short(sample.key_expr).split("/")[1], sample.kind == zenoh.SampleKind.PUT)
 
-        key = self.key(topics.NODE_ALIVE, name="*")
+        key = self.key(topic, name="*")
         self._declared.append(self._session.liveliness().declare_subscriber(key, change, history=True))
 
     # --- close --------------------------------------------------------------------------------------------------------

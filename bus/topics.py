@@ -113,6 +113,7 @@ SIM_PRESENT = Topic("sim/present", "query", Presented, PresentRequest)
 SIM_TRUTH = Topic("sim/truth", "query", Presented, Nothing)
 
 NODE_ALIVE = Topic("node/{name}", "alive")
+LEASE = Topic("lease/{name}", "alive")
 NODE_HEALTH = Topic("node/{name}/health", "publish", Health)
 
 TOPICS: tuple[Topic, ...] = tuple(value for value in dict(globals()).values() if isinstance(value, Topic))

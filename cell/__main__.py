@@ -44,6 +44,8 @@ _SETTLED = {"Stopped", "Idle", "Complete", "Aborted"}
 _ENDED = {"Stopped", "Aborted"}
 _RUNS_AGAIN = {"Execute", "Completing", "Complete", "Idle"}  # the last two when little of the cycle was left
 _PATIENCE_S = 600.0
+_TERMINAL = "terminal"
+"""``client_id`` of what `cell start` itself commands; it needs no lease: with it the daemon ends."""
 
 Config = Annotated[Path, typer.Option("--config", "-c", help="Station file.", show_default="the simulated cell")]
 Set = Annotated[list[str] | None, typer.Option("--set", help="Override one setting: key=value. Repeatable.")]
@@ -88,11 +90,11 @@ def start(
     screen.line(f"cell [bold]{station.cell_id}[/] on {station.bus.endpoint}: starting {', '.join(station.nodes)} ...")
     with running_cell(station, screen.observe) as daemon:
         if cycles is None and not until_empty:
-            screen.line("ready. From another terminal: cell reset, cell pick --wait, cell status. Ctrl-C ends.")
+            screen.line("ready. From another terminal: cell reset, cell pick, cell status. Ctrl-C ends.")
             for _ in screen.follow():
                 pass
             return
-        operator = CommandRequest(client_id=client.CLIENT_ID, cycles=cycles or 1, until_empty=until_empty)
+        operator = CommandRequest(client_id=_TERMINAL, cycles=cycles or 1, until_empty=until_empty)
         batch = _run_batch(daemon, screen, operator)
         if until_empty:
             screen.summary(batch.summary(daemon.objects_left()))
@@ -132,17 +134,15 @@ def _on_signal(end: Callable[[], None]) -> None:
 @app.command()
 def pick(
     config: Config = DEFAULT_STATION,
-    wait: Annotated[bool, typer.Option("--wait", help="Wait for the cycle's result.")] = False,
     object_name: Annotated[str | None, typer.Option("--object", help="Simulation: the object to present.")] = None,
     overrides: Set = None,
     as_json: Json = False,
 ) -> None:
-    """Pick one object. The cell must be Idle or Complete."""
+    """Pick one object, and wait for the result. The cell must be Idle or Complete; if this ends early, it holds."""
     with client.connect(load_station(config, overrides or [])) as cell:
         reply = cell.command("pick", object_name=object_name)
-        if not wait:
-            _print_json(reply.model_dump_json()) if as_json else _out.print(f"cycle {reply.cycle_id} begins")
-            return
+        if not as_json:
+            _out.print(f"cycle {reply.cycle_id} begins; Ctrl-C holds it")
         result = cell.wait_for_result(reply.cycle_id, _PATIENCE_S)
     if as_json:
         _print_json(result.model_dump_json())
@@ -156,10 +156,13 @@ def _simple_command(verb: str, help_text: str, until: set[str] = _SETTLED) -> No
 
     def run(config: Config = DEFAULT_STATION, overrides: Set = None, as_json: Json = False) -> None:
         with client.connect(load_station(config, overrides or [])) as cell:
-            cell.command(verb)
+            reply, wanted = cell.command(verb), until
             state = cell.wait_for_state(until | _ENDED, 60.0)
+            if until is _RUNS_AGAIN and reply.lease == cell.client_id and state.state not in _ENDED:
+                typer.echo("its client is gone: attended from here until it is over; Ctrl-C holds it", err=True)
+                state, wanted = cell.wait_for_state(_SETTLED, _PATIENCE_S), _SETTLED - _ENDED
         _print_json(state.model_dump_json()) if as_json else _out.print(f"{state.state} {state.reason}".strip())
-        if state.state not in until or (state.state == "Aborted" and verb != "abort"):
+        if state.state not in wanted or (state.state == "Aborted" and verb != "abort"):
             raise typer.Exit(1)
 
     app.command(verb, help=help_text)(run)

@@ -14,18 +14,25 @@ from bus.commands import CellHealth, CellState, CommandReply, CommandRequest, No
 from bus.errors import ReplyTimeout
 from bus.messages import CycleResult
 from bus.session import Bus, Heard
+from cell.leases import NEEDS_LEASE, NEEDS_TOKEN
 from cell.machine import refuse
 from config.schema import Station
 
-CLIENT_ID = "cell-cli"
-
 
 class Client:
-    """One connection to one cell; use `connect`."""
+    """One connection to one cell; use `connect`.
+
+    With its first command that moves the arm it declares a lease, and keeps it until it closes.
+
+    Attributes:
+        client_id: its name; no other process has it.
+    """
 
     def __init__(self, bus: Bus, ask_timeout_s: float) -> None:
         self._bus = bus
         self._timeout_s = ask_timeout_s
+        self.client_id = f"cell-cli-{uuid.uuid4().hex[:8]}"
+        self._has_lease = False
         self._heard: queue.SimpleQueue[Heard] = queue.SimpleQueue()
         for topic in (topics.STATE, topics.RESULT):
             bus.subscribe(topic.key, self._heard.put)
@@ -42,9 +49,12 @@ class Client:
         self, verb: str, *, cycles: int = 1, until_empty: bool = False, object_name: str | None = None
     ) -> CommandReply:
         """Send one command. Raises: Refused with code, reason and what is available."""
+        if verb in NEEDS_LEASE | NEEDS_TOKEN and not self._has_lease:
+            self._bus.announce(topics.LEASE, name=self.client_id)
+            self._has_lease = True
         request = CommandRequest(
             command_id=uuid.uuid4().hex,
-            client_id=CLIENT_ID,
+            client_id=self.client_id,
             cycles=cycles,
             until_empty=until_empty,
             object=object_name,

@@ -19,6 +19,7 @@ from bus.topics import Topic
 from cell.batch import Batch
 from cell.cycle import Equipment
 from cell.health import LOOK_PERIOD_S, Watch
+from cell.leases import Leases
 from cell.machine import Machine
 from cell.states import COMMANDS, PAUSES, State, available
 from cell.works import Works, new_cycle_id
@@ -68,10 +69,12 @@ class Daemon:
         self._station, self._bus, self._observer = station, bus, observer
         equipment = Equipment(camera, arm, hand, robot, station, models)
         self._works = works = Works(
-            equipment, devices.feeder, bus.nodes_alive, self._say, self._on_stage, self._on_result
+            equipment, devices.feeder, lambda: bus.alive(topics.NODE_ALIVE), self._say, self._on_stage, self._on_result
         )
         self._watch = Watch(station, self._on_lost, restarts)
         self._end_frozen = end_frozen
+        self._leases = Leases(self._on_lease_lost)
+        self._unattended = ""  # the lost lease as a reason, until the hold begins or somebody takes over
         self._closing = threading.Event()
         self._watchdog = threading.Thread(target=self._watch_over, name="watchdog", daemon=True)
         self._batch: Batch | None = None
@@ -102,6 +105,7 @@ class Daemon:
             if topic.kind == "publish" and topic.logged:
                 self._bus.subscribe(topic.key.replace("{name}", "*"), self._hear)
         self._watch.listen(self._bus)
+        self._leases.listen(self._bus)
         self._bus.answer(topics.STATE_NOW, lambda _payload, _fields: self._said_state, lane="state")
         self._bus.answer(topics.HEALTH_NOW, lambda _payload, _fields: self._watch.health(), lane="state")
         self._bus.answer(topics.COMMAND, self._on_command, lane="command", verb="*")
@@ -168,7 +172,23 @@ class Daemon:
         request = decode(CommandRequest, payload or b"{}")
         if request.client_id == CELL_CLIENT:
             raise Refused(f"The client id {CELL_CLIENT!r} is the cell's own.", "Send another.", code="BAD_CLIENT")
-        return self.machine.command(fields["verb"], request)
+        verb = fields["verb"]
+        if verb in available(self.machine.state):  # else the machine's own refusal says more
+            self._leases.require(verb, request.client_id)
+        reply = self.machine.command(verb, request)
+        if not reply.ok:
+            return reply
+        return reply.model_copy(update={"lease": self._leases.take(verb, request.client_id)})
+
+    def _on_lease_lost(self, client_id: str) -> None:
+        """Nobody attends the motion: it is held, or stopped where it cannot be; and no further cycle begins."""
+        self._unattended = f"The lease of {client_id!r} was lost: nobody attends the motion."
+        self._batch = None
+        self._works.gate.hold()
+        self._hold_unattended("stop" if self.machine.state is State.RESETTING else "hold")
+
+    def _hold_unattended(self, verb: str = "hold") -> None:
+        self.machine.post(verb, CommandRequest(client_id=CELL_CLIENT), self._unattended)
 
     def _hear(self, heard: Heard) -> None:
         log = self._works.log
@@ -180,6 +200,7 @@ class Daemon:
     def _on_accept(self, verb: str, request: CommandRequest) -> str:
         """Called before an accepted command changes the state; says which cycle it begins."""
         own = request.client_id == CELL_CLIENT
+        self._unattended = ""
         if verb in ("stop", "abort"):
             self._batch = None
             self._works.gate.halt()
@@ -218,6 +239,8 @@ class Daemon:
             self._say_state(state, reason=reason, stage=self._stage_held(state))
         if reason and state in (State.ABORTING, State.ABORTED):
             self._say(topics.EVENT, Event(code=state.upper(), severity="error", text=reason))
+        if self._unattended and state in COMMANDS["hold"]:  # it was lost while the cycle was starting
+            self._hold_unattended()
         own = CommandRequest(client_id=CELL_CLIENT)
         goes_on = self._batch is not None and not self._batch.is_over
         if state is State.COMPLETE and goes_on:

@@ -43,7 +43,7 @@ class Watch:
 
     def listen(self, bus: Bus) -> None:
         """Hear tokens and streams."""
-        bus.watch_nodes(self.change)
+        bus.watch_alive(topics.NODE_ALIVE, self.change)
         for topic in (topics.ARM_STATE, topics.HAND_STATE, topics.NODE_HEALTH):
             bus.subscribe(topic.key.replace("{name}", "*"), self.hear)
 

@@ -30,6 +30,7 @@ class _Command:
     verb: str
     request: CommandRequest
     reply: Future[CommandReply]
+    reason: str
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,7 @@ class Machine:
         self._inbox: queue.SimpleQueue[_Command | _Done | _Fault | None] = queue.SimpleQueue()
         self._answered: dict[str, CommandReply] = {}
         self.state = State.STOPPED
-        self._why_aborted = ""
+        self._why = self._why_aborted = ""
         self._held_from = State.EXECUTE
         self._ended_held: _Done | None = None  # the held state's work, when it ended by itself meanwhile
         self._thread = threading.Thread(target=self._own, name="machine", daemon=True)
@@ -80,12 +81,13 @@ class Machine:
     def command(self, verb: str, request: CommandRequest) -> CommandReply:
         """Ask for a command, from any thread; the answer says whether it was accepted."""
         reply: Future[CommandReply] = Future()
-        self._inbox.put(_Command(verb, request, reply))
+        reason = f"command {verb!r} from {request.client_id or 'a client'}"
+        self._inbox.put(_Command(verb, request, reply, reason))
         return reply.result()
 
-    def post(self, verb: str, request: CommandRequest) -> None:
-        """Ask for a command without waiting for the answer; for the owner thread itself."""
-        self._inbox.put(_Command(verb, request, Future()))
+    def post(self, verb: str, request: CommandRequest, reason: str = "") -> None:
+        """Ask for a command without waiting for the answer: for the owner thread itself, and for callbacks."""
+        self._inbox.put(_Command(verb, request, Future(), reason))
 
     def fault(self, error: CellError) -> None:
         """Report that something failed outside any work (a node died): the machine aborts."""
@@ -131,7 +133,7 @@ class Machine:
             )
         if target in PAUSING:
             self._held_from, self._ended_held = self.state, None
-        self._enter(target, f"command {command.verb!r} from {request.client_id or 'a client'}")
+        self._enter(target, command.reason)
         reply = CommandReply(ok=True, state=self.state, available=available(self.state), cycle_id=cycle_id)
         if request.command_id:
             self._answered[request.command_id] = reply
@@ -153,7 +155,7 @@ class Machine:
         elif done.state in GOING_ON:
             self._go_on()
         else:
-            self._enter(NEXT[done.state], "")
+            self._enter(NEXT[done.state], self._why if done.state in PAUSING else "")
 
     def _finish_held(self, done: _Done) -> None:
         """The held work ended by itself, its last motion was just over: its success waits until the pause is over."""
@@ -173,7 +175,7 @@ class Machine:
         self._enter(State.STOPPING if stopped else State.ABORTING, str(error))
 
     def _change(self, state: State, reason: str) -> None:
-        self.state = state
+        self.state, self._why = state, reason
         if state is State.ABORTING:
             self._why_aborted = reason
         self._on_state(state, reason)

@@ -62,7 +62,7 @@ class Node:
         if self._devices.feeder is not None:
             self._serve_feeder(self._devices.feeder)
         self._every(_PULSE, HEALTH_PERIOD_S, self._publish_health)
-        self._bus.announce(self._name)
+        self._bus.announce(topics.NODE_ALIVE, name=self._name)
 
     def close(self) -> None:
         """Stop the arm, end the publishers, disconnect; idempotent."""

@@ -42,7 +42,7 @@ def client(cell: Bus, endpoint: str) -> Iterator[Bus]:
 def test_what_is_published_is_heard_with_its_encoding(cell: Bus, client: Bus) -> None:
     heard: queue.SimpleQueue[Heard] = queue.SimpleQueue()
     cell.subscribe("hand/*", heard.put)
-    client.announce("here")  # ordered after nothing, but its arrival proves the link is up
+    client.announce(topics.NODE_ALIVE, name="here")  # ordered after nothing, but its arrival proves the link is up
     client.publish(topics.HAND_STATE, HAND)
     got = heard.get(timeout=5)
     assert got.key == "hand/state" and got.encoding == "application/json;vlad.HandState"
@@ -120,13 +120,13 @@ def test_questions_and_answers_are_tapped(cell: Bus, client: Bus) -> None:
 
 def test_nodes_come_and_go(cell: Bus, endpoint: str) -> None:
     changes: queue.SimpleQueue[tuple[str, bool]] = queue.SimpleQueue()
-    cell.watch_nodes(lambda name, is_alive: changes.put((name, is_alive)))
+    cell.watch_alive(topics.NODE_ALIVE, lambda name, is_alive: changes.put((name, is_alive)))
     with Bus.join("test", endpoint) as node:
-        node.announce("camera")
+        node.announce(topics.NODE_ALIVE, name="camera")
         assert changes.get(timeout=5) == ("camera", True)
-        assert cell.nodes_alive() == {"camera"}
+        assert cell.alive(topics.NODE_ALIVE) == {"camera"}
     assert changes.get(timeout=5) == ("camera", False)
-    assert cell.nodes_alive() == set()
+    assert cell.alive(topics.NODE_ALIVE) == set()
 
 
 def test_an_occupied_port_says_so(cell: Bus, endpoint: str) -> None:
