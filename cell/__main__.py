@@ -17,6 +17,7 @@ from bus.commands import CommandRequest
 from bus.errors import CellError
 from bus.messages import CycleResult
 from cell import calibrate, client, nodes
+from cell import watch as watching
 from cell.batch import Batch
 from cell.build import running_cell
 from cell.console import Screen
@@ -183,6 +184,16 @@ def status(config: Config = DEFAULT_STATION, overrides: Set = None, as_json: Jso
         return
     _out.print(f"[bold]{state.state}[/] {state.stage} {state.cycle_id} {state.reason}".rstrip())
     _out.print(f"  available: {', '.join(state.available) or '-'}\n  nodes up:  {', '.join(alive) or 'none'}")
+
+
+@app.command()
+def watch(
+    config: Config = DEFAULT_STATION,
+    overrides: Set = None,
+    once: Annotated[bool, typer.Option("--once", help="Print the view once and end.")] = False,
+) -> None:
+    """The running cell on one screen: state, last cycles, nodes; its commands are one key each. q ends the view."""
+    watching.watch(load_station(config, overrides or []), once=once)
 
 
 @app.command()
