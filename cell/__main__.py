@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import os
 import signal
 import sys
 from collections.abc import Callable
@@ -25,6 +26,7 @@ from cell.daemon import Daemon
 from cell.doctor import examine
 from cell.machine import refuse
 from cell.replay import replay_file
+from cell.service import Service, takes_commands
 from config.load import DEFAULT_STATION, load_station
 from config.schema import Station
 from logs.index import list_cycles
@@ -84,10 +86,11 @@ def start(
     extra = [f"sim.seed={seed}"] if seed is not None else []
     extra += [f"sim.objects={objects}"] if objects is not None else []
     station = load_station(config, [*(overrides or []), *extra])
-    screen = Screen(json_lines=as_json, report=report and not as_json)
+    service = Service(os.environ)
+    screen = Screen(json_lines=as_json, report=report and not as_json, each_turn=service.turn)
     _on_signal(screen.interrupted.set)
     screen.line(f"cell [bold]{station.cell_id}[/] on {station.bus.endpoint}: starting {', '.join(station.nodes)} ...")
-    with running_cell(station, screen.observe) as daemon:
+    with running_cell(station, screen.observe) as daemon, service.around(lambda: takes_commands(daemon.machine)):
         if cycles is None and not until_empty:
             screen.line("ready. From another terminal: cell reset, cell pick --wait, cell status. Ctrl-C ends.")
             for _ in screen.follow():
