@@ -43,6 +43,8 @@ _WIDTH = 120
 """Where no terminal says its own."""
 _REDRAW_S = 0.5
 _ASK_STATE_S = 1.0
+_SILENCE_S = 2.0
+"""A cell answers at once; after this the view says that it does not, while the question still waits."""
 _NODES_PATIENCE_S = 2.5
 _TYPES: dict[str, type[Message]] = {encoding_of(kind): kind for kind in (CellState, CycleResult, Health, Event)}
 _ESCAPE_SEQUENCE = re.compile(rb"\x1b(\[[0-?]*[ -/]*[@-~]|O.|.)?", re.DOTALL)
@@ -110,7 +112,7 @@ class Watcher:
         """Send the key's command, also one that will be refused: the answer says why."""
         verb = KEYS.get(key)
         if verb is not None:
-            self.model = replace(self.model, note=f"{verb} ...", is_bad=False)
+            self.model = self.model.noting(f"{verb} ...", time.monotonic())
             self._commands.append((verb, self._pool.submit(self._cell.command, verb)))
 
     def turn(self) -> None:
@@ -126,10 +128,10 @@ class Watcher:
         try:
             cycle_id = future.result().cycle_id
         except CellError as error:
-            self.model = replace(self.model, note=f"{verb}: {error.code}: {error}", is_bad=True)
+            self.model = self.model.noting(f"{verb}: {error.code}: {error}", time.monotonic(), is_bad=True)
         else:
             begun = f", cycle {cycle_id}" if cycle_id else ""
-            self.model = replace(self.model, note=f"{verb}: accepted{begun}", is_bad=False)
+            self.model = self.model.noting(f"{verb}: accepted{begun}", time.monotonic())
 
     def _ask_state(self) -> None:
         """Ask for the state, too, once a second: so a cell that fell silent shows, and one that came back."""
@@ -142,6 +144,8 @@ class Watcher:
             except BusError as error:
                 self.model = replace(self.model, lost=str(error))
             self._asking = None
+        elif time.monotonic() - self._asked_s > _SILENCE_S and not self.model.lost:
+            self.model = replace(self.model, lost=f"The cell has not answered for {_SILENCE_S:.0f} s.")
 
     def wait_for_nodes(self) -> None:
         """Until every node was heard, or `_NODES_PATIENCE_S`."""

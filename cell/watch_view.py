@@ -46,7 +46,7 @@ class Model:
         cell_id, nodes: of the station file. ``takes_keys``: False shows no keys.
         beats: by node name. ``results``: newest first.
         lost: why the cell does not answer, "" while it does; ``state`` is then its last one.
-        note: the last answer, refusal or event. ``is_bad``: it was no acceptance.
+        note: the last answer, refusal or event, of ``noted_s`` [monotonic]. ``is_bad``: it was no acceptance.
     """
 
     cell_id: str
@@ -57,6 +57,7 @@ class Model:
     results: tuple[CycleResult, ...] = ()
     lost: str = ""
     note: str = ""
+    noted_s: float = 0.0
     is_bad: bool = False
 
     def hear(self, said: Message, now_s: float) -> Model:
@@ -71,8 +72,12 @@ class Model:
             return replace(self, beats={**self.beats, said.name: Heartbeat(said, now_s)})
         if isinstance(said, Event):
             text = f"{said.code} {said.text} {said.advice}".rstrip()
-            return replace(self, note=text, is_bad=said.severity != "info")
+            return self.noting(text, now_s, is_bad=said.severity != "info")
         return self
+
+    def noting(self, note: str, now_s: float, *, is_bad: bool = False) -> Model:
+        """The model with another note."""
+        return replace(self, note=note, noted_s=now_s, is_bad=is_bad)
 
 
 def view(model: Model, now_s: float, now_ns: int) -> RenderableType:
@@ -83,7 +88,9 @@ def view(model: Model, now_s: float, now_ns: int) -> RenderableType:
     parts += [Rule("cycles", style="dim"), _cycles(model.results)]
     parts += [Rule("nodes", style="dim"), _nodes(model, now_s), Rule(style="dim")]
     parts.append(_keys(model))
-    parts.append(Text(model.note, style=_BAD if model.is_bad else "green"))
+    if model.note:
+        age = (f"  {duration(now_s - model.noted_s)} ago", "dim")
+        parts.append(Text.assemble((model.note, _BAD if model.is_bad else "green"), age))
     return Group(*parts)
 
 

@@ -28,7 +28,7 @@ from logs.reader import read_cycle
 
 Cell = tuple[subprocess.Popen[str], Station]
 UNIT = Path(__file__).parents[2] / "packaging" / "vlad-cell@.service"
-WATCHDOG_S = 1.0
+WATCHDOG_S = 2.0
 
 
 class Systemd:
@@ -103,9 +103,9 @@ def test_systemd_hears_how_it_is(systemd: Systemd, daemon: Cell) -> None:
     assert systemd.heard.count("READY=1") == 1
     systemd.wait_for("WATCHDOG=1")
     first_s = time.monotonic()
-    for _ in range(4):
+    for _ in range(2):
         systemd.wait_for("WATCHDOG=1", WATCHDOG_S)
-    assert 4 * WATCHDOG_S / 2 - 0.2 < time.monotonic() - first_s < 4 * WATCHDOG_S
+    assert time.monotonic() - first_s > WATCHDOG_S - 0.3  # two halves, and not at every turn
     with client.connect(station) as cell:
         cell.command("reset")
         systemd.wait_for("STATUS=Resetting, command 'reset' from cell-cli")

@@ -145,12 +145,21 @@ def test_it_ends_when_its_terminal_does(terminal: Terminal) -> None:
     assert terminal.hang_up() == 0
 
 
-def test_a_cell_that_goes_away_is_shown(terminal: Terminal, daemon: Cell) -> None:
+def test_a_cell_that_goes_away_is_shown_and_waited_for(terminal: Terminal, daemon: Cell) -> None:
+    first, _ = daemon
     terminal.wait_for(r"cell sim +Stopped")
-    daemon[0].terminate()
-    terminal.wait_for(r"Nobody answers|got no answer|bus is closed")
-    terminal.press("q")
-    assert terminal.end()[0] == 0
+    first.terminate()
+    first.wait(30)
+    terminal.wait_for(r"has not answered for 2 s|Nobody answers", 5.0)
+    second = subprocess.Popen(first.args, stdout=subprocess.DEVNULL)
+    try:
+        terminal.press("x")  # forget what was shown
+        terminal.wait_for(r"sim +\d s ago +\d s +0 +0")
+        terminal.press("r")
+        terminal.wait_for(r"cell sim +Idle")
+    finally:
+        second.terminate()
+        second.wait(30)
 
 
 def _once(options: list[str]) -> subprocess.CompletedProcess[str]:

@@ -100,6 +100,6 @@ def test_a_cell_that_does_not_answer_offers_nothing_and_may_come_back_with_an_ol
     assert back.lost == "" and back.state is not None and back.state.state == "Stopped"
 
 
-def test_an_event_is_the_note() -> None:
+def test_an_event_is_the_note_and_has_an_age() -> None:
     said = Event(code="GAVE_UP", severity="error", text="3 picks in a row failed.", advice="Look.")
-    assert "GAVE_UP 3 picks in a row failed. Look." in _text(EMPTY.hear(said, NOW_S))
+    assert "GAVE_UP 3 picks in a row failed. Look.  4 s ago" in _text(EMPTY.hear(said, NOW_S - 4.0))
