@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import os
 import signal
 import sys
 from collections.abc import Callable
@@ -17,6 +18,7 @@ from bus.commands import CommandRequest
 from bus.errors import CellError
 from bus.messages import CycleResult
 from cell import calibrate, client, nodes
+from cell import watch as watching
 from cell.batch import Batch
 from cell.build import running_cell
 from cell.console import Screen
@@ -24,6 +26,7 @@ from cell.daemon import Daemon
 from cell.doctor import examine
 from cell.machine import refuse
 from cell.replay import replay_file
+from cell.service import Service, takes_commands
 from config.load import DEFAULT_STATION, load_station
 from config.schema import Station
 from logs.index import list_cycles
@@ -85,10 +88,11 @@ def start(
     extra = [f"sim.seed={seed}"] if seed is not None else []
     extra += [f"sim.objects={objects}"] if objects is not None else []
     station = load_station(config, [*(overrides or []), *extra])
-    screen = Screen(json_lines=as_json, report=report and not as_json)
+    service = Service(os.environ)
+    screen = Screen(json_lines=as_json, report=report and not as_json, each_turn=service.turn)
     _on_signal(screen.interrupted.set)
     screen.line(f"cell [bold]{station.cell_id}[/] on {station.bus.endpoint}: starting {', '.join(station.nodes)} ...")
-    with running_cell(station, screen.observe) as daemon:
+    with running_cell(station, screen.observe) as daemon, service.around(lambda: takes_commands(daemon.machine)):
         if cycles is None and not until_empty:
             screen.line("ready. From another terminal: cell reset, cell pick, cell status. Ctrl-C ends.")
             for _ in screen.follow():
@@ -194,6 +198,16 @@ def status(config: Config = DEFAULT_STATION, overrides: Set = None, as_json: Jso
         said = "; ".join(node.problems) or "healthy"
         again = f" (started again {node.restarts} times)" if node.restarts else ""
         _out.print(f"  node {name}: {said}{again}", style="red" if node.problems else "")
+
+
+@app.command()
+def watch(
+    config: Config = DEFAULT_STATION,
+    overrides: Set = None,
+    once: Annotated[bool, typer.Option("--once", help="Print the view once and end.")] = False,
+) -> None:
+    """The running cell on one screen: state, last cycles, nodes; its commands are one key each. q ends the view."""
+    watching.watch(load_station(config, overrides or []), once=once)
 
 
 @app.command()

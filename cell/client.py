@@ -14,13 +14,14 @@ from bus.commands import CellHealth, CellState, CommandReply, CommandRequest, No
 from bus.errors import ReplyTimeout
 from bus.messages import CycleResult
 from bus.session import Bus, Heard
+from bus.topics import Topic
 from cell.leases import NEEDS_LEASE, NEEDS_TOKEN
 from cell.machine import refuse
 from config.schema import Station
 
 
 class Client:
-    """One connection to one cell; use `connect`.
+    """One connection to one cell; use `connect`. ``also``: topics to hear besides states and results.
 
     With its first command that moves the arm it declares a lease, and keeps it until it closes.
 
@@ -28,14 +29,14 @@ class Client:
         client_id: its name; no other process has it.
     """
 
-    def __init__(self, bus: Bus, ask_timeout_s: float) -> None:
+    def __init__(self, bus: Bus, ask_timeout_s: float, also: tuple[Topic, ...] = ()) -> None:
         self._bus = bus
         self._timeout_s = ask_timeout_s
         self.client_id = f"cell-cli-{uuid.uuid4().hex[:8]}"
         self._has_lease = False
         self._heard: queue.SimpleQueue[Heard] = queue.SimpleQueue()
-        for topic in (topics.STATE, topics.RESULT):
-            bus.subscribe(topic.key, self._heard.put)
+        for topic in (topics.STATE, topics.RESULT, *also):
+            bus.subscribe(topic.key.replace("{name}", "*"), self._heard.put)
 
     def state(self) -> CellState:
         """The machine's state now."""
@@ -84,6 +85,11 @@ class Client:
         """The next result of whichever cycle: of the next one of a ``start``. Raises: ReplyTimeout."""
         return self._next_result(time.monotonic() + timeout_s, "The next cycle", timeout_s)
 
+    def heard(self) -> Iterator[Heard]:
+        """What was said since the last time, oldest first; does not wait."""
+        while not self._heard.empty():
+            yield self._heard.get_nowait()
+
     def _next_result(self, give_up_s: float, whose: str, timeout_s: float) -> CycleResult:
         while (heard := self._next(give_up_s, f"{whose} gave no result within {timeout_s:.0f} s.")).key != (
             topics.RESULT.key
@@ -99,7 +105,7 @@ class Client:
 
 
 @contextmanager
-def connect(station: Station) -> Iterator[Client]:
+def connect(station: Station, also: tuple[Topic, ...] = ()) -> Iterator[Client]:
     """A client of the station's running cell. Raises: CellUnreachable."""
     with Bus.join(station.cell_id, station.bus.endpoint) as bus:
-        yield Client(bus, station.bus.ask_timeout_s)
+        yield Client(bus, station.bus.ask_timeout_s, also)

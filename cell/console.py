@@ -5,7 +5,7 @@ from __future__ import annotations
 import queue
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from rich.console import Console
@@ -24,10 +24,15 @@ _RESULT_STYLE = {"SUCCESS": "bold green", "EMPTY": "bold yellow"}
 
 
 class Screen:
-    """Prints what the daemon says. `observe` is called on the daemon's threads and only enqueues."""
+    """Prints what the daemon says. `observe` is called on the daemon's threads and only enqueues.
 
-    def __init__(self, *, json_lines: bool, report: bool) -> None:
-        self._json, self._report = json_lines, report
+    ``each_turn`` is called by `follow` with everything that was said, and with None several times a second.
+    """
+
+    def __init__(
+        self, *, json_lines: bool, report: bool, each_turn: Callable[[Message | bytes | None], None] = lambda _: None
+    ) -> None:
+        self._json, self._report, self._each_turn = json_lines, report, each_turn
         self._out = Console(highlight=False, soft_wrap=True)
         self._heard: queue.SimpleQueue[tuple[Topic, Message | bytes]] = queue.SimpleQueue()
         self._state = ""
@@ -55,7 +60,9 @@ class Screen:
             try:
                 _, message = self._heard.get(timeout=0.1)
             except queue.Empty:
+                self._each_turn(None)
                 continue
+            self._each_turn(message)
             if not quiet:
                 self._show(message)
             if isinstance(message, CellState | CycleResult):

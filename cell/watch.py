@@ -1,0 +1,228 @@
+"""``cell watch``: the running cell on one screen, and its commands one key each."""
+
+from __future__ import annotations
+
+import os
+import re
+import select
+import signal
+import sys
+import termios
+import threading
+import time
+import tty
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import replace
+from itertools import islice
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any
+
+from mcap.reader import make_reader
+from rich.console import Console, RenderableType
+from rich.live import Live
+
+from bus import topics
+from bus.codec import decode
+from bus.commands import CellState, CommandReply, Event, Health
+from bus.errors import BusError, CellError
+from bus.frozen import Message
+from bus.messages import CycleResult
+from bus.session import Heard
+from bus.topics import encoding_of
+from cell import client
+from cell.client import Client
+from cell.watch_view import HISTORY, KEYS, QUIT, Model, view
+from config.schema import Station
+from logs.reader import DAMAGE
+
+_TURN_S = 0.1
+_WIDTH = 120
+"""Where no terminal says its own."""
+_REDRAW_S = 0.5
+_ASK_STATE_S = 1.0
+_SILENCE_S = 2.0
+"""A cell answers at once; after this the view says that it does not, while the question still waits."""
+_NODES_PATIENCE_S = 2.5
+_TYPES: dict[str, type[Message]] = {encoding_of(kind): kind for kind in (CellState, CycleResult, Health, Event)}
+_ESCAPE_SEQUENCE = re.compile(rb"\x1b(\[[0-?]*[ -/]*[@-~]|O.|.)?", re.DOTALL)
+_NO_CHARACTER = b"\0"  # POSIX: this control character is switched off
+
+
+class Keyboard:
+    """Key presses, unbuffered and unechoed while entered, where ``stdin`` is a terminal; otherwise none ever.
+
+    Ctrl-C stays a signal; Ctrl-Z does nothing, so that no other program meets the terminal in this mode.
+    """
+
+    def __init__(self, stdin: IO[str]) -> None:
+        self._fd = stdin.fileno() if stdin.isatty() else None
+        self._before: Any = None
+
+    @property
+    def is_there(self) -> bool:
+        return self._fd is not None
+
+    def __enter__(self) -> Keyboard:
+        if self._fd is not None:
+            self._before = termios.tcgetattr(self._fd)
+            tty.setcbreak(self._fd)
+            now = termios.tcgetattr(self._fd)
+            now[6][termios.VSUSP] = _NO_CHARACTER
+            termios.tcsetattr(self._fd, termios.TCSANOW, now)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        if self._fd is not None:
+            termios.tcsetattr(self._fd, termios.TCSADRAIN, self._before)
+
+    def pressed(self, timeout_s: float) -> list[str]:
+        """The keys pressed within ``timeout_s``, a held-down one once; not those that send a sequence (arrows).
+
+        Raises: EOFError when the terminal is gone.
+        """
+        if self._fd is None:
+            time.sleep(timeout_s)
+            return []
+        if not select.select([self._fd], [], [], timeout_s)[0]:
+            return []
+        typed = os.read(self._fd, 1024)
+        if not typed:
+            raise EOFError
+        return list(dict.fromkeys(_ESCAPE_SEQUENCE.sub(b"", typed).decode("ascii", "ignore")))
+
+
+class Watcher:
+    """Keeps a `Model` up to date, and sends commands. Asking happens in threads: a silent cell never stops the view."""
+
+    def __init__(self, cell: Client, station: Station, pool: ThreadPoolExecutor, *, takes_keys: bool) -> None:
+        self._cell, self._pool = cell, pool
+        results = tuple(islice(recorded_results(station.recording.folder), HISTORY))
+        self.model = Model(station.cell_id, tuple(station.nodes), takes_keys, results=results)
+        self.model = self.model.hear(cell.state(), time.monotonic())
+        self._asked_s = time.monotonic()
+        self._asking: Future[CellState] | None = None
+        self._commands: list[tuple[str, Future[CommandReply]]] = []
+
+    def press(self, key: str) -> None:
+        """Send the key's command, also one that will be refused: the answer says why."""
+        verb = KEYS.get(key)
+        if verb is not None:
+            self.model = self.model.noting(f"{verb} ...", time.monotonic())
+            self._commands.append((verb, self._pool.submit(self._cell.command, verb)))
+
+    def turn(self) -> None:
+        """Take what was said and answered since the last turn. Raises: nothing a cell does."""
+        for heard in self._cell.heard():
+            self.model = self.model.hear(_decoded(heard), time.monotonic())
+        for verb, future in [command for command in self._commands if command[1].done()]:
+            self._commands.remove((verb, future))
+            self._take_answer(verb, future)
+        self._ask_state()
+
+    def _take_answer(self, verb: str, future: Future[CommandReply]) -> None:
+        try:
+            cycle_id = future.result().cycle_id
+        except CellError as error:
+            self.model = self.model.noting(f"{verb}: {error.code}: {error}", time.monotonic(), is_bad=True)
+        else:
+            begun = f", cycle {cycle_id}" if cycle_id else ""
+            self.model = self.model.noting(f"{verb}: accepted{begun}", time.monotonic())
+
+    def _ask_state(self) -> None:
+        """Ask for the state, too, once a second: so a cell that fell silent shows, and one that came back."""
+        if self._asking is None:
+            if time.monotonic() - self._asked_s > _ASK_STATE_S:
+                self._asked_s, self._asking = time.monotonic(), self._pool.submit(self._cell.state)
+        elif self._asking.done():
+            try:
+                self.model = self.model.hear(self._asking.result(), time.monotonic())
+            except BusError as error:
+                self.model = replace(self.model, lost=str(error))
+            self._asking = None
+        elif time.monotonic() - self._asked_s > _SILENCE_S and not self.model.lost:
+            self.model = replace(self.model, lost=f"The cell has not answered for {_SILENCE_S:.0f} s.")
+
+    def wait_for_nodes(self) -> None:
+        """Until every node was heard, or `_NODES_PATIENCE_S`."""
+        give_up_s = time.monotonic() + _NODES_PATIENCE_S
+        while set(self.model.nodes) - self.model.beats.keys() and time.monotonic() < give_up_s:
+            time.sleep(_TURN_S)
+            self.turn()
+
+
+def watch(station: Station, *, once: bool) -> None:
+    """Show the station's cell until q or Ctrl-C; once, where asked for or where there is no terminal to draw on.
+
+    Raises: CellUnreachable when no cell runs at the beginning; one that goes away later is shown, and waited for.
+    """
+    out = Console(highlight=False, width=None if sys.stdout.isatty() else _WIDTH)
+    once = once or not out.is_terminal
+    keyboard = Keyboard(sys.stdin)
+    with client.connect(station, also=(topics.NODE_HEALTH, topics.EVENT)) as cell, _asking() as pool:
+        watcher = Watcher(cell, station, pool, takes_keys=keyboard.is_there and not once)
+        if once:
+            watcher.wait_for_nodes()
+            out.print(_draw(watcher))
+        else:
+            _loop(watcher, keyboard, out, _end_on_signals())
+
+
+def _loop(watcher: Watcher, keyboard: Keyboard, out: Console, ended: threading.Event) -> None:
+    """Until q, ``ended``, or the terminal is gone: only its own input and output raise what is caught here."""
+    try:
+        with keyboard, Live(_draw(watcher), console=out, screen=True, auto_refresh=False) as live:
+            drawn_s, drawn = 0.0, watcher.model
+            while not ended.is_set() and QUIT not in (keys := keyboard.pressed(_TURN_S)):
+                for key in keys:
+                    watcher.press(key)
+                watcher.turn()
+                if watcher.model is not drawn or time.monotonic() - drawn_s > _REDRAW_S:
+                    drawn_s, drawn = time.monotonic(), watcher.model
+                    live.update(_draw(watcher), refresh=True)
+    except (EOFError, OSError, termios.error):
+        return
+
+
+def _draw(watcher: Watcher) -> RenderableType:
+    return view(watcher.model, time.monotonic(), time.time_ns())
+
+
+def _decoded(heard: Heard) -> Message:
+    return decode(_TYPES[heard.encoding], heard.payload)
+
+
+def _end_on_signals() -> threading.Event:
+    """Set by Ctrl-C, SIGTERM and a closed terminal; none of them may interrupt a line that is being drawn."""
+    ended = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, lambda *_: ended.set())
+    return ended
+
+
+@contextmanager
+def _asking() -> Iterator[ThreadPoolExecutor]:
+    """Threads for questions; leaving does not wait for their answers."""
+    pool = ThreadPoolExecutor(max_workers=4, thread_name_prefix="asking")
+    try:
+        yield pool
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+
+
+def recorded_results(folder: Path) -> Iterator[CycleResult]:
+    """Results of the closed recordings below ``folder``, newest first; those that cannot be read are left out.
+
+    `cell cycles` lists those too, with what is wrong.
+    """
+    for path in sorted(folder.rglob("*.mcap"), key=lambda path: path.name, reverse=True):
+        try:
+            with path.open("rb") as file:
+                for _, _, message in make_reader(file).iter_messages(topics=[f"/{topics.RESULT.key}"]):
+                    yield decode(CycleResult, message.data)
+        except (*DAMAGE, BusError):
+            continue
