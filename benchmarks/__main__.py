@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
-from benchmarks import alignment, calibration, detection, grasps, models, planning
+from benchmarks import alignment, calibration, detection, grasps, intruder, models, planning
 from benchmarks.drifted import REGIMES
 from bus.commands import CommandRequest
 from bus.errors import CellError
@@ -124,6 +124,17 @@ def calibrate_(
 ) -> None:
     """Hand-eye calibration with the simulated camera 15 mm and 3 degrees from where it should be: error left."""
     typer.echo(json.dumps(calibration.run(seeds, _teller(as_json))))
+
+
+@app.command(name="intruder")
+def intruder_(
+    tries: Annotated[int, typer.Option(min=1)] = 10_000,
+    seed: int = 1,
+    endpoint: Annotated[str, typer.Option(help="Free loopback endpoint for its cell.")] = "tcp/127.0.0.1:7497",
+    as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
+) -> None:
+    """Malformed, unauthorised, stale, out-of-limit and replayed questions to a running cell: what was accepted."""
+    typer.echo(json.dumps(intruder.run(tries, seed, endpoint, _teller(as_json))))
 
 
 def _teller(quiet: bool) -> Callable[[str], None]:

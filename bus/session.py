@@ -191,16 +191,18 @@ class Bus:
                 return replies
             time.sleep(0.05)
 
-    def answer(self, topic: Topic, handler: Handler, *, lane: str, **fields: str) -> None:
+    def answer(self, topic: Topic, handler: Handler, *, lane: str | Callable[[str], str], **fields: str) -> None:
         """Answer questions on ``topic`` with ``handler(payload, fields)``, one at a time per ``lane`` (a thread).
+
+        A ``lane`` that depends on the key's last chunk keeps what is urgent from waiting for what is not.
 
         The handler returns a message, or the payloads to reply with. A `CellError` it raises is sent back typed.
         """
-        executor = self.lane(lane)
         key = self.key(topic, **fields)
 
         def receive(query: zenoh.Query) -> None:
-            executor.submit(self._reply, topic, query, handler)
+            name = lane if isinstance(lane, str) else lane(str(query.key_expr).rpartition("/")[2])
+            self.lane(name).submit(self._reply, topic, query, handler)
 
         self._declared.append(self._session.declare_queryable(key, receive))
 

@@ -52,6 +52,7 @@ class Client:
         """Send one command. Raises: Refused with code, reason and what is available."""
         if verb in NEEDS_LEASE | NEEDS_TOKEN and not self._has_lease:
             self._bus.announce(topics.LEASE, name=self.client_id)
+            self._bus.alive(topics.LEASE)  # answered after the token has arrived
             self._has_lease = True
         request = CommandRequest(
             command_id=uuid.uuid4().hex,

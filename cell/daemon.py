@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from bus import topics
 from bus.codec import decode
 from bus.codes import ADVICE, Code
-from bus.commands import CellState, CommandReply, CommandRequest, Event
+from bus.commands import CellHealth, CellState, CommandReply, CommandRequest, Event
 from bus.errors import BusError, CycleFailure, DriverError, Refused
 from bus.frozen import Message
 from bus.messages import CycleResult
@@ -29,6 +29,8 @@ from perception.models import Models
 from planning.robot import Robot
 
 _log = logging.getLogger(__name__)
+
+_ANYONES = ("stop", "abort", "hold", "suspend")
 
 Observer = Callable[[Topic, "Message | bytes"], None]
 
@@ -108,7 +110,7 @@ class Daemon:
         self._leases.listen(self._bus)
         self._bus.answer(topics.STATE_NOW, lambda _payload, _fields: self._said_state, lane="state")
         self._bus.answer(topics.HEALTH_NOW, lambda _payload, _fields: self._watch.health(), lane="state")
-        self._bus.answer(topics.COMMAND, self._on_command, lane="command", verb="*")
+        self._bus.answer(topics.COMMAND, self._on_command, lane=_lane_of, verb="*")
         self.machine.start()
         self._watchdog.start()
 
@@ -127,6 +129,10 @@ class Daemon:
     def command(self, verb: str, request: CommandRequest) -> CommandReply:
         """A command from inside this process; the same as one over the bus."""
         return self.machine.command(verb, request)
+
+    def health(self) -> CellHealth:
+        """The cell's health now, node by node."""
+        return self._watch.health()
 
     def objects_left(self) -> int | None:
         """Simulation: how many objects really are in the pick region; None where nobody knows."""
@@ -173,8 +179,7 @@ class Daemon:
         if request.client_id == CELL_CLIENT:
             raise Refused(f"The client id {CELL_CLIENT!r} is the cell's own.", "Send another.", code="BAD_CLIENT")
         verb = fields["verb"]
-        if verb in available(self.machine.state):  # else the machine's own refusal says more
-            self._leases.require(verb, request.client_id)
+        self._leases.require(verb, request.client_id)
         reply = self.machine.command(verb, request)
         if not reply.ok:
             return reply
@@ -287,3 +292,8 @@ class Daemon:
             reason=reason,
         )
         self._say(topics.STATE, self._said_state)
+
+
+def _lane_of(verb: str) -> str:
+    """What stops the arm never waits behind a command that is still being looked into."""
+    return "command-stop" if verb in _ANYONES else "command"

@@ -17,7 +17,7 @@ NEEDS_LEASE = frozenset({"reset", "start", "pick"})
 """These need the lease: one holder at a time."""
 NEEDS_TOKEN = frozenset({"unhold", "unsuspend"})
 """These let the holder's motion go on: any client with a token may, and becomes the holder if there is none."""
-_ARRIVAL_S = 0.5
+_ARRIVAL_S = 0.05
 """How long a token may arrive after the command that needs it."""
 
 

@@ -64,7 +64,7 @@ class Machine:
         self._on_state = on_state
         self._on_accept = on_accept
         self._inbox: queue.SimpleQueue[_Command | _Done | _Fault | None] = queue.SimpleQueue()
-        self._answered: dict[str, CommandReply] = {}
+        self._answered: dict[tuple[str, str, str], CommandReply] = {}
         self.state = State.STOPPED
         self._why = self._why_aborted = ""
         self._held_from = State.EXECUTE
@@ -116,10 +116,11 @@ class Machine:
                 self._enter(State.ABORTING, str(item.error))
 
     def _decide(self, command: _Command) -> CommandReply:
-        """Accept or refuse; the same command id gets the same answer without acting twice."""
+        """Accept or refuse; the same client's same command id gets the same answer without acting twice."""
         request = command.request
-        if request.command_id and request.command_id in self._answered:
-            return self._answered[request.command_id]
+        key = (command.verb, request.client_id, request.command_id)
+        if request.command_id and key in self._answered:
+            return self._answered[key]
         try:
             target = after_command(self.state, command.verb)
             cycle_id = self._on_accept(command.verb, request)
@@ -136,7 +137,7 @@ class Machine:
         self._enter(target, command.reason)
         reply = CommandReply(ok=True, state=self.state, available=available(self.state), cycle_id=cycle_id)
         if request.command_id:
-            self._answered[request.command_id] = reply
+            self._answered[key] = reply
             if len(self._answered) > _REMEMBERED_COMMANDS:
                 self._answered.pop(next(iter(self._answered)))
         return reply

@@ -137,7 +137,7 @@ def check(q_rad: JointSamples) -> LimitReport:
     middle, half = (UPPER_RAD + LOWER_RAD) / 2, (UPPER_RAD - LOWER_RAD) / 2
     lower, upper = velocity_bounds(padded[1:])
     bound = np.where(velocity > 0, upper, -lower)
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):  # far outside the joint's range its bound is nan: too fast
         velocity_ratio = np.where(velocity == 0, 0.0, np.abs(velocity) / bound)
     return LimitReport(
         position=_peak(np.abs(padded - middle) / half, 3),

@@ -77,11 +77,21 @@ class HandSettings(Settings):
     """
 
     max_width_m: Positive = 0.08
+    max_speed_m_s: Positive = 0.1
+    """Of the width: 50 mm/s for each finger (Franka Hand product manual)."""
+    max_force_n: Positive = 70.0
+    """What it may press with continuously (Franka Hand product manual)."""
     speed_m_s: Positive = 0.05
     grasp_force_n: Positive = 30.0
     finger_width_m: Positive = 0.020
     finger_thickness_m: Positive = 0.012
     min_width_m: NonNegative = 0.002
+
+    @model_validator(mode="after")
+    def _asks_for_what_it_can(self) -> HandSettings:
+        if self.speed_m_s > self.max_speed_m_s or self.grasp_force_n > self.max_force_n:
+            raise ValueError("speed_m_s and grasp_force_n must be within max_speed_m_s and max_force_n")
+        return self
 
 
 class Box(Settings):

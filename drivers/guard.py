@@ -1,4 +1,4 @@
-"""The last check before an arm moves. It refuses and never repairs: what it lets through is played unchanged."""
+"""The last check before arm or hand move. It refuses and never repairs: what it lets through is passed on unchanged."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from contextlib import suppress
 
 import numpy as np
 
-from bus.errors import CellError, MotionRefused
-from bus.messages import ArmMode, ArmState, Motion
+from bus.errors import CellError, HandFault, MotionRefused
+from bus.messages import ArmMode, ArmState, HandState, Motion
 from bus.trajectory import Trajectory
 from config.limits import check
 from config.schema import Station
-from drivers.interface import Arm
+from drivers.interface import Arm, Hand
 
 
 class Guard:
@@ -62,6 +62,47 @@ class Guard:
 
     def close(self) -> None:
         self._arm.close()
+
+
+class HandGuard:
+    """A `Hand` that refuses widths, speeds and forces which this hand does not have (``station.hand``)."""
+
+    def __init__(self, hand: Hand, station: Station) -> None:
+        self._hand, self._limits = hand, station.hand
+
+    def connect(self) -> None:
+        self._hand.connect()
+
+    def state(self) -> HandState:
+        return self._hand.state()
+
+    def move(self, width_m: float, speed_m_s: float) -> HandState:
+        """Raises: HandFault; nothing moved."""
+        _require_within("width_m", width_m, 0.0, self._limits.max_width_m)
+        _require_within("speed_m_s", speed_m_s, 0.0, self._limits.max_speed_m_s)
+        return self._hand.move(width_m, speed_m_s)
+
+    def grasp(self, force_n: float, speed_m_s: float) -> HandState:
+        """Raises: HandFault; nothing moved."""
+        _require_within("force_n", force_n, 0.0, self._limits.max_force_n)
+        _require_within("speed_m_s", speed_m_s, 0.0, self._limits.max_speed_m_s)
+        return self._hand.grasp(force_n, speed_m_s)
+
+    def home(self) -> HandState:
+        return self._hand.home()
+
+    def stop(self) -> None:
+        """Passed on unchecked, like `Guard.stop`."""
+        with suppress(CellError):
+            self._hand.stop()
+
+    def close(self) -> None:
+        self._hand.close()
+
+
+def _require_within(name: str, value: float, lowest: float, highest: float) -> None:
+    if not lowest <= value <= highest:  # nan is nowhere
+        raise HandFault(f"{name} = {value:g} is not between {lowest:g} and {highest:g}.", "See [hand] of the station.")
 
 
 def _require_limits(trajectory: Trajectory) -> None:

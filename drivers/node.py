@@ -16,7 +16,7 @@ from bus.session import Bus, Heard
 from bus.topics import Topic, encoding_of
 from bus.trajectory import Trajectory
 from config.schema import Station
-from drivers.guard import Guard
+from drivers.guard import Guard, HandGuard
 from drivers.interface import Arm, Camera, Devices, Feeder, Hand, Reporting
 from drivers.loops import Loop
 
@@ -35,11 +35,11 @@ class Node:
     Args:
         name: the node's name in the station file.
         bus: an open session; stays the caller's.
-        devices: what to serve. The arm is wrapped in the `Guard` here, so no motion from the bus escapes it.
+        devices: what to serve. Arm and hand are wrapped in their guards here: no motion from the bus escapes.
     """
 
     def __init__(self, name: str, bus: Bus, devices: Devices, station: Station) -> None:
-        self._name, self._bus, self._devices = name, bus, devices
+        self._name, self._bus, self._devices, self._station = name, bus, devices, station
         self._arm = Guard(devices.arm, station) if devices.arm is not None else None
         self._started_s = time.monotonic()
         self._answered = self._failed = 0
@@ -58,7 +58,7 @@ class Node:
         if self._arm is not None:
             self._serve_arm(self._arm)
         if self._devices.hand is not None:
-            self._serve_hand(self._devices.hand)
+            self._serve_hand(HandGuard(self._devices.hand, self._station))
         if self._devices.feeder is not None:
             self._serve_feeder(self._devices.feeder)
         self._every(_PULSE, HEALTH_PERIOD_S, self._publish_health)

@@ -106,7 +106,7 @@ def test_a_cell_whose_client_dies_in_mid_motion_holds_and_another_may_go_on(
             time.sleep(0.02)
         with pytest.raises(Refused) as refusal:
             cell.command("reset")
-        assert refusal.value.code == "WRONG_STATE"
+        assert refusal.value.code == "LEASE_HELD"
         picker.kill()
         assert "was lost" in cell.wait_for_state({"Held"}, 20).reason
         reply = cell.command("unhold")

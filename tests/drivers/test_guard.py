@@ -5,13 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bus.errors import MotionRefused, NotConnected
+from bus.errors import HandFault, MotionRefused, NotConnected
 from bus.messages import ArmMode, ArmState, Motion
 from bus.trajectory import Trajectory
 from config.limits import UPPER_RAD
 from config.schema import NodeSettings, Station
-from drivers.guard import Guard
+from drivers.guard import Guard, HandGuard
 from drivers.interface import Arm
+from drivers.sim.hand import SimHand
+from drivers.sim.world import World
 
 HOME = np.array([0.0, -0.55, 0.0, -2.1, 0.0, 1.55, 0.785])
 STATION = Station(nodes={"sim": NodeSettings(driver="sim", serves=("camera", "arm", "hand"))})
@@ -162,3 +164,24 @@ def test_everything_else_passes_straight_through() -> None:
 def test_a_stop_and_a_hold_never_raise() -> None:
     Guard(DeadArm(), STATION).stop()
     Guard(DeadArm(), STATION).hold()
+
+
+# --- the hand ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("verb", "first", "speed_m_s"),
+    [
+        ("move", 0.2, 0.05), ("move", -0.01, 0.05), ("move", float("nan"), 0.05), ("move", 0.04, 5.0),
+        ("grasp", 300.0, 0.05), ("grasp", float("nan"), 0.05), ("grasp", 30.0, float("inf")),
+    ],
+)  # fmt: skip
+def test_a_hand_is_not_asked_for_what_it_cannot_do(verb: str, first: float, speed_m_s: float) -> None:
+    hand = SimHand(World(STATION))
+    hand.connect()
+    guarded = HandGuard(hand, STATION)
+    before_m = guarded.state().width_m
+    with pytest.raises(HandFault, match="is not between"):
+        getattr(guarded, verb)(first, speed_m_s)
+    assert guarded.state().width_m == before_m
+    assert guarded.move(0.05, 0.1).width_m == pytest.approx(0.05, abs=1e-3)
