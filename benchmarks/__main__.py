@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
-from benchmarks import alignment, calibration, detection, grasps, intruder, models, planning
+from benchmarks import alignment, calibration, detection, grasps, intruder, models, planning, stopping
 from benchmarks.drifted import REGIMES
 from bus.commands import CommandRequest
 from bus.errors import CellError
@@ -135,6 +135,17 @@ def intruder_(
 ) -> None:
     """Malformed, unauthorised, stale, out-of-limit and replayed questions to a running cell: what was accepted."""
     typer.echo(json.dumps(intruder.run(tries, seed, endpoint, _teller(as_json))))
+
+
+@app.command(name="stop")
+def stop_(
+    repeats: Annotated[int, typer.Option(min=1, help="Interrupted picks for each trigger.")] = 10,
+    seed: int = 1,
+    endpoint: Annotated[str, typer.Option(help="Free loopback endpoint for its cell.")] = "tcp/127.0.0.1:7498",
+    as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
+) -> None:
+    """A stop, hold, abort and a lost lease in the middle of a pick: until the brake begins [ms], and until rest [s]."""
+    typer.echo(json.dumps(stopping.run(repeats, seed, endpoint, _teller(as_json))))
 
 
 def _teller(quiet: bool) -> Callable[[str], None]:
