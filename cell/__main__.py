@@ -28,7 +28,7 @@ from cell.machine import refuse
 from cell.replay import replay_file
 from cell.service import Service, takes_commands
 from config.load import DEFAULT_STATION, load_station
-from config.schema import Station
+from config.schema import RetrySettings, Station
 from logs.index import list_cycles
 from logs.reader import read_cycle
 from logs.report import write_report
@@ -99,7 +99,7 @@ def start(
                 pass
             return
         operator = CommandRequest(client_id=_TERMINAL, cycles=cycles or 1, until_empty=until_empty)
-        batch = _run_batch(daemon, screen, operator)
+        batch = _run_batch(daemon, screen, operator, station.retry)
         if until_empty:
             screen.summary(batch.summary(daemon.objects_left()))
     done = batch.is_empty if until_empty else batch.picked == cycles
@@ -107,14 +107,16 @@ def start(
         raise typer.Exit(1)
 
 
-def _run_batch(daemon: Daemon, screen: Screen, operator: CommandRequest) -> Batch:
+def _run_batch(daemon: Daemon, screen: Screen, operator: CommandRequest, retry: RetrySettings) -> Batch:
     """Reset, then all picks of one ``start``; over also when the cell aborts, is stopped, or Ctrl-C was pressed."""
-    batch = Batch(operator)
+    batch = Batch(operator, retry)
+    begun = False
     refuse(daemon.command("reset", operator))
     for said in screen.follow():
         if isinstance(said, CycleResult):
             batch.hear(said)
-        elif said.state == "Idle" and batch.done == 0:
+        elif said.state == "Idle" and not begun:
+            begun = True
             refuse(daemon.command("start", operator))
         elif said.state in ("Aborted", "Stopped") and said.reason:
             batch.end(said.reason)

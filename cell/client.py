@@ -76,11 +76,15 @@ class Client:
         return state
 
     def wait_for_result(self, cycle_id: str, timeout_s: float) -> CycleResult:
-        """The result of cycle ``cycle_id``. Raises: ReplyTimeout."""
+        """The result of the pick that began as ``cycle_id``: of its last try. Raises: ReplyTimeout."""
         give_up_s = time.monotonic() + timeout_s
-        while (result := self._next_result(give_up_s, f"Cycle {cycle_id}", timeout_s)).cycle_id != cycle_id:
-            pass
-        return result
+        while True:
+            result = self._next_result(give_up_s, f"Cycle {cycle_id}", timeout_s)
+            if result.cycle_id != cycle_id:
+                continue
+            if not result.retried_as:
+                return result
+            cycle_id = result.retried_as
 
     def next_result(self, timeout_s: float) -> CycleResult:
         """The next result of whichever cycle: of the next one of a ``start``. Raises: ReplyTimeout."""

@@ -71,7 +71,7 @@ def _detect(record: CycleRecord, station: Station, _robot: Robot) -> Message:
 def _plan(record: CycleRecord, station: Station, robot: Robot) -> Message:
     found = _result(record, "detect", Detections)
     assert isinstance(found, Detections)
-    return plan(found, _observation(record), robot, station)
+    return plan(found, _observation(record), robot, station, record.attempt.missed)
 
 
 def _verify(record: CycleRecord, station: Station, robot: Robot) -> Message:

@@ -339,6 +339,20 @@ class VerifySettings(Settings):
     depth image (measured on the paper's five objects: the first two see at least 90 % of it)."""
 
 
+class RetrySettings(Settings):
+    """What follows a pick that failed; each further try is a cycle of its own. 0 everywhere: nothing does.
+
+    Attributes:
+        grasps: tries with the next ranked grasp, after fingers that closed on nothing.
+        looks: tries after anything else that may be better the next time: with a new capture, all grasps again.
+        hold_after: of one `start`: so many picks in a row that failed for good, and the cell holds (0 = never).
+    """
+
+    grasps: Annotated[int, Field(ge=0, le=10)] = 0
+    looks: Annotated[int, Field(ge=0, le=10)] = 0
+    hold_after: Annotated[int, Field(ge=0, le=100)] = 0
+
+
 class SimSettings(Settings):
     """The simulated cell (MuJoCo).
 
@@ -377,6 +391,7 @@ class Station(Settings):
     perception: PerceptionSettings = PerceptionSettings()
     planning: PlanningSettings = PlanningSettings()
     verify: VerifySettings = VerifySettings()
+    retry: RetrySettings = RetrySettings()
     sim: SimSettings = SimSettings()
     calibration: CalibrationSettings = CalibrationSettings()
     fr3: Fr3Settings = Fr3Settings()
