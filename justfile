@@ -53,6 +53,11 @@ bench *args: setup
 replay *args: setup
     uv run cell replay "$@"
 
+# Write down anew what the pure stages decide on the golden recordings; review the diff
+golden-update: setup
+    uv run python -m tests.golden.behaviour
+    git --no-pager diff --stat tests/golden
+
 # Write the report page of a recording
 report *args: setup
     uv run cell report "$@"

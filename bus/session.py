@@ -125,6 +125,22 @@ class Bus:
         if topic.logged:
             self._record(Heard(topic.key.format(**fields), encoding, payload))
 
+    def put(self, key: str, payload: bytes, encoding: str) -> None:
+        """Put bytes on a whole Zenoh ``key`` that is none of this cell's. Raises: BusError after close."""
+        try:
+            self._session.put(key, payload, encoding=encoding)
+        except zenoh.ZError as error:
+            raise BusError(f"Cannot publish {key}: the bus is closed.") from error
+
+    def is_heard(self, pattern: str) -> bool:
+        """Whether anybody else subscribes to something of ``pattern``, a whole Zenoh key expression."""
+        publisher = self._session.declare_publisher(pattern, allowed_destination=zenoh.Locality.REMOTE)
+        try:
+            status: Any = publisher.matching_status  # its stub calls it a bool; it is an object, and true
+            return bool(status.matching)
+        finally:
+            publisher.undeclare()  # type: ignore[no-untyped-call]
+
     def subscribe(self, pattern: str, callback: Callable[[Heard], None], *, own: bool = False) -> None:
         """Call ``callback`` with what others (or also we: ``own``) publish on ``pattern`` below the cell's root.
 
