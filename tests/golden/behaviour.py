@@ -1,6 +1,6 @@
-"""What the pure stages decide on the golden recordings, as text: a change of behaviour is read as a diff of behaviour.json.
+"""What the pure stages decide on the golden recordings, as text: a change of behaviour is a diff of behaviour.json.
 
-``python -m tests.golden.behaviour`` (``just golden-update``) writes it anew; review the diff, and say why in the commit.
+``just golden-update`` writes it anew; review the diff, and say why in the commit.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The pure stages decide on the golden recordings what behaviour.json says; `just golden-update` after a wanted change."""
+"""The pure stages decide on the golden recordings what behaviour.json says (`just golden-update`)."""
 
 from __future__ import annotations
 
