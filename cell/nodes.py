@@ -23,6 +23,7 @@ from pydantic import Field
 from bus.codec import decode, encode
 from bus.commands import ErrorReply
 from bus.errors import BadPayload, CellError, DriverUnavailable
+from bus.faulty import FaultyBus
 from bus.frozen import Message
 from bus.remote_errors import error_from_reply, error_reply
 from bus.session import Bus
@@ -199,7 +200,7 @@ def serve_supervised(name: str, stdin: IO[str], stdout: IO[str]) -> int:
     """The child's side: read the station, serve node ``name``, end when stdin closes. Returns the exit code."""
     station = station_from(json.loads(stdin.readline()))
     try:
-        with Bus.join(station.cell_id, station.bus.endpoint) as bus:
+        with _link(station) as bus:
             node = Node(name, bus, open_devices(station.nodes[name].driver, station), station)
             node.open()
             _say(stdout, Ready(node=name, pid=os.getpid()))
@@ -213,7 +214,7 @@ def serve_supervised(name: str, stdin: IO[str], stdout: IO[str]) -> int:
 
 def serve_until_interrupted(name: str, station: Station) -> None:
     """A node in a terminal of its own (``run = "elsewhere"``): serve until Ctrl-C."""
-    with Bus.join(station.cell_id, station.bus.endpoint) as bus:
+    with _link(station) as bus:
         node = Node(name, bus, open_devices(station.nodes[name].driver, station), station)
         node.open()
         try:
@@ -221,6 +222,11 @@ def serve_until_interrupted(name: str, station: Station) -> None:
                 time.sleep(1.0)
         finally:
             node.close()
+
+
+def _link(station: Station) -> Bus:
+    """The node's session; one that can be spoiled where the station allows it."""
+    return (FaultyBus if station.faults.allowed else Bus).join(station.cell_id, station.bus.endpoint)
 
 
 def _say(stdout: IO[str], ready: Ready) -> None:

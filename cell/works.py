@@ -31,7 +31,6 @@ from planning.scene import Scene
 
 _REST_RAD_S = 0.1
 """Below this the arm rests: the FR3's measured velocity chatters by up to 0.08 rad/s at standstill."""
-_STOP_PATIENCE_S = 20.0
 _AT_CAPTURE_RAD = 1e-3
 _LOOK_S = 0.01
 _ENDING_S = 1.0
@@ -164,11 +163,12 @@ class Works:
         The fingers cannot be held: their motion is waited for. Raises: CycleFailure when the arm does not rest.
         """
         arm = self._equipment.arm
-        give_up_s = time.monotonic() + _STOP_PATIENCE_S
+        patience_s = self._station.arm.rest_s
+        give_up_s = time.monotonic() + patience_s
         at_rest = 0  # readings running
         while at_rest < 2 and not self.gate.halted:  # the first may be of a motion that was just on its way: hold again
             if time.monotonic() > give_up_s:
-                raise CycleFailure(Code.INTERNAL, f"The cell still moves {_STOP_PATIENCE_S:.0f} s after the hold.")
+                raise CycleFailure(Code.INTERNAL, f"The cell still moves {patience_s:.0f} s after the hold.")
             arm.hold()
             is_moving, state = self.gate.is_moving, arm.state()
             held = not is_moving or state.mode is ArmMode.MOVE
@@ -189,7 +189,8 @@ class Works:
         """Stop until ``is_quiet`` (no work runs), then confirm by the measured velocity that the arm rests."""
         self.gate.halt()
         arm, hand = self._equipment.arm, self._equipment.hand
-        give_up_s = time.monotonic() + _STOP_PATIENCE_S
+        patience_s = self._station.arm.rest_s
+        give_up_s = time.monotonic() + patience_s
         try:
             arm.stop()
             hand.stop()
@@ -197,7 +198,7 @@ class Works:
                 arm.stop()
                 hand.stop()
                 if time.monotonic() > give_up_s:
-                    raise CycleFailure(Code.INTERNAL, f"The cycle still runs {_STOP_PATIENCE_S:.0f} s after the stop.")
+                    raise CycleFailure(Code.INTERNAL, f"The cycle still runs {patience_s:.0f} s after the stop.")
             while not (speed_rad_s := float(np.abs(arm.state().dq_rad_s).max())) <= _REST_RAD_S:  # nan is no rest
                 if time.monotonic() > give_up_s:
                     raise CycleFailure(Code.INTERNAL, f"The arm still moves at {speed_rad_s:.2f} rad/s after the stop.")

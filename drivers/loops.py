@@ -19,14 +19,19 @@ class Loop:
     A round that begins a whole period late is a missed deadline, and is left out: rounds never pile up.
 
     Args:
-        on_fault: told every error of ``act`` but a closed bus, which ends the loop.
+        on_fault: told every error of ``act`` but a closed bus, which ends the loop. ``on_end``: told of that.
     """
 
     def __init__(
-        self, name: str, period_s: float, act: Callable[[], None], on_fault: Callable[[CellError], None]
+        self,
+        name: str,
+        period_s: float,
+        act: Callable[[], None],
+        on_fault: Callable[[CellError], None],
+        on_end: Callable[[], None] = lambda: None,
     ) -> None:
         self.name = name
-        self._period_s, self._act, self._on_fault = period_s, act, on_fault
+        self._period_s, self._act, self._on_fault, self._on_end = period_s, act, on_fault, on_end
         self._rounds: deque[float] = deque()  # when those of the window were done
         self._missed = 0
         self._changing = threading.Lock()
@@ -50,8 +55,9 @@ class Loop:
         while not self._closing.wait(max(0.0, due_s - time.monotonic())):
             try:
                 self._act()
-            except BusError:
-                return  # the session closed under us: nobody listens any more
+            except BusError:  # the session closed under us: nobody listens any more
+                self._on_end()
+                return
             except CellError as error:
                 self._on_fault(error)  # the next round tries again
             else:
