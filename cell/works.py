@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
@@ -14,7 +15,7 @@ import numpy as np
 from bus import topics
 from bus.codec import encode
 from bus.codes import Code
-from bus.errors import BusError, CycleFailure, DriverError, MotionRefused
+from bus.errors import BusError, CycleFailure, DriverError, MotionRefused, RecordingError
 from bus.messages import ArmMode, CycleResult
 from bus.session import Heard
 from bus.topics import encoding_of
@@ -24,8 +25,9 @@ from cell.feed import Feed
 from cell.gate import Gate
 from cell.runinfo import run_info
 from config.scene import placing_at
+from config.schema import Station
 from drivers.interface import Feeder
-from logs.recorder import ensure_space
+from logs.recorder import Recorder, Under, ensure_space, plain
 from planning.motion import move
 from planning.scene import Scene
 
@@ -52,6 +54,7 @@ class Works:
         nodes_alive: names of the nodes that are up.
         say, on_stage: publish a message; tell that a stage began.
         on_result: told every cycle's result, after its recording is closed.
+        under: of every recording's file (`logs.recorder.Recorder`).
 
     Attributes:
         gate: halted by whoever wants everything to stop, shut by a hold; every motion passes it.
@@ -68,7 +71,9 @@ class Works:
         say: Say,
         on_stage: Callable[[str], None],
         on_result: Callable[[CycleResult], None],
+        under: Under = plain,
     ) -> None:
+        self._under = under
         self._equipment, self._nodes_alive = equipment, nodes_alive
         self._station = equipment.station
         self.feed = Feed(feeder, equipment.station)
@@ -127,11 +132,25 @@ class Works:
         day = datetime.now(UTC).strftime("%Y-%m-%d")
         path = self._station.recording.folder / day / f"{cycle_id}.mcap"
         station = placing_at(self._station, number)
-        self.log = CycleLog(path, station.model_dump_json(), run_info(station, cycle_id), time.time_ns)
+        log = self.log = CycleLog(lambda: self._recorder(path, station, cycle_id), path, station.recording.patience_s)
         equipment = replace(self._equipment, station=station)
         self._cycle = Cycle(cycle_id, equipment, self._say, self._on_stage, self.log, self.gate)
         self._on_stage("")
+        try:
+            log.await_open()
+        except CycleFailure as failure:
+            raise self._cycle.fail(failure) from failure
         self._name_object(self._cycle, lambda: self.feed.present(number, self.object))
+
+    def _recorder(self, path: Path, station: Station, cycle_id: str) -> Recorder:
+        """Raises: RecordingError."""
+        recorder = Recorder(path, metadata=run_info(station, cycle_id), clock=time.time_ns, under=self._under)
+        try:
+            recorder.attach("station.json", "application/json", station.model_dump_json().encode())
+        except RecordingError:
+            recorder.abandon()
+            raise
+        return recorder
 
     def _name_object(self, cycle: Cycle, ask: Callable[[], str]) -> None:
         """What the feeder says of the cycle's object. Raises: CycleFailure, kept in the cycle."""
