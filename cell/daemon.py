@@ -42,8 +42,6 @@ CELL_CLIENT = "cell"
 """``client_id`` of the commands the daemon gives itself between the cycles of one ``start``."""
 _CLOSE_PATIENCE_S = 25.0
 _HEALTH_PERIOD_S = 1.0
-_FROZEN_S = 3.0
-"""A node gone for so long whose process still runs is killed, and brought back; a shorter stall heals itself."""
 
 
 class Daemon:
@@ -169,8 +167,8 @@ class Daemon:
         self._say(topics.EVENT, Event(code="NODE_BACK", severity="info", text=text, advice=ADVICE[Code.NODE_LOST]))
 
     def _on_lost(self, _name: str, failure: CycleFailure) -> None:
-        self._works.gate.halt()
-        self.machine.fault(failure)
+        self.machine.fault(failure)  # before what it interrupts can end by itself
+        self._works.gate.halt(failure)
 
     def _watch_over(self) -> None:
         """The watchdogs' thread: look often, say the cell's health once a second, and end what is frozen."""
@@ -179,7 +177,7 @@ class Daemon:
         while not self._closing.wait(LOOK_PERIOD_S):
             self._watch.look()
             for name in self._station.nodes:
-                is_frozen = self._watch.gone_for_s(name) > _FROZEN_S
+                is_frozen = self._watch.unheard_for_s(name) > self._station.bus.frozen_s
                 if is_frozen and name not in ended:
                     self._end_frozen(name)
                 ended = ended | {name} if is_frozen else ended - {name}

@@ -61,6 +61,7 @@ class Supervisor:
         self._on_exit, self._on_back = on_exit, on_back
         self._children: dict[str, subprocess.Popen[str]] = {}
         self._restarts: dict[str, int] = {}
+        self._serving: set[str] = set()
         self._watchers: list[threading.Thread] = []
         self._closing = threading.Event()
         self._spawning = threading.Lock()  # nothing is spawned once closing is set
@@ -72,6 +73,7 @@ class Supervisor:
                 self._spawn(name)
         for name, child in self._children.items():
             _await_ready(name, child)
+            self._serving.add(name)
         for name in self._children:
             watcher = threading.Thread(target=self._watch, args=(name,), name=f"watch-{name}", daemon=True)
             watcher.start()
@@ -101,9 +103,12 @@ class Supervisor:
         return self._restarts.get(name, 0)
 
     def end_frozen(self, name: str) -> None:
-        """Kill a node that no longer answers but still runs; its watcher brings it back. None of ours: nothing."""
+        """Kill a node that served, no longer says anything, and still runs; its watcher brings it back.
+
+        One that is none of ours, or still starting, is left alone.
+        """
         child = self._children.get(name)
-        if child is not None and child.poll() is None:
+        if child is not None and name in self._serving and child.poll() is None:
             _log.warning("node %s no longer answers; killing it", name)
             child.kill()
 
@@ -119,6 +124,7 @@ class Supervisor:
         while True:
             child = self._children[name]
             code = child.wait()
+            self._serving.discard(name)
             if self._closing.is_set():
                 return
             _close_pipes(child)
@@ -138,6 +144,7 @@ class Supervisor:
                 _log.warning("node %s cannot be brought back yet: %s", name, error)
                 pause_s = min(2 * pause_s, _LONGEST_PAUSE_S)
             else:
+                self._serving.add(name)
                 return True
         return False
 

@@ -9,9 +9,10 @@ from typing import Any
 
 from rich.console import Console
 
+from bus.codes import Code
 from bus.errors import CycleFailure, RecordingError
 from bus.frozen import Message
-from bus.messages import Failure
+from bus.messages import Failure, StageRecord
 from cell.stages import STAGES, Stage
 from config.load import station_from
 from config.schema import Station
@@ -73,7 +74,7 @@ def replay_file(path: Path, overrides: Iterable[str] = ()) -> Replay:
     stages = tuple(
         StageReplay(stage.name, tuple(_differences(stage, record, station, robot)))
         for stage in STAGES
-        if stage.pure and stage.name in record.stages
+        if stage.pure and stage.name in record.stages and not _was_stopped(record.stages[stage.name])
     )
     if not stages:
         raise RecordingError(
@@ -85,6 +86,11 @@ def replay_file(path: Path, overrides: Iterable[str] = ()) -> Replay:
 def _differences(stage: Stage, record: CycleRecord, station: Station, robot: Robot) -> list[Difference]:
     recorded = record.stages[stage.name]
     return compare(_either(recorded.result, recorded.failure), _rerun(stage, record, station, robot), stage.tolerances)
+
+
+def _was_stopped(recorded: StageRecord[Any]) -> bool:
+    """A stop is no outcome of the stage's inputs: it would not come again."""
+    return recorded.failure is not None and recorded.failure.code is Code.STOPPED
 
 
 def _rerun(stage: Stage, record: CycleRecord, station: Station, robot: Robot) -> Message:

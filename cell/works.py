@@ -22,6 +22,7 @@ from bus.topics import encoding_of
 from cell.cycle import FAULTS, Cycle, Equipment, Say
 from cell.cyclelog import CycleLog
 from cell.feed import Feed
+from cell.fingers import require_at
 from cell.gate import Gate
 from cell.runinfo import run_info
 from config.scene import placing_at
@@ -104,7 +105,8 @@ class Works:
         if not e.hand.state().is_homed:
             self._move(e.hand.home)
         self._to_capture_pose(state.q_rad)
-        self._move(lambda: e.hand.move(self._station.hand.max_width_m, self._station.hand.speed_m_s))
+        hand = self._station.hand
+        require_at(self._move(lambda: e.hand.move(hand.max_width_m, hand.speed_m_s)), hand.max_width_m)
         age_s = (time.time_ns() - e.camera.capture().stamp_ns) / 1e9
         if age_s > self._station.camera.max_age_s:
             raise CycleFailure(Code.STALE_FRAME, f"The camera's newest frame is {age_s:.1f} s old.")

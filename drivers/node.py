@@ -26,6 +26,7 @@ from drivers.loops import Loop
 ARM_STATE_PERIOD_S = 0.01
 HAND_STATE_PERIOD_S = 0.05
 HEALTH_PERIOD_S = 1.0
+_TELL_PERIOD_S = 0.2
 _PULSE = "health"
 """The loop that tells of the others; whoever does not hear it knows."""
 
@@ -48,6 +49,7 @@ class Node:
         self._name, self._bus, self._devices, self._station = name, bus, devices, station
         self._arm = Guard(devices.arm, station) if devices.arm is not None else None
         self._started_s = time.monotonic()
+        self._told_s = self._started_s - _TELL_PERIOD_S
         self._answered = self._failed = 0
         self._last_fault = ""
         self._loops: list[Loop] = []
@@ -187,10 +189,11 @@ class Node:
         self._loops.append(Loop(name, period_s, act, self._note, self._cut_off))
 
     def _note(self, error: CellError) -> None:
-        """Count it; what is new is said at once, so that whoever misses a stream knows why it is silent."""
-        said, self._last_fault = self._last_fault, f"{error.code}: {error}"
+        """Count it, and say so soon: whoever misses a stream is to know why it is silent."""
+        self._last_fault = f"{error.code}: {error}"
         self._failed += 1
-        if self._last_fault != said:
+        if time.monotonic() - self._told_s > _TELL_PERIOD_S:
+            self._told_s = time.monotonic()
             with suppress(BusError):  # closed: nobody listens any more
                 self._publish_health()
 
