@@ -67,7 +67,7 @@ class Client:
         return reply
 
     def fault(self, part: Part, fault: Fault, delay_s: float | None = None) -> None:
-        """Tell a part of the cell to misbehave; it does so when this returns. Raises: Refused where nobody allows it."""
+        """Tell a part of the cell to misbehave, from now on. Raises: Refused where nobody allows it."""
         request = FaultRequest(fault=fault, delay_s=delay_s)
         try:
             self._bus.ask(topics.FAULT, request, timeout_s=self._timeout_s, part=part)

@@ -122,7 +122,7 @@ class Cycle:
         )
 
     def interrupt(self) -> None:
-        """A stop or abort ended the cycle before its delivery, whatever its verdict was; its cause becomes the reason."""
+        """A stop or abort ended the cycle before its delivery, whatever its verdict was; its cause is the reason."""
         cause, ended_by = self.gate.cause, self.failure.code if self.failure is not None else None
         if cause is not None and ended_by in (None, Code.STOPPED, Code.NODE_LOST):
             self.fail(cause)

@@ -70,6 +70,7 @@ class Watch:
             if is_alive:
                 self._alive.add(name)
                 self._gone_since_s.pop(name, None)
+                self._said.pop(name, None)  # that was another process
             else:
                 self._alive.discard(name)
                 self._gone_since_s.setdefault(name, time.monotonic())
@@ -117,11 +118,11 @@ class Watch:
                     self._on_lost(name, self._loss(name, key, age_s))
 
     def _loss(self, name: str, key: str, age_s: float) -> CycleFailure:
-        """Why a stream is silent: its device, when the node says so since, or repeats itself; else the node."""
+        """Why a stream is silent: its device, when the node says so or it repeats itself; else the node."""
         useless, said = self._useless.get(key), self._said.get(name)
-        has_said = self._heard_s.get(topics.NODE_HEALTH.key.format(name=name), 0.0) >= self._heard_s.get(key, 0.0)
-        if has_said and said is not None and said.last_fault.startswith(Code.DEVICE_LOST):
-            return CycleFailure(Code.DEVICE_LOST, said.last_fault.removeprefix(f"{Code.DEVICE_LOST}: "))
+        loop = said.loops.get(key.replace("/", ".")) if said is not None else None
+        if loop is not None and loop.fault:
+            return CycleFailure(Code.DEVICE_LOST, f"The node {name!r} cannot say {key!r}: {loop.fault}")
         if useless == _REPEATED:
             device = key.partition("/")[0]
             return CycleFailure(Code.DEVICE_LOST, f"The {device} has been saying the same for {age_s:.1f} s.")
