@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
-from benchmarks import alignment, calibration, detection, grasps, intruder, models, planning, stopping
+from benchmarks import alignment, calibration, detection, grasps, intruder, models, planning, soak, stopping
 from benchmarks.drifted import REGIMES
 from bus.commands import CommandRequest
 from bus.errors import CellError
@@ -146,6 +146,20 @@ def stop_(
 ) -> None:
     """A stop, hold, abort and a lost lease in the middle of a pick: until the brake begins [ms], and until rest [s]."""
     typer.echo(json.dumps(stopping.run(repeats, seed, endpoint, _teller(as_json))))
+
+
+@app.command(name="soak")
+def soak_(
+    cycles: Annotated[int, typer.Option(min=1)] = 1000,
+    faults: Annotated[str, typer.Option(help="all, none, or parts separated by commas; node is one, too.")] = "all",
+    seed: int = 1,
+    state: Annotated[Path | None, typer.Option(help="Progress file: an interrupted run goes on from it.")] = None,
+    endpoint: Annotated[str, typer.Option(help="Free loopback endpoint for its cell.")] = "tcp/127.0.0.1:7499",
+    as_json: Annotated[bool, typer.Option("--json", help="Only the figures; progress is on stderr anyway.")] = False,
+) -> None:
+    """Simulated picks with injected faults: outcomes that docs/faults.md does not allow, cells not ready, leaks."""
+    tell = _teller(quiet=False)
+    typer.echo(json.dumps(soak.run(cycles, faults, seed, endpoint, state, tell)))
 
 
 def _teller(quiet: bool) -> Callable[[str], None]:

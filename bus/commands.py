@@ -72,11 +72,15 @@ class Event(Message):
 
 
 class LoopHealth(Message):
-    """A loop of a node: how often it really runs (over the last 2 s), and how many of its rounds it has left out."""
+    """A loop of a node: how often it really runs (over the last 2 s), and how many of its rounds it has left out.
+
+    ``fault``: the error its last round ended with, "" when it went well.
+    """
 
     rate_hz: float
     target_hz: float
     missed: int
+    fault: str = ""
 
 
 class Health(Message):

@@ -28,6 +28,7 @@ from bus.commands import (
     Presented,
     PresentRequest,
 )
+from bus.faults import FaultRequest
 from bus.frozen import Message
 from bus.messages import (
     ArmState,
@@ -113,6 +114,9 @@ HAND_STOP = Topic("hand/stop", "query", Nothing, Nothing)
 
 SIM_PRESENT = Topic("sim/present", "query", Presented, PresentRequest)
 SIM_TRUTH = Topic("sim/truth", "query", Presented, Nothing)
+
+# Answered only where the station allows faults, by whoever runs that part.
+FAULT = Topic("fault/{part}", "query", Nothing, FaultRequest, logged=False)
 
 NODE_ALIVE = Topic("node/{name}", "alive")
 LEASE = Topic("lease/{name}", "alive")

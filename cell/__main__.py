@@ -17,6 +17,7 @@ from rich.progress import track
 
 from bus.commands import CommandRequest
 from bus.errors import CellError
+from bus.faults import PARTS, Fault
 from bus.messages import CycleResult
 from bus.session import Bus
 from cell import calibrate, client, nodes, replay_view
@@ -331,6 +332,27 @@ def doctor(config: Config = DEFAULT_STATION, overrides: Set = None, as_json: Jso
     """Check this machine and the station's devices before the first start. Exit 0 nothing to fix, 1 something is."""
     if not examine.report(load_station(config, overrides or []), _out, as_json=as_json):
         raise typer.Exit(1)
+
+
+@app.command()
+def fault(
+    part: Annotated[str, typer.Argument(help=f"One of: {', '.join(PARTS)}.", show_default=False)],
+    word: Annotated[Fault, typer.Argument(help="How it is to misbehave; none ends it.", show_default=False)],
+    config: Config = DEFAULT_STATION,
+    overrides: Set = None,
+    delay_s: Annotated[float | None, typer.Option("--delay-s", help="How late a slow one answers.")] = None,
+) -> None:
+    """Tell a part of a running cell to misbehave, to see what it does: docs/faults.md. Needs faults.allowed = true.
+
+    Not for a robot among people: an arm that is wrong moves elsewhere than planned, into whatever stands there. Stops
+    always reach it.
+    """
+    known = {str(one): one for one in PARTS}
+    if part not in known:
+        raise typer.BadParameter(f"{part!r} is none of {', '.join(PARTS)}.")
+    with client.connect(load_station(config, overrides or [])) as cell:
+        cell.fault(known[part], word, delay_s)
+    _out.print(f"{part}: {word}")
 
 
 @app.command()

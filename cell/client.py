@@ -11,7 +11,8 @@ from contextlib import contextmanager
 from bus import topics
 from bus.codec import decode
 from bus.commands import CellHealth, CellState, CommandReply, CommandRequest, Nothing
-from bus.errors import ReplyTimeout
+from bus.errors import NoReply, Refused, ReplyTimeout
+from bus.faults import Fault, FaultRequest, Part
 from bus.messages import CycleResult
 from bus.session import Bus, Heard
 from bus.topics import Topic
@@ -64,6 +65,18 @@ class Client:
         reply = self._bus.request(topics.COMMAND, request, CommandReply, timeout_s=self._timeout_s, verb=verb)
         refuse(reply)
         return reply
+
+    def fault(self, part: Part, fault: Fault, delay_s: float | None = None) -> None:
+        """Tell a part of the cell to misbehave, from now on. Raises: Refused where nobody allows it."""
+        request = FaultRequest(fault=fault, delay_s=delay_s)
+        try:
+            self._bus.ask(topics.FAULT, request, timeout_s=self._timeout_s, part=part)
+        except NoReply as error:
+            raise Refused(
+                f"Nobody lets the {part} be spoiled.",
+                "Start the cell with --set faults.allowed=true; a node that is not up cannot be told either.",
+                code="FAULTS_NOT_ALLOWED",
+            ) from error
 
     def wait_for_state(self, wanted: set[str], timeout_s: float) -> CellState:
         """The state now, or the next one, that is of ``wanted``. Raises: ReplyTimeout."""

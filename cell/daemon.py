@@ -12,6 +12,7 @@ from bus.codec import decode
 from bus.codes import ADVICE, Code
 from bus.commands import CellHealth, CellState, CommandReply, CommandRequest, Event
 from bus.errors import BusError, CycleFailure, DriverError, Refused
+from bus.faulty import answer_faults
 from bus.frozen import Message
 from bus.messages import Attempt, CycleResult
 from bus.session import Bus, Heard
@@ -25,7 +26,10 @@ from cell.states import COMMANDS, PAUSES, State, available
 from cell.works import Works, new_cycle_id
 from config.schema import Station
 from drivers.interface import Devices
+from logs.faulty import FaultyDisk
+from logs.recorder import plain
 from perception.models import Models
+from perception.models.faulty import FaultyModel
 from planning.robot import Robot
 
 _log = logging.getLogger(__name__)
@@ -38,8 +42,6 @@ CELL_CLIENT = "cell"
 """``client_id`` of the commands the daemon gives itself between the cycles of one ``start``."""
 _CLOSE_PATIENCE_S = 25.0
 _HEALTH_PERIOD_S = 1.0
-_FROZEN_S = 3.0
-"""A node gone for so long whose process still runs is killed, and brought back; a shorter stall heals itself."""
 
 
 class Daemon:
@@ -70,8 +72,17 @@ class Daemon:
             raise DriverError("The cell needs a camera, an arm and a hand.", "Check `serves` in the station file.")
         self._station, self._bus, self._observer = station, bus, observer
         equipment = Equipment(camera, arm, hand, robot, station, models)
+        faults = station.faults
+        self._disk = FaultyDisk(faults.disk, delay_s=faults.delay_s) if faults.allowed else None
+        self._imaginer = models.imaginer
         self._works = works = Works(
-            equipment, devices.feeder, lambda: bus.alive(topics.NODE_ALIVE), self._say, self._on_stage, self._on_result
+            equipment,
+            devices.feeder,
+            lambda: bus.alive(topics.NODE_ALIVE),
+            self._say,
+            self._on_stage,
+            self._on_result,
+            self._disk.under if self._disk is not None else plain,
         )
         self._watch = Watch(station, self._on_lost, restarts)
         self._end_frozen = end_frozen
@@ -112,6 +123,8 @@ class Daemon:
         self._bus.answer(topics.STATE_NOW, lambda _payload, _fields: self._said_state, lane="state")
         self._bus.answer(topics.HEALTH_NOW, lambda _payload, _fields: self._watch.health(), lane="state")
         self._bus.answer(topics.COMMAND, self._on_command, lane=_lane_of, verb="*")
+        if self._disk is not None and isinstance(self._imaginer, FaultyModel):
+            answer_faults(self._bus, {"disk": self._disk, "model": self._imaginer}, self._say)
         self.machine.start()
         self._watchdog.start()
 
@@ -155,8 +168,8 @@ class Daemon:
         self._say(topics.EVENT, Event(code="NODE_BACK", severity="info", text=text, advice=ADVICE[Code.NODE_LOST]))
 
     def _on_lost(self, _name: str, failure: CycleFailure) -> None:
-        self._works.gate.halt()
-        self.machine.fault(failure)
+        self.machine.fault(failure)  # before what it interrupts can end by itself
+        self._works.gate.halt(failure)
 
     def _watch_over(self) -> None:
         """The watchdogs' thread: look often, say the cell's health once a second, and end what is frozen."""
@@ -165,7 +178,7 @@ class Daemon:
         while not self._closing.wait(LOOK_PERIOD_S):
             self._watch.look()
             for name in self._station.nodes:
-                is_frozen = self._watch.gone_for_s(name) > _FROZEN_S
+                is_frozen = self._watch.unheard_for_s(name) > self._station.bus.frozen_s
                 if is_frozen and name not in ended:
                     self._end_frozen(name)
                 ended = ended | {name} if is_frozen else ended - {name}

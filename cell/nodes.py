@@ -23,6 +23,7 @@ from pydantic import Field
 from bus.codec import decode, encode
 from bus.commands import ErrorReply
 from bus.errors import BadPayload, CellError, DriverUnavailable
+from bus.faulty import FaultyBus
 from bus.frozen import Message
 from bus.remote_errors import error_from_reply, error_reply
 from bus.session import Bus
@@ -60,6 +61,7 @@ class Supervisor:
         self._on_exit, self._on_back = on_exit, on_back
         self._children: dict[str, subprocess.Popen[str]] = {}
         self._restarts: dict[str, int] = {}
+        self._serving: set[str] = set()
         self._watchers: list[threading.Thread] = []
         self._closing = threading.Event()
         self._spawning = threading.Lock()  # nothing is spawned once closing is set
@@ -71,6 +73,7 @@ class Supervisor:
                 self._spawn(name)
         for name, child in self._children.items():
             _await_ready(name, child)
+            self._serving.add(name)
         for name in self._children:
             watcher = threading.Thread(target=self._watch, args=(name,), name=f"watch-{name}", daemon=True)
             watcher.start()
@@ -100,9 +103,12 @@ class Supervisor:
         return self._restarts.get(name, 0)
 
     def end_frozen(self, name: str) -> None:
-        """Kill a node that no longer answers but still runs; its watcher brings it back. None of ours: nothing."""
+        """Kill a node that served, no longer says anything, and still runs; its watcher brings it back.
+
+        One that is none of ours, or still starting, is left alone.
+        """
         child = self._children.get(name)
-        if child is not None and child.poll() is None:
+        if child is not None and name in self._serving and child.poll() is None:
             _log.warning("node %s no longer answers; killing it", name)
             child.kill()
 
@@ -118,6 +124,7 @@ class Supervisor:
         while True:
             child = self._children[name]
             code = child.wait()
+            self._serving.discard(name)
             if self._closing.is_set():
                 return
             _close_pipes(child)
@@ -137,6 +144,7 @@ class Supervisor:
                 _log.warning("node %s cannot be brought back yet: %s", name, error)
                 pause_s = min(2 * pause_s, _LONGEST_PAUSE_S)
             else:
+                self._serving.add(name)
                 return True
         return False
 
@@ -199,7 +207,7 @@ def serve_supervised(name: str, stdin: IO[str], stdout: IO[str]) -> int:
     """The child's side: read the station, serve node ``name``, end when stdin closes. Returns the exit code."""
     station = station_from(json.loads(stdin.readline()))
     try:
-        with Bus.join(station.cell_id, station.bus.endpoint) as bus:
+        with _link(station) as bus:
             node = Node(name, bus, open_devices(station.nodes[name].driver, station), station)
             node.open()
             _say(stdout, Ready(node=name, pid=os.getpid()))
@@ -213,7 +221,7 @@ def serve_supervised(name: str, stdin: IO[str], stdout: IO[str]) -> int:
 
 def serve_until_interrupted(name: str, station: Station) -> None:
     """A node in a terminal of its own (``run = "elsewhere"``): serve until Ctrl-C."""
-    with Bus.join(station.cell_id, station.bus.endpoint) as bus:
+    with _link(station) as bus:
         node = Node(name, bus, open_devices(station.nodes[name].driver, station), station)
         node.open()
         try:
@@ -221,6 +229,11 @@ def serve_until_interrupted(name: str, station: Station) -> None:
                 time.sleep(1.0)
         finally:
             node.close()
+
+
+def _link(station: Station) -> Bus:
+    """The node's session; one that can be spoiled where the station allows it."""
+    return (FaultyBus if station.faults.allowed else Bus).join(station.cell_id, station.bus.endpoint)
 
 
 def _say(stdout: IO[str], ready: Ready) -> None:

@@ -10,11 +10,12 @@ import os
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
+from bus.codes import Code
 from bus.errors import ConfigError, CycleFailure, RecordingError
 from bus.frozen import Message
-from bus.messages import Detections, Failure, PickPlan, StageName
+from bus.messages import Detections, Failure, PickPlan, StageName, StageRecord
 from cell.stages import STAGES, Stage
 from config.load import station_from
 from config.schema import Station
@@ -139,8 +140,13 @@ _With = tuple[Station, Robot, Models]
 
 def _isolated(wanted: list[Stage], record: CycleRecord, _: dict[str, str], made_of: _With) -> Iterator[StageReplay]:
     for stage in wanted:
-        if stage.name in record.stages:
+        if stage.name in record.stages and not _was_stopped(record.stages[stage.name]):
             yield _compared(stage, record, _rerun(stage, record, *made_of))
+
+
+def _was_stopped(recorded: StageRecord[Any]) -> bool:
+    """A stop is no outcome of the stage's inputs: it would not come again."""
+    return recorded.failure is not None and recorded.failure.code is Code.STOPPED
 
 
 def _chained(

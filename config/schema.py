@@ -13,6 +13,7 @@ from pydantic import Field, field_validator, model_validator
 
 from config.base import Chunk, Finite, Fraction, JointVector, NonNegative, Positive, Settings, Vector
 from config.calibration import CalibrationSettings
+from config.faults import FaultSettings
 from config.hardware import FemtoMegaSettings, Fr3Settings, PandaHandSettings
 
 
@@ -21,11 +22,13 @@ class BusSettings(Settings):
 
     Attributes:
         stale_s: a node whose arm or hand says nothing for so long is lost, whatever else it does.
+        frozen_s: a node of ours that says nothing at all for so long is ended, and started again.
     """
 
     endpoint: str = "tcp/127.0.0.1:7447"
     ask_timeout_s: Positive = 5.0
     stale_s: Positive = 0.75
+    frozen_s: Positive = 3.0
 
     @field_validator("endpoint")
     @classmethod
@@ -36,10 +39,15 @@ class BusSettings(Settings):
 
 
 class RecordingSettings(Settings):
-    """Where cycles are logged."""
+    """Where cycles are logged.
+
+    Attributes:
+        patience_s: a disk that takes longer to take one message or the end of a file is lost (RECORDING).
+    """
 
     folder: Path = Path("recordings")
     min_free_mb: NonNegative = 500.0
+    patience_s: Positive = 10.0
 
 
 class NodeSettings(Settings):
@@ -62,11 +70,16 @@ class CameraSettings(Settings):
 
 
 class ArmSettings(Settings):
-    """Named joint configurations [rad] and the load's motion limits."""
+    """Named joint configurations [rad] and the load's motion limits.
+
+    Attributes:
+        rest_s: how long a stopped or held arm, and the cycle that moved it, may take to come to rest.
+    """
 
     capture_q_rad: JointVector = (0.0, -0.45383069, 0.0, -1.83384904, 0.0, 1.38001835, 0.7853981633974483)
     speed: Annotated[float, Field(gt=0, le=1)] = 1.0
     start_tolerance_rad: Positive = 0.02
+    rest_s: Positive = 20.0
 
 
 class HandSettings(Settings):
@@ -397,6 +410,7 @@ class Station(Settings):
     fr3: Fr3Settings = Fr3Settings()
     panda_hand: PandaHandSettings = PandaHandSettings()
     femto_mega: FemtoMegaSettings = FemtoMegaSettings()
+    faults: FaultSettings = FaultSettings()
 
     @model_validator(mode="after")
     def _every_device_served_once(self) -> Station:

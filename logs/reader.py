@@ -6,6 +6,7 @@ import json
 import struct
 from collections import defaultdict
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -152,7 +153,12 @@ def _cycle(raw: _Raw) -> CycleRecord:
 
 
 def _timed(raw: _Raw, key: str, kind: type[Any]) -> tuple[Timed, ...]:
-    return tuple(Timed(log_time_ns, decode(kind, payload)) for log_time_ns, payload in raw.payloads.get(key, []))
+    """What was said and can be read: a node that talks nonsense is recorded as it talks."""
+    timed = []
+    for log_time_ns, payload in raw.payloads.get(key, []):
+        with suppress(BadPayload):
+            timed.append(Timed(log_time_ns, decode(kind, payload)))
+    return tuple(timed)
 
 
 def _frames(raw: _Raw) -> Iterator[tuple[int, Frame]]:
@@ -161,10 +167,11 @@ def _frames(raw: _Raw) -> Iterator[tuple[int, Frame]]:
     if len({len(column) for column in columns}) > 1:
         raise BadPayload("Parts of a frame are missing.")
     for parts in zip(*columns, strict=True):
-        frame = frame_from_wire(
-            {topic.key: payload for topic, (_, payload) in zip(topics.FRAME_PARTS, parts, strict=True)}
-        )
-        yield frame.stamp_ns, frame
+        with suppress(BadPayload):  # what cannot be read was never used: its capture failed
+            frame = frame_from_wire(
+                {topic.key: payload for topic, (_, payload) in zip(topics.FRAME_PARTS, parts, strict=True)}
+            )
+            yield frame.stamp_ns, frame
 
 
 def _observation(view: View | None, frames: dict[int, Frame]) -> Observation | None:

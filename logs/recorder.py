@@ -9,10 +9,12 @@ from __future__ import annotations
 import os
 import shutil
 import threading
+import zlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
+from typing import BinaryIO, Protocol, cast
 
 from mcap.writer import CompressionType, Writer
 
@@ -21,6 +23,7 @@ from bus.errors import RecordingError
 
 PART = ".part"
 _MODE = 0o640
+_BLOCK_BYTES = 1 << 20
 _PROFILE, _LIBRARY = "", "vlad-cell"
 _MESSAGE_ENCODING = {"jsonschema": "json", "protobuf": "protobuf"}
 
@@ -37,6 +40,27 @@ def ensure_space(folder: Path, min_free_mb: float) -> None:
         )
 
 
+class Output(Protocol):
+    """What a recording is written to."""
+
+    def write(self, data: bytes, /) -> int: ...
+    def tell(self) -> int: ...
+    def flush(self) -> None: ...
+    def fileno(self) -> int: ...
+    def close(self) -> None: ...
+
+    @property
+    def closed(self) -> bool: ...
+
+
+Under = Callable[[BinaryIO], Output]
+
+
+def plain(file: BinaryIO) -> Output:
+    """The file itself."""
+    return file
+
+
 class Recorder:
     """One recording. Thread-safe; every method raises RecordingError when the disk fails.
 
@@ -44,9 +68,17 @@ class Recorder:
         path: the final ``.mcap``; its folders are made.
         metadata: what must be known to run the cycle again; written first.
         clock: UTC [ns].
+        under: given the opened file, and what is to be written to in its place.
     """
 
-    def __init__(self, path: Path, *, metadata: Mapping[str, str], clock: Callable[[], int]) -> None:
+    def __init__(
+        self,
+        path: Path,
+        *,
+        metadata: Mapping[str, str],
+        clock: Callable[[], int],
+        under: Under = plain,
+    ) -> None:
         self.path = path
         self._clock = clock
         self._lock = threading.Lock()
@@ -56,10 +88,14 @@ class Recorder:
         with _as_recording_error(path):
             path.parent.mkdir(parents=True, exist_ok=True)
             descriptor = os.open(self._part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, _MODE)
-            self._file = os.fdopen(descriptor, "wb")
-            self._writer = Writer(self._file, compression=CompressionType.ZSTD, enable_data_crcs=True)
-            self._writer.start(profile=_PROFILE, library=_LIBRARY)
-            self._writer.add_metadata("run", dict(metadata))
+            self._file = _Summed(under(os.fdopen(descriptor, "wb")))
+            self._writer = Writer(cast(BinaryIO, self._file), compression=CompressionType.ZSTD, enable_data_crcs=True)
+            try:
+                self._writer.start(profile=_PROFILE, library=_LIBRARY)
+                self._writer.add_metadata("run", dict(metadata))
+            except OSError:
+                self.abandon()
+                raise
 
     @property
     def _part(self) -> Path:
@@ -84,7 +120,10 @@ class Recorder:
             self._writer.flush()  # type: ignore[no-untyped-call]
 
     def close(self, result: Mapping[str, str]) -> Path:
-        """Write ``result``, the index and the footer, sync, and give the file its final name; idempotent."""
+        """Write ``result``, the index and the footer, sync, read it back, and give the file its final name; idempotent.
+
+        Raises: RecordingError, also when the file does not hold what was written.
+        """
         with self._lock, _as_recording_error(self.path):
             if not self._file.closed:
                 self._writer.add_metadata("result", dict(result))
@@ -92,8 +131,18 @@ class Recorder:
                 self._file.flush()
                 os.fsync(self._file.fileno())
                 self._file.close()
+                self._require_readable()
                 self._part.rename(self.path)
         return self.path
+
+    def _require_readable(self) -> None:
+        """As far as the operating system tells: what it gives back is what it was given."""
+        read = 0
+        with self._part.open("rb") as file:
+            while block := file.read(_BLOCK_BYTES):
+                read = zlib.crc32(block, read)
+        if read != self._file.crc:
+            raise RecordingError(f"{self._part} does not hold what was written.", "Check the disk.")
 
     def abandon(self) -> None:
         """Let go of the file as it is, after the disk failed: the ``.part`` stays. Never raises; idempotent."""
@@ -119,6 +168,23 @@ class Recorder:
         channel: int = self._writer.register_channel(f"/{key}", message_encoding, self._schemas[schema.name])
         self._channels[key, encoding] = channel
         return channel
+
+
+class _Summed:
+    """An output and the CRC-32 of what was written to it."""
+
+    def __init__(self, output: Output) -> None:
+        self._output = output
+        self.crc = 0
+        self.tell, self.flush, self.fileno, self.close = output.tell, output.flush, output.fileno, output.close
+
+    def write(self, data: bytes) -> int:
+        self.crc = zlib.crc32(data, self.crc)
+        return self._output.write(data)
+
+    @property
+    def closed(self) -> bool:
+        return self._output.closed
 
 
 @contextmanager

@@ -16,11 +16,12 @@ from bus.messages import ModelReply
 from config.schema import Station
 from perception.models.base import GoalImageModel
 from perception.models.depth_pro import DepthPro
+from perception.models.faulty import FaultyModel
 from perception.models.geometric import GeometricModel
 from perception.models.hosted import HostedModel
 from perception.models.network import NetworkModel
 from perception.models.purse import LEDGER, Purse
-from perception.models.recorded import RecordedModel
+from perception.models.recorded import RecordedModel, SpoiledModel
 from perception.models.sam import Sam
 from perception.segment import Scene
 
@@ -67,13 +68,19 @@ def open_models(station: Station, environ: Mapping[str, str]) -> Models:
 
     Raises: ConfigError for a missing key, model id, package or weights; RecordingError for an unreadable ledger.
     """
-    return Models(_imaginer(station, environ, station.recording.folder), *_local(station))
+    imaginer, faults = _imaginer(station, environ, station.recording.folder), station.faults
+    if faults.allowed:
+        deadline_s = station.perception.hosted.deadline_s
+        imaginer = FaultyModel(imaginer, faults.model, deadline_s=deadline_s, delay_s=faults.delay_s)
+    return Models(imaginer, *_local(station))
 
 
 def replayed_models(station: Station, replies: Iterable[ModelReply]) -> Models:
-    """The same for a replay: a hosted model answers what it answered then."""
-    hosted = station.perception.model in _PROVIDERS
-    return Models(RecordedModel(replies) if hosted else _EMBEDDED[station.perception.model](station), *_local(station))
+    """The same for a replay: a hosted model answers what it answered then, and an injected fault comes again."""
+    if station.perception.model in _PROVIDERS:
+        return Models(RecordedModel(replies), *_local(station))
+    embedded = _EMBEDDED[station.perception.model](station)
+    return Models(SpoiledModel(embedded, replies) if station.faults.allowed else embedded, *_local(station))
 
 
 def _local(station: Station) -> tuple[Sam | None, DepthPro | None]:

@@ -57,7 +57,7 @@ def test_a_lost_token_is_told_at_once() -> None:
     bench.watch.change("sim", False)
     assert "'sim' is gone" in bench.lost.get(timeout=1).text
     assert bench.watch.health().nodes["sim"].problems == ("not up",)
-    assert bench.watch.gone_for_s("sim") > 0
+    assert bench.watch.unheard_for_s("sim") > 0
 
 
 def test_a_silent_stream_is_told_once_until_it_flows_again() -> None:

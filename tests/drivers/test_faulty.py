@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 from bus.errors import DeviceLost, MotionRefused
+from bus.faults import Fault
 from bus.messages import ArmMode, Frame, HandState, Motion
 from bus.session import Bus
 from bus.trajectory import Trajectory
 from config.load import load_station
-from drivers.faulty import ABSURD_WIDTH_M, WRONG_JOINT_RAD, WRONG_WIDTH_M, Fault, FaultyArm, FaultyCamera, FaultyHand
+from drivers.faulty import ABSURD_WIDTH_M, WRONG_JOINT_RAD, WRONG_WIDTH_M, FaultyArm, FaultyCamera, FaultyHand
 from drivers.guard import Guard
 from drivers.interface import Devices, Reporting
 from drivers.node import Node
