@@ -103,6 +103,8 @@ def start(
         if until_empty:
             screen.summary(batch.summary(daemon.objects_left()))
     done = batch.is_empty if until_empty else batch.picked == cycles
+    if as_json and cycles is not None and batch.done < cycles:
+        typer.echo(batch.reason, err=True)  # a cell that aborts between cycles gives no result that says why
     if screen.interrupted.is_set() or not done:
         raise typer.Exit(1)
 

@@ -16,6 +16,8 @@ from config.schema import Station
 
 LOOK_PERIOD_S = 0.05
 _HEALTH_MAX_AGE_S = 3.0
+_LATE_S = 2 * LOOK_PERIOD_S
+"""A look later than this: this process stood still, and has not yet heard what was said meanwhile."""
 _SLOW = 0.6
 """A loop below this share of its rate is alive, answers everything, and is badly broken."""
 
@@ -40,6 +42,7 @@ class Watch:
         self._heard_s: dict[str, float] = {}  # by key, of the streams of living nodes
         self._said: dict[str, Health] = {}
         self._silent: set[str] = set()
+        self._looked_s = time.monotonic()
 
     def listen(self, bus: Bus) -> None:
         """Hear tokens and streams."""
@@ -74,8 +77,9 @@ class Watch:
             self._said[said.name] = said
 
     def look(self) -> None:
-        """Tell of every stream that has just fallen silent."""
+        """Tell of every stream that has just fallen silent; time in which this process stood still does not count."""
         now_s = time.monotonic()
+        self._forgive(now_s)
         for name in self._nodes:
             for key, limit_s in self._streams(name).items():
                 with self._changing:
@@ -86,6 +90,13 @@ class Watch:
                 if is_new:
                     text = f"The node {name!r} hangs: nothing on {key!r} for {age_s:.1f} s."
                     self._on_lost(name, CycleFailure(Code.NODE_LOST, text))
+
+    def _forgive(self, now_s: float) -> None:
+        late_s = max(0.0, now_s - self._looked_s - _LATE_S)
+        self._looked_s = now_s
+        with self._changing:
+            for key, heard_s in self._heard_s.items() if late_s > 0.0 else ():
+                self._heard_s[key] = min(now_s, heard_s + late_s)
 
     def gone_for_s(self, name: str) -> float:
         """How long the node's token has been gone; 0 while it is there, or has never been."""

@@ -76,6 +76,20 @@ def test_a_silent_stream_is_told_once_until_it_flows_again() -> None:
     assert bench.watch.health().is_healthy
 
 
+def test_a_stall_of_the_watch_itself_is_no_silence_of_the_nodes() -> None:
+    bench = Bench(stale_s=0.15)
+    bench.watch.change("sim", True)
+    bench.hear("arm/state")
+    bench.watch.look()
+    time.sleep(0.22)  # not one look meanwhile
+    bench.watch.look()
+    assert bench.lost.empty()
+    for _ in range(4):
+        time.sleep(0.02)
+        bench.watch.look()
+    assert "arm/state" in bench.lost.get(timeout=1).text
+
+
 def test_a_loop_far_below_its_rate_is_a_problem_although_it_answers() -> None:
     bench = Bench(stale_s=5.0)
     bench.watch.change("sim", True)
