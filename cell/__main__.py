@@ -28,7 +28,6 @@ from cell.machine import refuse
 from cell.replay import replay_file
 from cell.service import Service, takes_commands
 from config.load import DEFAULT_STATION, load_station
-from config.schema import Station
 from logs.index import list_cycles
 from logs.reader import read_cycle
 from logs.report import write_report
@@ -279,18 +278,14 @@ def node(
     name: Annotated[str, typer.Argument(help="Node of the station file.")],
     config: Config = DEFAULT_STATION,
     overrides: Set = None,
-    supervised: Annotated[bool, typer.Option("--supervised", hidden=True)] = False,
 ) -> None:
     """Serve one driver node on the bus (for nodes with run = "elsewhere"; the daemon runs the others)."""
-    if supervised:
-        raise typer.Exit(nodes.serve_supervised(name, sys.stdin, nodes.own_stdout()))
-    station: Station = load_station(config, overrides or [])
-    nodes.serve_until_interrupted(name, station)
+    nodes.serve_until_interrupted(name, load_station(config, overrides or []))
 
 
 def main() -> None:
     """Entry point: every known error becomes one clear line and its exit code, never a traceback."""
-    logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
+    logging.basicConfig(level=logging.WARNING, format=nodes.LOG_FORMAT)
     try:
         app()
     except CellError as error:
