@@ -33,8 +33,12 @@ from cell.replay import replay as run_again
 from cell.replay_folder import replay_folder
 from cell.republish import ROOT, await_listener, payloads, republish, require_no_live_cell
 from cell.service import Service, takes_commands
+<<<<<<< HEAD
 from config.load import DEFAULT_STATION, load_station, station_from
 from config.schema import RetrySettings, Station
+=======
+from config.load import DEFAULT_STATION, load_station
+>>>>>>> gate
 from logs.index import list_cycles
 from logs.reader import read_cycle
 from logs.report import write_report
@@ -109,6 +113,8 @@ def start(
         if until_empty:
             screen.summary(batch.summary(daemon.objects_left()))
     done = batch.is_empty if until_empty else batch.picked == cycles
+    if as_json and cycles is not None and batch.done < cycles:
+        typer.echo(batch.reason, err=True)  # a cell that aborts between cycles gives no result that says why
     if screen.interrupted.is_set() or not done:
         raise typer.Exit(1)
 
@@ -360,18 +366,14 @@ def node(
     name: Annotated[str, typer.Argument(help="Node of the station file.")],
     config: Config = DEFAULT_STATION,
     overrides: Set = None,
-    supervised: Annotated[bool, typer.Option("--supervised", hidden=True)] = False,
 ) -> None:
     """Serve one driver node on the bus (for nodes with run = "elsewhere"; the daemon runs the others)."""
-    if supervised:
-        raise typer.Exit(nodes.serve_supervised(name, sys.stdin, nodes.own_stdout()))
-    station: Station = load_station(config, overrides or [])
-    nodes.serve_until_interrupted(name, station)
+    nodes.serve_until_interrupted(name, load_station(config, overrides or []))
 
 
 def main() -> None:
     """Entry point: every known error becomes one clear line and its exit code, never a traceback."""
-    logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
+    logging.basicConfig(level=logging.WARNING, format=nodes.LOG_FORMAT)
     try:
         app()
     except CellError as error:

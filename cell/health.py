@@ -21,6 +21,8 @@ from config.schema import Station
 LOOK_PERIOD_S = 0.05
 _YOUNG_S = 3.0
 """A node's loops have not run long enough yet to know their rates."""
+_LATE_S = 2 * LOOK_PERIOD_S
+"""A look later than this: this process stood still, and has not yet heard what was said meanwhile."""
 _SLOW = 0.6
 """A loop below this share of its rate is alive, answers everything, and is badly broken."""
 
@@ -49,6 +51,7 @@ class Watch:
         self._useless: dict[str, str] = {}  # what is wrong with what is said there instead
         self._said: dict[str, Health] = {}
         self._silent: set[str] = set()
+        self._looked_s = time.monotonic()
 
     def listen(self, bus: Bus) -> None:
         """Hear tokens and streams."""
@@ -105,8 +108,9 @@ class Watch:
         return time.monotonic_ns()
 
     def look(self) -> None:
-        """Tell of every stream that has just fallen silent."""
+        """Tell of every stream that has just fallen silent; time in which this process stood still does not count."""
         now_s = time.monotonic()
+        self._forgive(now_s)
         for name in self._nodes:
             for key, limit_s in self._streams(name).items():
                 with self._changing:
@@ -128,6 +132,13 @@ class Watch:
             return CycleFailure(Code.DEVICE_LOST, f"The {device} has been saying the same for {age_s:.1f} s.")
         fault = f"says what cannot be read on {key!r}" if useless else f"hangs: nothing on {key!r} for {age_s:.1f} s"
         return CycleFailure(Code.NODE_LOST, f"The node {name!r} {fault}.")
+
+    def _forgive(self, now_s: float) -> None:
+        late_s = max(0.0, now_s - self._looked_s - _LATE_S)
+        self._looked_s = now_s
+        with self._changing:
+            for key, heard_s in self._heard_s.items() if late_s > 0.0 else ():
+                self._heard_s[key] = min(now_s, heard_s + late_s)
 
     def unheard_for_s(self, name: str) -> float:
         """How long the node's token has been gone, or it has said nothing of its health; 0 if it has never been up."""
