@@ -6,6 +6,7 @@ Everything is queued at once and written in order; the file is flushed after eve
 
 from __future__ import annotations
 
+import logging
 import queue
 import threading
 import time
@@ -14,10 +15,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 from bus.codes import Code
-from bus.errors import CycleFailure, RecordingError
+from bus.errors import BadPayload, CycleFailure, RecordingError
 from bus.session import Heard
 from logs.recorder import Recorder
 
+_log = logging.getLogger(__name__)
 FLUSH_PERIOD_S = 0.1
 _FLUSH_AFTER = ("cycle/", "state")
 
@@ -86,6 +88,8 @@ class CycleLog:
                 if due or item.heard.key.startswith(_FLUSH_AFTER):
                     self._recorder.flush()
                     flushed_s = time.monotonic()
+            except BadPayload as error:  # somebody speaks what the table does not know; the rest is still recorded
+                _log.warning("%s is not recorded: %s", item.heard.key, error)
             except RecordingError as error:  # kept for check(): the cycle's thread turns it into a controlled stop
                 self._error = error
                 return

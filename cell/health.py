@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections.abc import Callable
@@ -10,10 +11,11 @@ from bus import topics
 from bus.codec import decode
 from bus.codes import Code
 from bus.commands import CellHealth, Health, NodeHealth
-from bus.errors import CycleFailure
+from bus.errors import BadPayload, CycleFailure
 from bus.session import Bus, Heard
 from config.schema import Station
 
+_log = logging.getLogger(__name__)
 LOOK_PERIOD_S = 0.05
 _HEALTH_MAX_AGE_S = 3.0
 _SLOW = 0.6
@@ -40,6 +42,7 @@ class Watch:
         self._heard_s: dict[str, float] = {}  # by key, of the streams of living nodes
         self._said: dict[str, Health] = {}
         self._silent: set[str] = set()
+        self._malformed: dict[str, int] = {}
 
     def listen(self, bus: Bus) -> None:
         """Hear tokens and streams."""
@@ -65,13 +68,20 @@ class Watch:
             self._on_lost(name, CycleFailure(Code.NODE_LOST, f"The node {name!r} is gone."))
 
     def hear(self, heard: Heard) -> None:
-        """A stream said something."""
+        """A stream said something; a health that is none is no sign of life, and is counted."""
+        if heard.key.startswith("node/"):
+            name = heard.key.split("/")[1]
+            if name not in self._nodes:
+                return
+            try:
+                self._said[name] = decode(Health, heard.payload)
+            except BadPayload as error:
+                self._malformed[name] = self._malformed.get(name, 0) + 1
+                _log.warning("node %s: %s", name, error)
+                return
         with self._changing:
             self._heard_s[heard.key] = time.monotonic()
             self._silent.discard(heard.key)
-        if heard.key.startswith("node/"):
-            said = decode(Health, heard.payload)
-            self._said[said.name] = said
 
     def look(self) -> None:
         """Tell of every stream that has just fallen silent."""
@@ -110,6 +120,8 @@ class Watch:
             return ["not up"]
         with self._changing:
             problems = [f"silent on {key}" for key in self._streams(name) if key in self._silent]
+        if name in self._malformed:
+            problems.append(f"{self._malformed[name]} malformed words about itself")
         said = self._said.get(name)
         for loop, runs in (said.loops if said is not None and said.uptime_s > _HEALTH_MAX_AGE_S else {}).items():
             if runs.rate_hz < _SLOW * runs.target_hz:

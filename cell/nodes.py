@@ -10,22 +10,24 @@ import json
 import logging
 import os
 import selectors
+import signal
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Callable
 from contextlib import suppress
 from typing import IO
 
 from pydantic import Field
 
+from bus import topics
 from bus.codec import decode, encode
 from bus.commands import ErrorReply
 from bus.errors import BadPayload, CellError, DriverUnavailable
 from bus.frozen import Message
 from bus.remote_errors import error_from_reply, error_reply
 from bus.session import Bus
+from cell.leases import CELL_CLIENT
 from config.load import station_from
 from config.schema import Station
 from drivers.node import Node
@@ -212,13 +214,25 @@ def serve_supervised(name: str, stdin: IO[str], stdout: IO[str]) -> int:
 
 
 def serve_until_interrupted(name: str, station: Station) -> None:
-    """A node in a terminal of its own (``run = "elsewhere"``): serve until Ctrl-C."""
-    with Bus.join(station.cell_id, station.bus.endpoint) as bus:
+    """A node in a terminal of its own (``run = "elsewhere"``): serve until Ctrl-C or SIGTERM.
+
+    When the cell goes, or the link to it, the arm stops: no stop of the cell could reach it any more.
+    """
+    ended = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: ended.set())
+    with Bus.join(station.cell_id, station.bus.endpoint, security=station.bus.zenoh) as bus:
         node = Node(name, bus, open_devices(station.nodes[name].driver, station), station)
         node.open()
+
+        def change(client_id: str, is_alive: bool) -> None:
+            if client_id == CELL_CLIENT and not is_alive:
+                _log.warning("the cell, or the link to it, is gone")
+                bus.lane("arm-stop").submit(node.halt)
+
+        bus.watch_alive(topics.LEASE, change)
         try:
-            while True:
-                time.sleep(1.0)
+            ended.wait()
         finally:
             node.close()
 
