@@ -7,6 +7,7 @@ import logging
 import os
 import signal
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
@@ -20,7 +21,7 @@ from bus.errors import CellError
 from bus.faults import PARTS, Fault
 from bus.messages import CycleResult
 from bus.session import Bus
-from cell import calibrate, client, nodes, replay_view
+from cell import calibrate, client, fleet, keys, nodes, replay_view
 from cell import watch as watching
 from cell.batch import Batch
 from cell.build import running_cell
@@ -33,12 +34,8 @@ from cell.replay import replay as run_again
 from cell.replay_folder import replay_folder
 from cell.republish import ROOT, await_listener, payloads, republish, require_no_live_cell
 from cell.service import Service, takes_commands
-<<<<<<< HEAD
 from config.load import DEFAULT_STATION, load_station, station_from
-from config.schema import RetrySettings, Station
-=======
-from config.load import DEFAULT_STATION, load_station
->>>>>>> gate
+from config.schema import RetrySettings
 from logs.index import list_cycles
 from logs.reader import read_cycle
 from logs.report import write_report
@@ -222,6 +219,48 @@ def watch(
 ) -> None:
     """The running cell on one screen: state, last cycles, nodes; its commands are one key each. q ends the view."""
     watching.watch(load_station(config, overrides or []), once=once)
+
+
+@app.command("fleet")
+def fleet_(
+    config: Config = DEFAULT_STATION,
+    endpoint: Annotated[
+        str | None, typer.Option(help="Where to look: a router's or a cell's endpoint (= --set bus.endpoint).")
+    ] = None,
+    overrides: Set = None,
+    as_json: Json = False,
+) -> None:
+    """Every cell that can be seen from here: state, stage, since when, why, and what is wrong with it."""
+    extra = [f"bus.endpoint={endpoint}"] if endpoint is not None else []
+    members = fleet.fleet(load_station(config, [*(overrides or []), *extra]))
+    if as_json:
+        _print_json([member.to_json() for member in members])
+        return
+    for member in members:
+        _out.print(member.line(time.time_ns()), style="red" if member.problems else "")
+    if not members:
+        _out.print("No cell can be seen from here.")
+
+
+@app.command()
+def router(
+    config: Annotated[Path, typer.Option("--config", "-c", help="Zenoh file, e.g. the router.json5 of `cell keys`.")],
+) -> None:
+    """Run a Zenoh router, where cells and those who look after them meet; zenohd does the same with the same file."""
+    fleet.route(config, _out.print)
+
+
+@app.command("keys")
+def keys_(
+    folder: Annotated[Path, typer.Argument(help="Where to; outside of this project.")],
+    hosts: Annotated[
+        list[str] | None, typer.Option("--host", help="Address or name of the cell or the router. Repeatable.")
+    ] = None,
+) -> None:
+    """Make TLS certificates and Zenoh files for every role: cell, router, node, operator, viewer (docs/security.md)."""
+    written = keys.make_keys(folder, hosts or [])
+    _out.print("\n".join(str(path) for path in written))
+    _out.print("A machine of a role gets ca.pem and that role's .pem, .key and .json5. ca.key stays here.")
 
 
 @app.command()

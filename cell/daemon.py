@@ -20,7 +20,7 @@ from bus.topics import Topic
 from cell.batch import Batch
 from cell.cycle import Equipment
 from cell.health import LOOK_PERIOD_S, Watch
-from cell.leases import Leases
+from cell.leases import CELL_CLIENT, Leases
 from cell.machine import Machine
 from cell.states import COMMANDS, PAUSES, State, available
 from cell.works import Works, new_cycle_id
@@ -38,8 +38,6 @@ _ANYONES = ("stop", "abort", "hold", "suspend")
 
 Observer = Callable[[Topic, "Message | bytes"], None]
 
-CELL_CLIENT = "cell"
-"""``client_id`` of the commands the daemon gives itself between the cycles of one ``start``."""
 _CLOSE_PATIENCE_S = 25.0
 _HEALTH_PERIOD_S = 1.0
 
@@ -125,6 +123,7 @@ class Daemon:
         self._bus.answer(topics.COMMAND, self._on_command, lane=_lane_of, verb="*")
         if self._disk is not None and isinstance(self._imaginer, FaultyModel):
             answer_faults(self._bus, {"disk": self._disk, "model": self._imaginer}, self._say)
+        self._bus.announce(topics.LEASE, name=CELL_CLIENT)
         self.machine.start()
         self._watchdog.start()
 

@@ -5,6 +5,7 @@ A stream counts as heard only while what it says can be read and is new.
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections.abc import Callable
@@ -18,6 +19,7 @@ from bus.messages import HandState
 from bus.session import Bus, Heard
 from config.schema import Station
 
+_log = logging.getLogger(__name__)
 LOOK_PERIOD_S = 0.05
 _YOUNG_S = 3.0
 """A node's loops have not run long enough yet to know their rates."""
@@ -84,8 +86,10 @@ class Watch:
         """A stream said something; it counts when that can be read, and is not what it said before."""
         try:
             stamp_ns = self._read(heard)
-        except BadPayload:
+        except BadPayload as error:
             stamp_ns = None
+            if heard.key not in self._useless:  # once, and not a hundred times a second
+                _log.warning("%s: %s", heard.key, error)
         with self._changing:
             if stamp_ns is None:
                 self._useless[heard.key] = _UNREADABLE
@@ -103,8 +107,7 @@ class Watch:
             return arm_stamp_ns(heard.payload)
         if heard.key == topics.HAND_STATE.key:
             return decode(HandState, heard.payload).stamp_ns
-        said = decode(Health, heard.payload)
-        self._said[said.name] = said
+        self._said[heard.key.split("/")[1]] = decode(Health, heard.payload)
         return time.monotonic_ns()
 
     def look(self) -> None:

@@ -10,16 +10,18 @@ import json
 import logging
 import os
 import selectors
+import signal
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Callable
 from contextlib import suppress
+from pathlib import Path
 from typing import IO
 
 from pydantic import Field
 
+from bus import topics
 from bus.codec import decode, encode
 from bus.commands import ErrorReply
 from bus.errors import BadPayload, CellError, DriverUnavailable
@@ -27,6 +29,7 @@ from bus.faulty import FaultyBus
 from bus.frozen import Message
 from bus.remote_errors import error_from_reply, error_reply
 from bus.session import Bus
+from cell.leases import CELL_CLIENT
 from config.load import station_from
 from config.schema import Station
 from drivers.node import Node
@@ -221,20 +224,33 @@ def _serve_supervised(name: str, stdin: IO[str], stdout: IO[str]) -> int:
 
 
 def serve_until_interrupted(name: str, station: Station) -> None:
-    """A node in a terminal of its own (``run = "elsewhere"``): serve until Ctrl-C."""
-    with _link(station) as bus:
+    """A node in a terminal of its own (``run = "elsewhere"``): serve until Ctrl-C or SIGTERM.
+
+    When the cell goes, or the link to it, the arm stops: no stop of the cell could reach it any more.
+    """
+    ended = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: ended.set())
+    with _link(station, station.bus.zenoh) as bus:
         node = Node(name, bus, open_devices(station.nodes[name].driver, station), station)
         node.open()
+
+        def change(client_id: str, is_alive: bool) -> None:
+            if client_id == CELL_CLIENT and not is_alive:
+                _log.warning("the cell, or the link to it, is gone")
+                bus.lane("arm-stop").submit(node.halt)
+
+        bus.watch_alive(topics.LEASE, change)
         try:
-            while True:
-                time.sleep(1.0)
+            ended.wait()
         finally:
             node.close()
 
 
-def _link(station: Station) -> Bus:
+def _link(station: Station, security: Path | None = None) -> Bus:
     """The node's session; one that can be spoiled where the station allows it."""
-    return (FaultyBus if station.faults.allowed else Bus).join(station.cell_id, station.bus.endpoint)
+    kind = FaultyBus if station.faults.allowed else Bus
+    return kind.join(station.cell_id, station.bus.endpoint, security=security)
 
 
 def _say(stdout: IO[str], ready: Ready) -> None:
