@@ -44,7 +44,7 @@ from logs.recorder import PART
 MOMENTS = ("begin", "capture", "detect", "plan", "execute", "verify", "deliver")
 NODE = "sim"
 _WITHOUT_FAULT = 0.25
-_OBJECTS = ("spatula", "mug", "banana")
+_OBJECTS = ("spatula", "bottle", "controller", "cup", "drone")
 _DELAY_S = {"disk": 0.005}
 _USUAL_DELAY_S = 0.15
 _SIGNALS = {"kill": signal.SIGKILL, "freeze": signal.SIGSTOP}
@@ -53,7 +53,7 @@ _NEXT_COMMAND = {"Aborted": "clear", "Stopped": "reset", "Complete": "reset"}
 _PATIENCE_S = 60.0
 _WARM_UP = 20
 _QUICK = ("verify.hold_s=0.3", "verify.samples=2", "perception.hosted.deadline_s=0.3", "recording.patience_s=1.5",
-          "arm.rest_s=4", "bus.stale_s=2", "bus.frozen_s=2.5", "bus.ask_timeout_s=4")  # fmt: skip
+          "arm.rest_s=4", "bus.stale_s=3", "bus.frozen_s=3.5", "bus.ask_timeout_s=4")  # fmt: skip
 """Deadlines as short as they may be: nothing waits for a fault longer than it must."""
 
 
@@ -296,6 +296,7 @@ class Growth:
         self.fds = 0
 
     def look(self, pids: list[int]) -> None:
+        """To be called while the cell is Idle."""
         gc.collect()
         for pid in pids:
             looks, rss_mb, fds = self._first.get(pid, (0, 0.0, 0))
