@@ -44,7 +44,8 @@ from logs.recorder import PART
 MOMENTS = ("begin", "capture", "detect", "plan", "execute", "verify", "deliver")
 NODE = "sim"
 _WITHOUT_FAULT = 0.25
-_OBJECTS = ("spatula", "bottle", "controller", "cup", "drone")
+_OBJECTS = ("bottle", "spatula", "controller", "cup", "drone")
+"""The first is on the table from the start: presenting another one makes the simulator compile it."""
 _DELAY_S = {"disk": 0.005}
 _USUAL_DELAY_S = 0.15
 _SIGNALS = {"kill": signal.SIGKILL, "freeze": signal.SIGSTOP}
@@ -98,10 +99,10 @@ class Outcome:
         return f"{self.number} {what}: {self.result} {self.code} {self.took_s:.1f} s{marks}  {self.reason}"
 
 
-def soak_station(folder: Path, endpoint: str, seed: int) -> Station:
+def soak_station(folder: Path, endpoint: str, seed: int, overrides: tuple[str, ...] = ()) -> Station:
     """The simulated cell that allows faults, with short deadlines."""
     own = [f"recording.folder={folder}", f"bus.endpoint={endpoint}", f"sim.seed={seed}", "faults.allowed=true"]
-    return load_station(None, [*own, *_QUICK])
+    return load_station(None, [*own, *_QUICK, *overrides])
 
 
 def trials(rows: tuple[Row, ...], seed: int, first: int) -> Iterator[Trial]:
@@ -336,7 +337,13 @@ def rows_of(faults: str) -> tuple[Row, ...]:
 
 
 def run(
-    cycles: int, faults: str, seed: int, endpoint: str, state: Path | None, tell: Callable[[str], None]
+    cycles: int,
+    faults: str,
+    seed: int,
+    endpoint: str,
+    state: Path | None,
+    tell: Callable[[str], None],
+    overrides: tuple[str, ...] = (),
 ) -> dict[str, Any]:
     """``cycles`` cycles; with ``state``, a file, those of an interrupted run of the same are not repeated."""
     settings = {"faults": faults, "seed": seed}
@@ -347,7 +354,7 @@ def run(
     growth = Growth()
     growth.rss_mb, growth.fds = kept.get("rss_growth_mb", 0.0), kept.get("fd_growth", 0)
     with TemporaryDirectory() as folder:
-        station = soak_station(Path(folder), endpoint, seed)
+        station = soak_station(Path(folder), endpoint, seed, overrides)
         series = soak(station, trials(rows_of(faults), seed, len(outcomes)), growth)
         while len(outcomes) < cycles:
             outcomes.append(next(series))

@@ -84,7 +84,7 @@ def test_where_faults_are_not_allowed_nobody_listens(tmp_path: Path, endpoint: s
     station = load_station(None, options)
     with running_cell(station, lambda topic, message: None), client.connect(station) as cell:
         for part in PARTS:
-            with pytest.raises(Refused, match="faults.allowed") as refusal:
+            with pytest.raises(Refused, match=r"faults\.allowed") as refusal:
                 cell.fault(part, Fault.OFF)
             assert refusal.value.exit_code == 3
         command = ["fault", "arm", "off", *(word for option in options for word in ("--set", option))]
