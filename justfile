@@ -63,11 +63,12 @@ golden-update: setup
 report *args: setup
     uv run cell report "$@"
 
-# Regenerate docs/commands.md from the commands' own help, docs/states.md from the machine's table
+# Regenerate docs/commands.md from the commands' own help, docs/states.md and docs/faults.md from their tables
 docs: setup
     uv run typer cell.__main__ utils docs --name cell --title "Commands" --output docs/commands.md
     sed -i -e "s/&#x27;/'/g" -e 's/&gt;/>/g' docs/commands.md
     uv run python -m docs.states_page
+    uv run python -m docs.faults_page
 
 # Resolve the dependencies anew into requirements.lock
 lock:

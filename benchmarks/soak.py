@@ -44,7 +44,8 @@ from logs.recorder import PART
 MOMENTS = ("begin", "capture", "detect", "plan", "execute", "verify", "deliver")
 NODE = "sim"
 _WITHOUT_FAULT = 0.25
-_OBJECTS = ("spatula", "mug", "banana")
+_OBJECTS = ("bottle", "spatula", "controller", "cup", "drone")
+"""The first is on the table from the start: presenting another one makes the simulator compile it."""
 _DELAY_S = {"disk": 0.005}
 _USUAL_DELAY_S = 0.15
 _SIGNALS = {"kill": signal.SIGKILL, "freeze": signal.SIGSTOP}
@@ -53,7 +54,7 @@ _NEXT_COMMAND = {"Aborted": "clear", "Stopped": "reset", "Complete": "reset"}
 _PATIENCE_S = 60.0
 _WARM_UP = 20
 _QUICK = ("verify.hold_s=0.3", "verify.samples=2", "perception.hosted.deadline_s=0.3", "recording.patience_s=1.5",
-          "arm.rest_s=4", "bus.stale_s=2", "bus.frozen_s=2.5", "bus.ask_timeout_s=4")  # fmt: skip
+          "arm.rest_s=4", "bus.stale_s=3", "bus.frozen_s=3.5", "bus.ask_timeout_s=4")  # fmt: skip
 """Deadlines as short as they may be: nothing waits for a fault longer than it must."""
 
 
@@ -98,10 +99,10 @@ class Outcome:
         return f"{self.number} {what}: {self.result} {self.code} {self.took_s:.1f} s{marks}  {self.reason}"
 
 
-def soak_station(folder: Path, endpoint: str, seed: int) -> Station:
+def soak_station(folder: Path, endpoint: str, seed: int, overrides: tuple[str, ...] = ()) -> Station:
     """The simulated cell that allows faults, with short deadlines."""
     own = [f"recording.folder={folder}", f"bus.endpoint={endpoint}", f"sim.seed={seed}", "faults.allowed=true"]
-    return load_station(None, [*own, *_QUICK])
+    return load_station(None, [*own, *_QUICK, *overrides])
 
 
 def trials(rows: tuple[Row, ...], seed: int, first: int) -> Iterator[Trial]:
@@ -296,6 +297,7 @@ class Growth:
         self.fds = 0
 
     def look(self, pids: list[int]) -> None:
+        """To be called while the cell is Idle."""
         gc.collect()
         for pid in pids:
             looks, rss_mb, fds = self._first.get(pid, (0, 0.0, 0))
@@ -335,7 +337,13 @@ def rows_of(faults: str) -> tuple[Row, ...]:
 
 
 def run(
-    cycles: int, faults: str, seed: int, endpoint: str, state: Path | None, tell: Callable[[str], None]
+    cycles: int,
+    faults: str,
+    seed: int,
+    endpoint: str,
+    state: Path | None,
+    tell: Callable[[str], None],
+    overrides: tuple[str, ...] = (),
 ) -> dict[str, Any]:
     """``cycles`` cycles; with ``state``, a file, those of an interrupted run of the same are not repeated."""
     settings = {"faults": faults, "seed": seed}
@@ -346,7 +354,7 @@ def run(
     growth = Growth()
     growth.rss_mb, growth.fds = kept.get("rss_growth_mb", 0.0), kept.get("fd_growth", 0)
     with TemporaryDirectory() as folder:
-        station = soak_station(Path(folder), endpoint, seed)
+        station = soak_station(Path(folder), endpoint, seed, overrides)
         series = soak(station, trials(rows_of(faults), seed, len(outcomes)), growth)
         while len(outcomes) < cycles:
             outcomes.append(next(series))

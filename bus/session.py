@@ -195,7 +195,12 @@ class Bus:
         self, topic: Topic, request: Message, answer_type: type[MessageT], *, timeout_s: float, **fields: str
     ) -> MessageT:
         """The one decoded answer to one question. Raises: as `ask`, and BadPayload."""
-        return decode(answer_type, self.ask(topic, request, timeout_s=timeout_s, **fields)[0].payload)
+        answer = self.ask(topic, request, timeout_s=timeout_s, **fields)[0]
+        try:
+            return decode(answer_type, answer.payload)
+        except BadPayload as error:
+            key = topic.key.format(**fields)
+            raise BadPayload(f"{key!r} was answered with what cannot be read: {error.text}", "See its node.") from error
 
     def _get(self, key: str, payload: bytes, encoding: str, timeout_s: float) -> list[zenoh.Reply]:
         """Zenoh's replies; a queryable that is not yet in the routing table is asked again for a moment."""

@@ -74,6 +74,11 @@ class CycleLog:
             self._waiting_bytes += len(heard.payload)
         self._queue.put(_Stamped(heard, self._clock_ns()))
 
+    @property
+    def is_writing(self) -> bool:
+        """Whether the file is still held: until it is closed, and after an error until the disk lets it go."""
+        return self._writer.is_alive()
+
     def check(self) -> None:
         """Raises: CycleFailure(RECORDING) when writing failed since the start, or the disk has been taking too long."""
         began_s = self._step_began_s
@@ -92,7 +97,7 @@ class CycleLog:
 
     def _closed(self, timeout_s: float) -> bool:
         self._writer.join(timeout_s)
-        return not self._writer.is_alive()
+        return not self.is_writing
 
     def _await(self, is_done: Callable[[float], bool]) -> None:
         """Raises: CycleFailure(RECORDING); the writing thread ends then as soon as the disk lets it."""

@@ -14,7 +14,7 @@ import numpy as np
 from bus import topics
 from bus.codec import encode
 from bus.codes import Code
-from bus.errors import BusError, CycleFailure, DriverError, MotionRefused, RecordingError
+from bus.errors import BusError, ConfigError, CycleFailure, DriverError, MotionRefused, RecordingError
 from bus.messages import ArmMode, Attempt, CycleResult
 from bus.session import Heard
 from bus.topics import encoding_of
@@ -165,6 +165,8 @@ class Works:
             cycle.object = ask()
         except (DriverError, BusError) as error:
             raise cycle.fail(error) from error
+        except ConfigError as error:  # there is no such object
+            raise cycle.fail(CycleFailure(Code.NO_OBJECT, str(error))) from error
 
     def pick(self) -> None:
         """The five stages. A pick that failed goes on to Completing; a fault of a device does not."""

@@ -9,11 +9,14 @@ import subprocess
 import time
 from collections.abc import Callable
 
+import numpy as np
 import pytest
 
-from bus.codec import encode
+from bus.codec import arm_state_to_wire, encode
+from bus.codes import Code
 from bus.commands import CellHealth, Health, LoopHealth
 from bus.errors import CycleFailure
+from bus.messages import ArmMode, ArmState, HandState
 from bus.session import Heard
 from cell import client
 from cell.health import Watch
@@ -27,16 +30,28 @@ class Bench:
     """A watch with the simulated cell's one node, and what it told of."""
 
     def __init__(self, stale_s: float = 0.05) -> None:
+        self._stamp_ns = 0
         self.lost: queue.SimpleQueue[CycleFailure] = queue.SimpleQueue()
         station = load_station(None, [f"bus.stale_s={stale_s}"])
         self.watch = Watch(station, lambda name, failure: self.lost.put(failure), lambda name: 2)
 
-    def hear(self, key: str, payload: bytes = b"") -> None:
-        self.watch.hear(Heard(key, "", payload))
+    def hear(self, key: str, payload: bytes | None = None) -> None:
+        """By default a new state of the arm; the hand says something new every time."""
+        self._stamp_ns += 1
+        hand = HandState(stamp_ns=self._stamp_ns, width_m=0.04, is_moving=False, is_homed=True)
+        self.watch.hear(Heard("hand/state", "", encode(hand)))
+        self.watch.hear(Heard(key, "", _arm_state(self._stamp_ns) if payload is None else payload))
 
 
-def _said(rate_hz: float) -> Health:
-    loops = {"arm.state": LoopHealth(rate_hz=rate_hz, target_hz=100.0, missed=3)}
+def _arm_state(stamp_ns: int) -> bytes:
+    still = np.zeros(7)
+    return arm_state_to_wire(
+        ArmState(stamp_ns=stamp_ns, mode=ArmMode.IDLE, q_rad=still, dq_rad_s=still, tau_ext_nm=still)
+    )
+
+
+def _said(rate_hz: float, fault: str = "") -> Health:
+    loops = {"arm.state": LoopHealth(rate_hz=rate_hz, target_hz=100.0, missed=3, fault=fault)}
     return Health(name="sim", pid=1, uptime_s=60.0, answered=1, failed=0, loops=loops)
 
 
@@ -66,6 +81,7 @@ def test_a_silent_stream_is_told_once_until_it_flows_again() -> None:
     for _ in range(2):
         bench.hear("arm/state")
         time.sleep(0.06)
+        bench.hear("node/sim/health", encode(_said(98.0)))
         bench.watch.look()
         bench.watch.look()
         failure = bench.lost.get(timeout=1)
@@ -95,6 +111,37 @@ def test_a_loop_far_below_its_rate_is_a_problem_although_it_answers() -> None:
     bench.watch.change("sim", True)
     bench.hear("node/sim/health", encode(_said(41.0)))
     assert bench.watch.health().nodes["sim"].problems == ("arm.state at 41 of 100 Hz",)
+
+
+@pytest.mark.parametrize(
+    ("payload", "code", "says"),
+    [
+        (_arm_state(1), Code.DEVICE_LOST, "arm has been saying the same"),
+        (b"\xff\xff", Code.NODE_LOST, "'sim' says what cannot be read on 'arm/state'"),
+    ],
+)
+def test_what_is_repeated_or_cannot_be_read_counts_as_silence(payload: bytes, code: Code, says: str) -> None:
+    bench = Bench()
+    bench.watch.change("sim", True)
+    bench.hear("arm/state")
+    for _ in range(4):
+        time.sleep(0.02)
+        bench.hear("arm/state", payload)
+    bench.watch.look()
+    lost = bench.lost.get(timeout=1)
+    assert lost.failure is code and says in lost.text
+
+
+def test_a_stream_that_its_node_cannot_say_is_a_lost_device() -> None:
+    bench = Bench()
+    bench.watch.change("sim", True)
+    bench.hear("arm/state")
+    bench.hear("node/sim/health", encode(_said(0.0, fault="DEVICE_LOST: The arm no longer answers.")))
+    time.sleep(0.06)
+    bench.hear("node/sim/health", encode(_said(0.0, fault="DEVICE_LOST: The arm no longer answers.")))
+    bench.watch.look()
+    lost = bench.lost.get(timeout=1)
+    assert lost.failure is Code.DEVICE_LOST and "The arm no longer answers" in lost.text
 
 
 # --- real processes ---------------------------------------------------------------------------------------------------
