@@ -8,6 +8,7 @@ enqueue; the encoding is always set; the session is closed on every path.
 from __future__ import annotations
 
 import logging
+import re
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, ThreadPoolExecutor
@@ -29,6 +30,8 @@ from bus.topics import Topic, encoding_of
 __all__ = ["LEASE_MS", "MAX_PAYLOAD_BYTES", "Bus", "Handler", "Heard", "Tap"]
 
 _log = logging.getLogger(__name__)
+_FIELD = re.compile(r"\{\w+\}")
+
 MessageT = TypeVar("MessageT", bound=Message)
 
 
@@ -266,7 +269,7 @@ class Bus:
                 raise
             if isinstance(answer, Message):
                 # not the question's key: that may be a pattern over many cells
-                answer = [Heard(topic.key.format(verb=verb), encoding_of(type(answer)), encode(answer))]
+                answer = [Heard(_FIELD.sub(verb, topic.key), encoding_of(type(answer)), encode(answer))]
             for part in answer:
                 key = f"{topics.ROOT}/{self.cell_id}/{part.key}"
                 query.reply(key, part.payload, encoding=part.encoding)
