@@ -197,7 +197,7 @@ class _Bench:
         picker = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL)
         try:
             self._wait_for("Execute", period_s=0.002)
-            _wait(lambda: self.witness.speed_rad_s() > _MOVING_RAD_S, period_s=0.002)
+            _wait(lambda: self.witness.speed_rad_s() > _MOVING_RAD_S or self.witness.result is not None, period_s=0.002)
             time.sleep(float(self.rng.uniform(0.0, 0.4)))
             yield picker
         finally:
