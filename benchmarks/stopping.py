@@ -43,6 +43,8 @@ FROZEN = "node_frozen"
 REST_RAD_S = 0.02
 _MOVING_RAD_S = 0.3
 _SAME_RAD = 1e-9
+_RECENT_NS = 2e8
+"""States older than this tell nothing of a simulator that has fallen behind meanwhile."""
 _PATIENCE_S = 60.0
 _AFTER_S = 2.0
 """How long the arm of a node that goes on is looked at."""
@@ -233,11 +235,13 @@ def _brake_ns(witness: Witness, triggered_ns: int) -> int | None:
     if len(departs) == 0:
         return None
     tick = int(departs[0])
-    during = [one for one in witness.states if triggered_ns - tick * 1e6 < one.stamp_ns < triggered_ns]
-    return _tick_zero_ns(during, run.motion.t_s, run.motion.q_rad, tick * TICK_S) + round(tick * 1e6)
+    since_ns = triggered_ns - min(tick * 1e6, _RECENT_NS)
+    during = [one for one in witness.states if since_ns < one.stamp_ns < triggered_ns]
+    zero_ns = _tick_zero_ns(during, run.motion.t_s, run.motion.q_rad, tick * TICK_S)
+    return None if zero_ns is None else zero_ns + round(tick * 1e6)
 
 
-def _tick_zero_ns(states: list[Moment], t_s: np.ndarray, q_rad: np.ndarray, until_s: float) -> int:
+def _tick_zero_ns(states: list[Moment], t_s: np.ndarray, q_rad: np.ndarray, until_s: float) -> int | None:
     """UTC of a motion's first tick: the earliest that its samples before ``until_s``, found in ``states``, allow."""
     before = t_s < until_s
     joint = int(np.argmax(np.ptp(q_rad[before], axis=0)))
@@ -250,7 +254,7 @@ def _tick_zero_ns(states: list[Moment], t_s: np.ndarray, q_rad: np.ndarray, unti
         for state in states
         if low < sign * state.q_rad[joint] < high
     ]
-    return min(zeros)
+    return min(zeros, default=None)
 
 
 def _summary(measured: list[Measured], first: str) -> dict[str, Any]:
