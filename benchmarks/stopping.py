@@ -115,7 +115,7 @@ class Witness:
 def run(repeats: int, seed: int, endpoint: str, tell: Callable[[str], None]) -> dict[str, Any]:
     """``repeats`` picks at real-time pace for every trigger, each interrupted at a random moment of its motion."""
     with TemporaryDirectory() as folder:
-        overrides = [f"bus.endpoint={endpoint}", f"recording.folder={folder}", "sim.pace=1"]
+        overrides = [f"bus.endpoint={endpoint}", f"recording.folder={folder}", "sim.pace=1", "bus.ask_timeout_s=20"]
         station, witness = load_station(None, overrides), Witness()
         with running_cell(station, witness.observe) as daemon, Bus.join(station.cell_id, endpoint) as ear:
             ear.subscribe(topics.ARM_STATE.key, witness.hear)
@@ -143,7 +143,9 @@ class _Bench:
     ) -> list[Measured]:
         """``repeats`` figures; a pick whose motion was just over gives none, and is tried again."""
         figures: list[Measured] = []
+        tries = iter(range(3 * repeats + 3))
         while len(figures) < repeats:
+            assert next(tries, None) is not None, f"{trigger}: too many picks ended before they could be interrupted"
             self.witness.forget()
             if (measured := once(trigger)) is not None:
                 figures.append(measured)
@@ -153,6 +155,8 @@ class _Bench:
     def interrupted(self, trigger: str) -> Measured | None:
         """One pick that a command, or the loss of its lease, interrupts."""
         with self._moving_pick() as picker:
+            if self.witness.result is not None:
+                return None
             if trigger == "lease_lost":
                 started_ns = time.time_ns()
                 picker.kill()
@@ -174,6 +178,8 @@ class _Bench:
     def frozen(self, _trigger: str) -> Measured | None:
         """One pick whose node stands still, and goes on once the cell has noticed."""
         with self._moving_pick():
+            if self.witness.result is not None:
+                return None
             said = self.daemon.health().nodes["sim"].said
             assert said is not None
             frozen_ns = time.time_ns()
