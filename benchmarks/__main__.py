@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
-from benchmarks import alignment, calibration, detection, grasps, intruder, models, planning, soak, stopping
+from benchmarks import alignment, calibration, detection, grasps, intruder, models, planning, soak, stopping, travel
 from benchmarks.drifted import REGIMES
 from bus.commands import CommandRequest
 from bus.errors import CellError
@@ -161,6 +161,18 @@ def soak_(
     """Simulated picks with injected faults: outcomes that docs/faults.md does not allow, cells not ready, leaks."""
     tell = _teller(quiet=False)
     typer.echo(json.dumps(soak.run(cycles, faults, seed, endpoint, state, tell, tuple(overrides or ()))))
+
+
+@app.command(name="bus")
+def bus_(
+    rounds: Annotated[int, typer.Option(min=10)] = 300,
+    seed: int = 1,
+    endpoint: Annotated[str, typer.Option(help="Free loopback endpoint for our bus.")] = "tcp/127.0.0.1:7499",
+    plain_endpoint: Annotated[str, typer.Option(help="Another for plain Zenoh.")] = "tcp/127.0.0.1:7500",
+    as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
+) -> None:
+    """Round trip of a 2.7 MB frame and of a command, and of the same bytes through plain Zenoh: ms, and their ratio."""
+    typer.echo(json.dumps(travel.run(rounds, seed, endpoint, plain_endpoint, _teller(as_json))))
 
 
 def _teller(quiet: bool) -> Callable[[str], None]:

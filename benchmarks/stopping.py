@@ -43,6 +43,8 @@ FROZEN = "node_frozen"
 REST_RAD_S = 0.02
 _MOVING_RAD_S = 0.3
 _SAME_RAD = 1e-9
+_RECENT_NS = 2e8
+"""States older than this tell nothing of a simulator that has fallen behind meanwhile."""
 _PATIENCE_S = 60.0
 _AFTER_S = 2.0
 """How long the arm of a node that goes on is looked at."""
@@ -113,7 +115,7 @@ class Witness:
 def run(repeats: int, seed: int, endpoint: str, tell: Callable[[str], None]) -> dict[str, Any]:
     """``repeats`` picks at real-time pace for every trigger, each interrupted at a random moment of its motion."""
     with TemporaryDirectory() as folder:
-        overrides = [f"bus.endpoint={endpoint}", f"recording.folder={folder}", "sim.pace=1"]
+        overrides = [f"bus.endpoint={endpoint}", f"recording.folder={folder}", "sim.pace=1", "bus.ask_timeout_s=20"]
         station, witness = load_station(None, overrides), Witness()
         with running_cell(station, witness.observe) as daemon, Bus.join(station.cell_id, endpoint) as ear:
             ear.subscribe(topics.ARM_STATE.key, witness.hear)
@@ -141,7 +143,9 @@ class _Bench:
     ) -> list[Measured]:
         """``repeats`` figures; a pick whose motion was just over gives none, and is tried again."""
         figures: list[Measured] = []
+        tries = iter(range(3 * repeats + 3))
         while len(figures) < repeats:
+            assert next(tries, None) is not None, f"{trigger}: too many picks ended before they could be interrupted"
             self.witness.forget()
             if (measured := once(trigger)) is not None:
                 figures.append(measured)
@@ -151,6 +155,8 @@ class _Bench:
     def interrupted(self, trigger: str) -> Measured | None:
         """One pick that a command, or the loss of its lease, interrupts."""
         with self._moving_pick() as picker:
+            if self.witness.result is not None:
+                return None
             if trigger == "lease_lost":
                 started_ns = time.time_ns()
                 picker.kill()
@@ -172,6 +178,8 @@ class _Bench:
     def frozen(self, _trigger: str) -> Measured | None:
         """One pick whose node stands still, and goes on once the cell has noticed."""
         with self._moving_pick():
+            if self.witness.result is not None:
+                return None
             said = self.daemon.health().nodes["sim"].said
             assert said is not None
             frozen_ns = time.time_ns()
@@ -197,7 +205,7 @@ class _Bench:
         picker = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL)
         try:
             self._wait_for("Execute", period_s=0.002)
-            _wait(lambda: self.witness.speed_rad_s() > _MOVING_RAD_S, period_s=0.002)
+            _wait(lambda: self.witness.speed_rad_s() > _MOVING_RAD_S or self.witness.result is not None, period_s=0.002)
             time.sleep(float(self.rng.uniform(0.0, 0.4)))
             yield picker
         finally:
@@ -233,11 +241,13 @@ def _brake_ns(witness: Witness, triggered_ns: int) -> int | None:
     if len(departs) == 0:
         return None
     tick = int(departs[0])
-    during = [one for one in witness.states if triggered_ns - tick * 1e6 < one.stamp_ns < triggered_ns]
-    return _tick_zero_ns(during, run.motion.t_s, run.motion.q_rad, tick * TICK_S) + round(tick * 1e6)
+    since_ns = triggered_ns - min(tick * 1e6, _RECENT_NS)
+    during = [one for one in witness.states if since_ns < one.stamp_ns < triggered_ns]
+    zero_ns = _tick_zero_ns(during, run.motion.t_s, run.motion.q_rad, tick * TICK_S)
+    return None if zero_ns is None else zero_ns + round(tick * 1e6)
 
 
-def _tick_zero_ns(states: list[Moment], t_s: np.ndarray, q_rad: np.ndarray, until_s: float) -> int:
+def _tick_zero_ns(states: list[Moment], t_s: np.ndarray, q_rad: np.ndarray, until_s: float) -> int | None:
     """UTC of a motion's first tick: the earliest that its samples before ``until_s``, found in ``states``, allow."""
     before = t_s < until_s
     joint = int(np.argmax(np.ptp(q_rad[before], axis=0)))
@@ -250,7 +260,7 @@ def _tick_zero_ns(states: list[Moment], t_s: np.ndarray, q_rad: np.ndarray, unti
         for state in states
         if low < sign * state.q_rad[joint] < high
     ]
-    return min(zeros)
+    return min(zeros, default=None)
 
 
 def _summary(measured: list[Measured], first: str) -> dict[str, Any]:

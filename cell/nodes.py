@@ -258,6 +258,6 @@ def _say(stdout: IO[str], ready: Ready) -> None:
     stdout.flush()
 
 
-if __name__ == "__main__":  # the child: without the command line's imports it serves in half the time
+if __name__ == "__main__":  # the child: spared the imports of the command line
     logging.basicConfig(level=logging.WARNING, format=LOG_FORMAT)
     sys.exit(_serve_supervised(sys.argv[1], sys.stdin, _own_stdout()))

@@ -48,7 +48,7 @@ class Terminal:
         self._raw = b""
         os.write(self._master, key.encode())
 
-    def wait_for(self, pattern: str, timeout_s: float = 30.0) -> str:
+    def wait_for(self, pattern: str, timeout_s: float = 60.0) -> str:
         """The text since the last key once it matches."""
         give_up_s = time.monotonic() + timeout_s
         while not re.search(pattern, text := self._text()):
@@ -177,7 +177,7 @@ def test_once_prints_the_view_with_what_was_recorded_before(shared_daemon: Cell,
     _, station = shared_daemon
     with client.connect(station) as cell:
         cell.command("reset")
-        cell.wait_for_state({"Idle"}, 30)
+        cell.wait_for_state({"Idle"}, 60)
         result = cell.wait_for_result(cell.command("pick", object_name="bottle").cycle_id, 60)
         cell.wait_for_state({"Complete"}, 30)
     torn = Path(result.recording).with_name("99991231T235959999.mcap")

@@ -116,9 +116,9 @@ def test_a_stop_in_motion_ends_the_cycle_and_the_motion(shared_daemon: Cell, sha
     _, station = shared_daemon
     with client.connect(station) as cell:
         cell.command("reset")
-        cell.wait_for_state({"Idle"}, 30)
+        cell.wait_for_state({"Idle"}, 60)
         cycle_id = cell.command("pick").cycle_id
-        give_up_s = time.monotonic() + 30
+        give_up_s = time.monotonic() + 60
         while cell.state().stage != "execute":
             assert time.monotonic() < give_up_s
             time.sleep(0.02)
@@ -129,7 +129,7 @@ def test_a_stop_in_motion_ends_the_cycle_and_the_motion(shared_daemon: Cell, sha
         assert Path(result.recording).is_file()
         assert cell.state().state == "Stopped" and "reset" in cell.state().available
         cell.command("reset")  # and it can go on
-        cell.wait_for_state({"Idle"}, 30)
+        cell.wait_for_state({"Idle"}, 60)
 
 
 def _children(process: subprocess.Popen[str]) -> list[int]:
@@ -180,11 +180,11 @@ def test_a_held_cycle_rests_and_goes_on_to_success(shared_daemon: Cell, shared_o
         arm = RemoteArm(bus, station.bus.ask_timeout_s)
         arm.connect()
         cell.command("reset")
-        cell.wait_for_state({"Idle"}, 30)
+        cell.wait_for_state({"Idle"}, 60)
         with pytest.raises(Refused, match="not possible while the cell is Idle"):
             cell.command("hold")
         cycle_id = cell.command("pick").cycle_id
-        give_up_s = time.monotonic() + 30
+        give_up_s = time.monotonic() + 60
         while np.abs(arm.state().dq_rad_s).max() < 0.3:
             assert time.monotonic() < give_up_s
             time.sleep(0.005)
