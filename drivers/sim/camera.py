@@ -34,6 +34,7 @@ class SimCamera:
         self._world = world
         self._painter: Painter | None = None
         self._model: mujoco.MjModel | None = None
+        self._seen: mujoco.MjData | None = None
         self._lock = threading.Lock()
         self._presentation = 0
         self._captures = 0
@@ -57,22 +58,28 @@ class SimCamera:
             return self._capture()
 
     def _open(self) -> None:
+        """A graphics context for the world's present model; it takes a while, so the world goes on meanwhile."""
         model = self._world.model
         if self._painter is not None:
             self._painter.close()
         self._painter, self._model = None, None
-        self._painter, self._model = Painter(model), model
+        self._painter, self._model, self._seen = Painter(model), model, mujoco.MjData(model)
 
     def _capture(self) -> Frame:
-        sim = self._world.station.sim
-        with self._world.lock:
-            if self._model is not self._world.model:
+        world, sim = self._world, self._world.station.sim
+        while True:
+            if self._model is not world.model:
                 self._open()
-            stamp_ns = self._world.clock_ns()
-            color, depth_m = self._render()
-            if self._presentation != self._world.presentations:
-                self._presentation, self._captures = self._world.presentations, 0
-            rng = np.random.default_rng([sim.seed % 2**64, self._world.presented % 2**64, self._captures])
+            with world.lock:  # what is rendered is a copy: nobody waits for the picture
+                if self._model is not world.model:
+                    continue
+                mujoco.mj_copyData(self._seen, world.model, world.data)
+                stamp_ns, presented, presentations = world.clock_ns(), world.presented, world.presentations
+                break
+        color, depth_m = self._render()
+        if self._presentation != presentations:
+            self._presentation, self._captures = presentations, 0
+        rng = np.random.default_rng([sim.seed % 2**64, presented % 2**64, self._captures])
         self._captures += 1
         noisy = color + rng.normal(0.0, _COLOR_NOISE, color.shape)
         return Frame(
@@ -85,8 +92,8 @@ class SimCamera:
         )
 
     def _render(self) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.float32]]:
-        painter, data = self._painter, self._world.data
-        assert painter is not None
+        painter, data = self._painter, self._seen
+        assert painter is not None and data is not None
         painter.look(data, COLOR_CAMERA)
         pixels = painter.color(COLOR_PINHOLE.width, COLOR_PINHOLE.height)
         painter.look(data, DEPTH_CAMERA)
