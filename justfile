@@ -34,8 +34,9 @@ stand-in *args: stand-ins
 # Run the tests; more arguments go to pytest
 test *args: setup
     @./setup.sh stand-ins || echo "test: tests of the real drivers that need the above will be skipped" >&2
-    # two at a time; then, alone, those at 1 kHz: there only the arm's own reflex (this machine was late) is tried again
-    OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 uv run pytest -m "not realtime" -n 2 --dist loadfile "$@" || [ $? -eq 5 ]
+    # two files at a time, in their order (those of whole cells, which take longest, are among the first); then, alone,
+    # those at 1 kHz: there only the arm's own reflex (this machine was late) is tried again
+    OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 uv run pytest -m "not realtime" -n 2 --dist loadfile --no-loadscope-reorder "$@" || [ $? -eq 5 ]
     uv run pytest -m realtime --reruns 2 --only-rerun ArmReflex "$@" || [ $? -eq 5 ]
 
 # Lint, format, types, import contracts
@@ -52,6 +53,11 @@ bench *args: setup
 # Run the pure stages of a recording again and compare
 replay *args: setup
     uv run cell replay "$@"
+
+# Write down anew what the pure stages decide on the golden recordings; review the diff
+golden-update: setup
+    uv run python -m tests.golden.behaviour
+    git --no-pager diff --stat tests/golden
 
 # Write the report page of a recording
 report *args: setup

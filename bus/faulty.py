@@ -6,6 +6,7 @@ import os
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Protocol
 
 import zenoh
@@ -38,8 +39,8 @@ class FaultyBus(Bus):
     are. ``wrong``: another type's message is. ``slow``: all of it comes ``delay_s`` late.
     """
 
-    def __init__(self, session: zenoh.Session, cell_id: str) -> None:
-        super().__init__(session, cell_id)
+    def __init__(self, session: zenoh.Session, cell_id: str, security: Path | None = None) -> None:
+        super().__init__(session, cell_id, security)
         self._fault = Fault.NONE
         self._turn = threading.Condition()
         self._kept: list[zenoh.Query] = []  # never answered while stuck; guarded by `_turn`

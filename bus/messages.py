@@ -365,6 +365,20 @@ StageName = Literal["capture", "detect", "plan", "execute", "verify", "deliver"]
 ResultT = TypeVar("ResultT", bound=Message)
 
 
+class Attempt(Message):
+    """A cycle as it begins: the first try of a pick, or another one after it failed (`cell.retry`).
+
+    Attributes:
+        number: 0 = the first. ``retry_of``: id of the cycle before, "" for the first.
+        missed: base_from_tcp of grasps that closed on nothing in the cycles before; planning leaves them out.
+    """
+
+    cycle_id: str
+    number: int = 0
+    retry_of: str = ""
+    missed: tuple[Transform, ...] = ()
+
+
 class Failure(Message):
     """Why a stage ended the cycle."""
 
@@ -393,6 +407,7 @@ class CycleResult(Message):
         object: name of the presented object in simulation, "" on hardware.
         stages: wall time of each stage that ran [s].
         recording: path of the MCAP.
+        retried_as: id of the cycle that tries again; "" when this one was the last.
     """
 
     cycle_id: str
@@ -403,3 +418,4 @@ class CycleResult(Message):
     stages: dict[str, float]
     wall_s: float
     recording: str
+    retried_as: str = ""

@@ -32,6 +32,7 @@ from bus.faults import FaultRequest
 from bus.frozen import Message
 from bus.messages import (
     ArmState,
+    Attempt,
     CycleResult,
     Delivery,
     Detections,
@@ -75,6 +76,7 @@ HEALTH = Topic("health", "publish", CellHealth)
 HEALTH_NOW = Topic("health", "query", CellHealth, Nothing, logged=False)
 EVENT = Topic("event", "publish", Event)
 
+ATTEMPT = Topic("cycle/attempt", "publish", Attempt)
 CAPTURE = Topic("cycle/capture", "publish", StageRecord[View])
 DETECT = Topic("cycle/detect", "publish", StageRecord[Detections])
 PLAN = Topic("cycle/plan", "publish", StageRecord[PickPlan])

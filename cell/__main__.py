@@ -7,18 +7,21 @@ import logging
 import os
 import signal
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from rich.console import Console
+from rich.progress import track
 
 from bus.commands import CommandRequest
 from bus.errors import CellError
 from bus.faults import PARTS, Fault
 from bus.messages import CycleResult
-from cell import calibrate, client, nodes
+from bus.session import Bus
+from cell import calibrate, client, fleet, keys, nodes, replay_view
 from cell import watch as watching
 from cell.batch import Batch
 from cell.build import running_cell
@@ -26,10 +29,13 @@ from cell.console import Screen
 from cell.daemon import Daemon
 from cell.doctor import examine
 from cell.machine import refuse
-from cell.replay import replay_file
+from cell.replay import Request
+from cell.replay import replay as run_again
+from cell.replay_folder import replay_folder
+from cell.republish import ROOT, await_listener, payloads, republish, require_no_live_cell
 from cell.service import Service, takes_commands
-from config.load import DEFAULT_STATION, load_station
-from config.schema import Station
+from config.load import DEFAULT_STATION, load_station, station_from
+from config.schema import RetrySettings
 from logs.index import list_cycles
 from logs.reader import read_cycle
 from logs.report import write_report
@@ -100,22 +106,26 @@ def start(
                 pass
             return
         operator = CommandRequest(client_id=_TERMINAL, cycles=cycles or 1, until_empty=until_empty)
-        batch = _run_batch(daemon, screen, operator)
+        batch = _run_batch(daemon, screen, operator, station.retry)
         if until_empty:
             screen.summary(batch.summary(daemon.objects_left()))
     done = batch.is_empty if until_empty else batch.picked == cycles
+    if as_json and cycles is not None and batch.done < cycles:
+        typer.echo(batch.reason, err=True)  # a cell that aborts between cycles gives no result that says why
     if screen.interrupted.is_set() or not done:
         raise typer.Exit(1)
 
 
-def _run_batch(daemon: Daemon, screen: Screen, operator: CommandRequest) -> Batch:
+def _run_batch(daemon: Daemon, screen: Screen, operator: CommandRequest, retry: RetrySettings) -> Batch:
     """Reset, then all picks of one ``start``; over also when the cell aborts, is stopped, or Ctrl-C was pressed."""
-    batch = Batch(operator)
+    batch = Batch(operator, retry)
+    begun = False
     refuse(daemon.command("reset", operator))
     for said in screen.follow():
         if isinstance(said, CycleResult):
             batch.hear(said)
-        elif said.state == "Idle" and batch.done == 0:
+        elif said.state == "Idle" and not begun:
+            begun = True
             refuse(daemon.command("start", operator))
         elif said.state in ("Aborted", "Stopped") and said.reason:
             batch.end(said.reason)
@@ -211,16 +221,112 @@ def watch(
     watching.watch(load_station(config, overrides or []), once=once)
 
 
-@app.command()
-def replay(file: File, overrides: Set = None, as_json: Json = False) -> None:
-    """Run the pure stages again from a recording and compare. Exit 0 equal, 1 different, 2 cannot."""
-    outcome = replay_file(file, overrides or [])
+@app.command("fleet")
+def fleet_(
+    config: Config = DEFAULT_STATION,
+    endpoint: Annotated[
+        str | None, typer.Option(help="Where to look: a router's or a cell's endpoint (= --set bus.endpoint).")
+    ] = None,
+    overrides: Set = None,
+    as_json: Json = False,
+) -> None:
+    """Every cell that can be seen from here: state, stage, since when, why, and what is wrong with it."""
+    extra = [f"bus.endpoint={endpoint}"] if endpoint is not None else []
+    members = fleet.fleet(load_station(config, [*(overrides or []), *extra]))
     if as_json:
-        _print_json(outcome.to_json())
+        _print_json([member.to_json() for member in members])
+        return
+    for member in members:
+        _out.print(member.line(time.time_ns()), style="red" if member.problems else "")
+    if not members:
+        _out.print("No cell can be seen from here.")
+
+
+@app.command()
+def router(
+    config: Annotated[Path, typer.Option("--config", "-c", help="Zenoh file, e.g. the router.json5 of `cell keys`.")],
+) -> None:
+    """Run a Zenoh router, where cells and those who look after them meet; zenohd does the same with the same file."""
+    fleet.route(config, _out.print)
+
+
+@app.command("keys")
+def keys_(
+    folder: Annotated[Path, typer.Argument(help="Where to; outside of this project.")],
+    hosts: Annotated[
+        list[str] | None, typer.Option("--host", help="Address or name of the cell or the router. Repeatable.")
+    ] = None,
+) -> None:
+    """Make TLS certificates and Zenoh files for every role: cell, router, node, operator, viewer (docs/security.md)."""
+    written = keys.make_keys(folder, hosts or [])
+    _out.print("\n".join(str(path) for path in written))
+    _out.print("A machine of a role gets ca.pem and that role's .pem, .key and .json5. ca.key stays here.")
+
+
+@app.command()
+def replay(
+    file: Annotated[Path, typer.Argument(help="A cycle's recording (.mcap), or a folder of them.")],
+    start: Annotated[
+        str | None, typer.Option("--from", metavar="STAGE", help="Chained: from this stage on, outputs flow on.")
+    ] = None,
+    only: Annotated[
+        str | None, typer.Option(metavar="STAGE", help="This stage alone, from its recorded inputs.")
+    ] = None,
+    live_models: Annotated[
+        bool, typer.Option("--live-models", help="Ask the models again, instead of their recorded replies.")
+    ] = False,
+    publish: Annotated[
+        bool, typer.Option("--publish", help="Instead: put it on the bus again, below replay/CYCLE_ID/.")
+    ] = False,
+    rate: Annotated[float, typer.Option(min=0.01, help="With --publish: so many times as fast as it was.")] = 1.0,
+    endpoint: Annotated[
+        str, typer.Option(help="With --publish: where to listen for subscribers.")
+    ] = "tcp/127.0.0.1:7448",
+    wait_s: Annotated[float, typer.Option(min=0, help="With --publish: how long to wait for the first one.")] = 30.0,
+    overrides: Set = None,
+    as_json: Json = False,
+) -> None:
+    """Run the pure stages again from recordings and compare. Exit 0 equal, 1 different, 2 cannot.
+
+    Every stage works on its recorded inputs; with --from, or with --set ("what if?"), what one gives is what the next
+    one takes, down to the chosen grasp. Stages: detect, plan, verify.
+    """
+    if start is not None and only is not None:
+        raise typer.BadParameter("--from and --only exclude each other: a chain of stages, or one alone.")
+    if publish:
+        _publish(file, rate, endpoint, wait_s)
+        return
+    request = Request.of(overrides or [], start, only, live_models=live_models)
+    if file.is_dir():
+        _replay_folder(file, request, as_json=as_json)
+        return
+    outcome = run_again(read_cycle(file), request)
+    _print_json(replay_view.to_json(outcome)) if as_json else replay_view.show(outcome, _out)
+    said = replay_view.verdict(outcome)
+    if said != "equal":
+        raise typer.Exit(1 if said == "different" else 2)
+
+
+def _publish(file: Path, rate: float, endpoint: str, wait_s: float) -> None:
+    record = read_cycle(file)
+    station = station_from(dict(record.station), [f"bus.endpoint={endpoint}"], source="the recorded station")
+    require_no_live_cell(station_from(dict(record.station), source="the recorded station"))
+    said = list(payloads(file))
+    with Bus.listen(station.cell_id, station.bus.endpoint) as bus:
+        typer.echo(f"{len(said)} payloads on {ROOT}/{record.cycle_id}/** at {endpoint}; Ctrl-C ends", err=True)
+        await_listener(bus, record.cycle_id, wait_s)
+        again = republish(bus, record.cycle_id, said, rate)
+        for _ in track(again, total=len(said), description=record.cycle_id, console=Console(stderr=True)):
+            pass
+
+
+def _replay_folder(folder: Path, request: Request, *, as_json: bool) -> None:
+    tally = replay_folder(folder, request, lambda path, said: typer.echo(f"{path.stem} {said}", err=True))
+    if as_json:
+        _print_json(tally.to_json())
     else:
-        outcome.show(_out)
-    if not outcome.equal:
-        raise typer.Exit(1)
+        replay_view.show_tally(tally.to_json(), _out)
+    raise typer.Exit(tally.exit_code)
 
 
 @app.command()
@@ -299,18 +405,14 @@ def node(
     name: Annotated[str, typer.Argument(help="Node of the station file.")],
     config: Config = DEFAULT_STATION,
     overrides: Set = None,
-    supervised: Annotated[bool, typer.Option("--supervised", hidden=True)] = False,
 ) -> None:
     """Serve one driver node on the bus (for nodes with run = "elsewhere"; the daemon runs the others)."""
-    if supervised:
-        raise typer.Exit(nodes.serve_supervised(name, sys.stdin, nodes.own_stdout()))
-    station: Station = load_station(config, overrides or [])
-    nodes.serve_until_interrupted(name, station)
+    nodes.serve_until_interrupted(name, load_station(config, overrides or []))
 
 
 def main() -> None:
     """Entry point: every known error becomes one clear line and its exit code, never a traceback."""
-    logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
+    logging.basicConfig(level=logging.WARNING, format=nodes.LOG_FORMAT)
     try:
         app()
     except CellError as error:

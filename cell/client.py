@@ -50,7 +50,7 @@ class Client:
     def command(
         self, verb: str, *, cycles: int = 1, until_empty: bool = False, object_name: str | None = None
     ) -> CommandReply:
-        """Send one command. Raises: Refused with code, reason and what is available."""
+        """Send one command. Raises: Refused with code, reason and what is available; NoReply from no cell."""
         if verb in NEEDS_LEASE | NEEDS_TOKEN and not self._has_lease:
             self._bus.announce(topics.LEASE, name=self.client_id)
             self._bus.alive(topics.LEASE)  # answered after the token has arrived
@@ -62,7 +62,15 @@ class Client:
             until_empty=until_empty,
             object=object_name,
         )
-        reply = self._bus.request(topics.COMMAND, request, CommandReply, timeout_s=self._timeout_s, verb=verb)
+        try:
+            reply = self._bus.request(topics.COMMAND, request, CommandReply, timeout_s=self._timeout_s, verb=verb)
+        except NoReply as error:
+            self.state()  # a cell that answers this answers every command that reaches it
+            raise Refused(
+                f"The cell is there, but {verb!r} does not reach it: this certificate may look, and not command.",
+                "Use that of an operator (bus.zenoh); the roles: docs/security.md.",
+                code="NO_RIGHT",
+            ) from error
         refuse(reply)
         return reply
 
@@ -89,11 +97,15 @@ class Client:
         return state
 
     def wait_for_result(self, cycle_id: str, timeout_s: float) -> CycleResult:
-        """The result of cycle ``cycle_id``. Raises: ReplyTimeout."""
+        """The result of the pick that began as ``cycle_id``: of its last try. Raises: ReplyTimeout."""
         give_up_s = time.monotonic() + timeout_s
-        while (result := self._next_result(give_up_s, f"Cycle {cycle_id}", timeout_s)).cycle_id != cycle_id:
-            pass
-        return result
+        while True:
+            result = self._next_result(give_up_s, f"Cycle {cycle_id}", timeout_s)
+            if result.cycle_id != cycle_id:
+                continue
+            if not result.retried_as:
+                return result
+            cycle_id = result.retried_as
 
     def next_result(self, timeout_s: float) -> CycleResult:
         """The next result of whichever cycle: of the next one of a ``start``. Raises: ReplyTimeout."""
@@ -120,6 +132,6 @@ class Client:
 
 @contextmanager
 def connect(station: Station, also: tuple[Topic, ...] = ()) -> Iterator[Client]:
-    """A client of the station's running cell. Raises: CellUnreachable."""
-    with Bus.join(station.cell_id, station.bus.endpoint) as bus:
+    """A client of the station's running cell. Raises: CellUnreachable; ConfigError for an unsafe way to it."""
+    with Bus.join(station.cell_id, station.bus.endpoint, security=station.bus.zenoh) as bus:
         yield Client(bus, station.bus.ask_timeout_s, also)

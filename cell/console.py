@@ -96,6 +96,8 @@ class Screen:
         if result.code:
             self._out.print(f"  {ADVICE[result.code]}")
         self._out.print(f"  recording {result.recording}")
+        if result.retried_as:
+            self._out.print(f"  tried again as {result.retried_as}")
         if self._report:
             self._write_report(Path(result.recording))
 

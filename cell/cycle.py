@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Literal, TypeVar
 
 from bus import topics
+from bus.arrays import Transform
 from bus.codec import transforms_to_wire
 from bus.codes import Code
 from bus.errors import (
@@ -22,7 +23,18 @@ from bus.errors import (
     StaleFrame,
 )
 from bus.frozen import Message
-from bus.messages import CycleResult, Execution, Failure, ModelReply, Observation, PickPlan, StageName, Verdict, View
+from bus.messages import (
+    Attempt,
+    CycleResult,
+    Execution,
+    Failure,
+    ModelReply,
+    Observation,
+    PickPlan,
+    StageName,
+    Verdict,
+    View,
+)
 from bus.topics import Topic
 from cell.capture import capture
 from cell.cyclelog import CycleLog
@@ -72,13 +84,15 @@ class Cycle:
     """The state of one pick, from its start to its result.
 
     Attributes:
+        attempt: which try of the pick it is.
         object: name of the presented object in simulation, "" on hardware.
         stages: wall time of every stage that ran [s].
         failure: why it ended early, or None.
         verdict: what verify said, or None.
+        grasp: base_from_tcp of the grasp that was planned, or None.
     """
 
-    cycle_id: str
+    attempt: Attempt
     equipment: Equipment
     say: Say
     on_stage: Callable[[str], None]
@@ -88,9 +102,19 @@ class Cycle:
     stages: dict[str, float] = field(default_factory=dict)
     failure: Failure | None = None
     verdict: Verdict | None = None
+    grasp: Transform | None = None
     _plan: PickPlan | None = None
     _seen_ns: int = 0
     _started_s: float = field(default_factory=time.monotonic)
+
+    @property
+    def cycle_id(self) -> str:
+        return self.attempt.cycle_id
+
+    @property
+    def code(self) -> Code | None:
+        """Why it failed, so far; None when it did not."""
+        return self._outcome()[1]
 
     def run(self) -> None:
         """The five stages. Raises: CycleFailure, already said and kept in `failure`."""
@@ -103,7 +127,10 @@ class Cycle:
             topics.DETECT,
             lambda: detect_unless_halted(before, e.station, e.models, self._say_reply, lambda: self.gate.halted),
         )
-        chosen = self._plan = self._stage("plan", topics.PLAN, lambda: plan(found, before, e.robot, e.station))
+        chosen = self._plan = self._stage(
+            "plan", topics.PLAN, lambda: plan(found, before, e.robot, e.station, self.attempt.missed)
+        )
+        self.grasp = found.grasps[chosen.grasp].base_from_tcp
         after: Observation | None = None
 
         def act() -> Execution:
@@ -136,7 +163,7 @@ class Cycle:
             return
         self._stage("deliver", topics.DELIVER, lambda: deliver(chosen, (e.arm, e.hand), e.station, self.gate))
 
-    def result(self) -> CycleResult:
+    def result(self, retried_as: str) -> CycleResult:
         """How it ended, said and recorded by the caller as the last message of the cycle."""
         outcome, code, reason = self._outcome()
         return CycleResult(
@@ -148,6 +175,7 @@ class Cycle:
             stages=dict(self.stages),
             wall_s=time.monotonic() - self._started_s,
             recording=str(self.log.path),
+            retried_as=retried_as,
         )
 
     def _outcome(self) -> tuple[Literal["SUCCESS", "FAILED", "ABORTED", "EMPTY"], Code | None, str]:

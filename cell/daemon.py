@@ -14,13 +14,13 @@ from bus.commands import CellHealth, CellState, CommandReply, CommandRequest, Ev
 from bus.errors import BusError, CycleFailure, DriverError, Refused
 from bus.faulty import answer_faults
 from bus.frozen import Message
-from bus.messages import CycleResult
+from bus.messages import Attempt, CycleResult
 from bus.session import Bus, Heard
 from bus.topics import Topic
 from cell.batch import Batch
 from cell.cycle import Equipment
 from cell.health import LOOK_PERIOD_S, Watch
-from cell.leases import Leases
+from cell.leases import CELL_CLIENT, Leases
 from cell.machine import Machine
 from cell.states import COMMANDS, PAUSES, State, available
 from cell.works import Works, new_cycle_id
@@ -38,8 +38,6 @@ _ANYONES = ("stop", "abort", "hold", "suspend")
 
 Observer = Callable[[Topic, "Message | bytes"], None]
 
-CELL_CLIENT = "cell"
-"""``client_id`` of the commands the daemon gives itself between the cycles of one ``start``."""
 _CLOSE_PATIENCE_S = 25.0
 _HEALTH_PERIOD_S = 1.0
 
@@ -91,6 +89,7 @@ class Daemon:
         self._closing = threading.Event()
         self._watchdog = threading.Thread(target=self._watch_over, name="watchdog", daemon=True)
         self._batch: Batch | None = None
+        self._may_hold = False  # a start may, a single pick ends
         self._saying = threading.Lock()
         self._said_state = CellState(state="", stage="", cycle_id="", since_ns=0, available=(), reason="")
         self.machine = Machine(
@@ -124,6 +123,7 @@ class Daemon:
         self._bus.answer(topics.COMMAND, self._on_command, lane=_lane_of, verb="*")
         if self._disk is not None and isinstance(self._imaginer, FaultyModel):
             answer_faults(self._bus, {"disk": self._disk, "model": self._imaginer}, self._say)
+        self._bus.announce(topics.LEASE, name=CELL_CLIENT)
         self.machine.start()
         self._watchdog.start()
 
@@ -226,13 +226,17 @@ class Daemon:
             self._works.gate.hold()
         elif verb in ("reset", "clear") and not own:
             self._batch = None
+            self._works.renew()
             self._works.gate.clear()
         elif verb in ("start", "pick") and not own:
             self._require_possible(request)
-            self._batch = Batch(request if verb == "start" else CommandRequest())
-            self._works.object, self._works.next_cycle_id = request.object, new_cycle_id()
+            self._may_hold = verb == "start"
+            self._batch = Batch(request if verb == "start" else CommandRequest(), self._station.retry)
+            attempt = Attempt(cycle_id=new_cycle_id())
+            self._works.renew(attempt)
+            self._works.object = request.object
             self._works.gate.clear()
-            return self._works.next_cycle_id
+            return attempt.cycle_id
         return ""
 
     def _require_possible(self, request: CommandRequest) -> None:
@@ -259,6 +263,8 @@ class Daemon:
             self._say(topics.EVENT, Event(code=state.upper(), severity="error", text=reason))
         if self._unattended and state in COMMANDS["hold"]:  # it was lost while the cycle was starting
             self._hold_unattended()
+        if state is State.COMPLETING:
+            self._hold_if_it_gave_up()
         own = CommandRequest(client_id=CELL_CLIENT)
         goes_on = self._batch is not None and not self._batch.is_over
         if state is State.COMPLETE and goes_on:
@@ -267,6 +273,14 @@ class Daemon:
             self.machine.post("start", own)
         elif state in (State.STOPPING, State.ABORTING):
             self._batch = None
+
+    def _hold_if_it_gave_up(self) -> None:
+        """On the owner thread, before the delivery begins: after too many failures somebody must look first."""
+        why, self._works.gave_up = self._works.gave_up, ""
+        if why and self._may_hold:
+            self._say(topics.EVENT, Event(code="GAVE_UP", severity="error", text=why))
+            self._works.gate.hold()
+            self.machine.post("hold", CommandRequest(client_id=CELL_CLIENT), why)
 
     # --- what we say --------------------------------------------------------------------------------------------------
 

@@ -19,16 +19,17 @@ class Feed:
         self._is_filled = station.sim.clutter > 0
         self._before: Presented | None = None
 
-    def present(self, number: int, name: str | None) -> str:
+    def present(self, number: int, name: str | None, *, again: bool = False) -> str:
         """Put the cycle's object on the table; its name, or "" where several lie there. Raises: DriverError, BusError.
 
         Args:
-            number: of the cycle. ``name``: None = the next of the seeded order.
+            number: of the pick. ``name``: None = the next of the seeded order.
+            again: the pick is tried once more: what lies there stays.
         """
         if self._feeder is None:
             return ""
         request = PresentRequest(object=name, cycle=number, seed=self._station.sim.seed)
-        self._before = self._feeder.present(request)
+        self._before = self._feeder.truth() if again else self._feeder.present(request)
         return "" if self._is_filled else self._before.object
 
     def taken(self, presented: str) -> str:

@@ -5,6 +5,7 @@ A stream counts as heard only while what it says can be read and is new.
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections.abc import Callable
@@ -18,9 +19,12 @@ from bus.messages import HandState
 from bus.session import Bus, Heard
 from config.schema import Station
 
+_log = logging.getLogger(__name__)
 LOOK_PERIOD_S = 0.05
 _YOUNG_S = 3.0
 """A node's loops have not run long enough yet to know their rates."""
+_LATE_S = 2 * LOOK_PERIOD_S
+"""A look later than this: this process stood still, and has not yet heard what was said meanwhile."""
 _SLOW = 0.6
 """A loop below this share of its rate is alive, answers everything, and is badly broken."""
 
@@ -49,6 +53,7 @@ class Watch:
         self._useless: dict[str, str] = {}  # what is wrong with what is said there instead
         self._said: dict[str, Health] = {}
         self._silent: set[str] = set()
+        self._looked_s = time.monotonic()
 
     def listen(self, bus: Bus) -> None:
         """Hear tokens and streams."""
@@ -81,8 +86,10 @@ class Watch:
         """A stream said something; it counts when that can be read, and is not what it said before."""
         try:
             stamp_ns = self._read(heard)
-        except BadPayload:
+        except BadPayload as error:
             stamp_ns = None
+            if heard.key not in self._useless:  # once, and not a hundred times a second
+                _log.warning("%s: %s", heard.key, error)
         with self._changing:
             if stamp_ns is None:
                 self._useless[heard.key] = _UNREADABLE
@@ -100,13 +107,13 @@ class Watch:
             return arm_stamp_ns(heard.payload)
         if heard.key == topics.HAND_STATE.key:
             return decode(HandState, heard.payload).stamp_ns
-        said = decode(Health, heard.payload)
-        self._said[said.name] = said
+        self._said[heard.key.split("/")[1]] = decode(Health, heard.payload)
         return time.monotonic_ns()
 
     def look(self) -> None:
-        """Tell of every stream that has just fallen silent."""
+        """Tell of every stream that has just fallen silent; time in which this process stood still does not count."""
         now_s = time.monotonic()
+        self._forgive(now_s)
         for name in self._nodes:
             for key, limit_s in self._streams(name).items():
                 with self._changing:
@@ -128,6 +135,13 @@ class Watch:
             return CycleFailure(Code.DEVICE_LOST, f"The {device} has been saying the same for {age_s:.1f} s.")
         fault = f"says what cannot be read on {key!r}" if useless else f"hangs: nothing on {key!r} for {age_s:.1f} s"
         return CycleFailure(Code.NODE_LOST, f"The node {name!r} {fault}.")
+
+    def _forgive(self, now_s: float) -> None:
+        late_s = max(0.0, now_s - self._looked_s - _LATE_S)
+        self._looked_s = now_s
+        with self._changing:
+            for key, heard_s in self._heard_s.items() if late_s > 0.0 else ():
+                self._heard_s[key] = min(now_s, heard_s + late_s)
 
     def unheard_for_s(self, name: str) -> float:
         """How long the node's token has been gone, or it has said nothing of its health; 0 if it has never been up."""

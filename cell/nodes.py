@@ -10,16 +10,18 @@ import json
 import logging
 import os
 import selectors
+import signal
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Callable
 from contextlib import suppress
+from pathlib import Path
 from typing import IO
 
 from pydantic import Field
 
+from bus import topics
 from bus.codec import decode, encode
 from bus.commands import ErrorReply
 from bus.errors import BadPayload, CellError, DriverUnavailable
@@ -27,12 +29,14 @@ from bus.faulty import FaultyBus
 from bus.frozen import Message
 from bus.remote_errors import error_from_reply, error_reply
 from bus.session import Bus
+from cell.leases import CELL_CLIENT
 from config.load import station_from
 from config.schema import Station
 from drivers.node import Node
 from drivers.registry import open_devices
 
 _log = logging.getLogger(__name__)
+LOG_FORMAT = "%(levelname)s %(name)s: %(message)s"
 START_TIMEOUT_S = 60.0
 _STOP_TIMEOUT_S = 5.0
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.5, 30.0
@@ -151,7 +155,7 @@ class Supervisor:
 
 def _child(name: str, station: Station) -> subprocess.Popen[str]:
     child = subprocess.Popen(
-        [sys.executable, "-m", "cell", "node", name, "--supervised"],
+        [sys.executable, "-m", "cell.nodes", name],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
@@ -196,14 +200,14 @@ def _line_within(stream: IO[str], timeout_s: float) -> str:
         return stream.readline() if selector.select(timeout_s) else ""
 
 
-def own_stdout() -> IO[str]:
+def _own_stdout() -> IO[str]:
     """This process's stdout for our own lines only: what vendors' libraries print there goes to stderr from now on."""
     ours = os.fdopen(os.dup(sys.stdout.fileno()), "w")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
     return ours
 
 
-def serve_supervised(name: str, stdin: IO[str], stdout: IO[str]) -> int:
+def _serve_supervised(name: str, stdin: IO[str], stdout: IO[str]) -> int:
     """The child's side: read the station, serve node ``name``, end when stdin closes. Returns the exit code."""
     station = station_from(json.loads(stdin.readline()))
     try:
@@ -220,22 +224,40 @@ def serve_supervised(name: str, stdin: IO[str], stdout: IO[str]) -> int:
 
 
 def serve_until_interrupted(name: str, station: Station) -> None:
-    """A node in a terminal of its own (``run = "elsewhere"``): serve until Ctrl-C."""
-    with _link(station) as bus:
+    """A node in a terminal of its own (``run = "elsewhere"``): serve until Ctrl-C or SIGTERM.
+
+    When the cell goes, or the link to it, the arm stops: no stop of the cell could reach it any more.
+    """
+    ended = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: ended.set())
+    with _link(station, station.bus.zenoh) as bus:
         node = Node(name, bus, open_devices(station.nodes[name].driver, station), station)
         node.open()
+
+        def change(client_id: str, is_alive: bool) -> None:
+            if client_id == CELL_CLIENT and not is_alive:
+                _log.warning("the cell, or the link to it, is gone")
+                bus.lane("arm-stop").submit(node.halt)
+
+        bus.watch_alive(topics.LEASE, change)
         try:
-            while True:
-                time.sleep(1.0)
+            ended.wait()
         finally:
             node.close()
 
 
-def _link(station: Station) -> Bus:
+def _link(station: Station, security: Path | None = None) -> Bus:
     """The node's session; one that can be spoiled where the station allows it."""
-    return (FaultyBus if station.faults.allowed else Bus).join(station.cell_id, station.bus.endpoint)
+    kind = FaultyBus if station.faults.allowed else Bus
+    return kind.join(station.cell_id, station.bus.endpoint, security=security)
 
 
 def _say(stdout: IO[str], ready: Ready) -> None:
     stdout.write(encode(ready).decode() + "\n")
     stdout.flush()
+
+
+if __name__ == "__main__":  # the child: without the command line's imports it serves in half the time
+    logging.basicConfig(level=logging.WARNING, format=LOG_FORMAT)
+    sys.exit(_serve_supervised(sys.argv[1], sys.stdin, _own_stdout()))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bus.arrays import Transform
 from bus.messages import Detections, Observation, PickPlan
 from config.schema import Station
 from perception.surroundings import surroundings
@@ -10,11 +11,16 @@ from planning.robot import Robot
 from planning.scene import Scene, Sight
 
 
-def plan(detections: Detections, observation: Observation, robot: Robot, station: Station) -> PickPlan:
+def plan(
+    detections: Detections, observation: Observation, robot: Robot, station: Station, missed: tuple[Transform, ...] = ()
+) -> PickPlan:
     """The first feasible way to grasp and its motions, through what stands there and what was seen there.
+
+    Args:
+        missed: base_from_tcp of grasps to leave out: they closed on nothing before.
 
     Raises: CycleFailure (NO_GRASP, UNREACHABLE, COLLISION, MOTION_REFUSED).
     """
     points_base, target = surroundings(observation, detections.evidence.object_mask)
     scene = Scene.of(robot, station, Sight(points_base, target))
-    return plan_pick(scene, detections.grasps, observation.view.arm.q_rad)
+    return plan_pick(scene, detections.grasps, observation.view.arm.q_rad, missed)

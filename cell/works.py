@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -16,7 +15,7 @@ from bus import topics
 from bus.codec import encode
 from bus.codes import Code
 from bus.errors import BusError, ConfigError, CycleFailure, DriverError, MotionRefused, RecordingError
-from bus.messages import ArmMode, CycleResult
+from bus.messages import ArmMode, Attempt, CycleResult
 from bus.session import Heard
 from bus.topics import encoding_of
 from cell.cycle import FAULTS, Cycle, Equipment, Say
@@ -24,6 +23,7 @@ from cell.cyclelog import CycleLog
 from cell.feed import Feed
 from cell.fingers import require_at
 from cell.gate import Gate
+from cell.retry import Retries
 from cell.runinfo import run_info
 from config.scene import placing_at
 from config.schema import Station
@@ -59,7 +59,8 @@ class Works:
 
     Attributes:
         gate: halted by whoever wants everything to stop, shut by a hold; every motion passes it.
-        next_cycle_id, object: of the cycle that begins next; "" and None = a new id, the feeder's next object.
+        next, object: the attempt that begins next, and its object; None = a new one, the feeder's next.
+        gave_up: why the cell should hold at the end of this pick, or "".
         log: the open cycle's record, or None.
         feed: what lies on the simulated table.
     """
@@ -79,10 +80,13 @@ class Works:
         self._station = equipment.station
         self.feed = Feed(feeder, equipment.station)
         self._say, self._on_stage, self._on_result = say, on_stage, on_result
-        self._numbers = itertools.count()
+        self._number = -1  # of the pick, however often it is tried
         self._cycle: Cycle | None = None
         self.gate = Gate()
-        self.next_cycle_id = ""
+        self._retries = Retries(self._station.retry)
+        self._retry: Attempt | None = None
+        self.gave_up = ""
+        self.next: Attempt | None = None
         self.object: str | None = None
         self.log: CycleLog | None = None
 
@@ -128,21 +132,22 @@ class Works:
 
     def begin(self) -> None:
         """Open the cycle's record; in simulation, put an object on the table. Raises: CycleFailure."""
-        cycle_id = self.next_cycle_id or new_cycle_id()
-        self.next_cycle_id = ""
-        number = next(self._numbers)
+        attempt, self.next = self.next or Attempt(cycle_id=new_cycle_id()), None
+        self._retry, self._number = None, self._number + (attempt.number == 0)
+        cycle_id = attempt.cycle_id
         day = datetime.now(UTC).strftime("%Y-%m-%d")
         path = self._station.recording.folder / day / f"{cycle_id}.mcap"
-        station = placing_at(self._station, number)
+        station = placing_at(self._station, self._number)
         log = self.log = CycleLog(lambda: self._recorder(path, station, cycle_id), path, station.recording.patience_s)
         equipment = replace(self._equipment, station=station)
-        self._cycle = Cycle(cycle_id, equipment, self._say, self._on_stage, self.log, self.gate)
+        self._cycle = Cycle(attempt, equipment, self._say, self._on_stage, self.log, self.gate)
         self._on_stage("")
         try:
             log.await_open()
         except CycleFailure as failure:
             raise self._cycle.fail(failure) from failure
-        self._name_object(self._cycle, lambda: self.feed.present(number, self.object))
+        self._say(topics.ATTEMPT, attempt)
+        self._name_object(self._cycle, lambda: self.feed.present(self._number, self.object, again=attempt.number > 0))
 
     def _recorder(self, path: Path, station: Station, cycle_id: str) -> Recorder:
         """Raises: RecordingError."""
@@ -165,12 +170,19 @@ class Works:
 
     def pick(self) -> None:
         """The five stages. A pick that failed goes on to Completing; a fault of a device does not."""
-        assert self._cycle is not None
+        cycle = self._cycle
+        assert cycle is not None
         try:
-            self._cycle.run()
+            cycle.run()
         except CycleFailure as failure:
             if failure.failure in FAULTS or failure.failure is Code.STOPPED:
                 raise
+        self._retry = self._retries.after(cycle.attempt, cycle.code, cycle.grasp, new_cycle_id())
+        self.gave_up = self._retries.holds()
+
+    def renew(self, attempt: Attempt | None = None) -> None:
+        """Somebody commands anew: ``attempt`` begins next, and what failed before no longer counts."""
+        self.next, self._retries, self.gave_up = attempt, Retries(self._station.retry), ""
 
     def complete(self) -> None:
         """Deliver, and close the record."""
@@ -178,7 +190,8 @@ class Works:
         assert cycle is not None
         cycle.deliver()
         self._name_object(cycle, lambda: self.feed.taken(cycle.object))
-        self._finish()
+        self.next = self._retry
+        self._finish(self._retry.cycle_id if self._retry is not None else "")
 
     def hold(self) -> None:
         """Hold what moves, and confirm by the measured velocity that the arm rests; a stop ends the wait.
@@ -234,7 +247,7 @@ class Works:
     def clear(self) -> None:
         self._equipment.arm.recover()
 
-    def _finish(self) -> None:
+    def _finish(self, retried_as: str = "") -> None:
         """Close the cycle's record, if one is open, then say the result: whoever hears it finds the file.
 
         Raises: CycleFailure(RECORDING), after saying so as the result.
@@ -242,7 +255,7 @@ class Works:
         cycle, log = self._cycle, self.log
         if cycle is None or log is None:
             return
-        result = cycle.result()
+        result = cycle.result(retried_as)
         self._cycle = self.log = None
         failure: CycleFailure | None = None
         log.hear(Heard(topics.RESULT.key, encoding_of(CycleResult), encode(result)))

@@ -5,37 +5,17 @@ Unknown keys are errors. Values come from defaults < station file < ``--set key=
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import Annotated, Literal
+from urllib.parse import urlsplit
 
 from pydantic import Field, field_validator, model_validator
 
 from config.base import Chunk, Finite, Fraction, JointVector, NonNegative, Positive, Settings, Vector
+from config.bus import BusSettings
 from config.calibration import CalibrationSettings
 from config.faults import FaultSettings
 from config.hardware import FemtoMegaSettings, Fr3Settings, PandaHandSettings
-
-
-class BusSettings(Settings):
-    """How the cell's processes talk. Only loopback endpoints are accepted (others need TLS and access control).
-
-    Attributes:
-        stale_s: a node whose arm or hand says nothing for so long is lost, whatever else it does.
-        frozen_s: a node of ours that says nothing at all for so long is ended, and started again.
-    """
-
-    endpoint: str = "tcp/127.0.0.1:7447"
-    ask_timeout_s: Positive = 5.0
-    stale_s: Positive = 0.75
-    frozen_s: Positive = 3.0
-
-    @field_validator("endpoint")
-    @classmethod
-    def _loopback_only(cls, endpoint: str) -> str:
-        if not re.fullmatch(r"tcp/(127\.0\.0\.1|\[::1\]|localhost):\d{1,5}", endpoint):
-            raise ValueError("only loopback endpoints like tcp/127.0.0.1:7447 are accepted")
-        return endpoint
 
 
 class RecordingSettings(Settings):
@@ -213,13 +193,14 @@ class PriceSettings(Settings):
 
 
 class HostedSettings(Settings):
-    """A hosted model. Keys come from the environment only.
+    """A hosted model. Keys come from the environment, or from a file outside the project.
 
     Attributes:
         text_model, image_model: the provider's ids; they rot within a year, so they have no defaults.
         base_url: another server that speaks the same API; None = the provider's own.
         text_api: `responses` (OpenAI) or `chat` (what most OpenAI-compatible servers speak).
-        key_variable: the environment variable that holds the key.
+        key_variable: the environment variable that holds the key. ``key_file``: a file that does, one line, not
+            readable by others, outside of this folder and of every git work tree; it counts where both are there.
         size_px: side of the square window around the object as it is sent.
         deadline_s: of one call, all attempts included. ``attempts``: how often one call is tried at most.
         backoff_s: before the second attempt; doubled for each further one; a server's Retry-After counts if longer.
@@ -231,6 +212,7 @@ class HostedSettings(Settings):
     base_url: str | None = None
     text_api: Literal["responses", "chat"] = "responses"
     key_variable: str = ""
+    key_file: Path | None = None
     size_px: Annotated[int, Field(ge=256, le=3840, multiple_of=16)] = 1024
     deadline_s: Positive = 120.0
     attempts: Annotated[int, Field(ge=1, le=10)] = 3
@@ -238,6 +220,13 @@ class HostedSettings(Settings):
     price: PriceSettings = PriceSettings()
     max_cycle_usd: Positive = 1.0
     max_day_usd: Positive = 20.0
+
+    @field_validator("base_url")
+    @classmethod
+    def _no_secret_in_it(cls, url: str | None) -> str | None:
+        if url is not None and (urlsplit(url).username or urlsplit(url).query):
+            raise ValueError("a user or a query in base_url would be recorded with every cycle; keys: key_file")
+        return url
 
 
 class DriftSettings(Settings):
@@ -352,6 +341,20 @@ class VerifySettings(Settings):
     depth image (measured on the paper's five objects: the first two see at least 90 % of it)."""
 
 
+class RetrySettings(Settings):
+    """What follows a pick that failed; each further try is a cycle of its own. 0 everywhere: nothing does.
+
+    Attributes:
+        grasps: tries with the next ranked grasp, after fingers that closed on nothing.
+        looks: tries after anything else that may be better the next time: with a new capture, all grasps again.
+        hold_after: of one `start`: so many picks in a row that failed for good, and the cell holds (0 = never).
+    """
+
+    grasps: Annotated[int, Field(ge=0, le=10)] = 0
+    looks: Annotated[int, Field(ge=0, le=10)] = 0
+    hold_after: Annotated[int, Field(ge=0, le=100)] = 0
+
+
 class SimSettings(Settings):
     """The simulated cell (MuJoCo).
 
@@ -390,6 +393,7 @@ class Station(Settings):
     perception: PerceptionSettings = PerceptionSettings()
     planning: PlanningSettings = PlanningSettings()
     verify: VerifySettings = VerifySettings()
+    retry: RetrySettings = RetrySettings()
     sim: SimSettings = SimSettings()
     calibration: CalibrationSettings = CalibrationSettings()
     fr3: Fr3Settings = Fr3Settings()

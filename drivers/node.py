@@ -74,6 +74,11 @@ class Node:
         self._every(_PULSE, HEALTH_PERIOD_S, self._publish_health)
         self._bus.announce(topics.NODE_ALIVE, name=self._name)
 
+    def halt(self) -> None:
+        """Stop the arm, if this node has it: nobody is there any more who could. Never raises."""
+        if self._arm is not None:
+            self._arm.stop()
+
     def close(self) -> None:
         """Stop the arm, end the publishers, disconnect; idempotent."""
         if self._arm is not None:

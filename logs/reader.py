@@ -20,7 +20,7 @@ from bus import topics
 from bus.codec import decode, frame_from_wire
 from bus.commands import CellState, Event
 from bus.errors import BadPayload, RecordingError
-from bus.messages import CycleResult, Execution, Frame, HandState, ModelReply, Observation, StageRecord, View
+from bus.messages import Attempt, CycleResult, Execution, Frame, HandState, ModelReply, Observation, StageRecord, View
 from logs.recorder import PART
 
 STAGE_TOPICS = (topics.CAPTURE, topics.DETECT, topics.PLAN, topics.EXECUTE, topics.VERIFY, topics.DELIVER)
@@ -55,6 +55,7 @@ class CycleRecord:
         metadata: versions, seeds, hashes; then the result's own.
         station: the station file's tree, as configured then.
         stages: the record of every stage that ran, in order.
+        attempt: which try of its pick this cycle is.
         observation, after: what was seen before the pick, and while holding; None when not reached.
         replies: every call to the goal-image model, in order.
         states, events, hand: what the cell and the hand said, in order.
@@ -67,6 +68,7 @@ class CycleRecord:
     observation: Observation | None
     after: Observation | None
     result: CycleResult | None
+    attempt: Attempt
     replies: tuple[ModelReply, ...] = ()
     states: tuple[Timed, ...] = ()
     events: tuple[Timed, ...] = ()
@@ -133,7 +135,7 @@ def _cycle(raw: _Raw) -> CycleRecord:
     frames = dict(_frames(raw))
     capture, execute = stages.get("capture"), stages.get("execute")
     execution: Execution | None = execute.result if execute is not None else None
-    results = raw.payloads.get(topics.RESULT.key, [])
+    results, attempts = raw.payloads.get(topics.RESULT.key, []), raw.payloads.get(topics.ATTEMPT.key, [])
     return CycleRecord(
         cycle_id=raw.metadata["cycle_id"],
         metadata=raw.metadata,
@@ -142,6 +144,7 @@ def _cycle(raw: _Raw) -> CycleRecord:
         observation=_observation(capture.result if capture is not None else None, frames),
         after=_observation(execution.after if execution is not None else None, frames),
         result=decode(CycleResult, results[-1][1]) if results else None,
+        attempt=decode(Attempt, attempts[0][1]) if attempts else Attempt(cycle_id=raw.metadata["cycle_id"]),
         replies=tuple(decode(ModelReply, payload) for _, payload in raw.payloads.get(topics.MODEL_REPLY.key, [])),
         states=_timed(raw, topics.STATE.key, CellState),
         events=_timed(raw, topics.EVENT.key, Event),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +19,8 @@ from planning.search import LIMIT_MARGIN_RAD
 
 MAX_RAISE_M = 0.015
 """How far a grasp may be raised to keep the finger tips off the table; more would miss the object."""
+LIKE_M, LIKE_RAD = 0.012, 0.35
+"""Grasps nearer to each other, and with closing axes nearer to each other, are the same grasp once more."""
 _HALF_TURN = np.diag([-1.0, -1.0, 1.0, 1.0])
 
 
@@ -40,11 +42,18 @@ class Approach:
         return self.grasp.score * float(np.cos(self.tilt_rad))
 
 
-def approaches(grasps: Sequence[Grasp], station: Station) -> list[Approach]:
-    """Every grasp from every direction, best first."""
+def approaches(grasps: Sequence[Grasp], station: Station, left_out: Collection[int] = ()) -> list[Approach]:
+    """Every grasp from every direction, best first, but those ``left_out``."""
     tilts_rad = np.radians(station.planning.tilts_deg)
-    every = [Approach(i, grasp, float(tilt)) for i, grasp in enumerate(grasps) for tilt in tilts_rad]
+    kept = [(i, grasp) for i, grasp in enumerate(grasps) if i not in left_out]
+    every = [Approach(i, grasp, float(tilt)) for i, grasp in kept for tilt in tilts_rad]
     return sorted(every, key=lambda one: -one.score)[: station.planning.max_approaches]
+
+
+def is_like(base_from_tcp: Transform, other: Transform) -> bool:
+    """Whether two grasps close on the same place along the same axis; from where they approach does not matter."""
+    away_m = float(np.linalg.norm(base_from_tcp[:3, 3] - other[:3, 3]))
+    return away_m < LIKE_M and abs(float(base_from_tcp[:3, 1] @ other[:3, 1])) > np.cos(LIKE_RAD)
 
 
 def grasp_pose(approach: Approach, station: Station) -> Transform:

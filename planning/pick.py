@@ -19,7 +19,7 @@ from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.messages import Grasp, PickPlan, Rejection, Segment
 from config.limits import outside
-from planning.candidates import Approach, approaches, configurations, grasp_pose
+from planning.candidates import Approach, approaches, configurations, grasp_pose, is_like
 from planning.carry import steady, upright
 from planning.infeasible import Infeasible
 from planning.landing import Landing, above_tray, before_grasp, first_that_works, opening_m, shifted, ways
@@ -31,21 +31,29 @@ Array = npt.NDArray[np.float64]
 _EXAMINED = 16  # arm configurations tried for a place to look from
 
 
-def plan_pick(scene: Scene, grasps: Sequence[Grasp], q_now_rad: Joints) -> PickPlan:
+def plan_pick(scene: Scene, grasps: Sequence[Grasp], q_now_rad: Joints, missed: Sequence[Transform] = ()) -> PickPlan:
     """Choose the first feasible of ``grasps`` (best first) and plan every motion of its pick.
 
     Args:
         q_now_rad: where the arm rests now.
+        missed: base_from_tcp of grasps that closed on nothing before: whatever is like one of them is left out.
 
     Raises:
-        CycleFailure: NO_GRASP without grasps; MOTION_REFUSED or COLLISION when the arm cannot start from here;
-            UNREACHABLE or COLLISION when no grasp is feasible.
+        CycleFailure: NO_GRASP without grasps, or when all have missed; MOTION_REFUSED or COLLISION when the arm cannot
+            start from here; UNREACHABLE or COLLISION when no grasp is feasible.
     """
     _check_start(scene, q_now_rad)
     if not grasps:
         raise CycleFailure(Code.NO_GRASP, "There is no grasp to plan for.")
-    rejected: list[Rejection] = []
-    for approach in approaches(grasps, scene.station):
+    rejected = [
+        Rejection(grasp=index, tilt_rad=0.0, code=Code.GRASP_MISSED, reason="one like it closed on nothing before")
+        for index, grasp in enumerate(grasps)
+        if any(is_like(grasp.base_from_tcp, pose) for pose in missed)
+    ]
+    if len(rejected) == len(grasps):
+        raise CycleFailure(Code.NO_GRASP, f"All {len(grasps)} grasps are like one that closed on nothing before.")
+    left_out = {rejection.grasp for rejection in rejected}
+    for approach in approaches(grasps, scene.station, left_out):
         try:
             segments = plan_approach(scene, approach, np.asarray(q_now_rad))
         except Infeasible as why:

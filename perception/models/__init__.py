@@ -13,7 +13,8 @@ import numpy.typing as npt
 
 from bus.errors import ConfigError
 from bus.messages import ModelReply
-from config.schema import Station
+from bus.secrets import read_secret
+from config.schema import HostedSettings, Station
 from perception.models.base import GoalImageModel
 from perception.models.depth_pro import DepthPro
 from perception.models.faulty import FaultyModel
@@ -100,12 +101,19 @@ def _imaginer(station: Station, environ: Mapping[str, str], folder: Path) -> Goa
                 f"perception.hosted.{role} is not set.", f"Name one of the provider's models; see config/{name}.toml."
             )
     module: Any = import_module(_PROVIDERS[name].module)
-    variable = settings.key_variable or module.KEY_VARIABLE
+    provider = getattr(module, _PROVIDERS[name].name)(settings, _key(name, settings, module.KEY_VARIABLE, environ))
+    return HostedModel(provider, settings, Purse(settings, folder / LEDGER))
+
+
+def _key(name: str, settings: HostedSettings, variable: str, environ: Mapping[str, str]) -> str:
+    """From the file, if one is named, else from the environment. Raises: ConfigError."""
+    if settings.key_file is not None:
+        return read_secret(settings.key_file, "key file")
+    variable = settings.key_variable or variable
     if not environ.get(variable):
         raise ConfigError(
             f"The model {name!r} needs a key in the environment variable {variable}.",
-            f"export {variable}=...; a server of your own takes any text. Or use the embedded model: "
-            "--set perception.model=geometric.",
+            f"export {variable}=...; a server of your own takes any text. Or name a file: perception.hosted.key_file. "
+            "Or use the embedded model: --set perception.model=geometric.",
         )
-    provider = getattr(module, _PROVIDERS[name].name)(settings, environ[variable])
-    return HostedModel(provider, settings, Purse(settings, folder / LEDGER))
+    return environ[variable]

@@ -83,9 +83,7 @@ def test_a_good_disk_keeps_everything(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("fault", "says"), [(Fault.OFF, "Input/output error"), (Fault.WRONG, "No space left")])
-def test_a_disk_that_fails_is_noticed_and_what_was_written_stays(
-    tmp_path: Path, fault: Fault, says: str
-) -> None:
+def test_a_disk_that_fails_is_noticed_and_what_was_written_stays(tmp_path: Path, fault: Fault, says: str) -> None:
     bench = Bench(tmp_path)
     bench.flushed()
     bench.disk.fault = fault

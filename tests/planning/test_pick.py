@@ -143,6 +143,16 @@ def test_the_first_feasible_grasp_wins_and_the_others_keep_their_reason(scene: S
     assert all(r.reason for r in chosen.rejected)
 
 
+def test_a_grasp_like_one_that_missed_is_left_out_whichever_way_round_the_hand_is(scene: Scene) -> None:
+    turned = GOOD.base_from_tcp @ np.diag([-1.0, -1.0, 1.0, 1.0])
+    aside = grasp(0.45, 0.09, 0.05)
+    chosen = plan_pick(scene, [GOOD, aside], CAPTURE, missed=[turned])
+    assert chosen.grasp == 1 and (chosen.rejected[0].grasp, chosen.rejected[0].code) == (0, Code.GRASP_MISSED)
+    with pytest.raises(CycleFailure, match="closed on nothing before") as caught:
+        plan_pick(scene, [GOOD], CAPTURE, missed=[turned])
+    assert caught.value.failure is Code.NO_GRASP
+
+
 def test_no_feasible_grasp_is_a_failure_with_counted_reasons(scene: Scene) -> None:
     with pytest.raises(
         CycleFailure, match="None of 10 ways to grasp is feasible: 10 x unreachable: no arm configuration"

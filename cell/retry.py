@@ -1,0 +1,67 @@
+"""What follows a pick that failed: the next ranked grasp, then a new look, and after too many failures a hold.
+
+Each try is a cycle of its own, with its own recording: it captures and detects anew - whatever failed may have moved
+the object - and leaves out the grasps that have missed before. A fault of a device is never tried again.
+"""
+
+from __future__ import annotations
+
+from bus.arrays import Transform
+from bus.codes import Code
+from bus.messages import Attempt
+from config.schema import RetrySettings
+
+WITH_ANOTHER_GRASP = frozenset({Code.GRASP_MISSED})
+WITH_A_NEW_LOOK = frozenset(
+    {
+        Code.NO_GRASP,
+        Code.UNREACHABLE,
+        Code.COLLISION,
+        Code.DROPPED,
+        Code.NOT_CLEARED,
+        Code.MODEL_REFUSED,
+        Code.MODEL_TIMEOUT,
+        Code.MODEL_UNAVAILABLE,
+        Code.MODEL_NO_IMAGE,
+        Code.MODEL_BAD_IMAGE,
+        Code.MODEL_NO_ROD,
+        Code.MODEL_DRIFT,
+    }
+)
+"""What may be better the next time. Not among them: what only a person can change (a key, a quota, a spend limit)."""
+
+
+class Retries:
+    """How often the object at hand may still be tried, and how many objects failed one after the other."""
+
+    def __init__(self, settings: RetrySettings) -> None:
+        self._settings = settings
+        self._grasps, self._looks = settings.grasps, settings.looks
+        self._failed_in_a_row = 0
+
+    def after(self, attempt: Attempt, code: Code | None, grasp: Transform | None, next_id: str) -> Attempt | None:
+        """The attempt ``next_id`` that follows one which ended with ``code`` (None: well); None when none does.
+
+        Args:
+            grasp: base_from_tcp of the grasp that was carried out, if one was.
+        """
+        if code in WITH_ANOTHER_GRASP and self._grasps > 0 and grasp is not None:
+            self._grasps -= 1
+            missed = (*attempt.missed, grasp)
+        elif code in WITH_A_NEW_LOOK and self._looks > 0:
+            self._looks -= 1
+            missed = attempt.missed
+        else:
+            self._failed_in_a_row = self._failed_in_a_row + 1 if code not in (None, Code.NO_OBJECT) else 0
+            self._grasps, self._looks = self._settings.grasps, self._settings.looks
+            return None
+        return Attempt(cycle_id=next_id, number=attempt.number + 1, retry_of=attempt.cycle_id, missed=missed)
+
+    def holds(self) -> str:
+        """Why the cell should hold now, and the count begins anew; "" when it should not."""
+        count = self._failed_in_a_row
+        if not 0 < self._settings.hold_after <= count:
+            return ""
+        self._failed_in_a_row = 0
+        failed = "A pick" if count == 1 else f"{count} picks in a row"
+        return f"{failed} failed: look what is wrong, then `cell unhold` or `cell stop`."
