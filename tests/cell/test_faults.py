@@ -19,7 +19,7 @@ from cell.replay import replay_file
 from config.load import load_station
 from docs.faults_page import PAGE, page
 
-RANDOM_CYCLES = 6
+RANDOM_CYCLES = 4
 BY_NAME = {row.name: row for row in ROWS}
 
 
