@@ -2,18 +2,29 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-import plotly.graph_objects as go
 
 from bus.messages import Detections, Grasp
-from logs.figures import INK
+from logs.figures import FONT, Figure
 
 _SHOWN_POINTS = 2500
 """Of each cloud: a phone turns these smoothly."""
 _OBSERVED, _IMAGINED, _ROD, _HAND = "#7b8794", "#2f6fde", "#d6249f", "#1f8a5b"
+
+_AXIS = {"backgroundcolor": "#f6f8fa", "gridcolor": "#dbe2e9", "showbackground": True}
+_CAMERA = {"eye": {"x": -0.95, "y": -0.95, "z": 0.75}, "center": {"z": -0.12}}
+_LAYOUT = {
+    "scene": {
+        "aspectmode": "data",
+        "camera": _CAMERA,
+        **{f"{axis}axis": {**_AXIS, "title": {"text": f"{axis} [mm]"}} for axis in "xyz"},
+    },
+    "height": 420, "paper_bgcolor": "rgba(0,0,0,0)", "margin": {"l": 0, "r": 0, "t": 0, "b": 0}, "font": FONT,
+    "legend": {"orientation": "h", "y": 0, "yanchor": "top", "itemsizing": "constant"},
+}  # fmt: skip
 
 Array = npt.NDArray[np.float64]
 
@@ -21,7 +32,7 @@ Array = npt.NDArray[np.float64]
 class View(NamedTuple):
     """A figure whose traces belong to the view before the alignment, after it, or both."""
 
-    figure: go.Figure
+    figure: Figure
     before: list[bool]
     after: list[bool]
 
@@ -38,30 +49,29 @@ def clouds(found: Detections, grasp: Grasp | None, base_from_color: Array) -> Vi
         ("imagined, carried back", evidence.aligned_points, _IMAGINED, 1.8, False, True),
         ("rod, carried back", rod, _ROD, 2.2, False, True),
     )
-    figure = go.Figure()
-    for name, points, color, size, _, is_after in dots:
-        x, y, z = _millimetres(_thin(points.astype(float)), base_from_color)
-        marker = {"size": size, "color": color}
-        figure.add_scatter3d(x=x, y=y, z=z, mode="markers", name=name, marker=marker, hoverinfo="skip", visible=is_after)
-    _add_line(figure, "run through the object", np.array(evidence.rod_ends), base_from_color, _ROD)
+    data = [
+        _trace(
+            name, _thin(points.astype(float)), base_from_color, mode="markers", marker={"size": size, "color": color}
+        )
+        for name, points, color, size, _, _ in dots
+    ]
+    lines = [("run through the object", np.array(evidence.rod_ends), base_from_color, _ROD)]
     if grasp is not None:
-        _add_line(figure, "hand", _hand_outline(grasp), np.eye(4), _HAND)
-    lines = len(figure.data) - len(dots)
-    axes = {f"{a}axis": {"title": f"{a} [mm]", "backgroundcolor": "#f6f8fa", "gridcolor": "#dbe2e9"} for a in "xyz"}
-    figure.update_layout(
-        scene={"aspectmode": "data", **axes, "camera": {"eye": {"x": -1.3, "y": -1.3, "z": 0.9}}},
-        height=480, paper_bgcolor="rgba(0,0,0,0)", margin={"l": 0, "r": 0, "t": 0, "b": 0},
-        font={"color": INK, "size": 12, "family": "system-ui, sans-serif"},
-        legend={"orientation": "h", "y": 0, "yanchor": "top", "itemsizing": "constant"},
-    )  # fmt: skip
-    before, after = [one[4] for one in dots], [one[5] for one in dots]
-    return View(figure, before + [False] * lines, after + [True] * lines)
+        lines.append(("hand", _hand_outline(grasp), np.eye(4), _HAND))
+    data += [
+        _trace(name, points, base_from_points, mode="lines", line={"color": color, "width": 8})
+        for name, points, base_from_points, color in lines
+    ]
+    before = [one[4] for one in dots] + [False] * len(lines)
+    after = [one[5] for one in dots] + [True] * len(lines)
+    for trace, visible in zip(data, after, strict=True):
+        trace["visible"] = visible
+    return View({"data": data, "layout": _LAYOUT}, before, after)
 
 
-def _add_line(figure: go.Figure, name: str, points: Array, base_from_points: Array, color: str) -> None:
-    x, y, z = _millimetres(points, base_from_points)
-    line = {"color": color, "width": 8}
-    figure.add_scatter3d(x=x, y=y, z=z, mode="lines", name=name, line=line, hoverinfo="skip")
+def _trace(name: str, points: Array, base_from_points: Array, **style: Any) -> dict[str, Any]:
+    x, y, z = _moved(points.reshape(-1, 3), base_from_points).T * 1e3
+    return {"type": "scatter3d", "name": name, "x": x, "y": y, "z": z, "hoverinfo": "skip", **style}
 
 
 def _thin(points: Array) -> Array:
@@ -70,10 +80,6 @@ def _thin(points: Array) -> Array:
 
 def _moved(points: Array, a_from_b: Array) -> Array:
     return np.asarray(points @ a_from_b[:3, :3].T + a_from_b[:3, 3])
-
-
-def _millimetres(points: Array, base_from_points: Array) -> npt.NDArray[np.float32]:
-    return np.asarray(_moved(points.reshape(-1, 3), base_from_points).T * 1e3, dtype=np.float32)
 
 
 def _hand_outline(grasp: Grasp) -> Array:

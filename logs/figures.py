@@ -1,13 +1,12 @@
-"""The curves of a report page, as plotly figures over the motion's time: against the limits, the hand, the load."""
+"""The curves of a report page, in the words of plotly.js: motion against its limits, the hand, the load."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-import plotly.graph_objects as go
 
 from bus.messages import SegmentRun
 from bus.trajectory import TICK_S
@@ -16,12 +15,17 @@ from logs.reader import Timed
 
 KINDS = ("position", "velocity", "acceleration", "jerk")
 JOINT_COLORS = ("#2f6fde", "#e0632d", "#2c9c69", "#a855c7", "#c2922a", "#c43d5c", "#5d6b7a")
-INK, GRID, BAD, GOOD = "#3c4856", "#e6ebf0", "#c43d5c", "#1f8a5b"
+GRID, BAD, GOOD = "#e6ebf0", "#c43d5c", "#1f8a5b"
 _BUCKETS = 300
+_NEAR_PERCENT = 40.0
+"""Curves that stay below it are shown enlarged, and the limit is out of sight."""
 _LABELLED = 0.06
 """A segment shorter than this share of the motion has no room for its name."""
 
+FONT = {"color": "#3c4856", "size": 12, "family": "system-ui, sans-serif"}
+
 Array = npt.NDArray[np.float64]
+Figure = dict[str, Any]
 
 
 class Use(NamedTuple):
@@ -45,20 +49,22 @@ def uses(runs: Sequence[SegmentRun]) -> list[Use]:
     return [Use(kind, getattr(report, kind), name) for kind, (name, report) in best.items()]
 
 
-def joint_use(runs: Sequence[SegmentRun]) -> dict[str, go.Figure]:
+def joint_use(runs: Sequence[SegmentRun]) -> dict[str, Figure]:
     """Commanded position, velocity, acceleration and jerk of every joint as a share of its limit, over the motion."""
-    moved = [run for run in runs if len(run.motion.commanded_q_rad)]
-    shares = [_shares(run.motion.commanded_q_rad) for run in moved]
-    time_s = np.concatenate([start + np.arange(len(s["jerk"])) * TICK_S for start, s in zip(_starts_s(moved), shares)])
+    shares = [_shares(run.motion.commanded_q_rad) for run in runs]
+    starts_s = _starts_s(runs)
+    time_s = np.concatenate([t + np.arange(len(s["jerk"])) * TICK_S for t, s in zip(starts_s, shares, strict=True)])
     figures = {}
     for kind in KINDS:
         values = np.concatenate([share[kind] for share in shares]) * 100
-        figure = _joints(time_s, values)
+        largest = float(np.abs(values).max(initial=1.0))
+        most = 125.0 if largest > _NEAR_PERCENT else 1.3 * largest
+        figure = _plain(_joints(time_s, values), "motion [s]", "of the limit [%]")
+        figure["layout"]["yaxis"]["range"] = [-most, most]
         for limit in (-100, 100):
-            figure.add_hline(y=limit, line={"color": BAD, "dash": "dash", "width": 1.5})
-        _name_segments(figure, moved)
-        figure.update_layout(yaxis={"title": "of the limit [%]", "range": [-125, 125], "tickvals": [-100, -50, 0, 50, 100]})
-        figures[kind] = _plain(figure, "motion [s]")
+            _add_level(figure, limit, "", BAD)
+        _name_segments(figure, runs)
+        figures[kind] = figure
     return figures
 
 
@@ -77,7 +83,7 @@ def _shares(q_rad: Array) -> dict[str, Array]:
     }
 
 
-def tracking(runs: Sequence[SegmentRun]) -> go.Figure:
+def tracking(runs: Sequence[SegmentRun]) -> Figure:
     """Measured minus commanded position of every joint [mrad]."""
     errors = []
     for run in runs:
@@ -87,43 +93,46 @@ def tracking(runs: Sequence[SegmentRun]) -> go.Figure:
     return _measured(runs, np.concatenate(errors), "measured - commanded [mrad]")
 
 
-def load(runs: Sequence[SegmentRun]) -> go.Figure:
+def load(runs: Sequence[SegmentRun]) -> Figure:
     """The torque that the outside world put on every joint [Nm]: what the hand carried, what the arm touched."""
     return _measured(runs, np.concatenate([run.motion.tau_ext_nm for run in runs]), "torque from outside [Nm]")
 
 
-def _measured(runs: Sequence[SegmentRun], values: Array, title: str) -> go.Figure:
+def _measured(runs: Sequence[SegmentRun], values: Array, title: str) -> Figure:
     time_s = np.concatenate([start + run.motion.t_s for start, run in zip(_starts_s(runs), runs, strict=True)])
-    figure = _joints(time_s, values)
+    figure = _plain(_joints(time_s, values), "motion [s]", title)
     _name_segments(figure, runs)
-    figure.update_layout(yaxis={"title": title})
-    return _plain(figure, "motion [s]")
+    return figure
 
 
-def hand_width(said: Sequence[Timed], start_ns: int, grasped_mm: float | None, least_mm: float | None) -> go.Figure:
+def hand_width(said: Sequence[Timed], start_ns: int, grasped_mm: float | None, least_mm: float | None) -> Figure:
     """The hand's width over the cycle [mm], as it was said; where it closed, and what a held object is at least."""
-    figure = go.Figure()
-    t = np.array([(one.log_time_ns - start_ns) / 1e9 for one in said])
+    time_s = np.array([(one.log_time_ns - start_ns) / 1e9 for one in said])
     width_mm = np.array([one.message.width_m * 1e3 for one in said])
-    t, width_mm = _extremes(t, width_mm)
-    figure.add_scatter(x=_short(t), y=_short(width_mm), mode="lines", name="width", line={"color": JOINT_COLORS[0]})
-    for value_mm, text, color in ((grasped_mm, "closed on", GOOD), (least_mm, "holds nothing below", BAD)):
+    figure = _plain([_curve(time_s, width_mm, "width", JOINT_COLORS[0])], "cycle [s]", "hand width [mm]")
+    figure["layout"]["yaxis"]["rangemode"] = "tozero"
+    for value_mm, text, color in ((grasped_mm, "closed on", GOOD), (least_mm, "counts as empty below", BAD)):
         if value_mm is not None:
-            text = f"{text} {value_mm:.1f} mm"
-            line = {"dash": "dash", "width": 1.5, "color": color}
-            figure.add_hline(y=value_mm, line=line, annotation_text=text, annotation_font_color=color)
-    figure.update_layout(yaxis={"title": "hand width [mm]", "rangemode": "tozero"}, showlegend=False)
-    return _plain(figure, "cycle [s]")
+            _add_level(figure, value_mm, f"{text} {value_mm:.1f} mm", color)
+    return figure
 
 
-def _joints(time_s: Array, values: Array) -> go.Figure:
+def _joints(time_s: Array, values: Array) -> list[dict[str, Any]]:
     """One curve a joint of ``values`` (n, 7)."""
-    figure = go.Figure()
-    for joint in range(7):
-        t, y = _extremes(time_s, values[:, joint])
-        line = {"width": 1.3, "color": JOINT_COLORS[joint]}
-        figure.add_scatter(x=_short(t), y=_short(y), name=f"joint {joint + 1}", mode="lines", line=line)
-    return figure.update_layout(showlegend=False)
+    return [_curve(time_s, values[:, joint], f"joint {joint + 1}", JOINT_COLORS[joint]) for joint in range(7)]
+
+
+def _curve(time_s: Array, values: Array, name: str, color: str) -> dict[str, Any]:
+    x, y = _extremes(time_s, values)
+    return {"type": "scatter", "mode": "lines", "name": name, "x": x, "y": y, "line": {"width": 1.3, "color": color}}
+
+
+def _add_level(figure: Figure, y: float, text: str, color: str) -> None:
+    line = {"color": color, "dash": "dash", "width": 1.5}
+    layout = figure["layout"]
+    layout["shapes"].append({"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": y, "y1": y, "line": line})
+    label = {"xref": "paper", "x": 1, "y": y, "xanchor": "right", "yanchor": "bottom", "showarrow": False}
+    layout["annotations"].append({**label, "text": text, "font": {"color": color}})
 
 
 def _starts_s(runs: Sequence[SegmentRun]) -> Array:
@@ -136,17 +145,22 @@ def _length_s(run: SegmentRun) -> float:
     return max(commanded_s, float(run.motion.t_s[-1])) if len(run.motion.t_s) else commanded_s
 
 
-def _name_segments(figure: go.Figure, runs: Sequence[SegmentRun]) -> None:
+def _name_segments(figure: Figure, runs: Sequence[SegmentRun]) -> None:
     """A line where a segment begins, its name above it; runs of one name are one."""
     starts_s, total_s = _starts_s(runs), sum(_length_s(run) for run in runs)
-    begins = [(run.name, t) for i, (run, t) in enumerate(zip(runs, starts_s)) if i == 0 or runs[i - 1].name != run.name]
+    begins = [
+        (run.name, t)
+        for i, (run, t) in enumerate(zip(runs, starts_s, strict=True))
+        if i == 0 or runs[i - 1].name != run.name
+    ]
     for (name, begin_s), (_, end_s) in zip(begins, [*begins[1:], ("", total_s)], strict=True):
         if begin_s:
-            figure.add_vline(x=float(begin_s), line={"color": "#aab4bf", "width": 1, "dash": "dot"})
+            line = {"color": "#aab4bf", "width": 1, "dash": "dot"}
+            border = {"type": "line", "yref": "paper", "y0": 0, "y1": 1, "x0": float(begin_s), "x1": float(begin_s)}
+            figure["layout"]["shapes"].append({**border, "line": line})
         if end_s - begin_s > _LABELLED * total_s:
-            figure.add_annotation(
-                x=(begin_s + end_s) / 2, y=1, yref="paper", yanchor="bottom", text=name, showarrow=False
-            )
+            middle = {"x": float(begin_s + end_s) / 2, "y": 1, "yref": "paper", "yanchor": "bottom"}
+            figure["layout"]["annotations"].append({**middle, "text": name, "showarrow": False})
 
 
 def _extremes(t: Array, y: Array) -> tuple[Array, Array]:
@@ -159,18 +173,12 @@ def _extremes(t: Array, y: Array) -> tuple[Array, Array]:
     return t[chosen], y[chosen]
 
 
-def _short(values: Array) -> npt.NDArray[np.float32]:
-    """What a screen can show, in half the bytes."""
-    return np.asarray(values, dtype=np.float32)
-
-
-def _plain(figure: go.Figure, x_title: str) -> go.Figure:
-    figure.update_layout(
-        xaxis={"title": x_title, "gridcolor": GRID, "zeroline": False},
-        yaxis={"gridcolor": GRID, "zerolinecolor": "#c3ccd6"},
-        paper_bgcolor="rgba(0,0,0,0)", plot_bgcolor="#ffffff", hovermode="closest", dragmode=False,
-        font={"color": INK, "size": 12, "family": "system-ui, sans-serif"},
-        margin={"l": 56, "r": 8, "t": 22, "b": 42},
-        height=270,
-    )  # fmt: skip
-    return figure
+def _plain(data: list[dict[str, Any]], x_title: str, y_title: str) -> Figure:
+    layout = {
+        "xaxis": {"title": {"text": x_title}, "gridcolor": GRID, "zeroline": False},
+        "yaxis": {"title": {"text": y_title}, "gridcolor": GRID, "zerolinecolor": "#c3ccd6"},
+        "paper_bgcolor": "rgba(0,0,0,0)", "plot_bgcolor": "#ffffff", "hovermode": "closest", "dragmode": False,
+        "font": FONT, "margin": {"l": 56, "r": 8, "t": 22, "b": 42}, "height": 270, "showlegend": False,
+        "shapes": [], "annotations": [],
+    }  # fmt: skip
+    return {"data": data, "layout": layout}

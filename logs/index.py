@@ -92,7 +92,7 @@ def recordings(folder: Path) -> list[Path]:
 
 
 def find_recording(name: str, folder: Path) -> Path:
-    """The recording that ``name`` means: a file, a cycle's id, or a part of an id that only one cycle in ``folder`` has.
+    """The recording that ``name`` means: a file, or a cycle of ``folder``: its id, or a part of no other's.
 
     Raises: RecordingError when there is none, or more than one.
     """

@@ -1,4 +1,4 @@
-"""Makes self-contained HTML pages: nothing is fetched, everything recorded is escaped, the drawing library is packed."""
+"""Self-contained HTML pages: nothing is fetched, what was recorded is escaped, the drawing library comes packed."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import plotly.graph_objects as go
+import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
@@ -29,10 +29,10 @@ class Picture(NamedTuple):
 
 
 class Chart(NamedTuple):
-    """A plotly figure with what it shows; ``json`` is its data and layout."""
+    """A figure in the words of plotly.js, {data, layout}, with what it shows."""
 
     title: str
-    json: Markup
+    figure: dict[str, Any]
 
 
 class Fact(NamedTuple):
@@ -43,17 +43,13 @@ class Fact(NamedTuple):
     asked: str = ""
 
 
-def chart(title: str, figure: go.Figure) -> Chart:
-    return Chart(title, _script_safe(figure.to_json()))
-
-
 def script_json(value: Any) -> Markup:
-    """``value`` as JSON that cannot end the script element it stands in."""
-    return _script_safe(json.dumps(value))
+    """``value``, arrays as plotly's typed ones, as JSON that cannot end the script element it stands in."""
+    return Markup(json.dumps(value, default=_typed_array).replace("<", "\\u003c"))
 
 
-def _script_safe(text: str) -> Markup:
-    return Markup(text.replace("<", "\\u003c"))
+def _typed_array(values: Any) -> dict[str, str]:
+    return {"dtype": "f4", "bdata": base64.b64encode(np.asarray(values, "<f4").tobytes()).decode()}
 
 
 @functools.cache
@@ -79,6 +75,4 @@ def write_page(template: str, content: Mapping[str, Any], path: Path) -> Path:
 @functools.cache
 def _environment() -> Environment:
     loader = FileSystemLoader(Path(__file__).parent)
-    return Environment(
-        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
+    return Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)

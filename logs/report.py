@@ -14,7 +14,7 @@ from bus.messages import Delivery, Detections, Execution, Grasp, PickPlan, Rejec
 from config.load import load_station
 from logs import figures, images
 from logs.clouds import clouds
-from logs.page import Chart, Fact, Picture, chart, packed_plotly, script_json, write_page
+from logs.page import Chart, Fact, Picture, packed_plotly, script_json, write_page
 from logs.reader import CycleRecord
 from logs.story import Story, tell
 
@@ -33,26 +33,28 @@ def write_report(record: CycleRecord, path: Path, *, index: str = "") -> Path:
 def _content(record: CycleRecord) -> dict[str, Any]:
     story, found, plan = tell(record), _result(record, "detect", Detections), _result(record, "plan", PickPlan)
     runs = _runs(record)
-    view = _clouds(record, found, plan)
+    view, motion = _clouds(record, found, plan), _motion(record, runs, story)
+    thumbnail = _thumbnail(record, found, plan)
     return {
         "story": story,
         "cycle_id": record.cycle_id,
         "began": datetime.fromtimestamp(story.start_ns / 1e9, UTC).strftime("%Y-%m-%d %H:%M:%S UTC"),
         "result": record.result,
         "attempt": record.attempt,
-        "thumbnail": _thumbnail(record, found, plan),
-        "summary": script_json(_summary(record, story, _thumbnail(record, found, plan))),
+        "thumbnail": thumbnail,
+        "summary": script_json(_summary(record, story, thumbnail)),
         "seen": _seen(record, found),
         "imagined": _imagined(found),
         "replies": [{**dict(reply), "uri": images.file_uri(reply.image_png)} for reply in record.replies],
         "drift": _drift(record, found),
         "clouds": view,
+        "charts": script_json(_all_charts(view, motion)),
         "rectangles": _rectangles(found, plan),
         "grasps": _grasps(found),
         "rejected": _rejections(plan),
         "plan": plan,
         "uses": figures.uses(runs),
-        "motion": _motion(record, runs, story),
+        "motion": motion,
         "joint_colors": figures.JOINT_COLORS,
         "facts": _facts(record),
         "log": _log(record, story),
@@ -83,7 +85,7 @@ def _summary(record: CycleRecord, story: Story, thumbnail: str) -> dict[str, Any
     }
 
 
-# --- what it saw, imagined and found ------------------------------------------------------------------------------------
+# --- what it saw, imagined and found ----------------------------------------------------------------------------------
 
 
 def _thumbnail(record: CycleRecord, found: Detections | None, plan: PickPlan | None) -> str:
@@ -145,7 +147,7 @@ def _clouds(record: CycleRecord, found: Detections | None, plan: PickPlan | None
         f"{alignment.method}: scale {alignment.scale:.3f}, residual {alignment.residual:.3f} of the object's radius, "
         f"Chamfer {alignment.chamfer_m2 * 1e6:.2f} mm², {alignment.hypotheses} orientations tried"
     )
-    return {"chart": chart(title, view.figure), "before": view.before, "after": view.after}
+    return {"chart": Chart(title, view.figure), "before": view.before, "after": view.after}
 
 
 def _rectangles(found: Detections | None, plan: PickPlan | None) -> str:
@@ -178,7 +180,7 @@ def _rejections(plan: PickPlan | None) -> dict[int, list[str]]:
     }
 
 
-# --- what it did --------------------------------------------------------------------------------------------------------
+# --- what it did ------------------------------------------------------------------------------------------------------
 
 
 def _runs(record: CycleRecord) -> list[SegmentRun]:
@@ -197,16 +199,22 @@ def _motion(record: CycleRecord, runs: list[SegmentRun], story: Story) -> dict[s
         figure = figures.hand_width(
             record.hand, story.start_ns, grasped.width_m * 1e3 if grasped else None, least_m * 1e3 if least_m else None
         )
-        hand.append(chart("Hand width", figure))
+        hand.append(Chart("Hand width", figure))
     if not runs:
         return {"joints": [], "hand": hand}
     uses = {use.kind: use for use in figures.uses(runs)}
     joints = [
-        chart(f"{kind.capitalize()}: at most {uses[kind].in_words} of its limit", figure)
+        Chart(f"{kind.capitalize()}: at most {uses[kind].in_words} of its limit", figure)
         for kind, figure in figures.joint_use(runs).items()
     ]
-    hand += [chart("Load: torque from outside", figures.load(runs)), chart("Tracking error", figures.tracking(runs))]
+    hand += [Chart("Load: torque from outside", figures.load(runs)), Chart("Tracking error", figures.tracking(runs))]
     return {"joints": joints, "hand": hand}
+
+
+def _all_charts(view: dict[str, Any] | None, motion: dict[str, list[Chart]]) -> dict[str, Any]:
+    """Every figure of the page by the name of its place."""
+    named = {f"{kind}-{i}": one.figure for kind, charts in motion.items() for i, one in enumerate(charts)}
+    return named if view is None else {"clouds": view["chart"].figure, **named}
 
 
 def _facts(record: CycleRecord) -> list[Fact]:
@@ -230,12 +238,15 @@ def _facts(record: CycleRecord) -> list[Fact]:
     ]
 
 
-# --- log and configuration ----------------------------------------------------------------------------------------------
+# --- log and configuration --------------------------------------------------------------------------------------------
 
 
 def _log(record: CycleRecord, story: Story) -> list[dict[str, Any]]:
     """States, stages and events in the order of time: {at_s, kind, text, bad}."""
-    lines = [{"at_s": span.start_s, "kind": "state", "text": span.name, "bad": span.name == "Aborting"} for span in story.states]
+    lines = [
+        {"at_s": span.start_s, "kind": "state", "text": span.name, "bad": span.name == "Aborting"}
+        for span in story.states
+    ]
     lines += [
         {"at_s": line.start_s + line.took_s, "kind": line.name, "text": line.said or "done", "bad": line.failed}
         for line in story.stages
