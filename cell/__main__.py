@@ -17,7 +17,7 @@ from rich.console import Console
 from bus.commands import CommandRequest
 from bus.errors import CellError
 from bus.messages import CycleResult
-from cell import calibrate, client, nodes
+from cell import calibrate, client, nodes, recordings
 from cell import watch as watching
 from cell.batch import Batch
 from cell.build import running_cell
@@ -29,9 +29,6 @@ from cell.replay import replay_file
 from cell.service import Service, takes_commands
 from config.load import DEFAULT_STATION, load_station
 from config.schema import RetrySettings, Station
-from logs.index import list_cycles
-from logs.reader import read_cycle
-from logs.report import write_report
 
 app = typer.Typer(
     help="VLAD Cell: picks objects it has never seen, explains every pick, and can replay it.",
@@ -53,7 +50,6 @@ _TERMINAL = "terminal"
 Config = Annotated[Path, typer.Option("--config", "-c", help="Station file.", show_default="the simulated cell")]
 Set = Annotated[list[str] | None, typer.Option("--set", help="Override one setting: key=value. Repeatable.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON for programs.")]
-File = Annotated[Path, typer.Argument(help="A cycle's recording (.mcap).")]
 
 
 def _print_json(value: Any) -> None:
@@ -213,9 +209,11 @@ def watch(
 
 
 @app.command()
-def replay(file: File, overrides: Set = None, as_json: Json = False) -> None:
+def replay(
+    cycle: recordings.Cycle, config: Config = DEFAULT_STATION, overrides: Set = None, as_json: Json = False
+) -> None:
     """Run the pure stages again from a recording and compare. Exit 0 equal, 1 different, 2 cannot."""
-    outcome = replay_file(file, overrides or [])
+    outcome = replay_file(recordings.find_cycle(cycle, config), overrides or [])
     if as_json:
         _print_json(outcome.to_json())
     else:
@@ -224,41 +222,9 @@ def replay(file: File, overrides: Set = None, as_json: Json = False) -> None:
         raise typer.Exit(1)
 
 
-@app.command()
-def report(
-    file: File, output: Annotated[Path | None, typer.Option("--output", "-o", help="Where to write the page.")] = None
-) -> None:
-    """Write one self-contained HTML page that explains a cycle."""
-    _out.print(str(write_report(read_cycle(file), output or file.with_suffix(".html"))))
-
-
-@app.command()
-def show(file: File, as_json: Json = False) -> None:
-    """What a recording holds: result, stages, versions."""
-    record = read_cycle(file)
-    if as_json:
-        _print_json({"result": record.result.model_dump(mode="json") if record.result else None,
-                     "stages": {name: stage.duration_s for name, stage in record.stages.items()},
-                     "metadata": record.metadata})  # fmt: skip
-        return
-    if record.result is not None:
-        result = record.result
-        _out.print(f"[bold]{result.result}[/] {result.code or ''} {result.object}: {result.reason}")
-    for name, stage in record.stages.items():
-        _out.print(f"  {name:<8} {stage.duration_s:6.2f} s  {stage.failure.text if stage.failure else ''}".rstrip())
-    for key, value in record.metadata.items():
-        _out.print(f"  [dim]{key:<24} {value}[/]")
-
-
-@app.command()
-def cycles(
-    folder: Annotated[Path | None, typer.Argument(help="Recordings folder.")] = None,
-    config: Config = DEFAULT_STATION,
-    as_json: Json = False,
-) -> None:
-    """List recorded cycles, newest first."""
-    for entry in list_cycles(folder or load_station(config).recording.folder):
-        _print_json(entry.to_json()) if as_json else _out.print(entry.line())
+app.command()(recordings.report)
+app.command()(recordings.show)
+app.command()(recordings.cycles)
 
 
 @app.command("config")

@@ -19,7 +19,7 @@ GRID, BAD, GOOD = "#e6ebf0", "#c43d5c", "#1f8a5b"
 _BUCKETS = 300
 _NEAR_PERCENT = 40.0
 """Curves that stay below it are shown enlarged, and the limit is out of sight."""
-_LABELLED = 0.06
+_LABELLED = 0.08
 """A segment shorter than this share of the motion has no room for its name."""
 
 FONT = {"color": "#3c4856", "size": 12, "family": "system-ui, sans-serif"}
@@ -131,7 +131,8 @@ def _add_level(figure: Figure, y: float, text: str, color: str) -> None:
     line = {"color": color, "dash": "dash", "width": 1.5}
     layout = figure["layout"]
     layout["shapes"].append({"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": y, "y1": y, "line": line})
-    label = {"xref": "paper", "x": 1, "y": y, "xanchor": "right", "yanchor": "bottom", "showarrow": False}
+    side = {"x": 0, "xanchor": "left"} if color == GOOD else {"x": 1, "xanchor": "right"}
+    label = {"xref": "paper", **side, "y": y, "yanchor": "bottom", "showarrow": False}
     layout["annotations"].append({**label, "text": text, "font": {"color": color}})
 
 
@@ -160,7 +161,7 @@ def _name_segments(figure: Figure, runs: Sequence[SegmentRun]) -> None:
             figure["layout"]["shapes"].append({**border, "line": line})
         if end_s - begin_s > _LABELLED * total_s:
             middle = {"x": float(begin_s + end_s) / 2, "y": 1, "yref": "paper", "yanchor": "bottom"}
-            figure["layout"]["annotations"].append({**middle, "text": name, "showarrow": False})
+            figure["layout"]["annotations"].append({**middle, "text": name, "showarrow": False, "font": {"size": 10}})
 
 
 def _extremes(t: Array, y: Array) -> tuple[Array, Array]:

@@ -229,7 +229,7 @@ def _facts(record: CycleRecord) -> list[Fact]:
             f"{verdict.width_min_m * 1e3:.1f} mm",
             f"≥ {need.get('min_width_m', 0) * 1e3:.1f} mm",
         ),
-        Fact("load on the arm", f"{verdict.load_n:.2f} N", f"≥ {need.get('min_load_n')} N"),
+        Fact("load on the arm", f"{verdict.load_n:z.2f} N", f"≥ {need.get('min_load_n')} N"),
         Fact(
             "of the object's place is empty",
             f"{verdict.cleared_fraction * 100:.0f} %",

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from bus.codes import ADVICE
+from bus.commands import Event
 from bus.frozen import Message
 from bus.messages import Detections, Execution, PickPlan, Verdict
 from logs.reader import CycleRecord
@@ -88,14 +89,22 @@ def tell(record: CycleRecord) -> Story:
 def _why(record: CycleRecord) -> tuple[str, str]:
     """The reason and the advice; a fault that the cell reported meanwhile is the cause behind a mere stop."""
     result = record.result
-    faults = [said.message for said in record.events if said.message.severity == "error"]
     if result is None:
         why, advice = "The recording holds no result: the cycle was not finished.", ""
     else:
         why, advice = result.reason, ADVICE[result.code] if result.code is not None else ""
-    if faults and faults[-1].text not in why:
-        return f"{why} {faults[-1].text}".strip(), faults[-1].advice or advice
-    return why, advice
+    faults = [said.message for said in record.events if said.message.severity == "error"]
+    cause, remedy = _parted(faults[-1]) if faults else ("", "")
+    if cause in why:
+        return why, advice
+    return f"{why} {cause}", remedy or advice
+
+
+def _parted(fault: Event) -> tuple[str, str]:
+    """What happened and what to do, also where an event says both in its text."""
+    advices = (fault.advice, *ADVICE.values())
+    advice = next((advice for advice in advices if advice and fault.text.endswith(advice)), fault.advice)
+    return fault.text.removesuffix(advice).strip(), advice
 
 
 def _lines(record: CycleRecord, start_ns: int) -> Iterator[StageLine]:
