@@ -8,6 +8,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -29,6 +30,7 @@ from cell.replay import replay_file
 from cell.service import Service, takes_commands
 from config.load import DEFAULT_STATION, load_station
 from config.schema import RetrySettings, Station
+from logs import live
 
 app = typer.Typer(
     help="VLAD Cell: picks objects it has never seen, explains every pick, and can replay it.",
@@ -77,6 +79,10 @@ def start(
     overrides: Set = None,
     as_json: Json = False,
     report: Annotated[bool, typer.Option(help="Write a report page for every cycle.")] = True,
+    foxglove: Annotated[
+        bool, typer.Option("--foxglove", help="Show the bus live to Foxglove or Lichtblick, on this machine only.")
+    ] = False,
+    foxglove_port: Annotated[int, typer.Option(min=1, max=65535, help="Where --foxglove listens.")] = live.DEFAULT_PORT,
 ) -> None:
     """Start the cell: the daemon and its nodes. Without --cycles or --until-empty it stays, and waits for commands."""
     if cycles is not None and until_empty:
@@ -84,11 +90,19 @@ def start(
     extra = [f"sim.seed={seed}"] if seed is not None else []
     extra += [f"sim.objects={objects}"] if objects is not None else []
     station = load_station(config, [*(overrides or []), *extra])
+    if foxglove:
+        live.sdk()  # missing? then before anything starts
     service = Service(os.environ)
     screen = Screen(json_lines=as_json, report=report and not as_json, each_turn=service.turn)
     _on_signal(screen.interrupted.set)
     screen.line(f"cell [bold]{station.cell_id}[/] on {station.bus.endpoint}: starting {', '.join(station.nodes)} ...")
-    with running_cell(station, screen.observe) as daemon, service.around(lambda: takes_commands(daemon.machine)):
+    with (
+        running_cell(station, screen.observe) as daemon,
+        live.watching(station.cell_id, station.bus.endpoint, foxglove_port) if foxglove else nullcontext() as view,
+        service.around(lambda: takes_commands(daemon.machine)),
+    ):
+        if view is not None:
+            screen.line(f"live view: open ws://{live.HOST}:{view.port} in Foxglove or Lichtblick (docs/foxglove)")
         if cycles is None and not until_empty:
             screen.line("ready. From another terminal: cell reset, cell pick, cell status. Ctrl-C ends.")
             for _ in screen.follow():

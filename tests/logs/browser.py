@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import itertools
 import json
+import shutil
 import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -79,11 +80,16 @@ class Page:
         return said
 
 
+def find_chromium() -> str | None:
+    """The program: Debian's headless shell (64 MB to load) or the whole browser."""
+    return shutil.which("chromium-headless-shell") or shutil.which("chromium")
+
+
 @contextmanager
-def chromium(profile: Path) -> Iterator[Page]:
+def chromium(program: str, profile: Path) -> Iterator[Page]:
     """A browser of its own with one page, ended on every path."""
     process = subprocess.Popen(
-        ["chromium", *_FLAGS, f"--user-data-dir={profile}"],
+        [program, *_FLAGS, f"--user-data-dir={profile}"],
         stderr=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         text=True,

@@ -1,4 +1,4 @@
-"""Pages of a folder: written once, again when they must be, and a day's page that hides nothing and leads with failures."""
+"""Pages of a folder: written once, and again when they must be; a day's page hides nothing and leads with failures."""
 
 from __future__ import annotations
 
