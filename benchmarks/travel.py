@@ -22,7 +22,8 @@ from bus import topics
 from bus.codec import decode, encode, frame_from_wire, frame_to_wire
 from bus.commands import CommandReply, CommandRequest, Nothing
 from bus.messages import CameraModel, Frame
-from bus.session import Bus, Heard, _zenoh_config
+from bus.secured import session_config
+from bus.session import Bus, Heard
 from bus.topics import encoding_of
 
 _CELL = "travel"
@@ -39,7 +40,7 @@ def run(rounds: int, seed: int, endpoint: str, plain_endpoint: str, tell: Callab
     frame = _frame(seed)
     with (
         Bus.listen(_CELL, endpoint) as bus,
-        zenoh.open(_zenoh_config("peer", listen=[plain_endpoint], connect=[])) as plain,
+        zenoh.open(session_config("peer", listen=[plain_endpoint], connect=[], file=None)) as plain,
         _other_process(str(seed), endpoint, plain_endpoint),
     ):
         bus.tap = lambda heard: None
@@ -143,7 +144,7 @@ def _serve(seed: str, endpoint: str, plain_endpoint: str) -> None:
 
     with (
         Bus.join(_CELL, endpoint) as bus,
-        zenoh.open(_zenoh_config("client", listen=[], connect=[plain_endpoint])) as plain,
+        zenoh.open(session_config("client", listen=[], connect=[plain_endpoint], file=None)) as plain,
     ):
         bus.answer(topics.CAMERA_CAPTURE, lambda _payload, _fields: heard, lane="camera")
         bus.answer(topics.COMMAND, command, lane="command", verb="*")

@@ -9,19 +9,18 @@ import signal
 import sys
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from rich.console import Console
-from rich.progress import track
 
 from bus.commands import CommandRequest
 from bus.errors import CellError
 from bus.faults import PARTS, Fault
 from bus.messages import CycleResult
-from bus.session import Bus
-from cell import calibrate, client, fleet, keys, nodes, replay_view
+from cell import calibrate, client, fleet, keys, nodes, recordings, replays
 from cell import watch as watching
 from cell.batch import Batch
 from cell.build import running_cell
@@ -29,16 +28,10 @@ from cell.console import Screen
 from cell.daemon import Daemon
 from cell.doctor import examine
 from cell.machine import refuse
-from cell.replay import Request
-from cell.replay import replay as run_again
-from cell.replay_folder import replay_folder
-from cell.republish import ROOT, await_listener, payloads, republish, require_no_live_cell
 from cell.service import Service, takes_commands
-from config.load import DEFAULT_STATION, load_station, station_from
+from config.load import DEFAULT_STATION, load_station
 from config.schema import RetrySettings
-from logs.index import list_cycles
-from logs.reader import read_cycle
-from logs.report import write_report
+from logs import live
 
 app = typer.Typer(
     help="VLAD Cell: picks objects it has never seen, explains every pick, and can replay it.",
@@ -60,7 +53,6 @@ _TERMINAL = "terminal"
 Config = Annotated[Path, typer.Option("--config", "-c", help="Station file.", show_default="the simulated cell")]
 Set = Annotated[list[str] | None, typer.Option("--set", help="Override one setting: key=value. Repeatable.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON for programs.")]
-File = Annotated[Path, typer.Argument(help="A cycle's recording (.mcap).")]
 
 
 def _print_json(value: Any) -> None:
@@ -88,6 +80,10 @@ def start(
     overrides: Set = None,
     as_json: Json = False,
     report: Annotated[bool, typer.Option(help="Write a report page for every cycle.")] = True,
+    foxglove: Annotated[
+        bool, typer.Option("--foxglove", help="Show the bus live to Foxglove or Lichtblick, on this machine only.")
+    ] = False,
+    foxglove_port: Annotated[int, typer.Option(min=1, max=65535, help="Where --foxglove listens.")] = live.DEFAULT_PORT,
 ) -> None:
     """Start the cell: the daemon and its nodes. Without --cycles or --until-empty it stays, and waits for commands."""
     if cycles is not None and until_empty:
@@ -95,11 +91,19 @@ def start(
     extra = [f"sim.seed={seed}"] if seed is not None else []
     extra += [f"sim.objects={objects}"] if objects is not None else []
     station = load_station(config, [*(overrides or []), *extra])
+    if foxglove:
+        live.sdk()  # missing? then before anything starts
     service = Service(os.environ)
     screen = Screen(json_lines=as_json, report=report and not as_json, each_turn=service.turn)
     _on_signal(screen.interrupted.set)
     screen.line(f"cell [bold]{station.cell_id}[/] on {station.bus.endpoint}: starting {', '.join(station.nodes)} ...")
-    with running_cell(station, screen.observe) as daemon, service.around(lambda: takes_commands(daemon.machine)):
+    with (
+        running_cell(station, screen.observe) as daemon,
+        live.watching(station.cell_id, station.bus.endpoint, foxglove_port) if foxglove else nullcontext() as view,
+        service.around(lambda: takes_commands(daemon.machine)),
+    ):
+        if view is not None:
+            screen.line(f"live view: open ws://{live.HOST}:{view.port} in Foxglove or Lichtblick (docs/foxglove)")
         if cycles is None and not until_empty:
             screen.line("ready. From another terminal: cell reset, cell pick, cell status. Ctrl-C ends.")
             for _ in screen.follow():
@@ -263,107 +267,10 @@ def keys_(
     _out.print("A machine of a role gets ca.pem and that role's .pem, .key and .json5. ca.key stays here.")
 
 
-@app.command()
-def replay(
-    file: Annotated[Path, typer.Argument(help="A cycle's recording (.mcap), or a folder of them.")],
-    start: Annotated[
-        str | None, typer.Option("--from", metavar="STAGE", help="Chained: from this stage on, outputs flow on.")
-    ] = None,
-    only: Annotated[
-        str | None, typer.Option(metavar="STAGE", help="This stage alone, from its recorded inputs.")
-    ] = None,
-    live_models: Annotated[
-        bool, typer.Option("--live-models", help="Ask the models again, instead of their recorded replies.")
-    ] = False,
-    publish: Annotated[
-        bool, typer.Option("--publish", help="Instead: put it on the bus again, below replay/CYCLE_ID/.")
-    ] = False,
-    rate: Annotated[float, typer.Option(min=0.01, help="With --publish: so many times as fast as it was.")] = 1.0,
-    endpoint: Annotated[
-        str, typer.Option(help="With --publish: where to listen for subscribers.")
-    ] = "tcp/127.0.0.1:7448",
-    wait_s: Annotated[float, typer.Option(min=0, help="With --publish: how long to wait for the first one.")] = 30.0,
-    overrides: Set = None,
-    as_json: Json = False,
-) -> None:
-    """Run the pure stages again from recordings and compare. Exit 0 equal, 1 different, 2 cannot.
-
-    Every stage works on its recorded inputs; with --from, or with --set ("what if?"), what one gives is what the next
-    one takes, down to the chosen grasp. Stages: detect, plan, verify.
-    """
-    if start is not None and only is not None:
-        raise typer.BadParameter("--from and --only exclude each other: a chain of stages, or one alone.")
-    if publish:
-        _publish(file, rate, endpoint, wait_s)
-        return
-    request = Request.of(overrides or [], start, only, live_models=live_models)
-    if file.is_dir():
-        _replay_folder(file, request, as_json=as_json)
-        return
-    outcome = run_again(read_cycle(file), request)
-    _print_json(replay_view.to_json(outcome)) if as_json else replay_view.show(outcome, _out)
-    said = replay_view.verdict(outcome)
-    if said != "equal":
-        raise typer.Exit(1 if said == "different" else 2)
-
-
-def _publish(file: Path, rate: float, endpoint: str, wait_s: float) -> None:
-    record = read_cycle(file)
-    station = station_from(dict(record.station), [f"bus.endpoint={endpoint}"], source="the recorded station")
-    require_no_live_cell(station_from(dict(record.station), source="the recorded station"))
-    said = list(payloads(file))
-    with Bus.listen(station.cell_id, station.bus.endpoint) as bus:
-        typer.echo(f"{len(said)} payloads on {ROOT}/{record.cycle_id}/** at {endpoint}; Ctrl-C ends", err=True)
-        await_listener(bus, record.cycle_id, wait_s)
-        again = republish(bus, record.cycle_id, said, rate)
-        for _ in track(again, total=len(said), description=record.cycle_id, console=Console(stderr=True)):
-            pass
-
-
-def _replay_folder(folder: Path, request: Request, *, as_json: bool) -> None:
-    tally = replay_folder(folder, request, lambda path, said: typer.echo(f"{path.stem} {said}", err=True))
-    if as_json:
-        _print_json(tally.to_json())
-    else:
-        replay_view.show_tally(tally.to_json(), _out)
-    raise typer.Exit(tally.exit_code)
-
-
-@app.command()
-def report(
-    file: File, output: Annotated[Path | None, typer.Option("--output", "-o", help="Where to write the page.")] = None
-) -> None:
-    """Write one self-contained HTML page that explains a cycle."""
-    _out.print(str(write_report(read_cycle(file), output or file.with_suffix(".html"))))
-
-
-@app.command()
-def show(file: File, as_json: Json = False) -> None:
-    """What a recording holds: result, stages, versions."""
-    record = read_cycle(file)
-    if as_json:
-        _print_json({"result": record.result.model_dump(mode="json") if record.result else None,
-                     "stages": {name: stage.duration_s for name, stage in record.stages.items()},
-                     "metadata": record.metadata})  # fmt: skip
-        return
-    if record.result is not None:
-        result = record.result
-        _out.print(f"[bold]{result.result}[/] {result.code or ''} {result.object}: {result.reason}")
-    for name, stage in record.stages.items():
-        _out.print(f"  {name:<8} {stage.duration_s:6.2f} s  {stage.failure.text if stage.failure else ''}".rstrip())
-    for key, value in record.metadata.items():
-        _out.print(f"  [dim]{key:<24} {value}[/]")
-
-
-@app.command()
-def cycles(
-    folder: Annotated[Path | None, typer.Argument(help="Recordings folder.")] = None,
-    config: Config = DEFAULT_STATION,
-    as_json: Json = False,
-) -> None:
-    """List recorded cycles, newest first."""
-    for entry in list_cycles(folder or load_station(config).recording.folder):
-        _print_json(entry.to_json()) if as_json else _out.print(entry.line())
+app.command()(replays.replay)
+app.command()(recordings.report)
+app.command()(recordings.show)
+app.command()(recordings.cycles)
 
 
 @app.command("config")

@@ -14,11 +14,12 @@ from bus.codes import ADVICE
 from bus.commands import CellState, Event
 from bus.errors import RecordingError
 from bus.frozen import Message
-from bus.messages import CycleResult, Detections, Execution, PickPlan, StageRecord, Verdict
+from bus.messages import CycleResult, StageRecord
 from bus.topics import Topic
 from cell.batch import Summary
 from logs.reader import read_cycle
 from logs.report import write_report
+from logs.story import in_words
 
 _RESULT_STYLE = {"SUCCESS": "bold green", "EMPTY": "bold yellow"}
 
@@ -80,7 +81,7 @@ class Screen:
                 self._out.print(f"  [dim]{message.state}[/]")
             self._state = message.state
         elif isinstance(message, StageRecord):
-            said = message.failure.text if message.failure else _summary(message.result)
+            said = message.failure.text if message.failure else in_words(message.result)
             self._out.print(f"  {message.stage:<8} {message.duration_s:6.2f} s  {said}")
         elif isinstance(message, Event):
             self._out.print(f"  [bold red]{message.code}[/] {message.text} {message.advice}")
@@ -110,18 +111,3 @@ class Screen:
             self._out.print(f"  [bold red]no report[/] {error}")
         else:
             self._out.print(f"  report    {page} ({time.monotonic() - started_s:.1f} s)")
-
-
-def _summary(result: Message | None) -> str:
-    """What a stage found, in half a line."""
-    if isinstance(result, Detections):
-        best = result.grasps[0]
-        return f"{len(result.grasps)} grasps, the best {best.width_m * 1e3:.0f} mm wide"
-    if isinstance(result, PickPlan):
-        motion_s = sum(part.trajectory.duration_s for part in result.segments)
-        return f"grasp {result.grasp}, {motion_s:.1f} s of motion, {len(result.rejected)} grasps rejected"
-    if isinstance(result, Execution) and result.grasped is not None:
-        return f"closed at {result.grasped.width_m * 1e3:.1f} mm"
-    if isinstance(result, Verdict):
-        return result.reason
-    return ""

@@ -1,130 +1,70 @@
-"""The pictures of a report page: images as data URIs, curves and clouds as plotly figures."""
+"""The curves of a report page, in the words of plotly.js: motion against its limits, the hand, the load."""
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
 import numpy.typing as npt
-import plotly.graph_objects as go
 
-from bus.messages import Detections, Grasp, Rectangle, SegmentRun
+from bus.messages import SegmentRun
 from bus.trajectory import TICK_S
-from config.limits import ACCELERATION_RAD_S2, JERK_RAD_S3, LOWER_RAD, UPPER_RAD, velocity_bounds
+from config.limits import ACCELERATION_RAD_S2, JERK_RAD_S3, LOWER_RAD, UPPER_RAD, Peak, check, velocity_bounds
+from logs.reader import Timed
 
-_RECTANGLE_RGB, _OUTLINE_RGB = (255, 214, 10), (10, 200, 120)
-_BUCKETS = 400
-_COLORS = ("#2f6fde", "#e0632d", "#2c9c69", "#a855c7", "#c2922a", "#c43d5c", "#5d6b7a")
+KINDS = ("position", "velocity", "acceleration", "jerk")
+JOINT_COLORS = ("#2f6fde", "#e0632d", "#2c9c69", "#a855c7", "#c2922a", "#c43d5c", "#5d6b7a")
+GRID, BAD, GOOD = "#e6ebf0", "#c43d5c", "#1f8a5b"
+_BUCKETS = 300
+_NEAR_PERCENT = 40.0
+"""Curves that stay below it are shown enlarged, and the limit is out of sight."""
+_LABELLED = 0.08
+"""A segment shorter than this share of the motion has no room for its name."""
+
+FONT = {"color": "#3c4856", "size": 12, "family": "system-ui, sans-serif"}
 
 Array = npt.NDArray[np.float64]
-Image = npt.NDArray[np.uint8]
+Figure = dict[str, Any]
 
 
-def data_uri(image: npt.NDArray[Any], *, width_px: int = 960) -> str:
-    """An RGB image or mask as a JPEG or PNG data URI, at most ``width_px`` wide."""
-    pixels = image.astype(np.uint8) * 255 if image.dtype == np.bool_ else np.asarray(image[..., ::-1])
-    if pixels.shape[1] > width_px:
-        height_px = round(pixels.shape[0] * width_px / pixels.shape[1])
-        pixels = cv2.resize(pixels, (width_px, height_px), interpolation=cv2.INTER_AREA)
-    kind = "png" if image.dtype == np.bool_ else "jpeg"
-    _, encoded = cv2.imencode(f".{kind}", pixels)
-    return f"data:image/{kind};base64,{base64.b64encode(encoded.tobytes()).decode()}"
+class Use(NamedTuple):
+    """The sample of a cycle's motions that comes nearest to one kind of limit, and where that was."""
+
+    kind: str
+    peak: Peak
+    segment: str
+
+    @property
+    def in_words(self) -> str:
+        return f"{self.peak.ratio:.0%} (joint {self.peak.joint}, {self.segment})"
 
 
-def file_uri(image: bytes | None) -> str:
-    """A picture's file, as it came, as a data URI; "" for none. Torn ones stay torn."""
-    if image is None:
-        return ""
-    kind = "jpeg" if image.startswith(b"\xff\xd8") else "png"
-    return f"data:image/{kind};base64,{base64.b64encode(image).decode()}"
+def uses(runs: Sequence[SegmentRun]) -> list[Use]:
+    """For each kind of limit its most used sample over all ``runs``; empty when nothing moved."""
+    reports = [(run.name, check(run.motion.commanded_q_rad)) for run in runs if len(run.motion.commanded_q_rad)]
+    if not reports:
+        return []
+    best = {kind: max(reports, key=lambda one: getattr(one[1], kind).ratio) for kind in KINDS}
+    return [Use(kind, getattr(report, kind), name) for kind, (name, report) in best.items()]
 
 
-def annotated(found: Detections) -> Image:
-    """The colour image with the object's outline and the grasp rectangles, the chosen run's thick."""
-    image = np.array(found.evidence.color)
-    contours, _ = cv2.findContours(
-        found.evidence.object_mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
-    )
-    cv2.drawContours(image, contours, -1, _OUTLINE_RGB, 2, cv2.LINE_AA)
-    best = found.grasps[0].rectangle if found.grasps else 0
-    for index, rectangle in enumerate(found.rectangles):
-        cv2.polylines(image, [_corners(rectangle)], True, _RECTANGLE_RGB, 4 if index == best else 1, cv2.LINE_AA)
-    return image
-
-
-def _corners(rectangle: Rectangle) -> npt.NDArray[np.int32]:
-    size = (rectangle.width_px, rectangle.height_px)
-    corners = cv2.boxPoints((rectangle.center_px, size, np.degrees(rectangle.angle_rad)))
-    return np.asarray(np.rint(corners), dtype=np.int32)
-
-
-def crop(image: npt.NDArray[Any], mask: npt.NDArray[np.bool_], margin_px: int = 90) -> npt.NDArray[Any]:
-    """The part of ``image`` around ``mask``, for a closer look; the whole image for an empty mask."""
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    if not len(rows):
-        return image
-    top, left = max(0, rows[0] - margin_px), max(0, columns[0] - margin_px)
-    return image[top : rows[-1] + margin_px, left : columns[-1] + margin_px]
-
-
-def clouds(found: Detections, grasp: Grasp | None, base_from_color: Array) -> go.Figure:
-    """Observed, imagined and carried-back points in ``base``, the rod's run, and the hand that takes it. Rotatable."""
-    evidence = found.evidence
-    figure = go.Figure()
-    for name, points, color, size in (
-        ("observed", evidence.observed_points, "#7f8c99", 1.6),
-        ("imagined", evidence.goal_points, "#e0a12d", 1.4),
-        ("carried back", evidence.aligned_points, "#2f6fde", 1.4),
-        ("rod", evidence.rod_points, "#d6249f", 2.0),
-    ):
-        x, y, z = _millimetres(points.astype(float), base_from_color)
-        marker = {"size": size, "color": color}
-        figure.add_scatter3d(x=x, y=y, z=z, mode="markers", name=name, marker=marker, hoverinfo="skip")
-    x, y, z = _millimetres(np.array(evidence.rod_ends), base_from_color)
-    line = {"color": "#d6249f", "width": 8}
-    figure.add_scatter3d(x=x, y=y, z=z, mode="lines", name="run through the object", line=line)
-    if grasp is not None:
-        x, y, z = _millimetres(_hand_outline(grasp), np.eye(4))
-        figure.add_scatter3d(x=x, y=y, z=z, mode="lines", name="hand", line={"color": "#2c9c69", "width": 6})
-    axes = {f"{axis}axis": {"title": f"{axis} [mm]"} for axis in "xyz"}
-    figure.update_layout(scene={"aspectmode": "data", **axes}, height=520)
-    return _plain(figure)
-
-
-def _millimetres(points: Array, base_from_points: Array) -> Array:
-    return np.asarray((points @ base_from_points[:3, :3].T + base_from_points[:3, 3]).T * 1e3)
-
-
-def _hand_outline(grasp: Grasp) -> Array:
-    """Palm and both fingers of the opened hand as one line (n, 3) in ``base``."""
-    half, tip, palm = grasp.opening_m / 2, 0.009, -0.045
-    corners = [(0, -half, tip), (0, -half, palm), (0, 0, palm), (0, 0, palm - 0.04), (0, 0, palm), (0, half, palm)]
-    outline = np.array([*corners, (0, half, tip)])
-    return np.asarray(outline @ grasp.base_from_tcp[:3, :3].T + grasp.base_from_tcp[:3, 3])
-
-
-def joint_use(runs: Sequence[SegmentRun]) -> dict[str, go.Figure]:
-    """Commanded position, velocity, acceleration and jerk of every joint as a share of its limit, over the cycle."""
+def joint_use(runs: Sequence[SegmentRun]) -> dict[str, Figure]:
+    """Commanded position, velocity, acceleration and jerk of every joint as a share of its limit, over the motion."""
     shares = [_shares(run.motion.commanded_q_rad) for run in runs]
-    starts_s = np.cumsum([0.0, *(len(run.motion.commanded_q_rad) * TICK_S for run in runs)])
+    starts_s = _starts_s(runs)
+    time_s = np.concatenate([t + np.arange(len(s["jerk"])) * TICK_S for t, s in zip(starts_s, shares, strict=True)])
     figures = {}
-    for name in ("position", "velocity", "acceleration", "jerk"):
-        figure = go.Figure()
-        time_s = np.concatenate(
-            [start + np.arange(len(share[name])) * TICK_S for start, share in zip(starts_s[:-1], shares, strict=True)]
-        )
-        values = np.concatenate([share[name] for share in shares])
-        for joint in range(7):
-            t, y = _extremes(time_s, values[:, joint])
-            figure.add_scatter(x=t, y=y, name=f"joint {joint + 1}", line={"width": 1.3, "color": _COLORS[joint]})
-        for limit in (-1, 1):
-            figure.add_hline(y=limit, line={"color": "#c43d5c", "dash": "dash", "width": 1.5})
-        _mark_segments(figure, runs, starts_s)
-        figure.update_layout(yaxis={"title": f"{name} / limit", "range": [-1.15, 1.15]}, xaxis={"title": "motion [s]"})
-        figures[name] = _plain(figure)
+    for kind in KINDS:
+        values = np.concatenate([share[kind] for share in shares]) * 100
+        largest = float(np.abs(values).max(initial=1.0))
+        most = 125.0 if largest > _NEAR_PERCENT else 1.3 * largest
+        figure = _plain(_joints(time_s, values), "motion [s]", "of the limit [%]")
+        figure["layout"]["yaxis"]["range"] = [-most, most]
+        for limit in (-100, 100):
+            _add_level(figure, limit, "", BAD)
+        _name_segments(figure, runs)
+        figures[kind] = figure
     return figures
 
 
@@ -143,6 +83,87 @@ def _shares(q_rad: Array) -> dict[str, Array]:
     }
 
 
+def tracking(runs: Sequence[SegmentRun]) -> Figure:
+    """Measured minus commanded position of every joint [mrad]."""
+    errors = []
+    for run in runs:
+        motion = run.motion
+        tick = np.minimum(np.rint(motion.t_s / TICK_S).astype(int), len(motion.commanded_q_rad)) - 1
+        errors.append((motion.q_rad - motion.commanded_q_rad[np.maximum(tick, 0)]) * 1e3)
+    return _measured(runs, np.concatenate(errors), "measured - commanded [mrad]")
+
+
+def load(runs: Sequence[SegmentRun]) -> Figure:
+    """The torque that the outside world put on every joint [Nm]: what the hand carried, what the arm touched."""
+    return _measured(runs, np.concatenate([run.motion.tau_ext_nm for run in runs]), "torque from outside [Nm]")
+
+
+def _measured(runs: Sequence[SegmentRun], values: Array, title: str) -> Figure:
+    time_s = np.concatenate([start + run.motion.t_s for start, run in zip(_starts_s(runs), runs, strict=True)])
+    figure = _plain(_joints(time_s, values), "motion [s]", title)
+    _name_segments(figure, runs)
+    return figure
+
+
+def hand_width(said: Sequence[Timed], start_ns: int, grasped_mm: float | None, least_mm: float | None) -> Figure:
+    """The hand's width over the cycle [mm], as it was said; where it closed, and what a held object is at least."""
+    time_s = np.array([(one.log_time_ns - start_ns) / 1e9 for one in said])
+    width_mm = np.array([one.message.width_m * 1e3 for one in said])
+    figure = _plain([_curve(time_s, width_mm, "width", JOINT_COLORS[0])], "cycle [s]", "hand width [mm]")
+    figure["layout"]["yaxis"]["rangemode"] = "tozero"
+    for value_mm, text, color in ((grasped_mm, "closed on", GOOD), (least_mm, "counts as empty below", BAD)):
+        if value_mm is not None:
+            _add_level(figure, value_mm, f"{text} {value_mm:.1f} mm", color)
+    return figure
+
+
+def _joints(time_s: Array, values: Array) -> list[dict[str, Any]]:
+    """One curve a joint of ``values`` (n, 7)."""
+    return [_curve(time_s, values[:, joint], f"joint {joint + 1}", JOINT_COLORS[joint]) for joint in range(7)]
+
+
+def _curve(time_s: Array, values: Array, name: str, color: str) -> dict[str, Any]:
+    x, y = _extremes(time_s, values)
+    return {"type": "scatter", "mode": "lines", "name": name, "x": x, "y": y, "line": {"width": 1.3, "color": color}}
+
+
+def _add_level(figure: Figure, y: float, text: str, color: str) -> None:
+    line = {"color": color, "dash": "dash", "width": 1.5}
+    layout = figure["layout"]
+    layout["shapes"].append({"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": y, "y1": y, "line": line})
+    side = {"x": 0, "xanchor": "left"} if color == GOOD else {"x": 1, "xanchor": "right"}
+    label = {"xref": "paper", **side, "y": y, "yanchor": "bottom", "showarrow": False}
+    layout["annotations"].append({**label, "text": text, "font": {"color": color}})
+
+
+def _starts_s(runs: Sequence[SegmentRun]) -> Array:
+    """When each run began, if one followed the other without a pause [s]."""
+    return np.cumsum([0.0, *(_length_s(run) for run in runs[:-1])])
+
+
+def _length_s(run: SegmentRun) -> float:
+    commanded_s = len(run.motion.commanded_q_rad) * TICK_S
+    return max(commanded_s, float(run.motion.t_s[-1])) if len(run.motion.t_s) else commanded_s
+
+
+def _name_segments(figure: Figure, runs: Sequence[SegmentRun]) -> None:
+    """A line where a segment begins, its name above it; runs of one name are one."""
+    starts_s, total_s = _starts_s(runs), sum(_length_s(run) for run in runs)
+    begins = [
+        (run.name, t)
+        for i, (run, t) in enumerate(zip(runs, starts_s, strict=True))
+        if i == 0 or runs[i - 1].name != run.name
+    ]
+    for (name, begin_s), (_, end_s) in zip(begins, [*begins[1:], ("", total_s)], strict=True):
+        if begin_s:
+            line = {"color": "#aab4bf", "width": 1, "dash": "dot"}
+            border = {"type": "line", "yref": "paper", "y0": 0, "y1": 1, "x0": float(begin_s), "x1": float(begin_s)}
+            figure["layout"]["shapes"].append({**border, "line": line})
+        if end_s - begin_s > _LABELLED * total_s:
+            middle = {"x": float(begin_s + end_s) / 2, "y": 1, "yref": "paper", "yanchor": "bottom"}
+            figure["layout"]["annotations"].append({**middle, "text": name, "showarrow": False, "font": {"size": 10}})
+
+
 def _extremes(t: Array, y: Array) -> tuple[Array, Array]:
     """At most two points a bucket: its smallest and its largest value, so that no peak is lost."""
     if len(y) <= 2 * _BUCKETS:
@@ -150,60 +171,15 @@ def _extremes(t: Array, y: Array) -> tuple[Array, Array]:
     chosen = []
     for part in np.array_split(np.arange(len(y)), _BUCKETS):
         chosen += sorted({int(part[y[part].argmin()]), int(part[y[part].argmax()])})
-    return t[chosen], np.round(y[chosen], 4)
+    return t[chosen], y[chosen]
 
 
-def _mark_segments(figure: go.Figure, runs: Sequence[SegmentRun], starts_s: Array) -> None:
-    last = ""
-    for run, start_s in zip(runs, starts_s[:-1], strict=True):
-        if run.name != last:
-            figure.add_vline(x=float(start_s), line={"color": "#8896a5", "width": 1, "dash": "dot"})
-            figure.add_annotation(
-                x=float(start_s), y=1.08, text=run.name, showarrow=False, xanchor="left", textangle=-35
-            )
-        last = run.name
-
-
-def hand_width(runs: Sequence[SegmentRun], grasped_width_m: float | None) -> go.Figure:
-    """The hand's width after every motion of the cycle."""
-    figure = go.Figure()
-    end_s = np.cumsum([run.motion.t_s[-1] for run in runs])
-    width_mm = [run.hand.width_m * 1e3 for run in runs]
-    names = [run.name for run in runs]
-    line = {"shape": "vh", "color": _COLORS[0]}
-    figure.add_scatter(x=end_s, y=width_mm, text=names, mode="lines+markers", name="width", line=line)
-    if grasped_width_m is not None:
-        figure.add_hline(
-            y=grasped_width_m * 1e3, annotation_text="closed on", line={"dash": "dot", "color": _COLORS[2]}
-        )
-    figure.update_layout(yaxis={"title": "hand width [mm]", "rangemode": "tozero"}, xaxis={"title": "motion [s]"})
-    return _plain(figure)
-
-
-def tracking(runs: Sequence[SegmentRun]) -> go.Figure:
-    """Measured minus commanded position of every joint [mrad]."""
-    figure = go.Figure()
-    start_s, times, errors = 0.0, [], []
-    for run in runs:
-        motion = run.motion
-        tick = np.minimum(np.rint(motion.t_s / TICK_S).astype(int), len(motion.commanded_q_rad)) - 1
-        times.append(start_s + motion.t_s)
-        errors.append((motion.q_rad - motion.commanded_q_rad[np.maximum(tick, 0)]) * 1e3)
-        start_s += float(motion.t_s[-1])
-    time_s, error_mrad = np.concatenate(times), np.concatenate(errors)
-    for joint in range(7):
-        t, y = _extremes(time_s, error_mrad[:, joint])
-        figure.add_scatter(x=t, y=y, name=f"joint {joint + 1}", line={"width": 1.2, "color": _COLORS[joint]})
-    figure.update_layout(yaxis={"title": "measured - commanded [mrad]"}, xaxis={"title": "motion [s]"})
-    return _plain(figure)
-
-
-def _plain(figure: go.Figure) -> go.Figure:
-    """No background of its own, so that it fits a light page and a dark one."""
-    return figure.update_layout(
-        paper_bgcolor="rgba(0,0,0,0)",
-        plot_bgcolor="rgba(128,140,155,0.08)",
-        font={"color": "#8593a3", "size": 12},
-        margin={"l": 60, "r": 10, "t": 50, "b": 45},
-        legend={"orientation": "h", "y": -0.22, "itemsizing": "constant"},
-    )
+def _plain(data: list[dict[str, Any]], x_title: str, y_title: str) -> Figure:
+    layout = {
+        "xaxis": {"title": {"text": x_title}, "gridcolor": GRID, "zeroline": False},
+        "yaxis": {"title": {"text": y_title}, "gridcolor": GRID, "zerolinecolor": "#c3ccd6"},
+        "paper_bgcolor": "rgba(0,0,0,0)", "plot_bgcolor": "#ffffff", "hovermode": "closest", "dragmode": False,
+        "font": FONT, "margin": {"l": 56, "r": 8, "t": 22, "b": 42}, "height": 270, "showlegend": False,
+        "shapes": [], "annotations": [],
+    }  # fmt: skip
+    return {"data": data, "layout": layout}

@@ -179,7 +179,7 @@ def record(tmp_path: Path, frame: Frame) -> Record:
                 topic.says(
                     cycle_id=name,
                     stage=stage,
-                    started_ns=1,
+                    started_ns=time_ns,
                     duration_s=0.5,
                     result=None if failure else result,
                     failure=failure,

@@ -1,0 +1,118 @@
+"""The live view, as Foxglove sees it: a real WebSocket client beside a real bus."""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Iterator
+from contextlib import closing
+from typing import Any
+
+import pytest
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from websockets.sync.client import ClientConnection, connect
+
+from bus import topics
+from bus.codec import frame_to_wire
+from bus.commands import CellState, Event
+from bus.errors import ConfigError
+from bus.messages import Frame
+from bus.session import Bus
+from logs import live
+
+pytest.importorskip("foxglove", reason="foxglove-sdk is not installed")
+
+STATE = CellState(state="Idle", stage="", cycle_id="", since_ns=1, available=("start",), reason="")
+
+
+class Viewer:
+    """A viewer of the ``foxglove.sdk.v1`` protocol; ``greeting`` is what the server says of itself."""
+
+    def __init__(self, socket: ClientConnection) -> None:
+        self._socket = socket
+        self._channels: dict[str, dict[str, Any]] = {}
+        self.greeting = json.loads(socket.recv(timeout=10))
+
+    def channel(self, topic: str) -> dict[str, Any]:
+        """What the server advertises under ``topic``, waited for."""
+        while topic not in self._channels:
+            said = self._socket.recv(timeout=10)
+            if isinstance(said, str) and (message := json.loads(said))["op"] == "advertise":
+                self._channels |= {one["topic"]: one for one in message["channels"]}
+        return self._channels[topic]
+
+    def look_at(self, topic: str) -> bytes:
+        """Subscribe, and give the first payload."""
+        subscription = {"id": 7, "channelId": self.channel(topic)["id"]}
+        self._socket.send(json.dumps({"op": "subscribe", "subscriptions": [subscription]}))
+        while True:
+            said = self._socket.recv(timeout=10)
+            if isinstance(said, bytes) and said[0] == 1 and struct.unpack_from("<I", said, 1)[0] == 7:
+                return said[13:]
+
+    def say(self, message: dict[str, Any]) -> None:
+        self._socket.send(json.dumps(message))
+
+
+@pytest.fixture
+def bus(endpoint: str) -> Iterator[Bus]:
+    with Bus.listen("sim", endpoint) as bus:
+        yield bus
+
+
+@pytest.fixture
+def view(bus: Bus) -> Iterator[live.LiveView]:
+    with closing(live.LiveView(bus, 0)) as view:
+        yield view
+
+
+@pytest.fixture
+def viewer(view: live.LiveView) -> Iterator[Viewer]:
+    with connect(f"ws://{live.HOST}:{view.port}", subprotocols=["foxglove.sdk.v1"], max_size=None) as socket:  # type: ignore[list-item]
+        yield Viewer(socket)
+
+
+def test_what_was_said_before_the_viewer_came_is_shown_to_it(bus: Bus, viewer: Viewer) -> None:
+    bus.publish(topics.STATE, STATE)
+    channel = viewer.channel("/state")
+    assert (channel["schemaName"], channel["encoding"], channel["schemaEncoding"]) == (
+        "vlad.CellState",
+        "json",
+        "jsonschema",
+    )
+    assert CellState.model_validate_json(viewer.look_at("/state")) == STATE
+
+
+def test_pictures_of_another_process_come_byte_for_byte_under_foxgloves_names(
+    bus: Bus, endpoint: str, frame: Frame, viewer: Viewer
+) -> None:
+    parts = frame_to_wire(frame)
+    with Bus.join("sim", endpoint) as camera:
+        for topic in topics.FRAME_PARTS:
+            camera.publish(topic, parts[topic.key])
+        assert viewer.channel("/camera/color")["schemaName"] == "foxglove.CompressedImage"
+        payload = viewer.look_at("/camera/color")
+    assert payload == parts["camera/color"]
+    assert CompressedImage.FromString(payload).format == "jpeg"
+
+
+def test_it_takes_nothing(bus: Bus, viewer: Viewer) -> None:
+    assert viewer.greeting["op"] == "serverInfo" and viewer.greeting["capabilities"] == []
+    viewer.say({"op": "advertise", "channels": [{"id": 1, "topic": "/state", "encoding": "json", "schemaName": ""}]})
+    bus.publish(topics.EVENT, Event(code="X", severity="info", text="still here"))
+    assert viewer.channel("/event")["schemaName"] == "vlad.Event"
+
+
+def test_a_port_in_use_is_named(bus: Bus, view: live.LiveView) -> None:
+    with pytest.raises(ConfigError, match=f"{view.port}.*--foxglove-port"):
+        live.LiveView(bus, view.port)
+
+
+def test_without_the_package_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    def absent(name: str) -> None:
+        raise ModuleNotFoundError(name)
+
+    live.sdk.cache_clear()
+    monkeypatch.setattr(live.importlib, "import_module", absent)
+    with pytest.raises(ConfigError, match=r"vlad-cell\[foxglove\]"):
+        live.sdk()
