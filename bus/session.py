@@ -27,6 +27,10 @@ from bus.topics import Topic, encoding_of
 LEASE_MS = 1000
 """A frozen or unplugged peer is noticed after this time."""
 MAX_PAYLOAD_BYTES = 64 * 1024 * 1024
+MAX_RECORDED_QUESTION_BYTES = 64 * 1024
+"""Longer questions to a cell that records are a stranger's; its commands have some hundred bytes."""
+
+_AS_ERROR = encoding_of(ErrorReply)  # a timeout is not: Zenoh itself says it
 
 MessageT = TypeVar("MessageT", bound=Message)
 
@@ -156,6 +160,8 @@ class Bus:
         heard = []
         for reply in replies:
             if reply.ok is None:
+                if topic.logged and reply.err is not None and str(reply.err.encoding) == _AS_ERROR:
+                    self._record(Heard(f"{self._short(key)}/error", _AS_ERROR, reply.err.payload.to_bytes()))
                 raise _error_from(reply.err, f"{self._short(key)!r} got no answer within {timeout_s:.1f} s.")
             name = self._short(reply.ok.key_expr)
             name = f"{name}/reply" if name == self._short(key) else name
@@ -215,13 +221,16 @@ class Bus:
     def _reply(self, topic: Topic, query: zenoh.Query, handler: Handler) -> None:
         with query:
             payload = query.payload.to_bytes() if query.payload is not None else b"{}"
-            fields = {"verb": self._short(query.key_expr).rpartition("/")[2]}
+            name = self._short(query.key_expr)
+            fields = {"verb": name.rpartition("/")[2]}
             try:
                 if len(payload) > MAX_PAYLOAD_BYTES:
                     raise BadPayload(f"The payload has {len(payload)} bytes; at most {MAX_PAYLOAD_BYTES} are accepted.")
                 answer = handler(payload, fields)
             except CellError as error:
-                query.reply_err(encode(error_reply(error)), encoding=encoding_of(ErrorReply))
+                said = encode(error_reply(error))
+                self._record_answered(topic, name, payload, [Heard(f"{name}/error", _AS_ERROR, said)])
+                query.reply_err(said, encoding=_AS_ERROR)
                 return
             except Exception as error:
                 defect = ErrorReply(
@@ -230,13 +239,21 @@ class Bus:
                     text=f"{type(error).__name__}: {error}",
                     advice="This is a defect.",
                 )
-                query.reply_err(encode(defect), encoding=encoding_of(ErrorReply))
+                query.reply_err(encode(defect), encoding=_AS_ERROR)
                 raise
             if isinstance(answer, Message):
-                answer = [Heard(self._short(query.key_expr), encoding_of(type(answer)), encode(answer))]
+                answer = [Heard(name, encoding_of(type(answer)), encode(answer))]
+            told = [part._replace(key=f"{name}/reply") if part.key == name else part for part in answer]
+            self._record_answered(topic, name, payload, told)
             for part in answer:
                 key = f"{topics.ROOT}/{self.cell_id}/{part.key}"
                 query.reply(key, part.payload, encoding=part.encoding)
+
+    def _record_answered(self, topic: Topic, name: str, question: bytes, told: list[Heard]) -> None:
+        """What we were asked and said: recorded together, when it is answered. What is far too long is not kept."""
+        if topic.logged and self.tap is not None and len(question) <= MAX_RECORDED_QUESTION_BYTES:
+            for heard in (Heard(f"{name}/query", encoding_of(topic.asks), question), *told):
+                self._record(heard)
 
     # --- be alive -----------------------------------------------------------------------------------------------------
 

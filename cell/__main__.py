@@ -15,7 +15,7 @@ import typer
 from rich.console import Console
 
 from bus.commands import CommandRequest
-from bus.errors import CellError
+from bus.errors import CellError, RecordingError
 from bus.messages import CycleResult
 from cell import calibrate, client, nodes
 from cell import watch as watching
@@ -31,6 +31,7 @@ from config.load import DEFAULT_STATION, load_station
 from config.schema import Station
 from logs.index import list_cycles
 from logs.reader import read_cycle
+from logs.recover import recover as recover_file
 from logs.report import write_report
 
 app = typer.Typer(
@@ -246,6 +247,29 @@ def show(file: File, as_json: Json = False) -> None:
         _out.print(f"  {name:<8} {stage.duration_s:6.2f} s  {stage.failure.text if stage.failure else ''}".rstrip())
     for key, value in record.metadata.items():
         _out.print(f"  [dim]{key:<24} {value}[/]")
+
+
+@app.command()
+def recover(
+    files: Annotated[list[Path], typer.Argument(help="Torn or damaged recordings (.mcap.part, .mcap).")],
+    as_json: Json = False,
+) -> None:
+    """Make torn recordings whole. Exit 0 all that was flushed is kept, 1 something is lost, 2 cannot.
+
+    A .part gets its final name; anything else is left as it is, beside a new NAME.recovered.mcap.
+    """
+    lost, failed = False, None
+    for file in files:
+        try:
+            done = recover_file(file)
+        except RecordingError as error:  # the others are recovered all the same
+            typer.echo(f"{error.code}: {error}", err=True)
+            failed = error
+            continue
+        _print_json(done.to_json()) if as_json else _out.print(done.line())
+        lost = lost or done.lost
+    if failed is not None or lost:
+        raise typer.Exit(failed.exit_code if failed is not None else 1)
 
 
 @app.command()

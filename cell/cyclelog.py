@@ -1,24 +1,33 @@
 """The record of one cycle: whatever travels on the bus while it runs, written by a thread of its own.
 
-Everything is queued at once and written in order; the file is flushed after every stage and state, and at least every
-100 ms, so that a killed daemon loses no more than that.
+Everything is queued at once and written in order; the file is flushed after every stage and state, and 100 ms after
+anything else was queued at the latest, so that a killed daemon loses no more than that. Nothing is ever left out: when
+the disk takes less than what is said, until `BACKLOG_BYTES` wait, the recording has failed, and so has the cycle.
 """
 
 from __future__ import annotations
 
+import logging
 import queue
 import threading
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import BinaryIO, NamedTuple
 
+from bus import topics
+from bus.codec import decode
 from bus.codes import Code
-from bus.errors import CycleFailure, RecordingError
+from bus.errors import BadPayload, CycleFailure, RecordingError
+from bus.messages import ModelReply
 from bus.session import Heard
-from logs.recorder import Recorder
+from logs.recorder import Recorder, open_part
+
+_log = logging.getLogger(__name__)
 
 FLUSH_PERIOD_S = 0.1
+BACKLOG_BYTES = 256 * 1024 * 1024
+"""What may wait for the disk: ten seconds of an RGB-D camera at 30 Hz."""
 _FLUSH_AFTER = ("cycle/", "state")
 
 
@@ -32,24 +41,51 @@ class CycleLog:
 
     Args:
         path: the final ``.mcap``.
-        station_json: attached as ``station.json``.
+        attachments: JSON documents by name, stored beside the messages.
         metadata: versions, seeds, hashes.
         clock_ns: UTC clock.
+        on_failure: called once, on any thread, as soon as the recording has failed: the cycle must stop.
+        opener: as `Recorder`'s.
     """
 
-    def __init__(self, path: Path, station_json: str, metadata: Mapping[str, str], clock_ns: Callable[[], int]) -> None:
+    def __init__(
+        self,
+        path: Path,
+        attachments: Mapping[str, str],
+        metadata: Mapping[str, str],
+        clock_ns: Callable[[], int],
+        on_failure: Callable[[CycleFailure], None] = lambda _: None,
+        opener: Callable[[Path], BinaryIO] = open_part,
+    ) -> None:
         self.path = path
-        self._clock_ns = clock_ns
-        self._recorder = Recorder(path, metadata=metadata, clock=clock_ns)
-        self._recorder.attach("station.json", "application/json", station_json.encode())
+        self._clock_ns, self._on_failure = clock_ns, on_failure
+        self._recorder = Recorder(path, metadata=metadata, clock=clock_ns, opener=opener)
+        for name, text in attachments.items():
+            self._recorder.attach(name, "application/json", text.encode())
+        self._recorder.flush()
         self._queue: queue.SimpleQueue[_Stamped | None] = queue.SimpleQueue()
+        self._counting = threading.Lock()
+        self._backlog_bytes = self._replies = 0
         self._error: RecordingError | None = None
         self._writer = threading.Thread(target=self._write, name="cycle-log", daemon=True)
         self._writer.start()
 
     def hear(self, heard: Heard) -> None:
-        """Queue one payload; called from any thread, never blocks."""
-        self._queue.put(_Stamped(heard, self._clock_ns()))
+        """Queue one payload; called from any thread, never waits for the disk."""
+        too_slow: RecordingError | None = None
+        with self._counting:  # queued in the order of their stamps
+            if self._error is not None:
+                return
+            if self._backlog_bytes + len(heard.payload) > BACKLOG_BYTES:
+                self._error = too_slow = RecordingError(
+                    f"The disk of {self.path} is too slow: {self._backlog_bytes / 1e6:.0f} MB wait to be written.",
+                    "Record onto a faster disk: set recording.folder.",
+                )
+            else:
+                self._backlog_bytes += len(heard.payload)
+                self._queue.put(_Stamped(heard, self._clock_ns()))
+        if too_slow is not None:
+            self._on_failure(CycleFailure(Code.RECORDING, too_slow.text))
 
     def check(self) -> None:
         """Raises: CycleFailure(RECORDING) when writing failed since the start."""
@@ -68,24 +104,59 @@ class CycleLog:
         finally:
             self._recorder.abandon()
 
+    # --- the writing thread -------------------------------------------------------------------------------------------
+
     def _write(self) -> None:
-        flushed_s = time.monotonic()
+        try:
+            self._write_all()
+        except RecordingError as error:
+            self._fail(error)
+        except Exception as defect:  # noqa: BLE001 - else the cycle would go on, and nobody would write
+            _log.exception("defect in the recording of %s", self.path)
+            self._fail(RecordingError(f"{type(defect).__name__}: {defect}.", "This is a defect."))
+
+    def _fail(self, error: RecordingError) -> None:
+        with self._counting:
+            if self._error is not None:  # said already
+                return
+            self._error = error
+        self._on_failure(CycleFailure(Code.RECORDING, error.text))
+
+    def _write_all(self) -> None:
+        """Until the end is queued. Raises: RecordingError."""
+        due_s: float | None = None  # when the oldest message that is not flushed must be
         while True:
             try:
-                item = self._queue.get(timeout=FLUSH_PERIOD_S)
+                item = self._queue.get(timeout=None if due_s is None else max(0.0, due_s - time.monotonic()))
             except queue.Empty:
-                item = _Stamped(Heard("", "", b""), 0)
-            if item is None:
+                self._recorder.flush()
+                due_s = None
+                continue
+            if item is None or self._error is not None:
                 return
             try:
-                if item.heard.key:
-                    self._recorder.write(
-                        item.heard.key, item.heard.encoding, item.heard.payload, log_time_ns=item.log_time_ns
-                    )
-                due = time.monotonic() - flushed_s > FLUSH_PERIOD_S
-                if due or item.heard.key.startswith(_FLUSH_AFTER):
-                    self._recorder.flush()
-                    flushed_s = time.monotonic()
-            except RecordingError as error:  # kept for check(): the cycle's thread turns it into a controlled stop
-                self._error = error
-                return
+                self._write_one(item)
+            except BadPayload as error:  # a stranger on the bus said what no topic says
+                _log.warning("not recorded on %s: %s", item.heard.key, error)
+            due_s = due_s or time.monotonic() + FLUSH_PERIOD_S
+            if item.heard.key.startswith(_FLUSH_AFTER) or time.monotonic() >= due_s:
+                self._recorder.flush()
+                due_s = None
+
+    def _write_one(self, item: _Stamped) -> None:
+        heard = item.heard
+        with self._counting:
+            self._backlog_bytes -= len(heard.payload)
+        self._recorder.write(heard.key, heard.encoding, heard.payload, log_time_ns=item.log_time_ns)
+        if heard.key == topics.MODEL_REPLY.key:
+            self._attach_reply(decode(ModelReply, heard.payload))
+
+    def _attach_reply(self, reply: ModelReply) -> None:
+        """Prompt, answer and picture of one call as files of their own, for whoever takes the recording apart."""
+        name = f"{self._replies:02d}-{reply.step}"
+        self._replies += 1
+        self._recorder.attach(f"prompts/{name}.txt", "text/plain", reply.prompt.encode())
+        if reply.text or reply.text_of_failure:
+            self._recorder.attach(f"replies/{name}.txt", "text/plain", (reply.text or reply.text_of_failure).encode())
+        if reply.image_png is not None:
+            self._recorder.attach(f"goal_images/{name}.png", "image/png", reply.image_png)

@@ -22,7 +22,7 @@ from cell.cycle import FAULTS, Cycle, Equipment, Say
 from cell.cyclelog import CycleLog
 from cell.feed import Feed
 from cell.gate import Gate
-from cell.runinfo import run_info
+from cell.runinfo import attachments, run_info
 from config.scene import placing_at
 from drivers.interface import Feeder
 from logs.recorder import ensure_space
@@ -53,6 +53,7 @@ class Works:
         nodes_alive: names of the nodes that are up.
         say, on_stage: publish a message; tell that a stage began.
         on_result: told every cycle's result, after its recording is closed.
+        on_fault: told what ends the cycle from outside its stages, on any thread: its recording failed.
 
     Attributes:
         gate: halted by whoever wants everything to stop, shut by a hold; every motion passes it.
@@ -69,11 +70,12 @@ class Works:
         say: Say,
         on_stage: Callable[[str], None],
         on_result: Callable[[CycleResult], None],
+        on_fault: Callable[[CycleFailure], None] = lambda _: None,
     ) -> None:
         self._equipment, self._nodes_alive = equipment, nodes_alive
         self._station = equipment.station
         self.feed = Feed(feeder, equipment.station)
-        self._say, self._on_stage, self._on_result = say, on_stage, on_result
+        self._say, self._on_stage, self._on_result, self._on_fault = say, on_stage, on_result, on_fault
         self._numbers = itertools.count()
         self._cycle: Cycle | None = None
         self.gate = Gate()
@@ -121,14 +123,17 @@ class Works:
             raise CycleFailure(Code.STOPPED, "Stopped on the way to the capture pose.")
 
     def begin(self) -> None:
-        """Open the cycle's record; in simulation, put an object on the table. Raises: CycleFailure."""
+        """Open the cycle's record; in simulation, put an object on the table. Raises: CycleFailure, RecordingError."""
+        ensure_space(self._station.recording.folder, self._station.recording.min_free_mb)
         cycle_id = self.next_cycle_id or new_cycle_id()
         self.next_cycle_id = ""
         number = next(self._numbers)
         day = datetime.now(UTC).strftime("%Y-%m-%d")
         path = self._station.recording.folder / day / f"{cycle_id}.mcap"
         station = placing_at(self._station, number)
-        self.log = CycleLog(path, station.model_dump_json(), run_info(station, cycle_id), time.time_ns)
+        self.log = CycleLog(
+            path, attachments(station), run_info(station, cycle_id), time.time_ns, on_failure=self._on_fault
+        )
         equipment = replace(self._equipment, station=station)
         self._cycle = Cycle(cycle_id, equipment, self._say, self._on_stage, self.log, self.gate)
         self._on_stage("")
