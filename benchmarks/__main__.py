@@ -11,7 +11,20 @@ from typing import Annotated, Any
 
 import typer
 
-from benchmarks import alignment, calibration, detection, grasps, intruder, models, planning, soak, stopping, travel
+from benchmarks import (
+    alignment,
+    calibration,
+    detection,
+    grasps,
+    intruder,
+    models,
+    planning,
+    recordings,
+    soak,
+    stopping,
+    torn,
+    travel,
+)
 from benchmarks.drifted import REGIMES
 from bus.commands import CommandRequest
 from bus.errors import CellError
@@ -173,6 +186,28 @@ def bus_(
 ) -> None:
     """Round trip of a 2.7 MB frame and of a command, and of the same bytes through plain Zenoh: ms, and their ratio."""
     typer.echo(json.dumps(travel.run(rounds, seed, endpoint, plain_endpoint, _teller(as_json))))
+
+
+@app.command(name="logging")
+def logging_(
+    seconds: Annotated[float, typer.Option(min=1.0)] = 20.0,
+    endpoint: Annotated[str, typer.Option(help="Free loopback endpoint for its cell.")] = "tcp/127.0.0.1:7496",
+    as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
+) -> None:
+    """Recording an RGB-D camera at 30 Hz and joints at 100 Hz: CPU, size and losses, beside foxglove-sdk."""
+    typer.echo(json.dumps(recordings.run(seconds, endpoint, _teller(as_json))))
+
+
+@app.command(name="torn")
+def torn_(
+    kills: Annotated[int, typer.Option(min=1)] = 200,
+    cells: Annotated[int, typer.Option(min=0, help="How many of them are of a whole simulated cell.")] = 4,
+    seed: int = 0,
+    endpoint: Annotated[str, typer.Option(help="Free loopback endpoint for its cells.")] = "tcp/127.0.0.1:7495",
+    as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
+) -> None:
+    """Recordings killed at random moments: messages lost of what was flushed, and files that cannot be read."""
+    typer.echo(json.dumps(torn.run(kills, min(cells, kills), seed, endpoint, _teller(as_json))))
 
 
 def _teller(quiet: bool) -> Callable[[str], None]:

@@ -29,8 +29,12 @@ from bus.topics import Topic, encoding_of
 
 __all__ = ["LEASE_MS", "MAX_PAYLOAD_BYTES", "Bus", "Handler", "Heard", "Tap"]
 
+MAX_RECORDED_QUESTION_BYTES = 64 * 1024
+"""Longer questions to a cell that records are a stranger's; its commands have some hundred bytes."""
+
 _log = logging.getLogger(__name__)
 _FIELD = re.compile(r"\{\w+\}")
+_AS_ERROR = encoding_of(ErrorReply)  # a timeout is not: Zenoh itself says it
 
 MessageT = TypeVar("MessageT", bound=Message)
 
@@ -185,6 +189,8 @@ class Bus:
         heard = []
         for reply in replies:
             if reply.ok is None:
+                if topic.logged and reply.err is not None and str(reply.err.encoding) == _AS_ERROR:
+                    self._record(Heard(f"{self._short(key)}/error", _AS_ERROR, reply.err.payload.to_bytes()))
                 raise _error_from(reply.err, f"{self._short(key)!r} got no answer within {timeout_s:.1f} s.")
             name = self._short(reply.ok.key_expr)
             name = f"{name}/reply" if name == self._short(key) else name
@@ -250,13 +256,16 @@ class Bus:
         with query:
             payload = query.payload.to_bytes() if query.payload is not None else b"{}"
             verb = str(query.key_expr).rpartition("/")[2]
+            name = _FIELD.sub(verb, topic.key)  # not the question's key: that may be a pattern over many cells
             fields = {"verb": verb}
             try:
                 if len(payload) > MAX_PAYLOAD_BYTES:
                     raise BadPayload(f"The payload has {len(payload)} bytes; at most {MAX_PAYLOAD_BYTES} are accepted.")
                 answer = handler(payload, fields)
             except CellError as error:
-                query.reply_err(encode(error_reply(error)), encoding=encoding_of(ErrorReply))
+                said = encode(error_reply(error))
+                self._record_answered(topic, name, payload, [Heard(f"{name}/error", _AS_ERROR, said)])
+                query.reply_err(said, encoding=_AS_ERROR)
                 return
             except Exception as error:
                 defect = ErrorReply(
@@ -265,11 +274,12 @@ class Bus:
                     text=f"{type(error).__name__}: {error}",
                     advice="This is a defect.",
                 )
-                query.reply_err(encode(defect), encoding=encoding_of(ErrorReply))
+                query.reply_err(encode(defect), encoding=_AS_ERROR)
                 raise
             if isinstance(answer, Message):
-                # not the question's key: that may be a pattern over many cells
-                answer = [Heard(_FIELD.sub(verb, topic.key), encoding_of(type(answer)), encode(answer))]
+                answer = [Heard(name, encoding_of(type(answer)), encode(answer))]
+            told = [part._replace(key=f"{name}/reply") if part.key == name else part for part in answer]
+            self._record_answered(topic, name, payload, told)
             for part in answer:
                 key = f"{topics.ROOT}/{self.cell_id}/{part.key}"
                 query.reply(key, part.payload, encoding=part.encoding)
@@ -279,6 +289,12 @@ class Bus:
         replies = self._get(self.key(topic), encode(request), encoding_of(topic.asks), timeout_s)
         answers = [reply.ok for reply in replies if reply.ok is not None]
         return {str(answer.key_expr).split("/")[1]: answer.payload.to_bytes() for answer in answers}
+
+    def _record_answered(self, topic: Topic, name: str, question: bytes, told: list[Heard]) -> None:
+        """What we were asked and said: recorded together, when it is answered. What is far too long is not kept."""
+        if topic.logged and self.tap is not None and len(question) <= MAX_RECORDED_QUESTION_BYTES:
+            for heard in (Heard(f"{name}/query", encoding_of(topic.asks), question), *told):
+                self._record(heard)
 
     # --- be alive -----------------------------------------------------------------------------------------------------
 

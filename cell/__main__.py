@@ -17,7 +17,7 @@ import typer
 from rich.console import Console
 
 from bus.commands import CommandRequest
-from bus.errors import CellError
+from bus.errors import CellError, RecordingError
 from bus.faults import PARTS, Fault
 from bus.messages import CycleResult
 from cell import calibrate, client, fleet, keys, nodes, recordings, replays
@@ -32,6 +32,7 @@ from cell.service import Service, takes_commands
 from config.load import DEFAULT_STATION, load_station
 from config.schema import RetrySettings
 from logs import live
+from logs.recover import recover as recover_file
 
 app = typer.Typer(
     help="VLAD Cell: picks objects it has never seen, explains every pick, and can replay it.",
@@ -265,6 +266,29 @@ def keys_(
     written = keys.make_keys(folder, hosts or [])
     _out.print("\n".join(str(path) for path in written))
     _out.print("A machine of a role gets ca.pem and that role's .pem, .key and .json5. ca.key stays here.")
+
+
+@app.command()
+def recover(
+    files: Annotated[list[Path], typer.Argument(help="Torn or damaged recordings (.mcap.part, .mcap).")],
+    as_json: Json = False,
+) -> None:
+    """Make torn recordings whole. Exit 0 all that was flushed is kept, 1 something is lost, 2 cannot.
+
+    A .part gets its final name; anything else is left as it is, beside a new NAME.recovered.mcap.
+    """
+    lost, failed = False, None
+    for file in files:
+        try:
+            done = recover_file(file)
+        except RecordingError as error:  # the others are recovered all the same
+            typer.echo(f"{error.code}: {error}", err=True)
+            failed = error
+            continue
+        _print_json(done.to_json()) if as_json else _out.print(done.line())
+        lost = lost or done.lost
+    if failed is not None or lost:
+        raise typer.Exit(failed.exit_code if failed is not None else 1)
 
 
 app.command()(replays.replay)

@@ -14,6 +14,7 @@ from cell.nodes import Supervisor
 from config.schema import Station
 from drivers import registry
 from drivers.remote import remote_devices
+from logs.recover import recover_leftovers
 from perception.models import open_models
 from planning.robot import Robot
 
@@ -48,6 +49,7 @@ def running_cell(station: Station, observer: Observer) -> Iterator[Daemon]:
             daemon = Daemon(station, bus, devices, robot, models, observer, supervisor.restarts, supervisor.end_frozen)
             daemons.append(daemon)
             daemon.open()
+            daemon.tell_recovered(recover_leftovers(station.recording.folder))
             try:
                 yield daemon
             finally:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 from bus import topics
 from bus.codec import decode
 from bus.codes import ADVICE, Code
 from bus.commands import CellHealth, CellState, CommandReply, CommandRequest, Event
-from bus.errors import BusError, CycleFailure, DriverError, Refused
+from bus.errors import BusError, CycleFailure, DriverError, RecordingError, Refused
 from bus.faulty import answer_faults
 from bus.frozen import Message
 from bus.messages import Attempt, CycleResult
@@ -28,6 +28,8 @@ from config.schema import Station
 from drivers.interface import Devices
 from logs.faulty import FaultyDisk
 from logs.recorder import plain
+from logs.recover import Recovered
+from logs.views import Views
 from perception.models import Models
 from perception.models.faulty import FaultyModel
 from planning.robot import Robot
@@ -80,6 +82,7 @@ class Daemon:
             self._say,
             self._on_stage,
             self._on_result,
+            self._on_fault,
             self._disk.under if self._disk is not None else plain,
         )
         self._watch = Watch(station, self._on_lost, restarts)
@@ -90,6 +93,7 @@ class Daemon:
         self._watchdog = threading.Thread(target=self._watch_over, name="watchdog", daemon=True)
         self._batch: Batch | None = None
         self._may_hold = False  # a start may, a single pick ends
+        self._views = Views(robot.base_from_tcp)
         self._saying = threading.Lock()
         self._said_state = CellState(state="", stage="", cycle_id="", since_ns=0, available=(), reason="")
         self.machine = Machine(
@@ -155,6 +159,17 @@ class Daemon:
             _log.warning("%s", error)
             return None
 
+    def tell_recovered(self, leftovers: Iterable[Recovered | RecordingError]) -> None:
+        """Say what became of the recordings that an earlier process left unfinished."""
+        for leftover in leftovers:
+            if isinstance(leftover, RecordingError):
+                event = Event(code="NOT_RECOVERED", severity="warning", text=leftover.text, advice=leftover.advice)
+            else:
+                event = Event(
+                    code="RECOVERED", severity="warning" if leftover.lost else "info", text=f"{leftover.line()}."
+                )
+            self._say(topics.EVENT, event)
+
     # --- the nodes ----------------------------------------------------------------------------------------------------
 
     def lose_node(self, name: str, text: str) -> None:
@@ -167,6 +182,10 @@ class Daemon:
         self._say(topics.EVENT, Event(code="NODE_BACK", severity="info", text=text, advice=ADVICE[Code.NODE_LOST]))
 
     def _on_lost(self, _name: str, failure: CycleFailure) -> None:
+        self._on_fault(failure)
+
+    def _on_fault(self, failure: CycleFailure) -> None:
+        """Something outside any stage failed: whatever moves stops, and the machine aborts with its reason."""
         self.machine.fault(failure)  # before what it interrupts can end by itself
         self._works.gate.halt(failure)
 
@@ -287,6 +306,8 @@ class Daemon:
     def _say(self, topic: Topic, message: Message | bytes) -> None:
         try:
             self._bus.publish(topic, message)
+            for view, picture in self._views.of(message):
+                self._bus.publish(view, picture)
         except BusError as error:  # closing: the observer below still hears it
             _log.warning("%s", error)
         self._observer(topic, message)

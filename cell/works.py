@@ -24,7 +24,7 @@ from cell.feed import Feed
 from cell.fingers import require_at
 from cell.gate import Gate
 from cell.retry import Retries
-from cell.runinfo import run_info
+from cell.runinfo import attachments, run_info
 from config.scene import placing_at
 from config.schema import Station
 from drivers.interface import Feeder
@@ -55,6 +55,7 @@ class Works:
         nodes_alive: names of the nodes that are up.
         say, on_stage: publish a message; tell that a stage began.
         on_result: told every cycle's result, after its recording is closed.
+        on_fault: told what ends the cycle from outside its stages, on any thread: its recording failed.
         under: of every recording's file (`logs.recorder.Recorder`).
 
     Attributes:
@@ -73,13 +74,14 @@ class Works:
         say: Say,
         on_stage: Callable[[str], None],
         on_result: Callable[[CycleResult], None],
+        on_fault: Callable[[CycleFailure], None] = lambda _: None,
         under: Under = plain,
     ) -> None:
         self._under = under
         self._equipment, self._nodes_alive = equipment, nodes_alive
         self._station = equipment.station
         self.feed = Feed(feeder, equipment.station)
-        self._say, self._on_stage, self._on_result = say, on_stage, on_result
+        self._say, self._on_stage, self._on_result, self._on_fault = say, on_stage, on_result, on_fault
         self._number = -1  # of the pick, however often it is tried
         self._cycle: Cycle | None = None
         self.gate = Gate()
@@ -131,14 +133,20 @@ class Works:
             raise CycleFailure(Code.STOPPED, "Stopped on the way to the capture pose.")
 
     def begin(self) -> None:
-        """Open the cycle's record; in simulation, put an object on the table. Raises: CycleFailure."""
+        """Open the cycle's record; in simulation, put an object on the table. Raises: CycleFailure, RecordingError."""
+        ensure_space(self._station.recording.folder, self._station.recording.min_free_mb)
         attempt, self.next = self.next or Attempt(cycle_id=new_cycle_id()), None
         self._retry, self._number = None, self._number + (attempt.number == 0)
         cycle_id = attempt.cycle_id
         day = datetime.now(UTC).strftime("%Y-%m-%d")
         path = self._station.recording.folder / day / f"{cycle_id}.mcap"
         station = placing_at(self._station, self._number)
-        log = self.log = CycleLog(lambda: self._recorder(path, station, cycle_id), path, station.recording.patience_s)
+        log = self.log = CycleLog(
+            lambda: self._recorder(path, station, cycle_id),
+            path,
+            station.recording.patience_s,
+            on_failure=self._on_fault,
+        )
         equipment = replace(self._equipment, station=station)
         self._cycle = Cycle(attempt, equipment, self._say, self._on_stage, self.log, self.gate)
         self._on_stage("")
@@ -153,7 +161,9 @@ class Works:
         """Raises: RecordingError."""
         recorder = Recorder(path, metadata=run_info(station, cycle_id), clock=time.time_ns, under=self._under)
         try:
-            recorder.attach("station.json", "application/json", station.model_dump_json().encode())
+            for name, text in attachments(station).items():
+                recorder.attach(name, "application/json", text.encode())
+            recorder.flush()
         except RecordingError:
             recorder.abandon()
             raise

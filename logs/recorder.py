@@ -6,6 +6,7 @@ through an unfinished file finds every message up to the last flush.
 
 from __future__ import annotations
 
+import fcntl
 import os
 import shutil
 import threading
@@ -16,16 +17,21 @@ from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO, Protocol, cast
 
-from mcap.writer import CompressionType, Writer
-
 from bus.codec import schema_of
 from bus.errors import RecordingError
+from logs.mcapfile import McapFile
 
 PART = ".part"
 _MODE = 0o640
 _BLOCK_BYTES = 1 << 20
-_PROFILE, _LIBRARY = "", "vlad-cell"
 _MESSAGE_ENCODING = {"jsonschema": "json", "protobuf": "protobuf"}
+
+
+def open_part(path: Path) -> BinaryIO:
+    """Open a new recording for writing. It is locked while a process writes it, so that nobody takes it for torn."""
+    file = os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, _MODE), "wb")
+    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    return file
 
 
 def ensure_space(folder: Path, min_free_mb: float) -> None:
@@ -87,12 +93,10 @@ class Recorder:
         self._sequence: dict[int, int] = {}
         with _as_recording_error(path):
             path.parent.mkdir(parents=True, exist_ok=True)
-            descriptor = os.open(self._part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, _MODE)
-            self._file = _Summed(under(os.fdopen(descriptor, "wb")))
-            self._writer = Writer(cast(BinaryIO, self._file), compression=CompressionType.ZSTD, enable_data_crcs=True)
+            self._file = _Summed(under(open_part(self._part)))
             try:
-                self._writer.start(profile=_PROFILE, library=_LIBRARY)
-                self._writer.add_metadata("run", dict(metadata))
+                self._writer = McapFile(cast(BinaryIO, self._file))
+                self._writer.metadata("run", metadata)
             except OSError:
                 self.abandon()
                 raise
@@ -106,18 +110,18 @@ class Recorder:
         with self._lock, _as_recording_error(self.path):
             channel = self._channel(key, encoding)
             self._sequence[channel] = sequence = self._sequence.get(channel, 0) + 1
-            self._writer.add_message(channel, log_time_ns, payload, log_time_ns, sequence)
+            self._writer.message(channel, log_time_ns, payload, log_time_ns, sequence)
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
         """Store a whole file beside the messages."""
         now_ns = self._clock()
         with self._lock, _as_recording_error(self.path):
-            self._writer.add_attachment(now_ns, now_ns, name, media_type, data)
+            self._writer.attachment(now_ns, name, media_type, data)
 
     def flush(self) -> None:
         """Close the chunk and hand everything to the operating system."""
         with self._lock, _as_recording_error(self.path):
-            self._writer.flush()  # type: ignore[no-untyped-call]
+            self._writer.flush()
 
     def close(self, result: Mapping[str, str]) -> Path:
         """Write ``result``, the index and the footer, sync, read it back, and give the file its final name; idempotent.
@@ -126,8 +130,8 @@ class Recorder:
         """
         with self._lock, _as_recording_error(self.path):
             if not self._file.closed:
-                self._writer.add_metadata("result", dict(result))
-                self._writer.finish()  # type: ignore[no-untyped-call]
+                self._writer.metadata("result", result)
+                self._writer.finish()
                 self._file.flush()
                 os.fsync(self._file.fileno())
                 self._file.close()
@@ -163,9 +167,9 @@ class Recorder:
             return known
         schema = schema_of(encoding)
         if schema.name not in self._schemas:
-            self._schemas[schema.name] = self._writer.register_schema(schema.name, schema.encoding, schema.data)
+            self._schemas[schema.name] = self._writer.schema(schema.name, schema.encoding, schema.data)
         message_encoding = _MESSAGE_ENCODING[schema.encoding]
-        channel: int = self._writer.register_channel(f"/{key}", message_encoding, self._schemas[schema.name])
+        channel = self._writer.channel(f"/{key}", message_encoding, self._schemas[schema.name])
         self._channels[key, encoding] = channel
         return channel
 

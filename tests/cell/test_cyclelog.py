@@ -134,7 +134,7 @@ def test_a_slow_disk_is_waited_for(tmp_path: Path) -> None:
 
 
 def test_what_waits_for_a_slow_disk_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cell.cyclelog._MAX_WAITING_BYTES", 1000)
+    monkeypatch.setattr("cell.cyclelog.BACKLOG_BYTES", 1000)
     bench = Bench(tmp_path, Fault.STUCK)
     for _ in range(100):
         bench.log.hear(HAND)

@@ -170,6 +170,9 @@ def test_everything_else_comes_back_in_order_with_its_time(recording: Path) -> N
     assert cycle.metadata == {
         "cycle_id": CYCLE_ID,
         "seed": "7",
+        "schema": "2",
+        "commit": "unknown",
+        "dirty": "unknown",
         "result": "SUCCESS",
         "code": "",
         "reason": "Held.",
