@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
-from benchmarks import alignment, calibration, detection, grasps, intruder, models, planning, stopping
+from benchmarks import alignment, calibration, detection, fleet, grasps, intruder, models, planning, stopping
 from benchmarks.drifted import REGIMES
 from bus.commands import CommandRequest
 from bus.errors import CellError
@@ -146,6 +146,17 @@ def stop_(
 ) -> None:
     """A stop, hold, abort and a lost lease in the middle of a pick: until the brake begins [ms], and until rest [s]."""
     typer.echo(json.dumps(stopping.run(repeats, seed, endpoint, _teller(as_json))))
+
+
+@app.command(name="fleet")
+def fleet_(
+    cells: Annotated[int, typer.Option(min=1)] = 50,
+    seconds: Annotated[float, typer.Option(min=0.1)] = 20.0,
+    endpoint: Annotated[str, typer.Option(help="Free loopback endpoint for its router.")] = "tcp/127.0.0.1:7499",
+    as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
+) -> None:
+    """Light cells on one router, heard as `cell fleet` and a viewer see them: age of every state [ms]."""
+    typer.echo(json.dumps(fleet.run(cells, seconds, endpoint, _teller(as_json))))
 
 
 def _teller(quiet: bool) -> Callable[[str], None]:

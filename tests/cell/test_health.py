@@ -83,6 +83,16 @@ def test_a_loop_far_below_its_rate_is_a_problem_although_it_answers() -> None:
     assert bench.watch.health().nodes["sim"].problems == ("arm.state at 41 of 100 Hz",)
 
 
+def test_words_that_are_no_health_are_counted_and_are_no_sign_of_life() -> None:
+    bench = Bench(stale_s=5.0)
+    bench.watch.change("sim", True)
+    bench.hear("node/sim/health", b'{"name": "sim", "pid": "many"}')
+    bench.hear("node/stranger/health", b"[" * 5000)
+    health = bench.watch.health()
+    assert health.nodes["sim"].problems == ("1 malformed words about itself",)
+    assert health.nodes["sim"].said is None and set(health.nodes) == {"sim"}
+
+
 # --- real processes ---------------------------------------------------------------------------------------------------
 
 
