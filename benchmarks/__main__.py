@@ -15,6 +15,7 @@ from benchmarks import (
     alignment,
     calibration,
     detection,
+    fleet,
     grasps,
     intruder,
     models,
@@ -208,6 +209,17 @@ def torn_(
 ) -> None:
     """Recordings killed at random moments: messages lost of what was flushed, and files that cannot be read."""
     typer.echo(json.dumps(torn.run(kills, min(cells, kills), seed, endpoint, _teller(as_json))))
+
+
+@app.command(name="fleet")
+def fleet_(
+    cells: Annotated[int, typer.Option(min=1)] = 50,
+    seconds: Annotated[float, typer.Option(min=0.1)] = 20.0,
+    endpoint: Annotated[str, typer.Option(help="Free loopback endpoint for its router.")] = "tcp/127.0.0.1:7499",
+    as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
+) -> None:
+    """Light cells on one router, heard as `cell fleet` and a viewer see them: age of every state [ms]."""
+    typer.echo(json.dumps(fleet.run(cells, seconds, endpoint, _teller(as_json))))
 
 
 def _teller(quiet: bool) -> Callable[[str], None]:

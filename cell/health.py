@@ -44,6 +44,7 @@ class Watch:
     ) -> None:
         self._nodes = station.nodes
         self._stale_s, self._frozen_s = station.bus.stale_s, station.bus.frozen_s
+        self._known = {key for name in station.nodes for key in self._streams(name)}
         self._on_lost, self._restarts = on_lost, restarts
         self._changing = threading.Lock()
         self._alive: set[str] = set()
@@ -84,6 +85,8 @@ class Watch:
 
     def hear(self, heard: Heard) -> None:
         """A stream said something; it counts when that can be read, and is not what it said before."""
+        if heard.key not in self._known:  # a stranger's
+            return
         try:
             stamp_ns = self._read(heard)
         except BadPayload as error:
@@ -168,6 +171,8 @@ class Watch:
             return ["not up"]
         with self._changing:
             problems = [f"silent on {key}" for key in self._streams(name) if key in self._silent]
+            unreadable = [key for key in self._streams(name) if self._useless.get(key) == _UNREADABLE]
+            problems += [f"says what cannot be read on {key}" for key in unreadable]
         said = self._said.get(name)
         for loop, runs in (said.loops if said is not None and said.uptime_s > _YOUNG_S else {}).items():
             if runs.rate_hz < _SLOW * runs.target_hz:

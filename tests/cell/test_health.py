@@ -144,6 +144,16 @@ def test_a_stream_that_its_node_cannot_say_is_a_lost_device() -> None:
     assert lost.failure is Code.DEVICE_LOST and "The arm no longer answers" in lost.text
 
 
+def test_words_that_are_no_health_are_a_problem_and_no_sign_of_life() -> None:
+    bench = Bench(stale_s=5.0)
+    bench.watch.change("sim", True)
+    bench.hear("node/sim/health", b'{"name": "sim", "pid": "many"}')
+    bench.hear("node/stranger/health", b"[" * 5000)
+    health = bench.watch.health()
+    assert health.nodes["sim"].problems == ("says what cannot be read on node/sim/health",)
+    assert health.nodes["sim"].said is None and set(health.nodes) == {"sim"}
+
+
 # --- real processes ---------------------------------------------------------------------------------------------------
 
 
