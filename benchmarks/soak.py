@@ -54,7 +54,7 @@ _NEXT_COMMAND = {"Aborted": "clear", "Stopped": "reset", "Complete": "reset"}
 _PATIENCE_S = 60.0
 _WARM_UP = 20
 _QUICK = ("verify.hold_s=0.3", "verify.samples=2", "perception.hosted.deadline_s=0.3", "recording.patience_s=1.5",
-          "arm.rest_s=4", "bus.stale_s=3", "bus.frozen_s=3.5", "bus.ask_timeout_s=4")  # fmt: skip
+          "arm.rest_s=4", "bus.stale_s=3", "bus.frozen_s=3.5", "bus.ask_timeout_s=8")  # fmt: skip
 """Deadlines as short as they may be: nothing waits for a fault longer than it must."""
 
 
