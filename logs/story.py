@@ -73,7 +73,7 @@ def tell(record: CycleRecord) -> Story:
     length_s = (max([*ends_ns, *(said.log_time_ns for said in (*states, *record.events))], default=0) - start_ns) / 1e9
     begun = [said.message.stage for said in states if said.message.stage]
     return Story(
-        outcome=result.result if result is not None else UNFINISHED,
+        outcome=result.result if result is not None else record.metadata.get("result", UNFINISHED),
         code=result.code.value if result is not None and result.code is not None else "",
         object=result.object if result is not None else "",
         why=why,
@@ -90,7 +90,8 @@ def _why(record: CycleRecord) -> tuple[str, str]:
     """The reason and the advice; a fault that the cell reported meanwhile is the cause behind a mere stop."""
     result = record.result
     if result is None:
-        why, advice = "The recording holds no result: the cycle was not finished.", ""
+        nothing = "The recording holds no result: the cycle was not finished."
+        why, advice = record.metadata.get("reason") or nothing, ""
     else:
         why, advice = result.reason, ADVICE[result.code] if result.code is not None else ""
     faults = [said.message for said in record.events if said.message.severity == "error"]
@@ -118,7 +119,8 @@ def _spans(record: CycleRecord, start_ns: int, length_s: float) -> Iterator[Span
     """The machine's states, one span each however often it was said."""
     said = [(said.message.state, (said.log_time_ns - start_ns) / 1e9) for said in record.states]
     changes = [one for before, one in zip([("", 0.0), *said], said, strict=False) if before[0] != one[0]]
-    for (name, begin_s), (_, end_s) in zip(changes, [*changes[1:], ("", length_s)], strict=True):
+    ends_s = [*(begin_s for _, begin_s in changes[1:]), length_s]
+    for (name, begin_s), end_s in zip(changes, ends_s, strict=False):
         yield Span(name, begin_s, end_s)
 
 

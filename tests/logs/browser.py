@@ -103,6 +103,9 @@ def chromium(program: str, profile: Path) -> Iterator[Page]:
             host = address.split("/devtools/")[0]
             with connect(f"{host}/devtools/page/{target}", max_size=None) as socket:
                 yield Page(socket)
+            browser.send(json.dumps({"id": 1, "method": "Browser.close"}))
+            browser.recv(timeout=_ANSWER_S)
+            process.communicate(timeout=_ANSWER_S)
     finally:
-        process.terminate()
-        process.communicate(timeout=20)
+        process.kill()
+        process.communicate()

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import re
 import struct
 from collections.abc import Iterator
 from contextlib import closing
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -116,3 +118,11 @@ def test_without_the_package_it_says_what_to_install(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(live.importlib, "import_module", absent)
     with pytest.raises(ConfigError, match=r"vlad-cell\[foxglove\]"):
         live.sdk()
+
+
+def test_the_layout_shows_topics_that_exist() -> None:
+    layout = json.loads((Path(__file__).parents[2] / "docs" / "foxglove" / "vlad-cell.json").read_text())
+    shown = set(re.findall(r'"/([a-z/]+?)(?:"|\.)', json.dumps(layout["configById"])))
+    assert shown and shown <= {topic.key for topic in topics.TOPICS}
+    panels = set(re.findall(r'"(\w+!\w+)"', json.dumps(layout["layout"])))
+    assert panels == layout["configById"].keys()

@@ -49,7 +49,7 @@ def test_a_section_that_was_not_reached_says_where_the_cycle_ended(record: Recor
 
 
 def test_a_recording_without_a_result_is_told_as_unfinished(record: Record, tmp_path: Path) -> None:
-    torn = replace(read_cycle(record()), result=None)
+    torn = replace(read_cycle(record()), result=None, metadata={"cycle_id": "1"})
     page = write_report(torn, tmp_path / "page.html").read_text()
     assert "UNFINISHED" in page and "the cycle was not finished" in page
 

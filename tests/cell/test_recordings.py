@@ -1,0 +1,81 @@
+"""``cell cycles``, ``show`` and ``report`` as an operator uses them, on recordings made for the tests."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from bus.codes import Code
+from bus.errors import ConfigError, RecordingError
+from cell.__main__ import app
+from logs.recorder import Recorder
+
+EARLY, LATE = "20260101T080000000", "20260101T120000000"
+
+
+@pytest.fixture
+def station(tmp_path: Path) -> list[str]:
+    """``--config`` of a station whose recordings folder holds one picked and one failed cycle."""
+    folder = tmp_path / "recordings"
+    _recorded(folder, EARLY, {"result": "SUCCESS", "reason": "Held."})
+    _recorded(folder, LATE, {"result": "FAILED", "code": Code.NO_GRASP, "reason": "Too wide."})
+    text = (Path(__file__).parents[2] / "config" / "sim.toml").read_text()
+    path = tmp_path / "station.toml"
+    path.write_text(f"{text}\n[recording]\nfolder = '{folder}'\n")
+    return ["--config", str(path)]
+
+
+def _recorded(folder: Path, cycle_id: str, result: dict[str, str]) -> None:
+    recorder = Recorder(folder / f"{cycle_id}.mcap", metadata={"cycle_id": cycle_id, "commit": "abc"}, clock=lambda: 1)
+    recorder.attach("station.json", "application/json", b"{}")
+    recorder.close(result)
+
+
+def _cell(*arguments: str) -> Result:
+    return CliRunner().invoke(app, arguments)
+
+
+def test_cycles_are_listed_newest_first_one_a_line(station: list[str]) -> None:
+    head, late, early = _cell("cycles", *station).stdout.splitlines()
+    assert head.split() == ["cycle", "result", "code", "object", "time", "try", "why"]
+    assert late.split() == [LATE, "FAILED", "NO_GRASP", "1", "Too", "wide."]
+    assert early.split()[:2] == [EARLY, "SUCCESS"]
+
+
+@pytest.mark.parametrize(
+    "options", [("--failed",), ("--code", "NO_GRASP"), ("--last", "1"), ("--day", "2026-01-01", "--last", "1")]
+)
+def test_cycles_are_filtered(station: list[str], options: tuple[str, ...]) -> None:
+    (line,) = _cell("cycles", *station, "--json", *options).stdout.splitlines()
+    assert json.loads(line)["cycle_id"] == LATE
+
+
+def test_show_takes_a_part_of_an_id_and_says_why(station: list[str]) -> None:
+    done = _cell("show", "T12", *station)
+    assert done.exit_code == 0
+    assert "FAILED: Too wide." in done.stdout and f"{LATE}.mcap" in done.stdout and "abc" in done.stdout
+    assert json.loads(_cell("show", LATE, *station, "--json").stdout)["metadata"]["commit"] == "abc"
+
+
+def test_a_cycle_that_is_not_there_is_named(station: list[str]) -> None:
+    for command in ("show", "report", "replay"):
+        error = _cell(command, "412", *station).exception
+        assert isinstance(error, RecordingError) and "no cycle 412" in error.text
+
+
+def test_a_report_lies_beside_its_recording_or_where_it_is_asked_for(station: list[str], tmp_path: Path) -> None:
+    page = tmp_path / "page.html"
+    assert _cell("report", LATE, *station, "--output", str(page)).stdout.split() == [str(page)]
+    assert _cell("report", LATE, *station).stdout.split() == [str(tmp_path / "recordings" / f"{LATE}.html")]
+    assert "Too wide." in page.read_text()
+
+
+def test_a_folder_gets_a_page_a_cycle_and_one_a_day(station: list[str], tmp_path: Path) -> None:
+    folder = tmp_path / "recordings"
+    assert _cell("report", str(folder)).stdout.split() == [str(folder / "index.html")]
+    assert {path.name for path in folder.glob("*.html")} == {f"{EARLY}.html", f"{LATE}.html", "index.html"}
+    with pytest.raises(ConfigError, match="--output"):
+        raise _cell("report", str(folder), "-o", str(tmp_path / "x.html")).exception or AssertionError
