@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import struct
 from collections import defaultdict
 from collections.abc import Iterator
@@ -17,13 +18,14 @@ from mcap.stream_reader import StreamReader
 
 from bus import topics
 from bus.codec import decode, frame_from_wire
-from bus.commands import CellState, Event
+from bus.commands import CellState, Event, Health
 from bus.errors import BadPayload, RecordingError
 from bus.messages import Attempt, CycleResult, Execution, Frame, HandState, ModelReply, Observation, StageRecord, View
 from logs.recorder import PART
 
 STAGE_TOPICS = (topics.CAPTURE, topics.DETECT, topics.PLAN, topics.EXECUTE, topics.VERIFY, topics.DELIVER)
 _STATION = "station.json"
+_HEALTH = re.compile(topics.NODE_HEALTH.key.format(name="[^/]+"))
 
 DAMAGE = (
     McapError,
@@ -58,6 +60,7 @@ class CycleRecord:
         observation, after: what was seen before the pick, and while holding; None when not reached.
         replies: every call to the goal-image model, in order.
         states, events, hand: what the cell and the hand said, in order.
+        health: what the nodes said of themselves, node by node.
     """
 
     cycle_id: str
@@ -72,6 +75,7 @@ class CycleRecord:
     states: tuple[Timed, ...] = ()
     events: tuple[Timed, ...] = ()
     hand: tuple[Timed, ...] = ()
+    health: tuple[Timed, ...] = ()
 
 
 @dataclass
@@ -148,6 +152,7 @@ def _cycle(raw: _Raw) -> CycleRecord:
         states=_timed(raw, topics.STATE.key, CellState),
         events=_timed(raw, topics.EVENT.key, Event),
         hand=_timed(raw, topics.HAND_STATE.key, HandState),
+        health=tuple(said for key in raw.payloads if _HEALTH.fullmatch(key) for said in _timed(raw, key, Health)),
     )
 
 
