@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import struct
 from collections.abc import Iterator
 from contextlib import suppress
@@ -17,7 +18,7 @@ from mcap.stream_reader import StreamReader
 
 from bus import topics
 from bus.codec import decode, frame_from_wire
-from bus.commands import CellState, Event
+from bus.commands import CellState, Event, Health
 from bus.errors import BadPayload, RecordingError
 from bus.messages import Attempt, CycleResult, Execution, Frame, HandState, ModelReply, Observation, StageRecord, View
 from logs.migrate import Content, migrate
@@ -27,6 +28,7 @@ STAGE_TOPICS = (topics.CAPTURE, topics.DETECT, topics.PLAN, topics.EXECUTE, topi
 _STATION = "station.json"
 RECOVERED = "recovered"
 """Key of the metadata of a recording that was made whole again; it may end anywhere."""
+_HEALTH = re.compile(topics.NODE_HEALTH.key.format(name="[^/]+"))
 
 DAMAGE = (
     McapError,
@@ -61,6 +63,7 @@ class CycleRecord:
         observation, after: what was seen before the pick, and while holding; None when not reached.
         replies: every call to the goal-image model, in order.
         states, events, hand: what the cell and the hand said, in order.
+        health: what the nodes said of themselves, node by node.
     """
 
     cycle_id: str
@@ -75,6 +78,7 @@ class CycleRecord:
     states: tuple[Timed, ...] = ()
     events: tuple[Timed, ...] = ()
     hand: tuple[Timed, ...] = ()
+    health: tuple[Timed, ...] = ()
 
 
 def read_cycle(path: Path) -> CycleRecord:
@@ -146,6 +150,7 @@ def _cycle(raw: Content) -> CycleRecord:
         states=_timed(raw, topics.STATE.key, CellState),
         events=_timed(raw, topics.EVENT.key, Event),
         hand=_timed(raw, topics.HAND_STATE.key, HandState),
+        health=tuple(said for key in raw.payloads if _HEALTH.fullmatch(key) for said in _timed(raw, key, Health)),
     )
 
 

@@ -242,7 +242,7 @@ def _facts(record: CycleRecord) -> list[Fact]:
 
 
 def _log(record: CycleRecord, story: Story) -> list[dict[str, Any]]:
-    """States, stages and events in the order of time: {at_s, kind, text, bad}."""
+    """States, stages, events and the nodes' faults in the order of time: {at_s, kind, text, bad}."""
     lines = [
         {"at_s": span.start_s, "kind": "state", "text": span.name, "bad": span.name == "Aborting"}
         for span in story.states
@@ -251,6 +251,11 @@ def _log(record: CycleRecord, story: Story) -> list[dict[str, Any]]:
         {"at_s": line.start_s + line.took_s, "kind": line.name, "text": line.said or "done", "bad": line.failed}
         for line in story.stages
     ]
+    said = {(one.message.name, one.message.last_fault): one for one in reversed(record.health)}  # each when first heard
+    for (node, fault), one in said.items():
+        if fault:
+            at_s = (one.log_time_ns - story.start_ns) / 1e9
+            lines.append({"at_s": at_s, "kind": f"node {node}", "text": f"newest fault: {fault}", "bad": True})
     for at_ns, event in record.events:
         text = f"{event.code}: {event.text} {event.advice}".strip()
         at_s = (at_ns - story.start_ns) / 1e9

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from bus.commands import Event
+from bus.commands import Event, Health
 from bus.errors import RecordingError
 from bus.messages import Attempt
 from logs.days import INDEX, days, write_cycle, write_day
@@ -19,6 +19,7 @@ from logs.story import tell
 from tests.logs.browser import Page, chromium, find_chromium
 
 Record = Callable[..., Path]
+HOSTILE = "<script>alert('arm')</script>"
 SECTIONS = ("timeline", "seen", "imagined", "aligned", "grasps", "plan", "motion", "verdict", "log", "configuration",
             "about")  # fmt: skip
 FIGURES = {"clouds", *(f"joints-{n}" for n in range(4)), *(f"hand-{n}" for n in range(3))}
@@ -58,6 +59,13 @@ def test_a_fault_of_the_cell_is_named_as_the_cause_behind_a_stop(record: Record)
     fault = Event(code="ABORTING", severity="error", text="The node 'sim' hangs. Check its cable.", advice="")
     story = tell(replace(read_cycle(record("detect")), events=(Timed(2, fault),)))
     assert story.why == "So it ended. The node 'sim' hangs. Check its cable."
+
+
+def test_the_log_tells_the_faults_of_the_nodes_once(record: Record, tmp_path: Path) -> None:
+    health = Health(name="sim", pid=1, uptime_s=1.0, answered=1, failed=1, last_fault=f"arm: {HOSTILE}")
+    told = replace(read_cycle(record()), health=(Timed(1, health), Timed(2, health)))
+    page = write_report(told, tmp_path / "page.html").read_text()
+    assert _section(page, "log").count("arm: &lt;script&gt;") == 1 and HOSTILE not in page
 
 
 def test_the_tries_of_one_pick_lead_to_each_other(record: Record, tmp_path: Path) -> None:
