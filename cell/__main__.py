@@ -243,6 +243,8 @@ def show(file: File, as_json: Json = False) -> None:
     if record.result is not None:
         result = record.result
         _out.print(f"[bold]{result.result}[/] {result.code or ''} {result.object}: {result.reason}")
+    else:
+        _out.print(f"[bold]{record.metadata.get('result', 'UNFINISHED')}[/] {record.metadata.get('reason', '')}")
     for name, stage in record.stages.items():
         _out.print(f"  {name:<8} {stage.duration_s:6.2f} s  {stage.failure.text if stage.failure else ''}".rstrip())
     for key, value in record.metadata.items():
