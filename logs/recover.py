@@ -40,7 +40,7 @@ _KINDS: dict[int, Any] = {
 _INTERRUPTED = {
     "result": "INTERRUPTED",
     "code": "",
-    "reason": "The process that recorded this cycle ended in the middle of it.",
+    "reason": "The recording ends in the middle of the cycle: its process was killed, or its disk full.",
 }
 
 

@@ -24,8 +24,10 @@ from cell import client
 from cell.__main__ import app
 from config.schema import Station
 from drivers.remote import RemoteArm
+from logs.reader import read_cycle
 
 Cell = tuple[subprocess.Popen[str], Station]
+GOLDEN = Path(__file__).parents[1] / "golden" / "cycle-schema2.mcap"
 EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "trigger.py"
 
 
@@ -37,8 +39,9 @@ def _cell(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 @pytest.fixture(scope="module")
 def lines(tmp_path_factory: pytest.TempPathFactory, new_endpoint: Callable[[], str]) -> list[dict[str, Any]]:
-    """What ``cell start --cycles 2 --json`` prints."""
+    """What ``cell start --cycles 2 --json`` prints, where an earlier process was killed in the middle of a cycle."""
     folder = tmp_path_factory.mktemp("recordings")
+    (folder / "torn.mcap.part").write_bytes(GOLDEN.read_bytes()[:1_000_000])
     options = ["--set", f"bus.endpoint={new_endpoint()}", "--set", f"recording.folder={folder}"]
     done = _cell("start", "--cycles", "2", "--seed", "3", "--json", *options)
     assert done.returncode == 0, done.stderr
@@ -52,6 +55,13 @@ def test_one_json_object_a_cycle(lines: list[dict[str, Any]]) -> None:
         assert line["result"] == "SUCCESS" and line["code"] is None
         assert list(line["stages"]) == ["capture", "detect", "plan", "execute", "verify", "deliver"]
         assert 0 < sum(line["stages"].values()) < line["wall_s"]
+
+
+def test_what_an_earlier_process_left_is_whole_again(lines: list[dict[str, Any]]) -> None:
+    recovered = Path(lines[0]["recording"]).parents[1] / "torn.mcap"
+    cycle = read_cycle(recovered)
+    assert cycle.metadata["result"] == "INTERRUPTED" and "detect" in cycle.stages and cycle.result is None
+    assert not recovered.with_name("torn.mcap.part").exists()
 
 
 def test_a_replay_is_equal(lines: list[dict[str, Any]]) -> None:

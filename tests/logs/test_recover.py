@@ -57,7 +57,7 @@ def test_a_torn_recording_gets_its_name_and_keeps_what_was_flushed(tmp_path: Pat
     assert cycle.result is None and len(cycle.hand) == 50
     assert (cycle.metadata["result"], cycle.metadata["recovered"]) == ("INTERRUPTED", "yes")
     (entry,) = list_cycles(tmp_path)
-    assert entry.result == "INTERRUPTED" and "ended in the middle" in entry.reason
+    assert entry.result == "INTERRUPTED" and "ends in the middle" in entry.reason
 
 
 @pytest.mark.parametrize("cut", [1, 9, 40, 70, 500])
