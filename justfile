@@ -34,8 +34,9 @@ stand-in *args: stand-ins
 # Run the tests; more arguments go to pytest
 test *args: setup
     @./setup.sh stand-ins || echo "test: tests of the real drivers that need the above will be skipped" >&2
-    # two at a time; then, alone, those at 1 kHz: there only the arm's own reflex (this machine was late) is tried again
-    OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 uv run pytest -m "not realtime" -n 2 --dist loadfile "$@" || [ $? -eq 5 ]
+    # two files at a time, in their order (those of whole cells, which take longest, are among the first); then, alone,
+    # those at 1 kHz: there only the arm's own reflex (this machine was late) is tried again
+    OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 uv run pytest -m "not realtime" -n 2 --dist loadfile --no-loadscope-reorder "$@" || [ $? -eq 5 ]
     uv run pytest -m realtime --reruns 2 --only-rerun ArmReflex "$@" || [ $? -eq 5 ]
 
 # Lint, format, types, import contracts
@@ -53,15 +54,21 @@ bench *args: setup
 replay *args: setup
     uv run cell replay "$@"
 
+# Write down anew what the pure stages decide on the golden recordings; review the diff
+golden-update: setup
+    uv run python -m tests.golden.behaviour
+    git --no-pager diff --stat tests/golden
+
 # Write the report page of a recording
 report *args: setup
     uv run cell report "$@"
 
-# Regenerate docs/commands.md from the commands' own help, docs/states.md from the machine's table
+# Regenerate docs/commands.md from the commands' own help, docs/states.md and docs/faults.md from their tables
 docs: setup
     uv run typer cell.__main__ utils docs --name cell --title "Commands" --output docs/commands.md
     sed -i -e "s/&#x27;/'/g" -e 's/&gt;/>/g' docs/commands.md
     uv run python -m docs.states_page
+    uv run python -m docs.faults_page
 
 # Resolve the dependencies anew into requirements.lock
 lock:

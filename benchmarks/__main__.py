@@ -11,7 +11,21 @@ from typing import Annotated, Any
 
 import typer
 
-from benchmarks import alignment, calibration, detection, grasps, intruder, models, planning, stopping
+from benchmarks import (
+    alignment,
+    calibration,
+    detection,
+    fleet,
+    grasps,
+    intruder,
+    models,
+    planning,
+    recordings,
+    soak,
+    stopping,
+    torn,
+    travel,
+)
 from benchmarks.drifted import REGIMES
 from bus.commands import CommandRequest
 from bus.errors import CellError
@@ -146,6 +160,66 @@ def stop_(
 ) -> None:
     """A stop, hold, abort and a lost lease in the middle of a pick: until the brake begins [ms], and until rest [s]."""
     typer.echo(json.dumps(stopping.run(repeats, seed, endpoint, _teller(as_json))))
+
+
+@app.command(name="soak")
+def soak_(
+    cycles: Annotated[int, typer.Option(min=1)] = 1000,
+    faults: Annotated[str, typer.Option(help="all, none, or parts separated by commas; node is one, too.")] = "all",
+    seed: int = 1,
+    state: Annotated[Path | None, typer.Option(help="Progress file: an interrupted run goes on from it.")] = None,
+    endpoint: Annotated[str, typer.Option(help="Free loopback endpoint for its cell.")] = "tcp/127.0.0.1:7499",
+    overrides: Annotated[list[str] | None, typer.Option("--set", help="key=value")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Only the figures; progress is on stderr anyway.")] = False,
+) -> None:
+    """Simulated picks with injected faults: outcomes that docs/faults.md does not allow, cells not ready, leaks."""
+    tell = _teller(quiet=False)
+    typer.echo(json.dumps(soak.run(cycles, faults, seed, endpoint, state, tell, tuple(overrides or ()))))
+
+
+@app.command(name="bus")
+def bus_(
+    rounds: Annotated[int, typer.Option(min=10)] = 300,
+    seed: int = 1,
+    endpoint: Annotated[str, typer.Option(help="Free loopback endpoint for our bus.")] = "tcp/127.0.0.1:7499",
+    plain_endpoint: Annotated[str, typer.Option(help="Another for plain Zenoh.")] = "tcp/127.0.0.1:7500",
+    as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
+) -> None:
+    """Round trip of a 2.7 MB frame and of a command, and of the same bytes through plain Zenoh: ms, and their ratio."""
+    typer.echo(json.dumps(travel.run(rounds, seed, endpoint, plain_endpoint, _teller(as_json))))
+
+
+@app.command(name="logging")
+def logging_(
+    seconds: Annotated[float, typer.Option(min=1.0)] = 20.0,
+    endpoint: Annotated[str, typer.Option(help="Free loopback endpoint for its cell.")] = "tcp/127.0.0.1:7496",
+    as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
+) -> None:
+    """Recording an RGB-D camera at 30 Hz and joints at 100 Hz: CPU, size and losses, beside foxglove-sdk."""
+    typer.echo(json.dumps(recordings.run(seconds, endpoint, _teller(as_json))))
+
+
+@app.command(name="torn")
+def torn_(
+    kills: Annotated[int, typer.Option(min=1)] = 200,
+    cells: Annotated[int, typer.Option(min=0, help="How many of them are of a whole simulated cell.")] = 4,
+    seed: int = 0,
+    endpoint: Annotated[str, typer.Option(help="Free loopback endpoint for its cells.")] = "tcp/127.0.0.1:7495",
+    as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
+) -> None:
+    """Recordings killed at random moments: messages lost of what was flushed, and files that cannot be read."""
+    typer.echo(json.dumps(torn.run(kills, min(cells, kills), seed, endpoint, _teller(as_json))))
+
+
+@app.command(name="fleet")
+def fleet_(
+    cells: Annotated[int, typer.Option(min=1)] = 50,
+    seconds: Annotated[float, typer.Option(min=0.1)] = 20.0,
+    endpoint: Annotated[str, typer.Option(help="Free loopback endpoint for its router.")] = "tcp/127.0.0.1:7499",
+    as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
+) -> None:
+    """Light cells on one router, heard as `cell fleet` and a viewer see them: age of every state [ms]."""
+    typer.echo(json.dumps(fleet.run(cells, seconds, endpoint, _teller(as_json))))
 
 
 def _teller(quiet: bool) -> Callable[[str], None]:

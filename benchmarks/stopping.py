@@ -1,18 +1,24 @@
-"""How soon the arm brakes, and rests, after a command, an abort or a lost lease - in the middle of a real pick.
+"""How soon the arm brakes, and rests, after a command, a lost lease or a frozen node - in the middle of a real pick.
 
 Brake: the first control tick (1 kHz) whose command departs from the planned motion. Its wall time comes from the arm's
 published states, matched with the motion's own samples: the simulated arm plays ten ticks at a time, so a figure may be
 up to 10 ms too long, or its instant that much too early. Rest: the first published state after which no joint is
-faster than `REST_RAD_S`.
+faster than `REST_RAD_S`. The lease is lost by the SIGKILL of the process that holds it.
+
+A node that is frozen (SIGSTOP) cannot brake its arm, nor can anything here measure it: in simulation the frozen arm
+does not move at all. What is measured: ``noticed_ms``, SIGSTOP until the cell aborts, and, when the node goes on
+(SIGCONT, right after that), ``rest_s`` until its arm rests.
 """
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
@@ -33,10 +39,15 @@ from config.load import load_station
 from config.schema import Station
 
 TRIGGERS = ("stop", "hold", "abort", "lease_lost")
+FROZEN = "node_frozen"
 REST_RAD_S = 0.02
 _MOVING_RAD_S = 0.3
 _SAME_RAD = 1e-9
+_RECENT_NS = 2e8
+"""States older than this tell nothing of a simulator that has fallen behind meanwhile."""
 _PATIENCE_S = 60.0
+_AFTER_S = 2.0
+"""How long the arm of a node that goes on is looked at."""
 
 _PICKER = """
 import sys
@@ -46,6 +57,13 @@ with client.connect(load_station(None, sys.argv[1:])) as cell:
     cell.command("pick")
     sys.stdin.read()
 """
+
+
+class Measured(NamedTuple):
+    """Until the brake begins, or the freeze is noticed; and from the trigger, or the thaw, until the arm rests."""
+
+    first_ms: float
+    rest_s: float
 
 
 class Moment(NamedTuple):
@@ -86,69 +104,116 @@ class Witness:
     def speed_rad_s(self) -> float:
         return float(np.abs(self.states[-1].dq_rad_s).max()) if self.states else 0.0
 
+    def rest_ns(self, since_ns: int) -> int | None:
+        """Of the first state since then from which on no joint moves; None when one still does."""
+        after = [state for state in self.states if state.stamp_ns >= since_ns]
+        moving = [index for index, state in enumerate(after) if np.abs(state.dq_rad_s).max() > REST_RAD_S]
+        resting = after[moving[-1] + 1 :] if moving else after
+        return resting[0].stamp_ns if resting else None
+
 
 def run(repeats: int, seed: int, endpoint: str, tell: Callable[[str], None]) -> dict[str, Any]:
     """``repeats`` picks at real-time pace for every trigger, each interrupted at a random moment of its motion."""
-    rng = np.random.default_rng(seed)
-    figures: dict[str, Any] = {}
     with TemporaryDirectory() as folder:
-        overrides = [f"bus.endpoint={endpoint}", f"recording.folder={folder}", "sim.pace=1"]
-        station = load_station(None, overrides)
-        witness = Witness()
-
+        overrides = [f"bus.endpoint={endpoint}", f"recording.folder={folder}", "sim.pace=1", "bus.ask_timeout_s=20"]
+        station, witness = load_station(None, overrides), Witness()
         with running_cell(station, witness.observe) as daemon, Bus.join(station.cell_id, endpoint) as ear:
             ear.subscribe(topics.ARM_STATE.key, witness.hear)
+            bench = _Bench(daemon, station, overrides, witness, np.random.default_rng(seed))
+            figures: dict[str, Any] = {}
             for trigger in TRIGGERS:
-                brake_ms: list[float] = []
-                rest_s: list[float] = []
-                while len(rest_s) < repeats:
-                    witness.forget()
-                    measured = _once(trigger, daemon, station, overrides, witness, rng)
-                    if measured is not None:
-                        brake_ms.append(measured[0])
-                        rest_s.append(measured[1])
-                        tell(f"{trigger} {len(rest_s)}/{repeats}: {measured[0]:.1f} ms, {measured[1]:.3f} s")
-                figures[trigger] = _summary(brake_ms, rest_s)
+                measured = bench.measure(trigger, bench.interrupted, repeats, tell)
+                figures[trigger] = _summary(measured, "brake_ms")
+            figures[FROZEN] = _summary(bench.measure(FROZEN, bench.frozen, repeats, tell), "noticed_ms")
     return figures
 
 
-def _once(
-    trigger: str,
-    daemon: Daemon,
-    station: Station,
-    overrides: list[str],
-    witness: Witness,
-    rng: np.random.Generator,
-) -> tuple[float, float] | None:
-    """(brake [ms], rest [s]) of one pick; None when the motion was just over."""
-    with client.connect(station) as cell:
-        _make_idle(cell)
-    picker = subprocess.Popen(
-        [sys.executable, "-c", _PICKER, *overrides], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL
-    )
-    try:
-        _wait(lambda: daemon.machine.state == "Execute" and witness.speed_rad_s() > _MOVING_RAD_S, period_s=0.002)
-        time.sleep(float(rng.uniform(0.0, 0.4)))
-        if trigger == "lease_lost":
-            started_ns = time.time_ns()
-            picker.send_signal(signal.SIGKILL)
-        else:
-            with client.connect(station) as cell:
+@dataclass(frozen=True)
+class _Bench:
+    """A running cell, and what interrupts its picks."""
+
+    daemon: Daemon
+    station: Station
+    overrides: list[str]
+    witness: Witness
+    rng: np.random.Generator
+
+    def measure(
+        self, trigger: str, once: Callable[[str], Measured | None], repeats: int, tell: Callable[[str], None]
+    ) -> list[Measured]:
+        """``repeats`` figures; a pick whose motion was just over gives none, and is tried again."""
+        figures: list[Measured] = []
+        tries = iter(range(3 * repeats + 3))
+        while len(figures) < repeats:
+            assert next(tries, None) is not None, f"{trigger}: too many picks ended before they could be interrupted"
+            self.witness.forget()
+            if (measured := once(trigger)) is not None:
+                figures.append(measured)
+                tell(f"{trigger} {len(figures)}/{repeats}: {measured.first_ms:.1f} ms, {measured.rest_s:.3f} s")
+        return figures
+
+    def interrupted(self, trigger: str) -> Measured | None:
+        """One pick that a command, or the loss of its lease, interrupts."""
+        with self._moving_pick() as picker:
+            if self.witness.result is not None:
+                return None
+            if trigger == "lease_lost":
                 started_ns = time.time_ns()
-                cell.command(trigger)
-        _wait(lambda: daemon.machine.state in ("Held", "Stopped", "Aborted", "Complete"))
-        rest_ns = next((state.stamp_ns for state in _resting(witness.states, started_ns)), None)
-        if daemon.machine.state == "Held":
-            with client.connect(station) as cell:
-                cell.command("stop")
-        _wait(lambda: witness.result is not None)
-    finally:
-        picker.kill()
-        picker.communicate()
-    brake_ns = _brake_ns(witness, started_ns)
-    if brake_ns is None or rest_ns is None:
-        return None
-    return (brake_ns - started_ns) / 1e6, (rest_ns - started_ns) / 1e9
+                picker.kill()
+            else:
+                with client.connect(self.station) as cell:
+                    started_ns = time.time_ns()
+                    cell.command(trigger)
+            self._wait_for("Held", "Stopped", "Aborted", "Complete")
+            rest_ns = self.witness.rest_ns(started_ns)
+            if self.daemon.machine.state == "Held":
+                with client.connect(self.station) as cell:
+                    cell.command("stop")
+            _wait(lambda: self.witness.result is not None)
+        brake_ns = _brake_ns(self.witness, started_ns)
+        if brake_ns is None or rest_ns is None:
+            return None
+        return Measured((brake_ns - started_ns) / 1e6, (rest_ns - started_ns) / 1e9)
+
+    def frozen(self, _trigger: str) -> Measured | None:
+        """One pick whose node stands still, and goes on once the cell has noticed."""
+        with self._moving_pick():
+            if self.witness.result is not None:
+                return None
+            said = self.daemon.health().nodes["sim"].said
+            assert said is not None
+            frozen_ns = time.time_ns()
+            os.kill(said.pid, signal.SIGSTOP)
+            try:
+                self._wait_for("Aborting", "Aborted", "Complete")
+            finally:
+                noticed_ns = time.time_ns()
+                os.kill(said.pid, signal.SIGCONT)
+            self._wait_for("Aborted", "Complete")
+            time.sleep(_AFTER_S)
+        rest_ns = self.witness.rest_ns(noticed_ns)
+        if rest_ns is None or self.daemon.machine.state == "Complete":
+            return None
+        return Measured((noticed_ns - frozen_ns) / 1e6, (rest_ns - noticed_ns) / 1e9)
+
+    @contextmanager
+    def _moving_pick(self) -> Iterator[subprocess.Popen[bytes]]:
+        """The process that holds the lease of a pick whose arm has been moving for a random while."""
+        with client.connect(self.station) as cell:
+            _make_idle(cell)
+        command = [sys.executable, "-c", _PICKER, *self.overrides]
+        picker = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL)
+        try:
+            self._wait_for("Execute", period_s=0.002)
+            _wait(lambda: self.witness.speed_rad_s() > _MOVING_RAD_S or self.witness.result is not None, period_s=0.002)
+            time.sleep(float(self.rng.uniform(0.0, 0.4)))
+            yield picker
+        finally:
+            picker.kill()
+            picker.communicate()
+
+    def _wait_for(self, *states: str, period_s: float = 0.005) -> None:
+        _wait(lambda: self.daemon.machine.state in states, period_s)
 
 
 def _make_idle(cell: client.Client) -> None:
@@ -160,13 +225,6 @@ def _make_idle(cell: client.Client) -> None:
     if state != "Idle":
         cell.command("reset")
         cell.wait_for_state({"Idle"}, _PATIENCE_S)
-
-
-def _resting(states: list[Moment], since_ns: int) -> list[Moment]:
-    """The states since ``since_ns`` from which on no joint moves."""
-    after = [state for state in states if state.stamp_ns >= since_ns]
-    moving = [index for index, state in enumerate(after) if np.abs(state.dq_rad_s).max() > REST_RAD_S]
-    return after[moving[-1] + 1 :] if moving else after
 
 
 def _brake_ns(witness: Witness, triggered_ns: int) -> int | None:
@@ -183,11 +241,13 @@ def _brake_ns(witness: Witness, triggered_ns: int) -> int | None:
     if len(departs) == 0:
         return None
     tick = int(departs[0])
-    during = [one for one in witness.states if triggered_ns - tick * 1e6 < one.stamp_ns < triggered_ns]
-    return _tick_zero_ns(during, run.motion.t_s, run.motion.q_rad, tick * TICK_S) + round(tick * 1e6)
+    since_ns = triggered_ns - min(tick * 1e6, _RECENT_NS)
+    during = [one for one in witness.states if since_ns < one.stamp_ns < triggered_ns]
+    zero_ns = _tick_zero_ns(during, run.motion.t_s, run.motion.q_rad, tick * TICK_S)
+    return None if zero_ns is None else zero_ns + round(tick * 1e6)
 
 
-def _tick_zero_ns(states: list[Moment], t_s: np.ndarray, q_rad: np.ndarray, until_s: float) -> int:
+def _tick_zero_ns(states: list[Moment], t_s: np.ndarray, q_rad: np.ndarray, until_s: float) -> int | None:
     """UTC of a motion's first tick: the earliest that its samples before ``until_s``, found in ``states``, allow."""
     before = t_s < until_s
     joint = int(np.argmax(np.ptp(q_rad[before], axis=0)))
@@ -200,17 +260,15 @@ def _tick_zero_ns(states: list[Moment], t_s: np.ndarray, q_rad: np.ndarray, unti
         for state in states
         if low < sign * state.q_rad[joint] < high
     ]
-    return min(zeros)
+    return min(zeros, default=None)
 
 
-def _summary(brake_ms: list[float], rest_s: list[float]) -> dict[str, Any]:
+def _summary(measured: list[Measured], first: str) -> dict[str, Any]:
+    first_ms, rest_s = (np.array(column) for column in zip(*measured, strict=True))
     return {
-        "brake_ms": {
-            "median": round(float(np.median(brake_ms)), 1),
-            "p99": round(float(np.quantile(brake_ms, 0.99)), 1),
-        },
-        "rest_s": {"median": round(float(np.median(rest_s)), 3), "max": round(max(rest_s), 3)},
-        "n": len(rest_s),
+        first: {"median": round(float(np.median(first_ms)), 1), "p99": round(float(np.quantile(first_ms, 0.99)), 1)},
+        "rest_s": {"median": round(float(np.median(rest_s)), 3), "max": round(float(rest_s.max()), 3)},
+        "n": len(measured),
     }
 
 

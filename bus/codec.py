@@ -31,6 +31,7 @@ from bus.messages import ArmState, CameraModel, Frame
 
 MessageT = TypeVar("MessageT", bound=Message)
 _JPEG_QUALITY = 95
+_JOINTS = 7
 
 
 class Schema(NamedTuple):
@@ -188,7 +189,7 @@ def _matrix(transform: Any) -> npt.NDArray[np.float64]:
 def arm_state_to_wire(state: ArmState) -> bytes:
     """An arm state as foxglove.JointStates (effort = external torque)."""
     message = JointStates(timestamp=stamp(state.stamp_ns))
-    for index in range(7):
+    for index in range(_JOINTS):
         message.joints.add(
             name=f"fr3_joint{index + 1}",
             position=state.q_rad[index],
@@ -196,3 +197,14 @@ def arm_state_to_wire(state: ArmState) -> bytes:
             effort=state.tau_ext_nm[index],
         )
     return message.SerializeToString()
+
+
+def arm_stamp_ns(payload: bytes) -> int:
+    """When a published arm state was measured. Raises: BadPayload for what is none."""
+    try:
+        said = JointStates.FromString(payload)
+    except DecodeError as error:
+        raise BadPayload(f"Not an arm state: {error}.") from error
+    if len(said.joints) != _JOINTS:
+        raise BadPayload(f"An arm state has {_JOINTS} joints, not {len(said.joints)}.")
+    return stamp_ns(said.timestamp)

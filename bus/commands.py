@@ -9,6 +9,8 @@ from pydantic import Field, model_validator
 from bus.arrays import Transform
 from bus.frozen import Message
 
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
 
 class CommandRequest(Message):
     """A command to the cell, sent as the payload of ``command/{verb}``.
@@ -72,11 +74,15 @@ class Event(Message):
 
 
 class LoopHealth(Message):
-    """A loop of a node: how often it really runs (over the last 2 s), and how many of its rounds it has left out."""
+    """A loop of a node: how often it really runs (over the last 2 s), and how many of its rounds it has left out.
+
+    ``fault``: the error its last round ended with, "" when it went well.
+    """
 
     rate_hz: float
     target_hz: float
     missed: int
+    fault: str = ""
 
 
 class Health(Message):
@@ -136,15 +142,15 @@ class Nothing(Message):
 class HandMove(Message):
     """Open or close the fingers, without force."""
 
-    width_m: float
-    speed_m_s: float
+    width_m: Finite
+    speed_m_s: Finite
 
 
 class HandGrasp(Message):
     """Close until something is felt, and keep pressing."""
 
-    force_n: float
-    speed_m_s: float
+    force_n: Finite
+    speed_m_s: Finite
 
 
 class PresentRequest(Message):
@@ -153,7 +159,7 @@ class PresentRequest(Message):
     Where the table was filled at the start (``sim.clutter``), it stays as it is, and an object by name is refused.
     """
 
-    object: str | None
+    object: Annotated[str, Field(max_length=100)] | None
     cycle: int
     seed: int
 

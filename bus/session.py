@@ -1,16 +1,18 @@
 """One process on the bus: open Zenoh safely, publish, hear, ask, answer, be alive.
 
-Rules this file keeps so that nobody else must (measured): loopback only, no multicast and no gossip; every question is
-answered, errors included, because silence, absence and denial look alike; callbacks only enqueue; the encoding is
-always set; the session is closed on every path.
+Rules this file keeps so that nobody else must (measured): loopback only unless `bus.secured` finds the way beyond it
+safe; every question is answered, errors included, because silence, absence and denial look alike; callbacks only
+enqueue; the encoding is always set; the session is closed on every path.
 """
 
 from __future__ import annotations
 
-import json
+import logging
+import re
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, ThreadPoolExecutor
+from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple, TypeVar
 
@@ -22,11 +24,17 @@ from bus.commands import ErrorReply
 from bus.errors import BadPayload, BusError, CellError, CellUnreachable, NoReply, PortOccupied, ReplyTimeout
 from bus.frozen import Message
 from bus.remote_errors import error_from_reply, error_reply
+from bus.secured import LEASE_MS, MAX_PAYLOAD_BYTES, is_loopback, session_config
 from bus.topics import Topic, encoding_of
 
-LEASE_MS = 1000
-"""A frozen or unplugged peer is noticed after this time."""
-MAX_PAYLOAD_BYTES = 64 * 1024 * 1024
+__all__ = ["LEASE_MS", "MAX_PAYLOAD_BYTES", "Bus", "Handler", "Heard", "Tap"]
+
+MAX_RECORDED_QUESTION_BYTES = 64 * 1024
+"""Longer questions to a cell that records are a stranger's; its commands have some hundred bytes."""
+
+_log = logging.getLogger(__name__)
+_FIELD = re.compile(r"\{\w+\}")
+_AS_ERROR = encoding_of(ErrorReply)  # a timeout is not: Zenoh itself says it
 
 MessageT = TypeVar("MessageT", bound=Message)
 
@@ -43,25 +51,6 @@ Tap = Callable[[Heard], None]
 Handler = Callable[[bytes, Mapping[str, str]], "Message | list[Heard]"]
 
 
-def _zenoh_config(mode: str, *, listen: list[str], connect: list[str]) -> zenoh.Config:
-    """Loopback recipe: only the named endpoints, shared memory for publications but never for questions."""
-    return zenoh.Config.from_json5(
-        json.dumps(
-            {
-                "mode": mode,
-                "listen": {"endpoints": listen},
-                "connect": {"endpoints": connect},
-                "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
-                "transport": {
-                    "link": {"tx": {"lease": LEASE_MS}},
-                    "shared_memory": {"transport_optimization": {"messages": ["put"]}},
-                },
-                "adminspace": {"enabled": False},
-            }
-        )
-    )
-
-
 class Bus:
     """A Zenoh session that speaks the topic table of one cell.
 
@@ -73,33 +62,57 @@ class Bus:
         tap: called with everything this process publishes, asks and is answered; set by whoever records.
     """
 
-    def __init__(self, session: zenoh.Session, cell_id: str) -> None:
+    def __init__(self, session: zenoh.Session, cell_id: str, security: Path | None = None) -> None:
         self.cell_id = cell_id
         self.tap: Tap | None = None
         self._session = session
+        self._security = security
         self._lanes: dict[str, ThreadPoolExecutor] = {}
         self._declared: list[Any] = []
 
     @classmethod
-    def listen(cls, cell_id: str, endpoint: str) -> Bus:
-        """Open the cell's own endpoint. Raises: PortOccupied."""
+    def listen(
+        cls,
+        cell_id: str,
+        endpoint: str,
+        *,
+        beyond: str | None = None,
+        router: str | None = None,
+        security: Path | None = None,
+    ) -> Bus:
+        """Open the cell's own endpoint.
+
+        Args:
+            endpoint: on loopback, for this machine's programs.
+            beyond: another one, for other machines. ``router``: one to join, now or whenever it is up.
+            security: the Zenoh file that makes these two safe.
+
+        Raises: PortOccupied; ConfigError when that file does not make them safe.
+        """
+        listen = [endpoint, beyond] if beyond else [endpoint]
+        security = None if all(is_loopback(one) for one in (*listen, router) if one) else security
+        config = session_config("peer", listen=listen, connect=[router] if router else [], file=security)
         try:
-            return cls(zenoh.open(_zenoh_config("peer", listen=[endpoint], connect=[])), cell_id)
+            return cls(zenoh.open(config), cell_id, security)
         except zenoh.ZError as error:
+            also = ", or an address is not this machine's" if beyond else ""
             raise PortOccupied(
-                f"Cannot listen on {endpoint}: another program uses it.",
+                f"Cannot listen on {' and '.join(listen)}: another program uses it{also}.",
                 "Is the cell already running (`cell status`)? Else choose another port: --set bus.endpoint=...",
             ) from error
 
     @classmethod
-    def join(cls, cell_id: str, endpoint: str) -> Bus:
-        """Connect to a running cell. Raises: CellUnreachable."""
+    def join(cls, cell_id: str, endpoint: str, *, security: Path | None = None) -> Bus:
+        """Connect to a running cell, or to a router. Raises: CellUnreachable; ConfigError as `listen`."""
+        security = None if is_loopback(endpoint) else security
+        config = session_config("client", listen=[], connect=[endpoint], file=security)
         try:
-            return cls(zenoh.open(_zenoh_config("client", listen=[], connect=[endpoint])), cell_id)
+            return cls(zenoh.open(config), cell_id, security)
         except zenoh.ZError as error:
-            raise CellUnreachable(
-                f"No cell answers at {endpoint}.", "Start it with `cell start`, or name its --config."
-            ) from error
+            advice = "Start it with `cell start`, or name its --config."
+            if security is not None:
+                advice += f" Or it does not accept the certificate of {security}, or has one of another name."
+            raise CellUnreachable(f"No cell answers at {endpoint}.", advice) from error
 
     def key(self, topic: Topic, **fields: str) -> str:
         """The whole Zenoh key of ``topic`` in this cell."""
@@ -125,6 +138,22 @@ class Bus:
         if topic.logged:
             self._record(Heard(topic.key.format(**fields), encoding, payload))
 
+    def put(self, key: str, payload: bytes, encoding: str) -> None:
+        """Put bytes on a whole Zenoh ``key`` that is none of this cell's. Raises: BusError after close."""
+        try:
+            self._session.put(key, payload, encoding=encoding)
+        except zenoh.ZError as error:
+            raise BusError(f"Cannot publish {key}: the bus is closed.") from error
+
+    def is_heard(self, pattern: str) -> bool:
+        """Whether anybody else subscribes to something of ``pattern``, a whole Zenoh key expression."""
+        publisher = self._session.declare_publisher(pattern, allowed_destination=zenoh.Locality.REMOTE)
+        try:
+            status: Any = publisher.matching_status  # its stub calls it a bool; it is an object, and true
+            return bool(status.matching)
+        finally:
+            publisher.undeclare()  # type: ignore[no-untyped-call]
+
     def subscribe(self, pattern: str, callback: Callable[[Heard], None], *, own: bool = False) -> None:
         """Call ``callback`` with what others (or also we: ``own``) publish on ``pattern`` below the cell's root.
 
@@ -132,6 +161,9 @@ class Bus:
         """
 
         def hear(sample: zenoh.Sample) -> None:
+            if len(sample.payload) > MAX_PAYLOAD_BYTES:
+                _log.warning("%s: %d bytes are too many; not heard", sample.key_expr, len(sample.payload))
+                return
             callback(Heard(self._short(sample.key_expr), str(sample.encoding), sample.payload.to_bytes()))
 
         origin = zenoh.Locality.ANY if own else zenoh.Locality.REMOTE
@@ -150,12 +182,15 @@ class Bus:
             self._record(Heard(f"{self._short(key)}/query", encoding_of(topic.asks), question))
         replies = self._get(key, question, encoding_of(topic.asks), timeout_s)
         if not replies:
-            raise NoReply(
-                f"Nobody answers {self._short(key)!r}.", "Is the node that serves it running? See `cell status`."
-            )
+            advice = "Is the node that serves it running? See `cell status`."
+            if self._security is not None:
+                advice += f" Or the certificate of {self._security} may not ask this: docs/security.md."
+            raise NoReply(f"Nobody answers {self._short(key)!r}.", advice)
         heard = []
         for reply in replies:
             if reply.ok is None:
+                if topic.logged and reply.err is not None and str(reply.err.encoding) == _AS_ERROR:
+                    self._record(Heard(f"{self._short(key)}/error", _AS_ERROR, reply.err.payload.to_bytes()))
                 raise _error_from(reply.err, f"{self._short(key)!r} got no answer within {timeout_s:.1f} s.")
             name = self._short(reply.ok.key_expr)
             name = f"{name}/reply" if name == self._short(key) else name
@@ -169,7 +204,12 @@ class Bus:
         self, topic: Topic, request: Message, answer_type: type[MessageT], *, timeout_s: float, **fields: str
     ) -> MessageT:
         """The one decoded answer to one question. Raises: as `ask`, and BadPayload."""
-        return decode(answer_type, self.ask(topic, request, timeout_s=timeout_s, **fields)[0].payload)
+        answer = self.ask(topic, request, timeout_s=timeout_s, **fields)[0]
+        try:
+            return decode(answer_type, answer.payload)
+        except BadPayload as error:
+            key = topic.key.format(**fields)
+            raise BadPayload(f"{key!r} was answered with what cannot be read: {error.text}", "See its node.") from error
 
     def _get(self, key: str, payload: bytes, encoding: str, timeout_s: float) -> list[zenoh.Reply]:
         """Zenoh's replies; a queryable that is not yet in the routing table is asked again for a moment."""
@@ -215,13 +255,17 @@ class Bus:
     def _reply(self, topic: Topic, query: zenoh.Query, handler: Handler) -> None:
         with query:
             payload = query.payload.to_bytes() if query.payload is not None else b"{}"
-            fields = {"verb": self._short(query.key_expr).rpartition("/")[2]}
+            verb = str(query.key_expr).rpartition("/")[2]
+            name = _FIELD.sub(verb, topic.key)  # not the question's key: that may be a pattern over many cells
+            fields = {"verb": verb}
             try:
                 if len(payload) > MAX_PAYLOAD_BYTES:
                     raise BadPayload(f"The payload has {len(payload)} bytes; at most {MAX_PAYLOAD_BYTES} are accepted.")
                 answer = handler(payload, fields)
             except CellError as error:
-                query.reply_err(encode(error_reply(error)), encoding=encoding_of(ErrorReply))
+                said = encode(error_reply(error))
+                self._record_answered(topic, name, payload, [Heard(f"{name}/error", _AS_ERROR, said)])
+                query.reply_err(said, encoding=_AS_ERROR)
                 return
             except Exception as error:
                 defect = ErrorReply(
@@ -230,13 +274,27 @@ class Bus:
                     text=f"{type(error).__name__}: {error}",
                     advice="This is a defect.",
                 )
-                query.reply_err(encode(defect), encoding=encoding_of(ErrorReply))
+                query.reply_err(encode(defect), encoding=_AS_ERROR)
                 raise
             if isinstance(answer, Message):
-                answer = [Heard(self._short(query.key_expr), encoding_of(type(answer)), encode(answer))]
+                answer = [Heard(name, encoding_of(type(answer)), encode(answer))]
+            told = [part._replace(key=f"{name}/reply") if part.key == name else part for part in answer]
+            self._record_answered(topic, name, payload, told)
             for part in answer:
                 key = f"{topics.ROOT}/{self.cell_id}/{part.key}"
                 query.reply(key, part.payload, encoding=part.encoding)
+
+    def survey(self, topic: Topic, request: Message, *, timeout_s: float) -> dict[str, bytes]:
+        """What every cell that can be seen answers to one question, by cell id; the bus's ``cell_id`` is ``*``."""
+        replies = self._get(self.key(topic), encode(request), encoding_of(topic.asks), timeout_s)
+        answers = [reply.ok for reply in replies if reply.ok is not None]
+        return {str(answer.key_expr).split("/")[1]: answer.payload.to_bytes() for answer in answers}
+
+    def _record_answered(self, topic: Topic, name: str, question: bytes, told: list[Heard]) -> None:
+        """What we were asked and said: recorded together, when it is answered. What is far too long is not kept."""
+        if topic.logged and self.tap is not None and len(question) <= MAX_RECORDED_QUESTION_BYTES:
+            for heard in (Heard(f"{name}/query", encoding_of(topic.asks), question), *told):
+                self._record(heard)
 
     # --- be alive -----------------------------------------------------------------------------------------------------
 

@@ -12,14 +12,19 @@ from typing import Any, Literal
 from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.ImageAnnotations_pb2 import ImageAnnotations
 from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 
 from bus.commands import (
     CellHealth,
     CellState,
     CommandReply,
     CommandRequest,
+    ErrorReply,
     Event,
     HandGrasp,
     HandMove,
@@ -28,6 +33,7 @@ from bus.commands import (
     Presented,
     PresentRequest,
 )
+from bus.faults import FaultRequest
 from bus.frozen import Message
 from bus.messages import (
     ArmState,
@@ -86,6 +92,14 @@ RESULT = Topic("cycle/result", "publish", CycleResult)
 
 MODEL_REPLY = Topic("model/reply", "publish", ModelReply)
 
+# The cycle as pictures, drawn from the stages' results (`logs.views`): any viewer of Foxglove's schemas shows them.
+VIEW_COLOR = Topic("view/color", "publish", CompressedImage)
+VIEW_ANNOTATIONS = Topic("view/annotations", "publish", ImageAnnotations)
+VIEW_GOAL = Topic("view/goal", "publish", CompressedImage)
+VIEW_CLOUD = Topic("view/cloud", "publish", PointCloud)
+VIEW_SCENE = Topic("view/scene", "publish", SceneUpdate)
+VIEW_LOG = Topic("view/log", "publish", Log)
+
 # A capture is answered by the five below, one reply each; they are recorded as those replies, not as published.
 CAMERA_CAPTURE = Topic("camera/capture", "query", None, Nothing)
 CAMERA_COLOR = Topic("camera/color", "publish", CompressedImage, logged=False)
@@ -114,6 +128,9 @@ HAND_STOP = Topic("hand/stop", "query", Nothing, Nothing)
 SIM_PRESENT = Topic("sim/present", "query", Presented, PresentRequest)
 SIM_TRUTH = Topic("sim/truth", "query", Presented, Nothing)
 
+# Answered only where the station allows faults, by whoever runs that part.
+FAULT = Topic("fault/{part}", "query", Nothing, FaultRequest, logged=False)
+
 NODE_ALIVE = Topic("node/{name}", "alive")
 LEASE = Topic("lease/{name}", "alive")
 NODE_HEALTH = Topic("node/{name}/health", "publish", Health)
@@ -132,6 +149,6 @@ def encoding_of(payload_type: Any) -> str:
 
 
 def types_by_encoding() -> dict[str, Any]:
-    """Every payload type of the table by its encoding."""
+    """Every payload type of the table by its encoding, and what any question may be answered with."""
     types = [payload for topic in TOPICS for payload in (topic.says, topic.asks) if payload is not None]
-    return {encoding_of(payload): payload for payload in types}
+    return {encoding_of(payload): payload for payload in [*types, ErrorReply]}

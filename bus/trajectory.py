@@ -15,6 +15,9 @@ from bus.frozen import Message
 
 TICK_S = 0.001
 """The control period of the arm [s] (FCI, 1 kHz)."""
+MAX_SAMPLES = 300_000
+"""Five minutes: no motion of this arm is longer, and what arrives must not fill the memory."""
+MAX_WINDOW = 1000
 
 
 def moving_average(samples: JointSamples, window: int) -> JointSamples:
@@ -47,6 +50,8 @@ class Trajectory(Message):
     def _check(self) -> Trajectory:
         if len(self.raw_q_rad) < 1 or self.window < 1:
             raise ValueError("a trajectory needs at least one sample and a window of at least 1")
+        if len(self.raw_q_rad) > MAX_SAMPLES or self.window > MAX_WINDOW:
+            raise ValueError(f"a trajectory has at most {MAX_SAMPLES} samples and a window of at most {MAX_WINDOW}")
         if not np.isfinite(self.raw_q_rad).all():
             raise ValueError("a trajectory must be finite")
         return self

@@ -7,6 +7,7 @@ import logging
 import os
 import signal
 import sys
+import time
 from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
@@ -16,9 +17,10 @@ import typer
 from rich.console import Console
 
 from bus.commands import CommandRequest
-from bus.errors import CellError
+from bus.errors import CellError, RecordingError
+from bus.faults import PARTS, Fault
 from bus.messages import CycleResult
-from cell import calibrate, client, nodes, recordings
+from cell import calibrate, client, fleet, keys, nodes, recordings, replays
 from cell import watch as watching
 from cell.batch import Batch
 from cell.build import running_cell
@@ -26,11 +28,11 @@ from cell.console import Screen
 from cell.daemon import Daemon
 from cell.doctor import examine
 from cell.machine import refuse
-from cell.replay import replay_file
 from cell.service import Service, takes_commands
 from config.load import DEFAULT_STATION, load_station
-from config.schema import RetrySettings, Station
+from config.schema import RetrySettings
 from logs import live
+from logs.recover import recover as recover_file
 
 app = typer.Typer(
     help="VLAD Cell: picks objects it has never seen, explains every pick, and can replay it.",
@@ -113,6 +115,8 @@ def start(
         if until_empty:
             screen.summary(batch.summary(daemon.objects_left()))
     done = batch.is_empty if until_empty else batch.picked == cycles
+    if as_json and cycles is not None and batch.done < cycles:
+        typer.echo(batch.reason, err=True)  # a cell that aborts between cycles gives no result that says why
     if screen.interrupted.is_set() or not done:
         raise typer.Exit(1)
 
@@ -222,20 +226,72 @@ def watch(
     watching.watch(load_station(config, overrides or []), once=once)
 
 
-@app.command()
-def replay(
-    cycle: recordings.Cycle, config: Config = DEFAULT_STATION, overrides: Set = None, as_json: Json = False
+@app.command("fleet")
+def fleet_(
+    config: Config = DEFAULT_STATION,
+    endpoint: Annotated[
+        str | None, typer.Option(help="Where to look: a router's or a cell's endpoint (= --set bus.endpoint).")
+    ] = None,
+    overrides: Set = None,
+    as_json: Json = False,
 ) -> None:
-    """Run the pure stages again from a recording and compare. Exit 0 equal, 1 different, 2 cannot."""
-    outcome = replay_file(recordings.find_cycle(cycle, config), overrides or [])
+    """Every cell that can be seen from here: state, stage, since when, why, and what is wrong with it."""
+    extra = [f"bus.endpoint={endpoint}"] if endpoint is not None else []
+    members = fleet.fleet(load_station(config, [*(overrides or []), *extra]))
     if as_json:
-        _print_json(outcome.to_json())
-    else:
-        outcome.show(_out)
-    if not outcome.equal:
-        raise typer.Exit(1)
+        _print_json([member.to_json() for member in members])
+        return
+    for member in members:
+        _out.print(member.line(time.time_ns()), style="red" if member.problems else "")
+    if not members:
+        _out.print("No cell can be seen from here.")
 
 
+@app.command()
+def router(
+    config: Annotated[Path, typer.Option("--config", "-c", help="Zenoh file, e.g. the router.json5 of `cell keys`.")],
+) -> None:
+    """Run a Zenoh router, where cells and those who look after them meet; zenohd does the same with the same file."""
+    fleet.route(config, _out.print)
+
+
+@app.command("keys")
+def keys_(
+    folder: Annotated[Path, typer.Argument(help="Where to; outside of this project.")],
+    hosts: Annotated[
+        list[str] | None, typer.Option("--host", help="Address or name of the cell or the router. Repeatable.")
+    ] = None,
+) -> None:
+    """Make TLS certificates and Zenoh files for every role: cell, router, node, operator, viewer (docs/security.md)."""
+    written = keys.make_keys(folder, hosts or [])
+    _out.print("\n".join(str(path) for path in written))
+    _out.print("A machine of a role gets ca.pem and that role's .pem, .key and .json5. ca.key stays here.")
+
+
+@app.command()
+def recover(
+    files: Annotated[list[Path], typer.Argument(help="Torn or damaged recordings (.mcap.part, .mcap).")],
+    as_json: Json = False,
+) -> None:
+    """Make torn recordings whole. Exit 0 all that was flushed is kept, 1 something is lost, 2 cannot.
+
+    A .part gets its final name; anything else is left as it is, beside a new NAME.recovered.mcap.
+    """
+    lost, failed = False, None
+    for file in files:
+        try:
+            done = recover_file(file)
+        except RecordingError as error:  # the others are recovered all the same
+            typer.echo(f"{error.code}: {error}", err=True)
+            failed = error
+            continue
+        _print_json(done.to_json()) if as_json else _out.print(done.line())
+        lost = lost or done.lost
+    if failed is not None or lost:
+        raise typer.Exit(failed.exit_code if failed is not None else 1)
+
+
+app.command()(replays.replay)
 app.command()(recordings.report)
 app.command()(recordings.show)
 app.command()(recordings.cycles)
@@ -255,22 +311,39 @@ def doctor(config: Config = DEFAULT_STATION, overrides: Set = None, as_json: Jso
 
 
 @app.command()
+def fault(
+    part: Annotated[str, typer.Argument(help=f"One of: {', '.join(PARTS)}.", show_default=False)],
+    word: Annotated[Fault, typer.Argument(help="How it is to misbehave; none ends it.", show_default=False)],
+    config: Config = DEFAULT_STATION,
+    overrides: Set = None,
+    delay_s: Annotated[float | None, typer.Option("--delay-s", help="How late a slow one answers.")] = None,
+) -> None:
+    """Tell a part of a running cell to misbehave, to see what it does: docs/faults.md. Needs faults.allowed = true.
+
+    Not for a robot among people: an arm that is wrong moves elsewhere than planned, into whatever stands there. Stops
+    always reach it.
+    """
+    known = {str(one): one for one in PARTS}
+    if part not in known:
+        raise typer.BadParameter(f"{part!r} is none of {', '.join(PARTS)}.")
+    with client.connect(load_station(config, overrides or [])) as cell:
+        cell.fault(known[part], word, delay_s)
+    _out.print(f"{part}: {word}")
+
+
+@app.command()
 def node(
     name: Annotated[str, typer.Argument(help="Node of the station file.")],
     config: Config = DEFAULT_STATION,
     overrides: Set = None,
-    supervised: Annotated[bool, typer.Option("--supervised", hidden=True)] = False,
 ) -> None:
     """Serve one driver node on the bus (for nodes with run = "elsewhere"; the daemon runs the others)."""
-    if supervised:
-        raise typer.Exit(nodes.serve_supervised(name, sys.stdin, nodes.own_stdout()))
-    station: Station = load_station(config, overrides or [])
-    nodes.serve_until_interrupted(name, station)
+    nodes.serve_until_interrupted(name, load_station(config, overrides or []))
 
 
 def main() -> None:
     """Entry point: every known error becomes one clear line and its exit code, never a traceback."""
-    logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
+    logging.basicConfig(level=logging.WARNING, format=nodes.LOG_FORMAT)
     try:
         app()
     except CellError as error:

@@ -6,12 +6,15 @@ import os
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 
+from bus.errors import ConfigError
+from bus.secured import is_loopback
 from bus.session import Bus
 from cell.daemon import Daemon, Observer
 from cell.nodes import Supervisor
 from config.schema import Station
 from drivers import registry
 from drivers.remote import remote_devices
+from logs.recover import recover_leftovers
 from perception.models import open_models
 from planning.robot import Robot
 
@@ -27,7 +30,7 @@ def running_cell(station: Station, observer: Observer) -> Iterator[Daemon]:
     robot = Robot(station)
     with (
         closing(open_models(station, os.environ)) as models,
-        Bus.listen(station.cell_id, station.bus.endpoint) as bus,
+        _listen(station) as bus,
     ):
         daemons: list[Daemon] = []  # none before it is built; a node may end earlier
 
@@ -46,9 +49,23 @@ def running_cell(station: Station, observer: Observer) -> Iterator[Daemon]:
             daemon = Daemon(station, bus, devices, robot, models, observer, supervisor.restarts, supervisor.end_frozen)
             daemons.append(daemon)
             daemon.open()
+            daemon.tell_recovered(recover_leftovers(station.recording.folder))
             try:
                 yield daemon
             finally:
                 daemon.close()
         finally:
             supervisor.close()
+
+
+def _listen(station: Station) -> Bus:
+    """Raises: ConfigError, PortOccupied."""
+    settings = station.bus
+    if not is_loopback(settings.endpoint):
+        raise ConfigError(
+            f"The cell's own endpoint must be on loopback, not {settings.endpoint}.",
+            "For other machines set bus.listen, or bus.router, beside it; see docs/security.md.",
+        )
+    return Bus.listen(
+        station.cell_id, settings.endpoint, beyond=settings.listen, router=settings.router, security=settings.zenoh
+    )

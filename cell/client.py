@@ -11,7 +11,8 @@ from contextlib import contextmanager
 from bus import topics
 from bus.codec import decode
 from bus.commands import CellHealth, CellState, CommandReply, CommandRequest, Nothing
-from bus.errors import ReplyTimeout
+from bus.errors import NoReply, Refused, ReplyTimeout
+from bus.faults import Fault, FaultRequest, Part
 from bus.messages import CycleResult
 from bus.session import Bus, Heard
 from bus.topics import Topic
@@ -49,7 +50,7 @@ class Client:
     def command(
         self, verb: str, *, cycles: int = 1, until_empty: bool = False, object_name: str | None = None
     ) -> CommandReply:
-        """Send one command. Raises: Refused with code, reason and what is available."""
+        """Send one command. Raises: Refused with code, reason and what is available; NoReply from no cell."""
         if verb in NEEDS_LEASE | NEEDS_TOKEN and not self._has_lease:
             self._bus.announce(topics.LEASE, name=self.client_id)
             self._bus.alive(topics.LEASE)  # answered after the token has arrived
@@ -61,9 +62,29 @@ class Client:
             until_empty=until_empty,
             object=object_name,
         )
-        reply = self._bus.request(topics.COMMAND, request, CommandReply, timeout_s=self._timeout_s, verb=verb)
+        try:
+            reply = self._bus.request(topics.COMMAND, request, CommandReply, timeout_s=self._timeout_s, verb=verb)
+        except NoReply as error:
+            self.state()  # a cell that answers this answers every command that reaches it
+            raise Refused(
+                f"The cell is there, but {verb!r} does not reach it: this certificate may look, and not command.",
+                "Use that of an operator (bus.zenoh); the roles: docs/security.md.",
+                code="NO_RIGHT",
+            ) from error
         refuse(reply)
         return reply
+
+    def fault(self, part: Part, fault: Fault, delay_s: float | None = None) -> None:
+        """Tell a part of the cell to misbehave, from now on. Raises: Refused where nobody allows it."""
+        request = FaultRequest(fault=fault, delay_s=delay_s)
+        try:
+            self._bus.ask(topics.FAULT, request, timeout_s=self._timeout_s, part=part)
+        except NoReply as error:
+            raise Refused(
+                f"Nobody lets the {part} be spoiled.",
+                "Start the cell with --set faults.allowed=true; a node that is not up cannot be told either.",
+                code="FAULTS_NOT_ALLOWED",
+            ) from error
 
     def wait_for_state(self, wanted: set[str], timeout_s: float) -> CellState:
         """The state now, or the next one, that is of ``wanted``. Raises: ReplyTimeout."""
@@ -111,6 +132,6 @@ class Client:
 
 @contextmanager
 def connect(station: Station, also: tuple[Topic, ...] = ()) -> Iterator[Client]:
-    """A client of the station's running cell. Raises: CellUnreachable."""
-    with Bus.join(station.cell_id, station.bus.endpoint) as bus:
+    """A client of the station's running cell. Raises: CellUnreachable; ConfigError for an unsafe way to it."""
+    with Bus.join(station.cell_id, station.bus.endpoint, security=station.bus.zenoh) as bus:
         yield Client(bus, station.bus.ask_timeout_s, also)

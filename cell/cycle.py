@@ -149,8 +149,11 @@ class Cycle:
         )
 
     def interrupt(self) -> None:
-        """A stop or abort ended the cycle before its delivery, whatever its verdict was."""
-        if self.failure is None:
+        """A stop or abort ended the cycle before its delivery, whatever its verdict was; its cause is the reason."""
+        cause, ended_by = self.gate.cause, self.failure.code if self.failure is not None else None
+        if cause is not None and ended_by in (None, Code.STOPPED, Code.NODE_LOST):
+            self.fail(cause)
+        elif self.failure is None:
             self.fail(CycleFailure(Code.STOPPED, "The cycle was stopped before it was over."))
 
     def deliver(self) -> None:

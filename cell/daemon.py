@@ -5,13 +5,14 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 from bus import topics
 from bus.codec import decode
 from bus.codes import ADVICE, Code
 from bus.commands import CellHealth, CellState, CommandReply, CommandRequest, Event
-from bus.errors import BusError, CycleFailure, DriverError, Refused
+from bus.errors import BusError, CycleFailure, DriverError, RecordingError, Refused
+from bus.faulty import answer_faults
 from bus.frozen import Message
 from bus.messages import Attempt, CycleResult
 from bus.session import Bus, Heard
@@ -19,13 +20,18 @@ from bus.topics import Topic
 from cell.batch import Batch
 from cell.cycle import Equipment
 from cell.health import LOOK_PERIOD_S, Watch
-from cell.leases import Leases
+from cell.leases import CELL_CLIENT, Leases
 from cell.machine import Machine
 from cell.states import COMMANDS, PAUSES, State, available
 from cell.works import Works, new_cycle_id
 from config.schema import Station
 from drivers.interface import Devices
+from logs.faulty import FaultyDisk
+from logs.recorder import plain
+from logs.recover import Recovered
+from logs.views import Views
 from perception.models import Models
+from perception.models.faulty import FaultyModel
 from planning.robot import Robot
 
 _log = logging.getLogger(__name__)
@@ -34,12 +40,8 @@ _ANYONES = ("stop", "abort", "hold", "suspend")
 
 Observer = Callable[[Topic, "Message | bytes"], None]
 
-CELL_CLIENT = "cell"
-"""``client_id`` of the commands the daemon gives itself between the cycles of one ``start``."""
 _CLOSE_PATIENCE_S = 25.0
 _HEALTH_PERIOD_S = 1.0
-_FROZEN_S = 3.0
-"""A node gone for so long whose process still runs is killed, and brought back; a shorter stall heals itself."""
 
 
 class Daemon:
@@ -70,8 +72,18 @@ class Daemon:
             raise DriverError("The cell needs a camera, an arm and a hand.", "Check `serves` in the station file.")
         self._station, self._bus, self._observer = station, bus, observer
         equipment = Equipment(camera, arm, hand, robot, station, models)
+        faults = station.faults
+        self._disk = FaultyDisk(faults.disk, delay_s=faults.delay_s) if faults.allowed else None
+        self._imaginer = models.imaginer
         self._works = works = Works(
-            equipment, devices.feeder, lambda: bus.alive(topics.NODE_ALIVE), self._say, self._on_stage, self._on_result
+            equipment,
+            devices.feeder,
+            lambda: bus.alive(topics.NODE_ALIVE),
+            self._say,
+            self._on_stage,
+            self._on_result,
+            self._on_fault,
+            self._disk.under if self._disk is not None else plain,
         )
         self._watch = Watch(station, self._on_lost, restarts)
         self._end_frozen = end_frozen
@@ -81,6 +93,7 @@ class Daemon:
         self._watchdog = threading.Thread(target=self._watch_over, name="watchdog", daemon=True)
         self._batch: Batch | None = None
         self._may_hold = False  # a start may, a single pick ends
+        self._views = Views(robot.base_from_tcp)
         self._saying = threading.Lock()
         self._said_state = CellState(state="", stage="", cycle_id="", since_ns=0, available=(), reason="")
         self.machine = Machine(
@@ -112,6 +125,9 @@ class Daemon:
         self._bus.answer(topics.STATE_NOW, lambda _payload, _fields: self._said_state, lane="state")
         self._bus.answer(topics.HEALTH_NOW, lambda _payload, _fields: self._watch.health(), lane="state")
         self._bus.answer(topics.COMMAND, self._on_command, lane=_lane_of, verb="*")
+        if self._disk is not None and isinstance(self._imaginer, FaultyModel):
+            answer_faults(self._bus, {"disk": self._disk, "model": self._imaginer}, self._say)
+        self._bus.announce(topics.LEASE, name=CELL_CLIENT)
         self.machine.start()
         self._watchdog.start()
 
@@ -143,6 +159,17 @@ class Daemon:
             _log.warning("%s", error)
             return None
 
+    def tell_recovered(self, leftovers: Iterable[Recovered | RecordingError]) -> None:
+        """Say what became of the recordings that an earlier process left unfinished."""
+        for leftover in leftovers:
+            if isinstance(leftover, RecordingError):
+                event = Event(code="NOT_RECOVERED", severity="warning", text=leftover.text, advice=leftover.advice)
+            else:
+                event = Event(
+                    code="RECOVERED", severity="warning" if leftover.lost else "info", text=f"{leftover.line()}."
+                )
+            self._say(topics.EVENT, event)
+
     # --- the nodes ----------------------------------------------------------------------------------------------------
 
     def lose_node(self, name: str, text: str) -> None:
@@ -155,8 +182,12 @@ class Daemon:
         self._say(topics.EVENT, Event(code="NODE_BACK", severity="info", text=text, advice=ADVICE[Code.NODE_LOST]))
 
     def _on_lost(self, _name: str, failure: CycleFailure) -> None:
-        self._works.gate.halt()
-        self.machine.fault(failure)
+        self._on_fault(failure)
+
+    def _on_fault(self, failure: CycleFailure) -> None:
+        """Something outside any stage failed: whatever moves stops, and the machine aborts with its reason."""
+        self.machine.fault(failure)  # before what it interrupts can end by itself
+        self._works.gate.halt(failure)
 
     def _watch_over(self) -> None:
         """The watchdogs' thread: look often, say the cell's health once a second, and end what is frozen."""
@@ -165,7 +196,7 @@ class Daemon:
         while not self._closing.wait(LOOK_PERIOD_S):
             self._watch.look()
             for name in self._station.nodes:
-                is_frozen = self._watch.gone_for_s(name) > _FROZEN_S
+                is_frozen = self._watch.unheard_for_s(name) > self._station.bus.frozen_s
                 if is_frozen and name not in ended:
                     self._end_frozen(name)
                 ended = ended | {name} if is_frozen else ended - {name}
@@ -275,6 +306,8 @@ class Daemon:
     def _say(self, topic: Topic, message: Message | bytes) -> None:
         try:
             self._bus.publish(topic, message)
+            for view, picture in self._views.of(message):
+                self._bus.publish(view, picture)
         except BusError as error:  # closing: the observer below still hears it
             _log.warning("%s", error)
         self._observer(topic, message)

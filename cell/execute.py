@@ -8,17 +8,15 @@ from typing import TypeVar
 import numpy as np
 
 from bus.codes import Code
-from bus.errors import CycleFailure, HandFault
-from bus.messages import Delivery, Execution, Grasp, HandState, Observation, PickPlan, SegmentName, SegmentRun
+from bus.errors import CycleFailure, DeviceLost
+from bus.messages import Delivery, Execution, Grasp, HandState, Motion, Observation, PickPlan, SegmentName, SegmentRun
 from bus.trajectory import TICK_S, Trajectory
+from cell.fingers import require_at, require_new, require_possible
 from cell.gate import Gate
 from config.schema import Station
 from drivers.interface import Arm, Hand
 
 DoneT = TypeVar("DoneT")
-
-_WIDTH_SLACK_M = 0.005
-"""A measured width may lie so far outside the hand's range; what lies farther no hand has."""
 
 
 class _Runner:
@@ -44,19 +42,32 @@ class _Runner:
         motion = self.move(name, lambda: self._arm.execute(trajectory))
         if motion is None:
             return False
+        _require_measured(motion)
         self.runs.append(SegmentRun.model_validate({"name": name, "motion": motion, "hand": self._read_hand()}))
         if not motion.finished:
             self.stopped_in = name
         return motion.finished
 
+    def open(self, name: str, width_m: float, speed_m_s: float) -> HandState | None:
+        """Open the free fingers. Raises: HandFault when they are not there then."""
+        state = self.move(name, lambda: self._hand.move(width_m, speed_m_s))
+        if state is not None and not self._gate.halted:
+            require_at(state, width_m)
+        return state
+
+    def grasp(self, force_n: float, speed_m_s: float) -> HandState | None:
+        """Close on what is there. Raises: HandFault when nothing came of it."""
+        before = self._read_hand()
+        state = self.move("grasp", lambda: self._hand.grasp(force_n, speed_m_s))
+        if state is not None:
+            require_possible(state, self._widest_m)
+            require_new(state, before)
+        return state
+
     def _read_hand(self) -> HandState:
         """Raises: HandFault for a width that no hand has."""
         state = self._hand.state()
-        if not -_WIDTH_SLACK_M <= state.width_m <= self._widest_m + _WIDTH_SLACK_M:
-            raise HandFault(
-                f"The hand reports a width of {state.width_m * 1e3:.1f} mm; it opens to {self._widest_m * 1e3:.0f} mm.",
-                "Home it, or correct hand.max_width_m.",
-            )
+        require_possible(state, self._widest_m)
         return state
 
     def run_part(self, plan: PickPlan, name: SegmentName) -> bool:
@@ -80,9 +91,9 @@ def execute(
     runner = _Runner(arm, hand, gate, station.hand.max_width_m)
     grasped: HandState | None = None
     after: Observation | None = None
-    runner.move("open", lambda: hand.move(grasp.opening_m, station.hand.speed_m_s))
+    runner.open("open", grasp.opening_m, station.hand.speed_m_s)
     if runner.run_part(plan, "reach"):
-        grasped = runner.move("grasp", lambda: hand.grasp(station.hand.grasp_force_n, station.hand.speed_m_s))
+        grasped = runner.grasp(station.hand.grasp_force_n, station.hand.speed_m_s)
         if runner.run_part(plan, "carry") and _hold(runner, plan, station):
             after = look()
     execution = Execution(
@@ -92,6 +103,12 @@ def execute(
         after=after.view if after is not None else None,
     )
     return execution, after
+
+
+def _require_measured(motion: Motion) -> None:
+    """Raises: DeviceLost when the arm cannot tell what it did."""
+    if not all(np.isfinite(measured).all() for measured in (motion.q_rad, motion.dq_rad_s, motion.tau_ext_nm)):
+        raise DeviceLost("The arm measured what is not a finite number.", "Restart its node.")
 
 
 def _hold(runner: _Runner, plan: PickPlan, station: Station) -> bool:
@@ -115,7 +132,7 @@ def deliver(plan: PickPlan, devices: tuple[Arm, Hand], station: Station, gate: G
     runner = _Runner(arm, hand, gate, station.hand.max_width_m)
     released: HandState | None = None
     if runner.run_part(plan, "place"):
-        released = runner.move("release", lambda: hand.move(station.hand.max_width_m, station.hand.speed_m_s))
+        released = runner.open("release", station.hand.max_width_m, station.hand.speed_m_s)
         runner.run_part(plan, "home")
     if runner.stopped_in is not None:
         raise CycleFailure(Code.STOPPED, f"Stopped during {runner.stopped_in!r} of the delivery.")

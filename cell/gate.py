@@ -6,6 +6,8 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from bus.errors import CycleFailure
+
 
 class Gate:
     """Every member may be called from any thread."""
@@ -13,12 +15,14 @@ class Gate:
     def __init__(self) -> None:
         self._change = threading.Condition()
         self._halted = self._held = False
+        self._cause: CycleFailure | None = None
         self._passed = 0
 
-    def halt(self) -> None:
-        """Let nothing through any more, and turn away whoever waits."""
+    def halt(self, cause: CycleFailure | None = None) -> None:
+        """Let nothing through any more, and turn away whoever waits; ``cause``: what failed, if no command it was."""
         with self._change:
             self._halted = True
+            self._cause = self._cause or cause
             self._change.notify_all()
 
     def hold(self) -> None:
@@ -36,7 +40,13 @@ class Gate:
         """Open again, after a halt or a hold."""
         with self._change:
             self._halted = self._held = False
+            self._cause = None
             self._change.notify_all()
+
+    @property
+    def cause(self) -> CycleFailure | None:
+        """What failed, first, since the gate was last opened; None when it was halted by command or not at all."""
+        return self._cause
 
     @property
     def halted(self) -> bool:

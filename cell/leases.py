@@ -17,6 +17,8 @@ NEEDS_LEASE = frozenset({"reset", "start", "pick"})
 """These need the lease: one holder at a time."""
 NEEDS_TOKEN = frozenset({"unhold", "unsuspend"})
 """These let the holder's motion go on: any client with a token may, and becomes the holder if there is none."""
+CELL_CLIENT = "cell"
+"""``client_id`` of the cell itself: of what it commands between cycles, and of the token that says it is there."""
 _ARRIVAL_S = 0.05
 """How long a token may arrive after the command that needs it."""
 

@@ -10,28 +10,33 @@ import json
 import logging
 import os
 import selectors
+import signal
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Callable
 from contextlib import suppress
+from pathlib import Path
 from typing import IO
 
 from pydantic import Field
 
+from bus import topics
 from bus.codec import decode, encode
 from bus.commands import ErrorReply
 from bus.errors import BadPayload, CellError, DriverUnavailable
+from bus.faulty import FaultyBus
 from bus.frozen import Message
 from bus.remote_errors import error_from_reply, error_reply
 from bus.session import Bus
+from cell.leases import CELL_CLIENT
 from config.load import station_from
 from config.schema import Station
 from drivers.node import Node
 from drivers.registry import open_devices
 
 _log = logging.getLogger(__name__)
+LOG_FORMAT = "%(levelname)s %(name)s: %(message)s"
 START_TIMEOUT_S = 60.0
 _STOP_TIMEOUT_S = 5.0
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.5, 30.0
@@ -60,6 +65,7 @@ class Supervisor:
         self._on_exit, self._on_back = on_exit, on_back
         self._children: dict[str, subprocess.Popen[str]] = {}
         self._restarts: dict[str, int] = {}
+        self._serving: set[str] = set()
         self._watchers: list[threading.Thread] = []
         self._closing = threading.Event()
         self._spawning = threading.Lock()  # nothing is spawned once closing is set
@@ -71,6 +77,7 @@ class Supervisor:
                 self._spawn(name)
         for name, child in self._children.items():
             _await_ready(name, child)
+            self._serving.add(name)
         for name in self._children:
             watcher = threading.Thread(target=self._watch, args=(name,), name=f"watch-{name}", daemon=True)
             watcher.start()
@@ -100,9 +107,12 @@ class Supervisor:
         return self._restarts.get(name, 0)
 
     def end_frozen(self, name: str) -> None:
-        """Kill a node that no longer answers but still runs; its watcher brings it back. None of ours: nothing."""
+        """Kill a node that served, no longer says anything, and still runs; its watcher brings it back.
+
+        One that is none of ours, or still starting, is left alone.
+        """
         child = self._children.get(name)
-        if child is not None and child.poll() is None:
+        if child is not None and name in self._serving and child.poll() is None:
             _log.warning("node %s no longer answers; killing it", name)
             child.kill()
 
@@ -118,6 +128,7 @@ class Supervisor:
         while True:
             child = self._children[name]
             code = child.wait()
+            self._serving.discard(name)
             if self._closing.is_set():
                 return
             _close_pipes(child)
@@ -137,13 +148,14 @@ class Supervisor:
                 _log.warning("node %s cannot be brought back yet: %s", name, error)
                 pause_s = min(2 * pause_s, _LONGEST_PAUSE_S)
             else:
+                self._serving.add(name)
                 return True
         return False
 
 
 def _child(name: str, station: Station) -> subprocess.Popen[str]:
     child = subprocess.Popen(
-        [sys.executable, "-m", "cell", "node", name, "--supervised"],
+        [sys.executable, "-m", "cell.nodes", name],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
@@ -188,18 +200,18 @@ def _line_within(stream: IO[str], timeout_s: float) -> str:
         return stream.readline() if selector.select(timeout_s) else ""
 
 
-def own_stdout() -> IO[str]:
+def _own_stdout() -> IO[str]:
     """This process's stdout for our own lines only: what vendors' libraries print there goes to stderr from now on."""
     ours = os.fdopen(os.dup(sys.stdout.fileno()), "w")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
     return ours
 
 
-def serve_supervised(name: str, stdin: IO[str], stdout: IO[str]) -> int:
+def _serve_supervised(name: str, stdin: IO[str], stdout: IO[str]) -> int:
     """The child's side: read the station, serve node ``name``, end when stdin closes. Returns the exit code."""
     station = station_from(json.loads(stdin.readline()))
     try:
-        with Bus.join(station.cell_id, station.bus.endpoint) as bus:
+        with _link(station) as bus:
             node = Node(name, bus, open_devices(station.nodes[name].driver, station), station)
             node.open()
             _say(stdout, Ready(node=name, pid=os.getpid()))
@@ -212,17 +224,40 @@ def serve_supervised(name: str, stdin: IO[str], stdout: IO[str]) -> int:
 
 
 def serve_until_interrupted(name: str, station: Station) -> None:
-    """A node in a terminal of its own (``run = "elsewhere"``): serve until Ctrl-C."""
-    with Bus.join(station.cell_id, station.bus.endpoint) as bus:
+    """A node in a terminal of its own (``run = "elsewhere"``): serve until Ctrl-C or SIGTERM.
+
+    When the cell goes, or the link to it, the arm stops: no stop of the cell could reach it any more.
+    """
+    ended = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: ended.set())
+    with _link(station, station.bus.zenoh) as bus:
         node = Node(name, bus, open_devices(station.nodes[name].driver, station), station)
         node.open()
+
+        def change(client_id: str, is_alive: bool) -> None:
+            if client_id == CELL_CLIENT and not is_alive:
+                _log.warning("the cell, or the link to it, is gone")
+                bus.lane("arm-stop").submit(node.halt)
+
+        bus.watch_alive(topics.LEASE, change)
         try:
-            while True:
-                time.sleep(1.0)
+            ended.wait()
         finally:
             node.close()
+
+
+def _link(station: Station, security: Path | None = None) -> Bus:
+    """The node's session; one that can be spoiled where the station allows it."""
+    kind = FaultyBus if station.faults.allowed else Bus
+    return kind.join(station.cell_id, station.bus.endpoint, security=security)
 
 
 def _say(stdout: IO[str], ready: Ready) -> None:
     stdout.write(encode(ready).decode() + "\n")
     stdout.flush()
+
+
+if __name__ == "__main__":  # the child: spared the imports of the command line
+    logging.basicConfig(level=logging.WARNING, format=LOG_FORMAT)
+    sys.exit(_serve_supervised(sys.argv[1], sys.stdin, _own_stdout()))

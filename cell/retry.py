@@ -63,4 +63,5 @@ class Retries:
         if not 0 < self._settings.hold_after <= count:
             return ""
         self._failed_in_a_row = 0
-        return f"{count} picks in a row failed: look what is wrong, then `cell unhold` or `cell stop`."
+        failed = "A pick" if count == 1 else f"{count} picks in a row"
+        return f"{failed} failed: look what is wrong, then `cell unhold` or `cell stop`."

@@ -1,44 +1,61 @@
-"""What a recording must name so that its cycle can be run again: versions, commit, seed, hashes."""
+"""What a recording must name so that its cycle can be run again: versions, commit, seed, hashes, settings."""
 
 from __future__ import annotations
 
+import hashlib
 import subprocess
 import sys
 from functools import cache
 from importlib.metadata import version
+from importlib.resources import files
 from pathlib import Path
 
 from config.load import station_hash
 from config.schema import Station
+from logs.migrate import SCHEMA_VERSION
 
 _PACKAGES = ("vlad-cell", "mujoco", "numpy", "opencv-python-headless", "pin", "coal", "toppra", "eclipse-zenoh", "mcap")
-SCHEMA_VERSION = "1"
-"""Raised when a recorded message changes its meaning."""
 
 
 def run_info(station: Station, cycle_id: str) -> dict[str, str]:
     """The metadata of one cycle's recording."""
     return {
-        "schema": SCHEMA_VERSION,
+        "schema": str(SCHEMA_VERSION),
         "cycle_id": cycle_id,
         "cell_id": station.cell_id,
         "station_hash": station_hash(station),
         "seed": str(station.sim.seed),
-        "commit": _commit(),
+        "robot_model_sha256": _robot_model(),
+        **_commit(),
         "python": sys.version.split()[0],
         **{package: version(package) for package in _PACKAGES},
     }
 
 
+def attachments(station: Station) -> dict[str, str]:
+    """The JSON documents that a recording keeps whole: the station, and where its camera is calibrated to be."""
+    return {"station.json": station.model_dump_json(), "calibration.json": station.camera.model_dump_json()}
+
+
 @cache
-def _commit() -> str:
-    """The checkout's commit, with ``+`` when it has changes; "unknown" outside a checkout or without git."""
+def _robot_model() -> str:
+    """Over the robot's description and its collision meshes, which the plan depends on."""
+    assets = Path(str(files("franky_sim"))) / "assets"
+    digest = hashlib.sha256((assets / "fr3.urdf").read_bytes())
+    for mesh in sorted((assets / "meshes").glob("*_coll.stl")):
+        digest.update(mesh.read_bytes())
+    return digest.hexdigest()
+
+
+@cache
+def _commit() -> dict[str, str]:
+    """The checkout's commit, and whether it has changes; "unknown" outside a checkout or without git."""
     root = Path(__file__).parent.parent
     try:
         commit = _git(root, "rev-parse", "--short=12", "HEAD")
-        return commit + ("+" if _git(root, "status", "--porcelain") else "")
+        return {"commit": commit, "dirty": "yes" if _git(root, "status", "--porcelain") else "no"}
     except (OSError, subprocess.CalledProcessError):
-        return "unknown"
+        return {"commit": "unknown", "dirty": "unknown"}
 
 
 def _git(root: Path, *arguments: str) -> str:

@@ -20,10 +20,10 @@ from cell.verify import verify
 from config.schema import Station
 from logs.compare import Tolerance
 from logs.reader import CycleRecord
-from perception.models import replayed_models
+from perception.models import Models
 from planning.robot import Robot
 
-Rerun = Callable[[CycleRecord, Station, Robot], Message]
+Rerun = Callable[[CycleRecord, Station, Robot, Models], Message]
 
 
 @dataclass(frozen=True)
@@ -35,6 +35,7 @@ class Stage:
         deadline_s: longest it may take before an operator should wonder.
         rerun: computes its output again from a recording; None = its output is recorded, not recomputed.
         tolerances: field pattern -> how much a replayed value may differ.
+        steps: (step, the fields it makes), in the order of cause and effect.
     """
 
     name: StageName
@@ -43,10 +44,15 @@ class Stage:
     deadline_s: float
     rerun: Rerun | None = None
     tolerances: Mapping[str, Tolerance] = field(default_factory=dict)
+    steps: tuple[tuple[str, tuple[str, ...]], ...] = ()
 
     @property
     def pure(self) -> bool:
         return self.rerun is not None
+
+    def step_of(self, path: str) -> str:
+        """The step that makes the field at ``path``; the stage itself for none of them."""
+        return next((step for step, fields in self.steps if path.startswith(fields)), self.name)
 
 
 def _observation(record: CycleRecord) -> Observation:
@@ -64,17 +70,17 @@ def _result(record: CycleRecord, name: StageName, kind: type[Message]) -> Messag
     return stage.result
 
 
-def _detect(record: CycleRecord, station: Station, _robot: Robot) -> Message:
-    return detect(_observation(record), station, replayed_models(station, record.replies))
+def _detect(record: CycleRecord, station: Station, _robot: Robot, models: Models) -> Message:
+    return detect(_observation(record), station, models)
 
 
-def _plan(record: CycleRecord, station: Station, robot: Robot) -> Message:
+def _plan(record: CycleRecord, station: Station, robot: Robot, _models: Models) -> Message:
     found = _result(record, "detect", Detections)
     assert isinstance(found, Detections)
     return plan(found, _observation(record), robot, station, record.attempt.missed)
 
 
-def _verify(record: CycleRecord, station: Station, robot: Robot) -> Message:
+def _verify(record: CycleRecord, station: Station, robot: Robot, _models: Models) -> Message:
     found, execution = _result(record, "detect", Detections), _result(record, "execute", Execution)
     assert isinstance(found, Detections) and isinstance(execution, Execution)
     if record.after is None:
@@ -112,6 +118,15 @@ STAGES: tuple[Stage, ...] = (
             "evidence.alignment.*": _EXACT_ENOUGH,
             "evidence.drift.*": _EXACT_ENOUGH,
         },
+        (
+            ("segment", ("evidence.color", "evidence.object_mask")),
+            ("imagine", ("evidence.goal_",)),
+            ("lift", ("evidence.observed_points",)),
+            ("drift", ("evidence.drift",)),
+            ("align", ("evidence.alignment", "evidence.aligned_points")),
+            ("project", ("evidence.rod_", "rectangles")),
+            ("rank", ("grasps", "evidence.sample", "evidence.agreement")),
+        ),
     ),
     Stage(
         "plan",

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
@@ -13,25 +14,26 @@ import numpy as np
 from bus import topics
 from bus.codec import encode
 from bus.codes import Code
-from bus.errors import BusError, CycleFailure, DriverError, MotionRefused
+from bus.errors import BusError, ConfigError, CycleFailure, DriverError, MotionRefused, RecordingError
 from bus.messages import ArmMode, Attempt, CycleResult
 from bus.session import Heard
 from bus.topics import encoding_of
 from cell.cycle import FAULTS, Cycle, Equipment, Say
 from cell.cyclelog import CycleLog
 from cell.feed import Feed
+from cell.fingers import require_at
 from cell.gate import Gate
 from cell.retry import Retries
-from cell.runinfo import run_info
+from cell.runinfo import attachments, run_info
 from config.scene import placing_at
+from config.schema import Station
 from drivers.interface import Feeder
-from logs.recorder import ensure_space
+from logs.recorder import Recorder, Under, ensure_space, plain
 from planning.motion import move
 from planning.scene import Scene
 
 _REST_RAD_S = 0.1
 """Below this the arm rests: the FR3's measured velocity chatters by up to 0.08 rad/s at standstill."""
-_STOP_PATIENCE_S = 20.0
 _AT_CAPTURE_RAD = 1e-3
 _LOOK_S = 0.01
 _ENDING_S = 1.0
@@ -53,6 +55,8 @@ class Works:
         nodes_alive: names of the nodes that are up.
         say, on_stage: publish a message; tell that a stage began.
         on_result: told every cycle's result, after its recording is closed.
+        on_fault: told what ends the cycle from outside its stages, on any thread: its recording failed.
+        under: of every recording's file (`logs.recorder.Recorder`).
 
     Attributes:
         gate: halted by whoever wants everything to stop, shut by a hold; every motion passes it.
@@ -70,11 +74,14 @@ class Works:
         say: Say,
         on_stage: Callable[[str], None],
         on_result: Callable[[CycleResult], None],
+        on_fault: Callable[[CycleFailure], None] = lambda _: None,
+        under: Under = plain,
     ) -> None:
+        self._under = under
         self._equipment, self._nodes_alive = equipment, nodes_alive
         self._station = equipment.station
         self.feed = Feed(feeder, equipment.station)
-        self._say, self._on_stage, self._on_result = say, on_stage, on_result
+        self._say, self._on_stage, self._on_result, self._on_fault = say, on_stage, on_result, on_fault
         self._number = -1  # of the pick, however often it is tried
         self._cycle: Cycle | None = None
         self.gate = Gate()
@@ -104,7 +111,8 @@ class Works:
         if not e.hand.state().is_homed:
             self._move(e.hand.home)
         self._to_capture_pose(state.q_rad)
-        self._move(lambda: e.hand.move(self._station.hand.max_width_m, self._station.hand.speed_m_s))
+        hand = self._station.hand
+        require_at(self._move(lambda: e.hand.move(hand.max_width_m, hand.speed_m_s)), hand.max_width_m)
         age_s = (time.time_ns() - e.camera.capture().stamp_ns) / 1e9
         if age_s > self._station.camera.max_age_s:
             raise CycleFailure(Code.STALE_FRAME, f"The camera's newest frame is {age_s:.1f} s old.")
@@ -125,19 +133,41 @@ class Works:
             raise CycleFailure(Code.STOPPED, "Stopped on the way to the capture pose.")
 
     def begin(self) -> None:
-        """Open the cycle's record; in simulation, put an object on the table. Raises: CycleFailure."""
+        """Open the cycle's record; in simulation, put an object on the table. Raises: CycleFailure, RecordingError."""
+        ensure_space(self._station.recording.folder, self._station.recording.min_free_mb)
         attempt, self.next = self.next or Attempt(cycle_id=new_cycle_id()), None
         self._retry, self._number = None, self._number + (attempt.number == 0)
         cycle_id = attempt.cycle_id
         day = datetime.now(UTC).strftime("%Y-%m-%d")
         path = self._station.recording.folder / day / f"{cycle_id}.mcap"
         station = placing_at(self._station, self._number)
-        self.log = CycleLog(path, station.model_dump_json(), run_info(station, cycle_id), time.time_ns)
+        log = self.log = CycleLog(
+            lambda: self._recorder(path, station, cycle_id),
+            path,
+            station.recording.patience_s,
+            on_failure=self._on_fault,
+        )
         equipment = replace(self._equipment, station=station)
         self._cycle = Cycle(attempt, equipment, self._say, self._on_stage, self.log, self.gate)
         self._on_stage("")
+        try:
+            log.await_open()
+        except CycleFailure as failure:
+            raise self._cycle.fail(failure) from failure
         self._say(topics.ATTEMPT, attempt)
         self._name_object(self._cycle, lambda: self.feed.present(self._number, self.object, again=attempt.number > 0))
+
+    def _recorder(self, path: Path, station: Station, cycle_id: str) -> Recorder:
+        """Raises: RecordingError."""
+        recorder = Recorder(path, metadata=run_info(station, cycle_id), clock=time.time_ns, under=self._under)
+        try:
+            for name, text in attachments(station).items():
+                recorder.attach(name, "application/json", text.encode())
+            recorder.flush()
+        except RecordingError:
+            recorder.abandon()
+            raise
+        return recorder
 
     def _name_object(self, cycle: Cycle, ask: Callable[[], str]) -> None:
         """What the feeder says of the cycle's object. Raises: CycleFailure, kept in the cycle."""
@@ -145,6 +175,8 @@ class Works:
             cycle.object = ask()
         except (DriverError, BusError) as error:
             raise cycle.fail(error) from error
+        except ConfigError as error:  # there is no such object
+            raise cycle.fail(CycleFailure(Code.NO_OBJECT, str(error))) from error
 
     def pick(self) -> None:
         """The five stages. A pick that failed goes on to Completing; a fault of a device does not."""
@@ -177,11 +209,12 @@ class Works:
         The fingers cannot be held: their motion is waited for. Raises: CycleFailure when the arm does not rest.
         """
         arm = self._equipment.arm
-        give_up_s = time.monotonic() + _STOP_PATIENCE_S
+        patience_s = self._station.arm.rest_s
+        give_up_s = time.monotonic() + patience_s
         at_rest = 0  # readings running
         while at_rest < 2 and not self.gate.halted:  # the first may be of a motion that was just on its way: hold again
             if time.monotonic() > give_up_s:
-                raise CycleFailure(Code.INTERNAL, f"The cell still moves {_STOP_PATIENCE_S:.0f} s after the hold.")
+                raise CycleFailure(Code.INTERNAL, f"The cell still moves {patience_s:.0f} s after the hold.")
             arm.hold()
             is_moving, state = self.gate.is_moving, arm.state()
             held = not is_moving or state.mode is ArmMode.MOVE
@@ -202,7 +235,8 @@ class Works:
         """Stop until ``is_quiet`` (no work runs), then confirm by the measured velocity that the arm rests."""
         self.gate.halt()
         arm, hand = self._equipment.arm, self._equipment.hand
-        give_up_s = time.monotonic() + _STOP_PATIENCE_S
+        patience_s = self._station.arm.rest_s
+        give_up_s = time.monotonic() + patience_s
         try:
             arm.stop()
             hand.stop()
@@ -210,7 +244,7 @@ class Works:
                 arm.stop()
                 hand.stop()
                 if time.monotonic() > give_up_s:
-                    raise CycleFailure(Code.INTERNAL, f"The cycle still runs {_STOP_PATIENCE_S:.0f} s after the stop.")
+                    raise CycleFailure(Code.INTERNAL, f"The cycle still runs {patience_s:.0f} s after the stop.")
             while not (speed_rad_s := float(np.abs(arm.state().dq_rad_s).max())) <= _REST_RAD_S:  # nan is no rest
                 if time.monotonic() > give_up_s:
                     raise CycleFailure(Code.INTERNAL, f"The arm still moves at {speed_rad_s:.2f} rad/s after the stop.")

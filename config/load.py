@@ -31,6 +31,7 @@ def load_station(path: Path | None = None, overrides: Iterable[str] = ()) -> Sta
         raise ConfigError(f"Cannot read the station file {file}: {error}.") from error
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"{file} is not valid TOML: {error}.") from error
+    _place(tree, file.absolute().parent)
     return station_from(tree, overrides, source=str(file))
 
 
@@ -47,6 +48,16 @@ def station_from(tree: dict[str, Any], overrides: Iterable[str] = (), *, source:
 def station_hash(station: Station) -> str:
     """SHA-256 of the station's canonical JSON, first 16 hex digits."""
     return hashlib.sha256(station.model_dump_json().encode()).hexdigest()[:16]
+
+
+def _place(tree: dict[str, Any], folder: Path) -> None:
+    """Paths of the Zenoh and key files are relative to the station file, wherever the command runs."""
+    for *path, leaf in (("bus", "zenoh"), ("perception", "hosted", "key_file")):
+        node: Any = tree
+        for part in path:
+            node = node.get(part) if isinstance(node, dict) else None
+        if isinstance(node, dict) and isinstance(node.get(leaf), str):
+            node[leaf] = str(folder / Path(node[leaf]).expanduser())
 
 
 def _apply(tree: dict[str, Any], override: str) -> None:

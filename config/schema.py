@@ -5,41 +5,29 @@ Unknown keys are errors. Values come from defaults < station file < ``--set key=
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import Annotated, Literal
+from urllib.parse import urlsplit
 
 from pydantic import Field, field_validator, model_validator
 
 from config.base import Chunk, Finite, Fraction, JointVector, NonNegative, Positive, Settings, Vector
+from config.bus import BusSettings
 from config.calibration import CalibrationSettings
+from config.faults import FaultSettings
 from config.hardware import FemtoMegaSettings, Fr3Settings, PandaHandSettings
 
 
-class BusSettings(Settings):
-    """How the cell's processes talk. Only loopback endpoints are accepted (others need TLS and access control).
+class RecordingSettings(Settings):
+    """Where cycles are logged.
 
     Attributes:
-        stale_s: a node whose arm or hand says nothing for so long is lost, whatever else it does.
+        patience_s: a disk that takes longer to take one message or the end of a file is lost (RECORDING).
     """
-
-    endpoint: str = "tcp/127.0.0.1:7447"
-    ask_timeout_s: Positive = 5.0
-    stale_s: Positive = 0.75
-
-    @field_validator("endpoint")
-    @classmethod
-    def _loopback_only(cls, endpoint: str) -> str:
-        if not re.fullmatch(r"tcp/(127\.0\.0\.1|\[::1\]|localhost):\d{1,5}", endpoint):
-            raise ValueError("only loopback endpoints like tcp/127.0.0.1:7447 are accepted")
-        return endpoint
-
-
-class RecordingSettings(Settings):
-    """Where cycles are logged."""
 
     folder: Path = Path("recordings")
     min_free_mb: NonNegative = 500.0
+    patience_s: Positive = 10.0
 
 
 class NodeSettings(Settings):
@@ -62,11 +50,16 @@ class CameraSettings(Settings):
 
 
 class ArmSettings(Settings):
-    """Named joint configurations [rad] and the load's motion limits."""
+    """Named joint configurations [rad] and the load's motion limits.
+
+    Attributes:
+        rest_s: how long a stopped or held arm, and the cycle that moved it, may take to come to rest.
+    """
 
     capture_q_rad: JointVector = (0.0, -0.45383069, 0.0, -1.83384904, 0.0, 1.38001835, 0.7853981633974483)
     speed: Annotated[float, Field(gt=0, le=1)] = 1.0
     start_tolerance_rad: Positive = 0.02
+    rest_s: Positive = 20.0
 
 
 class HandSettings(Settings):
@@ -200,13 +193,14 @@ class PriceSettings(Settings):
 
 
 class HostedSettings(Settings):
-    """A hosted model. Keys come from the environment only.
+    """A hosted model. Keys come from the environment, or from a file outside the project.
 
     Attributes:
         text_model, image_model: the provider's ids; they rot within a year, so they have no defaults.
         base_url: another server that speaks the same API; None = the provider's own.
         text_api: `responses` (OpenAI) or `chat` (what most OpenAI-compatible servers speak).
-        key_variable: the environment variable that holds the key.
+        key_variable: the environment variable that holds the key. ``key_file``: a file that does, one line, not
+            readable by others, outside of this folder and of every git work tree; it counts where both are there.
         size_px: side of the square window around the object as it is sent.
         deadline_s: of one call, all attempts included. ``attempts``: how often one call is tried at most.
         backoff_s: before the second attempt; doubled for each further one; a server's Retry-After counts if longer.
@@ -218,6 +212,7 @@ class HostedSettings(Settings):
     base_url: str | None = None
     text_api: Literal["responses", "chat"] = "responses"
     key_variable: str = ""
+    key_file: Path | None = None
     size_px: Annotated[int, Field(ge=256, le=3840, multiple_of=16)] = 1024
     deadline_s: Positive = 120.0
     attempts: Annotated[int, Field(ge=1, le=10)] = 3
@@ -225,6 +220,13 @@ class HostedSettings(Settings):
     price: PriceSettings = PriceSettings()
     max_cycle_usd: Positive = 1.0
     max_day_usd: Positive = 20.0
+
+    @field_validator("base_url")
+    @classmethod
+    def _no_secret_in_it(cls, url: str | None) -> str | None:
+        if url is not None and (urlsplit(url).username or urlsplit(url).query):
+            raise ValueError("a user or a query in base_url would be recorded with every cycle; keys: key_file")
+        return url
 
 
 class DriftSettings(Settings):
@@ -397,6 +399,7 @@ class Station(Settings):
     fr3: Fr3Settings = Fr3Settings()
     panda_hand: PandaHandSettings = PandaHandSettings()
     femto_mega: FemtoMegaSettings = FemtoMegaSettings()
+    faults: FaultSettings = FaultSettings()
 
     @model_validator(mode="after")
     def _every_device_served_once(self) -> Station:

@@ -1,6 +1,8 @@
 """Devices that misbehave on demand: each wraps a Camera, Arm or Hand, so that one can see what the cell does about it.
 
-The fault is a word and may be changed at any time, from any thread (``arm.fault = Fault.OFF``). ``stop``, ``hold`` and
+The fault may be changed at any time, from any thread (``arm.fault = Fault.OFF``). ``off``: everything but ``close``,
+``stop`` and ``hold`` raises `bus.errors.DeviceLost`, and a moving arm brakes. ``stuck``: it says again what it said
+last, stamp included, and carries nothing out. ``slow``: each answer comes ``delay_s`` late. ``stop``, ``hold`` and
 ``close`` reach the wrapped device at once whatever the fault: an injected fault never keeps a stop from a real arm.
 ``wrong`` moves the arm elsewhere than planned: for simulators, and for an arm with nothing in its reach.
 """
@@ -12,15 +14,18 @@ import math
 import threading
 import time
 from collections.abc import Callable
-from enum import StrEnum
+from dataclasses import replace
 from typing import Generic, TypeVar
 
 import numpy as np
 
 from bus.errors import DeviceLost
+from bus.faults import Fault
+from bus.faulty import Spoilable
 from bus.messages import ArmState, Frame, HandState, Motion
 from bus.trajectory import Trajectory
-from drivers.interface import Arm, Camera, Hand, Reporting
+from config.faults import FaultSettings
+from drivers.interface import Arm, Camera, Devices, Hand, Reporting
 
 WRONG_JOINT_RAD = 0.1
 """Added to every joint: encoders that lost their zero."""
@@ -30,23 +35,6 @@ ABSURD_WIDTH_M = 5.0
 DeviceT = TypeVar("DeviceT", Camera, Arm, Hand)
 SaidT = TypeVar("SaidT", Frame, ArmState, HandState)
 AnswerT = TypeVar("AnswerT")
-
-
-class Fault(StrEnum):
-    """How a device misbehaves."""
-
-    NONE = "none"
-    """Not at all."""
-    OFF = "off"
-    """Everything but ``close``, ``stop`` and ``hold`` raises `bus.errors.DeviceLost`; a moving arm brakes."""
-    STUCK = "stuck"
-    """Says again what it said last, stamp included, and carries nothing out."""
-    GARBAGE = "garbage"
-    """Says what cannot be."""
-    WRONG = "wrong"
-    """Says what could be, and is not so."""
-    SLOW = "slow"
-    """Does everything as it should; each answer comes ``delay_s`` late."""
 
 
 class _Faulty(Generic[DeviceT, SaidT]):
@@ -258,3 +246,21 @@ class FaultyHand(_Faulty[Hand, HandState]):
         if self._fault is Fault.WRONG:
             return state.model_copy(update={"width_m": state.width_m + WRONG_WIDTH_M})
         return state
+
+
+def faulty_devices(devices: Devices, settings: FaultSettings) -> tuple[Devices, dict[str, Spoilable]]:
+    """The devices wrapped, each with its initial fault; and those wrappers by the name of their part."""
+    camera, arm, hand = devices.camera, devices.arm, devices.hand
+    delay_s = settings.delay_s
+    wrapped = replace(
+        devices,
+        camera=FaultyCamera(camera, settings.camera, delay_s=delay_s) if camera is not None else None,
+        arm=FaultyArm(arm, settings.arm, delay_s=delay_s) if arm is not None else None,
+        hand=FaultyHand(hand, settings.hand, delay_s=delay_s) if hand is not None else None,
+    )
+    parts: dict[str, Spoilable] = {}
+    for name in ("camera", "arm", "hand"):
+        device = getattr(wrapped, name)
+        if device is not None:
+            parts[name] = device
+    return wrapped, parts

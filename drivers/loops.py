@@ -19,16 +19,22 @@ class Loop:
     A round that begins a whole period late is a missed deadline, and is left out: rounds never pile up.
 
     Args:
-        on_fault: told every error of ``act`` but a closed bus, which ends the loop.
+        on_fault: told every error of ``act`` but a closed bus, which ends the loop. ``on_end``: told of that.
     """
 
     def __init__(
-        self, name: str, period_s: float, act: Callable[[], None], on_fault: Callable[[CellError], None]
+        self,
+        name: str,
+        period_s: float,
+        act: Callable[[], None],
+        on_fault: Callable[[CellError], None],
+        on_end: Callable[[], None] = lambda: None,
     ) -> None:
         self.name = name
-        self._period_s, self._act, self._on_fault = period_s, act, on_fault
+        self._period_s, self._act, self._on_fault, self._on_end = period_s, act, on_fault, on_end
         self._rounds: deque[float] = deque()  # when those of the window were done
         self._missed = 0
+        self._fault = ""
         self._changing = threading.Lock()
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name=f"loop-{name}", daemon=True)
@@ -39,7 +45,7 @@ class Loop:
         with self._changing:
             self._forget(time.monotonic())
             rate_hz = len(self._rounds) / _RATE_WINDOW_S
-            return LoopHealth(rate_hz=rate_hz, target_hz=1.0 / self._period_s, missed=self._missed)
+            return LoopHealth(rate_hz=rate_hz, target_hz=1.0 / self._period_s, missed=self._missed, fault=self._fault)
 
     def close(self, patience_s: float = 1.0) -> None:
         self._closing.set()
@@ -50,11 +56,14 @@ class Loop:
         while not self._closing.wait(max(0.0, due_s - time.monotonic())):
             try:
                 self._act()
-            except BusError:
-                return  # the session closed under us: nobody listens any more
+            except BusError:  # the session closed under us: nobody listens any more
+                self._on_end()
+                return
             except CellError as error:
+                self._fault = f"{error.code}: {error.text}"
                 self._on_fault(error)  # the next round tries again
             else:
+                self._fault = ""
                 self._count()
             due_s += self._period_s
             late = int((time.monotonic() - due_s) / self._period_s)

@@ -5,17 +5,20 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from typing import TypeVar
 
 from bus import topics
 from bus.codec import arm_state_to_wire, decode, frame_to_wire
 from bus.commands import HandGrasp, HandMove, Health, Nothing, PresentRequest
-from bus.errors import CellError
+from bus.errors import BusError, CellError
+from bus.faulty import FaultyBus, Spoilable, answer_faults
 from bus.frozen import Message
 from bus.session import Bus, Heard
 from bus.topics import Topic, encoding_of
 from bus.trajectory import Trajectory
 from config.schema import Station
+from drivers.faulty import faulty_devices
 from drivers.guard import Guard, HandGuard
 from drivers.interface import Arm, Camera, Devices, Feeder, Hand, Reporting
 from drivers.loops import Loop
@@ -23,6 +26,7 @@ from drivers.loops import Loop
 ARM_STATE_PERIOD_S = 0.01
 HAND_STATE_PERIOD_S = 0.05
 HEALTH_PERIOD_S = 1.0
+_TELL_PERIOD_S = 0.2
 _PULSE = "health"
 """The loop that tells of the others; whoever does not hear it knows."""
 
@@ -39,9 +43,13 @@ class Node:
     """
 
     def __init__(self, name: str, bus: Bus, devices: Devices, station: Station) -> None:
+        self._faults: dict[str, Spoilable] = {}
+        if station.faults.allowed:
+            devices, self._faults = faulty_devices(devices, station.faults)
         self._name, self._bus, self._devices, self._station = name, bus, devices, station
         self._arm = Guard(devices.arm, station) if devices.arm is not None else None
         self._started_s = time.monotonic()
+        self._told_s = self._started_s - _TELL_PERIOD_S
         self._answered = self._failed = 0
         self._last_fault = ""
         self._loops: list[Loop] = []
@@ -61,8 +69,15 @@ class Node:
             self._serve_hand(HandGuard(self._devices.hand, self._station))
         if self._devices.feeder is not None:
             self._serve_feeder(self._devices.feeder)
+        if self._station.faults.allowed:
+            self._allow_faults()
         self._every(_PULSE, HEALTH_PERIOD_S, self._publish_health)
         self._bus.announce(topics.NODE_ALIVE, name=self._name)
+
+    def halt(self) -> None:
+        """Stop the arm, if this node has it: nobody is there any more who could. Never raises."""
+        if self._arm is not None:
+            self._arm.stop()
 
     def close(self) -> None:
         """Stop the arm, end the publishers, disconnect; idempotent."""
@@ -142,6 +157,13 @@ class Node:
         self._answer(topics.SIM_PRESENT, PresentRequest, feeder.present, "arm")
         self._answer(topics.SIM_TRUTH, Nothing, lambda _: feeder.truth(), "state")
 
+    def _allow_faults(self) -> None:
+        """Answer ``fault/{part}`` for what is served here, and for this process's link."""
+        if isinstance(self._bus, FaultyBus):
+            self._bus.delay_s, self._bus.fault = self._station.faults.delay_s, self._station.faults.bus
+            self._faults["bus"] = self._bus
+        answer_faults(self._bus, self._faults, self._bus.publish)
+
     # --- what is published --------------------------------------------------------------------------------------------
 
     def _publish_health(self) -> None:
@@ -169,8 +191,18 @@ class Node:
         return readings
 
     def _every(self, name: str, period_s: float, act: Callable[[], None]) -> None:
-        self._loops.append(Loop(name, period_s, act, self._note))
+        self._loops.append(Loop(name, period_s, act, self._note, self._cut_off))
 
     def _note(self, error: CellError) -> None:
-        self._failed += 1
+        """Count it, and say so soon: whoever misses a stream is to know why it is silent."""
         self._last_fault = f"{error.code}: {error}"
+        self._failed += 1
+        if time.monotonic() - self._told_s > _TELL_PERIOD_S:
+            self._told_s = time.monotonic()
+            with suppress(BusError):  # closed: nobody listens any more
+                self._publish_health()
+
+    def _cut_off(self) -> None:
+        """Nobody can stop the arm any more: it stops itself."""
+        if self._arm is not None:
+            self._arm.stop()

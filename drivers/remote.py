@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import logging
+from typing import TypeVar
+
+from pydantic import ValidationError
 
 from bus import topics
 from bus.codec import frame_from_wire
 from bus.commands import HandGrasp, HandMove, Nothing, Presented, PresentRequest
-from bus.errors import CellError, NotConnected
+from bus.errors import CellError, HandFault, NotConnected
 from bus.messages import ArmState, Frame, HandState, Motion
 from bus.session import Bus
 from bus.trajectory import Trajectory
@@ -15,6 +18,7 @@ from config.schema import Station
 from drivers.interface import Devices
 
 _log = logging.getLogger(__name__)
+AskT = TypeVar("AskT", HandMove, HandGrasp)
 _MOTION_SLACK_S = 30.0
 _LONGEST_HOLD_S = 24 * 3600.0
 
@@ -89,11 +93,11 @@ class RemoteHand(_Remote):
         return self._link().request(topics.HAND_NOW, Nothing(), HandState, timeout_s=self._timeout_s)
 
     def move(self, width_m: float, speed_m_s: float) -> HandState:
-        ask = HandMove(width_m=width_m, speed_m_s=speed_m_s)
+        ask = _asked(HandMove, width_m=width_m, speed_m_s=speed_m_s)
         return self._link().request(topics.HAND_MOVE, ask, HandState, timeout_s=_MOTION_SLACK_S)
 
     def grasp(self, force_n: float, speed_m_s: float) -> HandState:
-        ask = HandGrasp(force_n=force_n, speed_m_s=speed_m_s)
+        ask = _asked(HandGrasp, force_n=force_n, speed_m_s=speed_m_s)
         return self._link().request(topics.HAND_GRASP, ask, HandState, timeout_s=_MOTION_SLACK_S)
 
     def home(self) -> HandState:
@@ -114,6 +118,14 @@ class RemoteFeeder(_Remote):
 
     def truth(self) -> Presented:
         return self._link().request(topics.SIM_TRUTH, Nothing(), Presented, timeout_s=self._timeout_s)
+
+
+def _asked(kind: type[AskT], **values: float) -> AskT:
+    """Raises: HandFault for a number that is none."""
+    try:
+        return kind(**values)
+    except ValidationError as error:
+        raise HandFault(f"A hand cannot be asked for {values}.", "Nothing moved.") from error
 
 
 def remote_devices(bus: Bus, station: Station) -> Devices:

@@ -79,7 +79,7 @@ def compare(recorded: Message, replayed: Message, tolerances: Mapping[str, Toler
     if type(recorded) is not type(replayed):
         return [_plain("type", type(recorded).__name__, type(replayed).__name__)]
     return [
-        found for path, a, b in _leaves("", recorded, replayed) for found in _compare_leaf(path, a, b, tolerance(path))
+        found for path, a, b in leaves("", recorded, replayed) for found in _compare_leaf(path, a, b, tolerance(path))
     ]
 
 
@@ -89,18 +89,18 @@ def unit_of(path: str) -> str:
     return _UNIT_BY_SUFFIX.get(name.rpartition("_")[2], "") if "_" in name else ""
 
 
-def _leaves(path: str, a: Any, b: Any) -> Iterator[tuple[str, Any, Any]]:
+def leaves(path: str, a: Any, b: Any) -> Iterator[tuple[str, Any, Any]]:
     """Pairs of values that have no parts, with their path; a differing count ends its branch."""
     if isinstance(a, Message) and type(a) is type(b):
         for name in type(a).model_fields:
             if name not in _IGNORED:
-                yield from _leaves(f"{path}.{name}" if path else name, getattr(a, name), getattr(b, name))
+                yield from leaves(f"{path}.{name}" if path else name, getattr(a, name), getattr(b, name))
     elif isinstance(a, dict) and isinstance(b, dict) and list(a) == list(b):
         for name in a:
-            yield from _leaves(f"{path}.{name}", a[name], b[name])
+            yield from leaves(f"{path}.{name}", a[name], b[name])
     elif isinstance(a, tuple) and isinstance(b, tuple) and len(a) == len(b):
         for index, (one, other) in enumerate(zip(a, b, strict=True)):
-            yield from _leaves(f"{path}[{index}]", one, other)
+            yield from leaves(f"{path}[{index}]", one, other)
     elif isinstance(a, tuple) and isinstance(b, tuple):
         yield f"{path}.count", len(a), len(b)
     else:
@@ -119,7 +119,10 @@ def _compare_leaf(path: str, a: Any, b: Any, rule: Tolerance) -> list[Difference
 
 def _compare_arrays(path: str, a: npt.NDArray[Any], b: npt.NDArray[Any], rule: Tolerance) -> list[Difference]:
     if a.shape != b.shape:
-        return [_plain(f"{path}.shape", list(a.shape), list(b.shape))]
+        shape = _plain(f"{path}.shape", list(a.shape), list(b.shape))
+        common = min(len(a), len(b))  # of two trajectories the samples that both have
+        is_series = rule.value > 0 and a.shape[1:] == b.shape[1:] and common > 0
+        return [shape, *(_compare_arrays(path, a[:common], b[:common], rule) if is_series else [])]
     if a.dtype in (np.uint8, np.bool_):
         differing = int((a != b).reshape(*a.shape[:2], -1).any(axis=-1).sum())
         allowed = rule.value if rule.unit == "px" else 0.0

@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 import re
 import struct
-from collections import defaultdict
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,11 +21,14 @@ from bus.codec import decode, frame_from_wire
 from bus.commands import CellState, Event, Health
 from bus.errors import BadPayload, RecordingError
 from bus.messages import Attempt, CycleResult, Execution, Frame, HandState, ModelReply, Observation, StageRecord, View
+from logs.migrate import Content, migrate
 from logs.recorder import PART
 
 STAGE_TOPICS = (topics.CAPTURE, topics.DETECT, topics.PLAN, topics.EXECUTE, topics.VERIFY, topics.DELIVER)
 _STATION = "station.json"
 _HEALTH = re.compile(topics.NODE_HEALTH.key.format(name="[^/]+"))
+RECOVERED = "recovered"
+"""Key of the metadata of a recording that was made whole again; it may end anywhere."""
 
 DAMAGE = (
     McapError,
@@ -78,32 +81,27 @@ class CycleRecord:
     health: tuple[Timed, ...] = ()
 
 
-@dataclass
-class _Raw:
-    """The file's content, by topic key."""
-
-    metadata: dict[str, str] = field(default_factory=dict)
-    station: dict[str, Any] | None = None
-    payloads: dict[str, list[tuple[int, bytes]]] = field(default_factory=lambda: defaultdict(list))
-
-
 def read_cycle(path: Path) -> CycleRecord:
-    """Read one closed recording. Raises: RecordingError, saying what is wrong with the file."""
+    """Read one closed recording, older ones migrated. Raises: RecordingError, saying what is wrong with the file."""
     raw = _read(path)
     if raw.station is None or "cycle_id" not in raw.metadata:
         raise RecordingError(f"{path} is an MCAP, but not a recording of this cell.", f"It lacks {_STATION}.")
+    migrate(raw)
     try:
         return _cycle(raw)
     except BadPayload as error:
         raise RecordingError(f"{path} holds a damaged message: {error.text}", "It cannot be replayed.") from error
 
 
-def _read(path: Path) -> _Raw:
+def _read(path: Path) -> Content:
     if path.name.endswith(PART):
-        raise RecordingError(f"{path} was not finished.", "The process that wrote it ended in the middle of the cycle.")
+        raise RecordingError(
+            f"{path} was not finished.",
+            f"Its process ended in the cycle, or still writes: `cell recover {path}` makes it whole.",
+        )
     if not path.is_file():
         raise RecordingError(f"There is no recording {path}.", "See `cell cycles`.")
-    raw = _Raw()
+    raw = Content()
     try:
         with path.open("rb") as file:
             _fill(raw, StreamReader(file, validate_crcs=True))
@@ -114,7 +112,7 @@ def _read(path: Path) -> _Raw:
     return raw
 
 
-def _fill(raw: _Raw, reader: StreamReader) -> None:
+def _fill(raw: Content, reader: StreamReader) -> None:
     """Everything in the data section, whose checksum is looked at; the summary only repeats it."""
     keys: dict[int, str] = {}
     for record in reader.records:
@@ -126,16 +124,16 @@ def _fill(raw: _Raw, reader: StreamReader) -> None:
             case Channel():
                 keys[record.id] = record.topic.removeprefix("/")
             case Message():
-                raw.payloads[keys[record.channel_id]].append((record.log_time, record.data))
+                raw.payloads.setdefault(keys[record.channel_id], []).append((record.log_time, record.data))
 
 
-def _cycle(raw: _Raw) -> CycleRecord:
+def _cycle(raw: Content) -> CycleRecord:
     stages = {
         record.stage: record
         for topic in STAGE_TOPICS
         for record in (decode(topic.says, payload) for _, payload in raw.payloads.get(topic.key, []))
     }
-    frames = dict(_frames(raw))
+    frames, is_recovered = dict(_frames(raw)), RECOVERED in raw.metadata
     capture, execute = stages.get("capture"), stages.get("execute")
     execution: Execution | None = execute.result if execute is not None else None
     results, attempts = raw.payloads.get(topics.RESULT.key, []), raw.payloads.get(topics.ATTEMPT.key, [])
@@ -144,8 +142,8 @@ def _cycle(raw: _Raw) -> CycleRecord:
         metadata=raw.metadata,
         station=raw.station or {},
         stages=dict(stages),
-        observation=_observation(capture.result if capture is not None else None, frames),
-        after=_observation(execution.after if execution is not None else None, frames),
+        observation=_observation(capture.result if capture is not None else None, frames, is_recovered),
+        after=_observation(execution.after if execution is not None else None, frames, is_recovered),
         result=decode(CycleResult, results[-1][1]) if results else None,
         attempt=decode(Attempt, attempts[0][1]) if attempts else Attempt(cycle_id=raw.metadata["cycle_id"]),
         replies=tuple(decode(ModelReply, payload) for _, payload in raw.payloads.get(topics.MODEL_REPLY.key, [])),
@@ -156,26 +154,34 @@ def _cycle(raw: _Raw) -> CycleRecord:
     )
 
 
-def _timed(raw: _Raw, key: str, kind: type[Any]) -> tuple[Timed, ...]:
-    return tuple(Timed(log_time_ns, decode(kind, payload)) for log_time_ns, payload in raw.payloads.get(key, []))
+def _timed(raw: Content, key: str, kind: type[Any]) -> tuple[Timed, ...]:
+    """What was said and can be read: a node that talks nonsense is recorded as it talks."""
+    timed = []
+    for log_time_ns, payload in raw.payloads.get(key, []):
+        with suppress(BadPayload):
+            timed.append(Timed(log_time_ns, decode(kind, payload)))
+    return tuple(timed)
 
 
-def _frames(raw: _Raw) -> Iterator[tuple[int, Frame]]:
+def _frames(raw: Content) -> Iterator[tuple[int, Frame]]:
     """Every recorded frame by its stamp. The five parts of one were recorded together, in order."""
     columns = [raw.payloads.get(topic.key, []) for topic in topics.FRAME_PARTS]
-    if len({len(column) for column in columns}) > 1:
+    if len({len(column) for column in columns}) > 1 and RECOVERED not in raw.metadata:
         raise BadPayload("Parts of a frame are missing.")
-    for parts in zip(*columns, strict=True):
-        frame = frame_from_wire(
-            {topic.key: payload for topic, (_, payload) in zip(topics.FRAME_PARTS, parts, strict=True)}
-        )
-        yield frame.stamp_ns, frame
+    for parts in zip(*columns, strict=False):  # of a torn file, the last frame's parts may be missing
+        with suppress(BadPayload):  # what cannot be read was never used: its capture failed
+            frame = frame_from_wire(
+                {topic.key: payload for topic, (_, payload) in zip(topics.FRAME_PARTS, parts, strict=True)}
+            )
+            yield frame.stamp_ns, frame
 
 
-def _observation(view: View | None, frames: dict[int, Frame]) -> Observation | None:
+def _observation(view: View | None, frames: dict[int, Frame], is_recovered: bool) -> Observation | None:
     if view is None:
         return None
     frame = frames.get(view.stamp_ns)
     if frame is None:
+        if is_recovered:
+            return None
         raise BadPayload(f"The frame with the stamp {view.stamp_ns} is missing.")
     return Observation(view=view, frame=frame)

@@ -6,23 +6,32 @@ through an unfinished file finds every message up to the last flush.
 
 from __future__ import annotations
 
+import fcntl
 import os
 import shutil
 import threading
+import zlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
-
-from mcap.writer import CompressionType, Writer
+from typing import BinaryIO, Protocol, cast
 
 from bus.codec import schema_of
 from bus.errors import RecordingError
+from logs.mcapfile import McapFile
 
 PART = ".part"
 _MODE = 0o640
-_PROFILE, _LIBRARY = "", "vlad-cell"
+_BLOCK_BYTES = 1 << 20
 _MESSAGE_ENCODING = {"jsonschema": "json", "protobuf": "protobuf"}
+
+
+def open_part(path: Path) -> BinaryIO:
+    """Open a new recording for writing. It is locked while a process writes it, so that nobody takes it for torn."""
+    file = os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, _MODE), "wb")
+    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    return file
 
 
 def ensure_space(folder: Path, min_free_mb: float) -> None:
@@ -37,6 +46,27 @@ def ensure_space(folder: Path, min_free_mb: float) -> None:
         )
 
 
+class Output(Protocol):
+    """What a recording is written to."""
+
+    def write(self, data: bytes, /) -> int: ...
+    def tell(self) -> int: ...
+    def flush(self) -> None: ...
+    def fileno(self) -> int: ...
+    def close(self) -> None: ...
+
+    @property
+    def closed(self) -> bool: ...
+
+
+Under = Callable[[BinaryIO], Output]
+
+
+def plain(file: BinaryIO) -> Output:
+    """The file itself."""
+    return file
+
+
 class Recorder:
     """One recording. Thread-safe; every method raises RecordingError when the disk fails.
 
@@ -44,9 +74,17 @@ class Recorder:
         path: the final ``.mcap``; its folders are made.
         metadata: what must be known to run the cycle again; written first.
         clock: UTC [ns].
+        under: given the opened file, and what is to be written to in its place.
     """
 
-    def __init__(self, path: Path, *, metadata: Mapping[str, str], clock: Callable[[], int]) -> None:
+    def __init__(
+        self,
+        path: Path,
+        *,
+        metadata: Mapping[str, str],
+        clock: Callable[[], int],
+        under: Under = plain,
+    ) -> None:
         self.path = path
         self._clock = clock
         self._lock = threading.Lock()
@@ -55,11 +93,13 @@ class Recorder:
         self._sequence: dict[int, int] = {}
         with _as_recording_error(path):
             path.parent.mkdir(parents=True, exist_ok=True)
-            descriptor = os.open(self._part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, _MODE)
-            self._file = os.fdopen(descriptor, "wb")
-            self._writer = Writer(self._file, compression=CompressionType.ZSTD, enable_data_crcs=True)
-            self._writer.start(profile=_PROFILE, library=_LIBRARY)
-            self._writer.add_metadata("run", dict(metadata))
+            self._file = _Summed(under(open_part(self._part)))
+            try:
+                self._writer = McapFile(cast(BinaryIO, self._file))
+                self._writer.metadata("run", metadata)
+            except OSError:
+                self.abandon()
+                raise
 
     @property
     def _part(self) -> Path:
@@ -70,30 +110,43 @@ class Recorder:
         with self._lock, _as_recording_error(self.path):
             channel = self._channel(key, encoding)
             self._sequence[channel] = sequence = self._sequence.get(channel, 0) + 1
-            self._writer.add_message(channel, log_time_ns, payload, log_time_ns, sequence)
+            self._writer.message(channel, log_time_ns, payload, log_time_ns, sequence)
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
         """Store a whole file beside the messages."""
         now_ns = self._clock()
         with self._lock, _as_recording_error(self.path):
-            self._writer.add_attachment(now_ns, now_ns, name, media_type, data)
+            self._writer.attachment(now_ns, name, media_type, data)
 
     def flush(self) -> None:
         """Close the chunk and hand everything to the operating system."""
         with self._lock, _as_recording_error(self.path):
-            self._writer.flush()  # type: ignore[no-untyped-call]
+            self._writer.flush()
 
     def close(self, result: Mapping[str, str]) -> Path:
-        """Write ``result``, the index and the footer, sync, and give the file its final name; idempotent."""
+        """Write ``result``, the index and the footer, sync, read it back, and give the file its final name; idempotent.
+
+        Raises: RecordingError, also when the file does not hold what was written.
+        """
         with self._lock, _as_recording_error(self.path):
             if not self._file.closed:
-                self._writer.add_metadata("result", dict(result))
-                self._writer.finish()  # type: ignore[no-untyped-call]
+                self._writer.metadata("result", result)
+                self._writer.finish()
                 self._file.flush()
                 os.fsync(self._file.fileno())
                 self._file.close()
+                self._require_readable()
                 self._part.rename(self.path)
         return self.path
+
+    def _require_readable(self) -> None:
+        """As far as the operating system tells: what it gives back is what it was given."""
+        read = 0
+        with self._part.open("rb") as file:
+            while block := file.read(_BLOCK_BYTES):
+                read = zlib.crc32(block, read)
+        if read != self._file.crc:
+            raise RecordingError(f"{self._part} does not hold what was written.", "Check the disk.")
 
     def abandon(self) -> None:
         """Let go of the file as it is, after the disk failed: the ``.part`` stays. Never raises; idempotent."""
@@ -114,11 +167,28 @@ class Recorder:
             return known
         schema = schema_of(encoding)
         if schema.name not in self._schemas:
-            self._schemas[schema.name] = self._writer.register_schema(schema.name, schema.encoding, schema.data)
+            self._schemas[schema.name] = self._writer.schema(schema.name, schema.encoding, schema.data)
         message_encoding = _MESSAGE_ENCODING[schema.encoding]
-        channel: int = self._writer.register_channel(f"/{key}", message_encoding, self._schemas[schema.name])
+        channel = self._writer.channel(f"/{key}", message_encoding, self._schemas[schema.name])
         self._channels[key, encoding] = channel
         return channel
+
+
+class _Summed:
+    """An output and the CRC-32 of what was written to it."""
+
+    def __init__(self, output: Output) -> None:
+        self._output = output
+        self.crc = 0
+        self.tell, self.flush, self.fileno, self.close = output.tell, output.flush, output.fileno, output.close
+
+    def write(self, data: bytes) -> int:
+        self.crc = zlib.crc32(data, self.crc)
+        return self._output.write(data)
+
+    @property
+    def closed(self) -> bool:
+        return self._output.closed
 
 
 @contextmanager

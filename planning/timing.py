@@ -14,8 +14,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import ruckig
-import toppra
-from toppra.constraint import DiscretizationType, JointAccelerationConstraint, LinearConstraint
 
 from bus.arrays import Joints, JointSamples
 from bus.codes import Code
@@ -24,6 +22,7 @@ from bus.trajectory import TICK_S, Trajectory, moving_average
 from config.limits import ACCELERATION_RAD_S2, JERK_RAD_S3, LimitReport, check, outside, velocity_bounds
 from config.schema import Station
 from planning.blend import Curve
+from planning.lean_toppra import DiscretizationType, JointAccelerationConstraint, LinearConstraint, toppra
 
 Array = npt.NDArray[np.float64]
 Sampler = Callable[[Array], JointSamples]

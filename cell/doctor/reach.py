@@ -9,7 +9,8 @@ from importlib import import_module
 from urllib.parse import urlsplit
 from urllib.request import getproxies
 
-from bus.errors import BusError
+from bus.errors import BusError, ConfigError
+from bus.secrets import read_secret
 from cell import client
 from cell.doctor.finding import Finding, fix, ok, skip, uses
 from cell.doctor.network import answer_within, ip_of, is_connected, obstacle, way_to
@@ -54,6 +55,12 @@ def model_key(station: Station, environ: Mapping[str, str] = os.environ) -> Find
     unnamed = [role for role in ("text_model", "image_model") if not getattr(hosted, role)]
     if unnamed:
         return fix(name, f"perception.hosted.{unnamed[0]} is not set.", f"Name a model as in config/{model}.toml.")
+    if hosted.key_file is not None:
+        try:
+            read_secret(hosted.key_file, "key file")
+        except ConfigError as error:
+            return fix(name, error.text, error.advice)
+        return ok(name, f"in {hosted.key_file}; models {hosted.text_model} and {hosted.image_model}")
     variable = hosted.key_variable or str(import_module(f"perception.models.{model}").KEY_VARIABLE)
     if not environ.get(variable):
         advice = f"export {variable}=...   (a server of your own takes any text)"

@@ -23,7 +23,8 @@ from drivers.interface import Devices
 _log = logging.getLogger(__name__)
 _HALF_EXPOSURE_NS = 6_400_000
 """NFOV unbinned: nine pulses in 12.8 ms; the device stamps their beginning."""
-_PATIENCE_S = 0.9
+_BEYOND_S = 0.1
+"""How much longer a capture waits than it takes to find the camera lost."""
 _READY_S = 10.0
 _READ_S = 0.2
 _AGAIN_S = 0.5
@@ -72,14 +73,14 @@ class FemtoMega:
             raise DriverUnavailable(f"The camera gave no pictures within {_READY_S:.0f} s.", _ADVICE)
 
     def capture(self) -> Frame:
-        """The next pair, exposed after this call; raises StaleFrame when none comes within a second."""
-        asked_ns = time.time_ns()
+        """The next pair, exposed after this call; raises StaleFrame when none comes until it counts as lost."""
+        asked_ns, patience_s = time.time_ns(), self._settings.lost_after_s + _BEYOND_S
         with self._news:
             self._require()
-            fresh = self._news.wait_for(lambda: self._is_after(asked_ns), _PATIENCE_S)
+            fresh = self._news.wait_for(lambda: self._is_after(asked_ns), patience_s)
             session, seen = self._require(), self._seen
         if not fresh or session is None or seen is None:
-            raise StaleFrame(f"The camera gave no new picture for {_PATIENCE_S:.1f} s.", _ADVICE)
+            raise StaleFrame(f"The camera gave no new picture for {patience_s:.1f} s.", _ADVICE)
         return Frame(
             stamp_ns=seen.stamp_ns,
             color=_decoded(seen.pair.jpeg),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from copy import copy
 from typing import TypeVar
 
 import cv2
@@ -42,7 +43,7 @@ class SimCamera:
         """Open the graphics context. Raises: DriverUnavailable without one."""
         with self._lock:
             if self._painter is None:
-                self._open()
+                self._open(self._world.model)
 
     def close(self) -> None:
         with self._lock:
@@ -56,8 +57,7 @@ class SimCamera:
                 raise NotConnected("The simulated camera is not connected.", "Call connect() first.")
             return self._capture()
 
-    def _open(self) -> None:
-        model = self._world.model
+    def _open(self, model: mujoco.MjModel) -> None:
         if self._painter is not None:
             self._painter.close()
         self._painter, self._model = None, None
@@ -65,14 +65,15 @@ class SimCamera:
 
     def _capture(self) -> Frame:
         sim = self._world.station.sim
-        with self._world.lock:
-            if self._model is not self._world.model:
-                self._open()
+        with self._world.lock:  # only for a copy: drawing takes a second, and arm and hand say where they are meanwhile
+            model, data = self._world.model, copy(self._world.data)
             stamp_ns = self._world.clock_ns()
-            color, depth_m = self._render()
             if self._presentation != self._world.presentations:
                 self._presentation, self._captures = self._world.presentations, 0
             rng = np.random.default_rng([sim.seed % 2**64, self._world.presented % 2**64, self._captures])
+        if self._model is not model:
+            self._open(model)
+        color, depth_m = self._render(data)
         self._captures += 1
         noisy = color + rng.normal(0.0, _COLOR_NOISE, color.shape)
         return Frame(
@@ -84,8 +85,8 @@ class SimCamera:
             color_from_depth=COLOR_FROM_DEPTH,
         )
 
-    def _render(self) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.float32]]:
-        painter, data = self._painter, self._world.data
+    def _render(self, data: mujoco.MjData) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.float32]]:
+        painter = self._painter
         assert painter is not None
         painter.look(data, COLOR_CAMERA)
         pixels = painter.color(COLOR_PINHOLE.width, COLOR_PINHOLE.height)

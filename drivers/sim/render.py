@@ -36,7 +36,7 @@ class Painter:
         self._options = mujoco.MjvOption()
 
     def look(self, data: mujoco.MjData, camera: str) -> None:
-        """Take over the state of ``data`` and the pose of ``camera``; the caller holds the world's lock."""
+        """Take over the state of ``data`` and the pose of ``camera``."""
         view = mujoco.MjvCamera()
         view.type, view.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, self._model.camera(camera).id
         mujoco.mjv_updateScene(

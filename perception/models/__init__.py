@@ -13,14 +13,16 @@ import numpy.typing as npt
 
 from bus.errors import ConfigError
 from bus.messages import ModelReply
-from config.schema import Station
+from bus.secrets import read_secret
+from config.schema import HostedSettings, Station
 from perception.models.base import GoalImageModel
 from perception.models.depth_pro import DepthPro
+from perception.models.faulty import FaultyModel
 from perception.models.geometric import GeometricModel
 from perception.models.hosted import HostedModel
 from perception.models.network import NetworkModel
 from perception.models.purse import LEDGER, Purse
-from perception.models.recorded import RecordedModel
+from perception.models.recorded import RecordedModel, SpoiledModel
 from perception.models.sam import Sam
 from perception.segment import Scene
 
@@ -67,13 +69,19 @@ def open_models(station: Station, environ: Mapping[str, str]) -> Models:
 
     Raises: ConfigError for a missing key, model id, package or weights; RecordingError for an unreadable ledger.
     """
-    return Models(_imaginer(station, environ, station.recording.folder), *_local(station))
+    imaginer, faults = _imaginer(station, environ, station.recording.folder), station.faults
+    if faults.allowed:
+        deadline_s = station.perception.hosted.deadline_s
+        imaginer = FaultyModel(imaginer, faults.model, deadline_s=deadline_s, delay_s=faults.delay_s)
+    return Models(imaginer, *_local(station))
 
 
 def replayed_models(station: Station, replies: Iterable[ModelReply]) -> Models:
-    """The same for a replay: a hosted model answers what it answered then."""
-    hosted = station.perception.model in _PROVIDERS
-    return Models(RecordedModel(replies) if hosted else _EMBEDDED[station.perception.model](station), *_local(station))
+    """The same for a replay: a hosted model answers what it answered then, and an injected fault comes again."""
+    if station.perception.model in _PROVIDERS:
+        return Models(RecordedModel(replies), *_local(station))
+    embedded = _EMBEDDED[station.perception.model](station)
+    return Models(SpoiledModel(embedded, replies) if station.faults.allowed else embedded, *_local(station))
 
 
 def _local(station: Station) -> tuple[Sam | None, DepthPro | None]:
@@ -93,12 +101,19 @@ def _imaginer(station: Station, environ: Mapping[str, str], folder: Path) -> Goa
                 f"perception.hosted.{role} is not set.", f"Name one of the provider's models; see config/{name}.toml."
             )
     module: Any = import_module(_PROVIDERS[name].module)
-    variable = settings.key_variable or module.KEY_VARIABLE
+    provider = getattr(module, _PROVIDERS[name].name)(settings, _key(name, settings, module.KEY_VARIABLE, environ))
+    return HostedModel(provider, settings, Purse(settings, folder / LEDGER))
+
+
+def _key(name: str, settings: HostedSettings, variable: str, environ: Mapping[str, str]) -> str:
+    """From the file, if one is named, else from the environment. Raises: ConfigError."""
+    if settings.key_file is not None:
+        return read_secret(settings.key_file, "key file")
+    variable = settings.key_variable or variable
     if not environ.get(variable):
         raise ConfigError(
             f"The model {name!r} needs a key in the environment variable {variable}.",
-            f"export {variable}=...; a server of your own takes any text. Or use the embedded model: "
-            "--set perception.model=geometric.",
+            f"export {variable}=...; a server of your own takes any text. Or name a file: perception.hosted.key_file. "
+            "Or use the embedded model: --set perception.model=geometric.",
         )
-    provider = getattr(module, _PROVIDERS[name].name)(settings, environ[variable])
-    return HostedModel(provider, settings, Purse(settings, folder / LEDGER))
+    return environ[variable]

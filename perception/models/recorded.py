@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from bus.errors import CycleFailure, RecordingError
 from bus.messages import ModelReply
-from perception.models.base import Answer
+from perception.models.base import Answer, GoalImageModel
 
 
 class RecordedModel:
@@ -45,6 +45,49 @@ class RecordedModel:
                 "Replay with the recorded settings of perception.model and perception.imagine.",
             )
         self._left.remove(reply)
-        if reply.failure is not None:
-            raise CycleFailure(reply.failure, reply.text_of_failure)
-        return Answer(reply.text, reply.image_png, usage=reply.usage, attempts=reply.attempts)
+        return _answer(reply)
+
+
+class SpoiledModel:
+    """An embedded model in a replay of a cycle in which it may have been spoiled (`perception.models.faulty`).
+
+    A recorded failure fails again, and a recorded picture - an embedded model's own is not recorded - is given back;
+    whatever else was asked is computed anew.
+    """
+
+    def __init__(self, model: GoalImageModel, replies: Iterable[ModelReply]) -> None:
+        self._model, self._replies = model, list(replies)
+        self._asked = 0
+        self.name = model.name
+
+    def begin(self) -> None:
+        self._asked = 0
+        self._model.begin()
+
+    def locate(self, color: Any, prompt: str) -> Answer:
+        return self._ask(lambda: self._model.locate(color, prompt))
+
+    def reason(self, subject: Any, prompt: str) -> Answer:
+        return self._ask(lambda: self._model.reason(subject, prompt))
+
+    def direct(self, subject: Any, prompt: str) -> Answer:
+        return self._ask(lambda: self._model.direct(subject, prompt))
+
+    def render(self, subject: Any, prompt: str) -> Answer:
+        return self._ask(lambda: self._model.render(subject, prompt))
+
+    def close(self) -> None:
+        self._model.close()
+
+    def _ask(self, ask: Callable[[], Answer]) -> Answer:
+        reply = self._replies[self._asked] if self._asked < len(self._replies) else None
+        self._asked += 1
+        spoiled = reply is not None and (reply.failure is not None or reply.image_png is not None)
+        return _answer(reply) if reply is not None and spoiled else ask()
+
+
+def _answer(reply: ModelReply) -> Answer:
+    """Raises: the recorded CycleFailure."""
+    if reply.failure is not None:
+        raise CycleFailure(reply.failure, reply.text_of_failure)
+    return Answer(reply.text, reply.image_png, usage=reply.usage, attempts=reply.attempts)

@@ -40,3 +40,9 @@ def test_a_window_of_one_changes_nothing() -> None:
 def test_a_trajectory_that_cannot_be_played_is_refused(bad: np.ndarray) -> None:
     with pytest.raises(ValidationError):
         Trajectory(raw_q_rad=bad, window=4)
+
+
+@pytest.mark.parametrize(("samples", "window"), [(2, 10**9), (2, 0), (300_001, 16)])
+def test_what_would_fill_the_memory_is_no_trajectory(samples: int, window: int) -> None:
+    with pytest.raises(ValueError, match=r"at most|at least"):
+        Trajectory(raw_q_rad=np.zeros((samples, 7)), window=window)

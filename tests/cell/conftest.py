@@ -2,29 +2,92 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
 from bus.errors import BusError
 from cell import client
+from cell.__main__ import main
 from config.load import load_station
 from config.schema import Station
+
+Cell = tuple[subprocess.Popen[str], Station]
 
 
 @pytest.fixture
 def options(tmp_path: Path, endpoint: str) -> list[str]:
     """Settings that keep a test's cell away from every other."""
-    return ["--set", f"bus.endpoint={endpoint}", "--set", f"recording.folder={tmp_path / 'recordings'}"]
+    return _options(endpoint, tmp_path)
 
 
 @pytest.fixture
-def daemon(options: list[str]) -> Iterator[tuple[subprocess.Popen[str], Station]]:
-    """A running ``cell start`` at real-time pace, Stopped, and its station."""
+def daemon(options: list[str]) -> Iterator[Cell]:
+    """A running ``cell start`` at real-time pace, Stopped, and its station: for a test that ends it, or prepares it."""
+    with _running(options) as cell:
+        yield cell
+
+
+@pytest.fixture(scope="module")
+def shared_options(tmp_path_factory: pytest.TempPathFactory, new_endpoint: Callable[[], str]) -> list[str]:
+    """Settings of the cell that a module's tests share."""
+    return _options(new_endpoint(), tmp_path_factory.mktemp("shared"))
+
+
+@pytest.fixture(scope="module")
+def _shared(shared_options: list[str]) -> Iterator[Cell]:
+    with _running(shared_options) as cell:
+        yield cell
+
+
+@pytest.fixture
+def shared_daemon(_shared: Cell) -> Cell:
+    """The cell that a module's tests share, Stopped and with its node, whatever the last one did to it."""
+    give_up_s = time.monotonic() + 60
+    with client.connect(_shared[1]) as connection:
+        while not all(node.is_alive for node in connection.health().nodes.values()):
+            assert time.monotonic() < give_up_s
+            time.sleep(0.05)
+        state = connection.wait_for_state({"Stopped", "Idle", "Execute", "Held", "Complete", "Aborted"}, 60).state
+        if state != "Stopped":
+            connection.command("clear" if state == "Aborted" else "stop")
+            connection.wait_for_state({"Stopped"}, 60)
+    return _shared
+
+
+@pytest.fixture
+def in_process(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> Iterator[Callable[..., subprocess.CompletedProcess[str]]]:
+    """Runs ``cell`` with the given arguments in this process: its imports, which take a new one seconds, are made."""
+
+    def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+        monkeypatch.setattr(sys, "argv", ["cell", *arguments])
+        capfd.readouterr()
+        with pytest.raises(SystemExit) as ended:
+            main()
+        said = capfd.readouterr()
+        code = ended.value.code
+        return subprocess.CompletedProcess(arguments, code if isinstance(code, int) else 0, said.out, said.err)
+
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    yield run
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
+
+
+def _options(endpoint: str, folder: Path) -> list[str]:
+    return ["--set", f"bus.endpoint={endpoint}", "--set", f"recording.folder={folder / 'recordings'}"]
+
+
+@contextmanager
+def _running(options: list[str]) -> Iterator[Cell]:
     station = load_station(None, options[1::2])
     process = subprocess.Popen(
         [sys.executable, "-m", "cell", "start", "--no-report", "--set", "sim.pace=1", *options],

@@ -6,12 +6,16 @@ import os
 import socket
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+Run = Callable[..., subprocess.CompletedProcess[str]]
 
-def _cell(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+
+def _process(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    """As a user runs it."""
     return subprocess.run(
         [sys.executable, "-m", "cell", *arguments],
         capture_output=True,
@@ -30,46 +34,46 @@ def _says(done: subprocess.CompletedProcess[str], code: int, *words: str) -> Non
         assert word in line
 
 
-def test_an_unknown_key_is_named_with_its_neighbour(options: list[str]) -> None:
-    _says(_cell("start", "--set", "sim.pase=1", *options), 2, "sim.pase", "'pace'")
+def test_an_unknown_key_is_named_with_its_neighbour(in_process: Run, options: list[str]) -> None:
+    _says(in_process("start", "--set", "sim.pase=1", *options), 2, "sim.pase", "'pace'")
 
 
-def test_a_missing_station_file() -> None:
-    _says(_cell("start", "--config", "absent.toml"), 2, "absent.toml", "--config")
+def test_a_missing_station_file(in_process: Run) -> None:
+    _says(in_process("start", "--config", "absent.toml"), 2, "absent.toml", "--config")
 
 
-def test_an_unknown_driver_lists_the_installed_ones(options: list[str]) -> None:
-    _says(_cell("start", "--set", "nodes.sim.driver=warp", *options), 2, "warp", "sim")
+def test_an_unknown_driver_lists_the_installed_ones(in_process: Run, options: list[str]) -> None:
+    _says(in_process("start", "--set", "nodes.sim.driver=warp", *options), 2, "warp", "sim")
 
 
-def test_a_folder_without_objects(options: list[str], tmp_path: Path) -> None:
-    _says(_cell("start", "--objects", str(tmp_path), *options), 2, str(tmp_path), "object.xml")
+def test_a_folder_without_objects(in_process: Run, options: list[str], tmp_path: Path) -> None:
+    _says(in_process("start", "--objects", str(tmp_path), *options), 2, str(tmp_path), "object.xml")
 
 
 def test_no_egl(options: list[str]) -> None:
-    done = _cell("start", "--cycles", "1", *options, MUJOCO_EGL_DEVICE_ID="99")
+    done = _process("start", "--cycles", "1", *options, MUJOCO_EGL_DEVICE_ID="99")
     _says(done, 2, "apt-get install", "libegl1")
 
 
-def test_an_occupied_port(options: list[str], endpoint: str) -> None:
+def test_an_occupied_port(in_process: Run, options: list[str], endpoint: str) -> None:
     host, port = endpoint.removeprefix("tcp/").split(":")
     with socket.create_server((host, int(port))):
-        _says(_cell("start", "--cycles", "1", *options), 4, endpoint, "cell status")
+        _says(in_process("start", "--cycles", "1", *options), 4, endpoint, "cell status")
 
 
-def test_no_cell_to_talk_to(options: list[str]) -> None:
-    _says(_cell("status", *options), 4, "cell start")
+def test_no_cell_to_talk_to(in_process: Run, options: list[str]) -> None:
+    _says(in_process("status", *options), 4, "cell start")
 
 
 @pytest.mark.parametrize("command", ["replay", "report", "show"])
 @pytest.mark.parametrize("content", [None, b"", b"not an MCAP", b"\x89MCAP0\r\n" + bytes(100)])
-def test_a_recording_that_is_none(tmp_path: Path, command: str, content: bytes | None) -> None:
+def test_a_recording_that_is_none(in_process: Run, tmp_path: Path, command: str, content: bytes | None) -> None:
     path = tmp_path / "cycle.mcap"
     if content is not None:
         path.write_bytes(content)
-    _says(_cell(command, str(path)), 2, str(path))
+    _says(in_process(command, str(path)), 2, str(path))
 
 
 def test_a_wrong_command_is_a_usage_error() -> None:
-    done = _cell("dance")
+    done = _process("dance")
     assert done.returncode == 2 and "dance" in done.stderr and "Traceback" not in done.stderr

@@ -10,12 +10,13 @@ import pytest
 
 from bus.codes import Code
 from bus.errors import CycleFailure, DeviceLost, StaleFrame
+from bus.faults import Fault
 from bus.messages import CycleResult, Frame
 from cell.capture import capture
 from cell.cycle import Equipment
 from cell.works import Works
 from config.load import load_station
-from drivers.faulty import Fault, FaultyArm, FaultyCamera, FaultyHand
+from drivers.faulty import FaultyArm, FaultyCamera, FaultyHand
 from drivers.guard import Guard
 from drivers.registry import open_devices
 from perception.models import open_models
@@ -25,8 +26,8 @@ from planning.robot import Robot
 class Bench:
     """Works whose devices can be spoiled: when the stage of ``spoil`` begins, its device gets its fault."""
 
-    def __init__(self, folder: Path) -> None:
-        self.station = load_station(None, [f"recording.folder={folder}"])
+    def __init__(self, folder: Path, *overrides: str) -> None:
+        self.station = load_station(None, [f"recording.folder={folder}", *overrides])
         real = open_devices("sim", self.station)
         assert real.camera is not None and real.arm is not None and real.hand is not None
         self.camera, self.arm, self.hand = FaultyCamera(real.camera), FaultyArm(real.arm), FaultyHand(real.hand)
@@ -93,8 +94,8 @@ def test_a_hand_without_a_possible_width_ends_the_cycle(bench: Bench, fault: Fau
     assert bench.failure().failure is (Code.HAND_FAULT if fault is Fault.GARBAGE else Code.DEVICE_LOST)
 
 
-def test_a_stop_is_not_confirmed_by_a_velocity_of_nan(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cell.works._STOP_PATIENCE_S", 0.05)
+def test_a_stop_is_not_confirmed_by_a_velocity_of_nan(tmp_path: Path) -> None:
+    bench = Bench(tmp_path, "arm.rest_s=0.05")
     bench.arm.fault = Fault.GARBAGE
     with pytest.raises(CycleFailure, match="still moves"):
         bench.works.stop(lambda wait_s: True)

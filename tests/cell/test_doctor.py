@@ -6,7 +6,6 @@ import json
 import os
 import socket
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -22,6 +21,7 @@ from config.load import DEFAULT_STATION, load_station
 from config.schema import Station
 
 FOLDER = DEFAULT_STATION.parent
+Run = Callable[..., subprocess.CompletedProcess[str]]
 HERE = "127.71.72.73"
 """An address of this machine that no other test listens on."""
 
@@ -316,20 +316,14 @@ def test_nodes_elsewhere_wait_for_a_cell(endpoint: str) -> None:
 # --- the command ------------------------------------------------------------------------------------------------------
 
 
-def _doctor(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "cell", "doctor", *arguments], capture_output=True, text=True, timeout=60, check=False
-    )
-
-
-def test_nothing_to_fix_is_exit_0(options: list[str]) -> None:
-    done = _doctor(*options)
+def test_nothing_to_fix_is_exit_0(in_process: Run, options: list[str]) -> None:
+    done = in_process("doctor", *options)
     assert done.returncode == 0 and "nothing to fix" in done.stdout, done.stdout
     assert len([line for line in done.stdout.splitlines() if line.split()[0] in ("ok", "skip")]) == len(CHECKS)
 
 
-def test_something_to_fix_is_exit_1_and_json_is_one_object_a_line(options: list[str]) -> None:
-    done = _doctor(*options, "--json", "--set", "recording.min_free_mb=1e12")
+def test_something_to_fix_is_exit_1_and_json_is_one_object_a_line(in_process: Run, options: list[str]) -> None:
+    done = in_process("doctor", *options, "--json", "--set", "recording.min_free_mb=1e12")
     assert done.returncode == 1
     said = [json.loads(line) for line in done.stdout.splitlines()]
     assert len(said) == len(CHECKS) and all(set(one) == {"name", "verdict", "found", "advice"} for one in said)
@@ -337,8 +331,8 @@ def test_something_to_fix_is_exit_1_and_json_is_one_object_a_line(options: list[
     assert disk["name"] == "disk" and disk["advice"]
 
 
-def test_a_wrong_station_file_is_a_usage_error() -> None:
-    done = _doctor("--config", "absent.toml")
+def test_a_wrong_station_file_is_a_usage_error(in_process: Run) -> None:
+    done = in_process("doctor", "--config", "absent.toml")
     assert done.returncode == 2 and "absent.toml" in done.stderr
 
 

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from mcap.reader import make_reader
 
 from bus.codes import Code
 from cell.replay import replay_file
@@ -18,6 +19,7 @@ from tests.stand_ins.drift import Drift
 from tests.stand_ins.model_server import Fault, ModelServer
 from tests.stand_ins.painter import paint, say
 
+SECRET = "sk-secret-0123456789"
 CONFIG = Path(__file__).parents[2] / "config"
 
 
@@ -30,7 +32,7 @@ def test_a_fault_ends_its_cycle_with_its_code_and_the_next_one_picks(
         overrides = [f"perception.hosted.base_url={base}", f"bus.endpoint={endpoint}", "verify.hold_s=0.5"]
         command = [sys.executable, "-m", "cell", "start", "--config", str(CONFIG / f"{provider}.toml")]
         command += ["--cycles", "2", "--seed", "3", "--json", *(word for o in overrides for word in ("--set", o))]
-        keys = {"OPENAI_API_KEY": "none", "GEMINI_API_KEY": "none"}
+        keys = {"OPENAI_API_KEY": SECRET, "GEMINI_API_KEY": SECRET}
         run = subprocess.run(
             command, cwd=tmp_path, env={**os.environ, **keys}, capture_output=True, text=True, timeout=180, check=False
         )
@@ -40,9 +42,22 @@ def test_a_fault_ends_its_cycle_with_its_code_and_the_next_one_picks(
     assert second["result"] == "SUCCESS", second
     for result in (first, second):
         assert replay_file(tmp_path / result["recording"]).equal, "offline: the server is closed"
+    assert SECRET not in run.stdout + run.stderr
+    assert all(SECRET not in _all_of(tmp_path / result["recording"]) for result in (first, second))
     record = read_cycle(tmp_path / second["recording"])
     assert [reply.step for reply in record.replies] == ["reason", "direct", "render"]
     assert record.replies[-1].image_png is not None and record.replies[-1].usage.cost_usd > 0
     page = write_report(record, tmp_path / "report.html").read_text()
     assert "USD" in page and "the picture as it came" in page
     assert sum(line.count("usd") for line in (tmp_path / "recordings/spend.jsonl").read_text().splitlines()) >= 5
+
+
+def _all_of(recording: Path) -> str:
+    """Every message, attachment and metadata of a recording, as text."""
+    with recording.open("rb") as file:
+        reader = make_reader(file)
+        parts = [message.data for _, _, message in reader.iter_messages()]
+        parts += [attachment.data for attachment in reader.iter_attachments()]
+        parts += [str(metadata.metadata).encode() for metadata in reader.iter_metadata()]
+    assert any(b"perception" in part for part in parts), "the station is among them"
+    return b"".join(parts).decode("latin-1")

@@ -84,10 +84,10 @@ with client.connect(load_station(None, sys.argv[1:])) as cell:
 
 
 @pytest.fixture
-def picker(daemon: Daemon, options: list[str]) -> Iterator[subprocess.Popen[str]]:
+def picker(shared_daemon: Daemon, shared_options: list[str]) -> Iterator[subprocess.Popen[str]]:
     """A program whose pick is under way."""
     process = subprocess.Popen(
-        [sys.executable, "-c", _PICKER, *options[1::2]], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        [sys.executable, "-c", _PICKER, *shared_options[1::2]], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     )
     yield process
     process.kill()
@@ -95,11 +95,11 @@ def picker(daemon: Daemon, options: list[str]) -> Iterator[subprocess.Popen[str]
 
 
 def test_a_cell_whose_client_dies_in_mid_motion_holds_and_another_may_go_on(
-    daemon: Daemon, picker: subprocess.Popen[str]
+    shared_daemon: Daemon, picker: subprocess.Popen[str]
 ) -> None:
     assert picker.stdout is not None
     cycle_id = picker.stdout.readline().strip()
-    with client.connect(daemon[1]) as cell:
+    with client.connect(shared_daemon[1]) as cell:
         give_up_s = time.monotonic() + 60
         while cell.state().stage != "execute":
             assert time.monotonic() < give_up_s
@@ -115,8 +115,8 @@ def test_a_cell_whose_client_dies_in_mid_motion_holds_and_another_may_go_on(
     assert result.result == "SUCCESS", result.reason
 
 
-def test_a_stranger_without_a_token_moves_nothing(daemon: Daemon) -> None:
-    station = daemon[1]
+def test_a_stranger_without_a_token_moves_nothing(shared_daemon: Daemon) -> None:
+    station = shared_daemon[1]
     with Bus.join(station.cell_id, station.bus.endpoint) as bus:
         request = CommandRequest(client_id="stranger")
         with pytest.raises(Refused) as refusal:

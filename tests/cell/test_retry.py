@@ -116,7 +116,7 @@ def test_a_start_holds_after_too_many_failures_and_goes_on_when_somebody_has_loo
             elif isinstance(message, CellState) and message.state == "Idle" and not results:
                 refuse(daemon.command("start", operator))
             elif isinstance(message, CellState) and message.state == "Held":
-                assert "1 picks in a row failed" in message.reason
+                assert "A pick failed" in message.reason
                 held += 1
                 refuse(daemon.command("unhold", operator))
     assert [result.code for result in results] == ["DROPPED"] * 2

@@ -48,7 +48,7 @@ class Terminal:
         self._raw = b""
         os.write(self._master, key.encode())
 
-    def wait_for(self, pattern: str, timeout_s: float = 30.0) -> str:
+    def wait_for(self, pattern: str, timeout_s: float = 60.0) -> str:
         """The text since the last key once it matches."""
         give_up_s = time.monotonic() + timeout_s
         while not re.search(pattern, text := self._text()):
@@ -89,8 +89,8 @@ class Terminal:
 
 
 @pytest.fixture
-def terminal(daemon: Cell, options: list[str]) -> Iterator[Terminal]:
-    with closing(Terminal(options)) as one:
+def terminal(shared_daemon: Cell, shared_options: list[str]) -> Iterator[Terminal]:
+    with closing(Terminal(shared_options)) as one:
         yield one
 
 
@@ -118,19 +118,19 @@ def test_keys_command_the_cell_and_refusals_say_why(terminal: Terminal) -> None:
     assert code == 0 and terminal.settings() == terminal.before
 
 
-def test_an_arrow_key_is_no_command(terminal: Terminal, daemon: Cell) -> None:
+def test_an_arrow_key_is_no_command(terminal: Terminal, shared_daemon: Cell) -> None:
     terminal.wait_for(r"cell sim +Stopped")
     terminal.press("\x1b[a\x1bOa\x1b[200~")  # with "a" in it, which would abort
     terminal.press("x")
     terminal.press("u")
     terminal.wait_for("WRONG_STATE")
-    with client.connect(daemon[1]) as cell:
+    with client.connect(shared_daemon[1]) as cell:
         assert cell.state().state == "Stopped"
 
 
-def test_a_signal_ends_the_view_and_restores_the_terminal(daemon: Cell, options: list[str]) -> None:
+def test_a_signal_ends_the_view_and_restores_the_terminal(shared_daemon: Cell, shared_options: list[str]) -> None:
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        with closing(Terminal(options)) as terminal:
+        with closing(Terminal(shared_options)) as terminal:
             terminal.wait_for(r"cell sim +Stopped")
             assert terminal.settings() != terminal.before
             terminal.process.send_signal(number)
@@ -145,8 +145,12 @@ def test_it_ends_when_its_terminal_does(terminal: Terminal) -> None:
     assert terminal.hang_up() == 0
 
 
-def test_a_cell_that_goes_away_is_shown_and_waited_for(terminal: Terminal, daemon: Cell) -> None:
-    first, _ = daemon
+def test_a_cell_that_goes_away_is_shown_and_waited_for(daemon: Cell, options: list[str]) -> None:
+    with closing(Terminal(options)) as terminal:
+        _goes_and_comes(terminal, daemon[0])
+
+
+def _goes_and_comes(terminal: Terminal, first: subprocess.Popen[str]) -> None:
     terminal.wait_for(r"cell sim +Stopped")
     first.terminate()
     first.wait(30)
@@ -169,16 +173,16 @@ def _once(options: list[str]) -> subprocess.CompletedProcess[str]:
     )  # fmt: skip
 
 
-def test_once_prints_the_view_with_what_was_recorded_before(daemon: Cell, options: list[str]) -> None:
-    _, station = daemon
+def test_once_prints_the_view_with_what_was_recorded_before(shared_daemon: Cell, shared_options: list[str]) -> None:
+    _, station = shared_daemon
     with client.connect(station) as cell:
         cell.command("reset")
-        cell.wait_for_state({"Idle"}, 30)
+        cell.wait_for_state({"Idle"}, 60)
         result = cell.wait_for_result(cell.command("pick", object_name="bottle").cycle_id, 60)
         cell.wait_for_state({"Complete"}, 30)
     torn = Path(result.recording).with_name("99991231T235959999.mcap")
     torn.write_bytes(Path(result.recording).read_bytes()[:1000])
-    done = _once(options)
+    done = _once(shared_options)
     assert done.returncode == 0, done.stderr
     assert re.match(r"cell sim +Complete", done.stdout) and "available: reset, pick, stop, abort" in done.stdout
     assert re.search(rf"{result.cycle_id} +{result.result} .*bottle +{result.wall_s:.1f} s", done.stdout)

@@ -25,6 +25,7 @@ from cell.__main__ import app
 from config.schema import Station
 from drivers.remote import RemoteArm
 
+Cell = tuple[subprocess.Popen[str], Station]
 EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "trigger.py"
 
 
@@ -99,38 +100,36 @@ def test_show_and_cycles_tell_what_was_recorded(lines: list[dict[str, Any]]) -> 
 # --- a daemon that stays ----------------------------------------------------------------------------------------------
 
 
-def test_other_processes_command_the_daemon(daemon: tuple[subprocess.Popen[str], Station], options: list[str]) -> None:
-    status = json.loads(_cell("status", "--json", *options).stdout)
+def test_other_processes_command_the_daemon(shared_daemon: Cell, shared_options: list[str]) -> None:
+    status = json.loads(_cell("status", "--json", *shared_options).stdout)
     assert (status["state"], list(status["health"]["nodes"])) == ("Stopped", ["sim"])
-    refused = _cell("pick", "--json", *options)
+    refused = _cell("pick", "--json", *shared_options)
     assert refused.returncode == 3
     assert json.loads(refused.stdout)["code"] == "WRONG_STATE" and "cell reset" in refused.stderr
-    assert _cell("reset", *options).returncode == 0
-    picked = _cell("pick", "--json", "--object", "bottle", *options)
+    assert _cell("reset", *shared_options).returncode == 0
+    picked = _cell("pick", "--json", "--object", "bottle", *shared_options)
     assert picked.returncode == 0 and json.loads(picked.stdout)["object"] == "bottle"
-    assert _cell("pick", "--object", "unicorn", *options).returncode in (1, 3)
+    assert _cell("pick", "--object", "unicorn", *shared_options).returncode in (1, 3)
 
 
-def test_a_stop_in_motion_ends_the_cycle_and_the_motion(
-    daemon: tuple[subprocess.Popen[str], Station], options: list[str]
-) -> None:
-    _, station = daemon
+def test_a_stop_in_motion_ends_the_cycle_and_the_motion(shared_daemon: Cell, shared_options: list[str]) -> None:
+    _, station = shared_daemon
     with client.connect(station) as cell:
         cell.command("reset")
-        cell.wait_for_state({"Idle"}, 30)
+        cell.wait_for_state({"Idle"}, 60)
         cycle_id = cell.command("pick").cycle_id
-        give_up_s = time.monotonic() + 30
+        give_up_s = time.monotonic() + 60
         while cell.state().stage != "execute":
             assert time.monotonic() < give_up_s
             time.sleep(0.02)
         time.sleep(0.5)  # somewhere in the transit
-        assert _cell("stop", *options).returncode == 0
+        assert _cell("stop", *shared_options).returncode == 0
         result = cell.wait_for_result(cycle_id, 10)
         assert (result.result, result.code) == ("ABORTED", "STOPPED")
         assert Path(result.recording).is_file()
         assert cell.state().state == "Stopped" and "reset" in cell.state().available
         cell.command("reset")  # and it can go on
-        cell.wait_for_state({"Idle"}, 30)
+        cell.wait_for_state({"Idle"}, 60)
 
 
 def _children(process: subprocess.Popen[str]) -> list[int]:
@@ -139,9 +138,9 @@ def _children(process: subprocess.Popen[str]) -> list[int]:
 
 
 def test_a_killed_node_aborts_with_its_name(
-    daemon: tuple[subprocess.Popen[str], Station],
+    shared_daemon: Cell,
 ) -> None:
-    process, station = daemon
+    process, station = shared_daemon
     for pid in _children(process):
         os.kill(pid, signal.SIGKILL)
     with client.connect(station) as cell:
@@ -150,15 +149,15 @@ def test_a_killed_node_aborts_with_its_name(
     assert "sim" in state.reason
 
 
-def test_a_plain_zenoh_program_triggers_a_pick(daemon: tuple[subprocess.Popen[str], Station]) -> None:
-    _, station = daemon
+def test_a_plain_zenoh_program_triggers_a_pick(shared_daemon: Cell) -> None:
+    _, station = shared_daemon
     source = EXAMPLE.read_text().replace("tcp/127.0.0.1:7447", station.bus.endpoint)
     assert station.bus.endpoint in source
     done = subprocess.run([sys.executable, "-c", source], capture_output=True, text=True, timeout=90, check=True)
     assert "'result': 'SUCCESS'" in done.stdout, done.stdout
 
 
-def test_sigterm_stops_the_cell_and_leaves_no_process(daemon: tuple[subprocess.Popen[str], Station]) -> None:
+def test_sigterm_stops_the_cell_and_leaves_no_process(daemon: Cell) -> None:
     process, _ = daemon
     children = _children(process)
     assert children
@@ -175,30 +174,28 @@ def _in_process(*arguments: str) -> str:
     return done.output
 
 
-def test_a_held_cycle_rests_and_goes_on_to_success(
-    daemon: tuple[subprocess.Popen[str], Station], options: list[str]
-) -> None:
-    _, station = daemon
+def test_a_held_cycle_rests_and_goes_on_to_success(shared_daemon: Cell, shared_options: list[str]) -> None:
+    _, station = shared_daemon
     with client.connect(station) as cell, Bus.join(station.cell_id, station.bus.endpoint) as bus:
         arm = RemoteArm(bus, station.bus.ask_timeout_s)
         arm.connect()
         cell.command("reset")
-        cell.wait_for_state({"Idle"}, 30)
+        cell.wait_for_state({"Idle"}, 60)
         with pytest.raises(Refused, match="not possible while the cell is Idle"):
             cell.command("hold")
         cycle_id = cell.command("pick").cycle_id
-        give_up_s = time.monotonic() + 30
+        give_up_s = time.monotonic() + 60
         while np.abs(arm.state().dq_rad_s).max() < 0.3:
             assert time.monotonic() < give_up_s
             time.sleep(0.005)
-        assert _in_process("hold", *options).startswith("Held command 'hold' from cell-cli-")
+        assert _in_process("hold", *shared_options).startswith("Held command 'hold' from cell-cli-")
         while np.abs((held := arm.state()).dq_rad_s).max() >= 1e-3:
             assert time.monotonic() < give_up_s
         np.testing.assert_array_equal(arm.state().q_rad, held.q_rad)
-        shown = _in_process("status", *options)
+        shown = _in_process("status", *shared_options)
         assert shown.startswith("Held ") and "available: stop, abort, unhold" in shown
         assert cell.state().stage != ""
         np.testing.assert_array_equal(arm.state().q_rad, held.q_rad)
-        assert _in_process("unhold", *options).strip() in ("Execute", "Completing")
+        assert _in_process("unhold", *shared_options).strip() in ("Execute", "Completing")
         result = cell.wait_for_result(cycle_id, 60)
     assert result.result == "SUCCESS", result.reason

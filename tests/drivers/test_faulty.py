@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import queue
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -9,12 +10,15 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from bus.errors import DeviceLost, MotionRefused
+from bus import topics
+from bus.errors import BusError, DeviceLost, MotionRefused
+from bus.faults import Fault, FaultRequest
+from bus.faulty import FaultyBus
 from bus.messages import ArmMode, Frame, HandState, Motion
 from bus.session import Bus
 from bus.trajectory import Trajectory
 from config.load import load_station
-from drivers.faulty import ABSURD_WIDTH_M, WRONG_JOINT_RAD, WRONG_WIDTH_M, Fault, FaultyArm, FaultyCamera, FaultyHand
+from drivers.faulty import ABSURD_WIDTH_M, WRONG_JOINT_RAD, WRONG_WIDTH_M, FaultyArm, FaultyCamera, FaultyHand
 from drivers.guard import Guard
 from drivers.interface import Devices, Reporting
 from drivers.node import Node
@@ -288,4 +292,33 @@ def test_faults_reach_the_daemon_through_the_node_as_what_they_are(endpoint: str
         arm.fault = hand.fault = Fault.GARBAGE
         assert np.isnan(far_arm.state().q_rad).all()
         assert any(np.isnan(far_hand.state().width_m) for _ in range(20)), "NaN survives the wire"
+        node.close()
+
+
+def test_an_arm_whose_nodes_link_is_cut_stops_itself(endpoint: str) -> None:
+    station = load_station(None, ["faults.allowed=true", "sim.pace=1"])
+    real = open_devices("sim", station)
+    assert real.arm is not None
+    with Bus.listen(station.cell_id, endpoint) as cell, FaultyBus.join(station.cell_id, endpoint) as node_bus:
+        node = Node("sim", node_bus, Devices(arm=real.arm), station)
+        node.open()
+        far_arm = RemoteArm(cell, 5.0)
+        far_arm.connect()
+        start_q_rad = far_arm.state().q_rad
+        ended: queue.SimpleQueue[BusError] = queue.SimpleQueue()
+
+        def execute() -> None:
+            try:
+                far_arm.execute(nod(start_q_rad, 60.0))
+            except BusError as error:
+                ended.put(error)
+
+        threading.Thread(target=execute, daemon=True).start()
+        give_up_s = time.monotonic() + 20
+        while far_arm.state().mode is not ArmMode.MOVE:
+            assert time.monotonic() < give_up_s
+        cell.ask(topics.FAULT, FaultRequest(fault=Fault.OFF), timeout_s=5.0, part="bus")
+        ended.get(timeout=10)
+        while real.arm.state().mode is not ArmMode.IDLE:
+            assert time.monotonic() < give_up_s
         node.close()

@@ -170,6 +170,9 @@ def test_everything_else_comes_back_in_order_with_its_time(recording: Path) -> N
     assert cycle.metadata == {
         "cycle_id": CYCLE_ID,
         "seed": "7",
+        "schema": "2",
+        "commit": "unknown",
+        "dirty": "unknown",
         "result": "SUCCESS",
         "code": "",
         "reason": "Held.",
@@ -272,7 +275,6 @@ def _broken_frame(writer: Writer) -> None:
         (_wrong_content, "damaged message"),
         (_wrong_station, "damaged"),
         (_half_frame, "damaged"),
-        (_broken_frame, "damaged"),
     ],
 )
 def test_an_mcap_of_somebody_else_is_refused(tmp_path: Path, fill: Callable[[Writer], None], match: str) -> None:
@@ -283,6 +285,16 @@ def test_an_mcap_of_somebody_else_is_refused(tmp_path: Path, fill: Callable[[Wri
         fill(writer)
         writer.finish()
     _refused(path, match)
+
+
+def test_a_frame_that_cannot_be_read_and_was_not_used_is_no_damage(tmp_path: Path) -> None:
+    path = tmp_path / "nonsense.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        _broken_frame(writer)
+        writer.finish()
+    assert read_cycle(path).observation is None
 
 
 def test_an_unfinished_recording_is_refused(recording: Path) -> None:

@@ -1,0 +1,43 @@
+"""Files that hold a secret: private to their owner (and group), and where no commit can take them along."""
+
+from __future__ import annotations
+
+import stat
+from pathlib import Path
+
+from bus.errors import ConfigError
+
+_PROJECT = Path(__file__).resolve().parent.parent
+
+
+def require_private(path: Path, what: str) -> None:
+    """Raises: ConfigError when others may read ``path``, or when it lies in the project or a git work tree."""
+    try:
+        mode = path.stat().st_mode
+    except OSError as error:
+        raise ConfigError(f"Cannot read the {what} {path}: {error.strerror}.") from error
+    if mode & stat.S_IRWXO:
+        raise ConfigError(f"Everybody on this machine can read the {what} {path}.", f"chmod o= {path}")
+    require_outside(path, what)
+
+
+def require_outside(path: Path, what: str) -> None:
+    """Raises: ConfigError when ``path`` lies in the project folder or a git work tree."""
+    for folder in path.resolve().parents:
+        if folder == _PROJECT or (folder / ".git").exists():
+            raise ConfigError(
+                f"The {what} {path} lies in {folder}, from where it would be committed or copied.",
+                "Keep it in a folder of its own, e.g. ~/.config/vlad-cell.",
+            )
+
+
+def read_secret(path: Path, what: str) -> str:
+    """The one line of a private file. Raises: ConfigError, never with what is in it."""
+    require_private(path, what)
+    try:
+        secret = path.read_text(encoding="ascii").strip()
+    except (OSError, UnicodeDecodeError):
+        secret = ""
+    if not secret or len(secret.split()) != 1:
+        raise ConfigError(f"The {what} {path} does not hold one line of printable text.")
+    return secret

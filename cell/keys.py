@@ -1,0 +1,140 @@
+"""``cell keys``: an authority of one's own, a certificate for every role, and the Zenoh files that use them."""
+
+from __future__ import annotations
+
+import ipaddress
+import os
+import shutil
+from collections.abc import Sequence
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes
+from cryptography.hazmat.primitives.asymmetric.ec import SECP256R1, EllipticCurvePrivateKey, generate_private_key
+from cryptography.hazmat.primitives.serialization import (
+    Encoding,
+    NoEncryption,
+    PrivateFormat,
+    load_pem_private_key,
+)
+from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+
+from bus.errors import ConfigError
+from bus.secrets import require_outside, require_private
+from config.load import DEFAULT_STATION
+
+ROLES = ("cell", "router", "node", "operator", "viewer")
+LISTENING = ("cell", "router")
+"""Others connect to these, and check that the certificate names the address they asked for."""
+_FILES = DEFAULT_STATION.parent / "zenoh"
+_VALID = timedelta(days=2 * 365)
+_CA_VALID = timedelta(days=10 * 365)
+
+
+def make_keys(folder: Path, hosts: Sequence[str]) -> list[Path]:
+    """Write ``ROLE.pem``, ``ROLE.key`` and ``ROLE.json5`` for every role into ``folder``.
+
+    The authority (``ca.pem``, ``ca.key``) is made where there is none, and used again where there is one: what it
+    signed before stays valid.
+
+    Args:
+        hosts: addresses and names under which the cell and the router are reached.
+
+    Returns: what was written. Raises: ConfigError.
+    """
+    require_outside(folder / "ca.key", "TLS key")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        authority, key, written = _authority(folder)
+        for role in ROLES:
+            own = generate_private_key(SECP256R1())
+            names = _names(hosts) if role in LISTENING else []
+            written += [_write_key(folder / f"{role}.key", own)]
+            written += [_write(folder / f"{role}.pem", _certificate(role, own, names, authority, key))]
+            if not (folder / f"{role}.json5").exists():
+                written.append(Path(shutil.copy(_FILES / f"{role}.json5", folder)))
+    except OSError as error:
+        raise ConfigError(f"Cannot write keys into {folder}: {error.strerror}.") from error
+    return written
+
+
+def _authority(folder: Path) -> tuple[x509.Certificate, EllipticCurvePrivateKey, list[Path]]:
+    """The folder's authority, made if it has none, and what was written for it."""
+    pem, secret = folder / "ca.pem", folder / "ca.key"
+    if pem.exists() and secret.exists():
+        require_private(secret, "TLS key")
+        key = load_pem_private_key(secret.read_bytes(), password=None)
+        assert isinstance(key, EllipticCurvePrivateKey)
+        return x509.load_pem_x509_certificate(pem.read_bytes()), key, []
+    key = generate_private_key(SECP256R1())
+    name = _called("VLAD Cell authority")
+    certificate = (
+        _builder(name, name, key, _CA_VALID)
+        .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
+        .sign(key, hashes.SHA256())
+    )
+    return certificate, key, [_write_key(secret, key), _write(pem, certificate)]
+
+
+def _certificate(
+    role: str,
+    key: EllipticCurvePrivateKey,
+    names: list[x509.GeneralName],
+    authority: x509.Certificate,
+    authority_key: EllipticCurvePrivateKey,
+) -> x509.Certificate:
+    """One that says who its holder is (the common name is the role), and for which addresses it may answer."""
+    usages = [ExtendedKeyUsageOID.CLIENT_AUTH]
+    usages += [ExtendedKeyUsageOID.SERVER_AUTH] if names else []
+    return (
+        _builder(_called(role), authority.subject, key, _VALID)
+        .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+        .add_extension(x509.SubjectAlternativeName(names or [x509.DNSName(role)]), critical=False)
+        .add_extension(x509.ExtendedKeyUsage(usages), critical=False)
+        .sign(authority_key, hashes.SHA256())
+    )
+
+
+def _builder(
+    subject: x509.Name, issuer: x509.Name, key: EllipticCurvePrivateKey, valid: timedelta
+) -> x509.CertificateBuilder:
+    now = datetime.now(UTC) - timedelta(hours=1)  # clocks differ
+    return (
+        x509.CertificateBuilder(subject_name=subject, issuer_name=issuer, public_key=key.public_key())
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(now)
+        .not_valid_after(now + valid)
+    )
+
+
+def _called(name: str) -> x509.Name:
+    return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)])
+
+
+def _names(hosts: Sequence[str]) -> list[x509.GeneralName]:
+    return [_name(host) for host in dict.fromkeys((*hosts, "127.0.0.1", "localhost"))]
+
+
+def _name(host: str) -> x509.GeneralName:
+    try:
+        return x509.IPAddress(ipaddress.ip_address(host))
+    except ValueError:
+        pass
+    try:
+        return x509.DNSName(host)
+    except ValueError as error:
+        raise ConfigError(f"{host!r} is neither an address nor a host's name.") from error
+
+
+def _write(path: Path, certificate: x509.Certificate) -> Path:
+    path.write_bytes(certificate.public_bytes(Encoding.PEM))
+    return path
+
+
+def _write_key(path: Path, key: EllipticCurvePrivateKey) -> Path:
+    """Private from its first byte."""
+    path.unlink(missing_ok=True)
+    with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
+        file.write(key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()))
+    return path

@@ -1,0 +1,92 @@
+"""``cell replay``: a recorded cycle, or a folder of them, run again and compared; or put on the bus again."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import track
+
+from bus.session import Bus
+from cell import replay_view
+from cell.recordings import Config, Json, find_cycle
+from cell.replay import Request
+from cell.replay import replay as run_again
+from cell.replay_folder import replay_folder
+from cell.republish import ROOT, await_listener, payloads, republish, require_no_live_cell
+from config.load import DEFAULT_STATION, station_from
+from logs.reader import read_cycle
+
+Set = Annotated[list[str] | None, typer.Option("--set", help="Override one setting: key=value. Repeatable.")]
+_out = Console(highlight=False, soft_wrap=True)
+
+
+def replay(
+    cycle: Annotated[
+        str, typer.Argument(metavar="FILE|CYCLE|FOLDER", help="A recording (.mcap), a cycle's id, or a folder of them.")
+    ],
+    start: Annotated[
+        str | None, typer.Option("--from", metavar="STAGE", help="Chained: from this stage on, outputs flow on.")
+    ] = None,
+    only: Annotated[
+        str | None, typer.Option(metavar="STAGE", help="This stage alone, from its recorded inputs.")
+    ] = None,
+    live_models: Annotated[
+        bool, typer.Option("--live-models", help="Ask the models again, instead of their recorded replies.")
+    ] = False,
+    publish: Annotated[
+        bool, typer.Option("--publish", help="Instead: put it on the bus again, below replay/CYCLE_ID/.")
+    ] = False,
+    rate: Annotated[float, typer.Option(min=0.01, help="With --publish: so many times as fast as it was.")] = 1.0,
+    endpoint: Annotated[
+        str, typer.Option(help="With --publish: where to listen for subscribers.")
+    ] = "tcp/127.0.0.1:7448",
+    wait_s: Annotated[float, typer.Option(min=0, help="With --publish: how long to wait for the first one.")] = 30.0,
+    config: Config = DEFAULT_STATION,
+    overrides: Set = None,
+    as_json: Json = False,
+) -> None:
+    """Run the pure stages again from recordings and compare. Exit 0 equal, 1 different, 2 cannot.
+
+    Every stage works on its recorded inputs; with --from, or with --set ("what if?"), what one gives is what the next
+    one takes, down to the chosen grasp. Stages: detect, plan, verify.
+    """
+    if start is not None and only is not None:
+        raise typer.BadParameter("--from and --only exclude each other: a chain of stages, or one alone.")
+    if publish:
+        _publish(find_cycle(cycle, config), rate, endpoint, wait_s)
+        return
+    request = Request.of(overrides or [], start, only, live_models=live_models)
+    if Path(cycle).is_dir():
+        _replay_folder(Path(cycle), request, as_json=as_json)
+        return
+    outcome = run_again(read_cycle(find_cycle(cycle, config)), request)
+    _out.out(json.dumps(replay_view.to_json(outcome)), highlight=False) if as_json else replay_view.show(outcome, _out)
+    said = replay_view.verdict(outcome)
+    if said != "equal":
+        raise typer.Exit(1 if said == "different" else 2)
+
+
+def _publish(file: Path, rate: float, endpoint: str, wait_s: float) -> None:
+    record = read_cycle(file)
+    station = station_from(dict(record.station), [f"bus.endpoint={endpoint}"], source="the recorded station")
+    require_no_live_cell(station_from(dict(record.station), source="the recorded station"))
+    said = list(payloads(file))
+    with Bus.listen(station.cell_id, station.bus.endpoint) as bus:
+        typer.echo(f"{len(said)} payloads on {ROOT}/{record.cycle_id}/** at {endpoint}; Ctrl-C ends", err=True)
+        await_listener(bus, record.cycle_id, wait_s)
+        again = republish(bus, record.cycle_id, said, rate)
+        for _ in track(again, total=len(said), description=record.cycle_id, console=Console(stderr=True)):
+            pass
+
+
+def _replay_folder(folder: Path, request: Request, *, as_json: bool) -> None:
+    tally = replay_folder(folder, request, lambda path, said: typer.echo(f"{path.stem} {said}", err=True))
+    if as_json:
+        _out.out(json.dumps(tally.to_json()), highlight=False)
+    else:
+        replay_view.show_tally(tally.to_json(), _out)
+    raise typer.Exit(tally.exit_code)

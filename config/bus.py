@@ -1,0 +1,52 @@
+"""How the cell's processes talk, and how anything beyond this machine may."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pydantic import field_validator, model_validator
+
+from bus.secured import is_encrypted, is_loopback
+from config.base import Positive, Settings
+
+
+class BusSettings(Settings):
+    """How the cell's processes talk: on loopback, unless a Zenoh file brings certificates and access control.
+
+    Attributes:
+        endpoint: where programs find the cell. The cell's own is on loopback; another machine's file names the cell's
+            `listen`, or the router.
+        listen: where the cell listens for other machines, e.g. ``tls/192.168.1.10:7448``.
+        router: a Zenoh router the cell joins, e.g. ``tls/192.168.1.5:7447``; it need not be up yet.
+        zenoh: the Zenoh file that makes what is beyond loopback safe, relative to the station file; what must be in it:
+            docs/security.md.
+        stale_s: a node whose arm or hand says nothing for so long is lost, whatever else it does.
+        frozen_s: a node of ours that says nothing at all for so long is ended, and started again.
+    """
+
+    endpoint: str = "tcp/127.0.0.1:7447"
+    listen: str | None = None
+    router: str | None = None
+    zenoh: Path | None = None
+    ask_timeout_s: Positive = 5.0
+    stale_s: Positive = 0.75
+    frozen_s: Positive = 3.0
+
+    @field_validator("endpoint", "listen", "router")
+    @classmethod
+    def _loopback_or_encrypted(cls, endpoint: str | None) -> str | None:
+        if endpoint is not None and not is_loopback(endpoint) and not is_encrypted(endpoint):
+            raise ValueError(
+                "only loopback endpoints like tcp/127.0.0.1:7447 are accepted in the clear; beyond, tls/ADDRESS:PORT"
+            )
+        return endpoint
+
+    @model_validator(mode="after")
+    def _beyond_loopback_only_with_a_file(self) -> BusSettings:
+        beyond = [one for one in (self.endpoint, self.listen, self.router) if one and not is_loopback(one)]
+        if beyond and self.zenoh is None:
+            raise ValueError(
+                f"{beyond[0]} is beyond loopback and needs bus.zenoh, a file with certificates and access control: "
+                "`cell keys` writes one, see docs/security.md"
+            )
+        return self

@@ -1,0 +1,47 @@
+"""Writes docs/faults.md from the table in cell/faults.py: ``uv run python -m docs.faults_page``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from cell.faults import ROWS, Row
+
+PAGE = Path(__file__).with_name("faults.md")
+
+
+def page() -> str:
+    """The page's text."""
+    return "\n".join(
+        [
+            "# Faults",
+            "",
+            "<!-- Written by docs/faults_page.py from cell/faults.py; do not edit. -->",
+            "",
+            "What the cell does when a part of it misbehaves. Each row is a test, and `benchmarks soak` injects them",
+            "at random. `off`: not there; `stuck`: nothing comes of what is asked; `garbage`: what cannot be; `wrong`:",
+            "what could be, and is not so; `slow`: everything late. `node` is a driver node's process.",
+            "",
+            "To see it yourself, on the simulated cell: `cell start --set faults.allowed=true`, then",
+            "`cell fault PART WORD` (and `cell fault PART none`). Where faults are not allowed, the default, nothing",
+            "is wrapped and nobody listens. `[faults]` of a station sets a part's word from the start. **An arm that",
+            "is `wrong` moves elsewhere than planned**: never with anybody or anything in a real arm's reach.",
+            "",
+            "After a fault nothing moves by itself. What is Aborted becomes ready by `cell clear` and `cell reset`,",
+            "once the part is well again; nothing else needs to be restarted.",
+            "",
+            "| part | is | sets in at | cycle | the cell | advice to the operator |",
+            "|---|---|---|---|---|---|",
+            *(_row(row) for row in ROWS),
+            "",
+        ]
+    )
+
+
+def _row(row: Row) -> str:
+    outcome = row.result if row.code is None else f"{row.result} `{row.code}`"
+    does = f"{row.does} {row.then}".strip()
+    return f"| {row.part} | {row.word} | {row.sets_in} | {outcome} | {does} | {row.advice} |"
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page())

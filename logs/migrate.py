@@ -1,0 +1,70 @@
+"""Older recordings, read as if they were written today.
+
+A recording names the version of what it holds in its metadata (``schema``). Each migration takes the content of one
+version to the next; the file itself stays as it is. Raise `SCHEMA_VERSION` and add a row whenever a recorded message,
+the metadata or the attachments change in a way that the reader would notice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from bus.errors import RecordingError
+
+
+@dataclass
+class Content:
+    """What a file holds.
+
+    Attributes:
+        metadata: every metadata record, merged. ``station``: the attached station, or None.
+        payloads: (log time [ns UTC], bytes) of every message, by the topic's key.
+    """
+
+    metadata: dict[str, str] = field(default_factory=dict)
+    station: dict[str, Any] | None = None
+    payloads: dict[str, list[tuple[int, bytes]]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Migration:
+    """One step. ``what``: what it changes, for a person."""
+
+    since: int
+    what: str
+    change: Callable[[Content], None]
+
+
+def _nothing(_content: Content) -> None:
+    """Only the number is new."""
+
+
+def _split_dirty(content: Content) -> None:
+    commit = content.metadata.get("commit", "unknown")
+    content.metadata["commit"] = commit.removesuffix("+")
+    known = "yes" if commit.endswith("+") else "no"
+    content.metadata["dirty"] = "unknown" if commit == "unknown" else known
+
+
+MIGRATIONS: tuple[Migration, ...] = (
+    Migration(0, "The version is named: what names none is of before.", _nothing),
+    Migration(1, "Whether the checkout had changes is `dirty`, no longer a + behind the commit.", _split_dirty),
+)
+SCHEMA_VERSION = len(MIGRATIONS)
+"""Of what is recorded now."""
+
+
+def migrate(content: Content) -> None:
+    """Bring ``content`` to today's version, in place. Raises: RecordingError when it is newer than this program."""
+    said = content.metadata.get("schema", "0")
+    version = int(said) if said.isdecimal() else -1
+    if not 0 <= version <= SCHEMA_VERSION:
+        raise RecordingError(
+            f"The recording has the schema version {said!r}; this program knows 0 to {SCHEMA_VERSION}.",
+            "Read it with the version of `cell` that wrote it, or a newer one.",
+        )
+    for migration in MIGRATIONS[version:]:
+        migration.change(content)
+    content.metadata["schema"] = str(SCHEMA_VERSION)

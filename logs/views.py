@@ -1,0 +1,191 @@
+"""The cycle as pictures: what the stages found and did, in Foxglove's own messages.
+
+They are published on the bus right after the result they are drawn from, and so recorded like everything else that
+travels: a live viewer and one that opens the recording show the same, without a plug-in.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from foxglove_schemas_protobuf.Color_pb2 import Color
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from foxglove_schemas_protobuf.ImageAnnotations_pb2 import ImageAnnotations
+from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
+from foxglove_schemas_protobuf.Point3_pb2 import Point3
+from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
+from foxglove_schemas_protobuf.PointsAnnotation_pb2 import PointsAnnotation
+from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from scipy.spatial.transform import Rotation
+
+from bus import topics
+from bus.arrays import Joints, Mask, Transform
+from bus.codec import stamp
+from bus.commands import Event
+from bus.frozen import Message
+from bus.messages import Detections, Grasp, PickPlan, Rectangle, Segment, StageRecord, View
+from bus.topics import Topic
+
+Array = npt.NDArray[Any]
+Drawn = tuple[Topic, bytes]
+
+_GREEN, _ORANGE, _BLUE, _GREY = (0.2, 0.9, 0.3), (1.0, 0.6, 0.1), (0.3, 0.6, 1.0), (0.7, 0.7, 0.7)
+_FINGER_M, _PALM_M = (0.02, 0.01, 0.045), (0.03, 0.12, 0.02)  # a sketch of the hand, in its tcp's axes
+_PATH_STEP = 40  # of the 1 kHz samples
+_LEVEL = {"info": Log.INFO, "warning": Log.WARNING, "error": Log.ERROR}
+
+
+class Views:
+    """Draws what is said. ``base_from_tcp``: the arm's forward kinematics."""
+
+    def __init__(self, base_from_tcp: Callable[[Joints], Transform]) -> None:
+        self._base_from_tcp = base_from_tcp
+        self._seen_ns = 0
+        self._found: Detections | None = None
+
+    def of(self, message: Message | bytes) -> Iterator[Drawn]:
+        """The pictures of one message; none of most."""
+        if isinstance(message, Event):
+            yield _log(message.severity, message.code, f"{message.text} {message.advice}".strip())
+        if not isinstance(message, StageRecord):
+            return
+        if message.failure is not None:
+            yield _log("error", message.stage, f"{message.failure.code}: {message.failure.text}")
+            return
+        yield _log("info", message.stage, f"done in {message.duration_s:.2f} s")
+        result = message.result
+        if isinstance(result, View):
+            self._seen_ns, self._found = result.stamp_ns, None
+        elif isinstance(result, Detections):
+            self._found = result
+            yield from self._detected(result)
+        elif isinstance(result, PickPlan) and self._found is not None:
+            yield topics.VIEW_SCENE, self._planned(result, self._found.grasps[result.grasp]).SerializeToString()
+
+    def _detected(self, found: Detections) -> Iterator[Drawn]:
+        seen = found.evidence
+        yield topics.VIEW_COLOR, self._image(seen.color)
+        yield topics.VIEW_GOAL, self._image(seen.goal_image)
+        yield topics.VIEW_ANNOTATIONS, self._annotations(found).SerializeToString()
+        yield topics.VIEW_CLOUD, self._cloud(seen.observed_points).SerializeToString()
+        scene = SceneUpdate()
+        rod = self._entity(scene, "rod", "color")
+        _line(rod, np.asarray(seen.rod_ends), _ORANGE, thickness_m=0.004)
+        grasps = self._entity(scene, "grasps", "base")
+        for grasp in found.grasps:
+            half = 0.5 * grasp.opening_m * grasp.base_from_tcp[:3, 1]
+            middle = grasp.base_from_tcp[:3, 3]
+            _line(grasps, np.stack([middle - half, middle + half]), _BLUE, alpha=max(0.2, min(1.0, grasp.score)))
+        yield topics.VIEW_SCENE, scene.SerializeToString()
+
+    def _planned(self, plan: PickPlan, grasp: Grasp) -> SceneUpdate:
+        scene = SceneUpdate()
+        _gripper(self._entity(scene, "gripper", "base"), grasp)
+        for segment in plan.segments:
+            path = self._entity(scene, f"path/{segment.name}", "base")
+            _line(path, self._tcp_path(segment), _GREEN if segment.name == "reach" else _GREY)
+        return scene
+
+    def _tcp_path(self, segment: Segment) -> Array:
+        """(n, 3) in ``base``."""
+        q_rad = segment.trajectory.raw_q_rad
+        return np.array([self._base_from_tcp(q)[:3, 3] for q in (*q_rad[::_PATH_STEP], q_rad[-1])])
+
+    def _entity(self, scene: SceneUpdate, name: str, frame: str) -> SceneEntity:
+        entity: SceneEntity = scene.entities.add(id=name, frame_id=frame, timestamp=stamp(self._seen_ns))
+        return entity
+
+    def _image(self, pixels: Array) -> bytes:
+        _, jpeg = cv2.imencode(".jpg", pixels[..., ::-1])
+        image = CompressedImage(timestamp=stamp(self._seen_ns), frame_id="color", data=jpeg.tobytes(), format="jpeg")
+        return bytes(image.SerializeToString())
+
+    def _annotations(self, found: Detections) -> ImageAnnotations:
+        """Rectangles, the best grasp's first and green, and outlines of the masks, in the undistorted image."""
+        message = ImageAnnotations()
+        best = found.grasps[0].rectangle if found.grasps else None
+        for index, rectangle in enumerate(found.rectangles):
+            self._loop(message, _corners(rectangle), _GREEN if index == best else _BLUE)
+        masks = ((found.evidence.object_mask, _ORANGE), (found.evidence.goal_rod_mask, _GREY))
+        for mask, color in masks:
+            for outline in _outlines(mask):
+                self._loop(message, outline, color)
+        return message
+
+    def _loop(self, message: ImageAnnotations, corners_px: Array, color: tuple[float, float, float]) -> None:
+        annotation = message.points.add(
+            timestamp=stamp(self._seen_ns),
+            type=PointsAnnotation.LINE_LOOP,
+            outline_color=_color(color),
+            thickness=2.0,
+        )
+        for u, v in corners_px:
+            annotation.points.add(x=float(u), y=float(v))
+
+    def _cloud(self, points: Array) -> PointCloud:
+        """(n, 3) [m] in ``color``."""
+        packed = np.ascontiguousarray(points, "<f4")
+        cloud = PointCloud(timestamp=stamp(self._seen_ns), frame_id="color", point_stride=12, data=packed.tobytes())
+        cloud.pose.orientation.w = 1.0
+        for offset, name in enumerate("xyz"):
+            cloud.fields.add(name=name, offset=4 * offset, type=PackedElementField.FLOAT32)
+        return cloud
+
+
+def _log(severity: str, name: str, text: str) -> Drawn:
+    said = Log(timestamp=stamp(time.time_ns()), level=_LEVEL[severity], name=name, message=text)
+    return topics.VIEW_LOG, said.SerializeToString()
+
+
+def _corners(rectangle: Rectangle) -> Array:
+    """(4, 2) [px]."""
+    closing = np.array([np.cos(rectangle.angle_rad), np.sin(rectangle.angle_rad)])
+    along, across = 0.5 * rectangle.width_px * closing, 0.5 * rectangle.height_px * np.array([-closing[1], closing[0]])
+    signs = ((1, 1), (1, -1), (-1, -1), (-1, 1))
+    return np.array([np.array(rectangle.center_px) + a * along + b * across for a, b in signs])
+
+
+def _outlines(mask: Mask) -> Iterator[Array]:
+    contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+    for contour in contours:
+        if len(contour) > 2:
+            yield contour.reshape(-1, 2)
+
+
+def _color(color: tuple[float, float, float], alpha: float = 1.0) -> Color:
+    return Color(r=color[0], g=color[1], b=color[2], a=alpha)
+
+
+def _line(
+    entity: SceneEntity,
+    points: Array,
+    color: tuple[float, float, float],
+    *,
+    thickness_m: float = 0.002,
+    alpha: float = 1.0,
+) -> None:
+    line = entity.lines.add(type=LinePrimitive.LINE_STRIP, thickness=thickness_m, color=_color(color, alpha))
+    line.pose.orientation.w = 1.0
+    line.points.extend(Point3(x=float(x), y=float(y), z=float(z)) for x, y, z in points)
+
+
+def _gripper(entity: SceneEntity, grasp: Grasp) -> None:
+    """Palm and two fingers, opened as they approach."""
+    apart = 0.5 * (grasp.opening_m + _FINGER_M[1])
+    behind = -0.5 * _FINGER_M[2]
+    palm = (0.0, 0.0, -_FINGER_M[2] - 0.5 * _PALM_M[2])
+    for size, center in ((_FINGER_M, (0.0, apart, behind)), (_FINGER_M, (0.0, -apart, behind)), (_PALM_M, palm)):
+        cube = entity.cubes.add(color=_color(_GREEN, 0.6))
+        cube.size.x, cube.size.y, cube.size.z = size
+        x, y, z = grasp.base_from_tcp[:3, :3] @ center + grasp.base_from_tcp[:3, 3]
+        cube.pose.position.x, cube.pose.position.y, cube.pose.position.z = float(x), float(y), float(z)
+        q = cube.pose.orientation
+        q.w, q.x, q.y, q.z = Rotation.from_matrix(grasp.base_from_tcp[:3, :3]).as_quat(scalar_first=True)

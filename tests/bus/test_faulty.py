@@ -1,0 +1,121 @@
+"""A node's link that is off, stuck, garbled, wrong or slow; and that stops come through it all the same."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator, Mapping
+
+import pytest
+
+from bus import topics
+from bus.codec import decode
+from bus.commands import Nothing
+from bus.errors import BadPayload, BusError, NoReply, ReplyTimeout
+from bus.faults import Fault, FaultRequest
+from bus.faulty import FaultyBus, answer_faults
+from bus.frozen import Message
+from bus.messages import HandState
+from bus.session import Bus, Heard
+
+HAND = HandState(stamp_ns=1, width_m=0.04, is_moving=False, is_homed=True)
+TIMEOUT_S = 0.3
+
+
+class Bench:
+    """A cell, and a node on a link that can be spoiled; it answers for the hand and counts the arm's stops."""
+
+    def __init__(self, cell: Bus, node: FaultyBus) -> None:
+        self.cell, self.node = cell, node
+        self.stops = threading.Semaphore(0)
+        self.said: list[Message] = []
+        node.answer(topics.HAND_NOW, lambda payload, fields: HAND, lane="state")
+        node.answer(topics.ARM_STOP, self._stop, lane="arm-stop")
+        answer_faults(node, {"bus": node}, lambda topic, message: self.said.append(message))
+
+    def _stop(self, payload: bytes, _: Mapping[str, str]) -> Message:
+        self.stops.release()
+        return Nothing()
+
+    def set(self, fault: Fault, delay_s: float | None = None) -> None:
+        self.cell.ask(topics.FAULT, FaultRequest(fault=fault, delay_s=delay_s), timeout_s=5, part="bus")
+
+    def hand(self) -> HandState:
+        return self.cell.request(topics.HAND_NOW, Nothing(), HandState, timeout_s=TIMEOUT_S)
+
+    def stop(self, timeout_s: float = TIMEOUT_S) -> None:
+        self.cell.ask(topics.ARM_STOP, Nothing(), timeout_s=timeout_s)
+
+
+@pytest.fixture
+def bench(endpoint: str) -> Iterator[Bench]:
+    with Bus.listen("test", endpoint) as cell, FaultyBus.join("test", endpoint) as node:
+        assert isinstance(node, FaultyBus)
+        yield Bench(cell, node)
+
+
+def test_a_link_without_a_fault_is_a_link(bench: Bench) -> None:
+    assert bench.hand() == HAND
+    bench.stop()
+    assert bench.stops.acquire(timeout=1)
+
+
+def test_a_link_that_is_off_is_cut_after_it_said_so(bench: Bench) -> None:
+    bench.set(Fault.OFF)
+    with pytest.raises(NoReply):
+        bench.hand()
+    with pytest.raises(BusError):
+        bench.node.publish(topics.HAND_STATE, HAND)
+
+
+def test_a_stuck_link_answers_nothing_but_a_stop_is_carried_out(bench: Bench) -> None:
+    bench.set(Fault.STUCK)
+    for _ in range(2):  # nor does the first keep the second from it
+        with pytest.raises(ReplyTimeout):
+            bench.stop()
+        assert bench.stops.acquire(timeout=1)
+    with pytest.raises(ReplyTimeout):
+        bench.hand()
+    bench.set(Fault.NONE)
+    assert bench.hand() == HAND
+
+
+@pytest.mark.parametrize("fault", [Fault.GARBAGE, Fault.WRONG])
+def test_a_garbled_or_wrong_link_says_what_cannot_be_read(bench: Bench, fault: Fault) -> None:
+    heard: list[Heard] = []
+    arrived = threading.Event()
+
+    def hear(one: Heard) -> None:
+        heard.append(one)
+        arrived.set()
+
+    bench.cell.subscribe(topics.HAND_STATE.key, hear)
+    bench.hand()  # the subscription has arrived
+    bench.set(fault)
+    with pytest.raises(BadPayload):
+        bench.hand()
+    bench.node.publish(topics.HAND_STATE, HAND)
+    assert arrived.wait(5)
+    with pytest.raises(BadPayload):
+        decode(HandState, heard[-1].payload)
+    bench.stop()
+    assert bench.stops.acquire(timeout=1)
+
+
+def test_a_slow_link_is_late_but_a_stop_is_carried_out_at_once(bench: Bench) -> None:
+    bench.set(Fault.SLOW, 0.2)
+    started_s = time.monotonic()
+    assert bench.hand() == HAND
+    assert time.monotonic() - started_s >= 0.2
+    stopping = threading.Thread(target=bench.stop, args=(5.0,))
+    stopping.start()
+    assert bench.stops.acquire(timeout=0.15)
+    stopping.join()
+
+
+def test_every_fault_that_is_set_is_said_and_a_time_that_is_none_refused(bench: Bench) -> None:
+    with pytest.raises(BadPayload, match="delay_s"):
+        bench.set(Fault.SLOW, float("nan"))
+    assert bench.said == [] and bench.node.fault is Fault.NONE
+    bench.set(Fault.GARBAGE)
+    assert "bus: garbage" in str(bench.said[0])

@@ -1,0 +1,141 @@
+"""Beyond loopback only what is safe: the parsed Zenoh configuration is looked at, and every gap is named."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bus.errors import ConfigError
+from bus.secrets import read_secret
+from bus.secured import LEASE_MS, is_loopback, session_config
+from cell.keys import make_keys
+
+AWAY = "tls/10.0.0.1:7447"
+
+
+@pytest.fixture(scope="module")
+def keys(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("keys")
+    make_keys(folder, ["10.0.0.1"])
+    return folder
+
+
+def refusal(file: Path | None, *, listen: str = AWAY, connect: str | None = None) -> str:
+    with pytest.raises(ConfigError) as error:
+        session_config("peer", listen=[listen], connect=[connect] if connect else [], file=file)
+    assert error.value.exit_code == 2 and "docs/security.md" in error.value.advice
+    return error.value.text
+
+
+@pytest.fixture
+def changed(keys: Path) -> Callable[[str, Any], Path]:
+    """The cell's file, with one key of it changed; `None` = taken away."""
+
+    def change(key: str, value: Any) -> Path:
+        config = session_config("peer", listen=[AWAY], connect=[], file=keys / "cell.json5")
+        tree = json.loads(str(config))
+        *path, leaf = key.split(".")
+        node = tree
+        for part in path:
+            node = node[part]
+        node[leaf] = value
+        file = keys / "changed.json5"
+        file.write_text(json.dumps({name: tree[name] for name in ("transport", "access_control")}))
+        return file
+
+    return change
+
+
+@pytest.mark.parametrize("role", ["cell", "router"])
+def test_the_files_of_cell_keys_are_safe(keys: Path, role: str) -> None:
+    assert session_config("peer", listen=[AWAY], connect=[], file=keys / f"{role}.json5")
+
+
+@pytest.mark.parametrize("role", ["cell", "node", "operator", "viewer"])
+def test_they_find_their_way_out_too(keys: Path, role: str) -> None:
+    config = session_config("client", listen=[], connect=[AWAY], file=keys / f"{role}.json5")
+    assert json.loads(config.get_json("transport/link/tls/root_ca_certificate")) == str(keys / "ca.pem")
+
+
+def test_our_rules_hold_whatever_the_file_says(keys: Path) -> None:
+    file = keys / "loud.json5"
+    text = (keys / "cell.json5").read_text().replace("{\n", "{ scouting: { gossip: { enabled: true } },\n", 1)
+    file.write_text(text + "\n")
+    config = session_config("peer", listen=[AWAY], connect=[], file=file)
+    said: Mapping[str, Any] = {
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": False,
+        "adminspace/enabled": False,
+        "transport/link/tx/lease": LEASE_MS,
+        "transport/shared_memory/transport_optimization/messages": ["put"],
+        "listen/endpoints": [AWAY],
+    }
+    assert {key: json.loads(config.get_json(key)) for key in said} == said
+
+
+@pytest.mark.parametrize("endpoint", ["tcp/10.0.0.1:7447", "tcp/0.0.0.0:7447", "udp/127.0.0.1:7447", "ws/10.0.0.1:1"])
+def test_in_the_clear_nothing_leaves_loopback_not_even_with_a_good_file(keys: Path, endpoint: str) -> None:
+    assert not is_loopback(endpoint)
+    assert "neither loopback nor encrypted" in refusal(keys / "cell.json5", listen=endpoint)
+    assert "neither loopback nor encrypted" in refusal(keys / "cell.json5", connect=endpoint)
+
+
+def test_beyond_loopback_a_file_is_needed() -> None:
+    assert "no Zenoh file says who may do what" in refusal(None)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "says"),
+    [
+        ("access_control.enabled", False, "access_control.enabled is not true"),
+        ("access_control.default_permission", "allow", 'default_permission is not "deny"'),
+        ("access_control.subjects", [{"id": "anybody"}], "'anybody' .* means everybody"),
+        ("access_control.policies", [], "policies is empty"),
+        ("transport.link.tls.enable_mtls", False, "enable_mtls is not true"),
+        ("transport.link.tls.root_ca_certificate", None, "root_ca_certificate is not set"),
+        ("transport.link.tls.listen_private_key", None, "listen_private_key is not set"),
+        ("transport.link.tls.listen_private_key", "operator.key", "cannot be used"),
+        ("transport.link.tls.listen_certificate", "absent.pem", "cannot be used"),
+    ],
+)
+def test_what_is_missing_is_named(changed: Callable[[str, Any], Path], key: str, value: Any, says: str) -> None:
+    assert re.search(says, refusal(changed(key, value)))
+
+
+def test_a_file_that_trusts_any_name_is_refused(changed: Callable[[str, Any], Path]) -> None:
+    file = changed("transport.link.tls.verify_name_on_connect", False)
+    assert "could pose as the cell" in refusal(file, listen="tcp/127.0.0.1:1", connect=AWAY)
+
+
+def test_a_file_that_is_none_is_named(tmp_path: Path) -> None:
+    assert "Cannot read" in refusal(tmp_path / "absent.json5")
+    (tmp_path / "bad.json5").write_text('{ "acces_control": {} }')
+    assert "no Zenoh configuration" in refusal(tmp_path / "bad.json5")
+
+
+def test_a_key_that_everybody_can_read_is_refused(keys: Path, tmp_path: Path) -> None:
+    shutil.copytree(keys, tmp_path / "open")
+    (tmp_path / "open" / "cell.key").chmod(0o644)
+    with pytest.raises(ConfigError, match=r"Everybody .* can read .*cell\.key"):
+        session_config("peer", listen=[AWAY], connect=[], file=tmp_path / "open" / "cell.json5")
+
+
+def test_a_secret_is_private_outside_the_project_and_one_line(tmp_path: Path) -> None:
+    file = tmp_path / "key"
+    file.write_text("sk-1234\n")
+    file.chmod(0o600)
+    assert read_secret(file, "key file") == "sk-1234"
+    (tmp_path / ".git").mkdir()
+    with pytest.raises(ConfigError, match="would be committed"):
+        read_secret(file, "key file")
+    (tmp_path / ".git").rmdir()
+    file.write_text("two words\n")
+    with pytest.raises(ConfigError, match="one line") as error:
+        read_secret(file, "key file")
+    assert "words" not in str(error.value)

@@ -1,0 +1,170 @@
+"""Why did it decide so, and what if? A recorded pick, its pure stages run again in every way there is."""
+
+from __future__ import annotations
+
+import json
+import queue
+import re
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import zenoh
+from typer.testing import CliRunner
+
+import perception.detector
+from bus import topics
+from bus.commands import CellState
+from bus.errors import ConfigError, NoReply, RecordingError, Refused
+from bus.messages import Alignment, Detections
+from bus.session import Bus
+from cell.__main__ import app
+from cell.replay import Replay, Request, replay
+from cell.replay_folder import replay_folder
+from cell.replay_view import consequence, to_json, verdict
+from cell.republish import Payload, await_listener, payloads, republish, require_no_live_cell
+from cell.stages import STAGES
+from config.load import load_station
+from logs.compare import leaves
+from logs.reader import CycleRecord, read_cycle
+from planning.robot import Robot
+
+PICK = Path(__file__).parents[1] / "golden" / "pick.mcap"
+
+
+@pytest.fixture(scope="module")
+def record() -> CycleRecord:
+    return read_cycle(PICK)
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return Robot(load_station())
+
+
+def test_the_same_code_decides_the_same(record: CycleRecord, robot: Robot) -> None:
+    same = replay(record, Request(), lambda _: robot)
+    assert verdict(same) == "equal" and not same.chained
+    assert [stage.stage for stage in same.stages] == ["detect", "plan", "verify"]
+
+
+def test_chained_it_decides_the_same_too(record: CycleRecord, robot: Robot) -> None:
+    same = replay(record, Request(start="detect"), lambda _: robot)
+    assert verdict(same) == "equal" and same.chained and same.not_reached == {}
+
+
+def test_a_change_in_align_is_the_first_difference(
+    record: CycleRecord, robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    align = perception.detector.align
+
+    def changed(*arguments: object, **named: object) -> Alignment:
+        found = align(*arguments, **named)  # type: ignore[arg-type]
+        moved = found.observed_from_goal.copy()
+        moved[0, 3] += 0.003
+        return found.model_copy(update={"observed_from_goal": moved})
+
+    monkeypatch.setattr(perception.detector, "align", changed)
+    first = to_json(replay(record, Request(only="detect"), lambda _: robot))["first_difference"]
+    assert (first["stage"], first["step"]) == ("detect", "align") and first["unit"] in ("mm", "m")
+
+
+def test_a_changed_setting_shows_its_consequence_down_to_the_chosen_grasp(record: CycleRecord, robot: Robot) -> None:
+    what_if = replay(record, Request(("perception.align=pca_cfopt",)), lambda _: robot)
+    assert what_if.chained and verdict(what_if) == "different"
+    detected, planned = list(consequence(what_if))
+    assert detected.startswith("detect: ") and " -> " in detected, detected
+    assert planned.startswith("plan: grasp ") and "mm away" in planned
+    assert what_if.not_reached == {"verify": "another plan was executed"}
+
+
+def test_a_setting_that_ends_the_cycle_earlier_says_so(record: CycleRecord, robot: Robot) -> None:
+    what_if = replay(record, Request(("perception.max_residual=1e-6",)), lambda _: robot)
+    assert set(what_if.not_reached) == {"plan", "verify"} and "detect ends it" in what_if.not_reached["plan"]
+
+
+def test_a_chain_may_begin_late_and_one_stage_may_be_run_alone(record: CycleRecord, robot: Robot) -> None:
+    assert [one.stage for one in replay(record, Request(start="plan"), lambda _: robot).stages] == ["plan", "verify"]
+    assert [one.stage for one in replay(record, Request(only="verify"), lambda _: robot).stages] == ["verify"]
+    with pytest.raises(ConfigError, match="detect, plan, verify"):
+        Request.of([], None, "execute")
+
+
+def test_a_recording_without_grasps_cannot_pass(record: CycleRecord, robot: Robot) -> None:
+    detected = record.stages["detect"]
+    assert isinstance(detected.result, Detections)
+    bare = replace(record, stages={"capture": record.stages["capture"]})
+    with pytest.raises(RecordingError, match="no stage that can be replayed"):
+        replay(bare, Request(), lambda _: robot)
+    nothing = Replay(bare, (), {}, chained=False)
+    assert nothing.equal and verdict(nothing) == "empty"
+
+
+def test_every_rule_of_the_stage_table_names_a_field_that_exists(record: CycleRecord) -> None:
+    for stage in STAGES:
+        result = record.stages[stage.name].result
+        paths = [path for path, _, _ in leaves("", result, result)]
+        fields = [part for _, parts in stage.steps for part in parts]
+        patterns = [re.compile(re.escape(rule).replace(r"\*", ".*")) for rule in stage.tolerances]
+        assert all(any(pattern.fullmatch(path) for path in paths) for pattern in patterns), stage.name
+        assert all(any(path.startswith(part) for path in paths) for part in fields), stage.name
+
+
+def test_a_folder_is_summed_up_and_what_cannot_be_read_is_named(tmp_path: Path, robot: Robot) -> None:
+    shutil.copy(PICK, tmp_path / "one.mcap")
+    (tmp_path / "two.mcap").write_bytes(PICK.read_bytes()[:9000])
+    told: list[str] = []
+    tally = replay_folder(tmp_path, Request(only="verify"), lambda path, said: told.append(f"{path.name} {said}"))
+    assert told == ["one.mcap equal", "two.mcap unreadable"]
+    assert tally.exit_code == 2 and list(tally.unreadable) == [str(tmp_path / "two.mcap")]
+    (tmp_path / "two.mcap").unlink()
+    said = CliRunner().invoke(app, ["replay", str(tmp_path), "--only", "verify", "--json"])
+    summary = json.loads(said.stdout)
+    assert (said.exit_code, summary["cycles"], summary["equal"]) == (0, 1, 1)
+    different = CliRunner().invoke(app, ["replay", str(tmp_path), "--set", "verify.min_load_n=50", "--only", "verify"])
+    assert different.exit_code == 1 and "first in verify/verify, held" in different.stdout
+
+
+# --- on the bus again -------------------------------------------------------------------------------------------------
+
+
+def test_a_replay_travels_byte_for_byte_below_a_key_of_its_own(endpoint: str) -> None:
+    heard: queue.SimpleQueue[tuple[str, str, bytes]] = queue.SimpleQueue()
+    said = list(payloads(PICK))[:40]
+
+    def hear(sample: zenoh.Sample) -> None:
+        heard.put((str(sample.key_expr), str(sample.encoding), sample.payload.to_bytes()))
+
+    config = zenoh.Config.from_json5(json.dumps({"mode": "client", "connect": {"endpoints": [endpoint]}}))
+    with Bus.listen("elsewhere", endpoint) as bus:
+        with pytest.raises(NoReply, match="Nobody has subscribed"):
+            await_listener(bus, "412", 0.0)
+        listener = zenoh.open(config)
+        listener.declare_subscriber("replay/**", hear)
+        await_listener(bus, "412", 5.0)
+        sent = list(republish(bus, "412", said, rate=1e6))
+        assert sent == said
+        for payload in said:
+            assert heard.get(timeout=5) == (f"replay/412/{payload.key}", payload.encoding, payload.data)
+        listener.close()  # type: ignore[no-untyped-call]
+
+
+def test_it_keeps_the_recorded_pace(endpoint: str) -> None:
+    said = [Payload(log_time_ns, "state", "application/json", b"{}") for log_time_ns in (0, 50_000_000, 200_000_000)]
+    slept: list[float] = []
+    with Bus.listen("elsewhere", endpoint) as bus:
+        times = [payload.log_time_ns for payload in republish(bus, "412", said, 2.0, slept.append)]
+    assert times == [0, 50_000_000, 200_000_000]
+    assert all(0 < pause_s <= 0.05 for pause_s in slept) and slept
+
+
+def test_it_is_refused_while_its_cell_is_live(endpoint: str) -> None:
+    station = load_station(None, [f"bus.endpoint={endpoint}"])
+    require_no_live_cell(station)
+    state = CellState(state="Idle", stage="", cycle_id="", since_ns=1, available=(), reason="")
+    with Bus.listen(station.cell_id, endpoint) as live:
+        live.answer(topics.STATE_NOW, lambda _payload, _fields: state, lane="state")
+        with pytest.raises(Refused, match="is live") as refusal:
+            require_no_live_cell(station)
+    assert refusal.value.code == "LIVE_CELL"

@@ -1,0 +1,95 @@
+"""A goal-image model that misbehaves on demand: how a proposal ends, and that its recorded replies replay."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import cv2
+import numpy as np
+import pytest
+
+from bus.codes import Code
+from bus.errors import CycleFailure
+from bus.faults import Fault
+from bus.messages import ModelReply
+from config.load import load_station
+from perception.detector import Proposal, propose
+from perception.flat import flat_subject
+from perception.imagine import Conversation
+from perception.models import Models, open_models, replayed_models
+from perception.models.base import Subject
+from perception.models.faulty import FaultyModel
+
+STATION = load_station(None, ["faults.allowed=true", "faults.delay_s=0.1", "perception.hosted.deadline_s=0.1"])
+
+
+@pytest.fixture(scope="module")
+def subject() -> Subject:
+    """A bar, 40 x 130 mm at 1 mm a pixel, turned by 30 degrees."""
+    color = np.full((360, 480, 3), 170, np.uint8)
+    mask = np.zeros((360, 480), np.uint8)
+    corners = cv2.boxPoints(((240, 180), (130, 40), 30)).astype(int)
+    cv2.fillPoly(color, [corners], (40, 90, 200))
+    cv2.fillPoly(mask, [corners], 1)
+    return flat_subject(color, mask > 0, 0.001)
+
+
+@pytest.fixture
+def models() -> Models:
+    return open_models(STATION, {})
+
+
+def spoil(models: Models, fault: Fault) -> None:
+    assert isinstance(models.imaginer, FaultyModel)
+    models.imaginer.fault = fault
+
+
+def proposed(models: Models, subject: Subject, replies: list[ModelReply]) -> Proposal:
+    models.imaginer.begin()
+    return propose(Conversation(models.imaginer, replies.append), subject, models, STATION)
+
+
+@pytest.mark.parametrize(
+    ("fault", "codes"),
+    [
+        (Fault.OFF, {Code.MODEL_UNAVAILABLE}),
+        (Fault.STUCK, {Code.MODEL_TIMEOUT}),
+        (Fault.GARBAGE, {Code.MODEL_BAD_IMAGE}),
+        (Fault.WRONG, {Code.MODEL_DRIFT, Code.MODEL_NO_ROD}),
+    ],
+)
+def test_a_fault_has_its_code_and_its_replies_replay(
+    models: Models, subject: Subject, fault: Fault, codes: set[Code]
+) -> None:
+    spoil(models, fault)
+    replies: list[ModelReply] = []
+    with pytest.raises(CycleFailure) as failed:
+        proposed(models, subject, replies)
+    assert failed.value.failure in codes
+    with pytest.raises(CycleFailure) as again:
+        proposed(replayed_models(STATION, replies), subject, [])
+    assert (again.value.failure, again.value.text) == (failed.value.failure, failed.value.text)
+
+
+def test_a_slow_model_draws_the_same_later(models: Models, subject: Subject) -> None:
+    replies: list[ModelReply] = []
+    promptly = proposed(models, subject, replies)
+    spoil(models, Fault.SLOW)
+    started_s = time.monotonic()
+    np.testing.assert_array_equal(proposed(models, subject, []).goal.image, promptly.goal.image)
+    assert time.monotonic() - started_s >= 0.3  # three calls
+    anew = proposed(replayed_models(STATION, replies), subject, [])
+    np.testing.assert_array_equal(anew.goal.image, promptly.goal.image)
+
+
+def test_the_end_of_a_fault_ends_the_wait(subject: Subject) -> None:
+    model = FaultyModel(open_models(STATION, {}).imaginer, Fault.STUCK, deadline_s=60.0)
+    healing = threading.Timer(0.05, lambda: setattr(model, "fault", Fault.NONE))
+    healing.start()
+    assert model.reason(subject, "").text
+    healing.join()
+
+
+def test_without_leave_nothing_is_wrapped() -> None:
+    assert not isinstance(open_models(load_station(), {}).imaginer, FaultyModel)
