@@ -54,7 +54,7 @@ def _content(record: CycleRecord) -> dict[str, Any]:
         "log": _log(record, story),
         "changes": configuration_changes(record.station),
         "metadata": record.metadata,
-        "plotly": packed_plotly() if view or runs or record.hand else "",
+        "plotly": packed_plotly() if view or runs or record.hand or record.arm else "",
     }
 
 
@@ -100,7 +100,8 @@ def _motion(record: CycleRecord, runs: list[SegmentRun], story: Story) -> dict[s
         )
         hand.append(Chart("Hand width", figure))
     if not runs:
-        return {"joints": [], "hand": hand}
+        said = figures.as_said(record.arm, story.start_ns) if record.arm else {}
+        return {"joints": [], "hand": [*hand, *(Chart(title, figure) for title, figure in said.items())]}
     uses = {use.kind: use for use in figures.uses(runs)}
     joints = [
         Chart(f"{kind.capitalize()}: at most {uses[kind].in_words} of its limit", figure)
