@@ -23,7 +23,7 @@ from logs.story import Story, tell
 
 _out = Console(highlight=False, soft_wrap=True)
 _progress = Console(stderr=True)
-_STYLE = {"SUCCESS": "green", "EMPTY": "yellow", "UNFINISHED": "yellow", "TORN": "yellow"}
+_STYLE = {"SUCCESS": "green", "EMPTY": "yellow", "UNFINISHED": "yellow", "INTERRUPTED": "yellow", "TORN": "yellow"}
 _BAD = "bold red"
 _WIDTH = 1000
 """Where no terminal says its own: nothing is cut."""

@@ -98,6 +98,21 @@ def load(runs: Sequence[SegmentRun]) -> Figure:
     return _measured(runs, np.concatenate([run.motion.tau_ext_nm for run in runs]), "torque from outside [Nm]")
 
 
+def as_said(arm: Sequence[Timed], start_ns: int) -> dict[str, Figure]:
+    """What the arm said of itself over the cycle, for one whose motions have no result: positions, torques."""
+    whole = [one for one in arm if len(one.message.joints) == len(LOWER_RAD)]
+    time_s = np.array([(one.log_time_ns - start_ns) / 1e9 for one in whole])
+    q_rad, effort_nm = (
+        np.array([[getattr(joint, name) for joint in one.message.joints] for one in whole]).reshape(-1, len(LOWER_RAD))
+        for name in ("position", "effort")
+    )
+    share = 100 * (q_rad - (UPPER_RAD + LOWER_RAD) / 2) / ((UPPER_RAD - LOWER_RAD) / 2)
+    return {
+        "Measured positions": _plain(_joints(time_s, share), "cycle [s]", "of the limit [%]"),
+        "Load: torque from outside": _plain(_joints(time_s, effort_nm), "cycle [s]", "torque from outside [Nm]"),
+    }
+
+
 def _measured(runs: Sequence[SegmentRun], values: Array, title: str) -> Figure:
     time_s = np.concatenate([start + run.motion.t_s for start, run in zip(_starts_s(runs), runs, strict=True)])
     figure = _plain(_joints(time_s, values), "motion [s]", title)

@@ -23,7 +23,7 @@ HOST = "127.0.0.1"
 DEFAULT_PORT = 8765
 _WAITING = 2000
 """Messages between the bus and the server; what does not fit is left out of the view, never held back on the bus."""
-_NOT_AGAIN = (topics.EVENT.key,)
+_NOT_AGAIN = (topics.EVENT.key, topics.VIEW_LOG.key)
 """All others are said again to a viewer that comes later: the last state, picture, transform, stage result."""
 _JSON = {"jsonschema": "json"}
 

@@ -17,7 +17,7 @@ from plotly.offline import get_plotlyjs
 
 from bus.errors import RecordingError
 
-VERSION = "2"
+VERSION = "3"
 """Of the pages: one of another version is written anew."""
 
 

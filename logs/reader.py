@@ -12,6 +12,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import zstandard
+from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
+from google.protobuf.message import DecodeError
 from mcap.exceptions import McapError
 from mcap.records import Attachment, Channel, Message, Metadata
 from mcap.stream_reader import StreamReader
@@ -63,7 +65,7 @@ class CycleRecord:
         observation, after: what was seen before the pick, and while holding; None when not reached.
         replies: every call to the goal-image model, in order.
         states, events, hand: what the cell and the hand said, in order.
-        health: what the nodes said of themselves, node by node.
+        health: what the nodes said of themselves, node by node. ``arm``: what the arm said, as foxglove.JointStates.
     """
 
     cycle_id: str
@@ -79,6 +81,7 @@ class CycleRecord:
     events: tuple[Timed, ...] = ()
     hand: tuple[Timed, ...] = ()
     health: tuple[Timed, ...] = ()
+    arm: tuple[Timed, ...] = ()
 
 
 def read_cycle(path: Path) -> CycleRecord:
@@ -151,6 +154,9 @@ def _cycle(raw: Content) -> CycleRecord:
         events=_timed(raw, topics.EVENT.key, Event),
         hand=_timed(raw, topics.HAND_STATE.key, HandState),
         health=tuple(said for key in raw.payloads if _HEALTH.fullmatch(key) for said in _timed(raw, key, Health)),
+        arm=tuple(
+            Timed(at_ns, _joint_states(payload)) for at_ns, payload in raw.payloads.get(topics.ARM_STATE.key, [])
+        ),
     )
 
 
@@ -161,6 +167,13 @@ def _timed(raw: Content, key: str, kind: type[Any]) -> tuple[Timed, ...]:
         with suppress(BadPayload):
             timed.append(Timed(log_time_ns, decode(kind, payload)))
     return tuple(timed)
+
+
+def _joint_states(payload: bytes) -> JointStates:
+    try:
+        return JointStates.FromString(payload)
+    except DecodeError as error:
+        raise BadPayload("Not a valid foxglove.JointStates.") from error
 
 
 def _frames(raw: Content) -> Iterator[tuple[int, Frame]]:

@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from bus.messages import Delivery, Detections, Execution, Grasp, PickPlan, Rejection, SegmentRun, Verdict
+from bus.messages import Delivery, Detections, Execution, PickPlan, SegmentRun, Verdict
 from config.load import load_station
-from logs import figures, images
-from logs.clouds import clouds
-from logs.page import Chart, Fact, Picture, packed_plotly, script_json, write_page
+from logs import evidence, figures, images
+from logs.page import Chart, Fact, packed_plotly, script_json, write_page
 from logs.reader import CycleRecord
 from logs.story import Story, tell
-
-_THUMBNAIL_PX = 240
 
 
 def write_report(record: CycleRecord, path: Path, *, index: str = "") -> Path:
@@ -33,8 +27,8 @@ def write_report(record: CycleRecord, path: Path, *, index: str = "") -> Path:
 def _content(record: CycleRecord) -> dict[str, Any]:
     story, found, plan = tell(record), _result(record, "detect", Detections), _result(record, "plan", PickPlan)
     runs = _runs(record)
-    view, motion = _clouds(record, found, plan), _motion(record, runs, story)
-    thumbnail = _thumbnail(record, found, plan)
+    view, motion = evidence.alignment_view(record, found, plan), _motion(record, runs, story)
+    thumbnail = evidence.thumbnail(record, found, plan)
     return {
         "story": story,
         "cycle_id": record.cycle_id,
@@ -43,15 +37,15 @@ def _content(record: CycleRecord) -> dict[str, Any]:
         "attempt": record.attempt,
         "thumbnail": thumbnail,
         "summary": script_json(_summary(record, story, thumbnail)),
-        "seen": _seen(record, found),
-        "imagined": _imagined(found),
+        "seen": evidence.seen(record, found),
+        "imagined": evidence.imagined(found),
         "replies": [{**dict(reply), "uri": images.file_uri(reply.image_png)} for reply in record.replies],
-        "drift": _drift(record, found),
+        "drift": evidence.drift(record, found),
         "clouds": view,
         "charts": script_json(_all_charts(view, motion)),
-        "rectangles": _rectangles(found, plan),
-        "grasps": _grasps(found),
-        "rejected": _rejections(plan),
+        "rectangles": evidence.rectangles(found, plan),
+        "grasps": evidence.grasps(found),
+        "rejected": evidence.rejections(plan),
         "plan": plan,
         "uses": figures.uses(runs),
         "motion": motion,
@@ -60,7 +54,7 @@ def _content(record: CycleRecord) -> dict[str, Any]:
         "log": _log(record, story),
         "changes": configuration_changes(record.station),
         "metadata": record.metadata,
-        "plotly": packed_plotly() if view or runs or record.hand else "",
+        "plotly": packed_plotly() if view or runs or record.hand or record.arm else "",
     }
 
 
@@ -85,101 +79,6 @@ def _summary(record: CycleRecord, story: Story, thumbnail: str) -> dict[str, Any
     }
 
 
-# --- what it saw, imagined and found ----------------------------------------------------------------------------------
-
-
-def _thumbnail(record: CycleRecord, found: Detections | None, plan: PickPlan | None) -> str:
-    if found is not None:
-        near = images.crop(images.annotated(found, plan), found.evidence.object_mask, margin_px=40)
-        return images.data_uri(near, width_px=_THUMBNAIL_PX)
-    seen = record.observation
-    return images.data_uri(seen.frame.color, width_px=_THUMBNAIL_PX) if seen is not None else ""
-
-
-def _seen(record: CycleRecord, found: Detections | None) -> list[Picture]:
-    pictures = []
-    if record.observation is not None:
-        color = found.evidence.color if found is not None else record.observation.frame.color
-        pictures.append(Picture("Colour", images.data_uri(color)))
-        depth, meaning = images.colored_depth(record.observation.frame.depth_m)
-        pictures.append(Picture(f"Depth: {meaning}", images.data_uri(depth, width_px=640)))
-    if record.after is not None:
-        pictures.append(Picture("Second look, while holding", images.data_uri(record.after.frame.color)))
-    return pictures
-
-
-def _imagined(found: Detections | None) -> list[Picture]:
-    if found is None:
-        return []
-    evidence = found.evidence
-    around = evidence.object_mask | evidence.goal_rod_mask
-    return [
-        Picture("Goal image: the imagined rod", images.data_uri(images.crop(evidence.goal_image, around))),
-        Picture("Rod found in it", images.data_uri(images.crop(evidence.goal_rod_mask, around))),
-        Picture("Object found in it", images.data_uri(images.crop(evidence.goal_object_mask, around))),
-    ]
-
-
-def _drift(record: CycleRecord, found: Detections | None) -> list[Fact]:
-    """How far the goal image strayed, beside what it may."""
-    if found is None:
-        return []
-    drift, limits = found.evidence.drift, record.station.get("perception", {}).get("drift", {})
-    turn = f"{np.degrees(drift.turn_rad):.0f}°, {drift.shift_px:.0f} px, x {drift.scale:.2f}"
-    return [
-        Fact(
-            "background changed", f"{drift.changed_outside:.1%}", f"at most {limits.get('max_changed_outside', 0):.0%}"
-        ),
-        Fact("outline overlaps", f"{drift.silhouette_iou:.0%}", f"at least {limits.get('min_silhouette_iou', 0):.0%}"),
-        Fact("colour moved (CIE76)", f"{drift.color_shift:.0f}", f"at most {limits.get('max_color_shift', 0):.0f}"),
-        Fact("turned, shifted, scaled by", turn, "carried back by the alignment"),
-        Fact("proposals that agree", f"{found.evidence.agreement:.0%}", f"number {found.evidence.sample + 1} chosen"),
-    ]
-
-
-def _clouds(record: CycleRecord, found: Detections | None, plan: PickPlan | None) -> dict[str, Any] | None:
-    if found is None or record.observation is None:
-        return None
-    grasp = found.grasps[plan.grasp if plan is not None else 0] if found.grasps else None
-    view = clouds(found, grasp, np.asarray(record.observation.view.base_from_color))
-    alignment = found.evidence.alignment
-    title = (
-        f"{alignment.method}: scale {alignment.scale:.3f}, residual {alignment.residual:.3f} of the object's radius, "
-        f"Chamfer {alignment.chamfer_m2 * 1e6:.2f} mm², {alignment.hypotheses} orientations tried"
-    )
-    return {"chart": Chart(title, view.figure), "before": view.before, "after": view.after}
-
-
-def _rectangles(found: Detections | None, plan: PickPlan | None) -> str:
-    if found is None:
-        return ""
-    return images.data_uri(images.crop(images.annotated(found, plan), found.evidence.object_mask, margin_px=60))
-
-
-def _grasps(found: Detections | None) -> list[dict[str, Any]]:
-    if found is None:
-        return []
-
-    def moved_mm(grasp: Grasp) -> float:
-        return float(np.linalg.norm(grasp.base_from_tcp[:3, 3] - grasp.imagined_base_from_tcp[:3, 3]) * 1e3)
-
-    return [{**dict(grasp), "snapped_mm": moved_mm(grasp)} for grasp in found.grasps]
-
-
-def _rejections(plan: PickPlan | None) -> dict[int, list[str]]:
-    """Per grasp: each reason once, with the approach directions it was found for."""
-    by_reason: dict[int, dict[tuple[str, str], list[Rejection]]] = defaultdict(lambda: defaultdict(list))
-    for one in plan.rejected if plan is not None else ():
-        by_reason[one.grasp][one.code.value, one.reason].append(one)
-    return {
-        grasp: [
-            f"{code} at {', '.join(f'{np.degrees(one.tilt_rad):.0f}°' for one in same)}: {reason}"
-            for (code, reason), same in reasons.items()
-        ]
-        for grasp, reasons in by_reason.items()
-    }
-
-
 # --- what it did ------------------------------------------------------------------------------------------------------
 
 
@@ -201,7 +100,8 @@ def _motion(record: CycleRecord, runs: list[SegmentRun], story: Story) -> dict[s
         )
         hand.append(Chart("Hand width", figure))
     if not runs:
-        return {"joints": [], "hand": hand}
+        said = figures.as_said(record.arm, story.start_ns) if record.arm else {}
+        return {"joints": [], "hand": [*hand, *(Chart(title, figure) for title, figure in said.items())]}
     uses = {use.kind: use for use in figures.uses(runs)}
     joints = [
         Chart(f"{kind.capitalize()}: at most {uses[kind].in_words} of its limit", figure)

@@ -7,11 +7,14 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
 
+from bus.codec import arm_state_to_wire
 from bus.commands import Event, Health
 from bus.errors import RecordingError
-from bus.messages import Attempt
+from bus.messages import ArmMode, ArmState, Attempt
 from logs.days import INDEX, days, write_cycle, write_day
 from logs.reader import Timed, read_cycle
 from logs.report import configuration_changes, write_report
@@ -66,6 +69,14 @@ def test_the_log_tells_the_faults_of_the_nodes_once(record: Record, tmp_path: Pa
     told = replace(read_cycle(record()), health=(Timed(1, health), Timed(2, health)))
     page = write_report(told, tmp_path / "page.html").read_text()
     assert _section(page, "log").count("arm: &lt;script&gt;") == 1 and HOSTILE not in page
+
+
+def test_a_motion_without_a_result_is_shown_as_the_arm_told_it(record: Record, tmp_path: Path) -> None:
+    still = ArmState(stamp_ns=1, mode=ArmMode.REFLEX, q_rad=np.zeros(7), dq_rad_s=np.zeros(7), tau_ext_nm=np.ones(7))
+    said = Timed(1, JointStates.FromString(arm_state_to_wire(still)))
+    broken = replace(read_cycle(record("execute")), arm=(said, said, Timed(1, JointStates())))
+    section = _section(write_report(broken, tmp_path / "page.html").read_text(), "motion")
+    assert "The motions have no result" in section and section.count("data-figure") == 3
 
 
 def test_the_tries_of_one_pick_lead_to_each_other(record: Record, tmp_path: Path) -> None:
