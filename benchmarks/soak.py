@@ -51,7 +51,8 @@ _USUAL_DELAY_S = 0.15
 _SIGNALS = {"kill": signal.SIGKILL, "freeze": signal.SIGSTOP}
 _SETTLED = ("Complete", "Aborted", "Stopped")
 _NEXT_COMMAND = {"Aborted": "clear", "Stopped": "reset", "Complete": "reset"}
-_PATIENCE_S = 60.0
+_PATIENCE_S = 180.0
+"""A pick with no way to grasp is planned for longest."""
 _WARM_UP = 20
 _QUICK = ("verify.hold_s=0.3", "verify.samples=2", "perception.hosted.deadline_s=0.3", "recording.patience_s=1.5",
           "arm.rest_s=4", "bus.stale_s=3", "bus.frozen_s=3.5", "bus.ask_timeout_s=8")  # fmt: skip
@@ -145,6 +146,8 @@ class Soak:
         """One cycle, and the way back to Idle."""
         started_s = time.monotonic()
         restarts = self._node().restarts
+        while not self._heard.empty():  # what came too late to be the last trial's
+            self._heard.get_nowait()
         self._due = trial if trial.row is not None else None
         refuse(self.daemon.command("pick", CommandRequest(client_id="soak", object=trial.object)))
         result = self._result()

@@ -30,8 +30,8 @@ _OUR_RULES: dict[str, Any] = {
     "scouting/gossip/enabled": False,
     "transport/link/tx/lease": LEASE_MS,
     "transport/link/rx/max_message_size": _MAX_MESSAGE_BYTES,
-    # shared memory for publications, but never for questions: they get lost there when the machine is busy
-    "transport/shared_memory/transport_optimization/messages": ["put"],
+    # questions get lost in shared memory when the machine is busy, and dead nodes leave their segments open
+    "transport/shared_memory/enabled": False,
     "adminspace/enabled": False,
 }
 _FILES = (

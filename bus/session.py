@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import logging
 import re
+import threading
 import time
 from collections.abc import Callable, Mapping
-from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple, TypeVar
@@ -23,6 +23,7 @@ from bus.codec import decode, encode
 from bus.commands import ErrorReply
 from bus.errors import BadPayload, BusError, CellError, CellUnreachable, NoReply, PortOccupied, ReplyTimeout
 from bus.frozen import Message
+from bus.lane import Lane
 from bus.remote_errors import error_from_reply, error_reply
 from bus.secured import LEASE_MS, MAX_PAYLOAD_BYTES, is_loopback, session_config
 from bus.topics import Topic, encoding_of
@@ -67,7 +68,8 @@ class Bus:
         self.tap: Tap | None = None
         self._session = session
         self._security = security
-        self._lanes: dict[str, ThreadPoolExecutor] = {}
+        self._lanes: dict[str, Lane] = {}
+        self._making = threading.Lock()
         self._declared: list[Any] = []
 
     @classmethod
@@ -242,15 +244,16 @@ class Bus:
 
         def receive(query: zenoh.Query) -> None:
             name = lane if isinstance(lane, str) else lane(str(query.key_expr).rpartition("/")[2])
-            self.lane(name).submit(self._reply, topic, query, handler)
+            self.lane(name).post(lambda: self._reply(topic, query, handler))
 
         self._declared.append(self._session.declare_queryable(key, receive))
 
-    def lane(self, name: str) -> Executor:
-        """The single-thread executor called ``name``; made on first use."""
-        if name not in self._lanes:
-            self._lanes[name] = ThreadPoolExecutor(max_workers=1, thread_name_prefix=name)
-        return self._lanes[name]
+    def lane(self, name: str) -> Lane:
+        """The lane called ``name``; made on first use."""
+        with self._making:
+            if name not in self._lanes:
+                self._lanes[name] = Lane(name)
+            return self._lanes[name]
 
     def _reply(self, topic: Topic, query: zenoh.Query, handler: Handler) -> None:
         with query:
@@ -321,7 +324,7 @@ class Bus:
     def close(self) -> None:
         """Undeclare everything and close; idempotent."""
         for lane in self._lanes.values():
-            lane.shutdown(wait=False, cancel_futures=True)
+            lane.close()
         if not self._session.is_closed():
             self._session.close()  # type: ignore[no-untyped-call]
 

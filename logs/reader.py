@@ -28,9 +28,9 @@ from logs.recorder import PART
 
 STAGE_TOPICS = (topics.CAPTURE, topics.DETECT, topics.PLAN, topics.EXECUTE, topics.VERIFY, topics.DELIVER)
 _STATION = "station.json"
-_HEALTH = re.compile(topics.NODE_HEALTH.key.format(name="[^/]+"))
 RECOVERED = "recovered"
 """Key of the metadata of a recording that was made whole again; it may end anywhere."""
+_HEALTH = re.compile(topics.NODE_HEALTH.key.format(name="[^/]+"))
 
 DAMAGE = (
     McapError,

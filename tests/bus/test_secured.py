@@ -73,7 +73,7 @@ def test_our_rules_hold_whatever_the_file_says(keys: Path) -> None:
         "scouting/gossip/enabled": False,
         "adminspace/enabled": False,
         "transport/link/tx/lease": LEASE_MS,
-        "transport/shared_memory/transport_optimization/messages": ["put"],
+        "transport/shared_memory/enabled": False,
         "listen/endpoints": [AWAY],
     }
     assert {key: json.loads(config.get_json(key)) for key in said} == said

@@ -29,7 +29,12 @@ def test_a_fault_ends_its_cycle_with_its_code_and_the_next_one_picks(
 ) -> None:
     with ModelServer(paint, say=say, drift=Drift(rotation_deg=25), faults=[fault], faults_for="image") as server:
         base = server.url + ("/v1" if provider == "openai" else "")
-        overrides = [f"perception.hosted.base_url={base}", f"bus.endpoint={endpoint}", "verify.hold_s=0.5"]
+        overrides = [
+            f"perception.hosted.base_url={base}",
+            f"bus.endpoint={endpoint}",
+            "verify.hold_s=0.5",
+            "bus.stale_s=10",
+        ]
         command = [sys.executable, "-m", "cell", "start", "--config", str(CONFIG / f"{provider}.toml")]
         command += ["--cycles", "2", "--seed", "3", "--json", *(word for o in overrides for word in ("--set", o))]
         keys = {"OPENAI_API_KEY": SECRET, "GEMINI_API_KEY": SECRET}

@@ -80,7 +80,8 @@ class Program:
             bufsize=1,
         )
         self._said: queue.SimpleQueue[tuple[float, str]] = queue.SimpleQueue()
-        threading.Thread(target=self._listen, daemon=True).start()
+        self._listener = threading.Thread(target=self._listen, daemon=True)
+        self._listener.start()
 
     def _listen(self) -> None:
         assert self._process.stdout is not None
@@ -108,9 +109,8 @@ class Program:
 
     def close(self) -> None:
         self._process.terminate()
-        for pipe in (self._process.stdin, self._process.stdout):
-            assert pipe is not None
         self._process.wait(30)
+        self._listener.join(10)  # it ends with the pipe
         assert self._process.stdin is not None and self._process.stdout is not None
         self._process.stdin.close()
         self._process.stdout.close()
@@ -160,12 +160,7 @@ def test_a_pick_over_four_machines_and_a_cut_cable(net: Net, tmp_path: Path) -> 
 
         assert operator.ask("reset")["state"] == "Idle"
         assert operator.ask("pick")["result"] == "SUCCESS"
-        seen = subprocess.run(
-            ["ip", "netns", "exec", net.name("desk"), sys.executable, "-m", "cell", "fleet", "--json",
-             *as_("viewer", **far)],
-            capture_output=True, text=True, check=True, timeout=60,
-        )  # fmt: skip
-        (member,) = json.loads(seen.stdout)
+        (member,) = operator.ask("fleet")["fleet"]
         assert (member["cell_id"], member["state"]["state"], member["is_healthy"]) == ("sim", "Complete", True)
 
         assert operator.ask("reset")["state"] == "Idle"

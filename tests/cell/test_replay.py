@@ -30,7 +30,7 @@ from logs.compare import leaves
 from logs.reader import CycleRecord, read_cycle
 from planning.robot import Robot
 
-PICK = Path(__file__).parents[1] / "golden" / "pick.mcap"
+PICK = Path(__file__).parents[1] / "golden" / "cycle-schema2.mcap"
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,86 @@
+"""What the stages find is drawn in Foxglove's messages: in the right frame, at the frame's time, at its place."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from bus import topics
+from bus.codec import stamp_ns
+from bus.codes import Code
+from bus.commands import Event
+from bus.messages import Frame
+from logs.reader import CycleRecord, read_cycle
+from logs.views import Views
+
+Drawn = dict[str, list[Any]]
+
+
+@pytest.fixture
+def cycle(record: Callable[..., Path]) -> CycleRecord:
+    return read_cycle(record())
+
+
+@pytest.fixture
+def drawn(cycle: CycleRecord) -> Drawn:
+    """Every picture of one cycle, decoded, by its topic's key."""
+    views = Views(lambda q_rad: np.diag([1.0, 1.0, 1.0, 1.0]) + np.eye(4, k=3) * q_rad[1])
+    found: Drawn = {}
+    for stage in cycle.stages.values():
+        for topic, payload in views.of(stage):
+            found.setdefault(topic.key, []).append(topic.says.FromString(payload))
+    return found
+
+
+def test_images_annotations_and_cloud_are_of_the_captured_frame(drawn: Drawn, cycle: CycleRecord, frame: Frame) -> None:
+    found = cycle.stages["detect"].result.evidence  # type: ignore[union-attr]
+    (color,), (goal,), (cloud,) = (
+        drawn[topic.key] for topic in (topics.VIEW_COLOR, topics.VIEW_GOAL, topics.VIEW_CLOUD)
+    )
+    for image in (color, goal):
+        assert cv2.imdecode(np.frombuffer(image.data, np.uint8), cv2.IMREAD_COLOR).shape == found.color.shape
+        assert stamp_ns(image.timestamp) == frame.stamp_ns
+    assert np.array_equal(np.frombuffer(cloud.data, "<f4").reshape(-1, 3), found.observed_points)
+    assert (cloud.frame_id, cloud.point_stride, [field.name for field in cloud.fields]) == (
+        "color",
+        12,
+        ["x", "y", "z"],
+    )
+
+
+def test_rectangles_have_their_corners_and_masks_their_outline(drawn: Drawn, frame: Frame) -> None:
+    ((rectangle, *outlines),) = ([*message.points] for message in drawn[topics.VIEW_ANNOTATIONS.key])
+    assert stamp_ns(rectangle.timestamp) == frame.stamp_ns
+    corners = np.array([(point.x, point.y) for point in rectangle.points])
+    assert np.allclose(corners.mean(axis=0), (75.0, 40.0))
+    assert np.allclose(sorted(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1)), (12, 12, 30, 30))
+    outline = np.array([(point.x, point.y) for point in outlines[0].points])
+    assert (outline.min(axis=0).tolist(), outline.max(axis=0).tolist()) == ([60.0, 30.0], [89.0, 49.0])
+
+
+def test_the_scene_has_rod_grasps_gripper_and_paths_each_in_its_frame(drawn: Drawn) -> None:
+    entities = {entity.id: entity for scene in drawn[topics.VIEW_SCENE.key] for entity in scene.entities}
+    frames = {name: entity.frame_id for name, entity in entities.items()}
+    assert frames == {"rod": "color", "grasps": "base", "gripper": "base", "path/reach": "base"}
+    assert len(entities["gripper"].cubes) == 3 and len(entities["path/reach"].lines[0].points) > 1
+
+
+def test_stages_failures_and_events_are_in_the_log(
+    cycle: CycleRecord, record: Callable[..., Path], drawn: Drawn
+) -> None:
+    assert [line.name for line in drawn[topics.VIEW_LOG.key]] == list(cycle.stages)
+    views = Views(lambda _: np.eye(4))
+    failed = read_cycle(record("detect", name="20260101T000000002")).stages["detect"]
+    event = Event(code=Code.ARM_REFLEX, severity="error", text="It hit something.")
+    lines = [topic.says.FromString(payload) for said in (failed, event) for topic, payload in views.of(said)]
+    assert [line.name for line in lines] == ["detect", "ARM_REFLEX"]
+    assert {line.level for line in lines} == {topics.VIEW_LOG.says.ERROR}
+
+
+def test_nothing_is_drawn_of_anything_else() -> None:
+    assert list(Views(lambda _: np.eye(4)).of(b"")) == []
