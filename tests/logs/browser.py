@@ -5,10 +5,12 @@ from __future__ import annotations
 import base64
 import itertools
 import json
+import os
 import shutil
+import signal
 import subprocess
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -88,11 +90,12 @@ def find_chromium() -> str | None:
 @contextmanager
 def chromium(program: str, profile: Path) -> Iterator[Page]:
     """A browser of its own with one page, ended on every path."""
-    process = subprocess.Popen(
+    process = subprocess.Popen(  # Debian's program is a shell around the real one: a group ends as a whole
         [program, *_FLAGS, f"--user-data-dir={profile}"],
         stderr=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         text=True,
+        start_new_session=True,
     )
     try:
         assert process.stderr is not None
@@ -107,5 +110,6 @@ def chromium(program: str, profile: Path) -> Iterator[Page]:
             browser.recv(timeout=_ANSWER_S)
             process.communicate(timeout=_ANSWER_S)
     finally:
-        process.kill()
+        with suppress(ProcessLookupError):  # it has ended by itself
+            os.killpg(process.pid, signal.SIGKILL)
         process.communicate()
