@@ -46,7 +46,9 @@ def test_another_failure_is_looked_at_again_with_every_grasp() -> None:
     assert retries.after(second, Code.NO_GRASP, None, "4") is None
 
 
-@pytest.mark.parametrize("code", [*FAULTS, Code.STOPPED, Code.NO_OBJECT, Code.SPEND_LIMIT, Code.MODEL_ACCESS, None])
+@pytest.mark.parametrize(
+    "code", [*sorted(FAULTS), Code.STOPPED, Code.NO_OBJECT, Code.SPEND_LIMIT, Code.MODEL_ACCESS, None]
+)
 def test_nothing_follows_a_fault_a_stop_an_empty_table_or_a_success(code: Code | None) -> None:
     assert code not in WITH_ANOTHER_GRASP | WITH_A_NEW_LOOK
     assert Retries(RetrySettings(grasps=9, looks=9)).after(FIRST, code, GRASP, "2") is None
