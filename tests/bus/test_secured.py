@@ -10,7 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import zenoh
 
+from bus import topics
 from bus.errors import ConfigError
 from bus.secrets import read_secret
 from bus.secured import LEASE_MS, is_loopback, session_config
@@ -61,6 +63,16 @@ def test_the_files_of_cell_keys_are_safe(keys: Path, role: str) -> None:
 def test_they_find_their_way_out_too(keys: Path, role: str) -> None:
     config = session_config("client", listen=[], connect=[AWAY], file=keys / f"{role}.json5")
     assert json.loads(config.get_json("transport/link/tls/root_ca_certificate")) == str(keys / "ca.pem")
+
+
+@pytest.mark.parametrize("role", ["cell", "router"])
+@pytest.mark.parametrize("rule", ["hear-in", "hear-out"])
+def test_a_viewer_may_hear_whatever_is_published(keys: Path, role: str, rule: str) -> None:
+    config = zenoh.Config.from_json5((keys / f"{role}.json5").read_text())
+    rules = json.loads(config.get_json("access_control/rules"))
+    (allowed,) = (one["key_exprs"] for one in rules if one["id"] == rule)
+    said = [f"cell/one/{topic.key.format(name='arm')}" for topic in topics.TOPICS if topic.kind == "publish"]
+    assert [key for key in said if not any(zenoh.KeyExpr(one).includes(zenoh.KeyExpr(key)) for one in allowed)] == []
 
 
 def test_our_rules_hold_whatever_the_file_says(keys: Path) -> None:
