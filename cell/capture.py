@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from bus.errors import DeviceLost, StaleFrame
-from bus.messages import Observation, View
+from bus.messages import Frame, Observation, View
 from drivers.interface import Arm, Camera
 from planning.robot import Robot
 
 _REST_RAD = 2e-3
 _MIN_SEEN = 0.05
-"""Of the depth image: any scene shows more; with less an empty table could not be told from a blind camera."""
+"""Of the depth image: any scene of a pick shows more."""
 
 
 def capture(camera: Camera, arm: Arm, robot: Robot, newer_than_ns: int = 0) -> Observation:
@@ -19,7 +19,7 @@ def capture(camera: Camera, arm: Arm, robot: Robot, newer_than_ns: int = 0) -> O
 
     Raises:
         StaleFrame: the arm moved meanwhile (the pose would be wrong), or the frame is not ``newer_than_ns``.
-        DeviceLost: the arm does not know where it is, or the camera sees nothing. And whatever else the devices raise.
+        DeviceLost: the arm does not know where it is. And whatever else the devices raise.
     """
     before = arm.state()
     frame = camera.capture()
@@ -32,8 +32,12 @@ def capture(camera: Camera, arm: Arm, robot: Robot, newer_than_ns: int = 0) -> O
         raise DeviceLost("The arm reports a position that is not a finite number.", "Restart its node.")
     if moved_rad > _REST_RAD:
         raise StaleFrame(f"The arm moved by {moved_rad:.4f} rad during the exposure.", "Capture while it rests.")
+    view = View(stamp_ns=frame.stamp_ns, arm=after, base_from_color=robot.base_from_color(after.q_rad))
+    return Observation(view=view, frame=frame)
+
+
+def require_sight(frame: Frame) -> None:
+    """Raises: DeviceLost when the depth camera sees nothing, which is not the same as an empty table."""
     seen = float((frame.depth_m > 0).mean())  # nan is none
     if seen < _MIN_SEEN:
         raise DeviceLost(f"The camera is blind: it measured {seen:.1%} of its depth pixels.", "Is its lens covered?")
-    view = View(stamp_ns=frame.stamp_ns, arm=after, base_from_color=robot.base_from_color(after.q_rad))
-    return Observation(view=view, frame=frame)

@@ -36,7 +36,7 @@ from bus.messages import (
     View,
 )
 from bus.topics import Topic
-from cell.capture import capture
+from cell.capture import capture, require_sight
 from cell.cyclelog import CycleLog
 from cell.detect import detect_unless_halted
 from cell.execute import deliver, execute
@@ -181,7 +181,7 @@ class Cycle:
     def _outcome(self) -> tuple[Literal["SUCCESS", "FAILED", "ABORTED", "EMPTY"], Code | None, str]:
         if self.failure is not None:
             code = self.failure.code
-            if code is Code.NO_OBJECT:
+            if code is Code.NO_OBJECT and "detect" in self.stages:
                 return "EMPTY", code, self.failure.text
             return ("ABORTED" if code is Code.STOPPED or code in FAULTS else "FAILED"), code, self.failure.text
         assert self.verdict is not None, "a cycle without a verdict has a failure"
@@ -197,6 +197,7 @@ class Cycle:
         e = self.equipment
         oldest_ns = time.time_ns() - round(e.station.camera.max_age_s * 1e9)
         seen = capture(e.camera, e.arm, e.robot, max(oldest_ns, self._seen_ns))
+        require_sight(seen.frame)
         self._seen_ns = seen.frame.stamp_ns
         return seen
 

@@ -154,9 +154,7 @@ def _cycle(raw: Content) -> CycleRecord:
         events=_timed(raw, topics.EVENT.key, Event),
         hand=_timed(raw, topics.HAND_STATE.key, HandState),
         health=tuple(said for key in raw.payloads if _HEALTH.fullmatch(key) for said in _timed(raw, key, Health)),
-        arm=tuple(
-            Timed(at_ns, _joint_states(payload)) for at_ns, payload in raw.payloads.get(topics.ARM_STATE.key, [])
-        ),
+        arm=tuple(_arm_states(raw)),
     )
 
 
@@ -169,11 +167,11 @@ def _timed(raw: Content, key: str, kind: type[Any]) -> tuple[Timed, ...]:
     return tuple(timed)
 
 
-def _joint_states(payload: bytes) -> JointStates:
-    try:
-        return JointStates.FromString(payload)
-    except DecodeError as error:
-        raise BadPayload("Not a valid foxglove.JointStates.") from error
+def _arm_states(raw: Content) -> Iterator[Timed]:
+    """As `_timed`, in protobuf."""
+    for log_time_ns, payload in raw.payloads.get(topics.ARM_STATE.key, []):
+        with suppress(DecodeError):
+            yield Timed(log_time_ns, JointStates.FromString(payload))
 
 
 def _frames(raw: Content) -> Iterator[tuple[int, Frame]]:
