@@ -56,6 +56,14 @@ if [ "$(cat "$stamp" 2>/dev/null || true)" != "$wanted" ]; then
 fi
 [ "${1:-}" = stand-ins ] || [ -e .venv/.hardware ] || exit 0
 
+# --- for the tests of the report page: a browser without a window; they are skipped where there is none -------------------
+browser() { command -v chromium-headless-shell >/dev/null || command -v chromium >/dev/null; }
+if ! browser && command -v apt-get >/dev/null && [ "$(id -u)" -eq 0 ]; then
+    say "installing chromium-headless-shell with apt-get (64 MB), for the tests of the report page"
+    env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends \
+        -o DPkg::Lock::Timeout=120 chromium-headless-shell >/dev/null || say "no browser: its tests will be skipped"
+fi
+
 # --- for the tests of the real drivers: the vendors' SDKs, and franka-sim, whose pins need an environment of its own -------
 stamp=.venv/.hardware
 wanted="$(cat requirements-hardware.lock tests/stand_ins/franka_sim.lock | sha256sum | cut -d' ' -f1)"

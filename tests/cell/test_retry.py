@@ -99,7 +99,13 @@ def test_a_start_holds_after_too_many_failures_and_goes_on_when_somebody_has_loo
     tmp_path: Path, endpoint: str
 ) -> None:
     said: queue.SimpleQueue[Message] = queue.SimpleQueue()
-    settings = ["sim.friction=0", "verify.hold_s=0.3", "retry.looks=1", "retry.hold_after=1"]
+    settings = [
+        "sim.friction=0",
+        "verify.hold_s=0.3",
+        "planning.max_approaches=6",
+        "retry.looks=1",
+        "retry.hold_after=1",
+    ]
     station = load_station(None, [f"recording.folder={tmp_path}", f"bus.endpoint={endpoint}", *settings])
 
     def observe(_topic: Topic, message: Message | bytes) -> None:
