@@ -136,6 +136,7 @@ def test_a_pick_over_four_machines_and_a_cut_cable(net: Net, tmp_path: Path) -> 
         settings = {
             "bus.zenoh": keys / f"{role}.json5",
             "bus.stale_s": 10,  # a busy machine starves the node; the cut is noticed by the token, whatever this is
+            "bus.ask_timeout_s": 20,  # so does opening its graphics
             "verify.hold_s": 0.5,
             "recording.folder": tmp_path / "recordings",
             **more,
@@ -158,12 +159,12 @@ def test_a_pick_over_four_machines_and_a_cut_cable(net: Net, tmp_path: Path) -> 
         cell.await_line("ready")
         _await_node(operator)
 
-        assert operator.ask("reset")["state"] == "Idle"
+        _reset(operator)
         assert operator.ask("pick")["result"] == "SUCCESS"
         (member,) = operator.ask("fleet")["fleet"]
         assert (member["cell_id"], member["state"]["state"], member["is_healthy"]) == ("sim", "Complete", True)
 
-        assert operator.ask("reset")["state"] == "Idle"
+        _reset(operator)
         operator.tell("pick")
         cell.await_line("SUCCESS")  # the first pick's
         cell.await_line("detect ")
@@ -179,7 +180,12 @@ def test_a_pick_over_four_machines_and_a_cut_cable(net: Net, tmp_path: Path) -> 
         aborted = operator.ask("state")
         assert (aborted["state"], "'sim'" in aborted["reason"]) == ("Aborted", True), aborted
         assert operator.ask("clear")["state"] == "Stopped"
-        assert operator.ask("reset")["state"] == "Idle"
+        _reset(operator)
+
+
+def _reset(operator: Program) -> None:
+    said = operator.ask("reset")
+    assert said["state"] == "Idle", said
 
 
 def _await_node(operator: Program) -> None:
