@@ -2,7 +2,7 @@
 
 ``fleet`` looks with the viewer's certificate.
 
-Usage: python -m tests.stand_ins.operator --set key=value ...
+Usage: python -m tests.stand_ins.desk --set key=value ...
 """
 
 from __future__ import annotations
