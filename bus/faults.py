@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from enum import StrEnum
 from typing import Literal, get_args
 
@@ -35,3 +36,29 @@ class FaultRequest(Message):
 
     fault: Fault
     delay_s: float | None = None
+
+
+class Faulty:
+    """What can be spoiled at any time, from any thread: ``fault`` is how, ``delay_s`` how late when slow.
+
+    Whoever waits for another fault waits on ``_turn``.
+    """
+
+    def __init__(self, fault: Fault, delay_s: float) -> None:
+        self._fault = fault
+        self._turn = threading.Condition()
+        self.delay_s = delay_s
+
+    @property
+    def fault(self) -> Fault:
+        return self._fault
+
+    @fault.setter
+    def fault(self, fault: Fault) -> None:
+        with self._turn:
+            self._fault = Fault(fault)
+            self._turn.notify_all()
+        self._on_fault(fault)
+
+    def _on_fault(self, fault: Fault) -> None:
+        """What a part does by itself with a new fault."""

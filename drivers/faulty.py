@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import threading
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -20,7 +19,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from bus.errors import DeviceLost
-from bus.faults import Fault
+from bus.faults import Fault, Faulty
 from bus.faulty import Spoilable
 from bus.messages import ArmState, Frame, HandState, Motion
 from bus.trajectory import Trajectory
@@ -37,7 +36,7 @@ SaidT = TypeVar("SaidT", Frame, ArmState, HandState)
 AnswerT = TypeVar("AnswerT")
 
 
-class _Faulty(Generic[DeviceT, SaidT]):
+class _Device(Faulty, Generic[DeviceT, SaidT]):
     """What the three share.
 
     Args:
@@ -46,22 +45,12 @@ class _Faulty(Generic[DeviceT, SaidT]):
     """
 
     def __init__(self, device: DeviceT, fault: Fault = Fault.NONE, *, delay_s: float = 1.0) -> None:
+        super().__init__(fault, delay_s)
         self._device: DeviceT = device
-        self._fault = fault
-        self._last: SaidT | None = None
-        self._turn = threading.Condition()  # guards the two
+        self._last: SaidT | None = None  # guarded by `_turn`
         self._counter = itertools.count()
-        self.delay_s = delay_s
 
-    @property
-    def fault(self) -> Fault:
-        return self._fault
-
-    @fault.setter
-    def fault(self, fault: Fault) -> None:
-        with self._turn:
-            self._fault = Fault(fault)
-            self._turn.notify_all()
+    def _on_fault(self, fault: Fault) -> None:
         if fault is Fault.OFF:
             self._lose_power()
 
@@ -107,7 +96,7 @@ class _Faulty(Generic[DeviceT, SaidT]):
             return self._last
 
 
-class FaultyCamera(_Faulty[Camera, Frame]):
+class FaultyCamera(_Device[Camera, Frame]):
     """``garbage``: in turns a black image with zero depth, and noise with none. ``wrong``: a mirrored colour image."""
 
     def capture(self) -> Frame:
@@ -128,7 +117,7 @@ def _garbled(frame: Frame, number: int) -> Frame:
     return frame.model_copy(update={"color": noise, "depth_m": np.full_like(frame.depth_m, np.nan)})
 
 
-class FaultyArm(_Faulty[Arm, ArmState]):
+class FaultyArm(_Device[Arm, ArmState]):
     """``garbage``: NaN in every joint. ``wrong``: `WRONG_JOINT_RAD` in what it says and in what it is told.
 
     ``stuck``: ``execute`` moves nothing and returns only after a ``stop``, a ``close`` or another fault.
@@ -217,7 +206,7 @@ def _unreadable(motion: Motion) -> Motion:
     return motion.model_copy(update={name: np.full_like(getattr(motion, name), np.nan) for name in measured})
 
 
-class FaultyHand(_Faulty[Hand, HandState]):
+class FaultyHand(_Device[Hand, HandState]):
     """``garbage``: in turns a width of NaN and of `ABSURD_WIDTH_M`. ``wrong``: `WRONG_WIDTH_M` too wide."""
 
     def state(self) -> HandState:

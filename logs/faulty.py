@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import errno
 import os
-import threading
 from typing import BinaryIO
 
-from bus.faults import Fault
+from bus.faults import Fault, Faulty
 
 
-class FaultyDisk:
+class FaultyDisk(Faulty):
     """Wraps the files of a `logs.recorder.Recorder`: each write is spoiled.
 
     ``off``: an I/O error. ``stuck``: it does not return. ``garbage``: other bytes are written. ``wrong``: the disk is
@@ -18,19 +17,7 @@ class FaultyDisk:
     """
 
     def __init__(self, fault: Fault = Fault.NONE, *, delay_s: float = 1.0) -> None:
-        self._fault = fault
-        self._turn = threading.Condition()
-        self.delay_s = delay_s
-
-    @property
-    def fault(self) -> Fault:
-        return self._fault
-
-    @fault.setter
-    def fault(self, fault: Fault) -> None:
-        with self._turn:
-            self._fault = Fault(fault)
-            self._turn.notify_all()
+        super().__init__(fault, delay_s)
 
     def under(self, file: BinaryIO) -> FaultyFile:
         """The file, on this disk."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
 
 import cv2
@@ -11,7 +10,7 @@ import numpy.typing as npt
 
 from bus.codes import Code
 from bus.errors import CycleFailure
-from bus.faults import Fault
+from bus.faults import Fault, Faulty
 from perception.models.base import Answer, GoalImageModel, Subject
 from perception.models.window import Window, encode_png
 
@@ -19,7 +18,7 @@ _PICTURE_PX = 512
 _NO_PICTURE = b"\x89PNG" + bytes(range(64))
 
 
-class FaultyModel:
+class FaultyModel(Faulty):
     """``off``: refuses the connection. ``stuck``: gives no answer by ``deadline_s``. ``slow``: ``delay_s`` late.
 
     ``garbage``: draws what is no picture. ``wrong``: draws a picture of something else.
@@ -28,20 +27,9 @@ class FaultyModel:
     def __init__(
         self, model: GoalImageModel, fault: Fault = Fault.NONE, *, deadline_s: float, delay_s: float = 1.0
     ) -> None:
-        self._model, self._fault, self._deadline_s = model, fault, deadline_s
-        self._turn = threading.Condition()
-        self.delay_s = delay_s
+        super().__init__(fault, delay_s)
+        self._model, self._deadline_s = model, deadline_s
         self.name = model.name
-
-    @property
-    def fault(self) -> Fault:
-        return self._fault
-
-    @fault.setter
-    def fault(self, fault: Fault) -> None:
-        with self._turn:
-            self._fault = Fault(fault)
-            self._turn.notify_all()
 
     def begin(self) -> None:
         self._model.begin()
