@@ -26,7 +26,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
 from bus.codes import ADVICE, Code
+
+if TYPE_CHECKING:
+    from bus.messages import Rejection
 
 
 class CellError(Exception):
@@ -138,9 +144,14 @@ class CalibrationError(CellError):
 
 
 class CycleFailure(CellError):
-    """A stage found that the pick cannot go on, and says which of the closed list of codes it is."""
+    """A stage found that the pick cannot go on, and says which of the closed list of codes it is.
 
-    def __init__(self, code: Code, text: str) -> None:
+    Args:
+        rejected: by plan, every way to grasp that is not feasible.
+    """
+
+    def __init__(self, code: Code, text: str, rejected: Sequence[Rejection] = ()) -> None:
         super().__init__(text, ADVICE[code])
         self.code = code.value
         self.failure = code
+        self.rejected = rejected

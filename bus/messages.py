@@ -12,6 +12,7 @@ from typing import Generic, Literal, TypeVar
 
 from bus.arrays import Blob, ColorImage, DepthImage, Joints, JointSamples, Mask, Points, Samples, Transform, Vector3
 from bus.codes import Code
+from bus.errors import CycleFailure
 from bus.frozen import Message
 from bus.trajectory import Trajectory
 
@@ -380,10 +381,15 @@ class Attempt(Message):
 
 
 class Failure(Message):
-    """Why a stage ended the cycle."""
+    """Why a stage ended the cycle. ``rejected``: by plan, every way to grasp that is not feasible."""
 
     code: Code
     text: str
+    rejected: tuple[Rejection, ...] = ()
+
+    @classmethod
+    def of(cls, error: CycleFailure) -> Failure:
+        return cls(code=error.failure, text=error.text, rejected=tuple(error.rejected))
 
 
 class StageRecord(Message, Generic[ResultT]):

@@ -252,5 +252,5 @@ class Cycle:
             code = next(code for kind, code in _CODE_OF_ERROR if isinstance(error, kind))
             failure = CycleFailure(code, error.text)
             failure.__cause__ = error
-        self.failure = Failure(code=failure.failure, text=failure.text)
+        self.failure = Failure.of(failure)
         return failure

@@ -210,4 +210,4 @@ def _rerun(stage: Stage, record: CycleRecord, station: Station, robot: Robot, mo
     try:
         return stage.rerun(record, station, robot, models)
     except CycleFailure as failure:
-        return Failure(code=failure.failure, text=failure.text)
+        return Failure.of(failure)

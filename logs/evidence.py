@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,9 +16,31 @@ from logs.reader import CycleRecord
 _THUMBNAIL_PX = 240
 
 
-def thumbnail(record: CycleRecord, found: Detections | None, plan: PickPlan | None) -> str:
+class Choice(NamedTuple):
+    """What plan did with the grasps.
+
+    Attributes:
+        grasp: which it took; the best one where nothing was planned, None where every one was rejected.
+        rejected: the ways to grasp it rejected.
+    """
+
+    grasp: int | None
+    rejected: tuple[Rejection, ...]
+
+
+def choice(record: CycleRecord, found: Detections | None) -> Choice:
+    best = 0 if found is not None and found.grasps else None
+    stage = record.stages.get("plan")
+    if stage is not None and isinstance(stage.result, PickPlan):
+        return Choice(stage.result.grasp, stage.result.rejected)
+    if stage is not None and stage.failure is not None and stage.failure.rejected:
+        return Choice(None, stage.failure.rejected)
+    return Choice(best, ())
+
+
+def thumbnail(record: CycleRecord, found: Detections | None, chosen: Choice) -> str:
     if found is not None:
-        near = images.crop(images.annotated(found, plan), found.evidence.object_mask, margin_px=40)
+        near = images.crop(images.annotated(found, *chosen), found.evidence.object_mask, margin_px=40)
         return images.data_uri(near, width_px=_THUMBNAIL_PX)
     seen = record.observation
     return images.data_uri(seen.frame.color, width_px=_THUMBNAIL_PX) if seen is not None else ""
@@ -65,10 +87,10 @@ def drift(record: CycleRecord, found: Detections | None) -> list[Fact]:
     ]
 
 
-def alignment_view(record: CycleRecord, found: Detections | None, plan: PickPlan | None) -> dict[str, Any] | None:
+def alignment_view(record: CycleRecord, found: Detections | None, chosen: Choice) -> dict[str, Any] | None:
     if found is None or record.observation is None:
         return None
-    grasp = found.grasps[plan.grasp if plan is not None else 0] if found.grasps else None
+    grasp = found.grasps[chosen.grasp or 0] if found.grasps else None
     view = clouds(found, grasp, np.asarray(record.observation.view.base_from_color))
     alignment = found.evidence.alignment
     title = (
@@ -78,10 +100,10 @@ def alignment_view(record: CycleRecord, found: Detections | None, plan: PickPlan
     return {"chart": Chart(title, view.figure), "before": view.before, "after": view.after}
 
 
-def rectangles(found: Detections | None, plan: PickPlan | None) -> str:
+def rectangles(found: Detections | None, chosen: Choice) -> str:
     if found is None:
         return ""
-    return images.data_uri(images.crop(images.annotated(found, plan), found.evidence.object_mask, margin_px=60))
+    return images.data_uri(images.crop(images.annotated(found, *chosen), found.evidence.object_mask, margin_px=60))
 
 
 def grasps(found: Detections | None) -> list[dict[str, Any]]:
@@ -94,10 +116,10 @@ def grasps(found: Detections | None) -> list[dict[str, Any]]:
     return [{**dict(grasp), "snapped_mm": moved_mm(grasp)} for grasp in found.grasps]
 
 
-def rejections(plan: PickPlan | None) -> dict[int, list[str]]:
+def rejections(chosen: Choice) -> dict[int, list[str]]:
     """Per grasp: each reason once, with the approach directions it was found for."""
     by_reason: dict[int, dict[tuple[str, str], list[Rejection]]] = defaultdict(lambda: defaultdict(list))
-    for one in plan.rejected if plan is not None else ():
+    for one in chosen.rejected:
         by_reason[one.grasp][one.code.value, one.reason].append(one)
     return {
         grasp: [

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import base64
+from collections.abc import Iterable
 from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from bus.messages import Detections, PickPlan, Rectangle
+from bus.messages import Detections, Rectangle, Rejection
 
 _OUTLINE_RGB, _CHOSEN_RGB, _OTHER_RGB, _REJECTED_RGB = (10, 200, 120), (255, 214, 10), (235, 240, 245), (240, 80, 80)
 _LEAST_DEPTH_SHARE, _MOST_DEPTH_SHARE = 1, 99
@@ -38,15 +39,15 @@ def file_uri(image: bytes | None) -> str:
     return f"data:image/{kind};base64,{base64.b64encode(image).decode()}"
 
 
-def annotated(found: Detections, plan: PickPlan | None) -> Image:
-    """The colour image with the object's outline and the grasp rectangles: chosen, rejected, and the others."""
+def annotated(found: Detections, grasp: int | None, rejections: Iterable[Rejection]) -> Image:
+    """The colour image with the object's outline and the grasp rectangles: that of ``grasp``, rejected, the others."""
     image = np.array(found.evidence.color)
     contours, _ = cv2.findContours(
         found.evidence.object_mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
     )
     cv2.drawContours(image, contours, -1, _OUTLINE_RGB, 2, cv2.LINE_AA)
-    chosen = found.grasps[plan.grasp if plan is not None else 0].rectangle if found.grasps else -1
-    rejected = {found.grasps[one.grasp].rectangle for one in plan.rejected} if plan is not None else set()
+    chosen = found.grasps[grasp].rectangle if grasp is not None else -1
+    rejected = {found.grasps[one.grasp].rectangle for one in rejections}
     for index, rectangle in enumerate(found.rectangles):
         if index != chosen:
             color = _REJECTED_RGB if index in rejected else _OTHER_RGB

@@ -51,6 +51,7 @@ def _split_dirty(content: Content) -> None:
 MIGRATIONS: tuple[Migration, ...] = (
     Migration(0, "The version is named: what names none is of before.", _nothing),
     Migration(1, "Whether the checkout had changes is `dirty`, no longer a + behind the commit.", _split_dirty),
+    Migration(2, "A plan that failed lists what it rejected: nothing, where that was not kept.", _nothing),
 )
 SCHEMA_VERSION = len(MIGRATIONS)
 """Of what is recorded now."""

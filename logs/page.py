@@ -17,7 +17,7 @@ from plotly.offline import get_plotlyjs
 
 from bus.errors import RecordingError
 
-VERSION = "3"
+VERSION = "4"
 """Of the pages: one of another version is written anew."""
 
 

@@ -27,8 +27,9 @@ def write_report(record: CycleRecord, path: Path, *, index: str = "") -> Path:
 def _content(record: CycleRecord) -> dict[str, Any]:
     story, found, plan = tell(record), _result(record, "detect", Detections), _result(record, "plan", PickPlan)
     runs = _runs(record)
-    view, motion = evidence.alignment_view(record, found, plan), _motion(record, runs, story)
-    thumbnail = evidence.thumbnail(record, found, plan)
+    chosen = evidence.choice(record, found)
+    view, motion = evidence.alignment_view(record, found, chosen), _motion(record, runs, story)
+    thumbnail = evidence.thumbnail(record, found, chosen)
     return {
         "story": story,
         "cycle_id": record.cycle_id,
@@ -43,9 +44,9 @@ def _content(record: CycleRecord) -> dict[str, Any]:
         "drift": evidence.drift(record, found),
         "clouds": view,
         "charts": script_json(_all_charts(view, motion)),
-        "rectangles": evidence.rectangles(found, plan),
+        "rectangles": evidence.rectangles(found, chosen),
         "grasps": evidence.grasps(found),
-        "rejected": evidence.rejections(plan),
+        "rejected": evidence.rejections(chosen),
         "plan": plan,
         "uses": figures.uses(runs),
         "motion": motion,

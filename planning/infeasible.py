@@ -9,12 +9,17 @@ from bus.codes import Code
 
 
 class Infeasible(Exception):
-    """One way to do it does not work. ``code`` and ``reason`` go into the log."""
+    """One way to do it does not work. ``code`` and ``reason`` go into the log.
 
-    def __init__(self, code: Code, reason: str) -> None:
+    Attributes:
+        by_hand: nor does any other way that brings the hand there.
+    """
+
+    def __init__(self, code: Code, reason: str, *, by_hand: bool = False) -> None:
         super().__init__(reason)
         self.code = code
         self.reason = reason
+        self.by_hand = by_hand
 
 
 def summary(failures: Sequence[Infeasible], nothing: str) -> Infeasible:

@@ -57,14 +57,19 @@ def before_grasp(
     up_m = np.array([0.0, 0.0, station.planning.lift_m])
     open_m = opening_m(grasp, station)
     befores = [shifted(pose, back_m) for pose in twins(base_from_tcp)]
+    jammed: dict[int, Infeasible] = {}  # poses where the hand has no room, however the arm stands
     for q, before in configurations(befores, q_now_rad):
         try:
+            if id(before) in jammed:
+                raise jammed[id(before)]
             _require_untouched("before the grasp", scene, q, open_m)
             approach = _line("approach", q, before, -back_m)
             lift = _line("lift", approach[-1], shifted(before, -back_m), up_m)
             _require_free("approach", scene, approach, open_m)
             _require_free("lift", scene.empty(), lift, grasp.width_m)
         except Infeasible as why:
+            if why.by_hand:
+                jammed[id(before)] = why
             yield why
         else:
             yield Landing(q, approach, lift)
@@ -149,13 +154,13 @@ def _line(name: str, q_from_rad: Joints, base_from_tcp: Transform, shift_m: Arra
 def _require_untouched(name: str, scene: Scene, q_rad: Joints, width_m: float) -> None:
     touch = scene.touch(q_rad, width_m)
     if touch is not None:
-        raise Infeasible(Code.COLLISION, f"{name}: {touch}")
+        raise Infeasible(Code.COLLISION, f"{name}: {touch}", by_hand=touch.by_hand)
 
 
 def _require_free(name: str, scene: Scene, points_rad: JointSamples, width_m: float) -> None:
     touch = scene.first_touch(points_rad, width_m)
     if touch is not None:
-        raise Infeasible(Code.COLLISION, f"{name}: {touch}")
+        raise Infeasible(Code.COLLISION, f"{name}: {touch}", by_hand=touch.by_hand)
 
 
 def shifted(pose: Transform, shift_m: Array) -> Transform:

@@ -21,6 +21,7 @@ from planning.infeasible import Infeasible
 from planning.scene import Scene
 from planning.search import search
 from planning.timing import rest_to_rest, timed
+from planning.world import Touch
 
 _CORNER_SHARES = (CORNER_SHARE, 0.25, 0.1, 0.02)
 """Corners are cut less and less until nothing is touched."""
@@ -56,7 +57,7 @@ def connect(
 
     Raises: Infeasible, naming what is in the way.
     """
-    touch = "no goal can be reached"
+    touch: Touch | str = "no goal can be reached"
     for index, goal in enumerate(goals_rad):
         line = np.stack([q_from_rad, goal])
         blocked = scene.first_touch(line, width_m)
@@ -91,7 +92,7 @@ def motion(
 
     Raises: Infeasible: a limit, or what would be touched.
     """
-    touch: str | None = None
+    touch: Touch | None = None
     for share in _CORNER_SHARES:
         curve = blended(pieces, share)
         touch = _bends_touch(curve, scene, width_m)
@@ -123,7 +124,7 @@ def move(scene: Scene, q_from_rad: Joints, q_to_rad: Joints) -> Trajectory:
         raise CycleFailure(why.code, f"There is no way from here: {why.reason}.") from why
 
 
-def _bends_touch(curve: Curve, scene: Scene, width_m: float) -> str | None:
+def _bends_touch(curve: Curve, scene: Scene, width_m: float) -> Touch | None:
     for begin, end in curve.bends:
         touch = scene.first_touch(curve.points_rad[begin : end + 1], width_m)
         if touch is not None:
@@ -131,7 +132,7 @@ def _bends_touch(curve: Curve, scene: Scene, width_m: float) -> str | None:
     return None
 
 
-def _gate(trajectory: Trajectory, curve: Curve, scene: Scene, leaving: Scene | None, width_m: float) -> str | None:
+def _gate(trajectory: Trajectory, curve: Curve, scene: Scene, leaving: Scene | None, width_m: float) -> Touch | None:
     """The independent judgement of the very commands that will be sent."""
     commands = trajectory.filtered()
     if leaving is None:

@@ -40,7 +40,7 @@ def plan_pick(scene: Scene, grasps: Sequence[Grasp], q_now_rad: Joints, missed: 
 
     Raises:
         CycleFailure: NO_GRASP without grasps, or when all have missed; MOTION_REFUSED or COLLISION when the arm cannot
-            start from here; UNREACHABLE or COLLISION when no grasp is feasible.
+            start from here; UNREACHABLE or COLLISION when no grasp is feasible. It lists what was rejected.
     """
     _check_start(scene, q_now_rad)
     if not grasps:
@@ -51,7 +51,8 @@ def plan_pick(scene: Scene, grasps: Sequence[Grasp], q_now_rad: Joints, missed: 
         if any(is_like(grasp.base_from_tcp, pose) for pose in missed)
     ]
     if len(rejected) == len(grasps):
-        raise CycleFailure(Code.NO_GRASP, f"All {len(grasps)} grasps are like one that closed on nothing before.")
+        text = f"All {len(grasps)} grasps are like one that closed on nothing before."
+        raise CycleFailure(Code.NO_GRASP, text, rejected)
     left_out = {rejection.grasp for rejection in rejected}
     for approach in approaches(grasps, scene.station, left_out):
         try:
@@ -96,7 +97,7 @@ def _none_feasible(rejected: Sequence[Rejection]) -> CycleFailure:
     counts = Counter(r.reason for r in rejected).most_common()
     reasons = "; ".join(f"{count} x {reason}" for reason, count in counts)
     code = Code.COLLISION if any(r.code is Code.COLLISION for r in rejected) else Code.UNREACHABLE
-    return CycleFailure(code, f"None of {len(rejected)} ways to grasp is feasible: {reasons}.")
+    return CycleFailure(code, f"None of {len(rejected)} ways to grasp is feasible: {reasons}.", rejected)
 
 
 # --- reach and carry --------------------------------------------------------------------------------------------------

@@ -19,7 +19,7 @@ from config.scene import scene_boxes
 from config.schema import Box, Station
 from planning.robot import HAND_FROM_TCP_M, Robot
 from planning.seen import Field, few, observed_field, solid
-from planning.world import FINGERS, Thing, World, held_thing
+from planning.world import FINGERS, Thing, Touch, World, held_thing
 
 Array = npt.NDArray[np.float64]
 
@@ -98,11 +98,11 @@ class Scene:
     def _without_target(self) -> Scene:
         return self if self.target is None and self.held is None else replace(self, target=None, held=None)
 
-    def touch(self, q_rad: Joints, width_m: float) -> str | None:
-        """What comes nearer than the clearance in one configuration, in words, or None."""
+    def touch(self, q_rad: Joints, width_m: float) -> Touch | None:
+        """What comes nearer than the clearance in one configuration, or None."""
         return self._planned.touch(q_rad, width_m)
 
-    def first_touch(self, path_rad: JointSamples, width_m: float) -> str | None:
+    def first_touch(self, path_rad: JointSamples, width_m: float) -> Touch | None:
         """What the robot touches first on the polyline ``path_rad`` (n, 7), or None.
 
         Between checks no point of the robot moves farther than the margin that the checks found free, so that 2.5 mm
@@ -122,7 +122,7 @@ class Scene:
                     return touch
         return None
 
-    def gate(self, commands_rad: JointSamples, width_m: float) -> str | None:
+    def gate(self, commands_rad: JointSamples, width_m: float) -> Touch | None:
         """The last judgement on 1 kHz commands, by other shapes than they were planned with.
 
         The exact meshes instead of their hulls, the observed points instead of the field, every 8 ms.

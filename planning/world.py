@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from itertools import combinations
-from typing import Any
+from typing import Any, NamedTuple
 
 import coal
 import numpy as np
@@ -20,6 +20,8 @@ Mask = npt.NDArray[np.bool_]
 
 FINGERS = frozenset({"left finger", "right finger"})
 _HAND = FINGERS | {"hand", "camera", "link 7"}
+_RIGID = FINGERS | {"hand", "camera"}
+"""Parts whose place is known with the tcp's."""
 _NEIGHBOURS = {
     frozenset(pair)
     for pair in (
@@ -45,6 +47,21 @@ class Thing:
     pose: Transform = field(default_factory=lambda: np.eye(4))
     near: frozenset[str] = frozenset()
     held: bool = False
+
+
+class Touch(NamedTuple):
+    """Two that come nearer than they may, e.g. ``right finger touches table``.
+
+    Attributes:
+        by_hand: a part of the hand and something that stands: any arm that brings the hand there has them touch.
+    """
+
+    part: str
+    other: str
+    by_hand: bool
+
+    def __str__(self) -> str:
+        return f"{self.part} touches {self.other}"
 
 
 def held_thing(shape: coal.CollisionGeometry, hand_from_shape: Transform) -> Thing:
@@ -90,8 +107,8 @@ class World:
         self._fine = self._level(margins)
         self._coarse = self._fine if coarse_m is None else self._level(np.full_like(margins, coarse_m))
 
-    def touch(self, q_rad: Joints, width_m: float, *, coarse: bool = False) -> str | None:
-        """What comes nearer than its margin, e.g. ``right finger touches table``; None if nothing does.
+    def touch(self, q_rad: Joints, width_m: float, *, coarse: bool = False) -> Touch | None:
+        """What comes nearer than its margin; None if nothing does.
 
         Args:
             width_m: opening of the hand.
@@ -105,7 +122,9 @@ class World:
         if not callback.collision:
             return None
         pair = self._model.collisionPairs[callback.collisionPairIndex]
-        return f"{self._names[pair.first]} touches {self._names[pair.second]}"
+        part, other = self._names[pair.first], self._names[pair.second]
+        stands = pair.second >= self._robot_parts and not self._things[pair.second - self._robot_parts].held
+        return Touch(part, other, by_hand=stands and part in _RIGID)
 
     def own_pairs(self) -> frozenset[frozenset[str]]:
         """The checked pairs of the robot's own parts."""

@@ -52,13 +52,17 @@ def _said(outcome: Message) -> dict[str, Any]:
         return {
             "grasp": outcome.grasp,
             "tilt_deg": round(float(np.degrees(outcome.tilt_rad)), 1),
-            "rejected": [f"{one.grasp} {one.code}: {one.reason}" for one in outcome.rejected],
+            "rejected": _rejected(outcome),
             "motion_s": {part.name: round(part.trajectory.duration_s, 2) for part in outcome.segments},
         }
     if isinstance(outcome, Verdict):
         return {"code": outcome.code, "load_n": round(outcome.load_n, 2), "cleared": round(outcome.cleared_fraction, 2)}
     assert isinstance(outcome, Failure)
-    return {"failure": outcome.code, "text": outcome.text}
+    return {"failure": outcome.code, "text": outcome.text, "rejected": _rejected(outcome)}
+
+
+def _rejected(outcome: PickPlan | Failure) -> list[str]:
+    return [f"{one.grasp} at {np.degrees(one.tilt_rad):.0f} deg {one.code}: {one.reason}" for one in outcome.rejected]
 
 
 def _mm(pose: Transform) -> list[float]:

@@ -29,6 +29,7 @@ from bus.messages import (
     Motion,
     PickPlan,
     Rectangle,
+    Rejection,
     Segment,
     SegmentRun,
     Verdict,
@@ -40,6 +41,7 @@ from config.load import load_station
 from logs.recorder import Recorder
 
 CYCLE_ID = "20260101T000000000"
+REJECTED = (Rejection(grasp=0, tilt_rad=0.0, code=Code.COLLISION, reason="approach: left finger touches post"),)
 HOSTILE = "<script>alert('rod')</script>"
 Record = Callable[..., Path]
 
@@ -173,7 +175,8 @@ def record(tmp_path: Path, frame: Frame) -> Record:
         code = None
         for stage, (topic, result) in _stages(frame).items():
             code = Code.NO_GRASP if stage == failed else None
-            failure = None if code is None else Failure(code=code, text=f"{stage} failed.")
+            rejected = REJECTED if stage == "plan" else ()
+            failure = None if code is None else Failure(code=code, text=f"{stage} failed.", rejected=rejected)
             say(
                 topic,
                 topic.says(

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 
+from bus.codes import Code
 from bus.errors import RecordingError
 from logs.migrate import MIGRATIONS, SCHEMA_VERSION, Content, migrate
 from logs.reader import read_cycle
@@ -19,13 +20,22 @@ STAGES = ["capture", "detect", "plan", "execute", "verify", "deliver"]
 
 
 @pytest.mark.parametrize("version", [1, 2])
-def test_a_recording_of_every_version_is_read_whole(version: int) -> None:
+def test_a_recording_of_an_older_version_is_read_whole(version: int) -> None:
     cycle = read_cycle(GOLDEN / f"cycle-schema{version}.mcap")
     assert list(cycle.stages) == STAGES and all(stage.result for stage in cycle.stages.values())
     assert cycle.observation is not None and cycle.after is not None and cycle.replies
     assert cycle.result is not None and cycle.result.result == cycle.metadata["result"] == "SUCCESS"
     assert cycle.metadata["schema"] == str(SCHEMA_VERSION) and cycle.metadata["dirty"] in ("no", "yes", "unknown")
     assert cycle.metadata["commit"].isalnum()
+
+
+def test_since_schema_3_a_failed_plan_lists_what_it_rejected() -> None:
+    failure = read_cycle(GOLDEN / "cycle-schema3.mcap").stages["plan"].failure
+    assert failure is not None and failure.code is Code.COLLISION
+    assert f"None of {len(failure.rejected)} ways to grasp" in failure.text
+    assert {one.reason for one in failure.rejected} == {
+        f"approach: {finger} finger touches an observed obstacle" for finger in ("left", "right")
+    }
 
 
 def test_every_channel_has_a_schema_and_foxgloves_are_named_so() -> None:

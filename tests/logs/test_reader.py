@@ -37,6 +37,7 @@ from bus.messages import (
 from bus.topics import Topic, encoding_of
 from bus.trajectory import Trajectory
 from logs.compare import compare
+from logs.migrate import SCHEMA_VERSION
 from logs.reader import CycleRecord, read_cycle
 from logs.recorder import Recorder
 
@@ -170,7 +171,7 @@ def test_everything_else_comes_back_in_order_with_its_time(recording: Path) -> N
     assert cycle.metadata == {
         "cycle_id": CYCLE_ID,
         "seed": "7",
-        "schema": "2",
+        "schema": str(SCHEMA_VERSION),
         "commit": "unknown",
         "dirty": "unknown",
         "result": "SUCCESS",

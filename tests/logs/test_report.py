@@ -52,6 +52,12 @@ def test_a_section_that_was_not_reached_says_where_the_cycle_ended(record: Recor
     assert "Nothing was captured" not in page
 
 
+def test_a_failed_plan_shows_every_grasp_with_the_reason_of_its_rejection(record: Record, tmp_path: Path) -> None:
+    grasps = _section(_page(record, tmp_path, "plan"), "grasps")
+    assert "COLLISION at 0°: approach: left finger touches post" in grasps
+    assert "<b>chosen</b>" not in grasps and "yellow" not in grasps
+
+
 def test_a_recording_without_a_result_is_told_as_unfinished(record: Record, tmp_path: Path) -> None:
     torn = replace(read_cycle(record()), result=None, metadata={"cycle_id": "1"})
     page = write_report(torn, tmp_path / "page.html").read_text()

@@ -57,6 +57,13 @@ def test_a_lost_rim_is_taken_for_the_nearer_surface() -> None:
     assert (points[..., 2] > 0.05).sum() > (whole[..., 2] > 0.05).sum()
 
 
+def test_the_targets_lost_rim_is_no_obstacle_beside_it() -> None:
+    seen, mask = observation(rim_px=4)
+    points, target = surroundings(seen, mask)
+    raised = points[..., 2] > 0.05
+    assert raised.any() and np.array_equal(raised, target)
+
+
 def test_where_nothing_is_seen_there_is_no_point() -> None:
     seen, mask = observation()
     dark = np.array(seen.frame.depth_m)

@@ -159,6 +159,8 @@ def test_no_feasible_grasp_is_a_failure_with_counted_reasons(scene: Scene) -> No
     ) as caught:
         plan_pick(scene, [FAR, FAR], CAPTURE)
     assert caught.value.failure is Code.UNREACHABLE
+    assert sorted(one.grasp for one in caught.value.rejected) == 5 * [0] + 5 * [1]
+    assert {one.code for one in caught.value.rejected} == {Code.UNREACHABLE}
 
 
 def test_no_grasp_at_all_is_a_failure(scene: Scene) -> None:

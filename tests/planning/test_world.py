@@ -46,18 +46,15 @@ def test_the_capture_pose_is_free(scene: Scene) -> None:
 
 def test_fingers_may_come_within_2_mm_of_the_table_and_no_nearer(scene: Scene) -> None:
     assert scene.touch(reach_down(0.45, 0.0, 0.0024), WIDE_M) is None
-    assert scene.touch(reach_down(0.45, 0.0, 0.0018), WIDE_M) in (
-        "left finger touches table",
-        "right finger touches table",
-    )
+    assert "finger touches table" in str(scene.touch(reach_down(0.45, 0.0, 0.0018), WIDE_M))
 
 
 def test_obstacles_keep_the_clearance(robot: Robot) -> None:
     top = robot.base_from_hand(CAPTURE)[:3, 3]
     lens_z = robot.base_from_color(CAPTURE)[2, 3]
-    for gap_m, touch in ((0.0045, None), (0.0035, "camera touches shelf")):
+    for gap_m, touch in ((0.0045, "None"), (0.0035, "camera touches shelf")):
         shelf = box("shelf", (top[0] + 0.065, 0.0, lens_z - 0.01 - gap_m), (0.02, 0.02, 0.01))
-        assert among(robot, shelf).touch(CAPTURE, WIDE_M) == touch
+        assert str(among(robot, shelf).touch(CAPTURE, WIDE_M)) == touch
 
 
 def test_an_obstacle_may_have_the_name_of_a_part(robot: Robot) -> None:
