@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 from collections.abc import Iterator, Sequence
@@ -13,13 +12,13 @@ from typing import Annotated
 
 import cv2
 import typer
-from rich.console import Console
 from scipy.spatial.transform import Rotation
 
 from bus.errors import ConfigError
 from bus.session import Bus
 from cell.calibration import Surveyor, moved
 from cell.nodes import Supervisor
+from cell.options import Config, Json, Set, out, print_json
 from config.load import DEFAULT_STATION, load_station
 from config.schema import Station
 from config.station_file import mounting_lines, write_mounting
@@ -28,12 +27,7 @@ from perception.calibrate import HandEye, board_image
 from planning.robot import Robot, hand_from_color
 
 app = typer.Typer(help="Where the camera sits in the hand: find it, check it.", no_args_is_help=True)
-_out = Console(highlight=False, soft_wrap=True)
 _PIXELS_PER_M = 10_000.0
-
-Config = Annotated[Path, typer.Option("--config", "-c", help="Station file.", show_default="the simulated cell")]
-Set = Annotated[list[str] | None, typer.Option("--set", help="Override one setting: key=value. Repeatable.")]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON for programs.")]
 
 
 @contextmanager
@@ -42,7 +36,7 @@ def _surveyor(station: Station, quiet: bool) -> Iterator[Surveyor]:
 
     def say(line: str) -> None:
         if not quiet:
-            _out.print(line)
+            out.print(line)
 
     say(f"starting {', '.join(station.nodes)}; the arm will move")
     with Bus.listen(station.cell_id, station.bus.endpoint) as bus:
@@ -78,20 +72,20 @@ def find(
     if as_json:
         said = {"position_m": position_m, "wxyz": wxyz, "rms_px": found.rms_px,
                 "views_px": found.views_px, "moved_mm": off_mm, "moved_deg": off_deg}  # fmt: skip
-        _out.out(json.dumps(said))
+        print_json(said)
     else:
         _show(found, off_mm, off_deg)
     if dry_run:
-        _out.print("\n".join(mounting_lines(position_m, wxyz).values())) if not as_json else None
+        out.print("\n".join(mounting_lines(position_m, wxyz).values())) if not as_json else None
         return
     _write(config, position_m, wxyz, note, as_json)
 
 
 def _show(found: HandEye, off_mm: float, off_deg: float) -> None:
     views = "  ".join(f"{px:.2f}" for px in found.views_px)
-    _out.print(f"residual {found.rms_px:.2f} px root mean square; each view: {views}")
-    _out.print(f"the board wanders by {found.spread_mm:.2f} mm and {found.spread_deg:.2f} deg between the views")
-    _out.print(f"the camera sits {off_mm:.2f} mm and {off_deg:.2f} deg from where the station file had it")
+    out.print(f"residual {found.rms_px:.2f} px root mean square; each view: {views}")
+    out.print(f"the board wanders by {found.spread_mm:.2f} mm and {found.spread_deg:.2f} deg between the views")
+    out.print(f"the camera sits {off_mm:.2f} mm and {off_deg:.2f} deg from where the station file had it")
 
 
 def _write(config: Path, position_m: Sequence[float], wxyz: Sequence[float], note: str, quiet: bool) -> None:
@@ -100,7 +94,7 @@ def _write(config: Path, position_m: Sequence[float], wxyz: Sequence[float], not
         raise ConfigError(f"{config} is not yours to change; put this into your own station file:\n[camera]\n{lines}")
     write_mounting(config, position_m, wxyz, note)
     if not quiet:
-        _out.print(f"written to {config}, the old values kept as comments")
+        out.print(f"written to {config}, the old values kept as comments")
 
 
 @app.command()
@@ -111,14 +105,14 @@ def check(config: Config = DEFAULT_STATION, overrides: Set = None, as_json: Json
         seen = surveyor.check()
     good = seen.off_px <= station.calibration.max_off_px
     if as_json:
-        _out.out(json.dumps({"ok": good, **vars(seen)}))
+        print_json({"ok": good, **vars(seen)})
     else:
-        _out.print(f"corners are {seen.off_px:.2f} px ({seen.off_mm:.2f} mm) off, the worst {seen.worst_px:.2f} px")
-        _out.print(f"depth reads {seen.depth_off_mm:+.1f} mm against the corners")
+        out.print(f"corners are {seen.off_px:.2f} px ({seen.off_mm:.2f} mm) off, the worst {seen.worst_px:.2f} px")
+        out.print(f"depth reads {seen.depth_off_mm:+.1f} mm against the corners")
         verdict = (
             "good" if good else f"more than {station.calibration.max_off_px:.1f} px: run `cell calibrate hand-eye`"
         )
-        _out.print(verdict)
+        out.print(verdict)
     if not good:
         raise typer.Exit(1)
 
@@ -134,7 +128,7 @@ def board(
     if not cv2.imwrite(str(output), board_image(settings, _PIXELS_PER_M)):
         raise ConfigError(f"Cannot write {output}.", "Name a file that ends in .png, in a folder that exists.")
     width_mm, height_mm = (side * 1e3 for side in settings.size_m)
-    _out.print(
+    out.print(
         f"{output}: print it {width_mm:.0f} x {height_mm:.0f} mm, without scaling (254 dpi); then measure a square:"
     )
-    _out.print(f"it must be {settings.square_m * 1e3:.1f} mm, or set calibration.square_m and marker_m to what it is.")
+    out.print(f"it must be {settings.square_m * 1e3:.1f} mm, or set calibration.square_m and marker_m to what it is.")

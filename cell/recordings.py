@@ -1,8 +1,7 @@
-"""``cell cycles``, ``show``, ``report``: what was recorded, listed, told, and as pages. A cycle is a file or an id."""
+"""``cell cycles``, ``show``, ``report``, ``recover``: what was recorded, listed, told, as pages, and made whole."""
 
 from __future__ import annotations
 
-import json
 import webbrowser
 from pathlib import Path
 from typing import Annotated, Any
@@ -13,23 +12,22 @@ from rich.progress import track
 from rich.table import Table
 from rich.text import Text
 
-from bus.errors import ConfigError
+from bus.errors import ConfigError, RecordingError
+from cell.options import Config, Json, out, print_json
 from config.load import DEFAULT_STATION, load_station
 from logs.days import days, outdated, write_cycle, write_day
 from logs.index import Entry, Filter, find_recording, list_cycles
 from logs.reader import CycleRecord, read_cycle
+from logs.recover import recover as recover_file
 from logs.report import configuration_changes, write_report
 from logs.story import Story, tell
 
-_out = Console(highlight=False, soft_wrap=True)
 _progress = Console(stderr=True)
 _STYLE = {"SUCCESS": "green", "EMPTY": "yellow", "UNFINISHED": "yellow", "INTERRUPTED": "yellow", "TORN": "yellow"}
 _BAD = "bold red"
 _WIDTH = 1000
 """Where no terminal says its own: nothing is cut."""
 
-Config = Annotated[Path, typer.Option("--config", "-c", help="Station file.", show_default="the simulated cell")]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON for programs.")]
 Cycle = Annotated[
     str, typer.Argument(metavar="FILE|CYCLE", help="A recording (.mcap), or a cycle's id or a part of it.")
 ]
@@ -57,7 +55,7 @@ def cycles(
     entries = list_cycles(folder or load_station(config).recording.folder, wanted)
     if as_json:
         for entry in entries:
-            _out.out(json.dumps(entry.to_json()), highlight=False)
+            print_json(entry.to_json())
         return
     table = Table(box=None, pad_edge=False, header_style="dim")
     for name in ("cycle", "result", "code", "object", "time", "try", "why"):
@@ -87,22 +85,22 @@ def show(cycle: Cycle, config: Config = DEFAULT_STATION, as_json: Json = False) 
     record = read_cycle(path)
     story = tell(record)
     if as_json:
-        _out.out(json.dumps(_told(record, story)), highlight=False)
+        print_json(_told(record, story))
         return
-    _out.print(Text.assemble((story.title, _STYLE.get(story.outcome, _BAD)), f": {story.why}"))
+    out.print(Text.assemble((story.title, _STYLE.get(story.outcome, _BAD)), f": {story.why}"))
     if story.advice:
-        _out.print(Text.assemble(("  what to do  ", "bold"), story.advice))
+        out.print(Text.assemble(("  what to do  ", "bold"), story.advice))
     for line in story.stages:
-        _out.print(Text(f"  {line.name:<8} {line.took_s:6.2f} s  {line.said}".rstrip(), "red" if line.failed else ""))
-    _out.print(Text(f"  machine     {' -> '.join(span.name for span in story.states) or 'said nothing'}"))
+        out.print(Text(f"  {line.name:<8} {line.took_s:6.2f} s  {line.said}".rstrip(), "red" if line.failed else ""))
+    out.print(Text(f"  machine     {' -> '.join(span.name for span in story.states) or 'said nothing'}"))
     for key, here, default in configuration_changes(record.station):
-        _out.print(Text(f"  changed     {key} = {here} (default {default})", "dim"))
+        out.print(Text(f"  changed     {key} = {here} (default {default})", "dim"))
     attempt = record.attempt
     if attempt.number:
-        _out.print(Text(f"  try {attempt.number + 1}, after {attempt.retry_of}"))
+        out.print(Text(f"  try {attempt.number + 1}, after {attempt.retry_of}"))
     if record.result is not None and record.result.retried_as:
-        _out.print(Text(f"  tried again as {record.result.retried_as}"))
-    _out.print(Text(f"  recording   {path}, made by {record.metadata.get('commit', 'an unknown commit')}", "dim"))
+        out.print(Text(f"  tried again as {record.result.retried_as}"))
+    out.print(Text(f"  recording   {path}, made by {record.metadata.get('commit', 'an unknown commit')}", "dim"))
 
 
 def _told(record: CycleRecord, story: Story) -> dict[str, Any]:
@@ -139,7 +137,7 @@ def report(
         path = find_cycle(cycle, config)
         pages = [write_report(read_cycle(path), output or path.with_suffix(".html"))]
     for page in pages:
-        _out.print(Text(str(page)))
+        out.print(Text(str(page)))
     if open_it and pages:
         webbrowser.open(pages[0].resolve().as_uri())
 
@@ -150,3 +148,28 @@ def _report_folder(folder: Path) -> list[Path]:
     for path in track(todo, "writing pages", console=_progress, disable=not todo, transient=True):
         write_cycle(path)
     return [write_day(day) for day in days(folder)]
+
+
+# --- recover ----------------------------------------------------------------------------------------------------------
+
+
+def recover(
+    files: Annotated[list[Path], typer.Argument(help="Torn or damaged recordings (.mcap.part, .mcap).")],
+    as_json: Json = False,
+) -> None:
+    """Make torn recordings whole. Exit 0 all that was flushed is kept, 1 something is lost, 2 cannot.
+
+    A .part gets its final name; anything else is left as it is, beside a new NAME.recovered.mcap.
+    """
+    lost, failed = False, None
+    for file in files:
+        try:
+            done = recover_file(file)
+        except RecordingError as error:  # the others are recovered all the same
+            typer.echo(f"{error.code}: {error}", err=True)
+            failed = error
+            continue
+        print_json(done.to_json()) if as_json else out.print(done.line())
+        lost = lost or done.lost
+    if failed is not None or lost:
+        raise typer.Exit(failed.exit_code if failed is not None else 1)

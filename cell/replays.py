@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
@@ -12,16 +11,14 @@ from rich.progress import track
 
 from bus.session import Bus
 from cell import replay_view
-from cell.recordings import Config, Json, find_cycle
+from cell.options import Config, Json, Set, out, print_json
+from cell.recordings import find_cycle
 from cell.replay import Request
 from cell.replay import replay as run_again
 from cell.replay_folder import replay_folder
 from cell.republish import ROOT, await_listener, payloads, republish, require_no_live_cell
 from config.load import DEFAULT_STATION, station_from
 from logs.reader import read_cycle
-
-Set = Annotated[list[str] | None, typer.Option("--set", help="Override one setting: key=value. Repeatable.")]
-_out = Console(highlight=False, soft_wrap=True)
 
 
 def replay(
@@ -64,7 +61,7 @@ def replay(
         _replay_folder(Path(cycle), request, as_json=as_json)
         return
     outcome = run_again(read_cycle(find_cycle(cycle, config)), request)
-    _out.out(json.dumps(replay_view.to_json(outcome)), highlight=False) if as_json else replay_view.show(outcome, _out)
+    print_json(replay_view.to_json(outcome)) if as_json else replay_view.show(outcome, out)
     said = replay_view.verdict(outcome)
     if said != "equal":
         raise typer.Exit(1 if said == "different" else 2)
@@ -86,7 +83,7 @@ def _publish(file: Path, rate: float, endpoint: str, wait_s: float) -> None:
 def _replay_folder(folder: Path, request: Request, *, as_json: bool) -> None:
     tally = replay_folder(folder, request, lambda path, said: typer.echo(f"{path.stem} {said}", err=True))
     if as_json:
-        _out.out(json.dumps(tally.to_json()), highlight=False)
+        print_json(tally.to_json())
     else:
-        replay_view.show_tally(tally.to_json(), _out)
+        replay_view.show_tally(tally.to_json(), out)
     raise typer.Exit(tally.exit_code)
