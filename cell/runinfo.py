@@ -5,14 +5,17 @@ from __future__ import annotations
 import hashlib
 import subprocess
 import sys
+import time
 from functools import cache
 from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
 
+from bus.errors import RecordingError
 from config.load import station_hash
 from config.schema import Station
 from logs.migrate import SCHEMA_VERSION
+from logs.recorder import Recorder, Under
 
 _PACKAGES = ("vlad-cell", "mujoco", "numpy", "opencv-python-headless", "pin", "coal", "toppra", "eclipse-zenoh", "mcap")
 
@@ -35,6 +38,19 @@ def run_info(station: Station, cycle_id: str) -> dict[str, str]:
 def attachments(station: Station) -> dict[str, str]:
     """The JSON documents that a recording keeps whole: the station, and where its camera is calibrated to be."""
     return {"station.json": station.model_dump_json(), "calibration.json": station.camera.model_dump_json()}
+
+
+def open_recorder(path: Path, station: Station, cycle_id: str, under: Under) -> Recorder:
+    """A cycle's recording, begun with all of that, on the disk. Raises: RecordingError."""
+    recorder = Recorder(path, metadata=run_info(station, cycle_id), clock=time.time_ns, under=under)
+    try:
+        for name, text in attachments(station).items():
+            recorder.attach(name, "application/json", text.encode())
+        recorder.flush()
+    except RecordingError:
+        recorder.abandon()
+        raise
+    return recorder
 
 
 @cache

@@ -2,44 +2,29 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime
-from pathlib import Path
-from typing import TypeVar
-
-import numpy as np
 
 from bus import topics
 from bus.codec import encode
 from bus.codes import Code
-from bus.errors import BusError, ConfigError, CycleFailure, DriverError, MotionRefused, RecordingError
-from bus.messages import ArmMode, Attempt, CycleResult
+from bus.errors import BusError, ConfigError, CycleFailure, DriverError
+from bus.messages import Attempt, CycleResult
 from bus.session import Heard
 from bus.topics import encoding_of
+from cell import standstill
 from cell.cycle import FAULTS, Cycle, Equipment, Say
 from cell.cyclelog import CycleLog
 from cell.feed import Feed
-from cell.fingers import require_at
 from cell.gate import Gate
+from cell.resetting import reset
 from cell.retry import Retries
-from cell.runinfo import attachments, run_info
+from cell.runinfo import open_recorder
 from config.scene import placing_at
 from config.schema import Station
 from drivers.interface import Feeder
-from logs.recorder import Recorder, Under, ensure_space, plain
-from planning.motion import move
-from planning.scene import Scene
-
-_REST_RAD_S = 0.1
-"""Below this the arm rests: the FR3's measured velocity chatters by up to 0.08 rad/s at standstill."""
-_AT_CAPTURE_RAD = 1e-3
-_LOOK_S = 0.01
-_ENDING_S = 1.0
-"""How long a motion may take to be over once its arm says that nothing is held."""
-
-DoneT = TypeVar("DoneT")
+from logs.recorder import Under, ensure_space, plain
 
 
 def new_cycle_id() -> str:
@@ -100,55 +85,17 @@ class Works:
 
     def reset(self) -> None:
         """Self-check, then the arm to the capture pose with an open hand. Raises: CycleFailure or DriverError."""
-        e = self._equipment
-        missing = set(self._station.nodes) - self._nodes_alive()
-        if missing:
-            raise CycleFailure(Code.NODE_LOST, f"These nodes are not up: {', '.join(sorted(missing))}.")
-        ensure_space(self._station.recording.folder, self._station.recording.min_free_mb)
-        state = e.arm.state()
-        if state.mode is not ArmMode.IDLE:
-            raise CycleFailure(Code.ARM_REFLEX, f"The arm is in mode {state.mode.value!r}, not idle.")
-        if not e.hand.state().is_homed:
-            self._move(e.hand.home)
-        self._to_capture_pose(state.q_rad)
-        hand = self._station.hand
-        require_at(self._move(lambda: e.hand.move(hand.max_width_m, hand.speed_m_s)), hand.max_width_m)
-        age_s = (time.time_ns() - e.camera.capture().stamp_ns) / 1e9
-        if age_s > self._station.camera.max_age_s:
-            raise CycleFailure(Code.STALE_FRAME, f"The camera's newest frame is {age_s:.1f} s old.")
-
-    def _move(self, motion: Callable[[], DoneT]) -> DoneT:
-        with self.gate.motion() as may_begin:
-            if may_begin:
-                return motion()
-        raise CycleFailure(Code.STOPPED, "Stopped while resetting.")
-
-    def _to_capture_pose(self, q_rad: np.ndarray) -> None:
-        home_q_rad = np.asarray(self._station.arm.capture_q_rad)
-        if float(np.abs(q_rad - home_q_rad).max()) < _AT_CAPTURE_RAD:
-            return
-        way = move(Scene.of(self._equipment.robot, self._station), q_rad, home_q_rad)
-        motion = self._move(lambda: self._equipment.arm.execute(way))
-        if not motion.finished:
-            raise CycleFailure(Code.STOPPED, "Stopped on the way to the capture pose.")
+        reset(self._equipment, self.gate, self._nodes_alive())
 
     def begin(self) -> None:
         """Open the cycle's record; in simulation, put an object on the table. Raises: CycleFailure, RecordingError."""
         ensure_space(self._station.recording.folder, self._station.recording.min_free_mb)
         attempt, self.next = self.next or Attempt(cycle_id=new_cycle_id()), None
         self._retry, self._number = None, self._number + (attempt.number == 0)
-        cycle_id = attempt.cycle_id
-        day = datetime.now(UTC).strftime("%Y-%m-%d")
-        path = self._station.recording.folder / day / f"{cycle_id}.mcap"
         station = placing_at(self._station, self._number)
-        log = self.log = CycleLog(
-            lambda: self._recorder(path, station, cycle_id),
-            path,
-            station.recording.patience_s,
-            on_failure=self._on_fault,
-        )
+        log = self.log = self._record(attempt.cycle_id, station)
         equipment = replace(self._equipment, station=station)
-        self._cycle = Cycle(attempt, equipment, self._say, self._on_stage, self.log, self.gate)
+        self._cycle = Cycle(attempt, equipment, self._say, self._on_stage, log, self.gate)
         self._on_stage("")
         try:
             log.await_open()
@@ -157,17 +104,14 @@ class Works:
         self._say(topics.ATTEMPT, attempt)
         self._name_object(self._cycle, lambda: self.feed.present(self._number, self.object, again=attempt.number > 0))
 
-    def _recorder(self, path: Path, station: Station, cycle_id: str) -> Recorder:
-        """Raises: RecordingError."""
-        recorder = Recorder(path, metadata=run_info(station, cycle_id), clock=time.time_ns, under=self._under)
-        try:
-            for name, text in attachments(station).items():
-                recorder.attach(name, "application/json", text.encode())
-            recorder.flush()
-        except RecordingError:
-            recorder.abandon()
-            raise
-        return recorder
+    def _record(self, cycle_id: str, station: Station) -> CycleLog:
+        path = station.recording.folder / datetime.now(UTC).strftime("%Y-%m-%d") / f"{cycle_id}.mcap"
+        return CycleLog(
+            lambda: open_recorder(path, station, cycle_id, self._under),
+            path,
+            station.recording.patience_s,
+            on_failure=self._on_fault,
+        )
 
     def _name_object(self, cycle: Cycle, ask: Callable[[], str]) -> None:
         """What the feeder says of the cycle's object. Raises: CycleFailure, kept in the cycle."""
@@ -204,51 +148,17 @@ class Works:
         self._finish(self._retry.cycle_id if self._retry is not None else "")
 
     def hold(self) -> None:
-        """Hold what moves, and confirm by the measured velocity that the arm rests; a stop ends the wait.
-
-        The fingers cannot be held: their motion is waited for. Raises: CycleFailure when the arm does not rest.
-        """
-        arm = self._equipment.arm
-        patience_s = self._station.arm.rest_s
-        give_up_s = time.monotonic() + patience_s
-        at_rest = 0  # readings running
-        while at_rest < 2 and not self.gate.halted:  # the first may be of a motion that was just on its way: hold again
-            if time.monotonic() > give_up_s:
-                raise CycleFailure(Code.INTERNAL, f"The cell still moves {patience_s:.0f} s after the hold.")
-            arm.hold()
-            is_moving, state = self.gate.is_moving, arm.state()
-            held = not is_moving or state.mode is ArmMode.MOVE
-            at_rest = at_rest + 1 if held and float(np.abs(state.dq_rad_s).max()) <= _REST_RAD_S else 0
-            time.sleep(_LOOK_S)
+        """Hold what moves, until the arm rests. Raises: CycleFailure when it does not."""
+        standstill.hold(self._equipment.arm, self.gate, self._station.arm.rest_s)
 
     def unhold(self) -> None:
-        """Let the held motion go on, and what waits at the gate begin. Raises: MotionRefused, BusError."""
-        if self.gate.is_moving:
-            try:
-                self._equipment.arm.resume()
-            except MotionRefused:  # the hold came at its very end: then it is over now
-                if not self.gate.wait_still(_ENDING_S):
-                    raise
-        self.gate.let_go()
+        """Let go on what was held. Raises: MotionRefused, BusError."""
+        standstill.unhold(self._equipment.arm, self.gate)
 
     def stop(self, is_quiet: Callable[[float], bool]) -> None:
-        """Stop until ``is_quiet`` (no work runs), then confirm by the measured velocity that the arm rests."""
-        self.gate.halt()
-        arm, hand = self._equipment.arm, self._equipment.hand
-        patience_s = self._station.arm.rest_s
-        give_up_s = time.monotonic() + patience_s
+        """Stop until ``is_quiet`` (no work runs) and the arm rests; the open cycle ends here. Raises: CycleFailure."""
         try:
-            arm.stop()
-            hand.stop()
-            while not is_quiet(0.05):  # a motion may just have been on its way: stop again
-                arm.stop()
-                hand.stop()
-                if time.monotonic() > give_up_s:
-                    raise CycleFailure(Code.INTERNAL, f"The cycle still runs {patience_s:.0f} s after the stop.")
-            while not (speed_rad_s := float(np.abs(arm.state().dq_rad_s).max())) <= _REST_RAD_S:  # nan is no rest
-                if time.monotonic() > give_up_s:
-                    raise CycleFailure(Code.INTERNAL, f"The arm still moves at {speed_rad_s:.2f} rad/s after the stop.")
-                time.sleep(0.01)
+            standstill.stop(self._equipment.arm, self._equipment.hand, self.gate, is_quiet, self._station.arm.rest_s)
         finally:
             if self._cycle is not None:
                 self._cycle.interrupt()

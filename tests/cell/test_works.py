@@ -219,7 +219,7 @@ def test_a_motion_that_was_over_as_the_hold_came_needs_no_resume(bench: Bench, m
 
 
 def test_a_motion_that_neither_goes_on_nor_ends_is_an_error(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cell.works._ENDING_S", 0.01)
+    monkeypatch.setattr("cell.standstill._ENDING_S", 0.01)
     with bench.works.gate.motion(), pytest.raises(MotionRefused):
         bench.works.unhold()
 
