@@ -9,8 +9,9 @@ from contextlib import closing, contextmanager
 from bus.errors import ConfigError
 from bus.secured import is_loopback
 from bus.session import Bus
-from cell.daemon import Daemon, Observer
+from cell.daemon import Daemon
 from cell.nodes import Supervisor
+from cell.voice import Observer
 from config.schema import Station
 from drivers import registry
 from drivers.remote import remote_devices
@@ -49,7 +50,7 @@ def running_cell(station: Station, observer: Observer) -> Iterator[Daemon]:
             daemon = Daemon(station, bus, devices, robot, models, observer, supervisor.restarts, supervisor.end_frozen)
             daemons.append(daemon)
             daemon.open()
-            daemon.tell_recovered(recover_leftovers(station.recording.folder))
+            daemon.voice.say_recovered(recover_leftovers(station.recording.folder))
             try:
                 yield daemon
             finally:

@@ -1,34 +1,34 @@
-"""The daemon: answers commands, owns the machine, and says what happens on the bus."""
+"""The daemon: answers commands, and owns the machine, the works and what is said of them on the bus."""
 
 from __future__ import annotations
 
 import logging
-import threading
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 
 from bus import topics
 from bus.codec import decode
 from bus.codes import ADVICE, Code
-from bus.commands import CellHealth, CellState, CommandReply, CommandRequest, Event
-from bus.errors import BusError, CycleFailure, DriverError, RecordingError, Refused
+from bus.commands import CellHealth, CommandReply, CommandRequest
+from bus.errors import BusError, CycleFailure, DriverError, Refused
 from bus.faulty import answer_faults
 from bus.frozen import Message
 from bus.messages import Attempt, CycleResult
 from bus.session import Bus, Heard
-from bus.topics import Topic
 from cell.batch import Batch
 from cell.cycle import Equipment
-from cell.health import LOOK_PERIOD_S, Watch
+from cell.health import Watch
 from cell.leases import CELL_CLIENT, Leases
-from cell.machine import Machine
-from cell.states import COMMANDS, PAUSES, State, available
+from cell.machine import Machine, Work
+from cell.states import COMMANDS, State, available
+from cell.voice import Observer, Voice
+from cell.watchdog import Watchdog
 from cell.works import Works, new_cycle_id
 from config.schema import Station
 from drivers.interface import Devices
 from logs.faulty import FaultyDisk
 from logs.recorder import plain
-from logs.recover import Recovered
 from logs.views import Views
 from perception.models import Models
 from perception.models.faulty import FaultyModel
@@ -38,10 +38,7 @@ _log = logging.getLogger(__name__)
 
 _ANYONES = ("stop", "abort", "hold", "suspend")
 
-Observer = Callable[[Topic, "Message | bytes"], None]
-
 _CLOSE_PATIENCE_S = 25.0
-_HEALTH_PERIOD_S = 1.0
 
 
 class Daemon:
@@ -70,49 +67,44 @@ class Daemon:
         camera, arm, hand = devices.camera, devices.arm, devices.hand
         if camera is None or arm is None or hand is None:
             raise DriverError("The cell needs a camera, an arm and a hand.", "Check `serves` in the station file.")
-        self._station, self._bus, self._observer = station, bus, observer
-        equipment = Equipment(camera, arm, hand, robot, station, models)
+        self._station, self._bus = station, bus
         faults = station.faults
         self._disk = FaultyDisk(faults.disk, delay_s=faults.delay_s) if faults.allowed else None
         self._imaginer = models.imaginer
-        self._works = works = Works(
-            equipment,
+        self.voice = Voice(bus, Views(robot.base_from_tcp), observer, lambda: self._works.cycle_id)
+        self._works = Works(
+            Equipment(camera, arm, hand, robot, station, models),
             devices.feeder,
             lambda: bus.alive(topics.NODE_ALIVE),
-            self._say,
-            self._on_stage,
+            self.voice.say,
+            self.voice.say_stage,
             self._on_result,
             self._on_fault,
             self._disk.under if self._disk is not None else plain,
         )
         self._watch = Watch(station, self._on_lost, restarts)
-        self._end_frozen = end_frozen
+        self._watchdog = Watchdog(station, self._watch, partial(self.voice.say, topics.HEALTH), end_frozen)
         self._leases = Leases(self._on_lease_lost)
         self._unattended = ""  # the lost lease as a reason, until the hold begins or somebody takes over
-        self._closing = threading.Event()
-        self._watchdog = threading.Thread(target=self._watch_over, name="watchdog", daemon=True)
         self._batch: Batch | None = None
         self._may_hold = False  # a start may, a single pick ends
-        self._views = Views(robot.base_from_tcp)
-        self._saying = threading.Lock()
-        self._said_state = CellState(state="", stage="", cycle_id="", since_ns=0, available=(), reason="")
-        self.machine = Machine(
-            {
-                State.RESETTING: works.reset,
-                State.STARTING: works.begin,
-                State.EXECUTE: works.pick,
-                State.COMPLETING: works.complete,
-                State.HOLDING: works.hold,
-                State.UNHOLDING: works.unhold,
-                State.SUSPENDING: works.hold,
-                State.UNSUSPENDING: works.unhold,
-                State.STOPPING: lambda: works.stop(self.machine.wait_quiet),
-                State.ABORTING: lambda: works.stop(self.machine.wait_quiet),
-                State.CLEARING: works.clear,
-            },
-            self._on_state,
-            self._on_accept,
-        )
+        self.machine = Machine(self._works_by_state(), self._on_state, self._on_accept)
+
+    def _works_by_state(self) -> dict[State, Work]:
+        works = self._works
+        return {
+            State.RESETTING: works.reset,
+            State.STARTING: works.begin,
+            State.EXECUTE: works.pick,
+            State.COMPLETING: works.complete,
+            State.HOLDING: works.hold,
+            State.UNHOLDING: works.unhold,
+            State.SUSPENDING: works.hold,
+            State.UNSUSPENDING: works.unhold,
+            State.STOPPING: lambda: works.stop(self.machine.wait_quiet),
+            State.ABORTING: lambda: works.stop(self.machine.wait_quiet),
+            State.CLEARING: works.clear,
+        }
 
     def open(self) -> None:
         """Answer commands; the machine begins in Stopped."""
@@ -122,11 +114,11 @@ class Daemon:
                 self._bus.subscribe(topic.key.replace("{name}", "*"), self._hear)
         self._watch.listen(self._bus)
         self._leases.listen(self._bus)
-        self._bus.answer(topics.STATE_NOW, lambda _payload, _fields: self._said_state, lane="state")
+        self._bus.answer(topics.STATE_NOW, lambda _payload, _fields: self.voice.state, lane="state")
         self._bus.answer(topics.HEALTH_NOW, lambda _payload, _fields: self._watch.health(), lane="state")
         self._bus.answer(topics.COMMAND, self._on_command, lane=_lane_of, verb="*")
         if self._disk is not None and isinstance(self._imaginer, FaultyModel):
-            answer_faults(self._bus, {"disk": self._disk, "model": self._imaginer}, self._say)
+            answer_faults(self._bus, {"disk": self._disk, "model": self._imaginer}, self.voice.say)
         self._bus.announce(topics.LEASE, name=CELL_CLIENT)
         self.machine.start()
         self._watchdog.start()
@@ -138,9 +130,7 @@ class Daemon:
         give_up_s = time.monotonic() + _CLOSE_PATIENCE_S
         while self.machine.state in (State.STOPPING, State.ABORTING) and time.monotonic() < give_up_s:
             time.sleep(0.02)
-        self._closing.set()
-        if self._watchdog.is_alive():
-            self._watchdog.join()
+        self._watchdog.close()
         self.machine.close()
 
     def command(self, verb: str, request: CommandRequest) -> CommandReply:
@@ -159,17 +149,6 @@ class Daemon:
             _log.warning("%s", error)
             return None
 
-    def tell_recovered(self, leftovers: Iterable[Recovered | RecordingError]) -> None:
-        """Say what became of the recordings that an earlier process left unfinished."""
-        for leftover in leftovers:
-            if isinstance(leftover, RecordingError):
-                event = Event(code="NOT_RECOVERED", severity="warning", text=leftover.text, advice=leftover.advice)
-            else:
-                event = Event(
-                    code="RECOVERED", severity="warning" if leftover.lost else "info", text=f"{leftover.line()}."
-                )
-            self._say(topics.EVENT, event)
-
     # --- the nodes ----------------------------------------------------------------------------------------------------
 
     def lose_node(self, name: str, text: str) -> None:
@@ -178,8 +157,7 @@ class Daemon:
 
     def welcome_node(self, name: str) -> None:
         """A node is back; nothing moves by itself."""
-        text = f"The node {name!r} was started again."
-        self._say(topics.EVENT, Event(code="NODE_BACK", severity="info", text=text, advice=ADVICE[Code.NODE_LOST]))
+        self.voice.say_event("NODE_BACK", "info", f"The node {name!r} was started again.", ADVICE[Code.NODE_LOST])
 
     def _on_lost(self, _name: str, failure: CycleFailure) -> None:
         self._on_fault(failure)
@@ -188,21 +166,6 @@ class Daemon:
         """Something outside any stage failed: whatever moves stops, and the machine aborts with its reason."""
         self.machine.fault(failure)  # before what it interrupts can end by itself
         self._works.gate.halt(failure)
-
-    def _watch_over(self) -> None:
-        """The watchdogs' thread: look often, say the cell's health once a second, and end what is frozen."""
-        said_s = 0.0
-        ended: set[str] = set()
-        while not self._closing.wait(LOOK_PERIOD_S):
-            self._watch.look()
-            for name in self._station.nodes:
-                is_frozen = self._watch.unheard_for_s(name) > self._station.bus.frozen_s
-                if is_frozen and name not in ended:
-                    self._end_frozen(name)
-                ended = ended | {name} if is_frozen else ended - {name}
-            if time.monotonic() - said_s >= _HEALTH_PERIOD_S:
-                said_s = time.monotonic()
-                self._say(topics.HEALTH, self._watch.health())
 
     # --- what others say ----------------------------------------------------------------------------------------------
 
@@ -248,42 +211,33 @@ class Daemon:
             self._works.renew()
             self._works.gate.clear()
         elif verb in ("start", "pick") and not own:
-            self._require_possible(request)
-            self._may_hold = verb == "start"
-            self._batch = Batch(request if verb == "start" else CommandRequest(), self._station.retry)
-            attempt = Attempt(cycle_id=new_cycle_id())
-            self._works.renew(attempt)
-            self._works.object = request.object
-            self._works.gate.clear()
-            return attempt.cycle_id
+            return self._begin(verb, request)
         return ""
 
-    def _require_possible(self, request: CommandRequest) -> None:
-        """Raises: Refused for what the simulated table cannot do."""
-        clutter = self._station.sim.clutter if self._station.simulated else None
-        if request.until_empty and clutter == 0:
-            raise Refused(
-                "Every cycle brings a new object: the table is never empty.",
-                "Use config/bin.toml, or set sim.clutter.",
-                code="NEVER_EMPTY",
-            )
-        if request.object is not None and clutter:
-            raise Refused(
-                f"The table was filled at the start: {request.object!r} cannot be presented.",
-                "Pick without naming an object, or set sim.clutter = 0.",
-                code="TABLE_FILLED",
-            )
+    def _begin(self, verb: str, request: CommandRequest) -> str:
+        """The picks of a ``start``, or the one of a ``pick``; the first one's cycle id. Raises: Refused."""
+        self._works.feed.require_possible(request)
+        self._may_hold = verb == "start"
+        self._batch = Batch(request if verb == "start" else CommandRequest(), self._station.retry)
+        attempt = Attempt(cycle_id=new_cycle_id())
+        self._works.renew(attempt)
+        self._works.object = request.object
+        self._works.gate.clear()
+        return attempt.cycle_id
 
     def _on_state(self, state: State, reason: str) -> None:
-        """Say the new state, and go on with the next cycle of a ``start``."""
-        with self._saying:
-            self._say_state(state, reason=reason, stage=self._stage_held(state))
+        """Say the new state, and do what it makes due."""
+        self.voice.say_state(state, reason)
         if reason and state in (State.ABORTING, State.ABORTED):
-            self._say(topics.EVENT, Event(code=state.upper(), severity="error", text=reason))
+            self.voice.say_event(state.upper(), "error", reason)
         if self._unattended and state in COMMANDS["hold"]:  # it was lost while the cycle was starting
             self._hold_unattended()
         if state is State.COMPLETING:
             self._hold_if_it_gave_up()
+        self._go_on(state)
+
+    def _go_on(self, state: State) -> None:
+        """With the next cycle of a ``start``."""
         own = CommandRequest(client_id=CELL_CLIENT)
         goes_on = self._batch is not None and not self._batch.is_over
         if state is State.COMPLETE and goes_on:
@@ -297,20 +251,9 @@ class Daemon:
         """On the owner thread, before the delivery begins: after too many failures somebody must look first."""
         why, self._works.gave_up = self._works.gave_up, ""
         if why and self._may_hold:
-            self._say(topics.EVENT, Event(code="GAVE_UP", severity="error", text=why))
+            self.voice.say_event("GAVE_UP", "error", why)
             self._works.gate.hold()
             self.machine.post("hold", CommandRequest(client_id=CELL_CLIENT), why)
-
-    # --- what we say --------------------------------------------------------------------------------------------------
-
-    def _say(self, topic: Topic, message: Message | bytes) -> None:
-        try:
-            self._bus.publish(topic, message)
-            for view, picture in self._views.of(message):
-                self._bus.publish(view, picture)
-        except BusError as error:  # closing: the observer below still hears it
-            _log.warning("%s", error)
-        self._observer(topic, message)
 
     def _on_result(self, result: CycleResult) -> None:
         """Count it in the running ``start``; say so when that gives up."""
@@ -319,27 +262,7 @@ class Daemon:
             return
         batch.hear(result)
         if batch.gave_up:
-            self._say(topics.EVENT, Event(code="GAVE_UP", severity="error", text=batch.reason))
-
-    def _on_stage(self, stage: str) -> None:
-        with self._saying:  # read and said together: the owner thread may be changing it
-            self._say_state(self.machine.state, stage=stage)
-
-    def _stage_held(self, state: State) -> str:
-        """The stage that a new state leaves open: a hold, and the way back from it, keep the cycle's."""
-        was_held = self._said_state.state in PAUSES and state in COMMANDS["hold"]
-        return self._said_state.stage if was_held or state in PAUSES else ""
-
-    def _say_state(self, state: State, *, reason: str = "", stage: str = "") -> None:
-        self._said_state = CellState(
-            state=state,
-            stage=stage,
-            cycle_id=self._works.cycle_id,
-            since_ns=time.time_ns(),
-            available=available(state),
-            reason=reason,
-        )
-        self._say(topics.STATE, self._said_state)
+            self.voice.say_event("GAVE_UP", "error", batch.reason)
 
 
 def _lane_of(verb: str) -> str:

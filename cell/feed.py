@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from bus.commands import Presented, PresentRequest
+from bus.commands import CommandRequest, Presented, PresentRequest
+from bus.errors import Refused
 from config.schema import Station
 from drivers.interface import Feeder
 
@@ -18,6 +19,23 @@ class Feed:
         self._feeder, self._station = feeder, station
         self._is_filled = station.sim.clutter > 0
         self._before: Presented | None = None
+
+    def require_possible(self, request: CommandRequest) -> None:
+        """Raises: Refused for what the simulated table cannot do."""
+        if self._feeder is None:
+            return
+        if request.until_empty and not self._is_filled:
+            raise Refused(
+                "Every cycle brings a new object: the table is never empty.",
+                "Use config/bin.toml, or set sim.clutter.",
+                code="NEVER_EMPTY",
+            )
+        if request.object is not None and self._is_filled:
+            raise Refused(
+                f"The table was filled at the start: {request.object!r} cannot be presented.",
+                "Pick without naming an object, or set sim.clutter = 0.",
+                code="TABLE_FILLED",
+            )
 
     def present(self, number: int, name: str | None, *, again: bool = False) -> str:
         """Put the cycle's object on the table; its name, or "" where several lie there. Raises: DriverError, BusError.
