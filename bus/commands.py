@@ -175,9 +175,11 @@ class Presented(Message):
     """Simulation only: every object of the cell - also what was delivered - and where it really is.
 
     `object` and `base_from_object` are those of the only one; ValueError where there are several.
+    ``names``: of what could be presented; empty where that is not known.
     """
 
     objects: tuple[PresentedObject, ...]
+    names: tuple[str, ...] = ()
 
     @property
     def object(self) -> str:

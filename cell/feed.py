@@ -19,6 +19,12 @@ class Feed:
         self._feeder, self._station = feeder, station
         self._is_filled = station.sim.clutter > 0
         self._before: Presented | None = None
+        self._names: tuple[str, ...] = ()
+
+    def look(self) -> None:
+        """Ask which objects there are: at every reset, for a node may have come back. Raises: DriverError, BusError."""
+        if self._feeder is not None:
+            self._names = self._feeder.truth().names
 
     def require_possible(self, request: CommandRequest) -> None:
         """Raises: Refused for what the simulated table cannot do."""
@@ -36,6 +42,9 @@ class Feed:
                 "Pick without naming an object, or set sim.clutter = 0.",
                 code="TABLE_FILLED",
             )
+        if request.object is not None and self._names and request.object not in self._names:
+            advice = f"There are: {', '.join(self._names)}."
+            raise Refused(f"There is no object {request.object!r}.", advice, code="UNKNOWN_OBJECT")
 
     def present(self, number: int, name: str | None, *, again: bool = False) -> str:
         """Put the cycle's object on the table; its name, or "" where several lie there. Raises: DriverError, BusError.

@@ -86,6 +86,7 @@ class Works:
     def reset(self) -> None:
         """Self-check, then the arm to the capture pose with an open hand. Raises: CycleFailure or DriverError."""
         reset(self._equipment, self.gate, self._nodes_alive())
+        self.feed.look()
 
     def begin(self) -> None:
         """Open the cycle's record; in simulation, put an object on the table. Raises: CycleFailure, RecordingError."""
@@ -119,7 +120,7 @@ class Works:
             cycle.object = ask()
         except (DriverError, BusError) as error:
             raise cycle.fail(error) from error
-        except ConfigError as error:  # there is no such object
+        except ConfigError as error:  # no object can be presented, or not this one
             raise cycle.fail(CycleFailure(Code.NO_OBJECT, str(error))) from error
 
     def pick(self) -> None:

@@ -95,7 +95,7 @@ class Feeder(Protocol):
         """Replace the object on the table. Raises: ConfigError for an unknown object."""
 
     def truth(self) -> Presented:
-        """Name and true pose of the object now."""
+        """Name and true pose of the object now, and the names of those that could be presented."""
 
 
 @dataclass(frozen=True)

@@ -40,7 +40,8 @@ class SimFeeder:
                 objects=tuple(
                     PresentedObject(name=name, base_from_object=world.base_from_object(body))
                     for body, name in world.objects.items()
-                )
+                ),
+                names=world.names,
             )
 
 

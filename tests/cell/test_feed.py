@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bus.commands import Presented, PresentedObject, PresentRequest
+from bus.commands import CommandRequest, Presented, PresentedObject, PresentRequest
+from bus.errors import Refused
 from cell.feed import Feed
 from config.load import DEFAULT_STATION, load_station
 
@@ -24,7 +25,8 @@ class Table:
 
     def truth(self) -> Presented:
         return Presented(
-            objects=tuple(PresentedObject(name=n, base_from_object=_at(p)) for n, p in self.places.items())
+            objects=tuple(PresentedObject(name=n, base_from_object=_at(p)) for n, p in self.places.items()),
+            names=("cup", "drone", "spatula"),
         )
 
 
@@ -65,3 +67,12 @@ def test_the_only_object_is_the_cycles_wherever_it_ended() -> None:
 def test_on_hardware_nobody_knows() -> None:
     feed = Feed(None, load_station())
     assert (feed.present(0, None), feed.taken(""), feed.left()) == ("", "", None)
+
+
+def test_an_unknown_object_is_refused_with_those_there_are() -> None:
+    feed = Feed(Table(cup=INSIDE), load_station())
+    feed.look()
+    feed.require_possible(CommandRequest(object="drone"))
+    with pytest.raises(Refused, match=r"no object 'unicorn'\. There are: cup, drone, spatula\.") as refusal:
+        feed.require_possible(CommandRequest(object="unicorn"))
+    assert refusal.value.code == "UNKNOWN_OBJECT"

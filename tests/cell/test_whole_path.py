@@ -119,7 +119,10 @@ def test_other_processes_command_the_daemon(shared_daemon: Cell, shared_options:
     assert _cell("reset", *shared_options).returncode == 0
     picked = _cell("pick", "--json", "--object", "bottle", *shared_options)
     assert picked.returncode == 0 and json.loads(picked.stdout)["object"] == "bottle"
-    assert _cell("pick", "--object", "unicorn", *shared_options).returncode in (1, 3)
+    unknown = _cell("pick", "--object", "unicorn", "--json", *shared_options)
+    assert unknown.returncode == 3 and json.loads(unknown.stdout)["code"] == "UNKNOWN_OBJECT"
+    assert "'unicorn'" in unknown.stderr and "bottle, controller, cup, drone, spatula" in unknown.stderr
+    assert json.loads(_cell("status", "--json", *shared_options).stdout)["state"] == "Complete"
 
 
 def test_a_stop_in_motion_ends_the_cycle_and_the_motion(shared_daemon: Cell, shared_options: list[str]) -> None:
