@@ -15,8 +15,9 @@ import zenoh
 from bus import topics
 from bus.codec import decode
 from bus.commands import CellHealth, CellState, Nothing
+from bus.heard import Heard
 from bus.secured import session_config
-from bus.session import Bus, Heard
+from bus.session import Bus
 
 _CELLS_A_PROCESS = 10
 _PERIOD_S = 0.1

@@ -18,8 +18,8 @@ from mcap.reader import make_reader
 
 from bus import topics
 from bus.codec import arm_state_to_wire, frame_to_wire, schema_of
+from bus.heard import Heard
 from bus.messages import ArmMode, ArmState
-from bus.session import Heard
 from bus.topics import encoding_of
 from cell.cyclelog import CycleLog
 from config.load import load_station

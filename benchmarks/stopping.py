@@ -28,8 +28,9 @@ from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
 
 from bus import topics
 from bus.frozen import Message
+from bus.heard import Heard
 from bus.messages import CycleResult, Execution, PickPlan, StageRecord
-from bus.session import Bus, Heard
+from bus.session import Bus
 from bus.topics import Topic
 from bus.trajectory import TICK_S
 from cell import client

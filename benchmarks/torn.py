@@ -25,8 +25,9 @@ from bus import topics
 from bus.codec import encode
 from bus.commands import CellState
 from bus.errors import CellUnreachable, RecordingError
+from bus.heard import Heard
 from bus.messages import HandState
-from bus.session import Bus, Heard
+from bus.session import Bus
 from bus.topics import encoding_of
 from cell.cyclelog import CycleLog
 from config.load import load_station

@@ -22,9 +22,10 @@ import zenoh
 from bus import topics
 from bus.codec import decode, encode, frame_from_wire, frame_to_wire
 from bus.commands import CommandReply, CommandRequest, Nothing
+from bus.heard import Heard
 from bus.messages import CameraModel, Frame
 from bus.secured import session_config
-from bus.session import Bus, Heard
+from bus.session import Bus
 from bus.topics import encoding_of
 
 _CELL = "travel"

@@ -17,7 +17,8 @@ from bus.commands import Event, Nothing
 from bus.errors import BadPayload
 from bus.faults import Fault, FaultRequest
 from bus.frozen import Message
-from bus.session import Bus, Handler, Heard
+from bus.heard import Handler, Heard
+from bus.session import Bus
 from bus.topics import Topic, encoding_of
 
 _ALWAYS_DONE = (topics.ARM_STOP, topics.ARM_HOLD, topics.HAND_STOP)

@@ -2,54 +2,35 @@
 
 Rules this file keeps so that nobody else must (measured): loopback only unless `bus.secured` finds the way beyond it
 safe; every question is answered, errors included, because silence, absence and denial look alike; callbacks only
-enqueue; the encoding is always set; the session is closed on every path.
+enqueue; the encoding is always set; the session is closed on every path. What comes back of a question is in
+`bus.asking`, how one is answered in `bus.answering`.
 """
 
 from __future__ import annotations
 
 import logging
-import re
 import threading
-import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import zenoh
 
 from bus import topics
+from bus.answering import reply_to
+from bus.asking import heard_in, replies_to
 from bus.codec import decode, encode
-from bus.commands import ErrorReply
-from bus.errors import BadPayload, BusError, CellError, CellUnreachable, NoReply, PortOccupied, ReplyTimeout
+from bus.errors import BadPayload, BusError, CellUnreachable, NoReply, PortOccupied
 from bus.frozen import Message
+from bus.heard import Handler, Heard, Tap
 from bus.lane import Lane
-from bus.remote_errors import error_from_reply, error_reply
-from bus.secured import LEASE_MS, MAX_PAYLOAD_BYTES, is_loopback, session_config
+from bus.secured import MAX_PAYLOAD_BYTES, is_loopback, session_config
 from bus.topics import Topic, encoding_of
 
-__all__ = ["LEASE_MS", "MAX_PAYLOAD_BYTES", "Bus", "Handler", "Heard", "Tap"]
-
-MAX_RECORDED_QUESTION_BYTES = 64 * 1024
-"""Longer questions to a cell that records are a stranger's; its commands have some hundred bytes."""
-
 _log = logging.getLogger(__name__)
-_FIELD = re.compile(r"\{\w+\}")
-_AS_ERROR = encoding_of(ErrorReply)  # a timeout is not: Zenoh itself says it
 
 MessageT = TypeVar("MessageT", bound=Message)
-
-
-class Heard(NamedTuple):
-    """One payload that travelled: ``key`` is below ``cell/{cell_id}/``."""
-
-    key: str
-    encoding: str
-    payload: bytes
-
-
-Tap = Callable[[Heard], None]
-Handler = Callable[[bytes, Mapping[str, str]], "Message | list[Heard]"]
 
 
 class Bus:
@@ -65,6 +46,7 @@ class Bus:
 
     def __init__(self, session: zenoh.Session, cell_id: str, security: Path | None = None) -> None:
         self.cell_id = cell_id
+        self._root = f"{topics.ROOT}/{cell_id}/"
         self.tap: Tap | None = None
         self._session = session
         self._security = security
@@ -118,10 +100,10 @@ class Bus:
 
     def key(self, topic: Topic, **fields: str) -> str:
         """The whole Zenoh key of ``topic`` in this cell."""
-        return f"{topics.ROOT}/{self.cell_id}/{topic.key.format(**fields)}"
+        return f"{self._root}{topic.key.format(**fields)}"
 
     def _short(self, key: object) -> str:
-        return str(key).removeprefix(f"{topics.ROOT}/{self.cell_id}/")
+        return str(key).removeprefix(self._root)
 
     def _record(self, heard: Heard) -> None:
         if self.tap is not None:
@@ -169,8 +151,7 @@ class Bus:
             callback(Heard(self._short(sample.key_expr), str(sample.encoding), sample.payload.to_bytes()))
 
         origin = zenoh.Locality.ANY if own else zenoh.Locality.REMOTE
-        key = f"{topics.ROOT}/{self.cell_id}/{pattern}"
-        self._declared.append(self._session.declare_subscriber(key, hear, allowed_origin=origin))
+        self._declared.append(self._session.declare_subscriber(f"{self._root}{pattern}", hear, allowed_origin=origin))
 
     # --- ask and answer -----------------------------------------------------------------------------------------------
 
@@ -179,28 +160,16 @@ class Bus:
 
         Raises: NoReply (nobody there), ReplyTimeout, or the error the other side answered with, as its own type.
         """
-        key, question = self.key(topic, **fields), encode(request)
-        if topic.logged:
-            self._record(Heard(f"{self._short(key)}/query", encoding_of(topic.asks), question))
-        replies = self._get(key, question, encoding_of(topic.asks), timeout_s)
+        name, question, encoding = topic.key.format(**fields), encode(request), encoding_of(topic.asks)
+        record = self._record if topic.logged else _do_not_record
+        record(Heard(f"{name}/query", encoding, question))
+        replies = replies_to(self._session, self._root, name, question, encoding, timeout_s)
         if not replies:
             advice = "Is the node that serves it running? See `cell status`."
             if self._security is not None:
                 advice += f" Or the certificate of {self._security} may not ask this: docs/security.md."
-            raise NoReply(f"Nobody answers {self._short(key)!r}.", advice)
-        heard = []
-        for reply in replies:
-            if reply.ok is None:
-                if topic.logged and reply.err is not None and str(reply.err.encoding) == _AS_ERROR:
-                    self._record(Heard(f"{self._short(key)}/error", _AS_ERROR, reply.err.payload.to_bytes()))
-                raise _error_from(reply.err, f"{self._short(key)!r} got no answer within {timeout_s:.1f} s.")
-            name = self._short(reply.ok.key_expr)
-            name = f"{name}/reply" if name == self._short(key) else name
-            heard.append(Heard(name, str(reply.ok.encoding), reply.ok.payload.to_bytes()))
-        if topic.logged:
-            for one in heard:
-                self._record(one)
-        return heard
+            raise NoReply(f"Nobody answers {name!r}.", advice)
+        return heard_in(replies, self._root, name, timeout_s, record)
 
     def request(
         self, topic: Topic, request: Message, answer_type: type[MessageT], *, timeout_s: float, **fields: str
@@ -212,26 +181,6 @@ class Bus:
         except BadPayload as error:
             key = topic.key.format(**fields)
             raise BadPayload(f"{key!r} was answered with what cannot be read: {error.text}", "See its node.") from error
-
-    def _get(self, key: str, payload: bytes, encoding: str, timeout_s: float) -> list[zenoh.Reply]:
-        """Zenoh's replies; a queryable that is not yet in the routing table is asked again for a moment."""
-        give_up = time.monotonic() + min(1.0, timeout_s)
-        while True:
-            try:
-                replies = list(
-                    self._session.get(
-                        key,
-                        payload=payload,
-                        encoding=encoding,
-                        timeout=timeout_s,
-                        accept_replies=zenoh.ReplyKeyExpr.ANY,
-                    )
-                )
-            except zenoh.ZError as error:
-                raise BusError(f"Cannot ask {self._short(key)}: the bus is closed.") from error
-            if replies or time.monotonic() > give_up:
-                return replies
-            time.sleep(0.05)
 
     def answer(self, topic: Topic, handler: Handler, *, lane: str | Callable[[str], str], **fields: str) -> None:
         """Answer questions on ``topic`` with ``handler(payload, fields)``, one at a time per ``lane`` (a thread).
@@ -257,47 +206,14 @@ class Bus:
 
     def _reply(self, topic: Topic, query: zenoh.Query, handler: Handler) -> None:
         with query:
-            payload = query.payload.to_bytes() if query.payload is not None else b"{}"
-            verb = str(query.key_expr).rpartition("/")[2]
-            name = _FIELD.sub(verb, topic.key)  # not the question's key: that may be a pattern over many cells
-            fields = {"verb": verb}
-            try:
-                if len(payload) > MAX_PAYLOAD_BYTES:
-                    raise BadPayload(f"The payload has {len(payload)} bytes; at most {MAX_PAYLOAD_BYTES} are accepted.")
-                answer = handler(payload, fields)
-            except CellError as error:
-                said = encode(error_reply(error))
-                self._record_answered(topic, name, payload, [Heard(f"{name}/error", _AS_ERROR, said)])
-                query.reply_err(said, encoding=_AS_ERROR)
-                return
-            except Exception as error:
-                defect = ErrorReply(
-                    error="CellError",
-                    code="INTERNAL",
-                    text=f"{type(error).__name__}: {error}",
-                    advice="This is a defect.",
-                )
-                query.reply_err(encode(defect), encoding=_AS_ERROR)
-                raise
-            if isinstance(answer, Message):
-                answer = [Heard(name, encoding_of(type(answer)), encode(answer))]
-            told = [part._replace(key=f"{name}/reply") if part.key == name else part for part in answer]
-            self._record_answered(topic, name, payload, told)
-            for part in answer:
-                key = f"{topics.ROOT}/{self.cell_id}/{part.key}"
-                query.reply(key, part.payload, encoding=part.encoding)
+            reply_to(query, topic, handler, self._root, self._record)
 
     def survey(self, topic: Topic, request: Message, *, timeout_s: float) -> dict[str, bytes]:
         """What every cell that can be seen answers to one question, by cell id; the bus's ``cell_id`` is ``*``."""
-        replies = self._get(self.key(topic), encode(request), encoding_of(topic.asks), timeout_s)
+        encoding = encoding_of(topic.asks)
+        replies = replies_to(self._session, self._root, topic.key, encode(request), encoding, timeout_s)
         answers = [reply.ok for reply in replies if reply.ok is not None]
         return {str(answer.key_expr).split("/")[1]: answer.payload.to_bytes() for answer in answers}
-
-    def _record_answered(self, topic: Topic, name: str, question: bytes, told: list[Heard]) -> None:
-        """What we were asked and said: recorded together, when it is answered. What is far too long is not kept."""
-        if topic.logged and self.tap is not None and len(question) <= MAX_RECORDED_QUESTION_BYTES:
-            for heard in (Heard(f"{name}/query", encoding_of(topic.asks), question), *told):
-                self._record(heard)
 
     # --- be alive -----------------------------------------------------------------------------------------------------
 
@@ -337,7 +253,4 @@ class Bus:
         self.close()
 
 
-def _error_from(failure: zenoh.ReplyError | None, timeout_text: str) -> CellError:
-    if failure is None or failure.payload.to_bytes() == b"Timeout":
-        return ReplyTimeout(timeout_text, "The node is busy or frozen; see its log.")
-    return error_from_reply(decode(ErrorReply, failure.payload.to_bytes()))
+def _do_not_record(_heard: Heard) -> None: ...

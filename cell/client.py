@@ -13,8 +13,9 @@ from bus.codec import decode
 from bus.commands import CellHealth, CellState, CommandReply, CommandRequest, Nothing
 from bus.errors import NoReply, Refused, ReplyTimeout
 from bus.faults import Fault, FaultRequest, Part
+from bus.heard import Heard
 from bus.messages import CycleResult
-from bus.session import Bus, Heard
+from bus.session import Bus
 from bus.topics import Topic
 from cell.leases import NEEDS_LEASE, NEEDS_TOKEN
 from cell.machine import refuse

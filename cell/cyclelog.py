@@ -19,8 +19,8 @@ from bus import topics
 from bus.codec import decode
 from bus.codes import Code
 from bus.errors import BadPayload, CycleFailure, RecordingError
+from bus.heard import Heard
 from bus.messages import ModelReply
-from bus.session import Heard
 from logs.recorder import Recorder
 
 _log = logging.getLogger(__name__)

@@ -14,8 +14,9 @@ from bus.commands import CellHealth, CommandReply, CommandRequest
 from bus.errors import BusError, CycleFailure, DriverError, Refused
 from bus.faulty import answer_faults
 from bus.frozen import Message
+from bus.heard import Heard
 from bus.messages import Attempt, CycleResult
-from bus.session import Bus, Heard
+from bus.session import Bus
 from cell.batch import Batch
 from cell.cycle import Equipment
 from cell.health import Watch

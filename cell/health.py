@@ -15,8 +15,9 @@ from bus.codec import arm_stamp_ns, decode
 from bus.codes import Code
 from bus.commands import CellHealth, Health, NodeHealth
 from bus.errors import BadPayload, CycleFailure
+from bus.heard import Heard
 from bus.messages import HandState
-from bus.session import Bus, Heard
+from bus.session import Bus
 from config.schema import Station
 
 _log = logging.getLogger(__name__)

@@ -29,8 +29,8 @@ from bus.codec import decode
 from bus.commands import CellState, CommandReply, Event, Health
 from bus.errors import BusError, CellError
 from bus.frozen import Message
+from bus.heard import Heard
 from bus.messages import CycleResult
-from bus.session import Heard
 from bus.topics import encoding_of
 from cell import client
 from cell.client import Client

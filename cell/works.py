@@ -10,8 +10,8 @@ from bus import topics
 from bus.codec import encode
 from bus.codes import Code
 from bus.errors import BusError, ConfigError, CycleFailure, DriverError
+from bus.heard import Heard
 from bus.messages import Attempt, CycleResult
-from bus.session import Heard
 from bus.topics import encoding_of
 from cell import standstill
 from cell.cycle import FAULTS, Cycle, Equipment, Say

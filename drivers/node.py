@@ -14,7 +14,8 @@ from bus.commands import HandGrasp, HandMove, Health, Nothing, PresentRequest
 from bus.errors import BusError, CellError
 from bus.faulty import FaultyBus, Spoilable, answer_faults
 from bus.frozen import Message
-from bus.session import Bus, Heard
+from bus.heard import Heard
+from bus.session import Bus
 from bus.topics import Topic, encoding_of
 from bus.trajectory import Trajectory
 from config.schema import Station

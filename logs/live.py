@@ -17,7 +17,8 @@ from typing import Any
 from bus import topics
 from bus.codec import schema_of
 from bus.errors import ConfigError
-from bus.session import Bus, Heard
+from bus.heard import Heard
+from bus.session import Bus
 
 HOST = "127.0.0.1"
 DEFAULT_PORT = 8765

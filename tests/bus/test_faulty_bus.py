@@ -15,8 +15,9 @@ from bus.errors import BadPayload, BusError, NoReply, ReplyTimeout
 from bus.faults import Fault, FaultRequest
 from bus.faulty import FaultyBus, answer_faults
 from bus.frozen import Message
+from bus.heard import Heard
 from bus.messages import HandState
-from bus.session import Bus, Heard
+from bus.session import Bus
 
 HAND = HandState(stamp_ns=1, width_m=0.04, is_moving=False, is_homed=True)
 TIMEOUT_S = 0.3

@@ -8,7 +8,8 @@ from typing import Any, cast
 from bus import topics
 from bus.codec import encode
 from bus.commands import CellState
-from bus.session import Bus, Heard
+from bus.heard import Heard
+from bus.session import Bus
 from bus.topics import Topic, encoding_of
 from cell.client import Client
 

@@ -16,8 +16,8 @@ from bus.codec import encode
 from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.faults import Fault
+from bus.heard import Heard
 from bus.messages import HandState
-from bus.session import Heard
 from bus.topics import encoding_of
 from cell.cyclelog import CycleLog
 from logs.faulty import FaultyDisk

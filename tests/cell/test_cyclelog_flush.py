@@ -17,8 +17,8 @@ from bus.codec import encode
 from bus.codes import Code
 from bus.commands import CellState
 from bus.errors import CycleFailure
+from bus.heard import Heard
 from bus.messages import HandState, ModelReply
-from bus.session import Heard
 from bus.topics import encoding_of
 from cell import cyclelog
 from cell.cyclelog import CycleLog

@@ -16,8 +16,8 @@ from bus.codec import arm_state_to_wire, encode
 from bus.codes import Code
 from bus.commands import CellHealth, Health, LoopHealth
 from bus.errors import CycleFailure
+from bus.heard import Heard
 from bus.messages import ArmMode, ArmState, HandState
-from bus.session import Heard
 from cell import client
 from cell.health import Watch
 from config.load import load_station

@@ -15,9 +15,10 @@ from bus import topics
 from bus.commands import CellHealth, CellState, CommandReply, CommandRequest, HandMove, Nothing
 from bus.errors import BadPayload, CellError, CellUnreachable, NoReply, Refused
 from bus.frozen import Message
+from bus.heard import Heard
 from bus.messages import HandState
 from bus.secured import session_config
-from bus.session import Bus, Heard
+from bus.session import Bus
 from bus.topics import Topic
 from cell.client import Client
 from cell.keys import ROLES, make_keys

@@ -20,8 +20,9 @@ from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
 from bus import topics
 from bus.codec import decode
 from bus.errors import BusError
+from bus.heard import Heard
 from bus.messages import HandState
-from bus.session import Bus, Heard
+from bus.session import Bus
 from config.load import load_station
 from drivers.sim.camera import SimCamera
 from drivers.sim.world import World
