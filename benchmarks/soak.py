@@ -1,12 +1,11 @@
 """Cycle after cycle with injected faults: was each outcome one the fault table allows, and was the cell ready again?
 
-The first cycles walk through every row of `cell.faults`; then parts, words and moments are drawn at random, and every
-fourth cycle has no fault. After each the faults end and the cell is cleared and reset as an operator would.
+What is tried, and what may come of it, is in `benchmarks.trials`. After each trial the faults end and the cell is
+cleared and reset as an operator would.
 """
 
 from __future__ import annotations
 
-import gc
 import json
 import os
 import queue
@@ -15,16 +14,13 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-import numpy as np
-from mcap.records import Attachment
-from mcap.stream_reader import StreamReader
-
-from bus.codes import Code
+from benchmarks.growth import Growth
+from benchmarks.trials import Outcome, Trial, explains, is_logged, rows_of, trials
 from bus.commands import CellState, CommandRequest, Health
 from bus.errors import BusError, RecordingError, Refused
 from bus.faults import PARTS, Fault
@@ -34,18 +30,12 @@ from bus.topics import Topic
 from cell import client
 from cell.build import running_cell
 from cell.daemon import Daemon
-from cell.faults import PICK_CODES, ROWS, Row
 from cell.machine import refuse
 from config.load import load_station
 from config.schema import Station
-from logs.reader import DAMAGE, read_cycle
 from logs.recorder import PART
 
-MOMENTS = ("begin", "capture", "detect", "plan", "execute", "verify", "deliver")
 NODE = "sim"
-_WITHOUT_FAULT = 0.25
-_OBJECTS = ("bottle", "spatula", "controller", "cup", "drone")
-"""The first is on the table from the start: presenting another one makes the simulator compile it."""
 _DELAY_S = {"disk": 0.005}
 _USUAL_DELAY_S = 0.15
 _SIGNALS = {"kill": signal.SIGKILL, "freeze": signal.SIGSTOP}
@@ -53,72 +43,15 @@ _SETTLED = ("Complete", "Aborted", "Stopped")
 _NEXT_COMMAND = {"Aborted": "clear", "Stopped": "reset", "Complete": "reset"}
 _PATIENCE_S = 180.0
 """A pick with no way to grasp is planned for longest."""
-_WARM_UP = 20
 _QUICK = ("verify.hold_s=0.3", "verify.samples=2", "perception.hosted.deadline_s=0.3", "recording.patience_s=1.5",
           "arm.rest_s=4", "bus.stale_s=3", "bus.frozen_s=3.5", "bus.ask_timeout_s=8")  # fmt: skip
 """Deadlines as short as they may be: nothing waits for a fault longer than it must."""
-
-
-@dataclass(frozen=True)
-class Trial:
-    """One cycle to be: ``row`` None = without a fault; ``late_s``: after the moment began; ``walk``: the row's own."""
-
-    number: int
-    row: Row | None
-    moment: str
-    late_s: float
-    object: str
-    walk: bool
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What came of one trial.
-
-    Attributes:
-        fault: the row's name, or "". ``result``, ``code``, ``reason``: of the cycle; "NONE" when none was said.
-        is_explained, is_logged, is_idle: as the table allows; with a readable record; ready again in time.
-        took_s: the cycle, and the way back to Idle. ``recording``: its path.
-    """
-
-    number: int
-    fault: str
-    moment: str
-    result: str
-    code: str
-    reason: str
-    is_explained: bool
-    is_logged: bool
-    is_idle: bool
-    took_s: float
-    recording: str
-
-    def line(self) -> str:
-        marks = "".join(f" {word}" for word, good in (("UNEXPLAINED", self.is_explained), ("UNLOGGED", self.is_logged),
-                                                      ("STUCK", self.is_idle)) if not good)  # fmt: skip
-        what = f"{self.fault or '-'} @{self.moment}"
-        return f"{self.number} {what}: {self.result} {self.code} {self.took_s:.1f} s{marks}  {self.reason}"
 
 
 def soak_station(folder: Path, endpoint: str, seed: int, overrides: tuple[str, ...] = ()) -> Station:
     """The simulated cell that allows faults, with short deadlines."""
     own = [f"recording.folder={folder}", f"bus.endpoint={endpoint}", f"sim.seed={seed}", "faults.allowed=true"]
     return load_station(None, [*own, *_QUICK, *overrides])
-
-
-def trials(rows: tuple[Row, ...], seed: int, first: int) -> Iterator[Trial]:
-    """The endless series, from number ``first`` (0 = the first); each depends on seed and number only."""
-    number = first
-    while True:
-        rng = np.random.default_rng([seed, number])
-        if number < len(rows):
-            yield Trial(number, rows[number], rows[number].sets_in, 0.0, _OBJECTS[0], True)
-        else:
-            row = None if rng.random() < _WITHOUT_FAULT or not rows else rows[int(rng.integers(len(rows)))]
-            late_s = float(rng.uniform(0.0, 0.5)) if rng.random() < 0.5 else 0.0
-            moment = str(rng.choice(MOMENTS)) if row is not None else ""
-            yield Trial(number, row, moment, late_s, str(rng.choice(_OBJECTS)), False)
-        number += 1
 
 
 class Soak:
@@ -158,8 +91,8 @@ class Soak:
             self._timer.join()
             self._timer = None
         code = result.code if result is not None else None
-        explained = result is not None and self._explains(trial, was_injected, result)
-        logged = result is not None and _is_logged(result, trial)
+        explained = result is not None and explains(trial, was_injected, result, self.daemon.objects_left)
+        logged = result is not None and is_logged(result, trial)
         is_back = self._heal(trial, restarts) if was_injected else True
         is_idle = has_settled and is_back and self._make_idle()
         return Outcome(
@@ -230,18 +163,6 @@ class Soak:
 
     # --- look ---------------------------------------------------------------------------------------------------------
 
-    def _explains(self, trial: Trial, was_injected: bool, result: CycleResult) -> bool:
-        """Whether the table allows it; a SUCCESS also has to be one."""
-        if result.result == "SUCCESS" and self.daemon.objects_left() not in (0, None):
-            return False
-        if result.result not in ("SUCCESS", "EMPTY") and result.code in (None, Code.INTERNAL):
-            return False
-        if trial.walk and trial.row is not None:
-            return (result.result, result.code) == (trial.row.result, trial.row.code)
-        if trial.row is None or not was_injected:
-            return result.result in ("SUCCESS", "FAILED") and result.code in (None, *PICK_CODES)
-        return result.code in trial.row.allowed | set(PICK_CODES if result.result == "FAILED" else ())
-
     def _result(self) -> CycleResult | None:
         try:
             return self._heard.get(timeout=_PATIENCE_S)
@@ -273,50 +194,6 @@ class Soak:
 _PART_OF = {str(part): part for part in PARTS}
 
 
-def _is_logged(result: CycleResult, trial: Trial) -> bool:
-    """A recording that says the same; after a fault of the disk, what was written before, if anything could be."""
-    path = Path(result.recording)
-    if result.code is not Code.RECORDING:
-        try:
-            recorded = read_cycle(path).result
-        except RecordingError:
-            return False
-        return recorded is not None and (recorded.result, recorded.code) == (result.result, result.code)
-    if trial.moment == "begin" or (trial.row is not None and trial.row.word == "garbage"):
-        return True
-    try:
-        with path.with_name(path.name + PART).open("rb") as file:
-            return any(isinstance(record, Attachment) for record in StreamReader(file).records)
-    except DAMAGE:
-        return False
-
-
-class Growth:
-    """Memory and open files of some processes, against what they were after a warm-up."""
-
-    def __init__(self) -> None:
-        self._first: dict[int, tuple[int, float, int]] = {}  # looks so far, and the first figures after the warm-up
-        self.rss_mb = 0.0
-        self.fds = 0
-
-    def look(self, pids: list[int]) -> None:
-        """To be called while the cell is Idle."""
-        gc.collect()
-        for pid in pids:
-            looks, rss_mb, fds = self._first.get(pid, (0, 0.0, 0))
-            now = _rss_mb(pid), len(os.listdir(f"/proc/{pid}/fd"))
-            if looks <= _WARM_UP:
-                rss_mb, fds = now
-            else:
-                self.rss_mb, self.fds = max(self.rss_mb, now[0] - rss_mb), max(self.fds, now[1] - fds)
-            self._first[pid] = looks + 1, rss_mb, fds
-
-
-def _rss_mb(pid: int) -> float:
-    pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
-    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
-
-
 def soak(station: Station, series: Iterator[Trial], growth: Growth) -> Iterator[Outcome]:
     """Every trial's outcome; a cell that is stuck is started anew."""
     while True:
@@ -330,13 +207,6 @@ def soak(station: Station, series: Iterator[Trial], growth: Growth) -> Iterator[
                 if not outcome.is_idle:
                     break
                 growth.look(run.pids())
-
-
-def rows_of(faults: str) -> tuple[Row, ...]:
-    """``all``, ``none``, or parts separated by commas."""
-    if faults in ("all", "none"):
-        return ROWS if faults == "all" else ()
-    return tuple(row for row in ROWS if row.part in faults.split(","))
 
 
 def run(

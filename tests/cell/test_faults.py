@@ -8,7 +8,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from benchmarks.soak import Growth, Outcome, Trial, soak, soak_station, summary, trials
+from benchmarks.growth import Growth
+from benchmarks.soak import soak, soak_station, summary
+from benchmarks.trials import Outcome, Trial, trials
 from bus.errors import ConfigError, Refused
 from bus.faults import PARTS, Fault
 from cell import client
