@@ -67,7 +67,7 @@ class Client:
         except NoReply as error:
             self.state()  # a cell that answers this answers every command that reaches it
             raise Refused(
-                f"The cell is there, but {verb!r} does not reach it: this certificate may look, and not command.",
+                f"The cell is there, but {verb!r} does not reach it: this certificate may look, and stop it, no more.",
                 "Use that of an operator (bus.zenoh); the roles: docs/security.md.",
                 code="NO_RIGHT",
             ) from error
