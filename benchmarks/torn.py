@@ -1,7 +1,7 @@
 """What a process killed at any moment leaves of its cycle: everything up to its last flush, in a file that can be read.
 
 Most kills hit a process that only records, as fast as its disk takes it; the truth is what it reported over a pipe
-after each flush. Some hit a whole simulated cell in the middle of a pick; there it is what a client on the bus heard.
+after each flush. Some hit a whole simulated cell (`benchmarks.killed`).
 """
 
 from __future__ import annotations
@@ -9,9 +9,6 @@ from __future__ import annotations
 import itertools
 import multiprocessing
 import random
-import signal
-import subprocess
-import sys
 import time
 from collections.abc import Callable
 from multiprocessing.connection import Connection
@@ -21,32 +18,27 @@ from typing import Any
 
 from mcap.reader import make_reader
 
+from benchmarks.killed import kill_cell
 from bus import topics
 from bus.codec import encode
 from bus.commands import CellState
-from bus.errors import CellUnreachable, RecordingError
+from bus.errors import RecordingError
 from bus.heard import Heard
 from bus.messages import HandState
-from bus.session import Bus
 from bus.topics import encoding_of
 from cell.cyclelog import CycleLog
-from config.load import load_station
-from logs.reader import read_cycle
 from logs.recorder import Recorder
 from logs.recover import recover
 
 _PATIENCE_S = 30.0
 _LONGEST_S = 0.5
 """A recording lives for this long at most before it is killed: five periods of flushing."""
-_FLUSHED_AFTER_S = 0.5
-"""What a client heard of a cell's cycle this long before the kill must be there: a flush, and a busy machine."""
-_STAGES = {topic.key for topic in (topics.CAPTURE, topics.DETECT, topics.PLAN, topics.EXECUTE, topics.VERIFY)}
 
 
 def run(kills: int, cells: int, seed: int, endpoint: str, tell: Callable[[str], None]) -> dict[str, Any]:
     """``kills`` in all, ``cells`` of them of a whole cell."""
     rng = random.Random(seed)
-    lost = unreadable = flushed = 0
+    lost = unreadable = flushed = not_ready = 0
     with TemporaryDirectory() as name:
         for number in range(kills - cells):
             path = Path(name) / f"{number}.mcap"
@@ -59,10 +51,13 @@ def run(kills: int, cells: int, seed: int, endpoint: str, tell: Callable[[str], 
             if number % 20 == 19:
                 tell(f"{number + 1} killed: {lost} lost of {flushed} flushed, {unreadable} unreadable")
         for number in range(cells):
-            missing, readable = _kill_cell(Path(name) / f"cell{number}", endpoint, rng, tell)
-            lost += missing
-            unreadable += not readable
-    return {"kills": kills, "lost": lost, "unreadable": unreadable, "flushed": flushed, "of_cells": cells}
+            left = kill_cell(Path(name) / f"cell{number}", endpoint, rng)
+            tell(left.line())
+            lost += left.lost
+            unreadable += not left.is_readable
+            not_ready += not left.is_ready
+    figures = {"kills": kills, "lost": lost, "unreadable": unreadable, "flushed": flushed}
+    return {**figures, "of_cells": cells, "cells_not_ready_again": not_ready}
 
 
 def _recovered(path: Path) -> int | None:
@@ -134,49 +129,3 @@ def _record(path: Path, told: Connection, seed: float) -> None:
     while True:
         log.hear(rng.choices(says, (20, 1, 4))[0])
         time.sleep(rng.uniform(0.0, 0.004))
-
-
-# --- a whole cell -----------------------------------------------------------------------------------------------------
-
-
-def _kill_cell(folder: Path, endpoint: str, rng: random.Random, tell: Callable[[str], None]) -> tuple[int, bool]:
-    """Kill a simulated cell in its first pick: how many stages a client had heard that are missing; readable?"""
-    settings = (f"recording.folder={folder}", f"bus.endpoint={endpoint}", "bus.stale_s=15")
-    command = [sys.executable, "-m", "cell", "start", "--cycles", "1", "--json"]
-    process = subprocess.Popen(
-        [*command, *(part for setting in settings for part in ("--set", setting))], stdout=subprocess.DEVNULL
-    )
-    heard: list[tuple[float, str]] = []
-    with _joined(endpoint) as bus:
-        bus.subscribe("cycle/*", lambda said: heard.append((time.monotonic(), said.key)))
-        after = rng.randrange(1, len(_STAGES))
-        give_up_s = time.monotonic() + 120.0
-        while len(heard) < after and process.poll() is None and time.monotonic() < give_up_s:
-            time.sleep(0.005)
-        time.sleep(rng.uniform(0.0, 1.5))
-        process.send_signal(signal.SIGKILL)
-        killed_s = time.monotonic()
-        process.wait()
-    expected = {key.rpartition("/")[2] for at_s, key in heard if key in _STAGES and at_s < killed_s - _FLUSHED_AFTER_S}
-    parts = list(folder.rglob("*.mcap*"))
-    try:
-        for part in folder.rglob("*.part"):
-            recover(part)
-        (recording,) = folder.rglob("*.mcap")
-        found = set(read_cycle(recording).stages)
-    except (RecordingError, ValueError) as error:
-        tell(f"cell killed after {len(heard)} stages: {parts}: {error}")
-        return len(expected), False
-    tell(f"cell killed after {len(heard)} stages: {len(expected - found)} of {len(expected)} lost")
-    return len(expected - found), True
-
-
-def _joined(endpoint: str) -> Bus:
-    give_up_s = time.monotonic() + 60.0
-    while True:
-        try:
-            return Bus.join(load_station().cell_id, endpoint)
-        except CellUnreachable:
-            if time.monotonic() > give_up_s:
-                raise
-            time.sleep(0.1)

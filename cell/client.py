@@ -11,13 +11,13 @@ from contextlib import contextmanager
 from bus import topics
 from bus.codec import decode
 from bus.commands import CellHealth, CellState, CommandReply, CommandRequest, Nothing
-from bus.errors import NoReply, Refused, ReplyTimeout
+from bus.errors import CellUnreachable, NoReply, Refused, ReplyTimeout
 from bus.faults import Fault, FaultRequest, Part
 from bus.heard import Heard
 from bus.messages import CycleResult
 from bus.session import Bus
 from bus.topics import Topic
-from cell.leases import NEEDS_LEASE, NEEDS_TOKEN
+from cell.leases import CELL_CLIENT, NEEDS_LEASE, NEEDS_TOKEN
 from cell.machine import refuse
 from config.schema import Station
 
@@ -36,9 +36,10 @@ class Client:
         self._timeout_s = ask_timeout_s
         self.client_id = f"cell-cli-{uuid.uuid4().hex[:8]}"
         self._has_lease = False
-        self._heard: queue.SimpleQueue[Heard] = queue.SimpleQueue()
+        self._heard: queue.SimpleQueue[Heard | None] = queue.SimpleQueue()  # None: the cell is gone
         for topic in (topics.STATE, topics.RESULT, *also):
             bus.subscribe(topic.key.replace("{name}", "*"), self._heard.put)
+        bus.watch_alive(topics.LEASE, self._notice)
 
     def state(self) -> CellState:
         """The machine's state now."""
@@ -68,7 +69,7 @@ class Client:
         except NoReply as error:
             self.state()  # a cell that answers this answers every command that reaches it
             raise Refused(
-                f"The cell is there, but {verb!r} does not reach it: this certificate may look, and not command.",
+                f"The cell is there, but {verb!r} does not reach it: this certificate may look, and stop it, no more.",
                 "Use that of an operator (bus.zenoh); the roles: docs/security.md.",
                 code="NO_RIGHT",
             ) from error
@@ -88,7 +89,7 @@ class Client:
             ) from error
 
     def wait_for_state(self, wanted: set[str], timeout_s: float) -> CellState:
-        """The state now, or the next one, that is of ``wanted``. Raises: ReplyTimeout."""
+        """The state now, or the next one, that is of ``wanted``. Raises: ReplyTimeout, CellUnreachable."""
         state = self.state()
         give_up_s = time.monotonic() + timeout_s
         while state.state not in wanted:
@@ -98,7 +99,7 @@ class Client:
         return state
 
     def wait_for_result(self, cycle_id: str, timeout_s: float) -> CycleResult:
-        """The result of the pick that began as ``cycle_id``: of its last try. Raises: ReplyTimeout."""
+        """The result of the pick that began as ``cycle_id``: of its last try. Raises: ReplyTimeout, CellUnreachable."""
         give_up_s = time.monotonic() + timeout_s
         while True:
             result = self._next_result(give_up_s, f"Cycle {cycle_id}", timeout_s)
@@ -109,13 +110,14 @@ class Client:
             cycle_id = result.retried_as
 
     def next_result(self, timeout_s: float) -> CycleResult:
-        """The next result of whichever cycle: of the next one of a ``start``. Raises: ReplyTimeout."""
+        """The next result of whichever cycle: of the next one of a ``start``. Raises: ReplyTimeout, CellUnreachable."""
         return self._next_result(time.monotonic() + timeout_s, "The next cycle", timeout_s)
 
     def heard(self) -> Iterator[Heard]:
         """What was said since the last time, oldest first; does not wait."""
         while not self._heard.empty():
-            yield self._heard.get_nowait()
+            if (heard := self._heard.get_nowait()) is not None:
+                yield heard
 
     def _next_result(self, give_up_s: float, whose: str, timeout_s: float) -> CycleResult:
         while (heard := self._next(give_up_s, f"{whose} gave no result within {timeout_s:.0f} s.")).key != (
@@ -125,10 +127,19 @@ class Client:
         return decode(CycleResult, heard.payload)
 
     def _next(self, give_up_s: float, text: str) -> Heard:
+        """Raises: ReplyTimeout; CellUnreachable once the cell is gone."""
         try:
-            return self._heard.get(timeout=max(0.001, give_up_s - time.monotonic()))
+            heard = self._heard.get(timeout=max(0.001, give_up_s - time.monotonic()))
         except queue.Empty:
             raise ReplyTimeout(text, "See `cell status`.") from None
+        if heard is None:
+            self._heard.put(None)  # for whoever waits next
+            raise CellUnreachable("The cell is gone: it ended, or the link to it.", "Start it, then see `cell cycles`.")
+        return heard
+
+    def _notice(self, client_id: str, is_alive: bool) -> None:
+        if client_id == CELL_CLIENT and not is_alive:
+            self._heard.put(None)
 
 
 @contextmanager

@@ -93,7 +93,7 @@ class Recorder:
         self._sequence: dict[int, int] = {}
         with _as_recording_error(path):
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = _Summed(under(open_part(self._part)))
+            self._file = under(open_part(self._part))
             try:
                 self._writer = McapFile(cast(BinaryIO, self._file))
                 self._writer.metadata("run", metadata)
@@ -145,7 +145,7 @@ class Recorder:
         with self._part.open("rb") as file:
             while block := file.read(_BLOCK_BYTES):
                 read = zlib.crc32(block, read)
-        if read != self._file.crc:
+        if read != self._writer.crc:
             raise RecordingError(f"{self._part} does not hold what was written.", "Check the disk.")
 
     def abandon(self) -> None:
@@ -172,23 +172,6 @@ class Recorder:
         channel = self._writer.channel(f"/{key}", message_encoding, self._schemas[schema.name])
         self._channels[key, encoding] = channel
         return channel
-
-
-class _Summed:
-    """An output and the CRC-32 of what was written to it."""
-
-    def __init__(self, output: Output) -> None:
-        self._output = output
-        self.crc = 0
-        self.tell, self.flush, self.fileno, self.close = output.tell, output.flush, output.fileno, output.close
-
-    def write(self, data: bytes) -> int:
-        self.crc = zlib.crc32(data, self.crc)
-        return self._output.write(data)
-
-    @property
-    def closed(self) -> bool:
-        return self._output.closed
 
 
 @contextmanager

@@ -103,9 +103,15 @@ def test_who_looks_hears_and_asks_how_the_cell_is(site: Site, role: str) -> None
     assert heard.get(timeout=5).key == "state"
 
 
+def test_a_viewer_may_stop_the_cell_as_anyone_may(site: Site) -> None:
+    viewer = Client(site.join("viewer"), 5)
+    for verb in ("stop", "abort", "hold", "suspend"):
+        assert viewer.command(verb).reason == verb
+
+
 def test_a_viewer_is_told_that_it_may_not_command(site: Site) -> None:
     viewer = Client(site.join("viewer"), 0.2)
-    for verb in ("pick", "stop"):
+    for verb in ("pick", "reset", "clear", "unhold"):
         with pytest.raises(Refused, match=r"does not reach it.*may look.*operator") as refusal:
             viewer.command(verb)
         assert (refusal.value.code, refusal.value.exit_code) == ("NO_RIGHT", 3)

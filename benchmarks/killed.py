@@ -1,0 +1,148 @@
+"""A whole simulated cell whose daemon is killed at any moment: what its recordings hold, and whether it comes back.
+
+The truth is what a client on the bus heard of its stages before the kill.
+"""
+
+from __future__ import annotations
+
+import json
+import random
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import NamedTuple
+
+from bus.errors import BusError, CellUnreachable, RecordingError, Refused
+from bus.heard import Heard
+from bus.session import Bus
+from cell import client
+from cell.stages import STAGES
+from config.load import load_station
+from config.schema import Station
+from logs.reader import read_cycle
+
+_LATEST_S = 9.0
+"""From the first command: the reset, the pick, and some time after."""
+_FLUSHED_AFTER_S = 0.5
+"""What was heard this long before the kill must be there: a flush, and a busy machine."""
+_PATIENCE_S = 90.0
+_STAGE_KEYS: dict[str, str] = {stage.topic.key: stage.name for stage in STAGES}
+
+Stages = set[tuple[str, str]]
+"""(cycle id, stage)."""
+
+
+class Left(NamedTuple):
+    """What a killed cell left.
+
+    Attributes:
+        moment: of the kill, in words. ``reason``: why it is not as it should be, or "".
+        lost: stages that were heard, and are in no recording.
+        is_readable: every recording, after the next start. ``is_ready``: then it was cleared and reset like any other.
+    """
+
+    moment: str
+    lost: int
+    is_readable: bool
+    is_ready: bool
+    reason: str
+
+    def line(self) -> str:
+        words = (f"{self.lost} stages lost", "readable" if self.is_readable else "NOT READABLE",
+                 "ready again" if self.is_ready else "NOT READY AGAIN", self.reason)  # fmt: skip
+        return f"cell killed {self.moment}: {', '.join(filter(None, words))}"
+
+
+def kill_cell(folder: Path, endpoint: str, rng: random.Random) -> Left:
+    """Kill a cell between its first reset and the end of its first pick, and start it again on the same folder."""
+    station = load_station(None, [f"recording.folder={folder}", f"bus.endpoint={endpoint}", "bus.stale_s=15"])
+    heard, moment = _picks_until_killed(station, rng.uniform(0.0, _LATEST_S))
+    not_ready = _is_made_ready(station)
+    try:
+        lost, unreadable = len(heard - _recorded(folder)), ""
+    except RecordingError as error:
+        lost, unreadable = len(heard), str(error)
+    return Left(moment, lost, not unreadable, not not_ready, f"{unreadable} {not_ready}".strip())
+
+
+def _picks_until_killed(station: Station, after_s: float) -> tuple[Stages, str]:
+    """What was heard long enough before the kill; and where the cell was then, as far as it had said so."""
+    heard: list[tuple[float, Heard]] = []
+    with _cell(station) as process, Bus.join(station.cell_id, station.bus.endpoint) as bus:
+        for key in ("cycle/*", "state"):
+            bus.subscribe(key, lambda said: heard.append((time.monotonic(), said)))
+        killer = threading.Timer(after_s, process.kill)
+        killer.start()
+        with suppress(BusError, Refused), client.connect(station) as operator:  # the kill may come at any of these
+            operator.command("reset")
+            operator.wait_for_state({"Idle"}, _PATIENCE_S)
+            operator.command("pick")
+            process.wait()
+        killer.join()
+        killed_s = time.monotonic()
+    states = [json.loads(said.payload) for at_s, said in heard if said.key == "state" and at_s < killed_s]
+    where = f"in {states[-1]['state']} {states[-1]['stage']}".rstrip() if states else "before its first state"
+    stages = {
+        (json.loads(said.payload)["cycle_id"], _STAGE_KEYS[said.key])
+        for at_s, said in heard
+        if said.key in _STAGE_KEYS and at_s < killed_s - _FLUSHED_AFTER_S
+    }
+    return stages, f"{after_s:.1f} s after its first command, {where}"
+
+
+def _is_made_ready(station: Station) -> str:
+    """Start the cell again, clear and reset it as an operator would, end it. Why that failed, or ""."""
+    with _cell(station) as process:
+        try:
+            with client.connect(station) as operator:
+                if operator.state().state == "Aborted":
+                    operator.command("clear")
+                    operator.wait_for_state({"Stopped"}, _PATIENCE_S)
+                operator.command("reset")
+                operator.wait_for_state({"Idle"}, _PATIENCE_S)
+        except (BusError, Refused) as error:
+            return str(error)
+        process.terminate()
+        code = process.wait(_PATIENCE_S)
+    return "" if code == 0 else f"It ended with {code}."
+
+
+def _recorded(folder: Path) -> Stages:
+    """Raises: RecordingError for a file that cannot be read, or was not recovered."""
+    parts = [path.name for path in folder.rglob("*.part")]
+    if parts:
+        raise RecordingError(f"Not recovered: {', '.join(parts)}.")
+    records = [read_cycle(path) for path in folder.rglob("*.mcap")]
+    return {(record.cycle_id, stage) for record in records for stage in record.stages}
+
+
+@contextmanager
+def _cell(station: Station) -> Iterator[subprocess.Popen[bytes]]:
+    """``cell start`` as a process of its own, once it answers. Raises: CellUnreachable."""
+    settings = {"recording.folder": station.recording.folder, "bus.endpoint": station.bus.endpoint,
+                "bus.stale_s": station.bus.stale_s}  # fmt: skip
+    options = [part for key, value in settings.items() for part in ("--set", f"{key}={value}")]
+    process = subprocess.Popen([sys.executable, "-m", "cell", "start", *options], stdout=subprocess.DEVNULL)
+    try:
+        _await_answer(station, process)
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+
+
+def _await_answer(station: Station, process: subprocess.Popen[bytes]) -> None:
+    give_up_s = time.monotonic() + _PATIENCE_S
+    while True:
+        try:
+            with client.connect(station) as operator:
+                operator.state()
+                return
+        except BusError as error:
+            if process.poll() is not None or time.monotonic() > give_up_s:
+                raise CellUnreachable(f"The cell did not start: {error}", "See its own message above.") from error
+            time.sleep(0.1)
