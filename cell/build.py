@@ -9,6 +9,7 @@ from contextlib import closing, contextmanager
 from bus.errors import ConfigError
 from bus.secured import is_loopback
 from bus.session import Bus
+from cell.arenas import share_arenas
 from cell.daemon import Daemon
 from cell.nodes import Supervisor
 from cell.voice import Observer
@@ -26,6 +27,7 @@ def running_cell(station: Station, observer: Observer) -> Iterator[Daemon]:
 
     Raises: ConfigError, PortOccupied, DriverUnavailable and whatever a node could not do.
     """
+    share_arenas()
     for node in station.nodes.values():
         registry.require(node.driver)
     robot = Robot(station)

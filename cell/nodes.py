@@ -29,6 +29,7 @@ from bus.faulty import FaultyBus
 from bus.frozen import Message
 from bus.remote_errors import error_from_reply, error_reply
 from bus.session import Bus
+from cell.arenas import share_arenas
 from cell.leases import CELL_CLIENT
 from config.load import station_from
 from config.schema import Station
@@ -209,6 +210,7 @@ def _own_stdout() -> IO[str]:
 
 def _serve_supervised(name: str, stdin: IO[str], stdout: IO[str]) -> int:
     """The child's side: read the station, serve node ``name``, end when stdin closes. Returns the exit code."""
+    share_arenas()
     station = station_from(json.loads(stdin.readline()))
     try:
         with _link(station) as bus:
