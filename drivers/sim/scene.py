@@ -85,9 +85,9 @@ def _prepare_robot(spec: mujoco.MjSpec, station: Station) -> None:
 
 
 def _simplify_links(spec: mujoco.MjSpec) -> None:
-    """The links look like what of them can be touched; hand and fingers, which the camera sees, keep their finer meshes.
+    """The links, which the camera never sees, look like what of them can be touched.
 
-    The shipped ones of the links, 350 000 vertices, took most of the start, and of the memory.
+    Their fine meshes, hundreds of thousands of vertices, took a second of every start, and much memory.
     """
     for body in spec.bodies:
         if not body.name.startswith("fr3_link"):
