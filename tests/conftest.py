@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import socket
 from collections.abc import Callable
 
@@ -13,6 +14,8 @@ from bus.messages import CameraModel, Frame
 
 settings.register_profile("deterministic", derandomize=True, deadline=None, print_blob=True)
 settings.load_profile("deterministic")
+
+os.environ.setdefault("MUJOCO_GL", "egl")  # for files that import MuJoCo before `drivers.sim` does
 
 
 @pytest.fixture(scope="session")

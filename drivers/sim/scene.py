@@ -29,8 +29,9 @@ _HAND_STIFFNESS_N_M = 20_000.0
 _HAND_DAMPING_NS_M = 400.0
 _JAW_ROOT_M, _JAW_TIP_M = 0.010, 0.0545  # along the finger; the tip is the shipped mesh's
 _JAW_SOLREF, _JAW_SOLIMP = (0.004, 1.0), (0.97, 0.995, 0.001, 0.5, 2.0)  # rubber on a hard object yields 0.1-0.5 mm
-_COLLISION_GROUP = 3
+_VISIBLE_GROUP, _COLLISION_GROUP = 2, 3
 _APART_M = 2.0
+_LINK_RGBA = (0.90, 0.92, 0.93, 1.0)
 _TABLE_RGBA = (0.46, 0.50, 0.52, 1.0)
 _TRAY_RGBA = (0.20, 0.33, 0.42, 1.0)
 
@@ -80,6 +81,26 @@ def _prepare_robot(spec: mujoco.MjSpec, station: Station) -> None:
     hand.ctrlrange[:] = -0.02, 0.05
     for finger in ("left_finger", "right_finger"):
         _replace_jaw(spec, spec.body(finger), station)
+    _simplify_links(spec)
+
+
+def _simplify_links(spec: mujoco.MjSpec) -> None:
+    """The links, which the camera never sees, look like what of them can be touched.
+
+    Their fine meshes, hundreds of thousands of vertices, took a second of every start, and much memory.
+    """
+    for body in spec.bodies:
+        if not body.name.startswith("fr3_link"):
+            continue
+        for geom in list(body.geoms):
+            if geom.group == _COLLISION_GROUP:
+                geom.group, geom.rgba = _VISIBLE_GROUP, _LINK_RGBA
+            else:
+                spec.delete(geom)
+    drawn = {geom.meshname for body in spec.bodies for geom in body.geoms}
+    for mesh in list(spec.meshes):
+        if mesh.name not in drawn:
+            spec.delete(mesh)
 
 
 def _replace_jaw(spec: mujoco.MjSpec, finger: mujoco.MjsBody, station: Station) -> None:

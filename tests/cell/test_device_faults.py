@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -58,8 +59,21 @@ class Bench:
 
 
 @pytest.fixture
-def bench(tmp_path: Path) -> Bench:
-    return Bench(tmp_path)
+def make_bench(tmp_path: Path) -> Iterator[Callable[..., Bench]]:
+    """Makes benches, and closes their cameras: a graphics context left open keeps hundreds of megabytes."""
+    with ExitStack() as stack:
+
+        def make(*overrides: str) -> Bench:
+            bench = Bench(tmp_path, *overrides)
+            stack.callback(bench.camera.close)
+            return bench
+
+        yield make
+
+
+@pytest.fixture
+def bench(make_bench: Callable[..., Bench]) -> Bench:
+    return make_bench()
 
 
 def _set(device: FaultyCamera | FaultyArm | FaultyHand, fault: Fault) -> Callable[[], None]:
@@ -94,8 +108,8 @@ def test_a_hand_without_a_possible_width_ends_the_cycle(bench: Bench, fault: Fau
     assert bench.failure().failure is (Code.HAND_FAULT if fault is Fault.GARBAGE else Code.DEVICE_LOST)
 
 
-def test_a_stop_is_not_confirmed_by_a_velocity_of_nan(tmp_path: Path) -> None:
-    bench = Bench(tmp_path, "arm.rest_s=0.05")
+def test_a_stop_is_not_confirmed_by_a_velocity_of_nan(make_bench: Callable[..., Bench]) -> None:
+    bench = make_bench("arm.rest_s=0.05")
     bench.arm.fault = Fault.GARBAGE
     with pytest.raises(CycleFailure, match="still moves"):
         bench.works.stop(lambda wait_s: True)

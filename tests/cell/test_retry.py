@@ -91,6 +91,7 @@ def test_an_object_that_was_moved_away_under_the_hand_is_picked_where_it_is_now(
         works.begin()
         works.pick()
         works.complete()
+    camera.close()
     assert [(result.result, result.code) for result in results] == [("FAILED", "GRASP_MISSED"), ("SUCCESS", None)]
     assert (results[0].retried_as, results[1].retried_as) == (results[1].cycle_id, "")
 

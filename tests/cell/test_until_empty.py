@@ -109,7 +109,9 @@ def _lines(done: subprocess.CompletedProcess[str]) -> list[dict[str, Any]]:
     return [json.loads(line) for line in done.stdout.splitlines()]
 
 
-def test_results_then_the_summary_and_exit_0_and_a_replay_is_equal(bin_options: list[str]) -> None:
+def test_results_then_the_summary_and_exit_0_and_a_replay_is_equal(
+    bin_options: list[str], in_process: Callable[..., subprocess.CompletedProcess[str]]
+) -> None:
     done = _start(*bin_options, "--json", "--seed", "3", "--set", "sim.clutter=1")
     assert done.returncode == 0, done.stderr
     picked, empty, summary = _lines(done)
@@ -121,8 +123,7 @@ def test_results_then_the_summary_and_exit_0_and_a_replay_is_equal(bin_options: 
         "is_empty": True,
         "reason": "Nothing rises above the table inside the pick region.",
     }
-    replayed = subprocess.run([sys.executable, "-m", "cell", "replay", picked["recording"]], timeout=60, check=False)
-    assert replayed.returncode == 0, "it was placed where the recording says"
+    assert in_process("replay", picked["recording"]).returncode == 0, "it was placed where the recording says"
 
 
 def test_three_failures_in_a_row_end_it_with_exit_1_and_the_last_reason(bin_options: list[str]) -> None:

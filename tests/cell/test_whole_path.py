@@ -27,6 +27,7 @@ from drivers.remote import RemoteArm
 from logs.reader import read_cycle
 
 Cell = tuple[subprocess.Popen[str], Station]
+InProcess = Callable[..., subprocess.CompletedProcess[str]]
 GOLDEN = Path(__file__).parents[1] / "golden" / "cycle-schema2.mcap"
 EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "trigger.py"
 
@@ -64,9 +65,9 @@ def test_what_an_earlier_process_left_is_whole_again(lines: list[dict[str, Any]]
     assert not recovered.with_name("torn.mcap.part").exists()
 
 
-def test_a_replay_is_equal(lines: list[dict[str, Any]]) -> None:
+def test_a_replay_is_equal(lines: list[dict[str, Any]], in_process: InProcess) -> None:
     for line in lines:
-        done = _cell("replay", line["recording"], "--json")
+        done = in_process("replay", line["recording"], "--json")
         assert done.returncode == 0 and json.loads(done.stdout)["equal"] is True
         assert set(json.loads(done.stdout)["stages"]) == {"detect", "plan", "verify"}
 
@@ -100,10 +101,10 @@ def test_the_recording_opens_with_the_plain_mcap_packages(lines: list[dict[str, 
     assert {"station.json", "calibration.json", "prompts/00-reason.txt", "replies/00-reason.txt"} <= set(attachments)
 
 
-def test_show_and_cycles_tell_what_was_recorded(lines: list[dict[str, Any]]) -> None:
-    shown = json.loads(_cell("show", lines[0]["recording"], "--json").stdout)
+def test_show_and_cycles_tell_what_was_recorded(lines: list[dict[str, Any]], in_process: InProcess) -> None:
+    shown = json.loads(in_process("show", lines[0]["recording"], "--json").stdout)
     assert shown["result"]["cycle_id"] == lines[0]["cycle_id"] and shown["metadata"]["seed"] == "3"
-    listed = _cell("cycles", str(Path(lines[0]["recording"]).parent), "--json").stdout.splitlines()
+    listed = in_process("cycles", str(Path(lines[0]["recording"]).parent), "--json").stdout.splitlines()
     assert [json.loads(line)["cycle_id"] for line in listed] == [line["cycle_id"] for line in reversed(lines)]
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -94,8 +95,21 @@ class Bench:
 
 
 @pytest.fixture
-def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Bench:
-    bench = Bench(tmp_path)
+def make_bench(tmp_path: Path) -> Iterator[Callable[..., Bench]]:
+    """Makes benches, and closes their cameras: a graphics context left open keeps hundreds of megabytes."""
+    with ExitStack() as stack:
+
+        def make(feeder: Feeder | None = None) -> Bench:
+            bench = Bench(tmp_path, feeder)
+            stack.callback(bench.camera.close)
+            return bench
+
+        yield make
+
+
+@pytest.fixture
+def bench(make_bench: Callable[..., Bench], monkeypatch: pytest.MonkeyPatch) -> Bench:
+    bench = make_bench()
     command_arm = World.command_arm
 
     def watched(world: World, q_rad: np.ndarray, last_q_rad: np.ndarray) -> None:
@@ -148,7 +162,6 @@ def test_a_stop_ends_a_held_cycle_and_nothing_moves_afterwards(bench: Bench) -> 
     np.testing.assert_allclose(state.q_rad, held_q_rad, atol=1e-3)
     works.gate.clear()
     works.reset()
-    bench.camera.close()
 
 
 def test_a_hold_between_motions_is_held_at_once_and_the_next_one_waits(bench: Bench) -> None:
@@ -169,8 +182,8 @@ def test_a_hold_between_motions_is_held_at_once_and_the_next_one_waits(bench: Be
     thread.join(5)
 
 
-def test_a_motion_on_its_way_to_the_arm_is_held_when_it_arrives(tmp_path: Path) -> None:
-    bench = Bench(tmp_path)
+def test_a_motion_on_its_way_to_the_arm_is_held_when_it_arrives(make_bench: Callable[..., Bench]) -> None:
+    bench = make_bench()
     works, passed, arrives = bench.works, threading.Event(), threading.Event()
     still = Trajectory(raw_q_rad=np.repeat(bench.arm.state().q_rad[None], 2000, axis=0), window=1)
 
@@ -224,8 +237,8 @@ def test_a_motion_that_neither_goes_on_nor_ends_is_an_error(bench: Bench, monkey
         bench.works.unhold()
 
 
-def test_an_object_that_cannot_be_presented_is_the_reason_of_its_cycle(tmp_path: Path) -> None:
-    bench = Bench(tmp_path, Restless())
+def test_an_object_that_cannot_be_presented_is_the_reason_of_its_cycle(make_bench: Callable[..., Bench]) -> None:
+    bench = make_bench(Restless())
     works, results = bench.works, bench.results
     with pytest.raises(CycleFailure, match="does not come to rest"):
         works.begin()

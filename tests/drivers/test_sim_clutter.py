@@ -59,7 +59,6 @@ def test_the_same_seed_fills_alike_to_the_bit_and_another_one_does_not() -> None
 
 
 def test_names_come_once_a_round_and_repeat_when_there_are_more() -> None:
-    assert sorted(filled(0).objects.values()) == sorted(PAPER_OBJECTS)
     six = list(filled(5, 6).objects.values())
     assert sorted(six[:5]) == sorted(PAPER_OBJECTS) and six[5] in PAPER_OBJECTS
 
@@ -86,8 +85,8 @@ def test_an_object_by_name_is_refused(world: World) -> None:
 
 
 def test_more_than_the_bin_holds_is_refused() -> None:
-    with pytest.raises(ConfigError, match="20 objects do not fit"):
-        filled(0, 20)
+    with pytest.raises(ConfigError, match="12 objects do not fit"):
+        filled(0, 12)
 
 
 def test_an_object_falls_against_the_walls_and_stays_inside(world: World) -> None:

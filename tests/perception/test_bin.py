@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -61,8 +63,16 @@ class Bin:
 
 
 @pytest.fixture
-def filled() -> Callable[..., Bin]:
-    return Bin
+def filled() -> Iterator[Callable[..., Bin]]:
+    """Makes bins, and closes their cameras."""
+    with ExitStack() as stack:
+
+        def make(*seed: int, **how: Any) -> Bin:
+            bin_ = Bin(*seed, **how)
+            stack.callback(bin_.camera.close)
+            return bin_
+
+        yield make
 
 
 @pytest.mark.parametrize("seed", range(3))

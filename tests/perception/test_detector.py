@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ def detect(observation: Observation, station: Station) -> Detections:
 
 
 @pytest.fixture(scope="module")
-def see() -> See:
+def see() -> Iterator[See]:
     """(name, seed) -> what the camera sees, and the object's true pose in ``base``."""
     devices = open_devices("sim", STATION)
     camera, arm, feeder = devices.camera, devices.arm, devices.feeder
@@ -47,7 +47,8 @@ def see() -> See:
             seen[name, seed] = capture(camera, arm, robot), truth.base_from_object
         return seen[name, seed]
 
-    return look
+    yield look
+    camera.close()
 
 
 @pytest.mark.parametrize("seed", [1, 2])
