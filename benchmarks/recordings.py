@@ -17,10 +17,11 @@ import numpy as np
 from mcap.reader import make_reader
 
 from bus import topics
-from bus.codec import arm_state_to_wire, frame_to_wire, schema_of
+from bus.codec import schema_of
 from bus.heard import Heard
 from bus.messages import ArmMode, ArmState
 from bus.topics import encoding_of
+from bus.wire import arm_state_to_wire, frame_to_wire
 from cell.cyclelog import CycleLog
 from config.load import load_station
 from drivers.registry import open_devices

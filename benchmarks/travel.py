@@ -20,13 +20,14 @@ import numpy as np
 import zenoh
 
 from bus import topics
-from bus.codec import decode, encode, frame_from_wire, frame_to_wire
+from bus.codec import decode, encode
 from bus.commands import CommandReply, CommandRequest, Nothing
 from bus.heard import Heard
 from bus.messages import CameraModel, Frame
 from bus.secured import session_config
 from bus.session import Bus
 from bus.topics import encoding_of
+from bus.wire import frame_from_wire, frame_to_wire
 
 _CELL = "travel"
 _FRAME, _COMMAND = "plain/frame", "plain/command"

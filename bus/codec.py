@@ -1,37 +1,19 @@
-"""Messages to bytes and back: our own as JSON, sensor data as Foxglove protobuf.
-
-What is decoded here is what the stages work on, so a recording of the bytes replays bit for bit.
-"""
+"""Our own messages to JSON and back, and the schemas of whatever travels; sensor data: `bus.wire`."""
 
 from __future__ import annotations
 
 import functools
 import json
-from collections.abc import Mapping
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar
 
-import cv2
-import numpy as np
-import numpy.typing as npt
-from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
-from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
-from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
-from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
-from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
-from google.protobuf.message import DecodeError
-from google.protobuf.timestamp_pb2 import Timestamp
 from mcap_protobuf.schema import build_file_descriptor_set
 from pydantic import ValidationError
-from scipy.spatial.transform import Rotation
 
 from bus import topics
 from bus.errors import BadPayload
 from bus.frozen import Message
-from bus.messages import ArmState, CameraModel, Frame
 
 MessageT = TypeVar("MessageT", bound=Message)
-_JPEG_QUALITY = 95
-_JOINTS = 7
 
 
 class Schema(NamedTuple):
@@ -67,144 +49,3 @@ def schema_of(encoding: str) -> Schema:
     if encoding.startswith("application/protobuf"):
         return Schema(name, "protobuf", build_file_descriptor_set(payload_type).SerializeToString())
     return Schema(name, "jsonschema", json.dumps(payload_type.model_json_schema()).encode())
-
-
-# --- frames -----------------------------------------------------------------------------------------------------------
-
-
-def stamp(stamp_ns: int) -> Timestamp:
-    """Integer nanoseconds UTC as a protobuf timestamp."""
-    return Timestamp(seconds=stamp_ns // 1_000_000_000, nanos=stamp_ns % 1_000_000_000)
-
-
-def stamp_ns(timestamp: Timestamp) -> int:
-    """A protobuf timestamp as integer nanoseconds UTC."""
-    return int(timestamp.seconds) * 1_000_000_000 + int(timestamp.nanos)
-
-
-def frame_to_wire(frame: Frame) -> dict[str, bytes]:
-    """A frame as the five payloads of `topics.FRAME_PARTS`, by topic key. Colour becomes JPEG, depth 16-bit mm."""
-    when = stamp(frame.stamp_ns)
-    ok, jpeg = cv2.imencode(".jpg", frame.color[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
-    if not ok:
-        raise BadPayload(f"Cannot encode a colour image of shape {frame.color.shape}.")
-    depth_mm = np.nan_to_num(frame.depth_m * 1000.0, nan=0.0).round().clip(0, 65535).astype("<u2")
-    height, width = depth_mm.shape
-    parts = {
-        topics.CAMERA_COLOR: CompressedImage(timestamp=when, frame_id="color", data=jpeg.tobytes(), format="jpeg"),
-        topics.CAMERA_DEPTH: RawImage(
-            timestamp=when,
-            frame_id="depth",
-            width=width,
-            height=height,
-            encoding="16UC1",
-            step=2 * width,
-            data=depth_mm.tobytes(),
-        ),
-        topics.CAMERA_COLOR_CALIBRATION: _calibration(frame.color_camera, "color", when),
-        topics.CAMERA_DEPTH_CALIBRATION: _calibration(frame.depth_camera, "depth", when),
-        topics.CAMERA_TF: transforms_to_wire({("color", "depth"): frame.color_from_depth}, frame.stamp_ns),
-    }
-    return {topic.key: message.SerializeToString() for topic, message in parts.items()}
-
-
-def frame_from_wire(parts: Mapping[str, bytes]) -> Frame:
-    """The frame behind the five payloads. Raises: BadPayload for a missing, broken or inconsistent one."""
-    missing = [topic.key for topic in topics.FRAME_PARTS if topic.key not in parts]
-    if missing:
-        raise BadPayload(f"A frame needs {', '.join(missing)}.")
-    try:
-        return _frame(*(topic.says.FromString(parts[topic.key]) for topic in topics.FRAME_PARTS))
-    except (DecodeError, cv2.error, IndexError) as error:  # protobuf fields may be empty
-        raise BadPayload(f"Broken camera payload: {' '.join(str(error).split())}.") from error
-
-
-def _frame(color: Any, depth: Any, color_camera: Any, depth_camera: Any, tf: Any) -> Frame:
-    stamps = {stamp_ns(part.timestamp) for part in (color, depth, color_camera, depth_camera)}
-    if len(stamps) != 1:
-        raise BadPayload("Colour, depth and calibration of one frame carry different stamps.")
-    pixels = cv2.imdecode(np.frombuffer(color.data, np.uint8), cv2.IMREAD_COLOR)
-    if pixels is None or depth.encoding != "16UC1" or len(depth.data) != depth.height * depth.width * 2:
-        raise BadPayload("A colour or depth image does not decode.")
-    depth_mm = np.frombuffer(depth.data, "<u2").reshape(depth.height, depth.width)
-    return Frame(
-        stamp_ns=stamps.pop(),
-        color=np.ascontiguousarray(pixels[..., ::-1]),
-        depth_m=np.where(depth_mm == 0, np.nan, depth_mm / 1000.0),
-        color_camera=_camera_model(color_camera),
-        depth_camera=_camera_model(depth_camera),
-        color_from_depth=_matrix(tf.transforms[0]),
-    )
-
-
-def frame_stamp_ns(parts: Mapping[str, bytes]) -> int:
-    """The stamp of a frame's payloads, without decoding its images."""
-    return stamp_ns(CompressedImage.FromString(parts[topics.CAMERA_COLOR.key]).timestamp)
-
-
-def _calibration(camera: CameraModel, frame_id: str, when: Timestamp) -> CameraCalibration:
-    intrinsics = [camera.fx, 0, camera.cx, 0, camera.fy, camera.cy, 0, 0, 1]
-    return CameraCalibration(
-        timestamp=when,
-        frame_id=frame_id,
-        width=camera.width,
-        height=camera.height,
-        distortion_model="rational_polynomial" if camera.distortion else "",
-        D=camera.distortion,
-        K=intrinsics,
-        R=np.eye(3).ravel(),
-        P=[camera.fx, 0, camera.cx, 0, 0, camera.fy, camera.cy, 0, 0, 0, 1, 0],
-    )
-
-
-def _camera_model(message: CameraCalibration) -> CameraModel:
-    k = message.K
-    return CameraModel(
-        width=message.width, height=message.height, fx=k[0], fy=k[4], cx=k[2], cy=k[5], distortion=tuple(message.D)
-    )
-
-
-# --- transforms and joints --------------------------------------------------------------------------------------------
-
-
-def transforms_to_wire(parent_from_child: Mapping[tuple[str, str], npt.NDArray[Any]], at_ns: int) -> FrameTransforms:
-    """Poses {(parent, child): 4x4} as foxglove.FrameTransforms."""
-    message = FrameTransforms()
-    for (parent, child), pose in parent_from_child.items():
-        w, x, y, z = Rotation.from_matrix(pose[:3, :3]).as_quat(scalar_first=True)
-        entry = message.transforms.add(timestamp=stamp(at_ns), parent_frame_id=parent, child_frame_id=child)
-        entry.translation.x, entry.translation.y, entry.translation.z = (float(value) for value in pose[:3, 3])
-        entry.rotation.w, entry.rotation.x, entry.rotation.y, entry.rotation.z = w, x, y, z
-    return message
-
-
-def _matrix(transform: Any) -> npt.NDArray[np.float64]:
-    r, t = transform.rotation, transform.translation
-    pose = np.eye(4)
-    pose[:3, :3] = Rotation.from_quat([r.w, r.x, r.y, r.z], scalar_first=True).as_matrix()
-    pose[:3, 3] = t.x, t.y, t.z
-    return pose
-
-
-def arm_state_to_wire(state: ArmState) -> bytes:
-    """An arm state as foxglove.JointStates (effort = external torque)."""
-    message = JointStates(timestamp=stamp(state.stamp_ns))
-    for index in range(_JOINTS):
-        message.joints.add(
-            name=f"fr3_joint{index + 1}",
-            position=state.q_rad[index],
-            velocity=state.dq_rad_s[index],
-            effort=state.tau_ext_nm[index],
-        )
-    return message.SerializeToString()
-
-
-def arm_stamp_ns(payload: bytes) -> int:
-    """When a published arm state was measured. Raises: BadPayload for what is none."""
-    try:
-        said = JointStates.FromString(payload)
-    except DecodeError as error:
-        raise BadPayload(f"Not an arm state: {error}.") from error
-    if len(said.joints) != _JOINTS:
-        raise BadPayload(f"An arm state has {_JOINTS} joints, not {len(said.joints)}.")
-    return stamp_ns(said.timestamp)

@@ -26,7 +26,7 @@ from drivers.remote import remote_devices
 from perception.calibrate import HandEye, board_image
 from planning.robot import Robot, hand_from_color
 
-app = typer.Typer(help="Where the camera sits in the hand: find it, check it.", no_args_is_help=True)
+calibrate = typer.Typer(help="Where the camera sits in the hand: find it, check it.", no_args_is_help=True)
 _PIXELS_PER_M = 10_000.0
 
 
@@ -53,7 +53,7 @@ def _surveyor(station: Station, quiet: bool) -> Iterator[Surveyor]:
             supervisor.close()
 
 
-@app.command("hand-eye")
+@calibrate.command("hand-eye")
 def find(
     config: Config = DEFAULT_STATION,
     overrides: Set = None,
@@ -97,7 +97,7 @@ def _write(config: Path, position_m: Sequence[float], wxyz: Sequence[float], not
         out.print(f"written to {config}, the old values kept as comments")
 
 
-@app.command()
+@calibrate.command()
 def check(config: Config = DEFAULT_STATION, overrides: Set = None, as_json: Json = False) -> None:
     """Look at the board from five sides: is the calibration still right? Nothing is touched. Exit 1: it is not."""
     station = load_station(config, overrides or [])
@@ -117,7 +117,7 @@ def check(config: Config = DEFAULT_STATION, overrides: Set = None, as_json: Json
         raise typer.Exit(1)
 
 
-@app.command()
+@calibrate.command()
 def board(
     output: Annotated[Path, typer.Option("--output", "-o", help="PNG to write.")] = Path("board.png"),
     config: Config = DEFAULT_STATION,

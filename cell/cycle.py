@@ -9,7 +9,6 @@ from typing import Literal, TypeVar
 
 from bus import topics
 from bus.arrays import Transform
-from bus.codec import transforms_to_wire
 from bus.codes import Code
 from bus.errors import (
     ArmReflex,
@@ -36,6 +35,7 @@ from bus.messages import (
     View,
 )
 from bus.topics import Topic
+from bus.wire import transforms_to_wire
 from cell.capture import capture, require_sight
 from cell.cyclelog import CycleLog
 from cell.detect import detect_unless_halted

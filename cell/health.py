@@ -11,13 +11,14 @@ import time
 from collections.abc import Callable
 
 from bus import topics
-from bus.codec import arm_stamp_ns, decode
+from bus.codec import decode
 from bus.codes import Code
 from bus.commands import CellHealth, Health, NodeHealth
 from bus.errors import BadPayload, CycleFailure
 from bus.heard import Heard
 from bus.messages import HandState
 from bus.session import Bus
+from bus.wire import arm_stamp_ns
 from config.schema import Station
 
 _log = logging.getLogger(__name__)

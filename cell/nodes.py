@@ -29,6 +29,7 @@ from bus.faulty import FaultyBus
 from bus.frozen import Message
 from bus.remote_errors import error_from_reply, error_reply
 from bus.session import Bus
+from cell import LOG_FORMAT
 from cell.arenas import share_arenas
 from cell.leases import CELL_CLIENT
 from config.load import station_from
@@ -37,7 +38,6 @@ from drivers.node import Node
 from drivers.registry import open_devices
 
 _log = logging.getLogger(__name__)
-LOG_FORMAT = "%(levelname)s %(name)s: %(message)s"
 START_TIMEOUT_S = 60.0
 _STOP_TIMEOUT_S = 5.0
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.5, 30.0

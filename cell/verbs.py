@@ -38,21 +38,8 @@ def pick(
         raise typer.Exit(1)
 
 
-SIMPLE: tuple[tuple[str, str, set[str]], ...] = (
-    ("reset", "Self-check, arm to the capture pose; ends in Idle.", _SETTLED),
-    ("stop", "Controlled stop: brake on the path, confirm by the measured velocity; ends in Stopped.", _SETTLED),
-    ("abort", "Brake now; ends in Aborted. Then: clear, reset, start - three deliberate acts.", _SETTLED),
-    ("clear", "Clear an abort; ends in Stopped.", _SETTLED),
-    ("hold", "Pause a running cycle: brake on the path and wait there; ends in Held.", {"Held"}),
-    ("unhold", "Go on with a held cycle; returns when it runs again.", _RUNS_AGAIN),
-    ("suspend", "Pause for a reason outside the cell; brakes as hold does; ends in Suspended.", {"Suspended"}),
-    ("unsuspend", "Go on with a suspended cycle; returns when it runs again.", _RUNS_AGAIN),
-)
-"""The commands without arguments: verb, help, and the states in which it is done."""
-
-
-def simple(verb: str, until: set[str]) -> Callable[..., None]:
-    """The command line of one of `SIMPLE`: send it, wait until it is done, or ended; print the state."""
+def _simple(verb: str, help_text: str, until: set[str] = _SETTLED) -> Callable[..., None]:
+    """The command without arguments ``verb``: send it, wait for a state of ``until``, or an end; print the state."""
 
     def run(config: Config = DEFAULT_STATION, overrides: Set = None, as_json: Json = False) -> None:
         with client.connect(load_station(config, overrides or [])) as cell:
@@ -65,7 +52,20 @@ def simple(verb: str, until: set[str]) -> Callable[..., None]:
         if state.state not in wanted or (state.state == "Aborted" and verb != "abort"):
             raise typer.Exit(1)
 
+    run.__doc__ = help_text
     return run
+
+
+reset = _simple("reset", "Self-check, arm to the capture pose; ends in Idle.")
+stop = _simple("stop", "Controlled stop: brake on the path, confirm by the measured velocity; ends in Stopped.")
+abort = _simple("abort", "Brake now; ends in Aborted. Then: clear, reset, start - three deliberate acts.")
+clear = _simple("clear", "Clear an abort; ends in Stopped.")
+hold = _simple("hold", "Pause a running cycle: brake on the path and wait there; ends in Held.", {"Held"})
+unhold = _simple("unhold", "Go on with a held cycle; returns when it runs again.", _RUNS_AGAIN)
+suspend = _simple(
+    "suspend", "Pause for a reason outside the cell; brakes as hold does; ends in Suspended.", {"Suspended"}
+)
+unsuspend = _simple("unsuspend", "Go on with a suspended cycle; returns when it runs again.", _RUNS_AGAIN)
 
 
 def status(config: Config = DEFAULT_STATION, overrides: Set = None, as_json: Json = False) -> None:

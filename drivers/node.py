@@ -9,7 +9,7 @@ from contextlib import suppress
 from typing import TypeVar
 
 from bus import topics
-from bus.codec import arm_state_to_wire, decode, frame_to_wire
+from bus.codec import decode
 from bus.commands import HandGrasp, HandMove, Health, Nothing, PresentRequest
 from bus.errors import BusError, CellError
 from bus.faulty import FaultyBus, Spoilable, answer_faults
@@ -18,6 +18,7 @@ from bus.heard import Heard
 from bus.session import Bus
 from bus.topics import Topic, encoding_of
 from bus.trajectory import Trajectory
+from bus.wire import arm_state_to_wire, frame_to_wire
 from config.schema import Station
 from drivers.faulty import faulty_devices
 from drivers.guard import Guard, HandGuard

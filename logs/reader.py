@@ -19,10 +19,11 @@ from mcap.records import Attachment, Channel, Message, Metadata
 from mcap.stream_reader import StreamReader
 
 from bus import topics
-from bus.codec import decode, frame_from_wire
+from bus.codec import decode
 from bus.commands import CellState, Event, Health
 from bus.errors import BadPayload, RecordingError
 from bus.messages import Attempt, CycleResult, Execution, Frame, HandState, ModelReply, Observation, StageRecord, View
+from bus.wire import frame_from_wire
 from logs.migrate import Content, migrate
 from logs.recorder import PART
 

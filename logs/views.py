@@ -28,11 +28,11 @@ from scipy.spatial.transform import Rotation
 
 from bus import topics
 from bus.arrays import Joints, Mask, Transform
-from bus.codec import stamp
 from bus.commands import Event
 from bus.frozen import Message
 from bus.messages import Detections, Grasp, PickPlan, Rectangle, Segment, StageRecord, View
 from bus.topics import Topic
+from bus.wire import stamp
 
 Array = npt.NDArray[Any]
 Drawn = tuple[Topic, bytes]

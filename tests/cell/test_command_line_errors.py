@@ -77,3 +77,12 @@ def test_a_recording_that_is_none(in_process: Run, tmp_path: Path, command: str,
 def test_a_wrong_command_is_a_usage_error() -> None:
     done = _process("dance")
     assert done.returncode == 2 and "dance" in done.stderr and "Traceback" not in done.stderr
+
+
+def test_a_stop_imports_nothing_that_only_others_need() -> None:
+    """An operator in a hurry waits for every import."""
+    source = "import sys; from cell.commands import command_line; command_line('stop'); print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", source], capture_output=True, text=True, check=True)
+    assert set(done.stdout.split()) & {"cell.client", "cell.daemon", "planning", "perception", "logs", "scipy"} == {
+        "cell.client"
+    }

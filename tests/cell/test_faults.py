@@ -14,8 +14,8 @@ from benchmarks.trials import Outcome, Trial, trials
 from bus.errors import ConfigError, Refused
 from bus.faults import PARTS, Fault
 from cell import client
-from cell.__main__ import app
 from cell.build import running_cell
+from cell.commands import command_line
 from cell.faults import ROWS, Row
 from cell.replay import replay_file
 from config.load import load_station
@@ -89,9 +89,9 @@ def test_where_faults_are_not_allowed_nobody_listens(tmp_path: Path, endpoint: s
                 cell.fault(part, Fault.OFF)
             assert refusal.value.exit_code == 3
         command = ["fault", "arm", "off", *(word for option in options for word in ("--set", option))]
-        outcome = CliRunner().invoke(app, command)
+        outcome = CliRunner().invoke(command_line(), command)
         assert isinstance(outcome.exception, Refused)
-        assert CliRunner().invoke(app, ["fault", "leg", "off"]).exit_code == 2
+        assert CliRunner().invoke(command_line(), ["fault", "leg", "off"]).exit_code == 2
 
 
 def test_a_station_cannot_have_a_fault_that_it_does_not_allow() -> None:

@@ -12,12 +12,13 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from bus.codec import arm_state_to_wire, encode
+from bus.codec import encode
 from bus.codes import Code
 from bus.commands import CellHealth, Health, LoopHealth
 from bus.errors import CycleFailure
 from bus.heard import Heard
 from bus.messages import ArmMode, ArmState, HandState
+from bus.wire import arm_state_to_wire
 from cell import client
 from cell.health import Watch
 from config.load import load_station

@@ -10,7 +10,7 @@ from typer.testing import CliRunner, Result
 
 from bus.codes import Code
 from bus.errors import ConfigError, RecordingError
-from cell.__main__ import app
+from cell.commands import command_line
 from logs.recorder import Recorder
 
 EARLY, LATE = "20260101T080000000", "20260101T120000000"
@@ -35,7 +35,7 @@ def _recorded(folder: Path, cycle_id: str, result: dict[str, str]) -> None:
 
 
 def _cell(*arguments: str) -> Result:
-    return CliRunner().invoke(app, arguments)
+    return CliRunner().invoke(command_line(), arguments)
 
 
 def test_cycles_are_listed_newest_first_one_a_line(station: list[str]) -> None:

@@ -19,7 +19,7 @@ from bus.commands import CellState
 from bus.errors import ConfigError, NoReply, RecordingError, Refused
 from bus.messages import Alignment, Detections
 from bus.session import Bus
-from cell.__main__ import app
+from cell.commands import command_line
 from cell.replay import Replay, Request, replay
 from cell.replay_folder import replay_folder
 from cell.replay_view import consequence, to_json, verdict
@@ -119,10 +119,12 @@ def test_a_folder_is_summed_up_and_what_cannot_be_read_is_named(tmp_path: Path, 
     assert told == ["one.mcap equal", "two.mcap unreadable"]
     assert tally.exit_code == 2 and list(tally.unreadable) == [str(tmp_path / "two.mcap")]
     (tmp_path / "two.mcap").unlink()
-    said = CliRunner().invoke(app, ["replay", str(tmp_path), "--only", "verify", "--json"])
+    said = CliRunner().invoke(command_line(), ["replay", str(tmp_path), "--only", "verify", "--json"])
     summary = json.loads(said.stdout)
     assert (said.exit_code, summary["cycles"], summary["equal"]) == (0, 1, 1)
-    different = CliRunner().invoke(app, ["replay", str(tmp_path), "--set", "verify.min_load_n=50", "--only", "verify"])
+    different = CliRunner().invoke(
+        command_line(), ["replay", str(tmp_path), "--set", "verify.min_load_n=50", "--only", "verify"]
+    )
     assert different.exit_code == 1 and "first in verify/verify, held" in different.stdout
 
 

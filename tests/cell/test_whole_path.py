@@ -21,7 +21,7 @@ from typer.testing import CliRunner
 from bus.errors import Refused
 from bus.session import Bus
 from cell import client
-from cell.__main__ import app
+from cell.commands import command_line
 from config.schema import Station
 from drivers.remote import RemoteArm
 from logs.reader import read_cycle
@@ -183,7 +183,7 @@ def test_sigterm_stops_the_cell_and_leaves_no_process(daemon: Cell) -> None:
 
 def _in_process(*arguments: str) -> str:
     """What a ``cell`` command prints; run here, a new process would miss the motion."""
-    done = CliRunner().invoke(app, list(arguments), catch_exceptions=False)
+    done = CliRunner().invoke(command_line(), list(arguments), catch_exceptions=False)
     assert done.exit_code == 0, done.output
     return done.output
 

@@ -15,11 +15,11 @@ from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from websockets.sync.client import ClientConnection, connect
 
 from bus import topics
-from bus.codec import frame_to_wire
 from bus.commands import CellState, Event
 from bus.errors import ConfigError
 from bus.messages import Frame
 from bus.session import Bus
+from bus.wire import frame_to_wire
 from logs import live
 
 pytest.importorskip("foxglove", reason="foxglove-sdk is not installed")

@@ -12,7 +12,7 @@ import pytest
 from mcap.writer import Writer
 
 from bus import topics
-from bus.codec import encode, frame_from_wire, frame_to_wire
+from bus.codec import encode
 from bus.codes import Code
 from bus.commands import CellState, Event
 from bus.errors import RecordingError
@@ -36,6 +36,7 @@ from bus.messages import (
 )
 from bus.topics import Topic, encoding_of
 from bus.trajectory import Trajectory
+from bus.wire import frame_from_wire, frame_to_wire
 from logs.compare import compare
 from logs.migrate import SCHEMA_VERSION
 from logs.reader import CycleRecord, read_cycle

@@ -16,10 +16,11 @@ from mcap.reader import NonSeekingReader, make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from bus import topics
-from bus.codec import encode, frame_to_wire
+from bus.codec import encode
 from bus.errors import BadPayload, RecordingError
 from bus.messages import Frame, HandState
 from bus.topics import encoding_of
+from bus.wire import frame_to_wire
 from logs.recorder import PART, Recorder, ensure_space
 
 NOW_NS = 1_700_000_000_000_000_000

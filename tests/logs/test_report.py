@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
 
-from bus.codec import arm_state_to_wire
 from bus.commands import Event, Health
 from bus.errors import RecordingError
 from bus.messages import ArmMode, ArmState, Attempt
+from bus.wire import arm_state_to_wire
 from logs.days import INDEX, days, write_cycle, write_day
 from logs.reader import Timed, read_cycle
 from logs.report import configuration_changes, write_report

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from bus import topics
-from bus.codec import stamp_ns
 from bus.codes import Code
 from bus.commands import Event
 from bus.messages import Frame
+from bus.wire import stamp_ns
 from logs.reader import CycleRecord, read_cycle
 from logs.views import Views
 
