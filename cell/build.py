@@ -9,8 +9,8 @@ from contextlib import closing, contextmanager
 from bus.errors import ConfigError
 from bus.secured import is_loopback
 from bus.session import Bus
-from cell.arenas import share_arenas
 from cell.daemon import Daemon
+from cell.memory import settled, share_arenas
 from cell.nodes import Supervisor
 from cell.voice import Observer
 from config.schema import Station
@@ -54,7 +54,8 @@ def running_cell(station: Station, observer: Observer) -> Iterator[Daemon]:
             daemon.open()
             daemon.voice.say_recovered(recover_leftovers(station.recording.folder))
             try:
-                yield daemon
+                with settled():
+                    yield daemon
             finally:
                 daemon.close()
         finally:

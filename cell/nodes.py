@@ -30,8 +30,8 @@ from bus.frozen import Message
 from bus.remote_errors import error_from_reply, error_reply
 from bus.session import Bus
 from cell import LOG_FORMAT
-from cell.arenas import share_arenas
 from cell.leases import CELL_CLIENT
+from cell.memory import settled, share_arenas
 from config.load import station_from
 from config.schema import Station
 from drivers.node import Node
@@ -217,7 +217,8 @@ def _serve_supervised(name: str, stdin: IO[str], stdout: IO[str]) -> int:
             node = Node(name, bus, open_devices(station.nodes[name].driver, station), station)
             node.open()
             _say(stdout, Ready(node=name, pid=os.getpid()))
-            stdin.read()
+            with settled():
+                stdin.read()
             node.close()
     except CellError as error:
         _say(stdout, Ready(node=name, pid=os.getpid(), error=error_reply(error)))
@@ -230,6 +231,7 @@ def serve_until_interrupted(name: str, station: Station) -> None:
 
     When the cell goes, or the link to it, the arm stops: no stop of the cell could reach it any more.
     """
+    share_arenas()
     ended = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: ended.set())
@@ -244,7 +246,8 @@ def serve_until_interrupted(name: str, station: Station) -> None:
 
         bus.watch_alive(topics.LEASE, change)
         try:
-            ended.wait()
+            with settled():
+                ended.wait()
         finally:
             node.close()
 
