@@ -27,6 +27,7 @@ from benchmarks import (
     travel,
 )
 from benchmarks.drifted import REGIMES
+from benchmarks.openness import trouble
 from bus.commands import CommandRequest
 from bus.errors import CellError
 from bus.messages import CycleResult
@@ -234,6 +235,7 @@ def _figures(results: list[CycleResult]) -> dict[str, Any]:
         "by_result": Counter(result.result for result in results),
         "by_code": Counter(str(result.code) for result in results if result.code),
         "failed_objects": Counter(result.object for result in results if result.result != "SUCCESS"),
+        "unreadable": [why for result in results if (why := trouble(Path(result.recording)))],
         "wall_s_median": median(result.wall_s for result in results),
         "stage_s_median": {
             name: median(result.stages[name] for result in results if name in result.stages) for name in sorted(stages)

@@ -16,6 +16,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import NamedTuple
 
+from benchmarks.openness import trouble
 from bus.errors import BusError, CellUnreachable, RecordingError, Refused
 from bus.heard import Heard
 from bus.session import Bus
@@ -116,7 +117,11 @@ def _recorded(folder: Path) -> Stages:
     parts = [path.name for path in folder.rglob("*.part")]
     if parts:
         raise RecordingError(f"Not recovered: {', '.join(parts)}.")
-    records = [read_cycle(path) for path in folder.rglob("*.mcap")]
+    paths = list(folder.rglob("*.mcap"))
+    for path in paths:
+        if why := trouble(path):
+            raise RecordingError(why)
+    records = [read_cycle(path) for path in paths]
     return {(record.cycle_id, stage) for record in records for stage in record.stages}
 
 

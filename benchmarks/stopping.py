@@ -20,12 +20,14 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
 from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
 
+from benchmarks.openness import trouble
 from bus import topics
 from bus.frozen import Message
 from bus.heard import Heard
@@ -171,6 +173,8 @@ class _Bench:
                 with client.connect(self.station) as cell:
                     cell.command("stop")
             _wait(lambda: self.witness.result is not None)
+        assert self.witness.result is not None
+        assert not (why := trouble(Path(self.witness.result.recording))), why
         brake_ns = _brake_ns(self.witness, started_ns)
         if brake_ns is None or rest_ns is None:
             return None

@@ -14,6 +14,7 @@ import numpy as np
 from mcap.records import Attachment
 from mcap.stream_reader import StreamReader
 
+from benchmarks.openness import trouble
 from bus.codes import Code
 from bus.errors import RecordingError
 from bus.messages import CycleResult
@@ -104,14 +105,15 @@ def explains(trial: Trial, was_injected: bool, result: CycleResult, objects_left
 
 
 def is_logged(result: CycleResult, trial: Trial) -> bool:
-    """A recording that says the same; after a fault of the disk, what was written before, if anything could be."""
+    """A recording that says the same, to others as well; after a fault of the disk, what was written before it."""
     path = Path(result.recording)
     if result.code is not Code.RECORDING:
         try:
             recorded = read_cycle(path).result
         except RecordingError:
             return False
-        return recorded is not None and (recorded.result, recorded.code) == (result.result, result.code)
+        says_so = recorded is not None and (recorded.result, recorded.code) == (result.result, result.code)
+        return says_so and not trouble(path)
     if trial.moment == "begin" or (trial.row is not None and trial.row.word == "garbage"):
         return True
     try:
