@@ -14,6 +14,7 @@ from bus.remote_errors import error_from_reply
 from bus.topics import encoding_of
 
 AS_ERROR = encoding_of(ErrorReply)  # a timeout is not: Zenoh itself says it
+_ROUTES_S, _AGAIN_S = 1.0, 0.002
 
 
 def replies_to(
@@ -21,9 +22,10 @@ def replies_to(
 ) -> list[zenoh.Reply]:
     """Zenoh's replies to a question on ``name`` below ``root``.
 
-    A queryable that is not yet in the routing table is asked again for a moment. Raises: BusError after close.
+    A queryable that is not yet in the routing table of a new session is asked again for a moment: often, a stop may be
+    waiting. Raises: BusError after close.
     """
-    give_up = time.monotonic() + min(1.0, timeout_s)
+    give_up = time.monotonic() + min(_ROUTES_S, timeout_s)
     while True:
         try:
             replies = list(
@@ -39,7 +41,7 @@ def replies_to(
             raise BusError(f"Cannot ask {name}: the bus is closed.") from error
         if replies or time.monotonic() > give_up:
             return replies
-        time.sleep(0.05)
+        time.sleep(_AGAIN_S)
 
 
 def heard_in(replies: list[zenoh.Reply], root: str, name: str, timeout_s: float, record: Tap) -> list[Heard]:
