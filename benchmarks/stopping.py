@@ -2,8 +2,9 @@
 
 Brake: the first control tick (1 kHz) whose command departs from the planned motion. Its wall time comes from the arm's
 published states, matched with the motion's own samples: the simulated arm plays ten ticks at a time, so a figure may be
-up to 10 ms too long, or its instant that much too early. Rest: the first published state after which no joint is
-faster than `REST_RAD_S`. The lease is lost by the SIGKILL of the process that holds it.
+up to 10 ms too long, or its instant that much too early. An arm that slows down by plan may already brake as hard as it
+can, and depart from nothing: such a pick is tried again. Rest: the first published state after which no joint is faster
+than `REST_RAD_S`. The lease is lost by the SIGKILL of the process that holds it.
 
 A node that is frozen (SIGSTOP) cannot brake its arm, nor can anything here measure it: in simulation the frozen arm
 does not move at all. What is measured: ``noticed_ms``, SIGSTOP until the cell aborts, and, when the node goes on
@@ -48,6 +49,7 @@ _MOVING_RAD_S = 0.3
 _SAME_RAD = 1e-9
 _RECENT_NS = 2e8
 """States older than this tell nothing of a simulator that has fallen behind meanwhile."""
+_SOON_TICKS, _SLOWER = 20, 0.99
 _PATIENCE_S = 60.0
 _AFTER_S = 2.0
 """How long the arm of a node that goes on is looked at."""
@@ -233,7 +235,7 @@ def _make_idle(cell: client.Client) -> None:
 
 
 def _brake_ns(witness: Witness, triggered_ns: int) -> int | None:
-    """UTC of the first tick that departs from the plan; None when none does."""
+    """UTC of the first tick that departs from the plan; None when none does, or it could not tell."""
     if witness.plan is None or witness.execution is None:
         return None
     run = witness.execution.runs[-1]
@@ -249,7 +251,16 @@ def _brake_ns(witness: Witness, triggered_ns: int) -> int | None:
     since_ns = triggered_ns - min(tick * 1e6, _RECENT_NS)
     during = [one for one in witness.states if since_ns < one.stamp_ns < triggered_ns]
     zero_ns = _tick_zero_ns(during, run.motion.t_s, run.motion.q_rad, tick * TICK_S)
-    return None if zero_ns is None else zero_ns + round(tick * 1e6)
+    if zero_ns is None or _slows(planned, round((triggered_ns - zero_ns) / 1e6)):
+        return None
+    return zero_ns + round(tick * 1e6)
+
+
+def _slows(planned: np.ndarray, tick: int) -> bool:
+    """Whether the fastest joint of planned commands (n, 7) is slower soon after ``tick`` than it is then."""
+    speed_rad = np.abs(np.diff(planned, axis=0)).max(axis=1)
+    now, soon = np.clip([tick, tick + _SOON_TICKS], 0, len(speed_rad) - 1)
+    return bool(speed_rad[soon] < speed_rad[now] * _SLOWER)
 
 
 def _tick_zero_ns(states: list[Moment], t_s: np.ndarray, q_rad: np.ndarray, until_s: float) -> int | None:
