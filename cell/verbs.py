@@ -33,7 +33,8 @@ def pick(
     if as_json:
         print_json(result.model_dump_json())
     else:
-        out.print(f"{result.result} {result.code or ''} {result.object}: {result.reason}\n  {result.recording}")
+        outcome = " ".join(filter(None, (result.result, result.code, result.object)))
+        out.print(f"{outcome}: {result.reason}\n  {result.recording}")
     if result.result not in ("SUCCESS", "EMPTY"):
         raise typer.Exit(1)
 
