@@ -265,4 +265,6 @@ def _say(stdout: IO[str], ready: Ready) -> None:
 
 if __name__ == "__main__":  # the child: spared the imports of the command line
     logging.basicConfig(level=logging.WARNING, format=LOG_FORMAT)
-    sys.exit(_serve_supervised(sys.argv[1], sys.stdin, _own_stdout()))
+    code = _serve_supervised(sys.argv[1], sys.stdin, _own_stdout())
+    logging.shutdown()
+    os._exit(code)  # at once: a thread that is still inside MuJoCo or an SDK would end in an abort of the interpreter
