@@ -27,8 +27,14 @@ class Feed:
             self._names = self._feeder.truth().names
 
     def require_possible(self, request: CommandRequest) -> None:
-        """Raises: Refused for what the simulated table cannot do."""
+        """Raises: Refused for what the table cannot do: the simulated one, or a real one."""
         if self._feeder is None:
+            if request.object is not None:
+                raise Refused(
+                    f"Only a simulated cell presents an object: {request.object!r} cannot be.",
+                    "Pick without naming one. To choose what is picked, set perception.target.",
+                    code="NOT_SIMULATED",
+                )
             return
         if request.until_empty and not self._is_filled:
             raise Refused(

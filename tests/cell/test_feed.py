@@ -76,3 +76,11 @@ def test_an_unknown_object_is_refused_with_those_there_are() -> None:
     with pytest.raises(Refused, match=r"no object 'unicorn'\. There are: cup, drone, spatula\.") as refusal:
         feed.require_possible(CommandRequest(object="unicorn"))
     assert refusal.value.code == "UNKNOWN_OBJECT"
+
+
+def test_a_real_table_cannot_present_an_object_by_name() -> None:
+    feed = Feed(None, load_station())
+    feed.require_possible(CommandRequest())
+    with pytest.raises(Refused, match=r"Only a simulated cell .*perception\.target") as refusal:
+        feed.require_possible(CommandRequest(object="cup"))
+    assert refusal.value.code == "NOT_SIMULATED"
