@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from benchmarks.openness import trouble
+from benchmarks.stopping import make_idle
 from bus.errors import BusError, CellUnreachable, RecordingError, Refused
 from bus.heard import Heard
 from bus.session import Bus
@@ -100,11 +101,7 @@ def _is_made_ready(station: Station) -> str:
     with _cell(station) as process:
         try:
             with client.connect(station) as operator:
-                if operator.state().state == "Aborted":
-                    operator.command("clear")
-                    operator.wait_for_state({"Stopped"}, _PATIENCE_S)
-                operator.command("reset")
-                operator.wait_for_state({"Idle"}, _PATIENCE_S)
+                make_idle(operator)
         except (BusError, Refused) as error:
             return str(error)
         process.terminate()

@@ -207,7 +207,7 @@ class _Bench:
     def _moving_pick(self) -> Iterator[subprocess.Popen[bytes]]:
         """The process that holds the lease of a pick whose arm has been moving for a random while."""
         with client.connect(self.station) as cell:
-            _make_idle(cell)
+            make_idle(cell)
         command = [sys.executable, "-c", _PICKER, *self.overrides]
         picker = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL)
         try:
@@ -223,7 +223,7 @@ class _Bench:
         _wait(lambda: self.daemon.machine.state in states, period_s)
 
 
-def _make_idle(cell: client.Client) -> None:
+def make_idle(cell: client.Client) -> None:
     """From wherever the last pick ended; the lease is given back when ``cell`` closes."""
     state = cell.wait_for_state({"Stopped", "Aborted", "Complete", "Idle"}, _PATIENCE_S).state
     if state == "Aborted":

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import threading
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +14,7 @@ from bus import topics
 from bus.codec import decode, encode
 from bus.commands import Event, Nothing
 from bus.errors import BadPayload
-from bus.faults import Fault, FaultRequest
+from bus.faults import Fault, FaultRequest, Faulty
 from bus.frozen import Message
 from bus.heard import Handler, Heard
 from bus.session import Bus
@@ -33,7 +32,7 @@ class Spoilable(Protocol):
     delay_s: float
 
 
-class FaultyBus(Bus):
+class FaultyBus(Faulty, Bus):
     """A `Bus` whose link is ``fault``. What others publish is heard all the same, but with ``off``.
 
     ``off``: the session is closed, for good. ``stuck``: nothing is answered or published. ``garbage``: random bytes
@@ -41,22 +40,15 @@ class FaultyBus(Bus):
     """
 
     def __init__(self, session: zenoh.Session, cell_id: str, security: Path | None = None) -> None:
-        super().__init__(session, cell_id, security)
-        self._fault = Fault.NONE
-        self._turn = threading.Condition()
+        Faulty.__init__(self, Fault.NONE, delay_s=1.0)
+        Bus.__init__(self, session, cell_id, security)
         self._kept: list[zenoh.Query] = []  # never answered while stuck; guarded by `_turn`
-        self.delay_s = 1.0
 
-    @property
-    def fault(self) -> Fault:
-        return self._fault
-
-    @fault.setter
-    def fault(self, fault: Fault) -> None:
+    def _on_fault(self, fault: Fault) -> None:
+        if fault is Fault.STUCK:
+            return
         with self._turn:
-            self._fault = Fault(fault)
             kept, self._kept = self._kept, []
-            self._turn.notify_all()
         for query in kept:
             query.drop()  # type: ignore[no-untyped-call]
 
