@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import re
+from collections import OrderedDict
+from collections.abc import Sequence
 
 import zenoh
 
 from bus.asking import AS_ERROR
 from bus.codec import encode
 from bus.commands import ErrorReply
-from bus.errors import BadPayload, CellError
+from bus.errors import BadPayload, CellError, Refused
 from bus.frozen import Message
-from bus.heard import Handler, Heard, Tap
+from bus.heard import Asked, Handler, Heard, Tap
 from bus.remote_errors import error_reply
 from bus.secured import MAX_PAYLOAD_BYTES
 from bus.topics import Topic, encoding_of
@@ -20,43 +22,87 @@ MAX_RECORDED_QUESTION_BYTES = 64 * 1024
 """Longer questions to a cell that records are a stranger's; its commands have some hundred bytes."""
 
 _FIELD = re.compile(r"\{\w+\}")
+_REMEMBERED = 4
 
 
-def reply_to(query: zenoh.Query, topic: Topic, handler: Handler, root: str, record: Tap) -> None:
+class Answers:
+    """What was answered on one topic that acts: the same question, asked again, gets the same answer and no second act."""
+
+    def __init__(self) -> None:
+        self._by_question: OrderedDict[tuple[str, int], Sequence[Heard]] = OrderedDict()
+
+    def known(self, question: Asked) -> Sequence[Heard] | None:
+        """The answer to this very question, if it was given lately."""
+        return self._by_question.get((question.source, question.number)) if question.source else None
+
+    def keep(self, question: Asked, answer: Sequence[Heard]) -> None:
+        if not question.source:  # it names no number: its handler must tell by the payload (command_id)
+            return
+        self._by_question[question.source, question.number] = answer
+        while len(self._by_question) > _REMEMBERED:
+            self._by_question.popitem(last=False)
+
+
+def reply_to(
+    query: zenoh.Query, question: Asked, topic: Topic, handler: Handler, root: str, record: Tap, answers: Answers
+) -> None:
     """Ask ``handler`` and reply, below ``root``; the question and what was said are recorded together, then.
 
     A defect of the handler is answered too, and raised on.
     """
-    payload = query.payload.to_bytes() if query.payload is not None else b"{}"
-    verb = str(query.key_expr).rpartition("/")[2]
-    name = _FIELD.sub(verb, topic.key)  # not the question's key: that may be a pattern over many cells
-    try:
-        if len(payload) > MAX_PAYLOAD_BYTES:
-            raise BadPayload(f"The payload has {len(payload)} bytes; at most {MAX_PAYLOAD_BYTES} are accepted.")
-        answer = handler(payload, {"verb": verb})
-    except CellError as error:
-        said = encode(error_reply(error))
-        _record(record, topic, name, payload, [Heard(f"{name}/error", AS_ERROR, said)])
-        query.reply_err(said, encoding=AS_ERROR)
+    name = _FIELD.sub(lambda _: question.verb, topic.key)  # not the question's key: it may be a pattern over many cells
+    known = answers.known(question) if topic.acts else None
+    if known is not None:
+        _send(query, root, known)
         return
-    except Exception as error:
-        query.reply_err(encode(_defect(error)), encoding=AS_ERROR)
+    payload = query.payload.to_bytes() if question.has_payload and query.payload is not None else b"{}"
+    try:
+        answer = _answer(handler, payload, question, name)
+    except CellError as error:
+        answer = [Heard(f"{name}/error", AS_ERROR, encode(error_reply(error)))]
+    except Exception as defect:
+        query.reply_err(encode(_defect(defect)), encoding=AS_ERROR)
         raise
+    _record(record, topic, name, payload, answer)
+    if topic.acts:
+        answers.keep(question, answer)
+    _send(query, root, answer)
+
+
+def refuse(query: zenoh.Query, why: Refused) -> None:
+    """Answer with a refusal, and record nothing: it asked for nothing that this cell does."""
+    query.reply_err(encode(error_reply(why)), encoding=AS_ERROR)
+
+
+def _answer(handler: Handler, payload: bytes, question: Asked, name: str) -> list[Heard]:
+    """Raises: BadPayload for a question too large, or whose asker cannot take the answer; what the handler raises."""
+    if len(payload) > MAX_PAYLOAD_BYTES:
+        raise BadPayload(f"The payload has {len(payload)} bytes; at most {MAX_PAYLOAD_BYTES} are accepted.")
+    answer = handler(payload, question)
     if isinstance(answer, Message):
-        answer = [Heard(name, encoding_of(type(answer)), encode(answer))]
-    told = [part._replace(key=f"{name}/reply") if part.key == name else part for part in answer]
-    _record(record, topic, name, payload, told)
+        return [Heard(name, encoding_of(type(answer)), encode(answer))]
+    if not question.takes_any_key:
+        raise BadPayload(f"{name!r} is answered on several keys.", "Ask with accept_replies = ANY.")
+    return answer
+
+
+def _send(query: zenoh.Query, root: str, answer: Sequence[Heard]) -> None:
     for part in answer:
-        query.reply(f"{root}{part.key}", part.payload, encoding=part.encoding)
+        if part.encoding == AS_ERROR:
+            query.reply_err(part.payload, encoding=AS_ERROR)
+        else:
+            query.reply(f"{root}{part.key}", part.payload, encoding=part.encoding)
 
 
-def _record(record: Tap, topic: Topic, name: str, question: bytes, told: list[Heard]) -> None:
+def _record(record: Tap, topic: Topic, name: str, question: bytes, answer: Sequence[Heard]) -> None:
     """What we were asked and said. What is far too long is not kept."""
     if topic.logged and len(question) <= MAX_RECORDED_QUESTION_BYTES:
-        for heard in (Heard(f"{name}/query", encoding_of(topic.asks), question), *told):
-            record(heard)
+        record(Heard(f"{name}/query", encoding_of(topic.asks), question))
+        for part in answer:
+            record(part._replace(key=f"{name}/reply") if part.key == name else part)
 
 
 def _defect(error: Exception) -> ErrorReply:
-    text = f"{type(error).__name__}: {error}"
-    return ErrorReply(error="CellError", code="INTERNAL", text=text, advice="This is a defect.")
+    return ErrorReply(
+        code="INTERNAL", reason=f"{type(error).__name__}: {error}", advice="This is a defect: please report it."
+    )

@@ -2,53 +2,100 @@
 
 from __future__ import annotations
 
+import queue
 import time
 
 import zenoh
 
 from bus.codec import decode
 from bus.commands import ErrorReply
-from bus.errors import BusError, CellError, ReplyTimeout
+from bus.errors import BusError, CellError, ReplyTimeout, TwoAnswers
 from bus.heard import Heard, Tap
 from bus.remote_errors import error_from_reply
 from bus.topics import encoding_of
 
 AS_ERROR = encoding_of(ErrorReply)  # a timeout is not: Zenoh itself says it
 _ROUTES_S, _AGAIN_S = 1.0, 0.002
+_OTHERS_S = 0.5
+"""Who serves a key alone ends its replies with the last of them."""
 
 
 def replies_to(
-    session: zenoh.Session, root: str, name: str, question: bytes, encoding: str, timeout_s: float
+    session: zenoh.Session,
+    key: str,
+    question: bytes,
+    encoding: str,
+    timeout_s: float,
+    source: zenoh.SourceInfo,
+    others_s: float = _OTHERS_S,
 ) -> list[zenoh.Reply]:
-    """Zenoh's replies to a question on ``name`` below ``root``.
+    """Zenoh's replies to a question on the whole ``key``: those of every session that serves it.
 
     A queryable that is not yet in the routing table of a new session is asked again for a moment: often, a stop may be
-    waiting. Raises: BusError after close.
+    waiting. It is the same question then, with the same number in ``source``: whatever acts, acts once.
+
+    Args:
+        others_s: how long after the first reply everybody else may take.
+
+    Raises: BusError after close; TwoAnswers when somebody else serves the key too, and lets the question wait.
     """
-    give_up = time.monotonic() + min(_ROUTES_S, timeout_s)
+    give_up_s = time.monotonic() + min(_ROUTES_S, timeout_s)
     while True:
+        arriving: queue.SimpleQueue[zenoh.Reply | None] = queue.SimpleQueue()  # None: nobody replies any more
         try:
-            replies = list(
-                session.get(
-                    f"{root}{name}",
-                    payload=question,
-                    encoding=encoding,
-                    timeout=timeout_s,
-                    accept_replies=zenoh.ReplyKeyExpr.ANY,
-                )
+            session.get(
+                key,
+                zenoh.handlers.Callback(arriving.put, lambda: arriving.put(None)),  # noqa: B023 - of this very round
+                payload=question,
+                encoding=encoding,
+                timeout=timeout_s,
+                target=zenoh.QueryTarget.ALL,
+                consolidation=zenoh.ConsolidationMode.NONE,
+                accept_replies=zenoh.ReplyKeyExpr.ANY,
+                source_info=source,
             )
         except zenoh.ZError as error:
-            raise BusError(f"Cannot ask {name}: the bus is closed.") from error
-        if replies or time.monotonic() > give_up:
+            raise BusError(f"Cannot ask {key}: the bus is closed.") from error
+        replies = _collected(arriving, key, others_s)
+        if replies or time.monotonic() > give_up_s:
             return replies
         time.sleep(_AGAIN_S)
+
+
+def _collected(arriving: queue.SimpleQueue[zenoh.Reply | None], key: str, others_s: float) -> list[zenoh.Reply]:
+    """Raises: TwoAnswers when the replies do not end ``others_s`` after the first."""
+    replies: list[zenoh.Reply] = []
+    while True:
+        try:
+            reply = arriving.get(timeout=others_s if replies else None)
+        except queue.Empty:
+            raise _two_answers(f"Another session serves {key!r} too, and lets it wait.") from None
+        if reply is None:
+            return replies
+        replies.append(reply)
+
+
+def replier_of(replies: list[zenoh.Reply], name: str) -> str:
+    """The one session that ``replies`` came from; "" when Zenoh itself gave up waiting. Raises: TwoAnswers."""
+    sessions = sorted({str(reply.replier_id.zid) for reply in replies if reply.replier_id is not None})
+    if len(sessions) > 1:
+        raise _two_answers(f"{len(sessions)} sessions answer {name!r}: {', '.join(one[:8] for one in sessions)}.")
+    return sessions[0] if sessions else ""
+
+
+def _two_answers(text: str) -> TwoAnswers:
+    return TwoAnswers(
+        f"{text} None of them is believed.",
+        "`cell status` names the processes of this cell's nodes: end what answers beside them.",
+    )
 
 
 def heard_in(replies: list[zenoh.Reply], root: str, name: str, timeout_s: float, record: Tap) -> list[Heard]:
     """The replies to a question on ``name`` below ``root``, each also recorded.
 
-    Raises: the error that one of them is, as its own type; ReplyTimeout.
+    Raises: the error that one of them is, as its own type; ReplyTimeout; TwoAnswers when two sessions answered.
     """
+    replier = replier_of(replies, name)
     heard = []
     for reply in replies:
         if reply.ok is None:
@@ -57,7 +104,7 @@ def heard_in(replies: list[zenoh.Reply], root: str, name: str, timeout_s: float,
             raise _error_from(reply.err, f"{name!r} got no answer within {timeout_s:.1f} s.")
         key = str(reply.ok.key_expr).removeprefix(root)
         key = f"{key}/reply" if key == name else key
-        heard.append(Heard(key, str(reply.ok.encoding), reply.ok.payload.to_bytes()))
+        heard.append(Heard(key, str(reply.ok.encoding), reply.ok.payload.to_bytes(), replier))
     for one in heard:
         record(one)
     return heard
@@ -65,5 +112,5 @@ def heard_in(replies: list[zenoh.Reply], root: str, name: str, timeout_s: float,
 
 def _error_from(failure: zenoh.ReplyError | None, timeout_text: str) -> CellError:
     if failure is None or failure.payload.to_bytes() == b"Timeout":
-        return ReplyTimeout(timeout_text, "The node is busy or frozen; see its log.")
+        return ReplyTimeout(timeout_text, "Who serves it is busy or frozen: `cell status` shows its loops.")
     return error_from_reply(decode(ErrorReply, failure.payload.to_bytes()))

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import functools
 import json
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from mcap_protobuf.schema import build_file_descriptor_set
 from pydantic import ValidationError
 
 from bus import topics
+from bus.commands import BusSchema, TopicSchema
 from bus.errors import BadPayload
 from bus.frozen import Message
 
@@ -49,3 +50,21 @@ def schema_of(encoding: str) -> Schema:
     if encoding.startswith("application/protobuf"):
         return Schema(name, "protobuf", build_file_descriptor_set(payload_type).SerializeToString())
     return Schema(name, "jsonschema", json.dumps(payload_type.model_json_schema()).encode())
+
+
+def bus_schema() -> BusSchema:
+    """Every topic, and the JSON schema of everything that travels as JSON."""
+    rows = tuple(
+        TopicSchema(key=one.key, kind=one.kind, acts=one.acts, asks=_encoding(one.asks), says=_encoding(one.says))
+        for one in topics.TOPICS
+    )
+    schemas = {
+        encoding: payload_type.model_json_schema()
+        for encoding, payload_type in topics.types_by_encoding().items()
+        if encoding.startswith("application/json")
+    }
+    return BusSchema(topics=rows, json_schemas=schemas)
+
+
+def _encoding(payload_type: Any) -> str:
+    return "" if payload_type is None else topics.encoding_of(payload_type)

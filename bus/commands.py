@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from bus.arrays import Transform
+from bus.arrays import Blob, Transform
 from bus.frozen import Message
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -38,9 +38,9 @@ class CommandRequest(Message):
 
 
 class CommandReply(Message):
-    """The cell's answer: accepted, or refused with a code, the reason, and what it would accept now.
+    """The cell accepted a command. What it refuses, or cannot read, is answered with an `ErrorReply`.
 
-    ``cycle_id`` names the cycle that an accepted ``pick`` or ``start`` begins; ``lease`` the client that holds the
+    The fields that both have mean the same in both. ``cycle_id`` names the cycle that an accepted ``pick`` or ``start`` begins; ``lease`` the client that holds the
     lease now: when its token goes, the cell holds.
     """
 
@@ -48,6 +48,7 @@ class CommandReply(Message):
     state: str
     code: str = ""
     reason: str = ""
+    advice: str = ""
     available: tuple[str, ...] = ()
     cycle_id: str = ""
     lease: str = ""
@@ -92,6 +93,7 @@ class Health(Message):
         answered, failed: questions since its start. ``last_fault``: the newest error, "" without any.
         loops: by name, e.g. ``arm.state``.
         readings: what its devices report, e.g. ``camera.ir_temperature_c``.
+        defects: owned threads that ended by an exception nobody foresaw.
     """
 
     name: str
@@ -102,6 +104,7 @@ class Health(Message):
     last_fault: str = ""
     loops: dict[str, LoopHealth] = Field(default_factory=dict)
     readings: dict[str, float] = Field(default_factory=dict)
+    defects: int = 0
 
 
 class NodeHealth(Message):
@@ -119,24 +122,78 @@ class NodeHealth(Message):
 
 
 class CellHealth(Message):
-    """The health of the whole cell, derived by the daemon: healthy when no node has a problem."""
+    """The health of the whole cell, derived by the daemon: healthy when neither a node nor the daemon has a problem.
+
+    ``defects``: threads of the daemon that ended by an exception nobody foresaw, each in a few words.
+    """
 
     is_healthy: bool
     nodes: dict[str, NodeHealth]
+    defects: tuple[str, ...] = ()
 
 
 class ErrorReply(Message):
-    """An error of `bus.errors`, as it travels in ``reply_err``; ``error`` is its class name."""
+    """Why not: a refusal, or an error of `bus.errors`, as it travels in Zenoh's ``reply_err``.
 
-    error: str
+    Attributes:
+        ok: always false, so that one look at an answer of either kind tells.
+        state: of the cell, where a command was refused. ``available``: what it would accept now.
+        code: short reason, e.g. ``WRONG_STATE``. ``error``: the class of the error.
+        reason: what happened. ``advice``: what to do about it.
+    """
+
+    ok: Literal[False] = False
+    state: str = ""
     code: str
-    text: str
-    advice: str
+    reason: str
+    advice: str = ""
     available: tuple[str, ...] = ()
+    error: str = "CellError"
 
 
 class Nothing(Message):
     """A request or answer without content."""
+
+
+class Heartbeat(Message):
+    """I am there: the cell to its nodes, and a client that holds the lease to the cell (every 0.2 s)."""
+
+
+class ResultRequest(Message):
+    """Asks for the result of one cycle."""
+
+    cycle_id: Annotated[str, Field(max_length=100)]
+
+
+class TopicSchema(Message):
+    """One row of `bus.topics`. ``asks``, ``says``: the encodings of its question and of its payload or answer."""
+
+    key: str
+    kind: str
+    acts: str
+    asks: str
+    says: str
+
+
+class BusSchema(Message):
+    """The bus as an API.
+
+    Attributes:
+        topics: every key, in the order of the table.
+        json_schemas: by encoding; protobuf payloads are Foxglove's and have none here.
+    """
+
+    topics: tuple[TopicSchema, ...]
+    json_schemas: dict[str, dict[str, Any]]
+
+
+class Stranger(Message):
+    """What a session that is not the cell's put on one of its keys; ``payload`` is cut after 64 KiB."""
+
+    key: str
+    encoding: str
+    source: str
+    payload: Blob
 
 
 class HandMove(Message):

@@ -10,6 +10,7 @@
     │   ├── CellUnreachable      no cell at this endpoint
     │   ├── NoReply              nobody answers this key (node down, or it refused silently)
     │   ├── ReplyTimeout         somebody listens, but did not answer in time
+    │   ├── TwoAnswers           two sessions answer for the same thing: neither is believed
     │   └── BadPayload           an answer or message that does not fit its schema
     ├── Refused               3  the cell understood, and said no: see .code, .available
     ├── DriverError           1  a device failed
@@ -86,6 +87,10 @@ class ReplyTimeout(BusError):
     code = "REPLY_TIMEOUT"
 
 
+class TwoAnswers(BusError):
+    code = "TWO_ANSWERS"
+
+
 class BadPayload(BusError):
     code = "BAD_PAYLOAD"
 
@@ -95,15 +100,18 @@ class Refused(CellError):
 
     Args:
         code: short reason, e.g. ``WRONG_STATE``.
-        available: commands that would be accepted now.
+        available: commands that would be accepted now. ``state``: of the cell, where it is a command's refusal.
     """
 
     exit_code = 3
 
-    def __init__(self, text: str, advice: str = "", *, code: str = "REFUSED", available: tuple[str, ...] = ()) -> None:
+    def __init__(
+        self, text: str, advice: str = "", *, code: str = "REFUSED", available: tuple[str, ...] = (), state: str = ""
+    ) -> None:
         super().__init__(text, advice)
         self.code = code
         self.available = available
+        self.state = state
 
 
 class DriverError(CellError):

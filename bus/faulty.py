@@ -11,12 +11,13 @@ from typing import Protocol
 import zenoh
 
 from bus import topics
+from bus.answering import Answers
 from bus.codec import decode, encode
 from bus.commands import Event, Nothing
 from bus.errors import BadPayload
 from bus.faults import Fault, FaultRequest, Faulty
 from bus.frozen import Message
-from bus.heard import Handler, Heard
+from bus.heard import Asked, Handler, Heard
 from bus.session import Bus
 from bus.topics import Topic, encoding_of
 
@@ -39,9 +40,11 @@ class FaultyBus(Faulty, Bus):
     are. ``wrong``: another type's message is. ``slow``: all of it comes ``delay_s`` late.
     """
 
-    def __init__(self, session: zenoh.Session, cell_id: str, security: Path | None = None) -> None:
+    def __init__(
+        self, session: zenoh.Session, cell_id: str, security: Path | None = None, *, is_host: bool = False
+    ) -> None:
         Faulty.__init__(self, Fault.NONE, delay_s=1.0)
-        Bus.__init__(self, session, cell_id, security)
+        Bus.__init__(self, session, cell_id, security, is_host=is_host)
         self._kept: list[zenoh.Query] = []  # never answered while stuck; guarded by `_turn`
 
     def _on_fault(self, fault: Fault) -> None:
@@ -68,19 +71,21 @@ class FaultyBus(Faulty, Bus):
         self.fault = Fault.NONE  # whoever waits in an answer ends
         super().close()
 
-    def _reply(self, topic: Topic, query: zenoh.Query, handler: Handler) -> None:
+    def _reply(self, topic: Topic, query: zenoh.Query, question: Asked, handler: Handler, answers: Answers) -> None:
         if topic is topics.FAULT:
-            super()._reply(topic, query, handler)
+            super()._reply(topic, query, question, handler, answers)
             if self._fault is Fault.OFF:
                 self._session.close()  # type: ignore[no-untyped-call]
             return
         if self._fault is not Fault.STUCK:
-            super()._reply(topic, query, lambda payload, fields: self._spoiled(topic, handler(payload, fields)))
+            super()._reply(
+                topic, query, question, lambda payload, asked: self._spoiled(topic, handler(payload, asked)), answers
+            )
             return
         with self._turn:
             self._kept.append(query)
         if topic in _ALWAYS_DONE:
-            handler(b"{}", {})
+            handler(b"{}", question)
 
     def _spoiled(self, topic: Topic, answer: Message | list[Heard]) -> Message | list[Heard]:
         """What is sent in the place of ``answer``."""
@@ -109,7 +114,7 @@ def answer_faults(bus: Bus, parts: Mapping[str, Spoilable], say: Callable[[Topic
 
 
 def _setter(part: str, spoilable: Spoilable, say: Callable[[Topic, Message], None]) -> Handler:
-    def set_fault(payload: bytes, _fields: Mapping[str, str]) -> Message:
+    def set_fault(payload: bytes, _asked: Asked) -> Message:
         request = decode(FaultRequest, payload)
         if request.delay_s is not None:
             if not 0.0 <= request.delay_s <= 3600.0:  # nan is nowhere

@@ -2,20 +2,47 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import NamedTuple
 
 from bus.frozen import Message
 
 
 class Heard(NamedTuple):
-    """One payload that travelled: ``key`` is below ``cell/{cell_id}/``."""
+    """One payload that travelled.
+
+    Attributes:
+        key: below ``cell/{cell_id}/``.
+        source: the session it came from, as Zenoh names it (its ZID); "" when it does not say, or it is our own.
+    """
 
     key: str
     encoding: str
     payload: bytes
+    source: str = ""
+
+
+class Asked(NamedTuple):
+    """What is known of a question besides its payload.
+
+    Attributes:
+        verb: the last chunk of its key. ``is_exact``: the key is no pattern.
+        encoding: of the payload. ``has_payload``: it brings one.
+        takes_any_key: its asker accepts replies on other keys.
+        source, number: the session that asks, and its number for this question; asked again, it has the same number.
+        received_s: when it came (monotonic).
+    """
+
+    verb: str
+    is_exact: bool
+    encoding: str
+    has_payload: bool
+    takes_any_key: bool
+    source: str
+    number: int
+    received_s: float
 
 
 Tap = Callable[[Heard], None]
-Handler = Callable[[bytes, Mapping[str, str]], "Message | list[Heard]"]
-"""Answers one question, given its payload and the fields of its key."""
+Handler = Callable[[bytes, Asked], "Message | list[Heard]"]
+"""Answers one question, given its payload and what else is known of it."""

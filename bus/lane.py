@@ -13,6 +13,8 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import ParamSpec, TypeVar
 
+from bus.threads import OwnedThread, Role
+
 _log = logging.getLogger(__name__)
 Given = ParamSpec("Given")
 DoneT = TypeVar("DoneT")
@@ -24,7 +26,7 @@ class Lane:
     def __init__(self, name: str) -> None:
         self._work: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
         self._closed = False
-        threading.Thread(target=self._run, name=name, daemon=True).start()
+        OwnedThread(Role.LANE, self._run, of=name).start()
 
     def post(self, act: Callable[[], None]) -> None:
         """Do ``act`` when it is its turn; an error of it is logged."""

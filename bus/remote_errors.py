@@ -10,9 +10,13 @@ from bus.errors import CellError, CycleFailure, Refused
 
 def error_reply(error: CellError) -> ErrorReply:
     """An error of the tree as it travels."""
-    available = getattr(error, "available", ())
     return ErrorReply(
-        error=type(error).__name__, code=error.code, text=error.text, advice=error.advice, available=available
+        state=getattr(error, "state", ""),
+        code=error.code,
+        reason=error.text,
+        advice=error.advice,
+        available=getattr(error, "available", ()),
+        error=type(error).__name__,
     )
 
 
@@ -20,9 +24,9 @@ def error_from_reply(reply: ErrorReply) -> CellError:
     """The error behind an `ErrorReply`, as its own type where that type takes (text, advice)."""
     kind = getattr(errors, reply.error, CellError)
     if kind is Refused:
-        return Refused(reply.text, reply.advice, code=reply.code, available=reply.available)
+        return Refused(reply.reason, reply.advice, code=reply.code, available=reply.available, state=reply.state)
     if kind is CycleFailure:
-        return CycleFailure(Code(reply.code), reply.text)
-    error: CellError = kind(reply.text, reply.advice)
+        return CycleFailure(Code(reply.code), reply.reason)
+    error: CellError = kind(reply.reason, reply.advice)
     error.code = reply.code
     return error

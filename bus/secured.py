@@ -30,6 +30,10 @@ _OUR_RULES: dict[str, Any] = {
     "scouting/gossip/enabled": False,
     "transport/link/tx/lease": LEASE_MS,
     "transport/link/rx/max_message_size": _MAX_MESSAGE_BYTES,
+    # connections that are opened and then say nothing must not keep real clients out
+    "transport/unicast/accept_timeout": 1000,
+    "transport/unicast/accept_pending": 4096,
+    "transport/unicast/max_sessions": 4096,
     # questions get lost in shared memory when the machine is busy, and dead nodes leave their segments open
     "transport/shared_memory/enabled": False,
     "adminspace/enabled": False,

@@ -2,15 +2,17 @@
 
 Rules this file keeps so that nobody else must (measured): loopback only unless `bus.secured` finds the way beyond it
 safe; every question is answered, errors included, because silence, absence and denial look alike; callbacks only
-enqueue; the encoding is always set; the session is closed on every path. What comes back of a question is in
-`bus.asking`, how one is answered in `bus.answering`.
+enqueue; the encoding is always set, and so is the source; the session is closed on every path. What comes back of a
+question is in `bus.asking`, how one is answered in `bus.answering`, and who may ask what acts in `bus.asked`.
 """
 
 from __future__ import annotations
 
+import itertools
 import logging
 import threading
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any, TypeVar
@@ -18,12 +20,13 @@ from typing import Any, TypeVar
 import zenoh
 
 from bus import topics
-from bus.answering import reply_to
+from bus.answering import Answers, refuse, reply_to
+from bus.asked import asked, refusal
 from bus.asking import heard_in, replies_to
 from bus.codec import decode, encode
-from bus.errors import BadPayload, BusError, CellUnreachable, NoReply, PortOccupied
+from bus.errors import BadPayload, BusError, CellUnreachable, NoReply, PortOccupied, Refused
 from bus.frozen import Message
-from bus.heard import Handler, Heard, Tap
+from bus.heard import Asked, Handler, Heard, Tap
 from bus.lane import Lane
 from bus.secured import MAX_PAYLOAD_BYTES, is_loopback, session_config
 from bus.topics import Topic, encoding_of
@@ -31,6 +34,8 @@ from bus.topics import Topic, encoding_of
 _log = logging.getLogger(__name__)
 
 MessageT = TypeVar("MessageT", bound=Message)
+_LAST_NUMBER = 0xFFFFFFFF
+"""Zenoh numbers what a session says with 32 bits."""
 
 
 class Bus:
@@ -39,13 +44,16 @@ class Bus:
     Args:
         session: an open Zenoh session, owned from now on.
         cell_id: the cell's name in every key.
+        is_host: it is the cell's own, which others join.
 
     Attributes:
         tap: called with everything this process publishes, asks and is answered; set by whoever records.
     """
 
-    def __init__(self, session: zenoh.Session, cell_id: str, security: Path | None = None) -> None:
-        self.cell_id = cell_id
+    def __init__(
+        self, session: zenoh.Session, cell_id: str, security: Path | None = None, *, is_host: bool = False
+    ) -> None:
+        self.cell_id, self._is_host = cell_id, is_host
         self._root = f"{topics.ROOT}/{cell_id}/"
         self.tap: Tap | None = None
         self._session = session
@@ -53,6 +61,8 @@ class Bus:
         self._lanes: dict[str, Lane] = {}
         self._making = threading.Lock()
         self._declared: list[Any] = []
+        self._tokens: dict[str, Any] = {}  # by their whole key
+        self._numbers = itertools.count()
 
     @classmethod
     def listen(
@@ -77,7 +87,7 @@ class Bus:
         security = None if all(is_loopback(one) for one in (*listen, router) if one) else security
         config = session_config("peer", listen=listen, connect=[router] if router else [], file=security)
         try:
-            return cls(zenoh.open(config), cell_id, security)
+            return cls(zenoh.open(config), cell_id, security, is_host=True)
         except zenoh.ZError as error:
             also = ", or an address is not this machine's" if beyond else ""
             raise PortOccupied(
@@ -102,6 +112,25 @@ class Bus:
         """The whole Zenoh key of ``topic`` in this cell."""
         return f"{self._root}{topic.key.format(**fields)}"
 
+    @property
+    def source(self) -> str:
+        """This session, as others see where its samples and questions come from."""
+        return str(self._session.zid())
+
+    @property
+    def cell(self) -> str | None:
+        """The session of the cell: the one that was joined, or this one; None behind a router, where there is no telling.
+
+        There certificates say who may speak for the cell (docs/security.md).
+        """
+        if self._is_host:
+            return self.source
+        peers = list(self._session.info.peers_zid())
+        return str(peers[0]) if len(peers) == 1 else None
+
+    def _stamp(self) -> zenoh.SourceInfo:
+        return zenoh.SourceInfo(self._session.id, next(self._numbers) & _LAST_NUMBER)
+
     def _short(self, key: object) -> str:
         return str(key).removeprefix(self._root)
 
@@ -116,7 +145,7 @@ class Bus:
         payload = message if isinstance(message, bytes) else encode(message)
         encoding = encoding_of(topic.says)
         try:
-            self._session.put(self.key(topic, **fields), payload, encoding=encoding)
+            self._session.put(self.key(topic, **fields), payload, encoding=encoding, source_info=self._stamp())
         except zenoh.ZError as error:
             raise BusError(f"Cannot publish {topic.key}: the bus is closed.") from error
         if topic.logged:
@@ -125,7 +154,7 @@ class Bus:
     def put(self, key: str, payload: bytes, encoding: str) -> None:
         """Put bytes on a whole Zenoh ``key`` that is none of this cell's. Raises: BusError after close."""
         try:
-            self._session.put(key, payload, encoding=encoding)
+            self._session.put(key, payload, encoding=encoding, source_info=self._stamp())
         except zenoh.ZError as error:
             raise BusError(f"Cannot publish {key}: the bus is closed.") from error
 
@@ -148,7 +177,8 @@ class Bus:
             if len(sample.payload) > MAX_PAYLOAD_BYTES:
                 _log.warning("%s: %d bytes are too many; not heard", sample.key_expr, len(sample.payload))
                 return
-            callback(Heard(self._short(sample.key_expr), str(sample.encoding), sample.payload.to_bytes()))
+            source = str(sample.source_info.source_id.zid) if sample.source_info is not None else ""
+            callback(Heard(self._short(sample.key_expr), str(sample.encoding), sample.payload.to_bytes(), source))
 
         origin = zenoh.Locality.ANY if own else zenoh.Locality.REMOTE
         self._declared.append(self._session.declare_subscriber(f"{self._root}{pattern}", hear, allowed_origin=origin))
@@ -158,12 +188,13 @@ class Bus:
     def ask(self, topic: Topic, request: Message, *, timeout_s: float, **fields: str) -> list[Heard]:
         """Every reply to one question.
 
-        Raises: NoReply (nobody there), ReplyTimeout, or the error the other side answered with, as its own type.
+        Raises: NoReply (nobody there), ReplyTimeout, TwoAnswers, or the error the other side answered with, as its own
+        type.
         """
         name, question, encoding = topic.key.format(**fields), encode(request), encoding_of(topic.asks)
         record = self._record if topic.logged else _do_not_record
         record(Heard(f"{name}/query", encoding, question))
-        replies = replies_to(self._session, self._root, name, question, encoding, timeout_s)
+        replies = replies_to(self._session, f"{self._root}{name}", question, encoding, timeout_s, self._stamp())
         if not replies:
             advice = "Is the node that serves it running? See `cell status`."
             if self._security is not None:
@@ -183,17 +214,23 @@ class Bus:
             raise BadPayload(f"{key!r} was answered with what cannot be read: {error.text}", "See its node.") from error
 
     def answer(self, topic: Topic, handler: Handler, *, lane: str | Callable[[str], str], **fields: str) -> None:
-        """Answer questions on ``topic`` with ``handler(payload, fields)``, one at a time per ``lane`` (a thread).
+        """Answer questions on ``topic`` with ``handler(payload, asked)``, one at a time per ``lane`` (a thread).
 
-        A ``lane`` that depends on the key's last chunk keeps what is urgent from waiting for what is not.
+        A ``lane`` that depends on the key's last chunk keeps what is urgent from waiting for what is not; what is refused
+        unseen (`bus.asked`) waits for nothing.
 
         The handler returns a message, or the payloads to reply with. A `CellError` it raises is sent back typed.
         """
-        key = self.key(topic, **fields)
+        key, answers = self.key(topic, **fields), Answers()
 
         def receive(query: zenoh.Query) -> None:
-            name = lane if isinstance(lane, str) else lane(str(query.key_expr).rpartition("/")[2])
-            self.lane(name).post(lambda: self._reply(topic, query, handler))
+            question = asked(query)
+            why = refusal(topic, question, self.cell)
+            if why is not None:
+                self.lane("refusals").post(partial(_refuse, query, why))
+                return
+            name = lane if isinstance(lane, str) else lane(question.verb)
+            self.lane(name).post(lambda: self._reply(topic, query, question, handler, answers))
 
         self._declared.append(self._session.declare_queryable(key, receive))
 
@@ -204,22 +241,37 @@ class Bus:
                 self._lanes[name] = Lane(name)
             return self._lanes[name]
 
-    def _reply(self, topic: Topic, query: zenoh.Query, handler: Handler) -> None:
+    def _reply(self, topic: Topic, query: zenoh.Query, question: Asked, handler: Handler, answers: Answers) -> None:
         with query:
-            reply_to(query, topic, handler, self._root, self._record)
+            reply_to(query, question, topic, handler, self._root, self._record, answers)
 
     def survey(self, topic: Topic, request: Message, *, timeout_s: float) -> dict[str, bytes]:
         """What every cell that can be seen answers to one question, by cell id; the bus's ``cell_id`` is ``*``."""
         encoding = encoding_of(topic.asks)
-        replies = replies_to(self._session, self._root, topic.key, encode(request), encoding, timeout_s)
+        key = f"{self._root}{topic.key}"
+        replies = replies_to(self._session, key, encode(request), encoding, timeout_s, self._stamp(), others_s=timeout_s)
         answers = [reply.ok for reply in replies if reply.ok is not None]
         return {str(answer.key_expr).split("/")[1]: answer.payload.to_bytes() for answer in answers}
+
+    def sessions(self, topic: Topic, *, timeout_s: float, **fields: str) -> dict[str, bytes]:
+        """Who answers a question without content on ``topic``, and what: by session; a refusal is an answer, too."""
+        key, encoding = self.key(topic, **fields), encoding_of(topic.asks)
+        replies = replies_to(self._session, key, b"{}", encoding, timeout_s, self._stamp(), others_s=timeout_s)
+        payloads = ((one.replier_id, one.ok.payload if one.ok is not None else None) for one in replies)
+        return {str(who.zid): said.to_bytes() if said is not None else b"" for who, said in payloads if who is not None}
 
     # --- be alive -----------------------------------------------------------------------------------------------------
 
     def announce(self, topic: Topic, **fields: str) -> None:
-        """Hold a liveliness token (a node's, a lease) until close."""
-        self._declared.append(self._session.liveliness().declare_token(self.key(topic, **fields)))
+        """Hold a liveliness token (a node's, a lease) until `withdraw` or close."""
+        key = self.key(topic, **fields)
+        self._tokens[key] = self._session.liveliness().declare_token(key)
+
+    def withdraw(self, topic: Topic, **fields: str) -> None:
+        """Give a token back; nothing when it is not held."""
+        token = self._tokens.pop(self.key(topic, **fields), None)
+        if token is not None:
+            token.undeclare()
 
     def alive(self, topic: Topic) -> set[str]:
         """Who holds a token of ``topic``, a key with one field."""
@@ -251,6 +303,11 @@ class Bus:
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         self.close()
+
+
+def _refuse(query: zenoh.Query, why: Refused) -> None:
+    with query:
+        refuse(query, why)
 
 
 def _do_not_record(_heard: Heard) -> None: ...

@@ -1,7 +1,8 @@
-"""THE table: every key of the cell, what travels on it, and whether it is recorded.
+"""THE table: every key of the cell, what travels on it, who may ask or say it, and whether it is recorded.
 
 Keys are below ``cell/{cell_id}/``. A *publish* topic carries ``says``; a *query* topic is asked with ``asks`` and
-answered with ``says``; *alive* topics are liveliness tokens without payload.
+answered with ``says``; *alive* topics are liveliness tokens without payload. A query that *acts* answers its exact key
+and its own payload only, and only who is named in its row (`bus.asked`); one that reads answers anybody.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 
 from bus.commands import (
+    BusSchema,
     CellHealth,
     CellState,
     CommandReply,
@@ -29,9 +31,12 @@ from bus.commands import (
     HandGrasp,
     HandMove,
     Health,
+    Heartbeat,
     Nothing,
     Presented,
     PresentRequest,
+    ResultRequest,
+    Stranger,
 )
 from bus.faults import FaultRequest
 from bus.frozen import Message
@@ -65,6 +70,9 @@ class Topic:
         says: type of the published payload or of the answer.
         asks: type of the question.
         logged: recorded into the cycle's MCAP.
+        acts: for whom the answer is an act: ``client``, any program that names itself (`cell.leases` says which may), or
+            ``cell``, the cell's own session. Empty: the answer only reads.
+        speaker: who publishes it; what anybody else puts there is a stranger's.
     """
 
     key: str
@@ -72,14 +80,18 @@ class Topic:
     says: Any = None
     asks: Any = None
     logged: bool = True
+    acts: Literal["", "client", "cell"] = ""
+    speaker: Literal["cell", "node", "both", "client"] = "cell"
 
 
-COMMAND = Topic("command/{verb}", "query", CommandReply, CommandRequest)
+COMMAND = Topic("command/{verb}", "query", CommandReply, CommandRequest, acts="client")
 STATE = Topic("state", "publish", CellState)
 STATE_NOW = Topic("state", "query", CellState, Nothing, logged=False)
+HEARTBEAT = Topic("heartbeat", "publish", Heartbeat, logged=False)
 HEALTH = Topic("health", "publish", CellHealth)
 HEALTH_NOW = Topic("health", "query", CellHealth, Nothing, logged=False)
-EVENT = Topic("event", "publish", Event)
+SCHEMA_NOW = Topic("schema", "query", BusSchema, Nothing, logged=False)
+EVENT = Topic("event", "publish", Event, speaker="both")
 
 ATTEMPT = Topic("cycle/attempt", "publish", Attempt)
 CAPTURE = Topic("cycle/capture", "publish", StageRecord[View])
@@ -89,6 +101,7 @@ EXECUTE = Topic("cycle/execute", "publish", StageRecord[Execution])
 VERIFY = Topic("cycle/verify", "publish", StageRecord[Verdict])
 DELIVER = Topic("cycle/deliver", "publish", StageRecord[Delivery])
 RESULT = Topic("cycle/result", "publish", CycleResult)
+RESULT_NOW = Topic("cycle/result", "query", CycleResult, ResultRequest, logged=False)
 
 MODEL_REPLY = Topic("model/reply", "publish", ModelReply)
 
@@ -101,39 +114,44 @@ VIEW_SCENE = Topic("view/scene", "publish", SceneUpdate)
 VIEW_LOG = Topic("view/log", "publish", Log)
 
 # A capture is answered by the five below, one reply each; they are recorded as those replies, not as published.
-CAMERA_CAPTURE = Topic("camera/capture", "query", None, Nothing)
-CAMERA_COLOR = Topic("camera/color", "publish", CompressedImage, logged=False)
-CAMERA_DEPTH = Topic("camera/depth", "publish", RawImage, logged=False)
-CAMERA_COLOR_CALIBRATION = Topic("camera/color/calibration", "publish", CameraCalibration, logged=False)
-CAMERA_DEPTH_CALIBRATION = Topic("camera/depth/calibration", "publish", CameraCalibration, logged=False)
-CAMERA_TF = Topic("camera/tf", "publish", FrameTransforms, logged=False)
+CAMERA_CAPTURE = Topic("camera/capture", "query", None, Nothing, acts="cell")
+CAMERA_COLOR = Topic("camera/color", "publish", CompressedImage, logged=False, speaker="node")
+CAMERA_DEPTH = Topic("camera/depth", "publish", RawImage, logged=False, speaker="node")
+CAMERA_COLOR_CALIBRATION = Topic("camera/color/calibration", "publish", CameraCalibration, logged=False, speaker="node")
+CAMERA_DEPTH_CALIBRATION = Topic("camera/depth/calibration", "publish", CameraCalibration, logged=False, speaker="node")
+CAMERA_TF = Topic("camera/tf", "publish", FrameTransforms, logged=False, speaker="node")
 
-ARM_STATE = Topic("arm/state", "publish", JointStates)
+ARM_STATE = Topic("arm/state", "publish", JointStates, speaker="node")
 ARM_NOW = Topic("arm/now", "query", ArmState, Nothing, logged=False)
-ARM_EXECUTE = Topic("arm/execute", "query", Motion, Trajectory)
-ARM_STOP = Topic("arm/stop", "query", Nothing, Nothing)
-ARM_HOLD = Topic("arm/hold", "query", Nothing, Nothing)
-ARM_RESUME = Topic("arm/resume", "query", Nothing, Nothing)
-ARM_RECOVER = Topic("arm/recover", "query", Nothing, Nothing)
+ARM_EXECUTE = Topic("arm/execute", "query", Motion, Trajectory, acts="cell")
+ARM_STOP = Topic("arm/stop", "query", Nothing, Nothing, acts="cell")
+ARM_HOLD = Topic("arm/hold", "query", Nothing, Nothing, acts="cell")
+ARM_RESUME = Topic("arm/resume", "query", Nothing, Nothing, acts="cell")
+ARM_RECOVER = Topic("arm/recover", "query", Nothing, Nothing, acts="cell")
 
 TF = Topic("tf", "publish", FrameTransforms)
 
-HAND_STATE = Topic("hand/state", "publish", HandState)
+HAND_STATE = Topic("hand/state", "publish", HandState, speaker="node")
 HAND_NOW = Topic("hand/now", "query", HandState, Nothing, logged=False)
-HAND_MOVE = Topic("hand/move", "query", HandState, HandMove)
-HAND_GRASP = Topic("hand/grasp", "query", HandState, HandGrasp)
-HAND_HOME = Topic("hand/home", "query", HandState, Nothing)
-HAND_STOP = Topic("hand/stop", "query", Nothing, Nothing)
+HAND_MOVE = Topic("hand/move", "query", HandState, HandMove, acts="cell")
+HAND_GRASP = Topic("hand/grasp", "query", HandState, HandGrasp, acts="cell")
+HAND_HOME = Topic("hand/home", "query", HandState, Nothing, acts="cell")
+HAND_STOP = Topic("hand/stop", "query", Nothing, Nothing, acts="cell")
 
-SIM_PRESENT = Topic("sim/present", "query", Presented, PresentRequest)
+SIM_PRESENT = Topic("sim/present", "query", Presented, PresentRequest, acts="cell")
 SIM_TRUTH = Topic("sim/truth", "query", Presented, Nothing)
 
 # Answered only where the station allows faults, by whoever runs that part.
-FAULT = Topic("fault/{part}", "query", Nothing, FaultRequest, logged=False)
+FAULT = Topic("fault/{part}", "query", Nothing, FaultRequest, logged=False, acts="client")
 
 NODE_ALIVE = Topic("node/{name}", "alive")
 LEASE = Topic("lease/{name}", "alive")
-NODE_HEALTH = Topic("node/{name}/health", "publish", Health)
+LEASE_HEARTBEAT = Topic("lease/{name}", "publish", Heartbeat, logged=False, speaker="client")
+NODE_HEALTH = Topic("node/{name}/health", "publish", Health, speaker="node")
+NODE_NOW = Topic("node/{name}/health", "query", Health, Nothing, logged=False)
+
+# What somebody else put on a key of this table while a cycle ran: kept, and never taken for what the key carries.
+STRANGER = Topic("stranger", "publish", Stranger)
 
 TOPICS: tuple[Topic, ...] = tuple(value for value in dict(globals()).values() if isinstance(value, Topic))
 

@@ -21,7 +21,7 @@ from bus.errors import (
     Refused,
     ReplyTimeout,
 )
-from bus.heard import Heard
+from bus.heard import Asked, Heard
 from bus.messages import HandState
 from bus.session import Bus
 
@@ -56,8 +56,8 @@ def test_a_question_is_answered(cell: Bus, client: Bus) -> None:
 
 
 def test_the_verb_of_a_command_reaches_the_handler(cell: Bus, client: Bus) -> None:
-    def handle(_payload: bytes, fields: Mapping[str, str]) -> CommandReply:
-        return CommandReply(ok=True, state=fields["verb"])
+    def handle(_payload: bytes, asked: Asked) -> CommandReply:
+        return CommandReply(ok=True, state=asked.verb)
 
     cell.answer(topics.COMMAND, handle, lane="command", verb="*")
     reply = client.request(topics.COMMAND, CommandRequest(), CommandReply, timeout_s=5, verb="pick")
@@ -73,7 +73,7 @@ def test_the_verb_of_a_command_reaches_the_handler(cell: Bus, client: Bus) -> No
     ],
 )
 def test_an_error_travels_as_its_own_type(cell: Bus, client: Bus, error: CellError) -> None:
-    def fail(_payload: bytes, _fields: Mapping[str, str]) -> HandState:
+    def fail(_payload: bytes, _asked: Asked) -> HandState:
         raise error
 
     client.answer(topics.HAND_HOME, fail, lane="hand")
@@ -85,7 +85,7 @@ def test_an_error_travels_as_its_own_type(cell: Bus, client: Bus, error: CellErr
 
 
 def test_a_defect_in_a_handler_reaches_the_asker(cell: Bus, client: Bus) -> None:
-    def broken(_payload: bytes, _fields: Mapping[str, str]) -> HandState:
+    def broken(_payload: bytes, _asked: Asked) -> HandState:
         raise ZeroDivisionError("oops")
 
     client.answer(topics.HAND_HOME, broken, lane="hand")
@@ -101,7 +101,7 @@ def test_a_question_nobody_serves_is_its_own_error(cell: Bus) -> None:
 def test_an_answer_that_does_not_come_is_a_timeout(cell: Bus, client: Bus) -> None:
     release = threading.Event()
 
-    def slow(_payload: bytes, _fields: Mapping[str, str]) -> HandState:
+    def slow(_payload: bytes, _asked: Asked) -> HandState:
         release.wait(10)
         return HAND
 

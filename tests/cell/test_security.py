@@ -15,7 +15,7 @@ from bus import topics
 from bus.commands import CellHealth, CellState, CommandReply, CommandRequest, HandMove, Nothing
 from bus.errors import BadPayload, CellError, CellUnreachable, NoReply, Refused
 from bus.frozen import Message
-from bus.heard import Heard
+from bus.heard import Asked, Heard
 from bus.messages import HandState
 from bus.secured import session_config
 from bus.session import Bus
@@ -76,11 +76,11 @@ def site(request: pytest.FixtureRequest, keys: Path, new_endpoint: Callable[[], 
         yield site
 
 
-def _command(payload: bytes, fields: Mapping[str, str]) -> CommandReply:
+def _command(payload: bytes, asked: Asked) -> CommandReply:
     request = CommandRequest.model_validate_json(payload)
     if request.object == "gold":
         raise BadPayload("There is no gold.")
-    return CommandReply(ok=True, state="Idle", reason=fields["verb"])
+    return CommandReply(ok=True, state="Idle", reason=asked.verb)
 
 
 def _is_answered(bus: Bus, topic: Topic, request: Message, **fields: str) -> bool:
