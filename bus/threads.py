@@ -86,8 +86,8 @@ class OwnedThread:
         if self._thread.ident is not None:
             self._thread.join(timeout_s)
 
-    @property
     def is_alive(self) -> bool:
+        """Whether it has begun, and not ended."""
         return self._thread.is_alive()
 
     @property

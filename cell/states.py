@@ -56,6 +56,9 @@ GOING_ON = frozenset({State.UNHOLDING, State.UNSUSPENDING})
 PAUSES = PAUSING | {State.HELD, State.SUSPENDED} | GOING_ON
 """While one of these lasts, the work of the state that was held or suspended is still open."""
 
+BEGINNING = frozenset({State.RESETTING, State.STARTING, State.CLEARING})
+"""What begins anew: not while something that was stopped still runs."""
+
 _UNSTOPPABLE = {State.STOPPING, State.STOPPED, State.CLEARING, State.ABORTING, State.ABORTED}
 _ABORT_FROM = set(State) - {State.ABORTING, State.ABORTED}
 

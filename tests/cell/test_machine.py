@@ -63,7 +63,7 @@ def test_one_pick_goes_through_all_states(bench: Bench) -> None:
 def test_a_refusal_names_state_code_and_alternatives(bench: Bench) -> None:
     reply = bench.machine.command("pick", CommandRequest())
     assert (reply.ok, reply.state, reply.code) == (False, "Stopped", "WRONG_STATE")
-    assert reply.available == ("reset", "abort") and "cell reset" in reply.reason
+    assert reply.available == ("reset", "abort") and "cell reset" in reply.advice
 
 
 def test_the_same_command_id_acts_once(bench: Bench) -> None:

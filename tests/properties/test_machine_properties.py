@@ -92,7 +92,7 @@ class MachineMatchesItsTable(RuleBasedStateMachine):
             assert self.works[self.state].begun.wait(10)
 
     def _end(self, work: _Work, name: str, over: Sequence[_Work] = (), *, fails: bool = False) -> None:
-        threads = [thread for thread in threading.enumerate() if thread.name == name]
+        threads = [thread for thread in threading.enumerate() if thread.name == f"action-{name}"]
         work.fails = fails
         work.end.set()
         for thread in threads:
