@@ -26,7 +26,7 @@ _REMEMBERED = 4
 
 
 class Answers:
-    """What was answered on one topic that acts: the same question, asked again, gets the same answer and no second act."""
+    """What was answered on one topic that acts: the same question, asked again, is answered again and acts once."""
 
     def __init__(self) -> None:
         self._by_question: OrderedDict[tuple[str, int], Sequence[Heard]] = OrderedDict()

@@ -40,8 +40,8 @@ class CommandRequest(Message):
 class CommandReply(Message):
     """The cell accepted a command. What it refuses, or cannot read, is answered with an `ErrorReply`.
 
-    The fields that both have mean the same in both. ``cycle_id`` names the cycle that an accepted ``pick`` or ``start`` begins; ``lease`` the client that holds the
-    lease now: when its token goes, the cell holds.
+    The fields that both have mean the same in both. ``cycle_id`` names the cycle that an accepted ``pick`` or ``start``
+    begins; ``lease`` the client that holds the lease now: when that is lost, the cell holds.
     """
 
     ok: bool

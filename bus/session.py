@@ -119,9 +119,9 @@ class Bus:
 
     @property
     def cell(self) -> str | None:
-        """The session of the cell: the one that was joined, or this one; None behind a router, where there is no telling.
+        """The session of the cell: the one that was joined, or this one; None behind a router.
 
-        There certificates say who may speak for the cell (docs/security.md).
+        There it cannot be told, and certificates say who may speak for the cell (docs/security.md).
         """
         if self._is_host:
             return self.source
@@ -216,8 +216,8 @@ class Bus:
     def answer(self, topic: Topic, handler: Handler, *, lane: str | Callable[[str], str], **fields: str) -> None:
         """Answer questions on ``topic`` with ``handler(payload, asked)``, one at a time per ``lane`` (a thread).
 
-        A ``lane`` that depends on the key's last chunk keeps what is urgent from waiting for what is not; what is refused
-        unseen (`bus.asked`) waits for nothing.
+        A ``lane`` that depends on the key's last chunk keeps what is urgent from waiting for what is not. What is
+        refused unseen (`bus.asked`) waits for nothing.
 
         The handler returns a message, or the payloads to reply with. A `CellError` it raises is sent back typed.
         """
@@ -248,8 +248,8 @@ class Bus:
     def survey(self, topic: Topic, request: Message, *, timeout_s: float) -> dict[str, bytes]:
         """What every cell that can be seen answers to one question, by cell id; the bus's ``cell_id`` is ``*``."""
         encoding = encoding_of(topic.asks)
-        key = f"{self._root}{topic.key}"
-        replies = replies_to(self._session, key, encode(request), encoding, timeout_s, self._stamp(), others_s=timeout_s)
+        key, question = f"{self._root}{topic.key}", encode(request)
+        replies = replies_to(self._session, key, question, encoding, timeout_s, self._stamp(), others_s=timeout_s)
         answers = [reply.ok for reply in replies if reply.ok is not None]
         return {str(answer.key_expr).split("/")[1]: answer.payload.to_bytes() for answer in answers}
 

@@ -70,8 +70,8 @@ class Topic:
         says: type of the published payload or of the answer.
         asks: type of the question.
         logged: recorded into the cycle's MCAP.
-        acts: for whom the answer is an act: ``client``, any program that names itself (`cell.leases` says which may), or
-            ``cell``, the cell's own session. Empty: the answer only reads.
+        acts: for whom the answer is an act: ``client``, any program that names itself (`cell.leases` says which
+            may), or ``cell``, the cell's own session. Empty: the answer only reads.
         speaker: who publishes it; what anybody else puts there is a stranger's.
     """
 

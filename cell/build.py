@@ -9,6 +9,7 @@ from contextlib import closing, contextmanager
 from bus.errors import ConfigError
 from bus.secured import is_loopback
 from bus.session import Bus
+from bus.threads import handled_by
 from cell.daemon import Daemon
 from cell.memory import settled, share_arenas
 from cell.nodes import Supervisor
@@ -51,13 +52,14 @@ def running_cell(station: Station, observer: Observer) -> Iterator[Daemon]:
             devices = remote_devices(bus, station)
             daemon = Daemon(station, bus, devices, robot, models, observer, supervisor.restarts, supervisor.end_frozen)
             daemons.append(daemon)
-            daemon.open()
-            daemon.voice.say_recovered(recover_leftovers(station.recording.folder))
-            try:
-                with settled():
-                    yield daemon
-            finally:
-                daemon.close()
+            with handled_by(daemon.on_defect):
+                daemon.open()
+                daemon.voice.say_recovered(recover_leftovers(station.recording.folder))
+                try:
+                    with settled():
+                        yield daemon
+                finally:
+                    daemon.close()
         finally:
             supervisor.close()
 

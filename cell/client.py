@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import queue
+import threading
 import time
 import uuid
 from collections.abc import Iterator
@@ -10,36 +11,51 @@ from contextlib import contextmanager
 
 from bus import topics
 from bus.codec import decode
-from bus.commands import CellHealth, CellState, CommandReply, CommandRequest, Nothing
-from bus.errors import CellUnreachable, NoReply, Refused, ReplyTimeout
+from bus.commands import CellHealth, CellState, CommandReply, CommandRequest, Heartbeat, Nothing, ResultRequest
+from bus.errors import BusError, CellUnreachable, NoReply, Refused, ReplyTimeout
 from bus.faults import Fault, FaultRequest, Part
 from bus.heard import Heard
 from bus.messages import CycleResult
 from bus.session import Bus
+from bus.threads import OwnedThread, Role
 from bus.topics import Topic
-from cell.leases import CELL_CLIENT, NEEDS_LEASE, NEEDS_TOKEN
-from cell.machine import refuse
+from cell.leases import CELL_CLIENT, HEARTBEAT_S, NEEDS_LEASE, NEEDS_TOKEN
 from config.schema import Station
+
+_ASK_AGAIN_S = 0.5
+"""Nothing heard for so long, and the cell is asked: a sample may be lost."""
 
 
 class Client:
-    """One connection to one cell; use `connect`. ``also``: topics to hear besides states and results.
+    """One connection to one cell; use `connect`. Only what the cell itself says is believed.
 
-    With its first command that moves the arm it declares a lease, and keeps it until it closes.
+    With its first command that moves the arm it declares a lease, and says that it is there every `HEARTBEAT_S`, until
+    it closes or gives the lease back (`release`).
+
+    Args:
+        also: topics to hear besides states and results.
+        name: how its ``client_id`` begins, for people: who it is, and what for.
 
     Attributes:
         client_id: its name; no other process has it.
     """
 
-    def __init__(self, bus: Bus, ask_timeout_s: float, also: tuple[Topic, ...] = ()) -> None:
+    def __init__(self, bus: Bus, ask_timeout_s: float, also: tuple[Topic, ...] = (), name: str = "cell-cli") -> None:
         self._bus = bus
         self._timeout_s = ask_timeout_s
-        self.client_id = f"cell-cli-{uuid.uuid4().hex[:8]}"
-        self._has_lease = False
+        self.client_id = f"{name}-{uuid.uuid4().hex[:8]}"
+        self._heartbeat: OwnedThread | None = None
+        self._given_back = threading.Event()
         self._heard: queue.SimpleQueue[Heard | None] = queue.SimpleQueue()  # None: the cell is gone
         for topic in (topics.STATE, topics.RESULT, *also):
-            bus.subscribe(topic.key.replace("{name}", "*"), self._heard.put)
+            hear = self._believe if topic.speaker == "cell" else self._heard.put
+            bus.subscribe(topic.key.replace("{name}", "*"), hear)
         bus.watch_alive(topics.LEASE, self._notice)
+
+    def _believe(self, heard: Heard) -> None:
+        """Keep what the cell said; what somebody else puts on its keys is none of it."""
+        if self._bus.cell in (None, heard.source):
+            self._heard.put(heard)
 
     def state(self) -> CellState:
         """The machine's state now."""
@@ -53,10 +69,8 @@ class Client:
         self, verb: str, *, cycles: int = 1, until_empty: bool = False, object_name: str | None = None
     ) -> CommandReply:
         """Send one command. Raises: Refused with code, reason and what is available; NoReply from no cell."""
-        if verb in NEEDS_LEASE | NEEDS_TOKEN and not self._has_lease:
-            self._bus.announce(topics.LEASE, name=self.client_id)
-            self._bus.alive(topics.LEASE)  # answered after the token has arrived
-            self._has_lease = True
+        if verb in NEEDS_LEASE | NEEDS_TOKEN:
+            self._attend()
         request = CommandRequest(
             command_id=uuid.uuid4().hex,
             client_id=self.client_id,
@@ -65,7 +79,7 @@ class Client:
             object=object_name,
         )
         try:
-            reply = self._bus.request(topics.COMMAND, request, CommandReply, timeout_s=self._timeout_s, verb=verb)
+            return self._bus.request(topics.COMMAND, request, CommandReply, timeout_s=self._timeout_s, verb=verb)
         except NoReply as error:
             self.state()  # a cell that answers this answers every command that reaches it
             raise Refused(
@@ -73,8 +87,31 @@ class Client:
                 "Use that of an operator (bus.zenoh); the roles: docs/security.md.",
                 code="NO_RIGHT",
             ) from error
-        refuse(reply)
-        return reply
+
+    def _attend(self) -> None:
+        """Hold a token, and say on its key that this program runs."""
+        if self._heartbeat is not None:
+            return
+        self._bus.announce(topics.LEASE, name=self.client_id)
+        self._bus.alive(topics.LEASE)  # answered after the token has arrived
+        self._given_back.clear()
+        self._heartbeat = OwnedThread(Role.LOOP, self._beat, of="lease").start()
+
+    def _beat(self) -> None:
+        while not self._given_back.is_set():
+            try:
+                self._bus.publish(topics.LEASE_HEARTBEAT, Heartbeat(), name=self.client_id)
+            except BusError:  # closed, and the token with it
+                return
+            self._given_back.wait(HEARTBEAT_S)
+
+    def release(self) -> None:
+        """Give the lease back: others may command; what still moves is held. Idempotent."""
+        self._given_back.set()
+        if self._heartbeat is not None:
+            self._heartbeat.join()
+            self._heartbeat = None
+            self._bus.withdraw(topics.LEASE, name=self.client_id)
 
     def fault(self, part: Part, fault: Fault, delay_s: float | None = None) -> None:
         """Tell a part of the cell to misbehave, from now on. Raises: Refused where nobody allows it."""
@@ -90,28 +127,48 @@ class Client:
 
     def wait_for_state(self, wanted: set[str], timeout_s: float) -> CellState:
         """The state now, or the next one, that is of ``wanted``. Raises: ReplyTimeout, CellUnreachable."""
-        state = self.state()
         give_up_s = time.monotonic() + timeout_s
-        while state.state not in wanted:
-            heard = self._next(give_up_s, f"The cell is still {state.state} after {timeout_s:.0f} s.")
-            if heard.key == topics.STATE.key and (said := decode(CellState, heard.payload)).since_ns > state.since_ns:
-                state = said
+        while (state := self.state()).state not in wanted:
+            if time.monotonic() > give_up_s:
+                raise ReplyTimeout(f"The cell is still {state.state} after {timeout_s:.0f} s.", "See `cell status`.")
+            self._await(topics.STATE, give_up_s)
         return state
 
     def wait_for_result(self, cycle_id: str, timeout_s: float) -> CycleResult:
-        """The result of the pick that began as ``cycle_id``: of its last try. Raises: ReplyTimeout, CellUnreachable."""
+        """The result of the pick that began as ``cycle_id``: of its last try. Raises: ReplyTimeout, CellUnreachable.
+
+        What is heard only wakes; the cell is asked for the result itself.
+        """
         give_up_s = time.monotonic() + timeout_s
         while True:
-            result = self._next_result(give_up_s, f"Cycle {cycle_id}", timeout_s)
-            if result.cycle_id != cycle_id:
-                continue
-            if not result.retried_as:
+            result = self._result(cycle_id)
+            if result is not None and not result.retried_as:
                 return result
-            cycle_id = result.retried_as
+            if result is not None:
+                cycle_id = result.retried_as
+            elif time.monotonic() > give_up_s:
+                raise ReplyTimeout(f"Cycle {cycle_id} gave no result within {timeout_s:.0f} s.", "See `cell status`.")
+            else:
+                self._await(topics.RESULT, give_up_s)
+
+    def _result(self, cycle_id: str) -> CycleResult | None:
+        """The cell's result of a cycle; None while it has none."""
+        request = ResultRequest(cycle_id=cycle_id)
+        try:
+            return self._bus.request(topics.RESULT_NOW, request, CycleResult, timeout_s=self._timeout_s)
+        except Refused as refusal:
+            if refusal.code != "NO_RESULT":
+                raise
+            return None
 
     def next_result(self, timeout_s: float) -> CycleResult:
         """The next result of whichever cycle: of the next one of a ``start``. Raises: ReplyTimeout, CellUnreachable."""
-        return self._next_result(time.monotonic() + timeout_s, "The next cycle", timeout_s)
+        give_up_s = time.monotonic() + timeout_s
+        while time.monotonic() < give_up_s:
+            heard = self._await(topics.RESULT, give_up_s)
+            if heard is not None:
+                return decode(CycleResult, heard.payload)
+        raise ReplyTimeout(f"The next cycle gave no result within {timeout_s:.0f} s.", "See `cell status`.")
 
     def heard(self) -> Iterator[Heard]:
         """What was said since the last time, oldest first; does not wait."""
@@ -119,23 +176,21 @@ class Client:
             if (heard := self._heard.get_nowait()) is not None:
                 yield heard
 
-    def _next_result(self, give_up_s: float, whose: str, timeout_s: float) -> CycleResult:
-        while (heard := self._next(give_up_s, f"{whose} gave no result within {timeout_s:.0f} s.")).key != (
-            topics.RESULT.key
-        ):
-            pass
-        return decode(CycleResult, heard.payload)
-
-    def _next(self, give_up_s: float, text: str) -> Heard:
-        """Raises: ReplyTimeout; CellUnreachable once the cell is gone."""
-        try:
-            heard = self._heard.get(timeout=max(0.001, give_up_s - time.monotonic()))
-        except queue.Empty:
-            raise ReplyTimeout(text, "See `cell status`.") from None
-        if heard is None:
-            self._heard.put(None)  # for whoever waits next
-            raise CellUnreachable("The cell is gone: it ended, or the link to it.", "Start it, then see `cell cycles`.")
-        return heard
+    def _await(self, topic: Topic, give_up_s: float) -> Heard | None:
+        """What is said next on ``topic``; None when nothing is for a moment. Raises: CellUnreachable."""
+        give_up_s = min(give_up_s, time.monotonic() + _ASK_AGAIN_S)
+        while (left_s := give_up_s - time.monotonic()) > 0:
+            try:
+                heard = self._heard.get(timeout=left_s)
+            except queue.Empty:
+                return None
+            if heard is None:
+                self._heard.put(None)  # for whoever waits next
+                advice = "Start it, then see `cell cycles`."
+                raise CellUnreachable("The cell is gone: it ended, or the link to it.", advice)
+            if heard.key == topic.key:
+                return heard
+        return None
 
     def _notice(self, client_id: str, is_alive: bool) -> None:
         if client_id == CELL_CLIENT and not is_alive:
@@ -143,7 +198,7 @@ class Client:
 
 
 @contextmanager
-def connect(station: Station, also: tuple[Topic, ...] = ()) -> Iterator[Client]:
+def connect(station: Station, also: tuple[Topic, ...] = (), name: str = "cell-cli") -> Iterator[Client]:
     """A client of the station's running cell. Raises: CellUnreachable; ConfigError for an unsafe way to it."""
     with Bus.join(station.cell_id, station.bus.endpoint, security=station.bus.zenoh) as bus:
-        yield Client(bus, station.bus.ask_timeout_s, also)
+        yield Client(bus, station.bus.ask_timeout_s, also, name)

@@ -128,7 +128,9 @@ class Cycle:
             lambda: detect_unless_halted(before, e.station, e.models, self._say_reply, lambda: self.gate.halted),
         )
         chosen = self._plan = self._stage(
-            "plan", topics.PLAN, lambda: plan(found, before, e.robot, e.station, self.attempt.missed)
+            "plan",
+            topics.PLAN,
+            lambda: plan(found, before, e.robot, e.station, self.attempt.missed, self.gate.cancel),
         )
         self.grasp = found.grasps[chosen.grasp].base_from_tcp
         after: Observation | None = None

@@ -21,6 +21,7 @@ from bus.codes import Code
 from bus.errors import BadPayload, CycleFailure, RecordingError
 from bus.heard import Heard
 from bus.messages import ModelReply
+from bus.threads import OwnedThread, Role, report_defect
 from logs.recorder import Recorder
 
 _log = logging.getLogger(__name__)
@@ -70,8 +71,7 @@ class CycleLog:
         self._replies = 0
         self._step_began_s: float | None = time.monotonic()  # None between steps: the disk owes nothing
         self._opened = threading.Event()
-        self._writer = threading.Thread(target=self._run, args=(open_recorder,), name="cycle-log", daemon=True)
-        self._writer.start()
+        self._writer = OwnedThread(Role.CYCLE_LOG, lambda: self._run(open_recorder)).start()
 
     def await_open(self) -> None:
         """Until the file is open. Raises: CycleFailure(RECORDING) when it cannot be."""
@@ -145,24 +145,23 @@ class CycleLog:
     # --- the writing thread -------------------------------------------------------------------------------------------
 
     def _run(self, open_recorder: Open) -> None:
+        """Whatever ends this thread fails the recording: else the cycle would go on, and nobody would write."""
+        recorder: Recorder | None = None
         try:
             recorder = open_recorder()
-        except RecordingError as error:
-            self._fail(error)
-            return
-        finally:
             self._step_began_s = None
             self._opened.set()
-        try:
             self._write(recorder)
         except RecordingError as error:
             self._fail(error)
-        except Exception as defect:  # noqa: BLE001 - else the cycle would go on, and nobody would write
-            _log.exception("defect in the recording of %s", self.path)
-            self._fail(RecordingError(f"{type(defect).__name__}: {defect}.", "This is a defect."))
+        except Exception as defect:  # noqa: BLE001 - as said above
+            report_defect(str(Role.CYCLE_LOG), defect)
+            self._fail(RecordingError(f"{type(defect).__name__}: {defect}.", "This is a defect: please report it."))
         finally:
             self._step_began_s = None
-            recorder.abandon()
+            self._opened.set()
+            if recorder is not None:
+                recorder.abandon()
 
     def _write(self, recorder: Recorder) -> None:
         """Batch by batch, each written and flushed; at the end a result closes the file. Raises: RecordingError."""

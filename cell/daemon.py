@@ -4,28 +4,31 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Mapping
+from collections import OrderedDict
+from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 
 from bus import topics
-from bus.codec import decode
+from bus.codec import bus_schema, decode
 from bus.codes import ADVICE, Code
-from bus.commands import CellHealth, CommandReply, CommandRequest
+from bus.commands import CellHealth, CommandReply, CommandRequest, Heartbeat, ResultRequest
 from bus.errors import BusError, CycleFailure, DriverError, Refused
 from bus.faulty import answer_faults
 from bus.frozen import Message
-from bus.heard import Heard
-from bus.messages import Attempt, CycleResult
+from bus.heard import Asked, Heard
+from bus.messages import CycleResult
 from bus.session import Bus
-from cell.batch import Batch
+from cell.control import Control
 from cell.cycle import Equipment
-from cell.health import Watch
+from cell.health import LOOK_PERIOD_S, Watch
 from cell.leases import CELL_CLIENT, Leases
-from cell.machine import Machine, Work
-from cell.states import COMMANDS, State, available
+from cell.machine import TURN_S, Machine, Work, refuse
+from cell.speakers import Speakers, strange
+from cell.states import State, available
 from cell.voice import Observer, Voice
 from cell.watchdog import Watchdog
-from cell.works import Works, new_cycle_id
+from cell.works import Works
 from config.schema import Station
 from drivers.interface import Devices
 from logs.faulty import FaultyDisk
@@ -40,6 +43,8 @@ _log = logging.getLogger(__name__)
 _ANYONES = ("stop", "abort", "hold", "suspend")
 
 _CLOSE_PATIENCE_S = 25.0
+_KEPT_RESULTS = 64
+_KEPT_DEFECTS = 16
 
 
 class Daemon:
@@ -84,17 +89,24 @@ class Daemon:
             self._disk.under if self._disk is not None else plain,
         )
         self._watch = Watch(station, self._on_lost, restarts)
-        self._watchdog = Watchdog(station, self._watch, partial(self.voice.say, topics.HEALTH), end_frozen)
-        self._leases = Leases(self._on_lease_lost)
-        self._unattended = ""  # the lost lease as a reason, until the hold begins or somebody takes over
-        self._batch: Batch | None = None
-        self._may_hold = False  # a start may, a single pick ends
-        self.machine = Machine(self._works_by_state(), self._on_state, self._on_accept)
+        self._leases = Leases(self._on_lease_lost, station.silence_s, LOOK_PERIOD_S)
+        self._watchdog = Watchdog(
+            station, self._watch, partial(self.voice.say, topics.HEALTH), end_frozen, self._leases.look, self.health
+        )
+        self._speakers = Speakers(bus, set(station.nodes), self._on_node_twice, self._on_stranger)
+        self._results: OrderedDict[str, CycleResult] = OrderedDict()
+        self._defects: tuple[str, ...] = ()
+        self._said_s = -TURN_S
+        self._control = Control(self._works, self.voice, station.retry)
+        self.machine = Machine(
+            self._works_by_state(), self._control.enter, self._control.accept, on_turn=self._say_heartbeat
+        )
+        self._control.drive(self.machine)
 
     def _works_by_state(self) -> dict[State, Work]:
         works = self._works
         return {
-            State.RESETTING: works.reset,
+            State.RESETTING: self._reset,
             State.STARTING: works.begin,
             State.EXECUTE: works.pick,
             State.COMPLETING: works.complete,
@@ -107,16 +119,25 @@ class Daemon:
             State.CLEARING: works.clear,
         }
 
+    def _reset(self) -> None:
+        """Raises: CycleFailure when this process is not whole any more, and as `Works.reset`."""
+        if not self._watchdog.is_alive():
+            raise CycleFailure(Code.INTERNAL, "Nobody watches the nodes any more: end this cell and start it again.")
+        self._works.reset()
+
     def open(self) -> None:
         """Answer commands; the machine begins in Stopped."""
-        self._bus.tap = self._hear
+        self._bus.tap = self._record
         for topic in topics.TOPICS:
             if topic.kind == "publish" and topic.logged:
                 self._bus.subscribe(topic.key.replace("{name}", "*"), self._hear)
+        self._speakers.listen()
         self._watch.listen(self._bus)
         self._leases.listen(self._bus)
-        self._bus.answer(topics.STATE_NOW, lambda _payload, _fields: self.voice.state, lane="state")
-        self._bus.answer(topics.HEALTH_NOW, lambda _payload, _fields: self._watch.health(), lane="state")
+        self._bus.answer(topics.STATE_NOW, lambda _payload, _asked: self.voice.state, lane="state")
+        self._bus.answer(topics.HEALTH_NOW, lambda _payload, _asked: self.health(), lane="state")
+        self._bus.answer(topics.RESULT_NOW, self._on_result_asked, lane="state")
+        self._bus.answer(topics.SCHEMA_NOW, lambda _payload, _asked: bus_schema(), lane="schema")
         self._bus.answer(topics.COMMAND, self._on_command, lane=_lane_of, verb="*")
         if self._disk is not None and isinstance(self._imaginer, FaultyModel):
             answer_faults(self._bus, {"disk": self._disk, "model": self._imaginer}, self.voice.say)
@@ -139,8 +160,9 @@ class Daemon:
         return self.machine.command(verb, request)
 
     def health(self) -> CellHealth:
-        """The cell's health now, node by node."""
-        return self._watch.health()
+        """The cell's health now, node by node, and what ended unforeseen in this process."""
+        health, defects = self._watch.health(), self._defects
+        return health.model_copy(update={"defects": defects, "is_healthy": health.is_healthy and not defects})
 
     def objects_left(self) -> int | None:
         """Simulation: how many objects really are in the pick region; None where nobody knows."""
@@ -168,102 +190,77 @@ class Daemon:
         self.machine.fault(failure)  # before what it interrupts can end by itself
         self._works.gate.halt(failure)
 
+    def on_defect(self, name: str, defect: BaseException) -> None:
+        """An owned thread of this process ended by an exception nobody foresaw: the cell aborts."""
+        text = f"{name} ended: {type(defect).__name__}: {defect}."
+        self._defects = (*self._defects, text)[-_KEPT_DEFECTS:]
+        self._on_fault(CycleFailure(Code.INTERNAL, text))
+        if not self.machine.is_owned:  # nobody is there to abort: the least that can be done
+            self._works.halt_devices()
+
+    def _on_node_twice(self, name: str, who: str) -> None:
+        text = f"Two nodes are called {name!r}: {who}. Both would carry out every motion."
+        self._on_fault(CycleFailure(Code.NODE_LOST, text))
+
     # --- what others say ----------------------------------------------------------------------------------------------
 
-    def _on_command(self, payload: bytes, fields: Mapping[str, str]) -> Message:
-        request = decode(CommandRequest, payload or b"{}")
+    def _on_command(self, payload: bytes, asked: Asked) -> Message:
+        request, verb = decode(CommandRequest, payload), asked.verb
         if request.client_id == CELL_CLIENT:
             raise Refused(f"The client id {CELL_CLIENT!r} is the cell's own.", "Send another.", code="BAD_CLIENT")
-        verb = fields["verb"]
-        self._leases.require(verb, request.client_id)
+        self._leases.require(verb, request.client_id, asked.received_s)
         reply = self.machine.command(verb, request)
-        if not reply.ok:
-            return reply
+        refuse(reply)
         return reply.model_copy(update={"lease": self._leases.take(verb, request.client_id)})
 
-    def _on_lease_lost(self, client_id: str) -> None:
-        """Nobody attends the motion: it is held, or stopped where it cannot be; and no further cycle begins."""
-        self._unattended = f"The lease of {client_id!r} was lost: nobody attends the motion."
-        self._batch = None
-        self._works.gate.hold()
-        self._hold_unattended("stop" if self.machine.state is State.RESETTING else "hold")
+    def _on_lease_lost(self, client_id: str, why: str) -> None:
+        self._control.lose_lease(client_id, why)
 
-    def _hold_unattended(self, verb: str = "hold") -> None:
-        self.machine.post(verb, CommandRequest(client_id=CELL_CLIENT), self._unattended)
+    def _on_result_asked(self, payload: bytes, _asked: Asked) -> Message:
+        cycle_id = decode(ResultRequest, payload).cycle_id
+        result = self._results.get(cycle_id)
+        if result is None:
+            text = f"There is no result of a cycle {cycle_id!r}: it is not over, or was not one of the last."
+            raise Refused(text, "Recorded ones: `cell cycles`.", code="NO_RESULT")
+        return result
 
-    def _hear(self, heard: Heard) -> None:
+    def _record(self, heard: Heard) -> None:
+        """What this process says, asks and is answered."""
         log = self._works.log
         if log is not None:
             log.hear(heard)
 
-    # --- what the owner thread asks -----------------------------------------------------------------------------------
+    def _hear(self, heard: Heard) -> None:
+        """What others publish on the cell's keys."""
+        if self._speakers.is_ours(heard):
+            self._record(heard)
+            self._watch.hear(heard)
+        else:
+            self._record(strange(heard))
 
-    def _on_accept(self, verb: str, request: CommandRequest) -> str:
-        """Called before an accepted command changes the state; says which cycle it begins."""
-        own = request.client_id == CELL_CLIENT
-        self._unattended = ""
-        if verb in ("stop", "abort"):
-            self._batch = None
-            self._works.gate.halt()
-        elif verb in ("hold", "suspend"):
-            self._works.gate.hold()
-        elif verb in ("reset", "clear") and not own:
-            self._batch = None
-            self._works.renew()
-            self._works.gate.clear()
-        elif verb in ("start", "pick") and not own:
-            return self._begin(verb, request)
-        return ""
+    def _on_stranger(self, heard: Heard) -> None:
+        who = f"session {heard.source[:8]}" if heard.source else "a program that does not say who it is"
+        self.voice.say_event(
+            "STRANGER",
+            "warning",
+            f"{who} put something on {heard.key!r}, which is not its to say: it is recorded apart, and not believed.",
+            "Find the program; only the cell and its nodes publish below cell/CELL_ID.",
+        )
 
-    def _begin(self, verb: str, request: CommandRequest) -> str:
-        """The picks of a ``start``, or the one of a ``pick``; the first one's cycle id. Raises: Refused."""
-        self._works.feed.require_possible(request)
-        self._may_hold = verb == "start"
-        self._batch = Batch(request if verb == "start" else CommandRequest(), self._station.retry)
-        attempt = Attempt(cycle_id=new_cycle_id())
-        self._works.renew(attempt)
-        self._works.object = request.object
-        self._works.gate.clear()
-        return attempt.cycle_id
-
-    def _on_state(self, state: State, reason: str) -> None:
-        """Say the new state, and do what it makes due."""
-        self.voice.say_state(state, reason)
-        if reason and state in (State.ABORTING, State.ABORTED):
-            self.voice.say_event(state.upper(), "error", reason)
-        if self._unattended and state in COMMANDS["hold"]:  # it was lost while the cycle was starting
-            self._hold_unattended()
-        if state is State.COMPLETING:
-            self._hold_if_it_gave_up()
-        self._go_on(state)
-
-    def _go_on(self, state: State) -> None:
-        """With the next cycle of a ``start``."""
-        own = CommandRequest(client_id=CELL_CLIENT)
-        goes_on = self._batch is not None and not self._batch.is_over
-        if state is State.COMPLETE and goes_on:
-            self.machine.post("reset", own)
-        elif state is State.IDLE and goes_on:
-            self.machine.post("start", own)
-        elif state in (State.STOPPING, State.ABORTING):
-            self._batch = None
-
-    def _hold_if_it_gave_up(self) -> None:
-        """On the owner thread, before the delivery begins: after too many failures somebody must look first."""
-        why, self._works.gave_up = self._works.gave_up, ""
-        if why and self._may_hold:
-            self.voice.say_event("GAVE_UP", "error", why)
-            self._works.gate.hold()
-            self.machine.post("hold", CommandRequest(client_id=CELL_CLIENT), why)
+    # --- what the works tell ------------------------------------------------------------------------------------------
 
     def _on_result(self, result: CycleResult) -> None:
-        """Count it in the running ``start``; say so when that gives up."""
-        batch = self._batch
-        if batch is None:
-            return
-        batch.hear(result)
-        if batch.gave_up:
-            self.voice.say_event("GAVE_UP", "error", batch.reason)
+        self._results[result.cycle_id] = result
+        while len(self._results) > _KEPT_RESULTS:
+            self._results.popitem(last=False)
+        self._control.count(result)
+
+    def _say_heartbeat(self) -> None:
+        """By the machine's owner: who hears it knows that a stop would be answered."""
+        if time.monotonic() - self._said_s >= TURN_S / 2:
+            self._said_s = time.monotonic()
+            with suppress(BusError):  # closing
+                self._bus.publish(topics.HEARTBEAT, Heartbeat())
 
 
 def _lane_of(verb: str) -> str:

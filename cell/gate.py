@@ -6,6 +6,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from bus.cancel import Cancel
 from bus.errors import CycleFailure
 
 
@@ -14,14 +15,15 @@ class Gate:
 
     def __init__(self) -> None:
         self._change = threading.Condition()
-        self._halted = self._held = False
+        self._held = False
+        self._cancel = Cancel()
         self._cause: CycleFailure | None = None
         self._passed = 0
 
     def halt(self, cause: CycleFailure | None = None) -> None:
         """Let nothing through any more, and turn away whoever waits; ``cause``: what failed, if no command it was."""
         with self._change:
-            self._halted = True
+            self._cancel.set()
             self._cause = self._cause or cause
             self._change.notify_all()
 
@@ -39,7 +41,8 @@ class Gate:
     def clear(self) -> None:
         """Open again, after a halt or a hold."""
         with self._change:
-            self._halted = self._held = False
+            self._held = False
+            self._cancel = Cancel()  # what a halt left behind keeps the old one, and stays stopped
             self._cause = None
             self._change.notify_all()
 
@@ -51,7 +54,17 @@ class Gate:
     @property
     def halted(self) -> bool:
         """Whether somebody asked the cell to stop."""
-        return self._halted
+        return self._cancel.is_set
+
+    @property
+    def held(self) -> bool:
+        """Whether nothing may begin until `let_go`."""
+        return self._held
+
+    @property
+    def cancel(self) -> Cancel:
+        """For whatever computes between motions: set by the halt that turns these away."""
+        return self._cancel
 
     @property
     def is_moving(self) -> bool:
@@ -62,8 +75,9 @@ class Gate:
     def motion(self) -> Iterator[bool]:
         """Around every motion: waits while held, then says whether it may begin; False once halted."""
         with self._change:
-            self._change.wait_for(lambda: self._halted or not self._held)
-            may_begin = not self._halted
+            cancel = self._cancel
+            self._change.wait_for(lambda: cancel.is_set or not self._held)
+            may_begin = not cancel.is_set
             self._passed += may_begin
         try:
             yield may_begin

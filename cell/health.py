@@ -59,10 +59,8 @@ class Watch:
         self._looked_s = time.monotonic()
 
     def listen(self, bus: Bus) -> None:
-        """Hear tokens and streams."""
+        """Hear tokens; streams are handed to `hear`, once it is known that they are the nodes' (`cell.speakers`)."""
         bus.watch_alive(topics.NODE_ALIVE, self.change)
-        for topic in (topics.ARM_STATE, topics.HAND_STATE, topics.NODE_HEALTH):
-            bus.subscribe(topic.key.replace("{name}", "*"), self.hear)
 
     def change(self, name: str, is_alive: bool) -> None:
         """A node's token came or went."""

@@ -1,8 +1,8 @@
 """The owner of the machine: one thread takes commands and ends of work, one at a time, and moves the states.
 
-What an acting state does is a `Work`, run in a thread of its own; what it must not do is decide where to go next. Every
-run of a work has a number: the end of one that a stop has left behind is never taken for the end of another, and nothing
-begins while one still runs.
+What an acting state does is a `Work`, run in a thread of its own; what it must not do is decide where to go next.
+Every run of a work has a number: the end of one that a stop has left behind is never taken for the end of another, and
+nothing begins while one still runs.
 """
 
 from __future__ import annotations
@@ -131,6 +131,11 @@ class Machine:
     def fault(self, error: CellError) -> None:
         """Report that something failed outside any work (a node died): the machine aborts."""
         self._inbox.put(_Fault(error))
+
+    @property
+    def is_owned(self) -> bool:
+        """Whether its owner thread answers commands, or will once it is started."""
+        return not self._ended.is_set()
 
     def wait_quiet(self, timeout_s: float) -> bool:
         """Wait until no work other than the stopping ones runs; used by these."""

@@ -15,7 +15,8 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import ExitStack, suppress
+from functools import partial
 from pathlib import Path
 from typing import IO
 
@@ -29,6 +30,7 @@ from bus.faulty import FaultyBus
 from bus.frozen import Message
 from bus.remote_errors import error_from_reply, error_reply
 from bus.session import Bus
+from bus.threads import OwnedThread, Role, handled_by
 from cell import LOG_FORMAT
 from cell.leases import CELL_CLIENT
 from cell.memory import settled, share_arenas
@@ -40,6 +42,8 @@ from drivers.registry import open_devices
 _log = logging.getLogger(__name__)
 START_TIMEOUT_S = 60.0
 _STOP_TIMEOUT_S = 5.0
+_DEFECT_EXIT_CODE = 70
+"""EX_SOFTWARE of sysexits.h."""
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.5, 30.0
 
 
@@ -67,7 +71,7 @@ class Supervisor:
         self._children: dict[str, subprocess.Popen[str]] = {}
         self._restarts: dict[str, int] = {}
         self._serving: set[str] = set()
-        self._watchers: list[threading.Thread] = []
+        self._watchers: list[OwnedThread] = []
         self._closing = threading.Event()
         self._spawning = threading.Lock()  # nothing is spawned once closing is set
 
@@ -80,9 +84,7 @@ class Supervisor:
             _await_ready(name, child)
             self._serving.add(name)
         for name in self._children:
-            watcher = threading.Thread(target=self._watch, args=(name,), name=f"watch-{name}", daemon=True)
-            watcher.start()
-            self._watchers.append(watcher)
+            self._watchers.append(OwnedThread(Role.SUPERVISOR, partial(self._watch, name), of=name).start())
 
     def close(self) -> None:
         """End all children: ask by closing their stdin, then insist; idempotent."""
@@ -156,7 +158,7 @@ class Supervisor:
 
 def _child(name: str, station: Station) -> subprocess.Popen[str]:
     child = subprocess.Popen(
-        [sys.executable, "-m", "cell.nodes", name],
+        [sys.executable, "-P", "-m", "cell.nodes", name],  # -P: no module of the working folder in the place of ours
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
@@ -215,15 +217,23 @@ def _serve_supervised(name: str, stdin: IO[str], stdout: IO[str]) -> int:
     try:
         with _link(station) as bus:
             node = Node(name, bus, open_devices(station.nodes[name].driver, station), station)
-            node.open()
-            _say(stdout, Ready(node=name, pid=os.getpid()))
-            with settled():
-                stdin.read()
-            node.close()
+            with handled_by(partial(_end_by_defect, node)):
+                node.open()
+                _say(stdout, Ready(node=name, pid=os.getpid()))
+                with settled():
+                    stdin.read()
+                node.close()
     except CellError as error:
         _say(stdout, Ready(node=name, pid=os.getpid(), error=error_reply(error)))
         return error.exit_code
     return 0
+
+
+def _end_by_defect(node: Node, name: str, defect: BaseException) -> None:
+    """End this process: it is not whole any more. The arm stops first, and the cell is told why."""
+    node.end_by_defect(name, defect)
+    logging.shutdown()
+    os._exit(_DEFECT_EXIT_CODE)
 
 
 def serve_until_interrupted(name: str, station: Station) -> None:
@@ -233,10 +243,12 @@ def serve_until_interrupted(name: str, station: Station) -> None:
     """
     share_arenas()
     ended = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: ended.set())
-    with _link(station, station.bus.zenoh) as bus:
+    with ExitStack() as stack:
+        bus = stack.enter_context(_link(station, station.bus.zenoh))
         node = Node(name, bus, open_devices(station.nodes[name].driver, station), station)
+        stack.enter_context(handled_by(partial(_end_by_defect, node)))
         node.open()
 
         def change(client_id: str, is_alive: bool) -> None:

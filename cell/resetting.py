@@ -54,7 +54,7 @@ def _to_capture_pose(e: Equipment, gate: Gate, q_rad: Joints) -> None:
     home_q_rad = np.asarray(e.station.arm.capture_q_rad)
     if float(np.abs(q_rad - home_q_rad).max()) < _AT_CAPTURE_RAD:
         return
-    way = move(Scene.of(e.robot, e.station), q_rad, home_q_rad)
+    way = move(Scene.of(e.robot, e.station, cancel=gate.cancel), q_rad, home_q_rad)
     motion = _move(gate, lambda: e.arm.execute(way))
     if not motion.finished:
         raise CycleFailure(Code.STOPPED, "Stopped on the way to the capture pose.")

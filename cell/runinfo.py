@@ -7,7 +7,7 @@ import subprocess
 import sys
 import time
 from functools import cache
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from importlib.resources import files
 from pathlib import Path
 
@@ -17,6 +17,8 @@ from config.schema import Station
 from logs.migrate import SCHEMA_VERSION
 from logs.recorder import Recorder, Under
 
+_GIT_TIMEOUT_S = 1.0
+"""A cycle waits for it, once."""
 _PACKAGES = ("vlad-cell", "mujoco", "numpy", "opencv-python-headless", "pin", "coal", "toppra", "eclipse-zenoh", "mcap")
 
 
@@ -31,7 +33,7 @@ def run_info(station: Station, cycle_id: str) -> dict[str, str]:
         "robot_model_sha256": _robot_model(),
         **_commit(),
         "python": sys.version.split()[0],
-        **{package: version(package) for package in _PACKAGES},
+        **{package: _version(package) for package in _PACKAGES},
     }
 
 
@@ -53,6 +55,14 @@ def open_recorder(path: Path, station: Station, cycle_id: str, under: Under) -> 
     return recorder
 
 
+def _version(package: str) -> str:
+    """Of an installed package; "unknown" where another one brings its modules (opencv has four names)."""
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "unknown"
+
+
 @cache
 def _robot_model() -> str:
     """Over the robot's description and its collision meshes, which the plan depends on."""
@@ -65,16 +75,16 @@ def _robot_model() -> str:
 
 @cache
 def _commit() -> dict[str, str]:
-    """The checkout's commit, and whether it has changes; "unknown" outside a checkout or without git."""
+    """The checkout's commit, and whether it has changes; "unknown" outside a checkout and without a git that is quick."""
     root = Path(__file__).parent.parent
     try:
         commit = _git(root, "rev-parse", "--short=12", "HEAD")
         return {"commit": commit, "dirty": "yes" if _git(root, "status", "--porcelain") else "no"}
-    except (OSError, subprocess.CalledProcessError):
+    except (OSError, subprocess.SubprocessError):
         return {"commit": "unknown", "dirty": "unknown"}
 
 
 def _git(root: Path, *arguments: str) -> str:
     return subprocess.run(
-        ["git", "-C", str(root), *arguments], check=True, capture_output=True, text=True, timeout=10
+        ["git", "-C", str(root), *arguments], check=True, capture_output=True, text=True, timeout=_GIT_TIMEOUT_S
     ).stdout.strip()

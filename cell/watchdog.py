@@ -1,4 +1,4 @@
-"""The daemon's watchdog: looks at the nodes often, says the cell's health, and ends a node that is frozen."""
+"""The daemon's watchdog: looks at nodes and lease often, says the cell's health, and ends a node that is frozen."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 
 from bus.commands import CellHealth
+from bus.threads import OwnedThread, Role
 from cell.health import LOOK_PERIOD_S, Watch
 from config.schema import Station
 
@@ -19,6 +20,8 @@ class Watchdog:
     Args:
         say_health: told the cell's health once a second.
         end_frozen: told, once each time, the name of a node that has not been heard for `bus.frozen_s`.
+        look_at_lease: takes it from a client that has fallen silent.
+        health: of the whole cell.
     """
 
     def __init__(
@@ -27,12 +30,15 @@ class Watchdog:
         watch: Watch,
         say_health: Callable[[CellHealth], None],
         end_frozen: Callable[[str], None],
+        look_at_lease: Callable[[], None],
+        health: Callable[[], CellHealth],
     ) -> None:
         self._station, self._watch = station, watch
         self._say_health, self._end_frozen = say_health, end_frozen
+        self._look_at_lease, self._health = look_at_lease, health
         self._ended: set[str] = set()
         self._closing = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="watchdog", daemon=True)
+        self._thread = OwnedThread(Role.WATCHDOG, self._run)
 
     def start(self) -> None:
         """Begin to look."""
@@ -41,18 +47,22 @@ class Watchdog:
     def close(self) -> None:
         """Look no more; idempotent."""
         self._closing.set()
-        if self._thread.is_alive():
-            self._thread.join()
+        self._thread.join()
+
+    def is_alive(self) -> bool:
+        """Whether it looks."""
+        return self._thread.is_alive()
 
     def _run(self) -> None:
         said_s = 0.0
         while not self._closing.wait(LOOK_PERIOD_S):
             self._watch.look()
+            self._look_at_lease()
             for name in self._station.nodes:
                 self._end_if_frozen(name)
             if time.monotonic() - said_s >= _HEALTH_PERIOD_S:
                 said_s = time.monotonic()
-                self._say_health(self._watch.health())
+                self._say_health(self._health())
 
     def _end_if_frozen(self, name: str) -> None:
         is_frozen = self._watch.unheard_for_s(name) > self._station.bus.frozen_s

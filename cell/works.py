@@ -168,6 +168,12 @@ class Works:
     def clear(self) -> None:
         self._equipment.arm.recover()
 
+    def halt_devices(self) -> None:
+        """Stop what moves without waiting for anything. Never raises."""
+        self.gate.halt()
+        self._equipment.arm.stop()
+        self._equipment.hand.stop()
+
     def _finish(self, retried_as: str = "") -> None:
         """Close the cycle's record, if one is open, then say the result: whoever hears it finds the file.
 

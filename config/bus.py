@@ -21,6 +21,9 @@ class BusSettings(Settings):
         zenoh: the Zenoh file that makes what is beyond loopback safe, relative to the station file; what must be in it:
             docs/security.md.
         stale_s: a node whose arm or hand says nothing for so long is lost, whatever else it does.
+        silence_s: while something moves, the cell may say nothing to its arm for so long, and the client that holds the
+            lease nothing to the cell; then the arm brakes on its path. A simulation that runs as fast as it can
+            (``sim.pace = 0``) waits for ``stale_s``.
         frozen_s: a node of ours that says nothing at all for so long is ended, and started again.
     """
 
@@ -30,6 +33,7 @@ class BusSettings(Settings):
     zenoh: Path | None = None
     ask_timeout_s: Positive = 5.0
     stale_s: Positive = 0.75
+    silence_s: Positive = 0.5
     frozen_s: Positive = 3.0
 
     @field_validator("endpoint", "listen", "router")

@@ -412,3 +412,9 @@ class Station(Settings):
     def simulated(self) -> bool:
         """Whether a node stands in for real devices."""
         return any(node.driver == "sim" for node in self.nodes.values())
+
+    @property
+    def silence_s(self) -> float:
+        """How long who commands a motion may be silent (``bus.silence_s``); longer where no time is kept."""
+        is_timeless = self.simulated and self.sim.pace == 0
+        return max(self.bus.silence_s, self.bus.stale_s) if is_timeless else self.bus.silence_s

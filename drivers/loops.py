@@ -9,6 +9,7 @@ from collections.abc import Callable
 
 from bus.commands import LoopHealth
 from bus.errors import BusError, CellError
+from bus.threads import OwnedThread, Role
 
 _RATE_WINDOW_S = 2.0
 
@@ -37,8 +38,7 @@ class Loop:
         self._fault = ""
         self._changing = threading.Lock()
         self._closing = threading.Event()
-        self._thread = threading.Thread(target=self._run, name=f"loop-{name}", daemon=True)
-        self._thread.start()
+        self._thread = OwnedThread(Role.LOOP, self._run, of=name).start()
 
     def health(self) -> LoopHealth:
         """Asked from another thread: a loop that hangs reports so by its rate."""

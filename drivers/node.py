@@ -1,21 +1,28 @@
-"""Serves a driver's devices on the bus: one lane (thread) per device, and others for what must not wait for it."""
+"""Serves a driver's devices on the bus: one lane (thread) per device, and others for what must not wait for it.
+
+While a motion is under way the cell must be heard: its heartbeat comes from the thread that would answer a stop. When
+it falls silent, nobody could stop the arm, and the arm brakes on its path by itself.
+"""
 
 from __future__ import annotations
 
 import os
+import threading
 import time
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from typing import TypeVar
 
 from bus import topics
 from bus.codec import decode
-from bus.commands import HandGrasp, HandMove, Health, Nothing, PresentRequest
-from bus.errors import BusError, CellError
+from bus.commands import Event, HandGrasp, HandMove, Health, Nothing, PresentRequest
+from bus.errors import BadPayload, BusError, CellError, DriverUnavailable
 from bus.faulty import FaultyBus, Spoilable, answer_faults
 from bus.frozen import Message
-from bus.heard import Heard
+from bus.heard import Asked, Heard
+from bus.messages import Motion
 from bus.session import Bus
+from bus.silence import Silence
 from bus.topics import Topic, encoding_of
 from bus.trajectory import Trajectory
 from bus.wire import arm_state_to_wire, frame_to_wire
@@ -31,6 +38,10 @@ HEALTH_PERIOD_S = 1.0
 _TELL_PERIOD_S = 0.2
 _PULSE = "health"
 """The loop that tells of the others; whoever does not hear it knows."""
+_LISTEN_PERIOD_S = 0.05
+_NAME_TIMEOUT_S = 1.0
+_REST_S = 0.5
+"""How long an arm may take to rest before a process that is not whole ends all the same."""
 
 AskT = TypeVar("AskT", bound=Message)
 
@@ -52,12 +63,20 @@ class Node:
         self._arm = Guard(devices.arm, station) if devices.arm is not None else None
         self._started_s = time.monotonic()
         self._told_s = self._started_s - _TELL_PERIOD_S
-        self._answered = self._failed = 0
+        self._answered = self._failed = self._defects = 0
         self._last_fault = ""
+        self._motions = 0  # of the arm, under way; guarded by it
+        self._motion_change = threading.Condition()
+        self._cell = Silence(station.silence_s, _LISTEN_PERIOD_S)
+        self._was_heard = False  # a cell that never said anything cannot have fallen silent
         self._loops: list[Loop] = []
 
     def open(self) -> None:
-        """Connect every device or none, then answer and announce. Raises: DriverError."""
+        """Connect every device or none, then answer and announce.
+
+        Raises: DriverError; DriverUnavailable when another node has this name.
+        """
+        self._require_free()
         try:
             self._connect()
         except CellError:
@@ -74,12 +93,36 @@ class Node:
         if self._station.faults.allowed:
             self._allow_faults()
         self._every(_PULSE, HEALTH_PERIOD_S, self._publish_health)
+        self._bus.answer(topics.NODE_NOW, lambda _payload, _asked: self._health(), lane="state", name=self._name)
         self._bus.announce(topics.NODE_ALIVE, name=self._name)
+
+    def _require_free(self) -> None:
+        """A name is served once. Raises: DriverUnavailable, naming the other process."""
+        if self._name not in self._bus.alive(topics.NODE_ALIVE):
+            return
+        others = self._bus.sessions(topics.NODE_NOW, timeout_s=_NAME_TIMEOUT_S, name=self._name)
+        who = " and ".join(map(_process, others.values())) or "a process that does not answer"
+        raise DriverUnavailable(
+            f"There is a node {self._name!r} already: {who}.",
+            'End it first, or give this one a name of its own. A node with run = "here" is started by `cell start`.',
+        )
 
     def halt(self) -> None:
         """Stop the arm, if this node has it: nobody is there any more who could. Never raises."""
         if self._arm is not None:
             self._arm.stop()
+
+    def end_by_defect(self, name: str, defect: BaseException) -> None:
+        """The thread ``name`` of this process ended unforeseen: stop the arm, and say why. Never raises."""
+        self._defects += 1
+        self._last_fault = f"DEFECT: {name} ended: {type(defect).__name__}: {defect}"
+        self.halt()
+        with suppress(BusError):
+            text = f"The node {self._name!r} ends: its thread {name} met {type(defect).__name__}: {defect}."
+            self._bus.publish(topics.EVENT, Event(code="INTERNAL", severity="error", text=text))
+            self._publish_health()
+        with self._motion_change:
+            self._motion_change.wait_for(lambda: self._motions == 0, _REST_S)
 
     def close(self) -> None:
         """Stop the arm, end the publishers, disconnect; idempotent."""
@@ -108,7 +151,7 @@ class Node:
     # --- what is answered ---------------------------------------------------------------------------------------------
 
     def _answer(self, topic: Topic, ask_type: type[AskT], act: Callable[[AskT], Message | None], lane: str) -> None:
-        def handle(payload: bytes, _: Mapping[str, str]) -> Message:
+        def handle(payload: bytes, _: Asked) -> Message:
             try:
                 answer = act(decode(ask_type, payload))
             except CellError as error:
@@ -120,7 +163,7 @@ class Node:
         self._bus.answer(topic, handle, lane=lane)
 
     def _serve_camera(self, camera: Camera) -> None:
-        def capture(payload: bytes, _: Mapping[str, str]) -> list[Heard]:
+        def capture(payload: bytes, _: Asked) -> list[Heard]:
             decode(Nothing, payload)
             try:
                 parts = frame_to_wire(camera.capture())
@@ -135,7 +178,11 @@ class Node:
         self._bus.answer(topics.CAMERA_CAPTURE, capture, lane="camera")
 
     def _serve_arm(self, arm: Arm) -> None:
-        self._answer(topics.ARM_EXECUTE, Trajectory, arm.execute, "arm")
+        def execute(trajectory: Trajectory) -> Motion:
+            with self._under_way():
+                return arm.execute(trajectory)
+
+        self._answer(topics.ARM_EXECUTE, Trajectory, execute, "arm")
         self._answer(topics.ARM_RECOVER, Nothing, lambda _: arm.recover(), "arm")
         self._answer(topics.ARM_STOP, Nothing, lambda _: arm.stop(), "arm-stop")
         self._answer(topics.ARM_HOLD, Nothing, lambda _: arm.hold(), "arm-hold")
@@ -146,6 +193,35 @@ class Node:
             ARM_STATE_PERIOD_S,
             lambda: self._bus.publish(topics.ARM_STATE, arm_state_to_wire(arm.state())),
         )
+        self._bus.subscribe(topics.HEARTBEAT.key, self._hear_cell)
+        self._every("cell", _LISTEN_PERIOD_S, lambda: self._brake_if_alone(arm))
+
+    @contextmanager
+    def _under_way(self) -> Iterator[None]:
+        """Around every motion of the arm."""
+        with self._motion_change:
+            self._motions += 1
+        try:
+            yield
+        finally:
+            with self._motion_change:
+                self._motions -= 1
+                self._motion_change.notify_all()
+
+    def _hear_cell(self, heard: Heard) -> None:
+        if self._bus.cell in (None, heard.source):
+            self._cell.hear()
+            self._was_heard = True
+
+    def _brake_if_alone(self, arm: Arm) -> None:
+        silent_s = self._cell.for_s()
+        if silent_s <= self._station.silence_s or not self._was_heard or self._motions == 0:
+            return
+        self._was_heard = False  # once; it counts again when it is heard again
+        arm.stop()
+        text = f"The cell has said nothing for {silent_s:.2f} s while the arm moved: the arm braked on its path."
+        advice = "Was its process frozen, or the machine too busy? After `cell reset` it goes on."
+        self._bus.publish(topics.EVENT, Event(code="CELL_SILENT", severity="error", text=text, advice=advice))
 
     def _serve_hand(self, hand: Hand) -> None:
         self._answer(topics.HAND_MOVE, HandMove, lambda ask: hand.move(ask.width_m, ask.speed_m_s), "hand")
@@ -169,19 +245,19 @@ class Node:
     # --- what is published --------------------------------------------------------------------------------------------
 
     def _publish_health(self) -> None:
-        self._bus.publish(
-            topics.NODE_HEALTH,
-            Health(
-                name=self._name,
-                pid=os.getpid(),
-                uptime_s=time.monotonic() - self._started_s,
-                answered=self._answered,
-                failed=self._failed,
-                last_fault=self._last_fault,
-                loops={loop.name: loop.health() for loop in self._loops if loop.name != _PULSE},
-                readings=self._readings(),
-            ),
+        self._bus.publish(topics.NODE_HEALTH, self._health(), name=self._name)
+
+    def _health(self) -> Health:
+        return Health(
             name=self._name,
+            pid=os.getpid(),
+            uptime_s=time.monotonic() - self._started_s,
+            answered=self._answered,
+            failed=self._failed,
+            last_fault=self._last_fault,
+            loops={loop.name: loop.health() for loop in self._loops if loop.name != _PULSE},
+            readings=self._readings(),
+            defects=self._defects,
         )
 
     def _readings(self) -> dict[str, float]:
@@ -208,3 +284,10 @@ class Node:
         """Nobody can stop the arm any more: it stops itself."""
         if self._arm is not None:
             self._arm.stop()
+
+
+def _process(health: bytes) -> str:
+    try:
+        return f"process {decode(Health, health).pid}"
+    except BadPayload:
+        return "a process that does not say which"

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from dataclasses import field as dataclass_field
 from functools import cached_property
 
 import coal
@@ -15,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bus.arrays import Joints, JointSamples, Points, Transform
+from bus.cancel import Cancel
 from config.scene import scene_boxes
 from config.schema import Box, Station
 from planning.robot import HAND_FROM_TCP_M, Robot
@@ -59,6 +61,7 @@ class Scene:
         field: what was seen besides; None = nothing.
         target: the points (n, 3) of the object to be grasped in ``base``; only the fingers may touch it.
         held: the object in the hand.
+        cancel: ends every check with CycleFailure(STOPPED), and so whatever plans with this scene.
     """
 
     robot: Robot
@@ -67,19 +70,27 @@ class Scene:
     field: Field | None = None
     target: Array | None = None
     held: Thing | None = None
+    cancel: Cancel = dataclass_field(default_factory=Cancel)
 
     @classmethod
     def of(
-        cls, robot: Robot, station: Station, sight: Sight | None = None, boxes: Sequence[Box] | None = None
+        cls,
+        robot: Robot,
+        station: Station,
+        sight: Sight | None = None,
+        boxes: Sequence[Box] | None = None,
+        cancel: Cancel | None = None,
     ) -> Scene:
         """The station's boxes (or others), and what was seen among them."""
         known = scene_boxes(station.scene) if boxes is None else tuple(boxes)
+        cancel = cancel or Cancel()
         if sight is None:
-            return cls(robot, station, known)
+            return cls(robot, station, known, cancel=cancel)
         target = sight.points_base[sight.target].astype(float)
         target = few(target[np.isfinite(target[:, 2])])
         field = observed_field(sight.points_base, sight.target, known)
-        return cls(robot, station, known, field, target if len(target) >= _FEWEST_POINTS else None)
+        seen = target if len(target) >= _FEWEST_POINTS else None
+        return cls(robot, station, known, field, seen, cancel=cancel)
 
     def holding(self, base_from_tcp: Transform) -> Scene:
         """The scene in which the target hangs in the hand, as it lay when the tcp was at ``base_from_tcp``."""
@@ -100,6 +111,7 @@ class Scene:
 
     def touch(self, q_rad: Joints, width_m: float) -> Touch | None:
         """What comes nearer than the clearance in one configuration, or None."""
+        self.cancel.raise_if_set("plan")
         return self._planned.touch(q_rad, width_m)
 
     def first_touch(self, path_rad: JointSamples, width_m: float) -> Touch | None:
@@ -113,6 +125,7 @@ class Scene:
         edges = np.linspace(0.0, travel_m[-1], blocks + 1)
         middles = _at(path_rad, travel_m, (edges[1:] + edges[:-1]) / 2)
         for begin, end, middle in zip(edges[:-1], edges[1:], middles, strict=True):
+            self.cancel.raise_if_set("plan")
             if self._planned.touch(middle, width_m, coarse=True) is None:
                 continue
             checks = int(np.ceil((end - begin) / _CHECK_STEP_M)) + 1
@@ -128,6 +141,7 @@ class Scene:
         The exact meshes instead of their hulls, the observed points instead of the field, every 8 ms.
         """
         for q in np.concatenate([commands_rad[::_GATE_TICKS], commands_rad[-1:]]):
+            self.cancel.raise_if_set("plan")
             touch = self._exact.touch(q, width_m)
             if touch is not None:
                 return touch

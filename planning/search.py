@@ -8,6 +8,7 @@ import numpy as np
 from ompl import base, geometric, util
 
 from bus.arrays import Joints, JointSamples
+from bus.errors import CycleFailure
 from config.limits import LOWER_RAD, UPPER_RAD
 
 Free = Callable[[Joints], bool]
@@ -29,15 +30,22 @@ def search(
 
     Args:
         free: whether a configuration may be passed. It is asked every 0.03 rad: check the result more finely.
+
+    Raises: the CycleFailure with which ``free`` ends the search.
     """
     util.setLogLevel(util.LogLevel.LOG_NONE)
     util.RNG.setSeed(seed + 1)  # 0 would mean the clock
     count = 0
+    ended: list[CycleFailure] = []  # no exception goes through the library
 
     def counted(state: base.State) -> bool:
         nonlocal count
         count += 1
-        return free(_joints(state))
+        try:
+            return not ended and free(_joints(state))
+        except CycleFailure as failure:
+            ended.append(failure)
+            return False
 
     space = _space([q_from_rad, *goals_rad])
     info = base.SpaceInformation(space)
@@ -54,13 +62,18 @@ def search(
     planner.setRange(_RANGE_RAD)
     planner.setProblemDefinition(problem)
     planner.setup()
-    planner.solve(base.PlannerTerminationCondition(lambda: count > _MAX_CHECKS))
+    planner.solve(base.PlannerTerminationCondition(lambda: bool(ended) or count > _MAX_CHECKS))
+    if ended:
+        raise ended[0]
     if not problem.hasExactSolution():
         return None
     path = problem.getSolutionPath()
     if simplify:
         limit = count + _SIMPLIFYING_CHECKS
-        geometric.PathSimplifier(info).simplify(path, base.PlannerTerminationCondition(lambda: count > limit))
+        enough = base.PlannerTerminationCondition(lambda: bool(ended) or count > limit)
+        geometric.PathSimplifier(info).simplify(path, enough)
+        if ended:
+            raise ended[0]
     return np.array([_joints(path.getState(index)) for index in range(path.getStateCount())])
 
 

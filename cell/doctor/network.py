@@ -6,10 +6,11 @@ import ipaddress
 import queue
 import socket
 import struct
-import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
+
+from bus.threads import OwnedThread, Role
 
 AnswerT = TypeVar("AnswerT")
 
@@ -29,7 +30,7 @@ def answer_within(seconds: float, ask: Callable[[], AnswerT]) -> AnswerT | None:
         except OSError:
             answers.put(None)
 
-    threading.Thread(target=work, daemon=True).start()
+    OwnedThread(Role.PROBE, work).start()
     try:
         return answers.get(timeout=seconds)
     except queue.Empty:
