@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections import OrderedDict
 from collections.abc import Sequence
 
@@ -21,7 +20,6 @@ from bus.topics import Topic, encoding_of
 MAX_RECORDED_QUESTION_BYTES = 64 * 1024
 """Longer questions to a cell that records are a stranger's; its commands have some hundred bytes."""
 
-_FIELD = re.compile(r"\{\w+\}")
 _REMEMBERED = 4
 
 
@@ -44,13 +42,17 @@ class Answers:
 
 
 def reply_to(
-    query: zenoh.Query, question: Asked, topic: Topic, handler: Handler, root: str, record: Tap, answers: Answers
+    query: zenoh.Query, question: Asked, topic: Topic, key: str, handler: Handler, record: Tap, answers: Answers
 ) -> None:
-    """Ask ``handler`` and reply, below ``root``; the question and what was said are recorded together, then.
+    """Ask ``handler`` and reply; the question and what was said are recorded together, then.
+
+    Args:
+        key: what is served, a whole key; its last chunk may be ``*``, and is then the question's.
 
     A defect of the handler is answered too, and raised on.
     """
-    name = _FIELD.sub(lambda _: question.verb, topic.key)  # not the question's key: it may be a pattern over many cells
+    key = key.removesuffix("*") + question.verb if key.endswith("*") else key  # the question's may be a pattern
+    root, name = key[: -len(_short(key))], _short(key)
     known = answers.known(question) if topic.acts else None
     if known is not None:
         _send(query, root, known)
@@ -92,6 +94,11 @@ def _send(query: zenoh.Query, root: str, answer: Sequence[Heard]) -> None:
             query.reply_err(part.payload, encoding=AS_ERROR)
         else:
             query.reply(f"{root}{part.key}", part.payload, encoding=part.encoding)
+
+
+def _short(key: str) -> str:
+    """Below the cell's root: ``cell/{cell_id}/``."""
+    return key.split("/", 2)[2]
 
 
 def _record(record: Tap, topic: Topic, name: str, question: bytes, answer: Sequence[Heard]) -> None:

@@ -71,16 +71,17 @@ class FaultyBus(Faulty, Bus):
         self.fault = Fault.NONE  # whoever waits in an answer ends
         super().close()
 
-    def _reply(self, topic: Topic, query: zenoh.Query, question: Asked, handler: Handler, answers: Answers) -> None:
+    def _reply(
+        self, topic: Topic, key: str, query: zenoh.Query, question: Asked, handler: Handler, answers: Answers
+    ) -> None:
         if topic is topics.FAULT:
-            super()._reply(topic, query, question, handler, answers)
+            super()._reply(topic, key, query, question, handler, answers)
             if self._fault is Fault.OFF:
                 self._session.close()  # type: ignore[no-untyped-call]
             return
         if self._fault is not Fault.STUCK:
-            super()._reply(
-                topic, query, question, lambda payload, asked: self._spoiled(topic, handler(payload, asked)), answers
-            )
+            spoiled = lambda payload, asked: self._spoiled(topic, handler(payload, asked))  # noqa: E731
+            super()._reply(topic, key, query, question, spoiled, answers)
             return
         with self._turn:
             self._kept.append(query)

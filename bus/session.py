@@ -230,7 +230,7 @@ class Bus:
                 self.lane("refusals").post(partial(_refuse, query, why))
                 return
             name = lane if isinstance(lane, str) else lane(question.verb)
-            self.lane(name).post(lambda: self._reply(topic, query, question, handler, answers))
+            self.lane(name).post(lambda: self._reply(topic, key, query, question, handler, answers))
 
         self._declared.append(self._session.declare_queryable(key, receive))
 
@@ -241,9 +241,11 @@ class Bus:
                 self._lanes[name] = Lane(name)
             return self._lanes[name]
 
-    def _reply(self, topic: Topic, query: zenoh.Query, question: Asked, handler: Handler, answers: Answers) -> None:
+    def _reply(
+        self, topic: Topic, key: str, query: zenoh.Query, question: Asked, handler: Handler, answers: Answers
+    ) -> None:
         with query:
-            reply_to(query, question, topic, handler, self._root, self._record, answers)
+            reply_to(query, question, topic, key, handler, self._record, answers)
 
     def survey(self, topic: Topic, request: Message, *, timeout_s: float) -> dict[str, bytes]:
         """What every cell that can be seen answers to one question, by cell id; the bus's ``cell_id`` is ``*``."""

@@ -75,7 +75,7 @@ def _robot_model() -> str:
 
 @cache
 def _commit() -> dict[str, str]:
-    """The checkout's commit, and whether it has changes; "unknown" outside a checkout and without a git that is quick."""
+    """The checkout's commit, and whether it has changes; "unknown" where git does not say so soon."""
     root = Path(__file__).parent.parent
     try:
         commit = _git(root, "rev-parse", "--short=12", "HEAD")
