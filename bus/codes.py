@@ -7,6 +7,8 @@ class Code(StrEnum):
     """Reasons a cycle did not end in SUCCESS."""
 
     NO_OBJECT = "NO_OBJECT"
+    TARGET_NOT_FOUND = "TARGET_NOT_FOUND"
+    NOT_SEEN = "NOT_SEEN"
     NO_GRASP = "NO_GRASP"
     UNREACHABLE = "UNREACHABLE"
     COLLISION = "COLLISION"
@@ -36,6 +38,9 @@ class Code(StrEnum):
 
 ADVICE: dict[Code, str] = {
     Code.NO_OBJECT: "Put an object into the pick region, inside the camera's view.",
+    Code.TARGET_NOT_FOUND: "Name it differently, or point at it by its pixel; what was seen is in the report's picture.",
+    Code.NOT_SEEN: "Look at the report's picture: is the lens covered, the table in view and at its height, glass or"
+    " something shiny on it?",
     Code.NO_GRASP: "Turn the object so that a side narrower than the jaw faces the camera.",
     Code.UNREACHABLE: "Move the object nearer to the middle of the pick region.",
     Code.COLLISION: "Move the object away from the tray, the table's edge and the arm.",

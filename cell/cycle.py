@@ -27,6 +27,7 @@ from bus.messages import (
     CycleResult,
     Execution,
     Failure,
+    HandState,
     ModelReply,
     Observation,
     PickPlan,
@@ -42,7 +43,7 @@ from cell.detect import detect_unless_halted
 from cell.execute import deliver, execute
 from cell.gate import Gate
 from cell.plan import plan
-from cell.verify import verify
+from cell.verify import lost_on_the_way, verify
 from config.schema import Station
 from drivers.interface import Arm, Camera, Hand
 from perception.models import Models
@@ -104,6 +105,7 @@ class Cycle:
     verdict: Verdict | None = None
     grasp: Transform | None = None
     _plan: PickPlan | None = None
+    _grasped: HandState | None = None
     _seen_ns: int = 0
     _started_s: float = field(default_factory=time.monotonic)
 
@@ -143,6 +145,7 @@ class Cycle:
             return execution
 
         execution = self._stage("execute", topics.EXECUTE, act)
+        self._grasped = execution.grasped
         if execution.stopped_in is not None or after is None:
             raise self.fail(CycleFailure(Code.STOPPED, f"Stopped during {execution.stopped_in!r}."))
         seen = after
@@ -159,11 +162,19 @@ class Cycle:
             self.fail(CycleFailure(Code.STOPPED, "The cycle was stopped before it was over."))
 
     def deliver(self) -> None:
-        """After the verdict: bring what the hand holds into the tray; or only open an empty hand."""
+        """After the verdict: bring what the hand holds into the tray; or only open an empty hand.
+
+        What was held and is not in the hand any more when it is to be laid down, was dropped.
+        """
         e, chosen = self.equipment, self._plan
         if chosen is None or self.verdict is None:
             return
-        self._stage("deliver", topics.DELIVER, lambda: deliver(chosen, (e.arm, e.hand), e.station, self.gate))
+        done = self._stage("deliver", topics.DELIVER, lambda: deliver(chosen, (e.arm, e.hand), e.station, self.gate))
+        carried = [run.hand for run in done.runs if run.name == "place"]
+        if self.verdict.held and self._grasped is not None and carried:
+            lost = lost_on_the_way(self._grasped, carried[-1], e.station)
+            if lost:
+                self.fail(CycleFailure(Code.DROPPED, lost))
 
     def result(self, retried_as: str) -> CycleResult:
         """How it ended, said and recorded by the caller as the last message of the cycle."""

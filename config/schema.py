@@ -299,6 +299,8 @@ class PerceptionSettings(Settings):
     rectangle_margin_m: NonNegative = 0.0
     """What the opening leaves free on each side; 0 as in the paper."""
     min_object_height_m: Positive = 0.006
+    min_table_seen: Fraction = 0.5
+    """Nothing on the table counts as an empty table only when this share of the pick region was seen."""
     rod_radius_m: Positive = 0.004
     max_grasps: Annotated[int, Field(ge=1, le=100)] = 12
     approach_clearance_m: NonNegative = 0.006

@@ -24,6 +24,7 @@ _MIN_AREA_PX = 150
 _BRIDGE_PX = 9
 """Parts closer than this are one object: thin arms break up in depth."""
 _TABLE_STEP = 5
+_SEEN_STEP_M = 0.01
 _MIN_TABLE_POINTS = 100
 _DISK = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (7, 7))
 _AROUND_PX = 12
@@ -62,7 +63,7 @@ class Scene:
 def segment(rgbd: Rgbd, base_from_color: Transform, station: Station) -> tuple[Scene, ...]:
     """Remove the table and cluster what rises above it in the pick region: one scene an object, the largest first.
 
-    Raises: CycleFailure(NO_OBJECT).
+    Raises: CycleFailure: NO_OBJECT when the table was seen and is empty; NOT_SEEN when too little of it was.
     """
     points_base = image_points(rgbd, base_from_color)
     height_m = height_above_table(points_base)
@@ -72,9 +73,36 @@ def segment(rgbd: Rgbd, base_from_color: Transform, station: Station) -> tuple[S
     raised = inside & (height_m > station.perception.min_object_height_m)
     clusters = _clusters(raised)
     if not clusters:
+        _require_seen(rgbd, base_from_color, height_m, station)
         raise CycleFailure(Code.NO_OBJECT, "Nothing rises above the table inside the pick region.")
     seen = np.isfinite(height_m)
     return tuple(Scene(points_base, height_m, _outlined(cluster, seen, rgbd.color)) for cluster in clusters)
+
+
+def _require_seen(rgbd: Rgbd, base_from_color: Transform, height_m: npt.NDArray[np.float32], station: Station) -> None:
+    """An empty table is one that was seen. Raises: CycleFailure(NOT_SEEN)."""
+    seen, needed = _seen_share(rgbd.camera, base_from_color, height_m, station), station.perception.min_table_seen
+    if seen < needed:
+        text = (
+            f"Nothing rises above the table, but only {seen:.0%} of the pick region was seen; {needed:.0%} are needed."
+        )
+        raise CycleFailure(Code.NOT_SEEN, text)
+
+
+def _seen_share(
+    camera: CameraModel, base_from_color: Transform, height_m: npt.NDArray[np.float32], station: Station
+) -> float:
+    """Share of the pick region, at the table's height, that is in the image and has depth."""
+    x_min, x_max, y_min, y_max = station.scene.pick_region_m
+    x_m, y_m = np.meshgrid(np.arange(x_min, x_max, _SEEN_STEP_M), np.arange(y_min, y_max, _SEEN_STEP_M))
+    grid_m = np.stack([x_m, y_m, np.zeros_like(x_m)], axis=-1).reshape(-1, 3)
+    x, y, z = ((grid_m - base_from_color[:3, 3]) @ base_from_color[:3, :3]).T
+    in_front = z > 0
+    scale = 1.0 / np.where(in_front, z, 1.0)
+    u = np.rint(camera.fx * x * scale + camera.cx).astype(int)
+    v = np.rint(camera.fy * y * scale + camera.cy).astype(int)
+    in_view = in_front & (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
+    return float(np.isfinite(height_m[v[in_view], u[in_view]]).sum() / len(grid_m))
 
 
 def image_points(rgbd: Rgbd, base_from_color: Transform) -> Points:
@@ -96,12 +124,12 @@ def _rays(camera: CameraModel) -> Points:
 def height_above_table(points_base: Points) -> npt.NDArray[np.float32]:
     """Height [m] over the plane fitted to what lies near z = 0 of ``base``, trimmed twice.
 
-    Raises: CycleFailure(NO_OBJECT) when no table is seen.
+    Raises: CycleFailure(NOT_SEEN) when no table is.
     """
     coarse = points_base[::_TABLE_STEP, ::_TABLE_STEP].reshape(-1, 3).astype(float)
     near = coarse[np.abs(coarse[:, 2]) < _TABLE_BAND_M]
     if len(near) < _MIN_TABLE_POINTS:
-        raise CycleFailure(Code.NO_OBJECT, "The camera sees no table at the height it is configured for.")
+        raise CycleFailure(Code.NOT_SEEN, "The camera sees no table at the height it is configured for.")
     coefficients: Array = np.zeros(3)
     for _ in range(3):
         close = np.abs(near[:, 2] - _plane(coefficients, near)) < _INLIER_M if coefficients.any() else slice(None)

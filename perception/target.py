@@ -26,7 +26,7 @@ _PIXEL = re.compile(r"(\d+)\D+(\d+)")
 def choose(
     scenes: Sequence[Scene], color: npt.NDArray[np.uint8], talk: Conversation, station: Station, sam: Sam | None = None
 ) -> Scene:
-    """The scene of the target. Raises: CycleFailure(NO_OBJECT) when none is meant; as the model, when it is asked.
+    """The scene of the target. Raises: CycleFailure(TARGET_NOT_FOUND) when none is meant; as the model, when it is asked.
 
     Args:
         sam: finds what is named in words, if it reads any; else the goal-image model points at it.
@@ -50,7 +50,7 @@ def at_pixel(scenes: Sequence[Scene], pixel: tuple[float, float]) -> Scene:
     nearest = int(np.argmin(distances))
     if distances[nearest] > _NEAR_PX:
         raise CycleFailure(
-            Code.NO_OBJECT,
+            Code.TARGET_NOT_FOUND,
             f"There is no object within {_NEAR_PX:.0f} px of ({pixel[0]:.0f}, {pixel[1]:.0f}); the nearest is "
             f"{distances[nearest]:.0f} px away.",
         )
@@ -60,7 +60,7 @@ def at_pixel(scenes: Sequence[Scene], pixel: tuple[float, float]) -> Scene:
 def _most_covered(scenes: Sequence[Scene], mask: Mask, text: str) -> Scene:
     shared = [int((scene.object_mask & mask).sum()) for scene in scenes]
     if max(shared) == 0:
-        raise CycleFailure(Code.NO_OBJECT, f"What SAM takes for {text!r} is no object in the pick region.")
+        raise CycleFailure(Code.TARGET_NOT_FOUND, f"What SAM takes for {text!r} is no object in the pick region.")
     return scenes[int(np.argmax(shared))]
 
 
@@ -71,7 +71,7 @@ def _pointed_at(text: str, color: npt.NDArray[np.uint8], talk: Conversation, sta
     answer = talk.ask("locate", question, lambda: talk.model.locate(color, question)).text
     found = _PIXEL.search(answer)
     if found is None:
-        raise CycleFailure(Code.NO_OBJECT, f"The model does not see {text!r}: {answer.strip()[:120]}")
+        raise CycleFailure(Code.TARGET_NOT_FOUND, f"The model does not see {text!r}: {answer.strip()[:120]}")
     shrink = max(color.shape[:2]) / size_px
     return float(found.group(1)) * shrink, float(found.group(2)) * shrink
 

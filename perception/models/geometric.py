@@ -43,7 +43,9 @@ class GeometricModel:
         self._proposed = 0
 
     def locate(self, color: npt.NDArray[np.uint8], prompt: str) -> Answer:
-        raise CycleFailure(Code.NO_OBJECT, "The embedded model understands no words: name the target by its pixel.")
+        raise CycleFailure(
+            Code.TARGET_NOT_FOUND, "The embedded model understands no words: name the target by its pixel."
+        )
 
     def reason(self, subject: Subject, prompt: str) -> Answer:
         """The best antipodal axis, in words. Raises: CycleFailure(NO_GRASP)."""

@@ -110,11 +110,11 @@ def _overlaps(masks: Mask, box_px: tuple[float, float, float, float]) -> Scores:
 
 def _best(masks: Mask, scores: Scores) -> Mask:
     if not (scores > 0).any():
-        raise CycleFailure(Code.NO_OBJECT, "SAM sees nothing of the kind.")
+        raise CycleFailure(Code.TARGET_NOT_FOUND, "SAM sees nothing of the kind.")
     return _required(masks[int(scores.argmax())])
 
 
 def _required(mask: Mask) -> Mask:
     if not mask.any():
-        raise CycleFailure(Code.NO_OBJECT, "SAM finds no object there.")
+        raise CycleFailure(Code.TARGET_NOT_FOUND, "SAM finds no object there.")
     return mask
