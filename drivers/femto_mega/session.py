@@ -248,9 +248,8 @@ def _probe(address: str) -> None:
 def _camera_model(profile: Any) -> CameraModel:
     lens, bent = profile.get_intrinsic(), profile.get_distortion()
     distortion = (bent.k1, bent.k2, bent.p1, bent.p2, bent.k3, bent.k4, bent.k5, bent.k6)
-    if not (
-        all(map(math.isfinite, (lens.cx, lens.cy, *distortion))) and 0 < lens.fx < math.inf and 0 < lens.fy < math.inf
-    ):
+    is_finite = all(map(math.isfinite, (lens.fx, lens.fy, lens.cx, lens.cy, *distortion)))
+    if not (is_finite and lens.fx > 0 and lens.fy > 0):
         raise ValueError("its calibration has no usable focal length or distortion")
     return CameraModel(
         width=lens.width, height=lens.height, fx=lens.fx, fy=lens.fy, cx=lens.cx, cy=lens.cy, distortion=distortion
