@@ -138,7 +138,16 @@ def _moved_rad(answers: list[Motion], before_q_rad: np.ndarray, bench: Bench) ->
     return float(np.abs(measured - before_q_rad).max())
 
 
-def test_an_error_in_a_motion_leaves_neither_arm_nor_hand_moving(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_homing_that_is_stopped_half_way_neither_opens_nor_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    world = World(STATION)
+    hand = SimHand(world)
+    hand.connect()
+    monkeypatch.setattr(world, "pace", lambda tick: hand.stop() if tick == 400 else None)
+    state = hand.home()
+    assert not state.is_homed and state.width_m < 0.05
+
+
+def test_an_error_in_a_motion_leaves_no_hand_moving(monkeypatch: pytest.MonkeyPatch) -> None:
     world = World(STATION)
     hand = SimHand(world)
     hand.connect()

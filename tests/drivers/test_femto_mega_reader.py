@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from bus.errors import DeviceLost, DriverUnavailable, StaleFrame
 from bus.threads import handled_by
@@ -159,7 +161,7 @@ def test_a_camera_that_repeats_itself_gives_no_frame() -> None:
             camera.capture()
 
 
-def test_a_hanging_sdk_is_a_stale_frame_in_time_and_no_frames_a_second() -> None:
+def test_a_hanging_sdk_is_a_stale_frame_in_time() -> None:
     orbbec = FakeOrbbec()
     with connected(orbbec) as camera:
         orbbec.goes_on.clear()
@@ -221,6 +223,12 @@ def test_a_whole_frame_set_is_copied_out_and_half_a_one_is_none() -> None:
     pair = pair_of(frames())
     assert pair is not None and pair.depth_mm.shape == (6, 8) and pair.jpeg == JPEG
     assert pair_of(SimpleNamespace(get_depth_frame=lambda: None, get_color_frame=lambda: 1)) is None
+
+
+@given(st.binary(max_size=200).filter(lambda data: len(data) != 96))
+def test_a_depth_buffer_of_any_other_size_is_a_torn_frame(data: bytes) -> None:
+    with pytest.raises(TornFrame):
+        pair_of(frames(data=np.frombuffer(data, np.uint8)))
 
 
 @pytest.mark.parametrize(
