@@ -30,6 +30,7 @@ _ROUNDING_M = 0.002
 """A width so far below zero is zero."""
 _CLOSE_S = 5.0
 _AGAIN_S = 1.0
+_WIDTH_TRIES = 3
 _STOP_TRIES = 3
 _STOP_AGAIN_S = 0.1
 """A stop that comes before the hand itself has begun is lost on it: it is said again after so long."""
@@ -84,7 +85,7 @@ class PandaHand:
             return
         self.close()
         gripper = Gripper(self._settings.address, self._franky)
-        self._ask_width(gripper)
+        self._learn_width(gripper)
         ending = threading.Event()  # of this thread alone: one that hangs in the package does not come back to life
         self._gripper, self._ending = gripper, ending
         self._poller = OwnedThread(Role.HAND_POLL, lambda: self._poll(ending)).start()
@@ -139,6 +140,16 @@ class PandaHand:
                 _log.warning("%s", error)
                 if isinstance(error, DeviceLost) or time.monotonic() - self._seen.at_s > _STALE_S:
                     self._reconnect(ending)
+
+    def _learn_width(self, gripper: Gripper) -> None:
+        """Ask until it says one, a few times: a refusal of this question says nothing of what it did before."""
+        for _ in range(_WIDTH_TRIES - 1):
+            try:
+                return self._ask_width(gripper)
+            except HandFault as error:
+                _log.warning("%s", error)
+            self._ending.wait(self._settings.poll_s)
+        return self._ask_width(gripper)
 
     def _ask_width(self, gripper: Gripper) -> None:
         width_m, widest_m = gripper.widths_m()
@@ -207,7 +218,7 @@ class PandaHand:
             finally:
                 self._under_way = None
                 under_way.ended.set()
-            self._ask_width(gripper)
+            self._learn_width(gripper)
         if not (done or gripping or stopped()):
             raise HandFault("The hand did not do what was asked.", "Is something between the fingers? Home it again.")
         return done

@@ -73,6 +73,22 @@ def test_whatever_it_answers_once_it_is_asked_again_and_the_refusal_is_counted(o
         assert hand.state().width_m == 0.04
 
 
+def test_a_grasp_after_which_the_width_is_refused_once_is_a_grasp() -> None:
+    fake = FakeHand()
+    usual = fake.answers
+
+    def refuse_once(hand: FakeHand) -> object:
+        hand.answers = usual
+        raise FrankyError("libfranka gripper: command failed")
+
+    def begin_to_refuse() -> None:
+        fake.answers = refuse_once
+
+    with connected(fake) as hand:
+        fake.during = begin_to_refuse
+        assert hand.grasp(30.0, 0.1).width_m == 0.0
+
+
 def test_a_hand_that_only_refuses_is_lost_after_a_second_says_why_and_is_connected_anew() -> None:
     fake = FakeHand()
     with connected(fake) as hand:
