@@ -25,6 +25,8 @@ from bus.messages import ArmState, Frame, HandState, Motion
 from bus.trajectory import Trajectory
 from config.faults import FaultSettings
 from drivers.interface import Arm, Camera, Devices, Hand, Reporting
+from drivers.stops import Stops
+from drivers.unmoved import unmoved
 
 WRONG_JOINT_RAD = 0.1
 """Added to every joint: encoders that lost their zero."""
@@ -125,7 +127,7 @@ class FaultyArm(_Device[Arm, ArmState]):
 
     def __init__(self, device: Arm, fault: Fault = Fault.NONE, *, delay_s: float = 1.0) -> None:
         super().__init__(device, fault, delay_s=delay_s)
-        self._stops = 0  # guarded by `_turn`
+        self._stops = Stops()
 
     def state(self) -> ArmState:
         state = self._unless_stuck(self._ask(self._device.state))
@@ -137,33 +139,32 @@ class FaultyArm(_Device[Arm, ArmState]):
         return state
 
     def execute(self, trajectory: Trajectory) -> Motion:
-        with self._turn:
-            fault, stops = self._fault, self._stops
+        fault, stopped = self._fault, self._stops.asked()
         if fault is Fault.STUCK:
-            motion = _unmoved(self._device.state(), trajectory)
+            motion = unmoved(self._device.state(), trajectory)
         elif fault is Fault.WRONG:
             told = trajectory.model_copy(update={"raw_q_rad": trajectory.raw_q_rad - WRONG_JOINT_RAD})
-            motion = _turned(self._ask(lambda: self._device.execute(told)))
+            motion = _turned(self._ask(lambda: self._play(told, stopped)))
         else:
-            motion = self._ask(lambda: self._device.execute(trajectory))
+            motion = self._ask(lambda: self._play(trajectory, stopped))
         if self._fault is Fault.STUCK:
             motion = motion.model_copy(update={"finished": False})
-            self._await_stop(stops)
+            with self._turn:
+                self._turn.wait_for(lambda: stopped() or self._fault is not Fault.STUCK)
         self._require_on()
         return _unreadable(motion) if fault is Fault.GARBAGE else motion
 
-    def _await_stop(self, stops: int) -> None:
-        with self._turn:
-            self._turn.wait_for(lambda: self._stops != stops or self._fault is not Fault.STUCK)
+    def _play(self, trajectory: Trajectory, stopped: Callable[[], bool]) -> Motion:
+        return unmoved(self._device.state(), trajectory) if stopped() else self._device.execute(trajectory)
 
-    def _end_wait(self) -> None:
+    def _stop_all(self) -> None:
+        self._stops.stop()
+        self._device.stop()
         with self._turn:
-            self._stops += 1
             self._turn.notify_all()
 
     def stop(self) -> None:
-        self._device.stop()
-        self._end_wait()
+        self._stop_all()
         self._tarry()
 
     def hold(self) -> None:
@@ -178,21 +179,10 @@ class FaultyArm(_Device[Arm, ArmState]):
 
     def close(self) -> None:
         super().close()
-        self._end_wait()
+        self._stop_all()
 
     def _lose_power(self) -> None:
-        self._device.stop()
-
-
-def _unmoved(state: ArmState, trajectory: Trajectory) -> Motion:
-    return Motion(
-        finished=False,
-        commanded_q_rad=trajectory.start_q_rad[None],
-        t_s=np.zeros(1),
-        q_rad=state.q_rad[None],
-        dq_rad_s=state.dq_rad_s[None],
-        tau_ext_nm=state.tau_ext_nm[None],
-    )
+        self._stop_all()
 
 
 def _turned(motion: Motion) -> Motion:

@@ -2,7 +2,8 @@
 
 Life cycle: ``connect`` opens everything or nothing; ``close`` is always allowed and idempotent; every other
 member raises `bus.errors.NotConnected` before ``connect`` and after ``close``. ``stop`` and ``hold`` never raise
-and may be called from any thread, also while another call is under way. All errors are of `bus.errors.DriverError`.
+and may be called from any thread, also while another call is under way. A ``stop`` ends every motion that was asked for
+before it, also one that still waits to begin, which then never does. All errors are of `bus.errors.DriverError`.
 """
 
 from __future__ import annotations

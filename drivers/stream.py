@@ -43,6 +43,16 @@ class Stream:
         """Whether it rests on its path and waits for `resume`."""
         return self._want is _Want.HOLD and self._begun and self._progress.at_rest
 
+    @property
+    def is_held_or_about_to_be(self) -> bool:
+        """Whether `hold` was the last that was asked."""
+        return self._want is _Want.HOLD
+
+    @property
+    def is_braked(self) -> bool:
+        """Whether it was asked to come to rest for good."""
+        return self._want is _Want.STOP
+
     def hold(self) -> None:
         """Come to rest on the path and wait there; `next` goes on giving the same command."""
         self._ask(_Want.HOLD)

@@ -1,4 +1,4 @@
-"""From the camera's clock to UTC, and how well that is known."""
+"""From the camera's clock to this computer's, and how well that is known. UTC, which may be set, plays no part."""
 
 from __future__ import annotations
 
@@ -8,15 +8,17 @@ _KEPT = 60
 _FEWEST = 10
 _JUMP_US = 500_000
 """More than any delay on the way here varies by."""
+_EARLIEST_US, _LATEST_US = -20_000, 2_000_000
+"""A frame arrives after its exposure began, and not much later: else the SDK's fit is wrong."""
 _ROUND_TRIP_NS = 1_000_000
 """What half a round trip to the camera may hide in every sample."""
 
 
 class DeviceClock:
-    """Learns the offset between the camera's clock and UTC from the SDK's own fit, and notices when it jumps.
+    """Learns the offset between the camera's clock and the host's monotonic one, and notices when one of them jumps.
 
     Attributes:
-        jumps: how often the camera's clock was set, since this was made.
+        jumps: how often what was learnt was wrong from then on, since this was made.
     """
 
     def __init__(self) -> None:
@@ -25,16 +27,17 @@ class DeviceClock:
         self.jumps = 0
 
     def hear(self, device_us: int, global_us: int, arrived_ns: int) -> bool:
-        """One frame's stamps: the camera's, the same as UTC by the SDK (0 = not known), and its arrival here.
+        """One frame's stamps: the camera's, the same by the host's clock from the SDK (0 = not known), its arrival.
 
-        Returns: False when the camera's clock has jumped: what was learnt is forgotten.
+        Returns: False when the camera's clock has jumped, or the SDK's fit cannot be: what was learnt is forgotten.
         """
         last, self._last = self._last, (device_us, arrived_ns)
-        if last is not None and abs((device_us - last[0]) - (arrived_ns - last[1]) // 1000) > _JUMP_US:
+        jumped = last is not None and abs((device_us - last[0]) - (arrived_ns - last[1]) // 1000) > _JUMP_US
+        if jumped or (global_us != 0 and not _EARLIEST_US <= arrived_ns // 1000 - global_us <= _LATEST_US):
             self.jumps += 1
             self._offsets_ns.clear()
             return False
-        if global_us > 0:
+        if global_us != 0:
             self._offsets_ns.append((global_us - device_us) * 1000)
         return True
 
@@ -52,6 +55,6 @@ class DeviceClock:
         """Half of what the offset wandered lately, and of a round trip."""
         return (max(self._offsets_ns) - min(self._offsets_ns)) // 2 + _ROUND_TRIP_NS if self._offsets_ns else 0
 
-    def utc_ns(self, device_us: int) -> int:
-        """UTC [ns] of a stamp of the camera; only when `is_known`."""
+    def host_ns(self, device_us: int) -> int:
+        """A stamp of the camera by the host's clock [ns]; only when `is_known`."""
         return device_us * 1000 + sorted(self._offsets_ns)[len(self._offsets_ns) // 2]

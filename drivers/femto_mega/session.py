@@ -11,11 +11,12 @@ import functools
 import gc
 import importlib
 import logging
+import math
 import socket
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +32,17 @@ _PORT = 8090
 _PROBE_S = 1.0
 _ORBBEC, _FEMTO_MEGAS = 0x2BC5, (0x0669, 0x06C0)
 _DEPTH, _COLOR = (640, 576, 30), (1280, 720, 30)
+_QUEUED = 10
+"""As many pairs the SDK keeps for us."""
 _CABLE = "Check its power, the gigabit cable and femto_mega.address; `cell doctor` looks for it."
+
+
+UNREADABLE = (ValueError, TypeError, AttributeError, BufferError, OverflowError)
+"""What it raises to read a buffer, a number or an object of the SDK that is not what it should be."""
+
+
+class TornFrame(ValueError):
+    """A frame that cannot be used; the next one may be."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +52,7 @@ class Pair:
     Attributes:
         number: the device's count of depth frames.
         device_us, global_us: start of the exposure by the camera's clock, and as UTC by the SDK's fit (0 = none yet).
-        arrived_ns: UTC, here.
+        arrived_ns, heard_ns: the moment of its arrival, in UTC and by the monotonic clock.
         depth_mm: (576, 640) uint16, 0 = invalid. ``scale_mm``: of one unit of it.
     """
 
@@ -52,6 +63,7 @@ class Pair:
     jpeg: bytes
     depth_mm: np.ndarray
     scale_mm: float
+    heard_ns: int = field(default_factory=time.monotonic_ns)
 
 
 class Session:
@@ -73,7 +85,7 @@ class Session:
         try:
             self._device = open_device(self._sdk, context) if open_device else _open(self._sdk, context, settings)
             self._start()
-        except self.faults as error:
+        except (*self.faults, *UNREADABLE) as error:
             self.close()
             raise DriverUnavailable(f"The Femto Mega cannot be used: {_said(error)}.", _CABLE) from error
         except DriverUnavailable:
@@ -111,10 +123,13 @@ class Session:
             ) from error
 
     def next(self, patience_s: float) -> Pair | None:
-        """The newest pair, or None when none came in time; older ones that had queued up are dropped."""
+        """The newest pair, or None when none came in time; older ones that had queued up are dropped.
+
+        Raises: TornFrame when it cannot be used; one of `faults` when the connection cannot.
+        """
         frames = self._pipeline.wait_for_frames(int(patience_s * 1000))
-        while frames is not None:
-            newer = self._pipeline.wait_for_frames(1)
+        for _ in range(_QUEUED):
+            newer = self._pipeline.wait_for_frames(1) if frames is not None else None
             if newer is None:
                 break
             frames = newer
@@ -136,11 +151,11 @@ class Session:
         """By name, e.g. ``ir_temperature_c``; empty when the camera does not answer."""
         try:
             felt = self._device.get_temperature()
-        except self.faults as error:
+            named = {"cpu": felt.cpu_temperature, "ir": felt.ir_temperature, "laser": felt.laser_temperature}
+            return {f"{name}_temperature_c": float(value) for name, value in named.items()}
+        except (*self.faults, *UNREADABLE) as error:
             _log.warning("the camera's temperature cannot be read: %s", _said(error))
             return {}
-        named = {"cpu": felt.cpu_temperature, "ir": felt.ir_temperature, "laser": felt.laser_temperature}
-        return {f"{name}_temperature_c": float(value) for name, value in named.items()}
 
     def close(self) -> None:
         """Stop and drop every reference; idempotent."""
@@ -153,20 +168,30 @@ class Session:
 
 
 def pair_of(frames: Any) -> Pair | None:
-    """A frame set, copied out; None when it lacks colour or depth."""
+    """A frame set, copied out; None when it lacks colour or depth. Raises: TornFrame when it is not what it should."""
     depth, color = frames.get_depth_frame(), frames.get_color_frame()
     if depth is None or color is None:
         return None
-    height, width = depth.get_height(), depth.get_width()
-    return Pair(
-        number=depth.get_index(),
-        device_us=depth.get_timestamp_us(),
-        global_us=depth.get_global_timestamp_us(),
-        arrived_ns=time.time_ns(),
-        jpeg=np.asarray(color.get_data()).tobytes(),
-        depth_mm=np.frombuffer(np.asarray(depth.get_data()).tobytes(), "<u2").reshape(height, width),
-        scale_mm=float(depth.get_depth_scale()),
-    )
+    try:
+        height, width = depth.get_height(), depth.get_width()
+        return Pair(
+            number=int(depth.get_index()),
+            device_us=int(depth.get_timestamp_us()),
+            global_us=_utc_us(int(depth.get_global_timestamp_us())),
+            arrived_ns=time.time_ns(),
+            jpeg=np.asarray(color.get_data()).tobytes(),
+            depth_mm=np.frombuffer(np.asarray(depth.get_data()).tobytes(), "<u2").reshape(height, width),
+            scale_mm=float(depth.get_depth_scale()),
+        )
+    except UNREADABLE as error:
+        raise TornFrame(f"a frame cannot be read: {_said(error)}") from error
+
+
+def _utc_us(global_us: int) -> int:
+    """From the SDK's clock (see `_sdk_and_context`); 0 = not known yet."""
+    if global_us <= 0:
+        return 0
+    return global_us + (time.time_ns() - time.clock_gettime_ns(time.CLOCK_MONOTONIC_RAW)) // 1000
 
 
 # --- opening ----------------------------------------------------------------------------------------------------------
@@ -186,7 +211,10 @@ def _sdk_and_context(extensions: Path | None) -> tuple[Any, Any]:
     sdk.Context.set_logger_to_console(sdk.OBLogLevel.NONE)
     if extensions is not None:
         sdk.Context.set_extensions_directory(str(extensions))
-    return sdk, sdk.Context()
+    context = sdk.Context()
+    # the host's clock that the camera's is fitted to: CLOCK_MONOTONIC_RAW, which nobody sets (the other one is UTC)
+    context.set_timestamp_clock_type(sdk.OBClockType.MONOTONIC)
+    return sdk, context
 
 
 def _open(sdk: Any, context: Any, settings: FemtoMegaSettings) -> Any:
@@ -220,6 +248,9 @@ def _probe(address: str) -> None:
 def _camera_model(profile: Any) -> CameraModel:
     lens, bent = profile.get_intrinsic(), profile.get_distortion()
     distortion = (bent.k1, bent.k2, bent.p1, bent.p2, bent.k3, bent.k4, bent.k5, bent.k6)
+    is_finite = all(map(math.isfinite, (lens.fx, lens.fy, lens.cx, lens.cy, *distortion)))
+    if not (is_finite and lens.fx > 0 and lens.fy > 0):
+        raise ValueError("its calibration has no usable focal length or distortion")
     return CameraModel(
         width=lens.width, height=lens.height, fx=lens.fx, fy=lens.fy, cx=lens.cx, cy=lens.cy, distortion=distortion
     )

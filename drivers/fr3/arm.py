@@ -2,46 +2,50 @@
 
 from __future__ import annotations
 
-import os
-import socket
-import subprocess
-import sys
+import logging
 import threading
-import time
-from multiprocessing.connection import Connection
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 
-from bus.commands import ErrorReply
-from bus.errors import DeviceLost, DriverError, DriverUnavailable, MotionRefused, NotConnected
+from bus.errors import MotionRefused, NotConnected
 from bus.messages import ArmMode, ArmState, Motion
-from bus.remote_errors import error_from_reply
 from bus.trajectory import Trajectory
+from config.hardware import Fr3Settings
 from config.schema import Station
-from drivers.fr3.block import Block, Snapshot, Want
+from drivers.fr3.block import Snapshot, Want
 from drivers.fr3.faults import advice_of_mode, arm_mode
 from drivers.fr3.loop import Request
 from drivers.fr3.player import Played
+from drivers.fr3.process import ControlProcess
 from drivers.interface import Devices
+from drivers.unmoved import unmoved
 
-_CONNECT_S = 20.0
-_STALE_S = 0.5
-"""A state so old means that the robot or the control process is gone: both renew it every millisecond."""
-_RECOVERY_S = 20.0
-_END_S = 3.0
-_LOOK_S = 0.05
-_LOST_ADVICE = "Check the arm's power and network; when it is back, `cell clear` and `cell reset`."
+_log = logging.getLogger(__name__)
+
+
+@dataclass(eq=False)
+class _Asked:
+    """One `execute` that has not returned, and what was asked of its motion since."""
+
+    want: Want = Want.PLAY
+    plays: ControlProcess | None = None
 
 
 class Fr3Arm:
-    """Plays trajectories on an FR3, sample by sample at 1 kHz, from a process of its own."""
+    """Plays trajectories on an FR3, sample by sample at 1 kHz, from a process of its own.
 
-    def __init__(self, station: Station) -> None:
-        self._settings = station.fr3
+    Args:
+        start: starts that process. Raises: DriverUnavailable.
+    """
+
+    def __init__(self, station: Station, start: Callable[[Fr3Settings], ControlProcess] = ControlProcess) -> None:
+        self._settings, self._start = station.fr3, start
         self._tolerance_rad = station.arm.start_tolerance_rad
-        self._process: _Process | None = None
-        self._asking = threading.Lock()  # one request at a time
-        self._turn = threading.Lock()  # guards these two, and the block's `want`
-        self._moving = False
-        self._want = Want.PLAY
+        self._process: ControlProcess | None = None
+        self._one = threading.Lock()  # one request at a time
+        self._turn = threading.Lock()  # guards what follows, and the block's `want`
+        self._asked: list[_Asked] = []
 
     # --- life ---------------------------------------------------------------------------------------------------------
 
@@ -51,16 +55,16 @@ class Fr3Arm:
         Raises: DriverUnavailable: no package, no real-time kernel, no robot, or it does not accept us; with what to do.
         """
         if self._process is None:
-            self._process = _Process(self._settings.model_dump_json(), self._settings.address)
+            self._process = self._start(self._settings)
 
     def close(self) -> None:
         self.stop()
-        with self._asking:
+        with self._one:
             process, self._process = self._process, None
         if process is not None:
             process.end()
 
-    def _require(self) -> _Process:
+    def _require(self) -> ControlProcess:
         process = self._process
         if process is None:
             raise NotConnected("The FR3 is not connected.", "Call connect() first.")
@@ -71,14 +75,9 @@ class Fr3Arm:
     def state(self) -> ArmState:
         """Raises: DeviceLost when the robot has been silent for half a second."""
         now = self._require().snapshot()
-        mode = ArmMode.MOVE if self._moving else arm_mode(now.mode)
-        return ArmState(
-            stamp_ns=now.stamp_ns,
-            mode=mode if not now.busy else ArmMode.OTHER,
-            q_rad=now.q_rad,
-            dq_rad_s=now.dq_rad_s,
-            tau_ext_nm=now.tau_ext_nm,
-        )
+        with self._turn:
+            is_moving = any(asked.plays is not None for asked in self._asked)
+        return _state(now, ArmMode.MOVE if is_moving else arm_mode(now.mode))
 
     def readings(self) -> dict[str, float]:
         """``success_rate`` of the commands and ``lost_cycles``; empty while there is no connection."""
@@ -96,23 +95,30 @@ class Fr3Arm:
             ArmReflex: it stopped itself; the text has the robot's own names.
             DeviceLost: the robot or its control process fell silent.
         """
-        process = self._require()
-        with self._asking:
-            now = process.snapshot()
-            if arm_mode(now.mode) is not ArmMode.IDLE:
-                raise MotionRefused(
-                    f"The arm may not move: it is in mode {arm_mode(now.mode).value!r}.", advice_of_mode(now.mode)
-                )
-            request = Request(trajectory, self._tolerance_rad)
+        self._require()
+        asked = _Asked()
+        with self._turn:
+            self._asked.append(asked)
+        try:
+            with self._one:
+                return self._execute(trajectory, asked)
+        finally:
             with self._turn:
-                self._moving = True
-                self._ask(process, Want.PLAY)
-            try:
-                played = process.answer(request)
-            finally:
-                with self._turn:
-                    self._moving = False
+                self._asked.remove(asked)
+
+    def _execute(self, trajectory: Trajectory, asked: _Asked) -> Motion:
+        process = self._require()
+        now = process.snapshot()
+        mode = arm_mode(now.mode)
+        if mode is not ArmMode.IDLE:
+            raise MotionRefused(f"The arm may not move: it is in mode {mode.value!r}.", advice_of_mode(now.mode))
+        with self._under_way(process, asked) as may_begin:
+            played = process.answer(Request(trajectory, self._tolerance_rad)) if may_begin else None
+        if not may_begin:
+            return unmoved(_state(now, mode), trajectory)
         assert isinstance(played, Played), "an execute is answered with what was played"
+        if not played.finished and asked.want is not Want.STOP:
+            _log.warning("the motion was braked: this process stood still for too long")
         return Motion(
             finished=played.finished,
             commanded_q_rad=played.commanded_q_rad,
@@ -122,37 +128,52 @@ class Fr3Arm:
             tau_ext_nm=played.tau_ext_nm,
         )
 
+    @contextmanager
+    def _under_way(self, process: ControlProcess, asked: _Asked) -> Iterator[bool]:
+        """Gives whether the motion may begin: it was not stopped before. After it nothing is to move any more."""
+        with self._turn:
+            may_begin = asked.want is not Want.STOP
+            if may_begin:
+                process.block.ask(asked.want)
+                asked.plays = process
+        try:
+            yield may_begin
+        finally:
+            with self._turn:
+                asked.plays = None
+                process.block.ask(Want.STOP)
+
     def stop(self) -> None:
         with self._turn:
-            if self._moving and self._process is not None:
-                self._ask(self._process, Want.STOP)
+            for asked in self._asked:
+                _want(asked, Want.STOP)
 
     def hold(self) -> None:
         with self._turn:
-            if self._moving and self._process is not None and self._want is not Want.STOP:
-                self._ask(self._process, Want.HOLD)
+            for asked in self._asked:
+                if asked.want is not Want.STOP:
+                    _want(asked, Want.HOLD)
 
     def resume(self) -> None:
-        process = self._require()
+        self._require()
         with self._turn:
-            if not self._moving or self._want is not Want.HOLD:
+            held = [asked for asked in self._asked if asked.want is Want.HOLD]
+            if not held:
                 raise MotionRefused("No motion of the arm is held.", "Only a held motion goes on; plan a new one.")
-            self._ask(process, Want.PLAY)
-
-    def _ask(self, process: _Process, want: Want) -> None:
-        self._want = want
-        process.block.ask(want)
+            for asked in held:
+                _want(asked, Want.PLAY)
 
     def recover(self) -> None:
         """Clear a reflex; when the robot was lost, connect to it anew first. Nothing moves.
 
         Raises: DriverUnavailable when it is not back; MotionRefused when Desk has to be used first.
         """
-        process = self._require()
-        with self._asking:
+        self._require()
+        with self._one:
+            process = self._require()
             if process.is_lost:
                 process.end()
-                self._process = process = _Process(self._settings.model_dump_json(), self._settings.address)
+                self._process = process = self._start(self._settings)
             mode = arm_mode(process.snapshot().mode)
             if mode is ArmMode.REFLEX:
                 process.answer(Request())
@@ -162,99 +183,20 @@ class Fr3Arm:
                                     advice_of_mode(number))  # fmt: skip
 
 
-class _Process:
-    """One control process, connected to the robot. Raises: as `Fr3Arm.connect`."""
-
-    def __init__(self, settings_json: str, address: str) -> None:
-        self.block = Block.create()
-        self._address = address
-        ours, theirs = socket.socketpair()
-        with theirs:
-            self._child = subprocess.Popen(
-                [sys.executable, "-m", "drivers.fr3", str(theirs.fileno()), str(self.block.descriptor)],
-                pass_fds=(theirs.fileno(), self.block.descriptor),
-                stdin=subprocess.DEVNULL,
-            )
-        self._requests = Connection(os.dup(ours.fileno()))
-        ours.close()
-        self._lost = False
-        try:
-            self._requests.send(settings_json)
-            self._answer_within(_CONNECT_S)
-        except DriverError:
-            self.end()
-            raise
-
-    @property
-    def is_lost(self) -> bool:
-        """Whether it ended, or the robot fell silent."""
-        if self._lost or self._child.poll() is not None:
-            return True
-        now = self.block.read()
-        return now is None or (not now.busy and _age_s(now) > _STALE_S)
-
-    def newest(self) -> Snapshot | None:
-        """The newest state, or None when it is lost."""
-        return None if self.is_lost else self.block.read()
-
-    def snapshot(self) -> Snapshot:
-        now = self.newest()
-        if now is None:
-            raise DeviceLost(f"The FR3 at {self._address} does not answer any more.", _LOST_ADVICE)
-        return now
-
-    def answer(self, request: Request) -> Played | None:
-        """Ask, and wait for the answer as long as the robot is alive. Raises: what the answer says; DeviceLost."""
-        try:
-            self._requests.send(request)
-            while not self._requests.poll(_LOOK_S):
-                self.snapshot()
-            return self._received()
-        except DeviceLost:
-            self._lost = True
-            raise
-        except OSError as error:
-            self._lost = True
-            raise DeviceLost("The arm's control process ended.", _LOST_ADVICE) from error
-
-    def _answer_within(self, patience_s: float) -> None:
-        if not self._requests.poll(patience_s):
-            raise DriverUnavailable(
-                f"The FR3 at {self._address} did not answer within {patience_s:.0f} s.", "Is it still starting?"
-            )
-        try:
-            self._received()
-        except OSError as error:
-            raise DriverUnavailable(
-                f"The arm's control process ended at once (exit code {self._child.wait()}).",
-                "Its message stands above.",
-            ) from error
-
-    def _received(self) -> Played | None:
-        try:
-            received: Played | ErrorReply | None = self._requests.recv()
-        except EOFError as error:
-            raise ConnectionResetError from error
-        if isinstance(received, ErrorReply):
-            raise error_from_reply(received)
-        return received
-
-    def end(self) -> None:
-        """It brakes what moves and ends when nobody listens any more; insist if it does not. Idempotent."""
-        self._lost = True
-        if self._requests.closed:
-            return
-        self._requests.close()
-        try:
-            self._child.wait(_END_S)
-        except subprocess.TimeoutExpired:
-            self._child.kill()
-            self._child.wait()
-        self.block.close()
+def _want(asked: _Asked, want: Want) -> None:
+    asked.want = want
+    if asked.plays is not None:
+        asked.plays.block.ask(want)
 
 
-def _age_s(now: Snapshot) -> float:
-    return (time.time_ns() - now.stamp_ns) / 1e9
+def _state(now: Snapshot, mode: ArmMode) -> ArmState:
+    return ArmState(
+        stamp_ns=now.stamp_ns,
+        mode=mode if not now.busy else ArmMode.OTHER,
+        q_rad=now.q_rad,
+        dq_rad_s=now.dq_rad_s,
+        tau_ext_nm=now.tau_ext_nm,
+    )
 
 
 def open_devices(station: Station) -> Devices:

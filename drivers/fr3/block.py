@@ -18,11 +18,13 @@ _LAYOUT = np.dtype(
     [
         ("sequence", "u8"),  # odd while a state is being written
         ("stamp_ns", "i8"),
+        ("heard_ns", "i8"),
         ("mode", "u8"),
         ("success_rate", "f8"),
         ("lost_cycles", "u8"),
         ("busy", "u1"),
         ("want", "u1"),
+        ("beat_ns", "i8"),
         *((name, "f8", 7) for name in _JOINTS),
     ]
 )
@@ -44,7 +46,8 @@ class Snapshot:
     """One state of the robot, consistent in itself.
 
     Attributes:
-        stamp_ns: UTC, when it arrived here. ``mode``: libfranka's RobotMode.
+        stamp_ns, heard_ns: when it arrived here, in UTC and by the monotonic clock, which all processes share.
+        mode: libfranka's RobotMode.
         tau_ext_nm: torque by the outside world on each joint. ``q_d_rad``: commanded position.
         success_rate: share of the last 100 commands of the newest motion that came in time.
         lost_cycles: since the connection was made.
@@ -52,6 +55,7 @@ class Snapshot:
     """
 
     stamp_ns: int
+    heard_ns: int
     mode: int
     success_rate: float
     lost_cycles: int
@@ -94,24 +98,33 @@ class Block:
     def ask(self, want: Want) -> None:
         self._record["want"][0] = want
 
+    def beat(self, now_ns: int) -> None:
+        """Say that the driver was alive at ``now_ns`` of the monotonic clock."""
+        self._record["beat_ns"][0] = now_ns
+
     # --- the control process's side -----------------------------------------------------------------------------------
 
     @property
     def want(self) -> int:
         return int(self._record["want"][0])
 
+    @property
+    def beat_ns(self) -> int:
+        """When the driver was alive last, by the monotonic clock; 0 = it never said so."""
+        return int(self._record["beat_ns"][0])
+
     def say_busy(self, busy: bool) -> None:
         self._record["busy"][0] = busy
 
-    def write(self, stamp_ns: int, state: Any, lost_cycles: int) -> None:
-        """Publish one libfranka RobotState.
+    def write(self, stamp_ns: int, heard_ns: int, state: Any, lost_cycles: int) -> None:
+        """Publish one libfranka RobotState, heard at one moment by two clocks.
 
         Its ``tau_ext_hat_filtered`` is the robot's counter torque (a gripper pulled down reads as an upward force:
         libfranka issue 26); ours is what the outside world does to the joints.
         """
         record = self._record
         record["sequence"][0] += 1
-        record["stamp_ns"][0] = stamp_ns
+        record["stamp_ns"][0], record["heard_ns"][0] = stamp_ns, heard_ns
         record["mode"][0] = int(state.robot_mode)
         if record["mode"][0] == MOVE:  # at rest the robot says 0
             record["success_rate"][0] = state.control_command_success_rate
@@ -125,6 +138,7 @@ def _snapshot(record: Any) -> Snapshot:
     joints = {name: np.array(record[name]) for name in _JOINTS}
     return Snapshot(
         stamp_ns=int(record["stamp_ns"]),
+        heard_ns=int(record["heard_ns"]),
         mode=int(record["mode"]),
         success_rate=float(record["success_rate"]),
         lost_cycles=int(record["lost_cycles"]),

@@ -32,6 +32,9 @@ from drivers.fr3.player import Played, Player
 
 _LOOK_TICKS = 50
 """How often a motion looks whether the driver is still there."""
+SILENT_NS = 500_000_000
+"""A driver that says nothing for so long is frozen, and nobody could stop the arm through it: then the motion brakes. A
+busy machine makes it late by less, and at 3 rad/s the arm is at rest within a second and 2 rad."""
 _PRIORITY = 80
 _NICE = -10
 _MCL_CURRENT_AND_FUTURE = 3
@@ -53,10 +56,18 @@ class ControlLoop:
 
     Args:
         franka: the module ``pylibfranka``. ``gone``: tells that nobody listens any more.
+        clock_ns: the monotonic clock, by which the driver's heart beats.
     """
 
-    def __init__(self, franka: Any, settings: Fr3Settings, block: Block, gone: Callable[[], bool]) -> None:
-        self._franka, self._block, self._gone = franka, block, gone
+    def __init__(
+        self,
+        franka: Any,
+        settings: Fr3Settings,
+        block: Block,
+        gone: Callable[[], bool],
+        clock_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        self._franka, self._block, self._gone, self._clock_ns = franka, block, gone, clock_ns
         enforce = settings.realtime == "enforce"
         realtime = franka.RealtimeConfig.kEnforce if enforce else franka.RealtimeConfig.kIgnore
         self._robot = franka.Robot(settings.address, realtime)
@@ -97,11 +108,15 @@ class ControlLoop:
             if following is None:
                 break
             command = following
-            if cycle % _LOOK_TICKS == 0 and self._gone():
+            if self._is_silent() or (cycle % _LOOK_TICKS == 0 and self._gone()):
                 player.brake()
         self._finish(control, command)
         self.idle()
         return player.played(self._robot.read_once())
+
+    def _is_silent(self) -> bool:
+        """Whether the driver stands still: it is there, and nobody can reach the arm through it."""
+        return self._clock_ns() - self._block.beat_ns > SILENT_NS
 
     def _finish(self, control: Any, command: Any) -> None:
         last = self._positions(command)
@@ -112,7 +127,7 @@ class ControlLoop:
         return self._franka.JointPositions(command.tolist())
 
     def _publish(self, state: Any) -> None:
-        self._block.write(time.time_ns(), state, self._lost_cycles)
+        self._block.write(time.time_ns(), self._clock_ns(), state, self._lost_cycles)
 
 
 def _configure(robot: Any, settings: Fr3Settings) -> None:

@@ -13,6 +13,7 @@ from bus.trajectory import TICK_S, Trajectory
 from drivers.coast import coast
 from drivers.sim.world import World
 from drivers.stream import Stream
+from drivers.unmoved import unmoved
 
 _MEASURE_TICKS = 10
 _TORQUE_NOISE_NM = 0.02
@@ -35,9 +36,8 @@ class SimArm:
     def __init__(self, world: World) -> None:
         self._world = world
         self._connected = False
-        self._stream: Stream | None = None
-        self._holding = self._stopped = False  # the motion of `_stream`
-        self._turn = threading.Condition()  # guards these three
+        self._asked: list[Stream] = []  # of every `execute` that has not returned: the first moves, if any does
+        self._turn = threading.Condition()  # guards it
         self._motions = 0
         self._reflex = False
         self._pushed_samples = 0
@@ -63,21 +63,19 @@ class SimArm:
     def _mode(self) -> ArmMode:
         if self._reflex:
             return ArmMode.REFLEX
-        return ArmMode.IDLE if self._stream is None else ArmMode.MOVE
+        return ArmMode.MOVE if self._asked else ArmMode.IDLE
 
     def execute(self, trajectory: Trajectory) -> Motion:
         self._require()
-        with self._world.motion:
-            stream = Stream(trajectory)
-            self._turn_to(stream)
-            try:
-                return self._play(stream)
-            finally:
-                self._turn_to(None)
-
-    def _turn_to(self, stream: Stream | None) -> None:
+        stream = Stream(trajectory)
         with self._turn:
-            self._stream, self._holding, self._stopped = stream, False, False
+            self._asked.append(stream)
+        try:
+            with self._world.motion:
+                return unmoved(self.state(), trajectory) if stream.is_braked else self._play(stream)
+        finally:
+            with self._turn:
+                self._asked.remove(stream)
 
     def _play(self, stream: Stream) -> Motion:
         commanded: list[np.ndarray] = []
@@ -117,7 +115,7 @@ class SimArm:
         """Command every tick, and measure every tenth, into the two lists."""
         while (command := stream.next()) is not None:
             if stream.held and commanded and np.array_equal(command, commanded[-1]):
-                self._wait_held(command)
+                self._wait_held(stream, command)
                 continue
             if len(commanded) % _MEASURE_TICKS == 0:
                 measured.append(self._world.arm())
@@ -152,32 +150,30 @@ class SimArm:
                 return
             self._world.tick()
 
-    def _wait_held(self, q_rad: Joints) -> None:
+    def _wait_held(self, stream: Stream, q_rad: Joints) -> None:
         """Let the arm rest at the held command, then sleep until `resume` or `stop`."""
         self._settle(q_rad, _HELD_PATIENCE_TICKS)
         with self._turn:
-            self._turn.wait_for(lambda: not self._holding)
+            self._turn.wait_for(lambda: not stream.is_held_or_about_to_be)
 
     def stop(self) -> None:
         with self._turn:
-            if self._stream is not None:
-                self._stream.brake()
-            self._stopped, self._holding = True, False
+            for stream in self._asked:
+                stream.brake()
             self._turn.notify_all()
 
     def hold(self) -> None:
         with self._turn:
-            if self._stream is not None and not self._stopped:
-                self._holding = True
-                self._stream.hold()
+            for stream in self._asked:
+                stream.hold()
 
     def resume(self) -> None:
         self._require()
         with self._turn:
-            if self._stream is None or not self._holding:
+            if not any(stream.is_held_or_about_to_be for stream in self._asked):
                 raise MotionRefused("No motion of the arm is held.", "Only a held motion goes on; plan a new one.")
-            self._holding = False
-            self._stream.resume()
+            for stream in self._asked:
+                stream.resume()
             self._turn.notify_all()
 
     def recover(self) -> None:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-import threading
+from collections.abc import Callable
 
 from bus.errors import HandFault, NotConnected
 from bus.messages import HandState
 from drivers.sim.world import TICK_S, World
+from drivers.stops import Stops
 
 _MOVE_FORCE_N = 20.0
 _MAX_SPEED_M_S = 0.1
@@ -26,7 +27,7 @@ class SimHand:
         self._connected = False
         self._homed = False
         self._moving = False
-        self._halt = threading.Event()
+        self._stops = Stops()
 
     def connect(self) -> None:
         self._connected = True
@@ -49,50 +50,55 @@ class SimHand:
         widest_m = self._world.station.hand.max_width_m
         if not (math.isfinite(width_m) and 0 <= width_m <= widest_m):
             raise HandFault(f"The hand cannot open to {width_m} m.", f"Ask for 0 to {widest_m} m.")
-        self._drive(width_m, speed_m_s, _MOVE_FORCE_N)
+        self._drive(width_m, speed_m_s, _MOVE_FORCE_N, self._stops.asked())
         return self.state()
 
     def grasp(self, force_n: float, speed_m_s: float) -> HandState:
         self._require()
         if not (math.isfinite(force_n) and force_n > 0):
             raise HandFault(f"The hand cannot grasp with {force_n} N.", "Ask for a positive force.")
-        self._drive(-_SQUEEZE_M, speed_m_s, force_n)
+        self._drive(-_SQUEEZE_M, speed_m_s, force_n, self._stops.asked())
         return self.state()
 
     def home(self) -> HandState:
         self._require()
         widest_m = self._world.station.hand.max_width_m
+        stopped = self._stops.asked()
         for width_m in (0.0, widest_m):
-            self._drive(width_m, _MAX_SPEED_M_S, _MOVE_FORCE_N)
-        self._homed = True
+            self._drive(width_m, _MAX_SPEED_M_S, _MOVE_FORCE_N, stopped)
+        self._homed = self._homed or not stopped()
         return self.state()
 
     def stop(self) -> None:
-        self._halt.set()
+        self._stops.stop()
 
-    def _drive(self, width_m: float, speed_m_s: float, force_n: float) -> None:
+    def _drive(self, width_m: float, speed_m_s: float, force_n: float, stopped: Callable[[], bool]) -> None:
         """Ramp the target to ``width_m``, then wait until the fingers rest (there, or on what they met)."""
         if not (math.isfinite(speed_m_s) and speed_m_s > 0):
             raise HandFault(f"The hand cannot move at {speed_m_s} m/s.", "Ask for a positive speed.")
         step_m = min(speed_m_s, _MAX_SPEED_M_S) * TICK_S
         with self._world.motion:
-            self._halt.clear()
-            self._moving = True
-            still, last_m = 0, self._world.hand_width_m()
-            target_m = last_m
-            for tick in range(_PATIENCE_TICKS):
-                if self._halt.is_set():
-                    break
-                target_m += max(-step_m, min(step_m, width_m - target_m))
-                self._world.command_hand(target_m, force_n)
-                self._world.tick()
-                self._world.pace(tick)
-                now_m = self._world.hand_width_m()
-                still = still + 1 if abs(now_m - last_m) < _STILL_M else 0
-                last_m = now_m
-                if still >= _STILL_TICKS and target_m == width_m:
-                    break
-            self._moving = False
+            try:
+                self._moving = True
+                self._ramp(width_m, step_m, force_n, stopped)
+            finally:
+                self._moving = False
+
+    def _ramp(self, width_m: float, step_m: float, force_n: float, stopped: Callable[[], bool]) -> None:
+        still, last_m = 0, self._world.hand_width_m()
+        target_m = last_m
+        for tick in range(_PATIENCE_TICKS):
+            if stopped():
+                return
+            target_m += max(-step_m, min(step_m, width_m - target_m))
+            self._world.command_hand(target_m, force_n)
+            self._world.tick()
+            self._world.pace(tick)
+            now_m = self._world.hand_width_m()
+            still = still + 1 if abs(now_m - last_m) < _STILL_M else 0
+            last_m = now_m
+            if still >= _STILL_TICKS and target_m == width_m:
+                return
 
     def _require(self) -> None:
         if not self._connected:

@@ -154,7 +154,7 @@ def test_the_clock_is_known_after_ten_frames_and_maps_by_the_median() -> None:
         assert clock.is_known == (index >= 10)
         wander_us = 300 if index % 3 == 0 else 0
         assert clock.hear(1000 * index, 5_000_000 + 1000 * index + wander_us, 5_000_000_000 + 1_000_000 * index)
-    assert clock.utc_ns(7000) == 5_007_000_000
+    assert clock.host_ns(7000) == 5_007_000_000
     assert clock.error_ns == 1_150_000
 
 

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -17,6 +21,7 @@ from config.hardware import Fr3Settings
 from config.load import load_station
 from config.schema import Station
 from drivers.fr3.arm import Fr3Arm
+from drivers.fr3.block import Block, Snapshot
 from planning.motion import move
 from planning.pick import plan_pick
 from planning.robot import Robot
@@ -175,6 +180,41 @@ def test_closing_in_motion_brakes_it(arm: Fr3Arm) -> None:
     arm.close()
     motion = running.end()
     assert isinstance(motion, Motion) and not motion.finished
+
+
+def test_a_driver_that_is_frozen_in_motion_has_its_arm_at_rest_within_a_second(
+    station: Station, sim: FrankaSim
+) -> None:
+    command = [sys.executable, "-m", "tests.stand_ins.fr3_driver", "127.0.0.1"]
+    with subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True) as driver:
+        assert driver.stdout is not None
+        assert driver.stdout.readline() == "moving\n"
+        block = shared_with(driver.pid)
+        driver.send_signal(signal.SIGSTOP)
+        frozen_s = time.monotonic()
+        moving_q_d_rad = newest(block).q_d_rad
+        time.sleep(max(0.0, frozen_s + 1.0 - time.monotonic()))
+        rests_q_d_rad = newest(block).q_d_rad
+        time.sleep(1.0)
+        later_q_d_rad = newest(block).q_d_rad
+        driver.send_signal(signal.SIGCONT)
+        assert driver.stdout.readline() == "finished False, idle\n"
+        assert driver.stdout.readline() == "finished True, idle\n", "a new motion is played"
+    assert np.array_equal(rests_q_d_rad, later_q_d_rad)
+    assert np.abs(rests_q_d_rad - moving_q_d_rad).max() > 0.05, "it came to rest on its path"
+
+
+def shared_with(pid: int) -> Block:
+    """What the driver in another process shares with its control process."""
+    folder = Path(f"/proc/{pid}/fd")
+    path = next(entry for entry in folder.iterdir() if "fr3-state" in os.readlink(entry))
+    return Block(os.open(path, os.O_RDWR))
+
+
+def newest(block: Block) -> Snapshot:
+    now = block.read()
+    assert now is not None
+    return now
 
 
 def test_it_reports_how_punctual_its_commands_were(arm: Fr3Arm) -> None:
