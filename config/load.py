@@ -13,6 +13,7 @@ from pydantic import BaseModel, ValidationError
 
 from bus.errors import ConfigError
 from config.schema import Station
+from config.toml_file import parsed, read_text
 
 DEFAULT_STATION = Path(__file__).with_name("sim.toml")
 
@@ -23,14 +24,7 @@ def load_station(path: Path | None = None, overrides: Iterable[str] = ()) -> Sta
     Raises: ConfigError naming the key and what is accepted.
     """
     file = path or DEFAULT_STATION
-    try:
-        tree = tomllib.loads(file.read_text())
-    except FileNotFoundError as error:
-        raise ConfigError(f"There is no station file {file}.", "Name one with --config FILE.toml.") from error
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"Cannot read the station file {file}: {error}.") from error
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"{file} is not valid TOML: {error}.") from error
+    tree = parsed(read_text(file), str(file))
     _place(tree, file.absolute().parent)
     return station_from(tree, overrides, source=str(file))
 
