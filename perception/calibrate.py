@@ -16,7 +16,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from bus.arrays import ColorImage, Transform
-from bus.errors import CalibrationError, ConfigError
+from bus.errors import CalibrationError
 from bus.messages import CameraModel
 from config.calibration import CalibrationSettings
 
@@ -59,11 +59,8 @@ class HandEye:
 
 
 def charuco_board(settings: CalibrationSettings) -> cv2.aruco.CharucoBoard:
-    """Raises: ConfigError for an unknown dictionary."""
-    number = getattr(cv2.aruco, settings.dictionary, None)
-    if number is None:
-        raise ConfigError(f"OpenCV has no marker dictionary {settings.dictionary!r}.", "Take DICT_5X5_100, say.")
-    dictionary = cv2.aruco.getPredefinedDictionary(number)
+    """The board of these settings."""
+    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, settings.dictionary))
     return cv2.aruco.CharucoBoard(settings.squares, settings.square_m, settings.marker_m, dictionary)
 
 

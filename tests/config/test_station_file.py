@@ -64,7 +64,7 @@ WAYS = {
     "only a header": "[camera]",
     "in a text": 'a = """\n[camera]\nhand_from_color_wxyz = 1\n"""\n# end',
     "another's": "[nodes.camera]\nhand_from_color_wxyz = [1]\n",
-    "odd letters": "# Prüfzelle\u2028Linie\n[camera] # \u0085\nhand_from_color_wxyz = [1, 0, 0, 0] # \u2028x\nmax_age_s = 1",
+    "odd letters": "# Prüfzelle\u2028Linie\n[camera] # \u0085\nhand_from_color_wxyz = [1] # \u2028x\nmax_age_s = 1",
 }
 
 

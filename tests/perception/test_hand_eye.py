@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from bus.errors import CalibrationError, ConfigError
-from config.calibration import CalibrationSettings
+from bus.errors import CalibrationError
+from config.calibration import MARKERS, CalibrationSettings
 from drivers.sim.optics import COLOR
 from perception.calibrate import Sighting, board_image, charuco_board, corners_in_color, hand_eye, off_px, sight
 
@@ -116,6 +116,9 @@ def test_corners_get_their_depth_from_the_board_s_pose() -> None:
                                atol=1e-5)  # fmt: skip
 
 
-def test_an_unknown_dictionary_is_refused() -> None:
-    with pytest.raises(ConfigError, match="DICT_NONE"):
-        charuco_board(CalibrationSettings(dictionary="DICT_NONE"))
+@pytest.mark.parametrize("dictionary", sorted(MARKERS))
+def test_every_dictionary_that_may_be_chosen_makes_a_board_of_all_its_markers(dictionary: str) -> None:
+    columns = MARKERS[dictionary] * 2 // 8
+    assert len(charuco_board(CalibrationSettings(dictionary=dictionary, squares=(8, min(columns, 7)))).getIds()) > 0
+    number = getattr(cv2.aruco, dictionary)
+    assert len(cv2.aruco.getPredefinedDictionary(number).bytesList) == MARKERS[dictionary]
