@@ -69,9 +69,13 @@ def find(
     turn = Rotation.from_matrix(found.hand_from_color[:3, :3])
     wxyz = turn.as_quat(scalar_first=True, canonical=True).tolist()
     off_mm, off_deg = moved(hand_from_color(station.camera), found.hand_from_color)
-    note = f"calibrated {datetime.now(UTC):%Y-%m-%d %H:%M} UTC, {len(found.views_px)} views, {found.rms_px:.2f} px"
+    note = (
+        f"calibrated {datetime.now(UTC):%Y-%m-%d %H:%M} UTC, {len(found.views_px)} views, {found.rms_px:.2f} px, "
+        f"certain to {found.uncertainty_mm:.2f} mm and {found.uncertainty_deg:.3f} deg"
+    )
     if as_json:
         said = {"position_m": position_m, "wxyz": wxyz, "rms_px": found.rms_px,
+                "uncertainty_mm": found.uncertainty_mm, "uncertainty_deg": found.uncertainty_deg,
                 "views_px": found.views_px, "moved_mm": off_mm, "moved_deg": off_deg}  # fmt: skip
         print_json(said)
     else:
@@ -98,6 +102,7 @@ def _show(found: HandEye, off_mm: float, off_deg: float) -> None:
     views = "  ".join(f"{px:.2f}" for px in found.views_px)
     out.print(f"residual {found.rms_px:.2f} px root mean square; each view: {views}")
     out.print(f"the board wanders by {found.spread_mm:.2f} mm and {found.spread_deg:.2f} deg between the views")
+    out.print(f"the camera's place is certain to {found.uncertainty_mm:.2f} mm and {found.uncertainty_deg:.3f} deg")
     out.print(f"the camera sits {off_mm:.2f} mm and {off_deg:.2f} deg from where the station file had it")
 
 
@@ -112,6 +117,10 @@ def check(config: Config = DEFAULT_STATION, overrides: Set = None, as_json: Json
         print_json({"ok": good, **vars(seen)})
     else:
         out.print(f"corners are {seen.off_px:.2f} px ({seen.off_mm:.2f} mm) off, the worst {seen.worst_px:.2f} px")
+        out.print(
+            f"the camera sits {seen.moved_mm:.1f} mm and {seen.moved_deg:.2f} deg from its calibration, "
+            f"give or take {seen.uncertainty_mm:.1f} mm and {seen.uncertainty_deg:.2f} deg"
+        )
         out.print(f"depth reads {seen.depth_off_mm:+.1f} mm against the corners")
         verdict = (
             "good" if good else f"more than {station.calibration.max_off_px:.1f} px: run `cell calibrate hand-eye`"
