@@ -19,6 +19,11 @@ from drivers.sim.world import World
 
 REGION_M = (0.32, 0.60, -0.20, 0.20)
 BOX = '<geom type="box" size="0.02 0.03 0.01" mass="0.1"/>'
+PART = '<geom type="box" size="0.02 0.03 0.01" mass="0.1" group="3"/>'
+BITS = '<geom type="box" size="0.02 0.03 0.01" mass="0.1" contype="4" conaffinity="2"/>'
+POSE = '<sensor><framepos objtype="body" objname="b"/></sensor>'
+MOTOR = '<actuator><motor joint="j"/></actuator>'
+TEXTURE = '<asset><texture name="t" type="2d" file="t.png"/></asset>'
 MESHED = '<asset><mesh name="m" file="m.obj"/></asset>', '<body><geom type="mesh" mesh="m"/></body>'
 
 
@@ -41,14 +46,13 @@ def write(folder: Path, content: str | bytes, name: str = "object.xml") -> Path:
 LOADS = {
     "a body": mjcf(f"<body>{BOX}</body>"),
     "nested": mjcf(f'<body><body name="object">{BOX}</body><site name="top" pos="0 0 0.01"/></body>'),
-    "nested twice, contact parts": mjcf(f'<body><body><body>{BOX.replace("/>", " group=" + chr(34) + "3" + chr(34) + "/>")}'
-                                        '</body></body><geom type="sphere" size="0.02"/></body>'),
+    "nested, with contact parts": mjcf(f'<body><body>{PART}</body><geom type="sphere" size="0.02"/></body>'),
     "in frames": mjcf(f'<frame pos="0 0 1"><body><frame pos="0 0 0.01">{BOX}</frame></body></frame>'),
     "on a floor": mjcf(f'<light pos="0 0 3"/><geom type="plane" size="1 1 1"/><body>{BOX}</body>'),
     "with a key": mjcf(f"<body><freejoint/>{BOX}</body>", after='<keyframe><key qpos="0 0 0 1 0 0 0"/></keyframe>'),
-    "with a sensor": mjcf(f'<body name="b">{BOX}</body>', after='<sensor><framepos objtype="body" objname="b"/></sensor>'),
-    "on a rail": mjcf(f'<body><joint name="j" type="slide"/>{BOX}</body>', after='<actuator><motor joint="j"/></actuator>'),
-    "of other contact bits": mjcf('<body><geom type="box" size="0.02 0.03 0.01" mass="0.1" contype="4" conaffinity="2"/></body>'),
+    "with a sensor": mjcf(f'<body name="b">{BOX}</body>', after=POSE),
+    "on a rail": mjcf(f'<body><joint name="j" type="slide"/>{BOX}</body>', after=MOTOR),
+    "of other contact bits": mjcf(f"<body>{BITS}</body>"),
     "moved by others": mjcf(f'<body mocap="true">{BOX}</body>'),
     "with a byte order mark": "\ufeff" + mjcf(f"<body>{BOX}</body>"),
     "with a memory": mjcf(f"<body>{BOX}</body>", '<size memory="1M"/><statistic extent="3"/>'),
@@ -78,7 +82,7 @@ REFUSED = {
     "no geom": (mjcf("<body/>"), "no body with a geom"),
     "a hinge within": (mjcf(f'<body>{BOX}<body><joint name="lid"/>{BOX}</body></body>'), "joints within it: lid"),
     "a total mass": (mjcf(f"<body>{BOX}</body>", '<compiler settotalmass="1"/>'), "settotalmass"),
-    "only to look at": (mjcf('<body><geom size="0.02" contype="0" conaffinity="0"/></body>'), "nothing that can be touched"),
+    "only to look at": (mjcf('<body><geom size="0.02" contype="0" conaffinity="0"/></body>'), "can be touched"),
     "only to touch": (mjcf('<body><geom size="0.02" mass="0.1" group="3"/></body>'), "nothing that can be seen"),
     "glass": (mjcf('<body><geom size="0.02" mass="0.1" rgba="1 1 1 0"/></body>'), "nothing that can be seen"),
     "without mass": (mjcf('<body><geom size="0.02" mass="0"/></body>'), "mass"),
@@ -98,7 +102,7 @@ REFUSED = {
     "UTF-16": (mjcf(f"<body>{BOX}</body>").encode("utf-16"), "not UTF-8"),
     "a part is missing": (mjcf('<include file="none.xml"/>'), "none.xml"),
     "a mesh is missing": (mjcf(MESHED[1], MESHED[0]), "m.obj"),
-    "a texture is missing": (mjcf(f"<body>{BOX}</body>", '<asset><texture name="t" type="2d" file="t.png"/></asset>'), "t.png"),
+    "a texture is missing": (mjcf(f"<body>{BOX}</body>", TEXTURE), "t.png"),
 }  # fmt: skip
 
 
@@ -115,13 +119,13 @@ def test_it_is_refused_in_one_line_that_names_the_file(tmp_path: Path, what: str
     ("content", "says"),
     [
         (mesh(50.0), r'in mm\? Then give its <mesh> scale="0.001'),
-        (mesh(0.00005), "Is the scale"),
+        (mesh(0.002), "Is the scale"),
         ("", "4 vertices"),
         (mesh(0.05).replace("0.05", "nan", 1), "not finite"),
         (mesh(0.05).replace("0 0 0.05", "0.05 0.05 0"), "coplanar"),
         (bytes(range(256)), "vertices"),
     ],
-    ids=["mm", "km", "empty", "nan", "flat", "noise"],
+    ids=["mm", "tiny", "empty", "nan", "flat", "noise"],
 )
 def test_a_mesh_that_cannot_be_is_refused(tmp_path: Path, content: str | bytes, says: str) -> None:
     write(tmp_path, content, "m.obj")
