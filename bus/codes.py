@@ -38,7 +38,7 @@ class Code(StrEnum):
 
 ADVICE: dict[Code, str] = {
     Code.NO_OBJECT: "Put an object into the pick region, inside the camera's view.",
-    Code.TARGET_NOT_FOUND: "Name it differently, or point at it by its pixel; what was seen is in the report's picture.",
+    Code.TARGET_NOT_FOUND: "Name it differently, or point at it by its pixel: the picture is in the report.",
     Code.NOT_SEEN: "Look at the report's picture: is the lens covered, the table in view and at its height, glass or"
     " something shiny on it?",
     Code.NO_GRASP: "Turn the object so that a side narrower than the jaw faces the camera.",

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import signal
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
@@ -21,7 +20,7 @@ from cell.nodes import Supervisor
 from cell.options import Config, Json, Set, out, print_json
 from config.load import DEFAULT_STATION, load_station
 from config.schema import Station
-from config.station_file import mounting_lines, write_mounting
+from config.station_file import mounting_lines, require_writable, write_mounting
 from drivers.remote import remote_devices
 from perception.calibrate import HandEye, board_image
 from planning.robot import Robot, hand_from_color
@@ -62,15 +61,21 @@ def find(
 ) -> None:
     """Look at the board from 15 sides and write where the camera sits into the station file. The arm moves."""
     station = load_station(config, overrides or [])
+    if not dry_run:
+        _require_writable(config)  # before the arm moves
     with _surveyor(station, as_json) as surveyor:
         found = surveyor.calibrate()
     position_m = found.hand_from_color[:3, 3].tolist()
     turn = Rotation.from_matrix(found.hand_from_color[:3, :3])
     wxyz = turn.as_quat(scalar_first=True, canonical=True).tolist()
     off_mm, off_deg = moved(hand_from_color(station.camera), found.hand_from_color)
-    note = f"calibrated {datetime.now(UTC):%Y-%m-%d %H:%M} UTC, {len(found.views_px)} views, {found.rms_px:.2f} px"
+    note = (
+        f"calibrated {datetime.now(UTC):%Y-%m-%d %H:%M} UTC, {len(found.views_px)} views, {found.rms_px:.2f} px, "
+        f"certain to {found.uncertainty_mm:.2f} mm and {found.uncertainty_deg:.3f} deg"
+    )
     if as_json:
         said = {"position_m": position_m, "wxyz": wxyz, "rms_px": found.rms_px,
+                "uncertainty_mm": found.uncertainty_mm, "uncertainty_deg": found.uncertainty_deg,
                 "views_px": found.views_px, "moved_mm": off_mm, "moved_deg": off_deg}  # fmt: skip
         print_json(said)
     else:
@@ -78,23 +83,27 @@ def find(
     if dry_run:
         out.print("\n".join(mounting_lines(position_m, wxyz).values())) if not as_json else None
         return
-    _write(config, position_m, wxyz, note, as_json)
+    write_mounting(config, position_m, wxyz, note)
+    if not as_json:
+        out.print(f"written to {config}, the old values kept as comments")
+
+
+def _require_writable(config: Path) -> None:
+    """Raises: ConfigError."""
+    if config.samefile(DEFAULT_STATION):
+        raise ConfigError(
+            f"{config} is every simulated cell's, not yours to change.",
+            "Name your own station file with --config; with --dry-run the result is only shown.",
+        )
+    require_writable(config)
 
 
 def _show(found: HandEye, off_mm: float, off_deg: float) -> None:
     views = "  ".join(f"{px:.2f}" for px in found.views_px)
     out.print(f"residual {found.rms_px:.2f} px root mean square; each view: {views}")
     out.print(f"the board wanders by {found.spread_mm:.2f} mm and {found.spread_deg:.2f} deg between the views")
+    out.print(f"the camera's place is certain to {found.uncertainty_mm:.2f} mm and {found.uncertainty_deg:.3f} deg")
     out.print(f"the camera sits {off_mm:.2f} mm and {off_deg:.2f} deg from where the station file had it")
-
-
-def _write(config: Path, position_m: Sequence[float], wxyz: Sequence[float], note: str, quiet: bool) -> None:
-    if config == DEFAULT_STATION or not os.access(config, os.W_OK):
-        lines = "\n".join(mounting_lines(position_m, wxyz).values())
-        raise ConfigError(f"{config} is not yours to change; put this into your own station file:\n[camera]\n{lines}")
-    write_mounting(config, position_m, wxyz, note)
-    if not quiet:
-        out.print(f"written to {config}, the old values kept as comments")
 
 
 @calibrate.command()
@@ -108,6 +117,10 @@ def check(config: Config = DEFAULT_STATION, overrides: Set = None, as_json: Json
         print_json({"ok": good, **vars(seen)})
     else:
         out.print(f"corners are {seen.off_px:.2f} px ({seen.off_mm:.2f} mm) off, the worst {seen.worst_px:.2f} px")
+        out.print(
+            f"the camera sits {seen.moved_mm:.1f} mm and {seen.moved_deg:.2f} deg from its calibration, "
+            f"give or take {seen.uncertainty_mm:.1f} mm and {seen.uncertainty_deg:.2f} deg"
+        )
         out.print(f"depth reads {seen.depth_off_mm:+.1f} mm against the corners")
         verdict = (
             "good" if good else f"more than {station.calibration.max_off_px:.1f} px: run `cell calibrate hand-eye`"

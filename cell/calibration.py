@@ -14,7 +14,7 @@ from bus.messages import Frame
 from cell.capture import capture
 from config.schema import Station
 from drivers.interface import Arm, Camera, Devices
-from perception.calibrate import HandEye, Sighting, corners_in_color, hand_eye, off_px, sight
+from perception.calibrate import HandEye, Sighting, corners_in_color, corrected, hand_eye, off_px, sight
 from perception.depth import register
 from planning.motion import move
 from planning.robot import Robot, hand_from_color
@@ -33,12 +33,18 @@ class Check:
     Attributes:
         off_px: root mean square; ``worst_px``: of one corner.
         off_mm: the root mean square at the board.
+        moved_mm, moved_deg: how far the camera sits from the present calibration, by these few views.
+        uncertainty_mm, uncertainty_deg: of that, one standard deviation.
         depth_off_mm: mean distance of the depth camera's board from where the corners are; NaN = no depth there.
     """
 
     off_px: float
     worst_px: float
     off_mm: float
+    moved_mm: float
+    moved_deg: float
+    uncertainty_mm: float
+    uncertainty_deg: float
     depth_off_mm: float
 
 
@@ -70,19 +76,25 @@ class Surveyor:
         return found
 
     def check(self) -> Check:
-        """Raises: CalibrationError when the board is not seen."""
+        """Raises: CalibrationError when the board is not seen, or from too few sides to tell."""
         vantage_q_rad = self._vantages()
         chosen = vantage_q_rad[:: max(1, len(vantage_q_rad) // _CHECKED_FROM)]
         sightings, frames = self._look_around(chosen)
         if not sightings:
             raise CalibrationError("The board was not seen.", "Lay it where calibration.board_center_m says.")
         camera, mounting = frames[0].color_camera, hand_from_color(self._station.camera)
+        found = corrected(sightings, camera, mounting)
+        moved_mm, moved_deg = moved(mounting, found.hand_from_color)
         off = off_px(sightings, camera, mounting)
         rms_px = float(np.sqrt(np.mean(off**2)))
         return Check(
             off_px=rms_px,
             worst_px=float(off.max()),
             off_mm=rms_px / camera.fx * _distance_m(sightings, mounting, self._station) * 1e3,
+            moved_mm=moved_mm,
+            moved_deg=moved_deg,
+            uncertainty_mm=found.uncertainty_mm,
+            uncertainty_deg=found.uncertainty_deg,
             depth_off_mm=_depth_off_mm(frames, sightings),
         )
 

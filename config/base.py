@@ -1,18 +1,65 @@
-"""What every setting is made of: frozen, unknown keys refused, numbers finite."""
+"""What every setting is made of: frozen, unknown keys refused; numbers finite, in their range; paths usable."""
 
 from __future__ import annotations
 
-from typing import Annotated
+from pathlib import Path
+from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
+
+from bus.transforms import unit_wxyz
+
+
+def is_unicode(text: str) -> bool:
+    """Whether ``text`` was read as the UTF-8 it was: bytes of an argument that are none come as lone surrogates."""
+    return not any("\ud800" <= letter <= "\udfff" for letter in text)
+
+
+def _unit(wxyz: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+    """As it is written: a station keeps its hash; `bus.transforms.from_wxyz` takes the last digits off."""
+    unit_wxyz(wxyz)
+    return wxyz
+
+
+def _not_empty(path: Any) -> Any:
+    if path == "":
+        raise ValueError("leave a path out instead of giving it empty")
+    return path
+
+
+def _usable(path: Path) -> Path:
+    """With ``~`` and ``~user`` expanded."""
+    if "\0" in str(path) or not is_unicode(str(path)):
+        raise ValueError("a path is Unicode text without NUL")
+    try:
+        return path.expanduser()
+    except RuntimeError as error:
+        raise ValueError(f"there is no home folder {path.parts[0]!r} here") from error
+
+
+def _usable_or_name(text: str) -> str:
+    return str(_usable(Path(text))) if text.startswith("~") else text
+
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
-Fraction = Annotated[float, Field(ge=0, le=1)]
-Vector = tuple[Finite, Finite, Finite]
+Fraction = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
+Seconds = Annotated[float, Field(gt=0, le=86_400, allow_inf_nan=False)]
+Metres = Annotated[float, Field(ge=-10, le=10, allow_inf_nan=False)]
+"""A coordinate. Nothing around an arm is farther: whoever writes 450 means millimetres."""
+Size = Annotated[float, Field(gt=0, le=10, allow_inf_nan=False)]
+"""A length [m]."""
+SizeOrNone = Annotated[float, Field(ge=0, le=10, allow_inf_nan=False)]
+Vector = tuple[Metres, Metres, Metres]
 JointVector = tuple[Finite, Finite, Finite, Finite, Finite, Finite, Finite]
+UnitQuaternion = Annotated[tuple[Finite, Finite, Finite, Finite], AfterValidator(_unit)]
+"""A rotation, w first."""
 Chunk = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]*$")]
+Address = Annotated[str, Field(min_length=1)]
+SystemPath = Annotated[Path, BeforeValidator(_not_empty), AfterValidator(_usable)]
+"""A file or folder."""
+FolderOrName = Annotated[str, Field(min_length=1), AfterValidator(_usable_or_name)]
 
 
 class Settings(BaseModel):

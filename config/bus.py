@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from pydantic import field_validator, model_validator
 
 from bus.secured import is_encrypted, is_loopback
-from config.base import Positive, Settings
+from config.base import Seconds, Settings, SystemPath
+from config.endpoints import require_endpoint
 
 
 class BusSettings(Settings):
@@ -30,16 +29,19 @@ class BusSettings(Settings):
     endpoint: str = "tcp/127.0.0.1:7447"
     listen: str | None = None
     router: str | None = None
-    zenoh: Path | None = None
-    ask_timeout_s: Positive = 5.0
-    stale_s: Positive = 0.75
-    silence_s: Positive = 0.5
-    frozen_s: Positive = 3.0
+    zenoh: SystemPath | None = None
+    ask_timeout_s: Seconds = 5.0
+    stale_s: Seconds = 0.75
+    silence_s: Seconds = 0.5
+    frozen_s: Seconds = 3.0
 
     @field_validator("endpoint", "listen", "router")
     @classmethod
     def _loopback_or_encrypted(cls, endpoint: str | None) -> str | None:
-        if endpoint is not None and not is_loopback(endpoint) and not is_encrypted(endpoint):
+        if endpoint is None:
+            return None
+        require_endpoint(endpoint)
+        if not is_loopback(endpoint) and not is_encrypted(endpoint):
             raise ValueError(
                 "only loopback endpoints like tcp/127.0.0.1:7447 are accepted in the clear; beyond, tls/ADDRESS:PORT"
             )

@@ -4,9 +4,26 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from config.base import Finite, Positive, Settings, Vector
+
+_SIZES = {"50": 50, "100": 100, "250": 250, "1000": 1000}
+MARKERS = {f"DICT_{bits}X{bits}_{name}": count for bits in (4, 5, 6, 7) for name, count in _SIZES.items()} | {
+    "DICT_ARUCO_ORIGINAL": 1024,
+    "DICT_ARUCO_MIP_36h12": 250,
+    "DICT_APRILTAG_16h5": 30,
+    "DICT_APRILTAG_25h9": 35,
+    "DICT_APRILTAG_36h10": 2320,
+    "DICT_APRILTAG_36h11": 587,
+}
+"""How many markers each of OpenCV's predefined dictionaries holds, by its name."""
+_LARGEST_M = 1.5
+
+
+def _spelled(dictionary: str) -> str:
+    """OpenCV has those with an H twice."""
+    return dictionary.replace("H", "h")
 
 
 class CalibrationSettings(Settings):
@@ -21,9 +38,9 @@ class CalibrationSettings(Settings):
     """
 
     squares: tuple[Annotated[int, Field(ge=4, le=30)], Annotated[int, Field(ge=4, le=30)]] = (7, 5)
-    square_m: Positive = 0.040
+    square_m: Annotated[float, Field(ge=0.01, le=0.2)] = 0.040
     marker_m: Positive = 0.030
-    dictionary: str = "DICT_5X5_100"
+    dictionary: Annotated[str, AfterValidator(_spelled)] = "DICT_5X5_100"
     board_center_m: Vector = (0.45, 0.0, 0.0)
     board_yaw_rad: Finite = 0.0
     poses: Annotated[int, Field(ge=12, le=60)] = 15
@@ -31,9 +48,18 @@ class CalibrationSettings(Settings):
     max_off_px: Positive = 1.0
 
     @model_validator(mode="after")
-    def _marker_in_square(self) -> CalibrationSettings:
-        if self.marker_m >= self.square_m:
+    def _can_be_printed(self) -> CalibrationSettings:
+        if not self.square_m / 3 <= self.marker_m < self.square_m:
             raise ValueError(f"a marker of {self.marker_m} m does not fit into a square of {self.square_m} m")
+        if max(self.size_m) > _LARGEST_M:
+            raise ValueError(f"a board of {self.size_m[0]:.2f} x {self.size_m[1]:.2f} m: more than {_LARGEST_M} m")
+        holds = MARKERS.get(self.dictionary)
+        if holds is None:
+            raise ValueError(f"OpenCV has no marker dictionary {self.dictionary!r}; take DICT_5X5_100, say")
+        needed = self.squares[0] * self.squares[1] // 2
+        if needed > holds:
+            columns, rows = self.squares
+            raise ValueError(f"{columns} x {rows} squares need {needed} markers; {self.dictionary} holds only {holds}")
         return self
 
     @property

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pydantic import model_validator
 
 from bus.faults import PARTS, Fault
-from config.base import Positive, Settings
+from config.base import Seconds, Settings
 
 
 class FaultSettings(Settings):
@@ -24,7 +24,7 @@ class FaultSettings(Settings):
     model: Fault = Fault.NONE
     bus: Fault = Fault.NONE
     disk: Fault = Fault.NONE
-    delay_s: Positive = 1.0
+    delay_s: Seconds = 1.0
 
     @model_validator(mode="after")
     def _none_unless_allowed(self) -> FaultSettings:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from config.base import Finite, JointVector, NonNegative, Positive, Settings, Vector
+from config.base import Address, Finite, NonNegative, Positive, Seconds, Settings, SystemPath, Vector
 
 Wrench = tuple[Positive, Positive, Positive, Positive, Positive, Positive]
+PositiveJoints = tuple[Positive, Positive, Positive, Positive, Positive, Positive, Positive]
 
 
 class LoadSettings(Settings):
@@ -21,7 +21,7 @@ class LoadSettings(Settings):
         inertia_kg_m2: diagonal of its inertia about that centre.
     """
 
-    mass_kg: NonNegative = 0.0
+    mass_kg: Annotated[float, Field(ge=0, le=10)] = 0.0
     flange_from_center_m: Vector = (0.0, 0.0, 0.0)
     inertia_kg_m2: tuple[NonNegative, NonNegative, NonNegative] = (0.0, 0.0, 0.0)
 
@@ -38,13 +38,13 @@ class Fr3Settings(Settings):
         load: see `LoadSettings`; the hand's own mass is set in Desk (End Effector).
     """
 
-    address: str = "172.16.0.2"
+    address: Address = "172.16.0.2"
     realtime: Literal["enforce", "ignore"] = "enforce"
-    collision_torque_nm: tuple[Positive, Positive, Positive, Positive, Positive, Positive, Positive] = (
+    collision_torque_nm: PositiveJoints = (
         20.0, 20.0, 18.0, 18.0, 16.0, 14.0, 12.0,
     )  # fmt: skip
     collision_wrench: Wrench = (20.0, 20.0, 20.0, 25.0, 25.0, 25.0)
-    joint_stiffness_nm_rad: JointVector = (3000.0, 3000.0, 3000.0, 2500.0, 2500.0, 2000.0, 2000.0)
+    joint_stiffness_nm_rad: PositiveJoints = (3000.0, 3000.0, 3000.0, 2500.0, 2500.0, 2000.0, 2000.0)
     load: LoadSettings = LoadSettings()
 
 
@@ -56,8 +56,8 @@ class PandaHandSettings(Settings):
         poll_s: how often its width is asked for; each question takes the hand 30 to 100 ms.
     """
 
-    address: str = "172.16.0.2"
-    poll_s: Positive = 0.05
+    address: Address = "172.16.0.2"
+    poll_s: Seconds = 0.05
 
 
 class FemtoMegaSettings(Settings):
@@ -76,7 +76,7 @@ class FemtoMegaSettings(Settings):
     serial: str | None = None
     settle_frames: Annotated[int, Field(ge=1, le=300)] = 20
     fixed_exposure: bool = False
-    extensions: Path | None = None
+    extensions: SystemPath | None = None
     lost_after_s: Annotated[Finite, Field(gt=0.2, le=30)] = 0.8
 
     @model_validator(mode="after")

@@ -79,6 +79,15 @@ def outside(q_rad: Array) -> str | None:
     return f"joint {joint + 1} at {value:.3f} rad is outside its range {LOWER_RAD[joint]:.3f}..{UPPER_RAD[joint]:.3f}"
 
 
+def stuck(q_rad: Joints) -> str | None:
+    """Which joint of ``q_rad`` (7,) is so near its limit that no speed is allowed towards it, in words; or None."""
+    room_rad_s = np.minimum(*np.abs(velocity_bounds(q_rad)))
+    joint = int(np.argmin(room_rad_s))
+    if room_rad_s[joint] > 0:
+        return None
+    return f"joint {joint + 1} at {q_rad[joint]:.4f} rad is too near its limit: no speed is allowed there"
+
+
 @dataclass(frozen=True)
 class Peak:
     """The sample that comes nearest to one kind of limit.

@@ -5,15 +5,19 @@ from __future__ import annotations
 import difflib
 import hashlib
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from types import UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
 from bus.errors import ConfigError
+from config.base import is_unicode
 from config.schema import Station
+from config.toml_file import parsed, read_text
 
+_LONGEST_GIVEN = 200
 DEFAULT_STATION = Path(__file__).with_name("sim.toml")
 
 
@@ -23,14 +27,7 @@ def load_station(path: Path | None = None, overrides: Iterable[str] = ()) -> Sta
     Raises: ConfigError naming the key and what is accepted.
     """
     file = path or DEFAULT_STATION
-    try:
-        tree = tomllib.loads(file.read_text())
-    except FileNotFoundError as error:
-        raise ConfigError(f"There is no station file {file}.", "Name one with --config FILE.toml.") from error
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"Cannot read the station file {file}: {error}.") from error
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"{file} is not valid TOML: {error}.") from error
+    tree = parsed(read_text(file), str(file))
     _place(tree, file.absolute().parent)
     return station_from(tree, overrides, source=str(file))
 
@@ -51,16 +48,19 @@ def station_hash(station: Station) -> str:
 
 
 def _place(tree: dict[str, Any], folder: Path) -> None:
-    """Paths of the Zenoh and key files are relative to the station file, wherever the command runs."""
+    """Paths of the Zenoh and key files are relative to the station file, or to a home, wherever the command runs."""
     for *path, leaf in (("bus", "zenoh"), ("perception", "hosted", "key_file")):
         node: Any = tree
         for part in path:
             node = node.get(part) if isinstance(node, dict) else None
-        if isinstance(node, dict) and isinstance(node.get(leaf), str):
-            node[leaf] = str(folder / Path(node[leaf]).expanduser())
+        named = node.get(leaf) if isinstance(node, dict) else None
+        if isinstance(named, str) and named and not named.startswith("~"):
+            node[leaf] = str(folder / named)
 
 
 def _apply(tree: dict[str, Any], override: str) -> None:
+    if not is_unicode(override):
+        raise ConfigError(f"--set {override!r} is not UTF-8 text.", "Rename it, or set the terminal to UTF-8.")
     key, equals, text = override.partition("=")
     if not equals or not key.strip():
         raise ConfigError(f"--set {override!r} is not of the form key=value.", "Example: --set sim.pace=1")
@@ -71,15 +71,42 @@ def _apply(tree: dict[str, Any], override: str) -> None:
         if not isinstance(child, dict):
             raise ConfigError(f"--set {override!r}: {part!r} has no keys below it.")
         node = child
-    node[leaf] = _value(text.strip())
+    node[leaf] = _value(text.strip(), _takes_text([*path, leaf]))
 
 
-def _value(text: str) -> Any:
-    """A TOML value, or the text itself where it is none (so that paths need no quotes)."""
+def _value(text: str, takes_text: bool) -> Any:
+    """A TOML value; the text itself where it is none, or where text is wanted (so that neither needs quotes)."""
     try:
-        return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+        tree = tomllib.loads(f"value = {text}")
+    except (ValueError, RecursionError):
         return text
+    value = tree["value"]
+    return text if len(tree) > 1 or (takes_text and not isinstance(value, str)) else value
+
+
+def _takes_text(path: Sequence[str]) -> bool:
+    """Whether the setting at ``path`` is a text or a path."""
+    kinds: list[Any] = [Station]
+    for part in path:
+        kinds = [inner for kind in kinds for inner in _below(kind, part)]
+    return any(isinstance(kind, type) and issubclass(kind, (str, Path)) for kind in kinds)
+
+
+def _below(kind: Any, part: str) -> list[Any]:
+    """What may stand under ``part`` of a table of this ``kind``: the types of the setting."""
+    if isinstance(kind, type) and issubclass(kind, BaseModel):
+        return _plain(kind.model_fields[part].annotation) if part in kind.model_fields else []
+    return _plain(get_args(kind)[1]) if get_origin(kind) is dict else []
+
+
+def _plain(annotation: Any) -> list[Any]:
+    """The types behind an annotation, of each of its alternatives."""
+    origin, arguments = get_origin(annotation), get_args(annotation)
+    if origin is Annotated:
+        return _plain(arguments[0])
+    if origin in (Union, UnionType):
+        return [kind for one in arguments for kind in _plain(one)]
+    return [type(one) for one in arguments] if origin is Literal else [annotation]
 
 
 def _explain(error: ValidationError, source: str) -> tuple[str, str]:
@@ -92,17 +119,19 @@ def _explain(error: ValidationError, source: str) -> tuple[str, str]:
         hint = f"Did you mean {near[0]!r}?" if near else f"Known here: {', '.join(siblings)}."
         return f"Unknown key {where!r} in {source}.", hint
     message = first["msg"].removeprefix("Value error, ")
+    if first["type"] == "missing" and isinstance(first["loc"][-1], int):
+        where, message = where.rpartition(".")[0], f"{len(first['input'])} numbers are too few"
+    given = repr(first.get("input"))
+    given = given if len(given) <= _LONGEST_GIVEN else given[:_LONGEST_GIVEN] + "..."
     return (
-        f"{where or source}: {message} (given: {first.get('input')!r}).",
+        f"{where or source}: {message} (given: {given}).",
         "Correct it in the station file or with --set.",
     )
 
 
 def _keys_beside(location: tuple[int | str, ...]) -> list[str]:
-    model: type[BaseModel] = Station
+    kinds: list[Any] = [Station]
     for part in location[:-1]:
-        field = model.model_fields.get(str(part))
-        kind = field.annotation if field is not None else None
-        if isinstance(kind, type) and issubclass(kind, BaseModel):
-            model = kind
-    return sorted(model.model_fields)
+        kinds = [inner for kind in kinds for inner in _below(kind, str(part))] or kinds
+    models = [kind for kind in kinds if isinstance(kind, type) and issubclass(kind, BaseModel)]
+    return sorted(key for model in models for key in model.model_fields)

@@ -9,13 +9,31 @@ from pathlib import Path
 from typing import Annotated, Literal
 from urllib.parse import urlsplit
 
+import numpy as np
 from pydantic import Field, field_validator, model_validator
 
-from config.base import Chunk, Finite, Fraction, JointVector, NonNegative, Positive, Settings, Vector
+from config.base import (
+    Chunk,
+    Finite,
+    FolderOrName,
+    Fraction,
+    JointVector,
+    Metres,
+    NonNegative,
+    Positive,
+    Seconds,
+    Settings,
+    Size,
+    SizeOrNone,
+    SystemPath,
+    UnitQuaternion,
+    Vector,
+)
 from config.bus import BusSettings
 from config.calibration import CalibrationSettings
 from config.faults import FaultSettings
 from config.hardware import FemtoMegaSettings, Fr3Settings, PandaHandSettings
+from config.limits import outside, stuck
 
 
 class RecordingSettings(Settings):
@@ -25,7 +43,7 @@ class RecordingSettings(Settings):
         patience_s: a disk that takes longer to take one message or the end of a file is lost (RECORDING).
     """
 
-    folder: Path = Path("recordings")
+    folder: SystemPath = Path("recordings")
     min_free_mb: NonNegative = 500.0
     patience_s: Positive = 10.0
 
@@ -45,8 +63,8 @@ class CameraSettings(Settings):
     """
 
     hand_from_color_position_m: Vector = (0.065, 0.0, 0.02)
-    hand_from_color_wxyz: tuple[Finite, Finite, Finite, Finite] = (0.70710678118654752, 0.0, 0.0, 0.70710678118654752)
-    max_age_s: Positive = 2.0
+    hand_from_color_wxyz: UnitQuaternion = (0.70710678118654752, 0.0, 0.0, 0.70710678118654752)
+    max_age_s: Seconds = 2.0
 
 
 class ArmSettings(Settings):
@@ -58,8 +76,16 @@ class ArmSettings(Settings):
 
     capture_q_rad: JointVector = (0.0, -0.45383069, 0.0, -1.83384904, 0.0, 1.38001835, 0.7853981633974483)
     speed: Annotated[float, Field(gt=0, le=1)] = 1.0
-    start_tolerance_rad: Positive = 0.02
-    rest_s: Positive = 20.0
+    start_tolerance_rad: Annotated[Positive, Field(le=1)] = 0.02
+    rest_s: Seconds = 20.0
+
+    @field_validator("capture_q_rad")
+    @classmethod
+    def _within_the_joints_range(cls, q_rad: JointVector) -> JointVector:
+        beyond = outside(np.array(q_rad)) or stuck(np.array(q_rad))
+        if beyond is not None:
+            raise ValueError(beyond)
+        return q_rad
 
 
 class HandSettings(Settings):
@@ -69,21 +95,23 @@ class HandSettings(Settings):
     `finger_thickness_m` thick (along it).
     """
 
-    max_width_m: Positive = 0.08
+    max_width_m: Size = 0.08
     max_speed_m_s: Positive = 0.1
     """Of the width: 50 mm/s for each finger (Franka Hand product manual)."""
     max_force_n: Positive = 70.0
     """What it may press with continuously (Franka Hand product manual)."""
     speed_m_s: Positive = 0.05
     grasp_force_n: Positive = 30.0
-    finger_width_m: Positive = 0.020
-    finger_thickness_m: Positive = 0.012
-    min_width_m: NonNegative = 0.002
+    finger_width_m: Size = 0.020
+    finger_thickness_m: Size = 0.012
+    min_width_m: SizeOrNone = 0.002
 
     @model_validator(mode="after")
     def _asks_for_what_it_can(self) -> HandSettings:
         if self.speed_m_s > self.max_speed_m_s or self.grasp_force_n > self.max_force_n:
             raise ValueError("speed_m_s and grasp_force_n must be within max_speed_m_s and max_force_n")
+        if self.min_width_m >= self.max_width_m:
+            raise ValueError(f"min_width_m {self.min_width_m} must be below max_width_m {self.max_width_m}")
         return self
 
 
@@ -92,7 +120,7 @@ class Box(Settings):
 
     name: Chunk
     center_m: Vector
-    size_m: tuple[Positive, Positive, Positive]
+    size_m: tuple[Size, Size, Size]
 
 
 class Bin(Settings):
@@ -103,10 +131,10 @@ class Bin(Settings):
     """
 
     name: Chunk
-    center_m: tuple[Finite, Finite]
-    size_m: tuple[Positive, Positive]
-    wall_height_m: Positive = 0.08
-    wall_thickness_m: Positive = 0.01
+    center_m: tuple[Metres, Metres]
+    size_m: tuple[Size, Size]
+    wall_height_m: Size = 0.08
+    wall_thickness_m: Size = 0.01
 
     @property
     def walls(self) -> tuple[Box, ...]:
@@ -134,6 +162,9 @@ def walls_on(
     )
 
 
+_LEAST_REGION_M = 0.02
+
+
 class SceneSettings(Settings):
     """What stands around the arm. The table's top is the plane z = 0 of ``base``.
 
@@ -146,12 +177,20 @@ class SceneSettings(Settings):
 
     table: Box = Box(name="table", center_m=(0.45, 0.0, -0.02), size_m=(0.9, 1.4, 0.04))
     tray: Box = Box(name="tray", center_m=(0.40, 0.45, 0.01), size_m=(0.30, 0.22, 0.02))
-    tray_wall_height_m: NonNegative = 0.04
-    pick_region_m: tuple[Finite, Finite, Finite, Finite] = (0.32, 0.60, -0.20, 0.20)
+    tray_wall_height_m: SizeOrNone = 0.04
+    pick_region_m: tuple[Metres, Metres, Metres, Metres] = (0.32, 0.60, -0.20, 0.20)
     place_m: Vector = (0.40, 0.45, 0.20)
-    place_pattern_m: Annotated[tuple[tuple[Finite, Finite], ...], Field(min_length=1)] = ((0.0, 0.0),)
+    place_pattern_m: Annotated[tuple[tuple[Metres, Metres], ...], Field(min_length=1)] = ((0.0, 0.0),)
     obstacles: tuple[Box, ...] = ()
     bins: tuple[Bin, ...] = ()
+
+    @field_validator("pick_region_m")
+    @classmethod
+    def _region_is_one(cls, region_m: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+        x_min, x_max, y_min, y_max = region_m
+        if x_max - x_min < _LEAST_REGION_M or y_max - y_min < _LEAST_REGION_M:
+            raise ValueError(f"x_min, x_max, y_min, y_max: from low to high, at least {_LEAST_REGION_M} m apart")
+        return region_m
 
     @model_validator(mode="after")
     def _names_are_unique(self) -> SceneSettings:
@@ -212,7 +251,7 @@ class HostedSettings(Settings):
     base_url: str | None = None
     text_api: Literal["responses", "chat"] = "responses"
     key_variable: str = ""
-    key_file: Path | None = None
+    key_file: SystemPath | None = None
     size_px: Annotated[int, Field(ge=256, le=3840, multiple_of=16)] = 1024
     deadline_s: Positive = 120.0
     attempts: Annotated[int, Field(ge=1, le=10)] = 3
@@ -241,21 +280,21 @@ class DriftSettings(Settings):
 class SamSettings(Settings):
     """SAM, SAM 2 or SAM 3: a folder or a hub id, and where it runs. Needs the extra ``vlad-cell[models]``."""
 
-    weights: str = "facebook/sam2.1-hiera-small"
+    weights: FolderOrName = "facebook/sam2.1-hiera-small"
     device: str = "cpu"
 
 
 class DepthProSettings(Settings):
     """Depth Pro: a folder or a hub id, and where it runs. Needs the extra ``vlad-cell[models]``."""
 
-    weights: str = "apple/DepthPro-hf"
+    weights: FolderOrName = "apple/DepthPro-hf"
     device: str = "cpu"
 
 
 class OnnxSettings(Settings):
     """A network of the GG-CNN family; its tensors: `perception.rectangles.network`. Needs ``vlad-cell[onnx]``."""
 
-    path: Path = Path("grasp.onnx")
+    path: SystemPath = Path("grasp.onnx")
 
 
 class TargetSettings(Settings):
@@ -296,15 +335,18 @@ class PerceptionSettings(Settings):
     drift: DriftSettings = DriftSettings()
     compliance: Positive = 1.0
     """lambda: jaw opening of the rectangle = lambda x run length + 2 x margin."""
-    rectangle_margin_m: NonNegative = 0.0
+    rectangle_margin_m: SizeOrNone = 0.0
     """What the opening leaves free on each side; 0 as in the paper."""
-    min_object_height_m: Positive = 0.006
+    min_object_height_m: Size = 0.006
     min_table_seen: Fraction = 0.5
     """Nothing on the table counts as an empty table only when this share of the pick region was seen."""
-    rod_radius_m: Positive = 0.004
+    rod_radius_m: Size = 0.004
     max_grasps: Annotated[int, Field(ge=1, le=100)] = 12
-    approach_clearance_m: NonNegative = 0.006
+    approach_clearance_m: SizeOrNone = 0.006
     """Extra opening on each side of the object while approaching."""
+
+
+Tilt = Annotated[float, Field(ge=-90, le=90)]
 
 
 class PlanningSettings(Settings):
@@ -320,24 +362,24 @@ class PlanningSettings(Settings):
     """
 
     window_ms: Annotated[int, Field(ge=16, le=200)] = 64
-    approach_m: Positive = 0.10
-    lift_m: Positive = 0.15
+    approach_m: Size = 0.10
+    lift_m: Size = 0.15
     clearance_m: Annotated[float, Field(ge=0.003, le=0.02)] = 0.004
-    tilts_deg: tuple[Finite, ...] = (0.0, 15.0, -15.0, 30.0, -30.0)
-    max_approaches: Annotated[int, Field(ge=1)] = 24
+    tilts_deg: Annotated[tuple[Tilt, ...], Field(min_length=1)] = (0.0, 15.0, -15.0, 30.0, -30.0)
+    max_approaches: Annotated[int, Field(ge=1, le=1000)] = 24
     searches: Annotated[int, Field(ge=1, le=20)] = 3
 
 
 class VerifySettings(Settings):
     """When a pick counts: the object is held for `hold_s`, weighs something, and left the table."""
 
-    hold_s: Positive = 3.0
+    hold_s: Annotated[float, Field(gt=0, le=60)] = 3.0
     samples: Annotated[int, Field(ge=2, le=100)] = 10
-    min_width_m: Positive = 0.004
-    max_width_loss_m: Positive = 0.006
+    min_width_m: Size = 0.004
+    max_width_loss_m: Size = 0.006
     min_load_n: NonNegative = 0.15
     min_cleared_fraction: Fraction = 0.7
-    look_aside_m: tuple[tuple[Finite, Finite], ...] = ((-0.28, -0.25), (0.05, -0.45), (-0.15, -0.25), (0.0, -0.3))
+    look_aside_m: tuple[tuple[Metres, Metres], ...] = ((-0.28, -0.25), (0.05, -0.45), (-0.15, -0.25), (0.0, -0.3))
     """Where the camera goes for the second look, from above the object's place, along x and y of ``base``; the first
     that the arm reaches. What the hand holds hides most of the near field: these keep the place in the free part of the
     depth image (measured on the paper's five objects: the first two see at least 90 % of it)."""
@@ -372,11 +414,11 @@ class SimSettings(Settings):
     pace: Annotated[float, Field(ge=0, le=10)] = 0.0
     friction: NonNegative = 0.8
     seed: int = 0
-    objects: Path | None = None
+    objects: SystemPath | None = None
     clutter: Annotated[int, Field(ge=0, le=20)] = 0
     board: bool = False
-    mounting_error_mm: NonNegative = 0.0
-    mounting_error_deg: NonNegative = 0.0
+    mounting_error_mm: Annotated[float, Field(ge=0, le=1000)] = 0.0
+    mounting_error_deg: Annotated[float, Field(ge=0, le=180)] = 0.0
     depth_noise: NonNegative = 1.0
     """Scale of the Femto Mega noise model; 0 = perfect depth."""
 

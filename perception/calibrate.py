@@ -12,19 +12,27 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import least_squares
+from scipy.optimize import approx_fprime, least_squares
 from scipy.spatial.transform import Rotation
 
 from bus.arrays import ColorImage, Transform
-from bus.errors import CalibrationError, ConfigError
+from bus.errors import CalibrationError
 from bus.messages import CameraModel
+from bus.transforms import apply, from_rotation, inverse
 from config.calibration import CalibrationSettings
 
 Array = npt.NDArray[np.float64]
 
 FEWEST_CORNERS = 8
 FEWEST_VIEWS = 8
-_LEAST_TURN_RAD = np.deg2rad(20.0)
+_LEAST_TURN_RAD = np.deg2rad(5.0)
+"""What the hand must turn between the views about a second axis (root mean square over all pairs). About one axis alone
+the camera's place along it has no effect on any picture; with little more, half a pixel is millimetres."""
+_HALF_TURN_RAD = np.deg2rad(175.0)
+"""Nearly half a turn is the same about either end of its axis: it tells nothing, and could turn the camera around."""
+_WORST_MM, _WORST_DEG = 1.5, 0.3
+"""A less certain mounting is refused: at arm's length 0.3 degrees are 2.5 mm."""
+_STEP = 1e-6
 _ADVICE = "Look at the board from more sides, with all of it in the picture and well lit."
 
 
@@ -48,6 +56,7 @@ class HandEye:
     Attributes:
         rms_px: re-projection error over all corners; ``views_px``: of each view.
         spread_mm, spread_deg: how far the board seems to wander between views (root mean square).
+        uncertainty_mm, uncertainty_deg: of ``hand_from_color``, one standard deviation over all directions.
     """
 
     hand_from_color: Transform
@@ -56,14 +65,13 @@ class HandEye:
     views_px: tuple[float, ...]
     spread_mm: float
     spread_deg: float
+    uncertainty_mm: float
+    uncertainty_deg: float
 
 
 def charuco_board(settings: CalibrationSettings) -> cv2.aruco.CharucoBoard:
-    """Raises: ConfigError for an unknown dictionary."""
-    number = getattr(cv2.aruco, settings.dictionary, None)
-    if number is None:
-        raise ConfigError(f"OpenCV has no marker dictionary {settings.dictionary!r}.", "Take DICT_5X5_100, say.")
-    dictionary = cv2.aruco.getPredefinedDictionary(number)
+    """The board of these settings."""
+    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, settings.dictionary))
     return cv2.aruco.CharucoBoard(settings.squares, settings.square_m, settings.marker_m, dictionary)
 
 
@@ -85,18 +93,42 @@ def sight(color: ColorImage, base_from_hand: Transform, settings: CalibrationSet
 
 
 def hand_eye(sightings: Sequence[Sighting], camera: CameraModel) -> HandEye:
-    """Solve. Raises: CalibrationError: too few views, or from too similar directions."""
+    """Solve. Raises: CalibrationError: too few views, from too similar directions, or with too uncertain a result."""
     if len(sightings) < FEWEST_VIEWS:
         raise CalibrationError(f"The board was seen in {len(sightings)} views; {FEWEST_VIEWS} are needed.", _ADVICE)
-    turns = Rotation.from_matrix(np.array([s.base_from_hand[:3, :3] for s in sightings]))
-    turned_rad = max(float((turns[0].inv() * turn).magnitude()) for turn in turns)
+    return _solved(sightings, camera, None)
+
+
+def corrected(sightings: Sequence[Sighting], camera: CameraModel, hand_from_color: Transform) -> HandEye:
+    """The mounting that these views, which may be few, say instead of ``hand_from_color``, which is nearly right.
+
+    Raises: CalibrationError: from too similar directions to say anything.
+    """
+    return _solved(sightings, camera, hand_from_color)
+
+
+def _solved(sightings: Sequence[Sighting], camera: CameraModel, start: Transform | None) -> HandEye:
+    _require_turns(sightings)
+    in_color = [_color_from_board(sighting, camera) for sighting in sightings]
+    found = _refined(sightings, in_color, camera, _closed_form(sightings, in_color) if start is None else start)
+    _require_certain(found)
+    return found
+
+
+def _require_turns(sightings: Sequence[Sighting]) -> None:
+    """Raises: CalibrationError unless the hand turned about two axes between the views."""
+    hands = np.array([sighting.base_from_hand[:3, :3] for sighting in sightings])
+    first, second = np.triu_indices(len(hands), k=1)
+    turns_rad = Rotation.from_matrix(np.swapaxes(hands[second], 1, 2) @ hands[first]).as_rotvec()
+    turns_rad[np.linalg.norm(turns_rad, axis=1) > _HALF_TURN_RAD] = 0.0
+    about_rad = np.linalg.svd(turns_rad, compute_uv=False) / np.sqrt(max(1, len(turns_rad)))
+    turned_rad = float(about_rad[1]) if len(about_rad) > 1 else 0.0
     if turned_rad < _LEAST_TURN_RAD:
         raise CalibrationError(
-            f"The hand turned by only {np.rad2deg(turned_rad):.0f} degrees between the views.", _ADVICE
+            f"Between the views the hand turned by only {np.rad2deg(turned_rad):.1f} degrees about a second axis; "
+            f"{np.rad2deg(_LEAST_TURN_RAD):.0f} are needed.",
+            _ADVICE,
         )
-    in_color = [_color_from_board(sighting, camera) for sighting in sightings]
-    start = _closed_form(sightings, in_color)
-    return _refined(sightings, in_color, camera, start)
 
 
 def off_px(sightings: Sequence[Sighting], camera: CameraModel, hand_from_color: Transform) -> Array:
@@ -114,7 +146,7 @@ def off_px(sightings: Sequence[Sighting], camera: CameraModel, hand_from_color: 
 def corners_in_color(sighting: Sighting, camera: CameraModel) -> tuple[Array, Array]:
     """Undistorted pixels (n, 2) and depths (n,) [m] of the corners, by the board's pose in this view alone."""
     pose = _color_from_board(sighting, camera)
-    points = sighting.board_m @ pose[:3, :3].T + pose[:3, 3]
+    points = apply(pose, sighting.board_m)
     matrix, _ = _lens(camera)
     homogeneous = points @ matrix.T
     return homogeneous[:, :2] / homogeneous[:, 2:], points[:, 2]
@@ -128,17 +160,15 @@ def _closed_form(sightings: Sequence[Sighting], in_color: Sequence[Transform]) -
     camera's turns onto the hand's, then the translation by least squares."""
     hands, boards = [s.base_from_hand for s in sightings], list(in_color)
     pairs = [(i, j) for i in range(len(hands)) for j in range(i + 1, len(hands))]
-    hand_moves = np.array([np.linalg.inv(hands[j]) @ hands[i] for i, j in pairs])
-    color_moves = np.array([boards[j] @ np.linalg.inv(boards[i]) for i, j in pairs])
+    hand_moves = np.array([inverse(hands[j]) @ hands[i] for i, j in pairs])
+    color_moves = np.array([boards[j] @ inverse(boards[i]) for i, j in pairs])
     hand_turns = Rotation.from_matrix(hand_moves[:, :3, :3])
-    rotation, _ = Rotation.align_vectors(
-        hand_turns.as_rotvec(), Rotation.from_matrix(color_moves[:, :3, :3]).as_rotvec()
-    )
+    color_turns = Rotation.from_matrix(color_moves[:, :3, :3])
+    told = np.maximum(hand_turns.magnitude(), color_turns.magnitude()) < _HALF_TURN_RAD
+    rotation, _ = Rotation.align_vectors(hand_turns[told].as_rotvec(), color_turns[told].as_rotvec())
     lever = (hand_moves[:, :3, :3] - np.eye(3)).reshape(-1, 3)
     offset = (color_moves[:, :3, 3] @ rotation.as_matrix().T - hand_moves[:, :3, 3]).ravel()
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = rotation.as_matrix(), np.linalg.lstsq(lever, offset)[0]
-    return pose
+    return from_rotation(rotation.as_matrix(), np.linalg.lstsq(lever, offset)[0])
 
 
 def _refined(
@@ -151,6 +181,7 @@ def _refined(
 
     fitted = least_squares(errors, np.concatenate([_vector(start), _vector(board)]), x_scale="jac", loss="soft_l1")
     hand_from_color, base_from_board = _pose(fitted.x[:6]), _pose(fitted.x[6:])
+    uncertain_m, uncertain_rad = _uncertainty(sightings, camera, hand_from_color, base_from_board)
     squared = [
         np.square(_errors_px([sighting], camera, hand_from_color, base_from_board)).reshape(-1, 2).sum(axis=1)
         for sighting in sightings
@@ -163,7 +194,45 @@ def _refined(
         views_px=tuple(float(np.sqrt(one.mean())) for one in squared),
         spread_mm=spread_m * 1e3,
         spread_deg=float(np.rad2deg(spread_rad)),
+        uncertainty_mm=uncertain_m * 1e3,
+        uncertainty_deg=float(np.rad2deg(uncertain_rad)),
     )
+
+
+def _require_certain(found: HandEye) -> None:
+    if not (found.uncertainty_mm <= _WORST_MM and found.uncertainty_deg <= _WORST_DEG):
+        raise CalibrationError(
+            f"The views leave the camera's place uncertain by {found.uncertainty_mm:.1f} mm and "
+            f"{found.uncertainty_deg:.2f} degrees; {_WORST_MM} mm and {_WORST_DEG} degrees are allowed.",
+            _ADVICE,
+        )
+
+
+def _uncertainty(
+    sightings: Sequence[Sighting], camera: CameraModel, hand_from_color: Transform, base_from_board: Transform
+) -> tuple[float, float]:
+    """Standard deviations [m] and [rad] of ``hand_from_color``, from how far each view alone carries it (jackknife).
+
+    The corners of one view err together where the arm is not quite where it says. That they err at all is the least.
+    """
+
+    def errors(vector: Array) -> Array:
+        return _errors_px(sightings, camera, hand_from_color @ _pose(vector[:6]), base_from_board @ _pose(vector[6:]))
+
+    left_px, slope = errors(np.zeros(12)), approx_fprime(np.zeros(12), errors, _STEP)
+    trust = (1.0 + left_px**2) ** -0.25  # of the robust fit
+    left_px, slope = left_px * trust, slope * trust[:, None]
+    normal = slope.T @ slope
+    rows = np.cumsum([2 * len(sighting.pixels) for sighting in sightings])[:-1]
+    parts = zip(np.split(slope, rows), np.split(left_px, rows), strict=True)
+    try:
+        least = np.linalg.inv(normal) * (left_px @ left_px) / max(1, len(left_px) - 12)
+        carried = np.array([np.linalg.solve(normal - part.T @ part, part.T @ left) for part, left in parts])
+    except np.linalg.LinAlgError:
+        return float("inf"), float("inf")
+    count = len(sightings)
+    variance = np.maximum(np.diag(least), (count - 1) / count * np.square(carried).sum(axis=0))
+    return float(np.sqrt(variance[3:6].sum())), float(np.sqrt(variance[:3].sum()))
 
 
 def _errors_px(
@@ -172,7 +241,7 @@ def _errors_px(
     """(2 n,) of all corners."""
     errors = []
     for sighting in sightings:
-        color_from_board = np.linalg.inv(sighting.base_from_hand @ hand_from_color) @ base_from_board
+        color_from_board = inverse(sighting.base_from_hand @ hand_from_color) @ base_from_board
         vector = _vector(color_from_board)
         expected, _ = cv2.projectPoints(sighting.board_m, vector[:3], vector[3:], *_lens(camera))
         errors.append((expected[:, 0] - sighting.pixels).ravel())
@@ -204,9 +273,7 @@ def _lens(camera: CameraModel) -> tuple[Array, Array]:
 
 def _pose(vector: Array) -> Transform:
     """From a rotation vector and a position (6,)."""
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = Rotation.from_rotvec(vector[:3]).as_matrix(), vector[3:]
-    return pose
+    return from_rotation(Rotation.from_rotvec(vector[:3]).as_matrix(), vector[3:])
 
 
 def _vector(pose: Transform) -> Array:

@@ -26,7 +26,7 @@ _PIXEL = re.compile(r"(\d+)\D+(\d+)")
 def choose(
     scenes: Sequence[Scene], color: npt.NDArray[np.uint8], talk: Conversation, station: Station, sam: Sam | None = None
 ) -> Scene:
-    """The scene of the target. Raises: CycleFailure(TARGET_NOT_FOUND) when none is meant; as the model, when it is asked.
+    """The scene of the target. Raises: CycleFailure(TARGET_NOT_FOUND); as the model, when it is asked.
 
     Args:
         sam: finds what is named in words, if it reads any; else the goal-image model points at it.

@@ -16,6 +16,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from bus.arrays import Joints, Transform, Vector3
+from bus.transforms import from_wxyz
 from config.schema import CameraSettings, Station
 
 Array = npt.NDArray[np.float64]
@@ -131,9 +132,7 @@ def flange_pose(base_from_tcp: Array) -> Array:
 
 def hand_from_color(camera: CameraSettings) -> Transform:
     """Pose of the colour camera in the hand frame."""
-    w, x, y, z = camera.hand_from_color_wxyz
-    rotation = pin.Quaternion(w, x, y, z).normalized().toRotationMatrix()
-    return np.array(pin.SE3(rotation, np.array(camera.hand_from_color_position_m)).homogeneous)
+    return from_wxyz(camera.hand_from_color_wxyz, camera.hand_from_color_position_m)
 
 
 def part_name(geometry: str) -> str:

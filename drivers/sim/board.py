@@ -6,7 +6,6 @@ import cv2
 import mujoco
 import numpy as np
 
-from bus.errors import ConfigError
 from config.calibration import CalibrationSettings
 
 _PIXELS_PER_M = 4000.0
@@ -15,10 +14,7 @@ _THICK_M = 0.002
 
 def lay_board(spec: mujoco.MjSpec, settings: CalibrationSettings) -> None:
     """Add it to the world, face up, its middle at ``board_center_m``."""
-    number = getattr(cv2.aruco, settings.dictionary, None)
-    if number is None:
-        raise ConfigError(f"OpenCV has no marker dictionary {settings.dictionary!r}.", "Take DICT_5X5_100, say.")
-    dictionary = cv2.aruco.getPredefinedDictionary(number)
+    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, settings.dictionary))
     board = cv2.aruco.CharucoBoard(settings.squares, settings.square_m, settings.marker_m, dictionary)
     width, height = (round(side * _PIXELS_PER_M) for side in settings.size_m)
     grey = board.generateImage((width, height))

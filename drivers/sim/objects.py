@@ -9,13 +9,9 @@ import mujoco
 import numpy as np
 
 from bus.errors import ConfigError
+from config.base import is_unicode
+from drivers.sim.mjcf import FRICTION, attach, require_plausible
 
-OBJECT = "object"
-"""Name of the free body of the only object; of several, they are ``object-0``, ``object-1`` and so on."""
-
-_FRICTION = (0.6, 0.005, 0.0005)
-_CONTACT_GROUP = 3  # where MJCF objects put their convex contact parts, beside a mesh to look at
-_VISUAL_SETTINGS = ("global_", "headlight", "map", "quality", "rgba", "scale")
 _Rgba = tuple[float, float, float, float]
 
 
@@ -42,7 +38,7 @@ class _Builder:
         """
         geom = self._body.add_geom(type=kind, pos=pos, rgba=rgba, mass=mass_kg)
         geom.size[: len(size)] = size
-        geom.friction, geom.condim = _FRICTION, 4
+        geom.friction, geom.condim = FRICTION, 4
         if mass_kg == 0:
             geom.contype = geom.conaffinity = 0
         if axis is not None:
@@ -151,7 +147,17 @@ def object_names(folder: Path | None) -> tuple[str, ...]:
     names = tuple(sorted(path.parent.name for path in folder.glob("*/object.xml")))
     if not names:
         raise ConfigError(f"No object in {folder}.", "It must hold folders with an object.xml (MJCF) each.")
+    foreign = [name for name in names if not is_unicode(name)]
+    if foreign:
+        raise ConfigError(f"The name of the folder {foreign[0]!r} in {folder} is not UTF-8.", "Rename it.")
     return names
+
+
+def require_presentable(folder: Path | None, pick_region_m: tuple[float, float, float, float]) -> None:
+    """Raises: ConfigError naming the file of an object that cannot lie in the pick region and be grasped."""
+    if folder is not None:
+        for name in object_names(folder):
+            require_plausible(_file(folder, name), pick_region_m)
 
 
 def name_in_order(names: tuple[str, ...], seed: int, index: int) -> str:
@@ -165,45 +171,13 @@ def add_object(spec: mujoco.MjSpec, name: str, folder: Path | None, body_name: s
     """Add object ``name`` as the free body ``body_name``. Raises: ConfigError for an unknown or unreadable one."""
     if name not in object_names(folder):
         raise ConfigError(f"Unknown object {name!r}.", f"There are: {', '.join(object_names(folder))}.")
-    if folder is None:
-        body = spec.worldbody.add_body(name=body_name)
-        body.add_freejoint(name=body_name)
-        _PAPER_OBJECTS[name](_Builder(body))
+    if folder is not None:
+        attach(spec, _file(folder, name), body_name)
         return
-    file = folder / name / "object.xml"
-    try:
-        part = mujoco.MjSpec.from_file(str(file.resolve()))
-    except (ValueError, mujoco.FatalError) as error:
-        raise ConfigError(f"Cannot read the object {file}: {error}.", "It must be a MuJoCo model.") from error
-    _attach(spec, part, file, body_name)
+    body = spec.worldbody.add_body(name=body_name)
+    body.add_freejoint(name=body_name)
+    _PAPER_OBJECTS[name](_Builder(body))
 
 
-def _attach(spec: mujoco.MjSpec, part: mujoco.MjSpec, file: Path, body_name: str) -> None:
-    """Attach the first body of ``part``; its own joints go, it gets one free joint."""
-    root = next((body for body in part.worldbody.bodies), None)
-    if root is None:
-        raise ConfigError(f"{file} holds no body.", "Put the object's geoms into one <body>.")
-    for joint in list(root.joints):
-        part.delete(joint)
-    for mesh in part.meshes:
-        mesh.file = str((file.parent / part.meshdir / mesh.file).resolve())
-    has_contact_parts = any(geom.group == _CONTACT_GROUP for geom in root.geoms)
-    for geom in root.geoms:
-        geom.friction, geom.condim = _FRICTION, 4
-        if has_contact_parts and geom.group != _CONTACT_GROUP:  # the part that is only to be seen
-            geom.contype = geom.conaffinity = 0
-            geom.density = 0.0
-    root.pos, root.quat = (0, 0, 0), (1, 0, 0, 0)
-    _adopt(part.option, spec.option)
-    for name in _VISUAL_SETTINGS:
-        _adopt(getattr(part.visual, name), getattr(spec.visual, name))
-    attached = spec.worldbody.add_frame().attach_body(root, f"{body_name}_", "")
-    attached.name = body_name
-    attached.add_freejoint(name=body_name)
-
-
-def _adopt(its: object, ours: object) -> None:
-    """What the object's file says about the whole world gives way to our settings, or MuJoCo warns of conflicts."""
-    for field in dir(ours):
-        if not field.startswith("_"):
-            setattr(its, field, getattr(ours, field))
+def _file(folder: Path, name: str) -> Path:
+    return folder / name / "object.xml"

@@ -15,6 +15,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from bus.messages import CameraModel
+from bus.transforms import from_rotation, from_wxyz
 from config.schema import SimSettings, Station
 
 COLOR = CameraModel(
@@ -91,16 +92,12 @@ def _mounting_error(sim: SimSettings) -> npt.NDArray[np.float64]:
     """In a direction, and about an axis, that only the seed knows."""
     shift, axis = np.random.default_rng([sim.seed % 2**64, 5]).normal(size=(2, 3))
     turn_rad = np.deg2rad(sim.mounting_error_deg) * axis / np.linalg.norm(axis)
-    error = np.eye(4)
-    error[:3, :3] = Rotation.from_rotvec(turn_rad).as_matrix()
-    error[:3, 3] = sim.mounting_error_mm / 1e3 * shift / np.linalg.norm(shift)
-    return error
+    shift_m = sim.mounting_error_mm / 1e3 * shift / np.linalg.norm(shift)
+    return from_rotation(Rotation.from_rotvec(turn_rad).as_matrix(), shift_m)
 
 
 def hand_from_cameras(station: Station) -> dict[str, npt.NDArray[np.float64]]:
     """Poses of both lenses in the hand, from the mounting of the colour lens and its error."""
-    hand_from_color = np.eye(4)
-    hand_from_color[:3, :3] = Rotation.from_quat(station.camera.hand_from_color_wxyz, scalar_first=True).as_matrix()
-    hand_from_color[:3, 3] = station.camera.hand_from_color_position_m
-    hand_from_color = hand_from_color @ _mounting_error(station.sim)
+    mounting = from_wxyz(station.camera.hand_from_color_wxyz, station.camera.hand_from_color_position_m)
+    hand_from_color = mounting @ _mounting_error(station.sim)
     return {"color": hand_from_color, "depth": hand_from_color @ COLOR_FROM_DEPTH}

@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from drivers.sim.objects import OBJECT
-
+OBJECT = "object"
+"""Name of the free body of the only object; of several, they are ``object-0``, ``object-1`` and so on."""
 _MARGIN_M = 0.005
 """Objects are put at least this far inside the pick region, with all their extent if they fit."""
 _CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
@@ -75,7 +75,7 @@ class Placing:
     def outline(self) -> npt.NDArray[np.float64]:
         """(n, 3): points in ``base`` that span what can be touched of the object."""
         model, data = self._model, self._data
-        solid = (model.geom_bodyid == model.body(self.body).id) & (model.geom_contype != 0)
+        solid = (model.body_rootid[model.geom_bodyid] == model.body(self.body).id) & (model.geom_contype != 0)
         points = [
             data.geom_xpos[geom] + self._span(int(geom)) @ data.geom_xmat[geom].reshape(3, 3).T
             for geom in np.flatnonzero(solid)
@@ -92,9 +92,10 @@ class Placing:
 
     def rests_inside(self) -> bool:
         x_min, x_max, y_min, y_max = self._pick_region_m
-        x, y, z = self._data.body(self.body).xpos
+        low, high = self.extent()
+        x, y, _ = (low + high) / 2
         moving = float(np.abs(self._data.joint(self.body).qvel).max()) > 0.05
-        return not moving and x_min < x < x_max and y_min < y < y_max and z > -0.01
+        return not moving and x_min < x < x_max and y_min < y < y_max and low[2] > -0.01
 
     def rests_wholly_inside(self) -> bool:
         """Also with all of its extent."""

@@ -17,9 +17,9 @@ from bus.arrays import Joints, Transform
 from bus.errors import ConfigError, DriverError
 from config.schema import Station
 from drivers.sim.clutter import fill
-from drivers.sim.objects import OBJECT, name_in_order, object_names
+from drivers.sim.objects import name_in_order, object_names, require_presentable
 from drivers.sim.optics import FOVY_DEG, hand_from_cameras
-from drivers.sim.placing import Placing
+from drivers.sim.placing import OBJECT, Placing
 from drivers.sim.scene import ARM_JOINTS, FINGER_JOINTS, HAND_ACTUATOR, compose
 
 TICK_S = 0.001
@@ -41,6 +41,7 @@ class World:
         self.clock_ns = clock_ns
         self.lock = threading.RLock()
         self.motion = threading.Lock()
+        require_presentable(station.sim.objects, station.scene.pick_region_m)
         self.names = object_names(station.sim.objects)
         self.objects: dict[str, str] = {}  # free body -> name of the object
         self.presented = 0  # the seed

@@ -20,8 +20,7 @@ from drivers.sim.arm import SimArm
 from drivers.sim.camera import SimCamera
 from drivers.sim.devices import SimFeeder
 from drivers.sim.hand import SimHand
-from drivers.sim.objects import OBJECT
-from drivers.sim.placing import Placing
+from drivers.sim.placing import OBJECT, Placing
 from drivers.sim.world import World
 
 PAPER_OBJECTS = ("bottle", "controller", "cup", "drone", "spatula")
