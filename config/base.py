@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Final
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -13,6 +13,10 @@ Fraction = Annotated[float, Field(ge=0, le=1)]
 Vector = tuple[Finite, Finite, Finite]
 JointVector = tuple[Finite, Finite, Finite, Finite, Finite, Finite, Finite]
 Chunk = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]*$")]
+
+
+UNSHOWN: Final = "unshown"
+"""Type of a validation error whose input may be a secret: no message shows it."""
 
 
 class Settings(BaseModel):

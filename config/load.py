@@ -12,6 +12,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from bus.errors import ConfigError
+from config.base import UNSHOWN
 from config.schema import Station
 
 DEFAULT_STATION = Path(__file__).with_name("sim.toml")
@@ -92,8 +93,9 @@ def _explain(error: ValidationError, source: str) -> tuple[str, str]:
         hint = f"Did you mean {near[0]!r}?" if near else f"Known here: {', '.join(siblings)}."
         return f"Unknown key {where!r} in {source}.", hint
     message = first["msg"].removeprefix("Value error, ")
+    given = "" if first["type"] == UNSHOWN else f" (given: {first.get('input')!r})"
     return (
-        f"{where or source}: {message} (given: {first.get('input')!r}).",
+        f"{where or source}: {message}{given}.",
         "Correct it in the station file or with --set.",
     )
 
