@@ -254,13 +254,6 @@ def test_the_days_spending_outlives_the_process_and_ends_at_midnight_utc(tmp_pat
     Purse(settings, ledger, lambda: now + timedelta(minutes=2)).require()
 
 
-def test_a_damaged_ledger_is_not_passed_over(tmp_path: Path) -> None:
-    ledger = tmp_path / "spend.jsonl"
-    ledger.write_text("{torn\n")
-    with pytest.raises(RecordingError, match="spending ledger"):
-        Purse(HostedSettings(), ledger)
-
-
 @pytest.mark.parametrize("provider", PROVIDERS)
 def test_a_missing_key_says_which_variable(provider: str, serve: Serve, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=f"{provider.upper()}_API_KEY"):
