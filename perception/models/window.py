@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -94,18 +95,21 @@ def decode_picture(data: bytes, window: Window, background: tuple[int, int, int]
 
 def _decoded(data: bytes, background: tuple[int, int, int]) -> Image:
     """(H, W, 3) BGR."""
+    color, whole = _pixels(data, cv2.IMREAD_COLOR), _pixels(data, cv2.IMREAD_UNCHANGED)
+    if whole.ndim < 3 or whole.shape[2] < 4 or whole.shape[:2] != color.shape[:2]:
+        return color
+    opaque = whole[..., 3:] / np.float32(np.iinfo(whole.dtype).max)
+    return np.asarray(opaque * color + (1 - opaque) * np.array(background[::-1]), dtype=np.uint8)
+
+
+def _pixels(data: bytes, how: int) -> npt.NDArray[Any]:
     try:
-        pixels, with_alpha = (
-            cv2.imdecode(np.frombuffer(data, dtype=np.uint8), how) for how in (cv2.IMREAD_COLOR, cv2.IMREAD_UNCHANGED)
-        )
+        pixels = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), how)
     except cv2.error:
         pixels = None
     if pixels is None:
         raise _bad(f"The goal image ({len(data)} bytes) cannot be decoded.")
-    if with_alpha.ndim == 3 and with_alpha.shape[2] == 4 and with_alpha.shape[:2] == pixels.shape[:2]:
-        opaque = (with_alpha[..., 3:] / np.iinfo(with_alpha.dtype).max).astype(np.float32)
-        pixels = opaque * pixels + (1 - opaque) * np.array(background[::-1], dtype=np.float32)
-    return np.asarray(pixels, dtype=np.uint8)
+    return np.asarray(pixels)
 
 
 def _bad(text: str) -> CycleFailure:
