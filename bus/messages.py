@@ -158,12 +158,17 @@ class Grasp(Message):
 
 
 class Usage(Message):
-    """What one call of a hosted model took: tokens as its provider counts them, and their price."""
+    """What one call of a hosted model took: tokens as its provider counts them, and their price.
+
+    Attributes:
+        is_complete: whether it told them all; else tokens and price are what is known, at least.
+    """
 
     input_tokens: int = 0
     output_tokens: int = 0
     reasoning_tokens: int = 0
     cost_usd: float = 0.0
+    is_complete: bool = True
 
 
 class ModelReply(Message):

@@ -35,9 +35,26 @@ def read_secret(path: Path, what: str) -> str:
     """The one line of a private file. Raises: ConfigError, never with what is in it."""
     require_private(path, what)
     try:
-        secret = path.read_text(encoding="ascii").strip()
+        secret = path.read_text(encoding="ascii")
     except (OSError, UnicodeDecodeError):
         secret = ""
-    if not secret or len(secret.split()) != 1:
-        raise ConfigError(f"The {what} {path} does not hold one line of printable text.")
+    return checked_secret(secret, f"The {what} {path}")
+
+
+def checked_secret(text: str, where: str) -> str:
+    """``text`` without the blanks and line ends around it, as a header can carry it.
+
+    Args:
+        where: what holds it, with its article, at the beginning of a sentence.
+
+    Raises: ConfigError, never with what is in it.
+    """
+    secret = text.strip()
+    if not secret or not all("!" <= sign <= "~" for sign in secret):
+        raise ConfigError(
+            f"{where} does not hold one line of printable text.",
+            "A key is one line of plain ASCII: no blanks or line breaks inside, no typographic quotes, no BOM.",
+        )
+    if secret[0] in "'\"`":
+        raise ConfigError(f"{where} holds quotation marks as a part of the key.", "Write the key without them.")
     return secret

@@ -24,6 +24,8 @@ class Role(StrEnum):
     """What one acting state does."""
     DETECT = "detect"
     """One detection, which a stop may leave behind."""
+    MODEL_CALL = "model-call"
+    """One call of a hosted model, which a stop or its deadline may leave behind."""
     CYCLE_LOG = "cycle-log"
     """The file of one recording."""
     WATCHDOG = "watchdog"

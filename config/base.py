@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
 
@@ -60,6 +60,10 @@ Address = Annotated[str, Field(min_length=1)]
 SystemPath = Annotated[Path, BeforeValidator(_not_empty), AfterValidator(_usable)]
 """A file or folder."""
 FolderOrName = Annotated[str, Field(min_length=1), AfterValidator(_usable_or_name)]
+
+
+UNSHOWN: Final = "unshown"
+"""Type of a validation error whose input may be a secret: no message shows it."""
 
 
 class Settings(BaseModel):

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 
 from bus.errors import ConfigError
-from config.base import is_unicode
+from config.base import UNSHOWN, is_unicode
 from config.schema import Station
 from config.toml_file import parsed, read_text
 
@@ -123,8 +123,9 @@ def _explain(error: ValidationError, source: str) -> tuple[str, str]:
         where, message = where.rpartition(".")[0], f"{len(first['input'])} numbers are too few"
     given = repr(first.get("input"))
     given = given if len(given) <= _LONGEST_GIVEN else given[:_LONGEST_GIVEN] + "..."
+    shown = "" if first["type"] == UNSHOWN else f" (given: {given})"
     return (
-        f"{where or source}: {message} (given: {given}).",
+        f"{where or source}: {message}{shown}.",
         "Correct it in the station file or with --set.",
     )
 

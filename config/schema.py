@@ -5,14 +5,17 @@ Unknown keys are errors. Values come from defaults < station file < ``--set key=
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Annotated, Literal
 from urllib.parse import urlsplit
 
 import numpy as np
 from pydantic import Field, field_validator, model_validator
+from pydantic_core import PydanticCustomError
 
 from config.base import (
+    UNSHOWN,
     Chunk,
     Finite,
     FolderOrName,
@@ -262,10 +265,36 @@ class HostedSettings(Settings):
 
     @field_validator("base_url")
     @classmethod
-    def _no_secret_in_it(cls, url: str | None) -> str | None:
-        if url is not None and (urlsplit(url).username or urlsplit(url).query):
-            raise ValueError("a user or a query in base_url would be recorded with every cycle; keys: key_file")
+    def _an_address_without_secret(cls, url: str | None) -> str | None:
+        if url is None:
+            return None
+        if "@" in url or "?" in url or "#" in url:
+            why = "a user or a query in base_url would be recorded with every cycle; keys: key_file"
+            raise PydanticCustomError(UNSHOWN, why)
+        if not _is_http(url):
+            raise ValueError("base_url is no address of a web server, like https://HOST/v1 or http://127.0.0.1:8000/v1")
         return url
+
+    @field_validator("key_variable")
+    @classmethod
+    def _names_a_variable(cls, name: str) -> str:
+        if name and not re.fullmatch("[A-Z_][A-Z0-9_]*", name):
+            why = "key_variable is a variable's name, in capitals, and not the key (which is not shown here)"
+            raise PydanticCustomError(UNSHOWN, why)
+        return name
+
+
+def _is_http(url: str) -> bool:
+    try:
+        parts = urlsplit(url)
+        return (
+            parts.scheme in ("http", "https")
+            and bool(parts.hostname)
+            and (parts.port is None or parts.port > 0)
+            and all("!" <= sign <= "~" for sign in url)
+        )
+    except ValueError:  # brackets, a port beyond 65535
+        return False
 
 
 class DriftSettings(Settings):

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
+from bus.cancel import Cancel
 from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.messages import Alignment, Detections, Drift, Evidence, Grasp, ModelReply, Observation, Rectangle
@@ -56,30 +57,37 @@ class Proposal:
     rectangles: tuple[Rectangle, ...]
 
 
-def detect(observation: Observation, station: Station, models: Models, say: Say) -> Detections:
+def detect(
+    observation: Observation, station: Station, models: Models, say: Say, cancel: Cancel | None = None
+) -> Detections:
     """Ranked grasps of the target in the pick region, and the evidence for them. Pure but for the models.
 
     Args:
-        say: told every call to the goal-image model as it happens.
+        say: told every call to the goal-image model as it happens. ``cancel``: a stop, looked at before each of them.
 
     Raises:
-        CycleFailure: NO_OBJECT, NO_GRASP, MODEL_*, SPEND_LIMIT. Of several proposals one that holds is enough.
+        CycleFailure: NO_OBJECT, NO_GRASP, MODEL_*, SPEND_LIMIT, STOPPED. Of several proposals one that holds is enough.
     """
-    base_from_color = observation.view.base_from_color
+    cancel, base_from_color = cancel or Cancel(), observation.view.base_from_color
+    cancel.raise_if_set("detect")
     models.imaginer.begin()
     rgbd = register(observation.frame)
-    talk = Conversation(models.imaginer, say)
+    talk = Conversation(models.imaginer, say, cancel=cancel)
     scene = choose(segment(rgbd, base_from_color, station), rgbd.color, talk, station, models.sam)
     scene = models.refined(scene, rgbd.color)
+    _require_depth(rgbd, scene)
     crop = Crop.around(scene.object_mask, _margin_px(rgbd, scene))
     subject = subject_of(crop.rgbd(rgbd), scene.within(crop), base_from_color)
     found: list[tuple[tuple[Grasp, ...], Proposal, int]] = []
     failures: list[CycleFailure] = []
     for sample in range(station.perception.imagine.samples):
+        cancel.raise_if_set("detect")
         try:
-            proposal = propose(Conversation(models.imaginer, say, sample), subject, models, station)
+            proposal = propose(replace(talk, sample=sample), subject, models, station)
             found.append((grasps_of(proposal, subject, station), proposal, sample))
         except CycleFailure as failure:
+            if failure.failure is Code.STOPPED:
+                raise
             failures.append(failure)
     if not found:
         raise failures[0]
@@ -142,6 +150,15 @@ def grasps_of(proposal: Proposal, subject: Subject, station: Station) -> tuple[G
 
 def _same_place(chosen: Proposal, other: Proposal) -> bool:
     return any(matches(one, another) for one in chosen.rectangles for another in other.rectangles)
+
+
+def _require_depth(rgbd: Rgbd, scene: Scene) -> None:
+    """Raises: CycleFailure(NO_OBJECT) for an outline - a segmenter's own - without a single measured point."""
+    if not np.isfinite(rgbd.depth_m[scene.object_mask]).any():
+        pixels = int(scene.object_mask.sum())
+        raise CycleFailure(
+            Code.NO_OBJECT, f"The camera measures no depth on the object (outline of {pixels} pixels): glass, or black?"
+        )
 
 
 def _margin_px(rgbd: Rgbd, scene: Scene) -> int:

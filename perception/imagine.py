@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import cv2
@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bus.arrays import Transform
+from bus.cancel import Cancel
 from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.messages import ModelReply
@@ -48,16 +49,18 @@ class Conversation:
     """One proposal's calls to the model; each is said, answered or not.
 
     Args:
-        sample: which proposal. ``clock_s``: monotonic.
+        sample: which proposal. ``clock_s``: monotonic. ``cancel``: a stop; after it no call begins.
     """
 
     model: GoalImageModel
     say: Say
     sample: int = 0
     clock_s: Callable[[], float] = time.monotonic
+    cancel: Cancel = field(default_factory=Cancel)
 
     def ask(self, step: Step, text: str, call: Callable[[], Answer]) -> Answer:
-        """Raises: CycleFailure, as the model."""
+        """Raises: CycleFailure, as the model; STOPPED, also of a call that a stop gave up: it is said, as begun."""
+        self.cancel.raise_if_set("detect")
         began_s = self.clock_s()
         heard = {"step": step, "sample": self.sample, "model": self.model.name, "prompt": text}
         try:
@@ -87,9 +90,9 @@ def imagine(talk: Conversation, subject: Subject, station: Station) -> GoalImage
     if station.perception.imagine.steps == 3:
         finger_mm = f"{station.hand.finger_width_m * 1e3:.0f}"
         ask_reason = prompt("reason", max_width_mm=jaw_mm, finger_width_mm=finger_mm, px_per_mm=scale)
-        reasoning = talk.ask("reason", ask_reason, lambda: model.reason(subject, ask_reason)).text
+        reasoning = talk.ask("reason", ask_reason, lambda: model.reason(subject, ask_reason, talk.cancel)).text
         ask_direct = prompt("direct", reasoning=reasoning)
-        directive = talk.ask("direct", ask_direct, lambda: model.direct(subject, ask_direct)).text
+        directive = talk.ask("direct", ask_direct, lambda: model.direct(subject, ask_direct, talk.cancel)).text
     else:
         directive = prompt("render", max_width_mm=jaw_mm)
     ask_render = prompt(
@@ -100,7 +103,7 @@ def imagine(talk: Conversation, subject: Subject, station: Station) -> GoalImage
         px_per_mm=scale,
         background=BACKGROUNDS[subject.background],
     )
-    return _goal(talk.ask("render", ask_render, lambda: model.render(subject, ask_render)), subject)
+    return _goal(talk.ask("render", ask_render, lambda: model.render(subject, ask_render, talk.cancel)), subject)
 
 
 def _px_per_mm(subject: Subject, station: Station) -> str:
@@ -117,7 +120,7 @@ def _goal(answer: Answer, subject: Subject) -> GoalImage:
         raise CycleFailure(Code.MODEL_NO_IMAGE, f"The model drew nothing, but said: {answer.text[:200]}")
     window = Window.around(subject.scene.object_mask)
     plain = np.full_like(subject.masked, np.array(subject.background, dtype=np.uint8))
-    return GoalImage(window.paste(decode_picture(answer.image_png, window), plain), None)
+    return GoalImage(window.paste(decode_picture(answer.image_png, window, subject.background), plain), None)
 
 
 def free_rod_color(around: npt.NDArray[np.uint8]) -> RodColor:

@@ -68,7 +68,7 @@ def _pointed_at(text: str, color: npt.NDArray[np.uint8], talk: Conversation, sta
     """The pixel the model points at, in the colour image."""
     size_px = station.perception.hosted.size_px
     question = prompt("locate", size_px=str(size_px), target=text)
-    answer = talk.ask("locate", question, lambda: talk.model.locate(color, question)).text
+    answer = talk.ask("locate", question, lambda: talk.model.locate(color, question, talk.cancel)).text
     found = _PIXEL.search(answer)
     if found is None:
         raise CycleFailure(Code.TARGET_NOT_FOUND, f"The model does not see {text!r}: {answer.strip()[:120]}")

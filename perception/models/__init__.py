@@ -7,16 +7,19 @@ from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
+from urllib.parse import unquote
 
 import numpy as np
 import numpy.typing as npt
 
 from bus.errors import ConfigError
 from bus.messages import ModelReply
-from bus.secrets import read_secret
+from bus.redaction import keep_secret, redacted
+from bus.secrets import checked_secret, read_secret
 from config.schema import HostedSettings, Station
 from perception.models.base import GoalImageModel
 from perception.models.depth_pro import DepthPro
+from perception.models.exchange import Line
 from perception.models.faulty import FaultyModel
 from perception.models.geometric import GeometricModel
 from perception.models.hosted import HostedModel
@@ -24,6 +27,7 @@ from perception.models.network import NetworkModel
 from perception.models.purse import LEDGER, Purse
 from perception.models.recorded import RecordedModel, SpoiledModel
 from perception.models.sam import Sam
+from perception.models.way import Way
 from perception.segment import Scene
 
 
@@ -101,19 +105,37 @@ def _imaginer(station: Station, environ: Mapping[str, str], folder: Path) -> Goa
                 f"perception.hosted.{role} is not set.", f"Name one of the provider's models; see config/{name}.toml."
             )
     module: Any = import_module(_PROVIDERS[name].module)
-    provider = getattr(module, _PROVIDERS[name].name)(settings, _key(name, settings, module.KEY_VARIABLE, environ))
+    key = key_of(station, module.KEY_VARIABLE, environ)
+    line = Line(Way(settings.base_url or module.SERVER, environ).transport)
+    provider = getattr(module, _PROVIDERS[name].name)(settings, key, line)
     return HostedModel(provider, settings, Purse(settings, folder / LEDGER))
 
 
-def _key(name: str, settings: HostedSettings, variable: str, environ: Mapping[str, str]) -> str:
-    """From the file, if one is named, else from the environment. Raises: ConfigError."""
+def key_of(station: Station, variable: str, environ: Mapping[str, str]) -> str:
+    """The hosted model's key: from the file, if one is named, else from the environment. It is known as a secret then.
+
+    Raises: ConfigError, never with the key, when there is none, no header can carry it, or a setting holds it.
+    """
+    key = _found_key(station.perception.model, station.perception.hosted, variable, environ)
+    keep_secret(key)
+    hosted = station.perception.hosted
+    for name in ("base_url", "text_model", "image_model"):
+        if redacted(value := unquote(getattr(hosted, name) or "")) != value:
+            raise ConfigError(
+                f"The model's key stands in perception.hosted.{name}, which every recording holds.",
+                "Take it out; the key's place is the environment, or a key file.",
+            )
+    return key
+
+
+def _found_key(name: str, settings: HostedSettings, variable: str, environ: Mapping[str, str]) -> str:
     if settings.key_file is not None:
         return read_secret(settings.key_file, "key file")
     variable = settings.key_variable or variable
-    if not environ.get(variable):
+    if not environ.get(variable, "").strip():
         raise ConfigError(
             f"The model {name!r} needs a key in the environment variable {variable}.",
             f"export {variable}=...; a server of your own takes any text. Or name a file: perception.hosted.key_file. "
             "Or use the embedded model: --set perception.model=geometric.",
         )
-    return environ[variable]
+    return checked_secret(environ[variable], f"The environment variable {variable}")

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bus.arrays import Transform
+from bus.cancel import Cancel
 from bus.messages import Usage
 from perception.depth import Rgbd
 from perception.heightmap import HeightMap
@@ -87,23 +88,26 @@ class Answer:
 
 
 class GoalImageModel(Protocol):
-    """Imagines the rod. ``name`` is recorded with every reply. A call without answer raises CycleFailure."""
+    """Imagines the rod. ``name`` is recorded with every reply. A call without answer raises CycleFailure.
+
+    After a stop (``cancel``) no call begins that costs something, and none is waited for: CycleFailure(STOPPED).
+    """
 
     name: str
 
     def begin(self) -> None:
         """A new cycle: its spending counts from zero."""
 
-    def locate(self, color: npt.NDArray[np.uint8], prompt: str) -> Answer:
+    def locate(self, color: npt.NDArray[np.uint8], prompt: str, cancel: Cancel) -> Answer:
         """Where something is in the whole image, in words as the prompt asks for them."""
 
-    def reason(self, subject: Subject, prompt: str) -> Answer:
+    def reason(self, subject: Subject, prompt: str, cancel: Cancel) -> Answer:
         """Where and how the object can be grasped, in words (R of the paper)."""
 
-    def direct(self, subject: Subject, prompt: str) -> Answer:
+    def direct(self, subject: Subject, prompt: str, cancel: Cancel) -> Answer:
         """One precise, self-contained editing instruction (T2); the prompt holds the reasoning."""
 
-    def render(self, subject: Subject, prompt: str) -> Answer:
+    def render(self, subject: Subject, prompt: str, cancel: Cancel) -> Answer:
         """The goal image (I_G): the same object, impaled by the rod."""
 
     def close(self) -> None:

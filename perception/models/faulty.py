@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from bus.cancel import Cancel
 from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.faults import Fault, Faulty
 from perception.models.base import Answer, GoalImageModel, Subject
 from perception.models.window import Window, encode_png
 
+_LOOK_S = 0.05
 _PICTURE_PX = 512
 _NO_PICTURE = b"\x89PNG" + bytes(range(64))
 
@@ -34,17 +37,17 @@ class FaultyModel(Faulty):
     def begin(self) -> None:
         self._model.begin()
 
-    def locate(self, color: npt.NDArray[np.uint8], prompt: str) -> Answer:
-        return self._ask(lambda: self._model.locate(color, prompt))
+    def locate(self, color: npt.NDArray[np.uint8], prompt: str, cancel: Cancel) -> Answer:
+        return self._ask(lambda: self._model.locate(color, prompt, cancel), cancel)
 
-    def reason(self, subject: Subject, prompt: str) -> Answer:
-        return self._ask(lambda: self._model.reason(subject, prompt))
+    def reason(self, subject: Subject, prompt: str, cancel: Cancel) -> Answer:
+        return self._ask(lambda: self._model.reason(subject, prompt, cancel), cancel)
 
-    def direct(self, subject: Subject, prompt: str) -> Answer:
-        return self._ask(lambda: self._model.direct(subject, prompt))
+    def direct(self, subject: Subject, prompt: str, cancel: Cancel) -> Answer:
+        return self._ask(lambda: self._model.direct(subject, prompt, cancel), cancel)
 
-    def render(self, subject: Subject, prompt: str) -> Answer:
-        answer = self._ask(lambda: self._model.render(subject, prompt))
+    def render(self, subject: Subject, prompt: str, cancel: Cancel) -> Answer:
+        answer = self._ask(lambda: self._model.render(subject, prompt, cancel), cancel)
         if self._fault is Fault.GARBAGE:
             return Answer(answer.text, image_png=_NO_PICTURE)
         return Answer(answer.text, image_png=_another(subject)) if self._fault is Fault.WRONG else answer
@@ -53,18 +56,27 @@ class FaultyModel(Faulty):
         self.fault = Fault.NONE
         self._model.close()
 
-    def _ask(self, ask: Callable[[], Answer]) -> Answer:
-        """Raises: CycleFailure(MODEL_UNAVAILABLE, MODEL_TIMEOUT), or what the model raises."""
+    def _ask(self, ask: Callable[[], Answer], cancel: Cancel) -> Answer:
+        """Raises: CycleFailure(MODEL_UNAVAILABLE, MODEL_TIMEOUT, STOPPED), or what the model raises."""
         if self._fault is Fault.OFF:
             raise CycleFailure(Code.MODEL_UNAVAILABLE, f"{self.name}: connection refused (injected fault).")
         answer = ask()
         with self._turn:
             if self._fault is Fault.SLOW:
-                self._turn.wait_for(lambda: self._fault is not Fault.SLOW, self.delay_s)
-            if not self._turn.wait_for(lambda: self._fault is not Fault.STUCK, self._deadline_s):
+                self._wait_for(lambda: self._fault is not Fault.SLOW, self.delay_s, cancel)
+            if not self._wait_for(lambda: self._fault is not Fault.STUCK, self._deadline_s, cancel):
                 text = f"{self.name}: no answer within {self._deadline_s:.1f} s (injected fault)."
                 raise CycleFailure(Code.MODEL_TIMEOUT, text)
         return answer
+
+    def _wait_for(self, is_over: Callable[[], bool], timeout_s: float, cancel: Cancel) -> bool:
+        """Whether it is over within ``timeout_s``; under `_turn`. Raises: CycleFailure(STOPPED)."""
+        end_s = time.monotonic() + timeout_s
+        while (left_s := end_s - time.monotonic()) > 0:
+            if self._turn.wait_for(is_over, min(left_s, _LOOK_S)):
+                return True
+            cancel.raise_if_set("detect")
+        return is_over()
 
 
 def _another(subject: Subject) -> bytes:

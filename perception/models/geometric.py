@@ -10,6 +10,7 @@ import re
 import numpy as np
 import numpy.typing as npt
 
+from bus.cancel import Cancel
 from bus.codes import Code
 from bus.errors import CycleFailure
 from config.schema import Station
@@ -37,24 +38,24 @@ class GeometricModel:
 
     def __init__(self, station: Station) -> None:
         self._station = station
-        self._proposed = 0
+        self.begin()
 
     def begin(self) -> None:
-        self._proposed = 0
+        self._proposed: list[int] = []  # a cycle's own: what a stop left behind may still add to its own
 
-    def locate(self, color: npt.NDArray[np.uint8], prompt: str) -> Answer:
-        raise CycleFailure(
-            Code.TARGET_NOT_FOUND, "The embedded model understands no words: name the target by its pixel."
-        )
+    def locate(self, color: npt.NDArray[np.uint8], prompt: str, cancel: Cancel) -> Answer:
+        text = "The embedded model understands no words: name the target by its pixel."
+        raise CycleFailure(Code.TARGET_NOT_FOUND, text)
 
-    def reason(self, subject: Subject, prompt: str) -> Answer:
+    def reason(self, subject: Subject, prompt: str, cancel: Cancel) -> Answer:
         """The best antipodal axis, in words. Raises: CycleFailure(NO_GRASP)."""
+        proposed = self._proposed
         closings = antipodal.propose(subject.heights, self._station)
-        ranked = closings.distinct(self._proposed + 1)
-        if len(ranked) <= self._proposed:
+        ranked = closings.distinct(len(proposed) + 1)
+        if len(ranked) <= len(proposed):
             raise CycleFailure(Code.NO_GRASP, "No two opposite faces fit the jaw and can be reached from above.")
-        chosen = ranked[self._proposed]
-        self._proposed += 1
+        chosen = ranked[len(proposed)]
+        proposed.append(chosen)
         return Answer(
             f"The object is {subject.scene.height_m[subject.scene.object_mask].max() * 1e3:.0f} mm high. Two opposite "
             f"faces {closings.width_m[chosen] * 1e3:.1f} mm apart fit the jaw; of {np.isfinite(closings.score).sum()} "
@@ -62,13 +63,13 @@ class GeometricModel:
             + axis_in_words(*self._axis(closings, chosen))
         )
 
-    def direct(self, subject: Subject, prompt: str) -> Answer:
+    def direct(self, subject: Subject, prompt: str, cancel: Cancel) -> Answer:
         """The axis as an editing instruction."""
         return Answer(f"Draw a straight cylinder {_axis_text(prompt)} (base frame, metres) through the object.")
 
-    def render(self, subject: Subject, prompt: str) -> Answer:
+    def render(self, subject: Subject, prompt: str, cancel: Cancel) -> Answer:
         """Paint the rod; what the object hides stays hidden. Without an axis in the prompt it reasons itself."""
-        text = prompt if _AXIS.search(prompt) else self.reason(subject, prompt).text
+        text = prompt if _AXIS.search(prompt) else self.reason(subject, prompt, cancel).text
         axis = _axis_text(text)
         ends_base = np.array([float(value) for value in re.findall(_NUMBER, axis)]).reshape(2, 3)
         ends = transform(inverse(subject.base_from_color), ends_base)

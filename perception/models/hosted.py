@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -10,25 +11,21 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
+from bus.cancel import Cancel
 from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.messages import Usage
+from bus.redaction import redacted
 from config.schema import HostedSettings, PriceSettings
 from perception.models.base import Answer, Subject
+from perception.models.calls import Call, GivenUp
+from perception.models.fault import ModelFault
 from perception.models.purse import Purse
 from perception.models.window import Window, encode_png
 
+_log = logging.getLogger(__name__)
 
-class ModelFault(Exception):
-    """A provider gave no usable answer.
-
-    Attributes:
-        code: what kind. ``again``: asking again may help. ``after_s``: not before that, says the server.
-    """
-
-    def __init__(self, code: Code, text: str, *, again: bool = False, after_s: float = 0.0) -> None:
-        super().__init__(text)
-        self.code, self.text, self.again, self.after_s = code, text, again, after_s
+Ask = Callable[[float], Answer]
 
 
 class Provider(Protocol):
@@ -47,73 +44,111 @@ class Provider(Protocol):
 
 
 class HostedModel:
-    """A goal-image model behind a provider's API."""
+    """A goal-image model behind a provider's API.
+
+    Args:
+        clock: monotonic [s].
+    """
 
     def __init__(
-        self,
-        provider: Provider,
-        settings: HostedSettings,
-        purse: Purse,
-        clock: Callable[[], float] = time.monotonic,
-        sleep: Callable[[float], None] = time.sleep,
+        self, provider: Provider, settings: HostedSettings, purse: Purse, clock: Callable[[], float] = time.monotonic
     ) -> None:
         self.name = provider.name
-        self._provider, self._settings, self._purse = provider, settings, purse
-        self._clock, self._sleep = clock, sleep
+        self._provider, self._settings, self._purse, self._clock = provider, settings, purse, clock
+        self._left_behind: list[Call[Answer]] = []
 
     def begin(self) -> None:
         self._purse.begin()
 
-    def locate(self, color: npt.NDArray[np.uint8], prompt: str) -> Answer:
+    def locate(self, color: npt.NDArray[np.uint8], prompt: str, cancel: Cancel) -> Answer:
         side = max(color.shape[:2])
         png = encode_png(Window(0, 0, side).cut(color, 0), self._settings.size_px)
-        return self._call(lambda timeout_s: self._provider.say(prompt, png, timeout_s))
+        return self._call(lambda timeout_s: self._provider.say(prompt, png, timeout_s), cancel)
 
-    def reason(self, subject: Subject, prompt: str) -> Answer:
+    def reason(self, subject: Subject, prompt: str, cancel: Cancel) -> Answer:
         png = self._shown(subject)
-        return self._call(lambda timeout_s: self._provider.say(prompt, png, timeout_s))
+        return self._call(lambda timeout_s: self._provider.say(prompt, png, timeout_s), cancel)
 
-    def direct(self, subject: Subject, prompt: str) -> Answer:
-        return self._call(lambda timeout_s: self._provider.say(prompt, None, timeout_s))
+    def direct(self, subject: Subject, prompt: str, cancel: Cancel) -> Answer:
+        return self._call(lambda timeout_s: self._provider.say(prompt, None, timeout_s), cancel)
 
-    def render(self, subject: Subject, prompt: str) -> Answer:
+    def render(self, subject: Subject, prompt: str, cancel: Cancel) -> Answer:
         window = Window.around(subject.scene.object_mask)
         kept = window.cut(subject.scene.object_mask.astype(np.uint8) * 255, 0)
         keep_png = encode_png(np.dstack([kept, kept, kept, kept]), self._settings.size_px)
         png = self._shown(subject)
-        return self._call(lambda timeout_s: self._provider.edit(png, keep_png, prompt, timeout_s))
+        return self._call(lambda timeout_s: self._provider.edit(png, keep_png, prompt, timeout_s), cancel)
 
     def close(self) -> None:
+        open_calls = sum(not call.is_over for call in self._left_behind)
+        if open_calls:
+            _log.warning(
+                "%s: %d calls that were given up have not ended; their cost is unknown.", self.name, open_calls
+            )
         self._provider.close()
 
     def _shown(self, subject: Subject) -> bytes:
         window = Window.around(subject.scene.object_mask)
         return encode_png(window.cut(subject.masked, subject.background), self._settings.size_px)
 
-    def _call(self, ask: Callable[[float], Answer]) -> Answer:
+    # --- asking -------------------------------------------------------------------------------------------------------
+
+    def _call(self, ask: Ask, cancel: Cancel) -> Answer:
         """Ask until there is an answer, the attempts are used up, or the deadline is too near."""
-        self._purse.require()
-        settings, deadline_s = self._settings, self._clock() + self._settings.deadline_s
+        # The cycle before the look at the stop: the next one begins only after a stop of this one.
+        cycle, settings = self._purse.cycle, self._settings
+        cancel.raise_if_set("detect")
+        end_s = self._clock() + settings.deadline_s
         for attempt in range(1, settings.attempts + 1):
+            self._purse.require()
             try:
-                answer = ask(deadline_s - self._clock())
+                return replace(self._attempt(ask, end_s, cycle, cancel), attempts=attempt)
             except ModelFault as fault:
                 wait_s = max(settings.backoff_s * 2 ** (attempt - 1), fault.after_s)
-                if not fault.again or attempt == settings.attempts or self._clock() + wait_s >= deadline_s:
+                if not fault.again or attempt == settings.attempts or self._clock() + wait_s >= end_s:
                     asked = f" Asked {attempt} times." if attempt > 1 else ""
-                    raise CycleFailure(fault.code, f"{self.name}: {fault.text}{asked}") from fault
-                self._sleep(wait_s)
-                continue
-            cost_usd = _cost_usd(answer, settings.price)
-            self._purse.pay(self.name, cost_usd)
-            return replace(answer, attempts=attempt, usage=answer.usage.model_copy(update={"cost_usd": cost_usd}))
+                    raise CycleFailure(fault.code, f"{self.name}: {fault.text}{asked}") from None
+                if cancel.wait(wait_s):
+                    what = f"{self.name}: given up by a stop, before attempt {attempt + 1}: {fault.text}"
+                    raise CycleFailure(Code.STOPPED, what) from None
         raise AssertionError("at least one attempt is made")
 
+    def _attempt(self, ask: Ask, end_s: float, cycle: int, cancel: Cancel) -> Answer:
+        """Raises: ModelFault; CycleFailure(STOPPED) after a stop, while the call goes on to its own end."""
+        left_s, began = end_s - self._clock(), self._purse.now()
 
-def _cost_usd(answer: Answer, price: PriceSettings) -> float:
-    usage: Usage = answer.usage
-    tokens = (
-        usage.input_tokens * price.usd_per_million_input_tokens
-        + usage.output_tokens * price.usd_per_million_output_tokens
-    )
-    return tokens / 1e6 + (price.usd_per_image if answer.image_png is not None else 0.0)
+        def work() -> Answer:
+            try:
+                answer = ask(left_s)
+            except ModelFault as fault:
+                self._purse.pay(self.name, self._cost_usd(fault.usage), cycle, began)
+                raise
+            cost_usd = self._cost_usd(answer.usage, pictures=answer.image_png is not None)
+            self._purse.pay(self.name, cost_usd, cycle, began)
+            return replace(answer, usage=answer.usage.model_copy(update={"cost_usd": cost_usd}))
+
+        call = Call(work, self._tell_late, of=self.name)
+        try:
+            return call.wait(left_s, cancel)
+        except GivenUp:
+            self._left_behind = [one for one in self._left_behind if not one.is_over] + [call]
+            if cancel.is_set:
+                raise CycleFailure(Code.STOPPED, f"{self.name}: given up by a stop, before it answered.") from None
+            raise ModelFault(Code.MODEL_TIMEOUT, "It did not answer in time.", again=True) from None
+
+    def _cost_usd(self, usage: Usage, *, pictures: bool = False) -> float:
+        price: PriceSettings = self._settings.price
+        if not usage.is_complete:
+            _log.warning("%s does not tell all tokens it used: only those it tells are paid for here.", self.name)
+        tokens = (
+            usage.input_tokens * price.usd_per_million_input_tokens
+            + usage.output_tokens * price.usd_per_million_output_tokens
+        )
+        return tokens / 1e6 + pictures * price.usd_per_image
+
+    def _tell_late(self, outcome: Answer | BaseException) -> None:
+        """Of a call that was given up: what it cost is booked, in its own cycle."""
+        if isinstance(outcome, Answer):
+            _log.warning("%s: a call that was given up has cost %.4f USD.", self.name, outcome.usage.cost_usd)
+        else:
+            _log.warning("%s: a call that was given up ended without an answer: %s", self.name, redacted(str(outcome)))

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from bus.cancel import Cancel
 from config.schema import Station
 from perception.lift import lift_pixels, transform
 from perception.models.base import Answer, Subject
@@ -26,7 +27,7 @@ class NetworkModel(GeometricModel):
         super().__init__(station)
         self._network = GraspNetwork(Path(station.perception.onnx.path))
 
-    def reason(self, subject: Subject, prompt: str) -> Answer:
+    def reason(self, subject: Subject, prompt: str, cancel: Cancel) -> Answer:
         """The network's rectangle, as an axis in the base frame."""
         found = self._network.detect(subject.rgbd.color, subject.rgbd.depth_m)
         direction = np.array([np.cos(found.angle_rad), np.sin(found.angle_rad)])

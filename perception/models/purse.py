@@ -1,15 +1,16 @@
-"""What hosted models cost, and the limits on it. The day's spending survives a restart: it is a file of lines."""
+"""What hosted models cost, and the limits on it. The day's spending survives a restart: it is in the ledger."""
 
 from __future__ import annotations
 
-import json
+import threading
 from collections.abc import Callable
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
 from pathlib import Path
 
 from bus.codes import Code
-from bus.errors import CycleFailure, RecordingError
+from bus.errors import CycleFailure
 from config.schema import HostedSettings
+from perception.models.ledger import Ledger
 
 LEDGER = "spend.jsonl"
 
@@ -19,61 +20,60 @@ def utc_now() -> datetime:
 
 
 class Purse:
-    """Pays for calls, and refuses before the next one once a limit is reached.
+    """Pays for calls, and refuses before the next one once a limit is reached. Any thread may use it.
 
     Args:
-        ledger: one JSON object a line: ``{"at", "model", "usd"}``; made when first needed.
+        ledger: the file of what was spent (`Ledger`); made when first needed.
         now: UTC clock.
+
+    Attributes:
+        cycle: counts the cycles. A call is paid in the one it began in, however late its answer comes.
 
     Raises: RecordingError when the ledger cannot be read.
     """
 
     def __init__(self, settings: HostedSettings, ledger: Path, now: Callable[[], datetime] = utc_now) -> None:
-        self._settings, self._ledger, self._now = settings, ledger, now
+        self.now = now
+        self._settings, self._ledger = settings, Ledger(ledger)
+        self._turn = threading.Lock()
+        self.cycle = 0
         self._cycle_usd = 0.0
         self._day = now().date()
-        self._day_usd = self._spent_today()
+        self._day_usd = self._ledger.spent_on(self._day)
 
     def begin(self) -> None:
         """A new cycle."""
-        self._cycle_usd = 0.0
+        with self._turn:
+            self.cycle += 1
+            self._cycle_usd = 0.0
 
     def require(self) -> None:
         """Raises: CycleFailure(SPEND_LIMIT) when this cycle or this day has spent what it may."""
-        if self._now().date() != self._day:
-            self._day, self._day_usd = self._now().date(), 0.0
-        for spent, limit, where in (
-            (self._cycle_usd, self._settings.max_cycle_usd, "this cycle"),
-            (self._day_usd, self._settings.max_day_usd, "today (UTC)"),
-        ):
+        with self._turn:
+            self._turn_page(self.now().date())
+            cycle = (self._cycle_usd, self._settings.max_cycle_usd, "this cycle")
+            day = (self._day_usd, self._settings.max_day_usd, "today (UTC)")
+        for spent, limit, where in (cycle, day):
             if spent >= limit:
                 raise CycleFailure(
                     Code.SPEND_LIMIT, f"Hosted models have cost {spent:.2f} USD {where}; {limit:.2f} are allowed."
                 )
 
-    def pay(self, model: str, usd: float) -> None:
-        """Note what a call cost. Raises: RecordingError when it cannot be written."""
-        self._cycle_usd += usd
-        self._day_usd += usd
-        if usd == 0:
-            return
-        line = json.dumps({"at": self._now().isoformat(timespec="seconds"), "model": model, "usd": round(usd, 6)})
-        try:
-            self._ledger.parent.mkdir(parents=True, exist_ok=True)
-            with self._ledger.open("a") as file:
-                file.write(line + "\n")
-        except OSError as error:
-            raise RecordingError(
-                f"Cannot note spending in {self._ledger}: {error.strerror}.", "Free the folder."
-            ) from error
+    def pay(self, model: str, usd: float, cycle: int | None = None, began: datetime | None = None) -> None:
+        """Note what a call cost, in the cycle and on the day it began in (None = this one, now).
 
-    def _spent_today(self) -> float:
-        if not self._ledger.exists():
-            return 0.0
-        try:
-            entries = [json.loads(line) for line in self._ledger.read_text().splitlines() if line.strip()]
-            return float(sum(entry["usd"] for entry in entries if entry["at"].startswith(self._day.isoformat())))
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            raise RecordingError(
-                f"The spending ledger {self._ledger} cannot be read ({error}).", "Correct it or move it away."
-            ) from error
+        Raises: RecordingError when it cannot be written.
+        """
+        at = began or self.now()
+        with self._turn:
+            self._turn_page(self.now().date())
+            if cycle in (None, self.cycle):
+                self._cycle_usd += usd
+            if at.date() == self._day:
+                self._day_usd += usd
+            if usd > 0:
+                self._ledger.note(at, model, usd)
+
+    def _turn_page(self, today: date) -> None:
+        if today != self._day:
+            self._day, self._day_usd = today, 0.0

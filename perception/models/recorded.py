@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Any
 
+from bus.cancel import Cancel
 from bus.errors import CycleFailure, RecordingError
 from bus.messages import ModelReply
 from perception.models.base import Answer, GoalImageModel
@@ -21,16 +22,16 @@ class RecordedModel:
     def begin(self) -> None:
         self._left = list(self._replies)
 
-    def locate(self, color: Any, prompt: str) -> Answer:
+    def locate(self, color: Any, prompt: str, cancel: Cancel) -> Answer:
         return self._next("locate")
 
-    def reason(self, subject: Any, prompt: str) -> Answer:
+    def reason(self, subject: Any, prompt: str, cancel: Cancel) -> Answer:
         return self._next("reason")
 
-    def direct(self, subject: Any, prompt: str) -> Answer:
+    def direct(self, subject: Any, prompt: str, cancel: Cancel) -> Answer:
         return self._next("direct")
 
-    def render(self, subject: Any, prompt: str) -> Answer:
+    def render(self, subject: Any, prompt: str, cancel: Cancel) -> Answer:
         return self._next("render")
 
     def close(self) -> None:
@@ -64,17 +65,17 @@ class SpoiledModel:
         self._asked = 0
         self._model.begin()
 
-    def locate(self, color: Any, prompt: str) -> Answer:
-        return self._ask(lambda: self._model.locate(color, prompt))
+    def locate(self, color: Any, prompt: str, cancel: Cancel) -> Answer:
+        return self._ask(lambda: self._model.locate(color, prompt, cancel))
 
-    def reason(self, subject: Any, prompt: str) -> Answer:
-        return self._ask(lambda: self._model.reason(subject, prompt))
+    def reason(self, subject: Any, prompt: str, cancel: Cancel) -> Answer:
+        return self._ask(lambda: self._model.reason(subject, prompt, cancel))
 
-    def direct(self, subject: Any, prompt: str) -> Answer:
-        return self._ask(lambda: self._model.direct(subject, prompt))
+    def direct(self, subject: Any, prompt: str, cancel: Cancel) -> Answer:
+        return self._ask(lambda: self._model.direct(subject, prompt, cancel))
 
-    def render(self, subject: Any, prompt: str) -> Answer:
-        return self._ask(lambda: self._model.render(subject, prompt))
+    def render(self, subject: Any, prompt: str, cancel: Cancel) -> Answer:
+        return self._ask(lambda: self._model.render(subject, prompt, cancel))
 
     def close(self) -> None:
         self._model.close()

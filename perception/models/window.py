@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -11,14 +12,15 @@ import numpy.typing as npt
 from bus.codes import Code
 from bus.errors import CycleFailure
 from perception.crop import Crop
+from perception.models.picture import size_of
 
 _ROOM = 1.9
 """Side over the object's larger extent: room for a rod that sticks out."""
 _MIN_SIDE_PX = 128
 _ASPECT_TOLERANCE = 0.03
 _MIN_PICTURE_PX = 128
-_ENDS = {b"\x89PNG": b"IEND\xaeB`\x82", b"\xff\xd8\xff": b"\xff\xd9"}
-"""How a whole file of a format that begins so ends; decoders fill up what is missing."""
+_MAX_PICTURE_PX = 8192
+"""Of a side: twice what any provider draws. A header may ask for all of the memory."""
 
 Image = npt.NDArray[np.uint8]
 Mask = npt.NDArray[np.bool_]
@@ -72,19 +74,43 @@ def encode_png(image: npt.NDArray[np.uint8], size_px: int) -> bytes:
     return bytes(png)
 
 
-def decode_picture(data: bytes, window: Window) -> Image:
-    """What a model drew, in the window's own pixels (side, side, 3).
+def decode_picture(data: bytes, window: Window, background: tuple[int, int, int] = (0, 0, 0)) -> Image:
+    """What a model drew, in the window's own pixels (side, side, 3); ``background`` where it is transparent.
 
-    Raises: CycleFailure(MODEL_BAD_IMAGE) for a torn file, something else than a picture, or one of another shape.
+    Raises: CycleFailure(MODEL_BAD_IMAGE) for a torn file, something else than PNG, JPEG or WebP, one of another shape,
+        or one too large to be drawn by a model.
     """
-    end = next((end for begin, end in _ENDS.items() if data.startswith(begin)), b"")
-    pixels = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_COLOR) if data else None
-    if pixels is None or not data.rstrip(b"\0").endswith(end):
-        raise CycleFailure(Code.MODEL_BAD_IMAGE, f"The goal image ({len(data)} bytes) is torn or no picture.")
+    size = size_of(data)
+    if size is None:
+        raise _bad(f"The goal image ({len(data)} bytes) is torn, or no PNG, JPEG or WebP picture.")
+    if max(size) > _MAX_PICTURE_PX:
+        raise _bad(f"The goal image has {size.width} x {size.height} pixels; it is not unpacked.")
+    pixels = _decoded(data, background)
     height, width = pixels.shape[:2]
     if abs(width / height - 1) > _ASPECT_TOLERANCE or height < _MIN_PICTURE_PX:
-        raise CycleFailure(
-            Code.MODEL_BAD_IMAGE, f"The goal image has {width} x {height} pixels; a square was asked for."
-        )
+        raise _bad(f"The goal image has {width} x {height} pixels; a square was asked for.")
     shrunk = cv2.resize(pixels, (window.side_px, window.side_px), interpolation=cv2.INTER_AREA)
     return np.asarray(cv2.cvtColor(shrunk, cv2.COLOR_BGR2RGB))
+
+
+def _decoded(data: bytes, background: tuple[int, int, int]) -> Image:
+    """(H, W, 3) BGR."""
+    color, whole = _pixels(data, cv2.IMREAD_COLOR), _pixels(data, cv2.IMREAD_UNCHANGED)
+    if whole.ndim < 3 or whole.shape[2] < 4 or whole.shape[:2] != color.shape[:2]:
+        return color
+    opaque = whole[..., 3:] / np.float32(np.iinfo(whole.dtype).max)
+    return np.asarray(opaque * color + (1 - opaque) * np.array(background[::-1]), dtype=np.uint8)
+
+
+def _pixels(data: bytes, how: int) -> npt.NDArray[Any]:
+    try:
+        pixels = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), how)
+    except cv2.error:
+        pixels = None
+    if pixels is None:
+        raise _bad(f"The goal image ({len(data)} bytes) cannot be decoded.")
+    return np.asarray(pixels)
+
+
+def _bad(text: str) -> CycleFailure:
+    return CycleFailure(Code.MODEL_BAD_IMAGE, text)

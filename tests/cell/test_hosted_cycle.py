@@ -37,7 +37,7 @@ def test_a_fault_ends_its_cycle_with_its_code_and_the_next_one_picks(
         ]
         command = [sys.executable, "-m", "cell", "start", "--config", str(CONFIG / f"{provider}.toml")]
         command += ["--cycles", "2", "--seed", "3", "--json", *(word for o in overrides for word in ("--set", o))]
-        keys = {"OPENAI_API_KEY": SECRET, "GEMINI_API_KEY": SECRET}
+        keys = {"OPENAI_API_KEY": SECRET + "\n", "GEMINI_API_KEY": SECRET + "\n"}  # as from $(cat FILE; echo)
         run = subprocess.run(
             command, cwd=tmp_path, env={**os.environ, **keys}, capture_output=True, text=True, timeout=180, check=False
         )

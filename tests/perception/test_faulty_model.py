@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
+from bus.cancel import Cancel
 from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.faults import Fault
@@ -87,7 +88,7 @@ def test_the_end_of_a_fault_ends_the_wait(subject: Subject) -> None:
     model = FaultyModel(open_models(STATION, {}).imaginer, Fault.STUCK, deadline_s=60.0)
     healing = threading.Timer(0.05, lambda: setattr(model, "fault", Fault.NONE))
     healing.start()
-    assert model.reason(subject, "").text
+    assert model.reason(subject, "", Cancel()).text
     healing.join()
 
 

@@ -7,11 +7,13 @@ from contextlib import closing
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import cv2
 import numpy as np
 import pytest
 
+from bus.cancel import Cancel
 from bus.codes import Code
 from bus.errors import ConfigError, CycleFailure, RecordingError
 from bus.messages import ModelReply
@@ -254,13 +256,6 @@ def test_the_days_spending_outlives_the_process_and_ends_at_midnight_utc(tmp_pat
     Purse(settings, ledger, lambda: now + timedelta(minutes=2)).require()
 
 
-def test_a_damaged_ledger_is_not_passed_over(tmp_path: Path) -> None:
-    ledger = tmp_path / "spend.jsonl"
-    ledger.write_text("{torn\n")
-    with pytest.raises(RecordingError, match="spending ledger"):
-        Purse(HostedSettings(), ledger)
-
-
 @pytest.mark.parametrize("provider", PROVIDERS)
 def test_a_missing_key_says_which_variable(provider: str, serve: Serve, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=f"{provider.upper()}_API_KEY"):
@@ -270,6 +265,64 @@ def test_a_missing_key_says_which_variable(provider: str, serve: Serve, tmp_path
 def test_a_missing_model_id_says_which(serve: Serve, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="image_model"):
         open_models(_station(serve(), "openai", tmp_path, 'perception.hosted.image_model=""'), KEYS)
+
+
+@pytest.mark.parametrize("provider", PROVIDERS)
+@pytest.mark.parametrize(
+    "key", ["“sk-0123456789”", "sk-01234\n56789", "sk-01234 56789", "'sk-0123456789'", "sk-\0123456789"]
+)
+def test_a_key_that_no_header_can_carry_is_refused_unseen(
+    provider: str, key: str, serve: Serve, tmp_path: Path
+) -> None:
+    with pytest.raises(ConfigError, match=f"{provider.upper()}_API_KEY") as refusal:
+        open_models(_station(serve(), provider, tmp_path), {f"{provider.upper()}_API_KEY": key})
+    assert "56789" not in str(refusal.value)
+
+
+@pytest.mark.parametrize("provider", PROVIDERS)
+def test_a_key_with_a_line_end_is_a_key(provider: str, serve: Serve, subject: Subject, tmp_path: Path) -> None:
+    station = _station(serve(), provider, tmp_path)
+    with closing(open_models(station, {f"{provider.upper()}_API_KEY": " sk-0123456789\r\n"})) as models:
+        models.imaginer.begin()
+        assert models.imaginer.reason(subject, "", Cancel()).text
+
+
+def test_a_key_in_a_setting_would_be_recorded(serve: Serve, tmp_path: Path) -> None:
+    key = "sk-with/slashes+0123"
+    for setting in (f"base_url=http://models.example/{quote(key, safe='')}/v1", f"text_model={key}"):
+        station = _station(serve(), "openai", tmp_path, f"perception.hosted.{setting}")
+        with pytest.raises(ConfigError, match="every recording holds") as refusal:
+            open_models(station, {"OPENAI_API_KEY": key})
+        assert "0123" not in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    "setting",
+    [
+        "base_url=http://models.example/v1?key=sk-0123456789",
+        "base_url=http://anna:sk-0123456789@models.example/v1",
+        "base_url=http://:sk-0123456789@models.example/v1",
+        "key_variable=sk-0123456789",
+    ],
+)
+def test_a_key_where_none_belongs_is_refused_unseen(setting: str, serve: Serve, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError) as refusal:
+        _station(serve(), "openai", tmp_path, f"perception.hosted.{setting}")
+    assert "0123" not in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    "url", ["models.example/v1", "ftp://models.example", "http://", "http://h:99999", "http://[", "http://a b"]
+)
+def test_a_base_url_is_an_address_of_a_web_server(url: str, serve: Serve, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="base_url"):
+        _station(serve(), "openai", tmp_path, f"perception.hosted.base_url={url}")
+
+
+def test_a_proxy_that_cannot_be_used_is_told_at_the_start(serve: Serve, tmp_path: Path) -> None:
+    station = _station(serve(), "openai", tmp_path, "perception.hosted.base_url=https://models.example/v1")
+    with pytest.raises(ConfigError, match="SOCKS"):
+        open_models(station, KEYS | {"ALL_PROXY": "socks5://127.0.0.1:1080"})
 
 
 # --- the window ------------------------------------------------------------------------------------------------------

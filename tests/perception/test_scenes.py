@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from bus.codes import Code
 from bus.errors import CycleFailure
@@ -22,7 +24,7 @@ from perception.detector import detect, unsaid
 from perception.heightmap import height_map
 from perception.imagine import free_background, free_rod_color
 from perception.lift import inverse
-from perception.models import open_models
+from perception.models import Models, open_models
 from perception.rank import _approach, _tilted
 from perception.segment import segment
 from tests.perception.conftest import BAR, PLATE, Box, Look
@@ -146,6 +148,65 @@ def test_rod_and_background_take_colours_the_object_has_not() -> None:
     assert free_background(magenta_and_white) != (255, 255, 255)
 
 
+class _Outline:
+    """A segmenter that finds ``mask``, whatever it is shown."""
+
+    reads_text = False
+
+    def __init__(self, mask: np.ndarray) -> None:
+        self._mask = mask
+
+    def by_box(self, color: np.ndarray, box_px: tuple[float, ...]) -> np.ndarray:
+        return self._mask
+
+
+def _outline(*where: slice | int) -> np.ndarray:
+    mask = np.zeros((360, 480), bool)
+    mask[where] = True
+    return mask
+
+
+DARK = Box((300, 340), (300, 340), None, (10, 10, 10))
+
+
+def _ends(observation: Observation, mask: np.ndarray) -> Code | None:
+    """The code a detection with that outline ends with; None for grasps."""
+    models = Models(open_models(_station(), {}).imaginer, _Outline(mask))  # type: ignore[arg-type]
+    try:
+        detect(observation, _station(), models, unsaid)
+    except CycleFailure as failure:
+        return failure.failure
+    return None
+
+
+@pytest.mark.parametrize(
+    "mask",
+    [_outline(slice(305, 330), slice(305, 330)), _outline(310, 310), np.zeros((360, 480), bool)],
+    ids=["dark", "one dark pixel", "none"],
+)
+def test_an_outline_without_any_depth_is_no_object(mask: np.ndarray, look: Look) -> None:
+    assert _ends(look([BAR, DARK]), mask) is Code.NO_OBJECT
+
+
+@given(
+    corner=st.tuples(st.integers(0, 359), st.integers(0, 479)), size=st.tuples(*[st.sampled_from([1, 2, 5, 60])] * 2)
+)
+@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_no_outline_is_a_defect(corner: tuple[int, int], size: tuple[int, int], look: Look) -> None:
+    where = (slice(start, start + extent) for start, extent in zip(corner, size, strict=True))
+    assert _ends(look([BAR, DARK]), _outline(*where)) in (None, Code.NO_OBJECT, Code.NO_GRASP, *_OF_MODEL)
+
+
+_OF_MODEL = tuple(code for code in Code if code.startswith("MODEL_"))
+
+
+def test_a_camera_that_measures_nothing_sees_no_object(look: Look) -> None:
+    dark = look([Box((0, 480), (0, 360), None, (10, 10, 10))])
+    with pytest.raises(CycleFailure) as failure:
+        detect(dark, _station(), open_models(_station(), {}), unsaid)
+    assert failure.value.failure is Code.NO_OBJECT
+
+
 # --- which grasp -----------------------------------------------------------------------------------------------------
 
 
@@ -206,4 +267,5 @@ def test_a_stop_does_not_wait_for_a_model_that_hangs(look: Look, tmp_path: Path)
         threading.Timer(0.3, halted.set).start()
         with closing(open_models(station, KEY)) as models, pytest.raises(CycleFailure) as failure:
             detect_unless_halted(look([BAR]), station, models, said.append, halted.is_set)
-    assert failure.value.failure is Code.STOPPED and not said
+    assert failure.value.failure is Code.STOPPED
+    assert [reply.failure for reply in said] == [Code.STOPPED], "the call that was given up is said"

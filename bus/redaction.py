@@ -1,0 +1,71 @@
+"""Secrets out of foreign texts: what a server, a library or a proxy said may hold the key it was given.
+
+Whoever learns a secret names it once; whatever text of others leaves this process - failures, replies, logs - passes
+`redacted` or `quoted`.
+"""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+import re
+import threading
+from urllib.parse import quote, quote_plus, unquote
+
+HIDDEN = "[secret]"
+_MIN_LENGTH = 8
+"""Shorter ones are what a server of one's own takes for a key ("none", "x"): no secrets, but parts of any text."""
+
+_known: dict[str, re.Pattern[str]] = {}
+_changing = threading.Lock()
+
+
+def keep_secret(secret: str) -> None:
+    """From now on `redacted` hides ``secret``, however it is written."""
+    if len(secret) < _MIN_LENGTH:
+        return
+    forms = sorted(_forms(secret), key=len, reverse=True)
+    pattern = re.compile("|".join(re.escape(form) for form in forms), re.IGNORECASE)
+    with _changing:
+        _known[secret] = pattern
+
+
+def keep_secrets_of(url: str) -> None:
+    """The same for user and password in an address, also as a proxy is told them."""
+    authority = url.rpartition("//")[2].partition("/")[0]
+    user, _, password = (unquote(part) for part in authority.rpartition("@")[0].partition(":"))
+    keep_secret(password)
+    if user and password:
+        keep_secret(f"{user}:{password}")
+        keep_secret(base64.b64encode(f"{user}:{password}".encode()).decode())
+
+
+def redacted(text: str) -> str:
+    """``text`` with every known secret replaced."""
+    with _changing:
+        patterns = list(_known.values())
+    for pattern in patterns:
+        text = pattern.sub(HIDDEN, text)
+    return text
+
+
+def quoted(text: str, limit: int = 200) -> str:
+    """A foreign text for a sentence of ours: without secrets, on one line, printable, ``limit`` characters at most."""
+    line = " ".join("".join(sign if sign.isprintable() else " " for sign in redacted(text)).split())
+    return line if len(line) <= limit else line[:limit].rstrip() + " ..."
+
+
+def holds_secret(data: bytes) -> bool:
+    """Whether a known secret stands in ``data``, e.g. in a picture's comment."""
+    with _changing:
+        secrets = list(_known)
+    return any(secret.encode() in data for secret in secrets)
+
+
+def _forms(secret: str) -> set[str]:
+    """How JSON, an address, a page, Python's repr and a header write it."""
+    in_json, in_python = json.dumps(secret)[1:-1], secret.replace("\\", "\\\\")
+    escaped = {in_json, in_json.replace("/", "\\/"), in_python, in_python.replace("'", "\\'")}
+    in_address = {quote(secret), quote(secret, safe=""), quote_plus(secret)}
+    return {secret, *escaped, *in_address, html.escape(secret), base64.b64encode(secret.encode()).decode()}
