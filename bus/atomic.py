@@ -1,0 +1,59 @@
+"""Writes a whole file at once or not at all, so that a power cut leaves the old one or the new one."""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+import tempfile
+from contextlib import suppress
+from pathlib import Path
+
+_NEW_MODE = 0o644
+
+
+def write_atomically(path: Path, data: bytes, *, mode: int | None = None) -> None:
+    """Make ``data`` the content of ``path``; a symbolic link stays one, and its target is written.
+
+    Args:
+        mode: of the file, whatever the umask; None keeps that of the file it replaces (0644 for a new one).
+
+    Raises: OSError; then the file is as it was, and nothing else is left.
+    """
+    target = os.path.realpath(path)
+    folder = os.path.dirname(target)
+    file, part = tempfile.mkstemp(prefix=".write-", dir=folder)  # not path + ".part": that may be somebody's
+    try:
+        with os.fdopen(file, "wb") as output:
+            output.write(data)
+            _keep_owner_and_mode(output.fileno(), target, mode)
+            output.flush()
+            os.fsync(output.fileno())
+        os.replace(part, target)
+    except BaseException:
+        os.unlink(part)
+        raise
+    sync_folder(Path(folder))
+
+
+def sync_folder(folder: Path) -> None:
+    """Make the names in ``folder`` last: a rename is lost in a power cut until then. Raises: OSError."""
+    listing = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(listing)
+    except OSError as error:
+        if error.errno != errno.EINVAL:  # a network file system that has no such thing
+            raise
+    finally:
+        os.close(listing)
+
+
+def _keep_owner_and_mode(file: int, target: str, mode: int | None) -> None:
+    try:
+        before = os.stat(target)
+    except FileNotFoundError:
+        os.fchmod(file, _NEW_MODE if mode is None else mode)
+        return
+    with suppress(PermissionError):  # only root gives files away; everybody else's new file is their own
+        os.fchown(file, before.st_uid, before.st_gid)
+    os.fchmod(file, stat.S_IMODE(before.st_mode) if mode is None else mode)
