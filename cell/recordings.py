@@ -17,7 +17,7 @@ from cell.options import Config, Json, out, print_json
 from config.load import DEFAULT_STATION, load_station
 from logs.days import days, outdated, write_cycle, write_day
 from logs.index import Entry, Filter, find_recording, list_cycles
-from logs.names import shown
+from logs.names import is_folder, shown
 from logs.reader import CycleRecord, read_cycle
 from logs.recover import recover as recover_file
 from logs.report import configuration_changes, write_report
@@ -133,7 +133,7 @@ def report(
     Exit 0 all pages are written, 2 a recording cannot be read: the day's page names it as DAMAGED.
     """
     folder = Path(cycle)
-    if folder.is_dir():
+    if is_folder(folder):
         if output is not None:
             raise ConfigError("--output names one page; those of a folder lie beside their recordings.")
         pages, damaged = _report_folder(folder)

@@ -18,7 +18,7 @@ from cell.replay import replay as run_again
 from cell.replay_folder import replay_folder
 from cell.republish import ROOT, await_listener, payloads, republish, require_no_live_cell
 from config.load import DEFAULT_STATION, station_from
-from logs.names import shown, telling
+from logs.names import is_folder, shown, telling
 from logs.reader import read_cycle
 
 
@@ -58,7 +58,7 @@ def replay(
         _publish(find_cycle(cycle, config), rate, endpoint, wait_s)
         return
     request = Request.of(overrides or [], start, only, live_models=live_models)
-    if Path(cycle).is_dir():
+    if is_folder(Path(cycle)):
         _replay_folder(Path(cycle), request, as_json=as_json)
         return
     path = find_cycle(cycle, config)

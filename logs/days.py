@@ -121,7 +121,10 @@ def write_day(day: Path, damaged: Mapping[Path, str] = _NONE) -> Path:
 
 def _is_current(recording: Path) -> bool:
     page = recording.with_suffix(".html")
-    if not page.is_file() or page.stat().st_mtime < recording.stat().st_mtime:
+    try:
+        if not page.is_file() or page.stat().st_mtime < recording.stat().st_mtime:
+            return False
+    except OSError:  # one of them is gone by now
         return False
     return _MARK in _head(page) and _summary(page).is_there
 

@@ -16,7 +16,7 @@ from bus import topics
 from bus.codec import decode
 from bus.errors import BadPayload, RecordingError
 from bus.messages import Attempt, CycleResult
-from logs.names import found_below, reading, shown
+from logs.names import found_below, is_folder, reading, shown
 from logs.reader import STATION, require_ours, station_tree
 from logs.recorder import PART
 from logs.records import Summary, records
@@ -90,9 +90,7 @@ def list_cycles(folder: Path, wanted: Filter | None = None) -> Iterator[Entry]:
 
 def recordings(folder: Path) -> list[Path]:
     """The files, newest first. Raises: RecordingError when there is no such folder."""
-    with reading(folder):
-        is_folder = folder.is_dir()
-    if not is_folder:
+    if not is_folder(folder):
         raise RecordingError(
             f"There is no folder {shown(folder)}.", "Nothing was recorded yet, or name another folder."
         )

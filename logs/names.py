@@ -50,7 +50,14 @@ def telling(what: str) -> Iterator[None]:
         ) from error
 
 
+def is_folder(path: Path) -> bool:
+    """Raises: RecordingError when that cannot be known."""
+    with reading(path):
+        return path.is_dir()
+
+
 def found_below(folder: Path, pattern: str) -> list[Path]:
     """The files below ``folder`` whose name fits, in the order of their paths. Raises: RecordingError."""
     with reading(folder):
+        os.listdir(folder)  # `rglob` finds nothing, silently, where it may not look
         return sorted(folder.rglob(pattern))

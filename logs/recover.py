@@ -14,7 +14,7 @@ from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Sch
 from bus.atomic import sync_folder
 from bus.errors import RecordingError
 from logs.mcapfile import McapFile
-from logs.names import found_below, shown
+from logs.names import found_below, is_folder, shown
 from logs.reader import RECOVERED
 from logs.recorder import PART
 from logs.salvage import Losses, Salvage
@@ -84,7 +84,7 @@ def recover(path: Path) -> Recovered:
 
 def recover_leftovers(folder: Path) -> Iterator[Recovered | RecordingError]:
     """Recover every ``.part`` below ``folder`` that nobody writes; what cannot be is given as its error."""
-    for path in found_below(folder, f"*.mcap{PART}") if folder.is_dir() else ():
+    for path in found_below(folder, f"*.mcap{PART}") if is_folder(folder) else ():
         try:
             yield recover(path)
         except StillWritten:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import struct
+import time
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
@@ -103,6 +104,30 @@ def test_it_takes_nothing(bus: Bus, viewer: Viewer) -> None:
     viewer.say({"op": "advertise", "channels": [{"id": 1, "topic": "/state", "encoding": "json", "schemaName": ""}]})
     bus.publish(topics.EVENT, Event(code="X", severity="info", text="still here"))
     assert viewer.channel("/event")["schemaName"] == "vlad.Event"
+
+
+@pytest.mark.parametrize("encoding", ["zenoh/bytes", "", "application/json;vlad.Event", "application/json;vlad.State"])
+def test_what_a_stranger_says_under_our_names_is_counted_and_the_rest_still_shown(
+    bus: Bus, endpoint: str, view: live.LiveView, viewer: Viewer, encoding: str
+) -> None:
+    with Bus.join("sim", endpoint) as stranger:
+        for _ in range(3):
+            stranger.put("cell/sim/state", b"hello", encoding)
+        stranger.publish(topics.STATE, STATE)
+        assert CellState.model_validate_json(viewer.look_at("/state")) == STATE
+    assert view.unknown == 3
+
+
+def test_closing_waits_for_nothing_that_is_still_to_be_shown(bus: Bus) -> None:
+    view = live.LiveView(bus, 0)
+    for _ in range(3000):
+        bus.publish(topics.STATE, STATE)
+    began_s = time.monotonic()
+    view.close()
+    view.close()
+    assert time.monotonic() - began_s < 2
+    with pytest.raises(OSError, match="refused"):
+        connect(f"ws://{live.HOST}:{view.port}")
 
 
 def test_a_port_in_use_is_named(bus: Bus, view: live.LiveView) -> None:
