@@ -40,6 +40,8 @@ class Role(StrEnum):
     """The newest frame of a real camera."""
     LIVE_VIEW = "live-view"
     """What a viewer is still to be sent."""
+    RETENTION = "retention"
+    """The recordings that are kept no longer."""
     PROBE = "probe"
     """One question of the doctor that may never be answered."""
 

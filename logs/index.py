@@ -21,7 +21,8 @@ from logs.reader import STATION, require_ours, station_tree
 from logs.recorder import PART
 from logs.records import Summary, records
 
-_FINE = ("SUCCESS", "EMPTY")
+FINE = ("SUCCESS", "EMPTY")
+"""Results that nobody needs to look at."""
 _SHOWN_MATCHES = 3
 _RESULT = f"/{topics.RESULT.key}"
 _SHOWN = frozenset({_RESULT, f"/{topics.ATTEMPT.key}"})
@@ -51,7 +52,7 @@ class Entry:
     @property
     def failed(self) -> bool:
         """Whether somebody should look at it."""
-        return self.result not in _FINE
+        return self.result not in FINE
 
     def to_json(self) -> dict[str, Any]:
         return {"recording": shown(self.path)} | {key: value for key, value in asdict(self).items() if key != "path"}
