@@ -137,11 +137,12 @@ def _camera_model(message: CameraCalibration) -> CameraModel:
 def transforms_to_wire(parent_from_child: Mapping[tuple[str, str], npt.NDArray[Any]], at_ns: int) -> FrameTransforms:
     """Poses {(parent, child): 4x4} as foxglove.FrameTransforms."""
     message = FrameTransforms()
-    for (parent, child), pose in parent_from_child.items():
-        w, x, y, z = Rotation.from_matrix(pose[:3, :3]).as_quat(scalar_first=True)
+    turns = Rotation.from_matrix(np.stack([pose[:3, :3] for pose in parent_from_child.values()]))
+    quaternions = turns.as_quat(scalar_first=True).tolist()  # of all at once: each call of SciPy's costs more than that
+    for ((parent, child), pose), wxyz in zip(parent_from_child.items(), quaternions, strict=True):
         entry = message.transforms.add(timestamp=stamp(at_ns), parent_frame_id=parent, child_frame_id=child)
-        entry.translation.x, entry.translation.y, entry.translation.z = (float(value) for value in pose[:3, 3])
-        entry.rotation.w, entry.rotation.x, entry.rotation.y, entry.rotation.z = w, x, y, z
+        entry.translation.x, entry.translation.y, entry.translation.z = pose[:3, 3].tolist()
+        entry.rotation.w, entry.rotation.x, entry.rotation.y, entry.rotation.z = wxyz
     return message
 
 

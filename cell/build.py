@@ -14,6 +14,7 @@ from cell.daemon import Daemon
 from cell.memory import settled, share_arenas
 from cell.nodes import Supervisor
 from cell.retention import Retention
+from cell.robot_tf import RobotTf
 from cell.voice import Observer
 from config.schema import Station
 from drivers import registry
@@ -61,7 +62,7 @@ def running_cell(station: Station, observer: Observer) -> Iterator[Daemon]:
             daemon.open()
             daemon.voice.say_recovered(recover_leftovers(station.recording.folder))
             try:
-                with settled(), closing(retention.start()):
+                with settled(), closing(retention.start()), closing(RobotTf(bus, robot)):
                     yield daemon
             finally:
                 daemon.close()

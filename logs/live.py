@@ -15,6 +15,9 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from typing import Any, NamedTuple
 
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from google.protobuf.message import DecodeError
+
 from bus import topics
 from bus.codec import schema_of
 from bus.errors import ConfigError
@@ -33,6 +36,8 @@ _NOT_AGAIN = (topics.EVENT.key, topics.VIEW_LOG.key)
 """All others are said again to a viewer that comes later: the last state, picture, transform, stage result."""
 _LOOK_S, _CLOSE_PATIENCE_S = 0.1, 2.0
 _MOST_WARNED = 100
+_TF_PARTS = ("color", "fr3_link0")
+"""The first frame of each message on `topics.TF`."""
 _JSON = {"jsonschema": "json"}
 
 
@@ -57,7 +62,7 @@ class LiveView:
         self._sdk = sdk()
         self._context = self._sdk.Context()
         self._channels: dict[str, Any] = {}
-        self._last: dict[str, Heard] = {}
+        self._last: dict[str, dict[str, Heard]] = {}
         self._queue: queue.Queue[_Said | str] = queue.Queue(_WAITING)
         self.left_out = self.unknown = 0
         self._warned: set[str] = set()
@@ -119,11 +124,10 @@ class LiveView:
     def _show(self, heard: Heard) -> None:
         self._channel(heard).log(heard.payload, log_time=time.time_ns())
         if heard.key not in _NOT_AGAIN:
-            self._last[heard.key] = heard
+            self._last.setdefault(heard.key, {})[_part(heard)] = heard
 
     def _repeat(self, key: str) -> None:
-        last = self._last.get(key)
-        if last is not None:
+        for last in self._last.get(key, {}).values():
             self._channel(last).log(last.payload, log_time=time.time_ns())
 
     def _skip(self, heard: Heard) -> None:
@@ -143,6 +147,17 @@ class LiveView:
                 context=self._context,
             )
         return self._channels[heard.key]
+
+
+def _part(heard: Heard) -> str:
+    """Of a topic that is said in parts, which this is: transforms of the arm's links, or of the capture."""
+    if heard.key != topics.TF.key:
+        return ""
+    try:
+        transforms = FrameTransforms.FromString(heard.payload).transforms
+    except DecodeError:
+        return ""
+    return str(transforms[0].child_frame_id) if transforms and transforms[0].child_frame_id in _TF_PARTS else ""
 
 
 @contextmanager
