@@ -12,15 +12,15 @@ from pathlib import Path
 
 import numpy as np
 from mcap.records import Attachment
-from mcap.stream_reader import StreamReader
 
 from benchmarks.openness import trouble
 from bus.codes import Code
 from bus.errors import RecordingError
 from bus.messages import CycleResult
 from cell.faults import PICK_CODES, ROWS, Row
-from logs.reader import DAMAGE, read_cycle
+from logs.reader import read_cycle
 from logs.recorder import PART
+from logs.salvage import Salvage
 
 MOMENTS = ("begin", "capture", "detect", "plan", "execute", "verify", "deliver")
 _WITHOUT_FAULT = 0.25
@@ -118,6 +118,6 @@ def is_logged(result: CycleResult, trial: Trial) -> bool:
         return True
     try:
         with path.with_name(path.name + PART).open("rb") as file:
-            return any(isinstance(record, Attachment) for record in StreamReader(file).records)
-    except DAMAGE:
+            return any(isinstance(record, Attachment) for record in Salvage(file).records())
+    except OSError:
         return False

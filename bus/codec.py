@@ -15,6 +15,7 @@ from bus.errors import BadPayload
 from bus.frozen import Message
 
 MessageT = TypeVar("MessageT", bound=Message)
+_MAX_SAID = 200
 
 
 class Schema(NamedTuple):
@@ -35,9 +36,22 @@ def decode(payload_type: type[MessageT], payload: bytes) -> MessageT:
     try:
         return payload_type.model_validate_json(payload)
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"]) or "payload"
-        raise BadPayload(f"Not a valid {payload_type.__name__}: {where}: {first['msg']}.") from error
+        why = _first_of(error)
+    except Exception as error:  # noqa: BLE001 - arrays and images are read by libraries that raise what they like
+        why = f"payload: {type(error).__name__}: {error}"
+    raise BadPayload(f"Not a valid {payload_type.__name__}: {_line(why)}.")
+
+
+def _first_of(error: ValidationError) -> str:
+    first = error.errors(include_url=False, include_context=False, include_input=False)[0]
+    where = ".".join(str(part) for part in first["loc"]) or "payload"
+    return f"{where}: {first['msg']}"
+
+
+def _line(text: str) -> str:
+    """Foreign words as one printable line that is not too long."""
+    line = "".join(character if character.isprintable() else " " for character in text)
+    return line if len(line) <= _MAX_SAID else f"{line[:_MAX_SAID]}..."
 
 
 @functools.cache

@@ -42,6 +42,10 @@ class Role(StrEnum):
     """The newest frame of a real camera."""
     LIVE_VIEW = "live-view"
     """What a viewer is still to be sent."""
+    ROBOT_TF = "robot-tf"
+    """Where the arm's links are, as it is said."""
+    RETENTION = "retention"
+    """The recordings that are kept no longer."""
     PROBE = "probe"
     """One question of the doctor that may never be answered."""
 

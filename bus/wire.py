@@ -21,11 +21,17 @@ from google.protobuf.timestamp_pb2 import Timestamp
 from scipy.spatial.transform import Rotation
 
 from bus import topics
+from bus.arrays import Joints
 from bus.errors import BadPayload
 from bus.messages import ArmState, CameraModel, Frame
+from bus.pictures import require_picture
 
 _JPEG_QUALITY = 95
 _JOINTS = 7
+_YEAR_10000_S = 253_402_300_800
+_LENSES = (0, 4, 5, 8, 12, 14)
+"""How many distortion coefficients OpenCV takes."""
+_UNIT_TOLERANCE = 1e-3
 
 
 def stamp(stamp_ns: int) -> Timestamp:
@@ -34,7 +40,9 @@ def stamp(stamp_ns: int) -> Timestamp:
 
 
 def stamp_ns(timestamp: Timestamp) -> int:
-    """A protobuf timestamp as integer nanoseconds UTC."""
+    """A protobuf timestamp as integer nanoseconds UTC. Raises: BadPayload outside the years 1970 to 9999."""
+    if not (0 <= timestamp.seconds < _YEAR_10000_S and 0 <= timestamp.nanos < 1_000_000_000):
+        raise BadPayload(f"A time of {timestamp.seconds} s and {timestamp.nanos} ns is none.")
     return int(timestamp.seconds) * 1_000_000_000 + int(timestamp.nanos)
 
 
@@ -71,7 +79,7 @@ def frame_from_wire(parts: Mapping[str, bytes]) -> Frame:
         raise BadPayload(f"A frame needs {', '.join(missing)}.")
     try:
         return _frame(*(topic.says.FromString(parts[topic.key]) for topic in topics.FRAME_PARTS))
-    except (DecodeError, cv2.error, IndexError) as error:  # protobuf fields may be empty
+    except (DecodeError, cv2.error, IndexError, ValueError) as error:  # protobuf fields may be empty
         raise BadPayload(f"Broken camera payload: {' '.join(str(error).split())}.") from error
 
 
@@ -79,7 +87,12 @@ def _frame(color: Any, depth: Any, color_camera: Any, depth_camera: Any, tf: Any
     stamps = {stamp_ns(part.timestamp) for part in (color, depth, color_camera, depth_camera)}
     if len(stamps) != 1:
         raise BadPayload("Colour, depth and calibration of one frame carry different stamps.")
-    pixels = cv2.imdecode(np.frombuffer(color.data, np.uint8), cv2.IMREAD_COLOR)
+    sizes_px = require_picture(color.data), (depth.width, depth.height)
+    for camera, size_px, name in zip((color_camera, depth_camera), sizes_px, ("colour", "depth"), strict=True):
+        if (camera.width, camera.height) != size_px or 0 in size_px:
+            wanted = f"{camera.width} x {camera.height}"
+            raise BadPayload(f"The {name} image has {size_px[0]} x {size_px[1]} pixels, its calibration says {wanted}.")
+    pixels = cv2.imdecode(np.frombuffer(color.data, np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
     if pixels is None or depth.encoding != "16UC1" or len(depth.data) != depth.height * depth.width * 2:
         raise BadPayload("A colour or depth image does not decode.")
     depth_mm = np.frombuffer(depth.data, "<u2").reshape(depth.height, depth.width)
@@ -91,11 +104,6 @@ def _frame(color: Any, depth: Any, color_camera: Any, depth_camera: Any, tf: Any
         depth_camera=_camera_model(depth_camera),
         color_from_depth=_matrix(tf.transforms[0]),
     )
-
-
-def frame_stamp_ns(parts: Mapping[str, bytes]) -> int:
-    """The stamp of a frame's payloads, without decoding its images."""
-    return stamp_ns(CompressedImage.FromString(parts[topics.CAMERA_COLOR.key]).timestamp)
 
 
 def _calibration(camera: CameraModel, frame_id: str, when: Timestamp) -> CameraCalibration:
@@ -115,6 +123,9 @@ def _calibration(camera: CameraModel, frame_id: str, when: Timestamp) -> CameraC
 
 def _camera_model(message: CameraCalibration) -> CameraModel:
     k = message.K
+    fits = np.isfinite([*k, *message.D]).all() and min(k[0], k[4]) > 0 and len(message.D) in _LENSES
+    if not fits:
+        raise BadPayload(f"The calibration of {message.frame_id!r} is none of a camera.")
     return CameraModel(
         width=message.width, height=message.height, fx=k[0], fy=k[4], cx=k[2], cy=k[5], distortion=tuple(message.D)
     )
@@ -126,16 +137,19 @@ def _camera_model(message: CameraCalibration) -> CameraModel:
 def transforms_to_wire(parent_from_child: Mapping[tuple[str, str], npt.NDArray[Any]], at_ns: int) -> FrameTransforms:
     """Poses {(parent, child): 4x4} as foxglove.FrameTransforms."""
     message = FrameTransforms()
-    for (parent, child), pose in parent_from_child.items():
-        w, x, y, z = Rotation.from_matrix(pose[:3, :3]).as_quat(scalar_first=True)
+    turns = Rotation.from_matrix(np.stack([pose[:3, :3] for pose in parent_from_child.values()]))
+    quaternions = turns.as_quat(scalar_first=True).tolist()  # of all at once: each call of SciPy's costs more than that
+    for ((parent, child), pose), wxyz in zip(parent_from_child.items(), quaternions, strict=True):
         entry = message.transforms.add(timestamp=stamp(at_ns), parent_frame_id=parent, child_frame_id=child)
-        entry.translation.x, entry.translation.y, entry.translation.z = (float(value) for value in pose[:3, 3])
-        entry.rotation.w, entry.rotation.x, entry.rotation.y, entry.rotation.z = w, x, y, z
+        entry.translation.x, entry.translation.y, entry.translation.z = pose[:3, 3].tolist()
+        entry.rotation.w, entry.rotation.x, entry.rotation.y, entry.rotation.z = wxyz
     return message
 
 
 def _matrix(transform: Any) -> npt.NDArray[np.float64]:
     r, t = transform.rotation, transform.translation
+    if not (abs(np.linalg.norm([r.w, r.x, r.y, r.z]) - 1) < _UNIT_TOLERANCE and np.isfinite([t.x, t.y, t.z]).all()):
+        raise BadPayload(f"The transform to {transform.child_frame_id!r} is none: its rotation must be of unit length.")
     pose = np.eye(4)
     pose[:3, :3] = Rotation.from_quat([r.w, r.x, r.y, r.z], scalar_first=True).as_matrix()
     pose[:3, 3] = t.x, t.y, t.z
@@ -157,10 +171,23 @@ def arm_state_to_wire(state: ArmState) -> bytes:
 
 def arm_stamp_ns(payload: bytes) -> int:
     """When a published arm state was measured. Raises: BadPayload for what is none."""
+    return stamp_ns(arm_joints(payload).timestamp)
+
+
+def arm_q_rad(payload: bytes) -> Joints:
+    """The measured positions in a published arm state. Raises: BadPayload for what is none."""
+    q_rad = np.array([joint.position for joint in arm_joints(payload).joints])
+    if not np.isfinite(q_rad).all():
+        raise BadPayload("An arm state holds a position that is no number.")
+    return q_rad
+
+
+def arm_joints(payload: bytes) -> JointStates:
+    """A published arm state, as it travels. Raises: BadPayload for what is none."""
     try:
         said = JointStates.FromString(payload)
     except DecodeError as error:
         raise BadPayload(f"Not an arm state: {error}.") from error
     if len(said.joints) != _JOINTS:
         raise BadPayload(f"An arm state has {_JOINTS} joints, not {len(said.joints)}.")
-    return stamp_ns(said.timestamp)
+    return said

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
+from typing import Any
 
 from bus.errors import ConfigError
 from bus.secured import is_loopback
@@ -13,6 +14,8 @@ from bus.threads import handled_by
 from cell.daemon import Daemon
 from cell.memory import settled, share_arenas
 from cell.nodes import Supervisor
+from cell.retention import Retention
+from cell.robot_tf import RobotTf
 from cell.voice import Observer
 from config.schema import Station
 from drivers import registry
@@ -46,17 +49,22 @@ def running_cell(station: Station, observer: Observer) -> Iterator[Daemon]:
             for daemon in daemons:
                 daemon.welcome_node(name)
 
-        supervisor = Supervisor(station, on_exit, on_back)
+        def say_event(*said: Any) -> None:
+            for daemon in daemons:
+                daemon.voice.say_event(*said)
+
+        supervisor, retention = Supervisor(station, on_exit, on_back), Retention(station.recording, say_event)
         try:
             supervisor.start()
             devices = remote_devices(bus, station)
-            daemon = Daemon(station, bus, devices, robot, models, observer, supervisor.restarts, supervisor.end_frozen)
+            hear = retention.after_cycles(observer)
+            daemon = Daemon(station, bus, devices, robot, models, hear, supervisor.restarts, supervisor.end_frozen)
             daemons.append(daemon)
             with handled_by(daemon.on_defect):
                 daemon.open()
                 daemon.voice.say_recovered(recover_leftovers(station.recording.folder))
                 try:
-                    with settled():
+                    with settled(), closing(retention.start()), closing(RobotTf(bus, robot)):
                         yield daemon
                 finally:
                     daemon.close()

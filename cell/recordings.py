@@ -17,6 +17,7 @@ from cell.options import Config, Json, out, print_json
 from config.load import DEFAULT_STATION, load_station
 from logs.days import days, outdated, write_cycle, write_day
 from logs.index import Entry, Filter, find_recording, list_cycles
+from logs.names import is_folder, shown
 from logs.reader import CycleRecord, read_cycle
 from logs.recover import recover as recover_file
 from logs.report import configuration_changes, write_report
@@ -100,7 +101,7 @@ def show(cycle: Cycle, config: Config = DEFAULT_STATION, as_json: Json = False) 
         out.print(Text(f"  try {attempt.number + 1}, after {attempt.retry_of}"))
     if record.result is not None and record.result.retried_as:
         out.print(Text(f"  tried again as {record.result.retried_as}"))
-    out.print(Text(f"  recording   {path}, made by {record.metadata.get('commit', 'an unknown commit')}", "dim"))
+    out.print(Text(f"  recording   {shown(path)}, made by {record.metadata.get('commit', 'an unknown commit')}", "dim"))
 
 
 def _told(record: CycleRecord, story: Story) -> dict[str, Any]:
@@ -127,27 +128,37 @@ def report(
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Where to write the page.")] = None,
     open_it: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
 ) -> None:
-    """Write one self-contained HTML page that explains a cycle; of a folder, a page per cycle and one a day."""
+    """Write one self-contained HTML page that explains a cycle; of a folder, a page per cycle and one a day.
+
+    Exit 0 all pages are written, 2 a recording cannot be read: the day's page names it as DAMAGED.
+    """
     folder = Path(cycle)
-    if folder.is_dir():
+    if is_folder(folder):
         if output is not None:
             raise ConfigError("--output names one page; those of a folder lie beside their recordings.")
-        pages = _report_folder(folder)
+        pages, damaged = _report_folder(folder)
     else:
-        path = find_cycle(cycle, config)
+        path, damaged = find_cycle(cycle, config), {}
         pages = [write_report(read_cycle(path), output or path.with_suffix(".html"))]
     for page in pages:
-        out.print(Text(str(page)))
+        out.print(Text(shown(page)))
+    for path, why in damaged.items():
+        typer.echo(f"DAMAGED {shown(path)}: {why}", err=True)
     if open_it and pages:
         webbrowser.open(pages[0].resolve().as_uri())
+    if damaged:
+        raise typer.Exit(RecordingError.exit_code)
 
 
-def _report_folder(folder: Path) -> list[Path]:
-    """Write what is missing or outdated; the pages of the days, newest first."""
+def _report_folder(folder: Path) -> tuple[list[Path], dict[Path, str]]:
+    """Write what is missing or outdated; the pages of the days, newest first, and what has none, with the reason."""
     todo = outdated(folder)
-    for path in track(todo, "writing pages", console=_progress, disable=not todo, transient=True):
-        write_cycle(path)
-    return [write_day(day) for day in days(folder)]
+    written = {
+        path: write_cycle(path)
+        for path in track(todo, "writing pages", console=_progress, disable=not todo, transient=True)
+    }
+    damaged = {path: why for path, why in written.items() if why}
+    return [write_day(day, damaged) for day in days(folder)], damaged
 
 
 # --- recover ----------------------------------------------------------------------------------------------------------

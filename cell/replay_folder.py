@@ -12,6 +12,7 @@ from cell.replay import Replay, Request, replay
 from cell.replay_view import to_json, verdict
 from config.load import station_hash
 from config.schema import Station
+from logs.names import found_below, shown, telling
 from logs.reader import read_cycle
 from planning.robot import Robot
 
@@ -29,7 +30,7 @@ class Tally:
     def add(self, path: Path, outcome: Replay | CellError) -> str:
         """Count one recording; its verdict."""
         if isinstance(outcome, CellError):
-            self.unreadable[str(path)] = str(outcome)
+            self.unreadable[shown(path)] = str(outcome)
             return "unreadable"
         said = verdict(outcome)
         self.verdicts[said] += 1
@@ -38,7 +39,7 @@ class Tally:
             fields = {f"{stage.stage}.{difference.field.partition('[')[0]}" for _, difference in stage.differences}
             self.fields.update(fields)
         if said == "different":
-            self.different.append({"recording": str(path), **to_json(outcome)})
+            self.different.append({"recording": shown(path), **to_json(outcome)})
         return said
 
     @property
@@ -65,9 +66,9 @@ def replay_folder(folder: Path, request: Request, tell: Callable[[Path, str], No
 
     Raises: RecordingError when there is none.
     """
-    paths = sorted(folder.rglob("*.mcap"))
+    paths = found_below(folder, "*.mcap")
     if not paths:
-        raise RecordingError(f"There is no recording below {folder}.", "Name another folder, or a file.")
+        raise RecordingError(f"There is no recording below {shown(folder)}.", "Name another folder, or a file.")
     robots: dict[str, Robot] = {}
 
     def robot_of(station: Station) -> Robot:
@@ -78,7 +79,8 @@ def replay_folder(folder: Path, request: Request, tell: Callable[[Path, str], No
     for path in paths:
         outcome: Replay | CellError
         try:
-            outcome = replay(read_cycle(path), request, robot_of)
+            with telling(shown(path)):
+                outcome = replay(read_cycle(path), request, robot_of)
         except CellError as error:
             outcome = error
         tell(path, tally.add(path, outcome))

@@ -18,6 +18,7 @@ from cell.replay import replay as run_again
 from cell.replay_folder import replay_folder
 from cell.republish import ROOT, await_listener, payloads, republish, require_no_live_cell
 from config.load import DEFAULT_STATION, station_from
+from logs.names import is_folder, shown, telling
 from logs.reader import read_cycle
 
 
@@ -57,10 +58,12 @@ def replay(
         _publish(find_cycle(cycle, config), rate, endpoint, wait_s)
         return
     request = Request.of(overrides or [], start, only, live_models=live_models)
-    if Path(cycle).is_dir():
+    if is_folder(Path(cycle)):
         _replay_folder(Path(cycle), request, as_json=as_json)
         return
-    outcome = run_again(read_cycle(find_cycle(cycle, config)), request)
+    path = find_cycle(cycle, config)
+    with telling(shown(path)):
+        outcome = run_again(read_cycle(path), request)
     print_json(replay_view.to_json(outcome)) if as_json else replay_view.show(outcome, out)
     said = replay_view.verdict(outcome)
     if said != "equal":
@@ -81,7 +84,7 @@ def _publish(file: Path, rate: float, endpoint: str, wait_s: float) -> None:
 
 
 def _replay_folder(folder: Path, request: Request, *, as_json: bool) -> None:
-    tally = replay_folder(folder, request, lambda path, said: typer.echo(f"{path.stem} {said}", err=True))
+    tally = replay_folder(folder, request, lambda path, said: typer.echo(f"{shown(Path(path.stem))} {said}", err=True))
     if as_json:
         print_json(tally.to_json())
     else:

@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import IO, NamedTuple
 
 from mcap.records import Channel, Message, Schema
-from mcap.stream_reader import StreamReader
 
 from bus import topics
 from bus.commands import CellState, Nothing
-from bus.errors import CellUnreachable, NoReply, RecordingError, Refused
+from bus.errors import CellUnreachable, NoReply, Refused
 from bus.session import Bus
 from config.schema import Station
-from logs.reader import DAMAGE
+from logs.names import reading
+from logs.reader import require_finished
+from logs.records import Damage, records
 
 ROOT = "replay"
 _LIVE_TIMEOUT_S = 1.0
 _LOOK_S = 0.05
+_NO_KEY = re.compile(r"//|[*$#?\0]")
 
 
 class Payload(NamedTuple):
@@ -33,22 +36,27 @@ class Payload(NamedTuple):
 
 def payloads(path: Path) -> Iterator[Payload]:
     """Everything that was recorded, in the order of the file. Raises: RecordingError."""
-    schemas: dict[int, Schema] = {}
-    channels: dict[int, Channel] = {}
-    try:
-        with path.open("rb") as file:
-            for record in StreamReader(file).records:
-                match record:
-                    case Schema():
-                        schemas[record.id] = record
-                    case Channel():
-                        channels[record.id] = record
-                    case Message():
-                        channel = channels[record.channel_id]
-                        encoding = f"application/{channel.message_encoding};{schemas[channel.schema_id].name}"
-                        yield Payload(record.log_time, channel.topic.removeprefix("/"), encoding, record.data)
-    except DAMAGE as error:
-        raise RecordingError(f"{path} is damaged or no MCAP ({type(error).__name__}).", "`cell recover` it.") from error
+    require_finished(path)
+    with reading(path), path.open("rb") as file:
+        yield from _payloads(file)
+
+
+def _payloads(file: IO[bytes]) -> Iterator[Payload]:
+    schemas: dict[int, str] = {}
+    channels: dict[int, tuple[str, str]] = {}
+    for record in records(file):
+        match record:
+            case Schema():
+                schemas[record.id] = record.name
+            case Channel():
+                if _NO_KEY.search(f"/{record.topic.removeprefix('/')}/"):
+                    raise Damage("a channel of it has a name that no payload can travel under")
+                name = schemas.get(record.schema_id, "")
+                channels[record.id] = record.topic.removeprefix("/"), f"application/{record.message_encoding};{name}"
+            case Message():
+                if record.channel_id not in channels:
+                    raise Damage("a message of it belongs to no channel")
+                yield Payload(record.log_time, *channels[record.channel_id], record.data)
 
 
 def require_no_live_cell(station: Station) -> None:

@@ -48,6 +48,7 @@ def open_recorder(path: Path, station: Station, cycle_id: str, under: Under) -> 
     try:
         for name, text in attachments(station).items():
             recorder.attach(name, "application/json", text.encode())
+        recorder.attach("model/fr3.urdf", "application/xml", robot_description())
         recorder.flush()
     except RecordingError:
         recorder.abandon()
@@ -64,11 +65,20 @@ def _version(package: str) -> str:
 
 
 @cache
+def robot_description() -> bytes:
+    """The robot's URDF, whose links are the frames of `topics.TF`; its meshes (80 MB) lie in the franky-sim package."""
+    return (_assets() / "fr3.urdf").read_bytes()
+
+
+def _assets() -> Path:
+    return Path(str(files("franky_sim"))) / "assets"
+
+
+@cache
 def _robot_model() -> str:
     """Over the robot's description and its collision meshes, which the plan depends on."""
-    assets = Path(str(files("franky_sim"))) / "assets"
-    digest = hashlib.sha256((assets / "fr3.urdf").read_bytes())
-    for mesh in sorted((assets / "meshes").glob("*_coll.stl")):
+    digest = hashlib.sha256(robot_description())
+    for mesh in sorted((_assets() / "meshes").glob("*_coll.stl")):
         digest.update(mesh.read_bytes())
     return digest.hexdigest()
 

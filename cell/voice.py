@@ -16,7 +16,7 @@ from bus.session import Bus
 from bus.topics import Topic
 from cell.states import COMMANDS, PAUSES, State, available
 from logs.recover import Recovered
-from logs.views import Views
+from logs.views import Views, pictures
 
 _log = logging.getLogger(__name__)
 
@@ -44,7 +44,7 @@ class Voice:
         """Publish it, with its pictures."""
         try:
             self._bus.publish(topic, message)
-            for view, picture in self._views.of(message):
+            for view, picture in pictures(self._views.of, message):
                 self._bus.publish(view, picture)
         except BusError as error:  # closing: the observer below still hears it
             _log.warning("%s", error)

@@ -20,7 +20,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, Any
 
-from mcap.reader import make_reader
 from rich.console import Console, RenderableType
 from rich.live import Live
 
@@ -36,7 +35,7 @@ from cell import client
 from cell.client import Client
 from cell.watch_view import HISTORY, KEYS, QUIT, Model, view
 from config.schema import Station
-from logs.reader import DAMAGE
+from logs.index import read_result
 
 _TURN_S = 0.1
 _WIDTH = 120
@@ -221,8 +220,8 @@ def recorded_results(folder: Path) -> Iterator[CycleResult]:
     """
     for path in sorted(folder.rglob("*.mcap"), key=lambda path: path.name, reverse=True):
         try:
-            with path.open("rb") as file:
-                for _, _, message in make_reader(file).iter_messages(topics=[f"/{topics.RESULT.key}"]):
-                    yield decode(CycleResult, message.data)
-        except (*DAMAGE, BusError):
+            result = read_result(path)
+        except CellError:
             continue
+        if result is not None:
+            yield result

@@ -40,15 +40,21 @@ from config.limits import outside, stuck
 
 
 class RecordingSettings(Settings):
-    """Where cycles are logged.
+    """Where cycles are logged, and for how long.
 
     Attributes:
         patience_s: a disk that takes longer to take one message or the end of a file is lost (RECORDING).
+        keep_gb: the recordings may take so much room; 0 = the whole disk, until `min_free_mb` refuses the next cycle. A
+            cell that picks all day records tens of GB. Beyond it the oldest successes are deleted, and failures, oldest
+            first too, only when no success is left: those are what somebody still wants to look at.
+        keep_days: a success is deleted when it is older; 0 = never. Failures are not: only `keep_gb` bounds them.
     """
 
     folder: SystemPath = Path("recordings")
     min_free_mb: NonNegative = 500.0
     patience_s: Positive = 10.0
+    keep_gb: NonNegative = 0.0
+    keep_days: NonNegative = 0.0
 
 
 class NodeSettings(Settings):

@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import json
 import math
+import os
 from collections import Counter, defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from types import MappingProxyType
+from typing import NamedTuple
+from urllib.parse import quote
 
 import numpy as np
 
 from bus.codes import ADVICE
 from bus.errors import RecordingError
 from logs.index import Entry, read_entry, recordings
+from logs.names import shown
 from logs.page import VERSION, write_page
-from logs.reader import read_cycle
+from logs.reader import read_cycle, recorded_number
 from logs.recorder import PART
 from logs.report import write_report
 
@@ -23,7 +28,7 @@ INDEX = "index.html"
 _HEAD_BYTES = 1 << 17
 """Of a page: its head with the summary, thumbnail included, ends well before."""
 _MARK = f'<meta name="vlad-cell-page" content="{VERSION} {INDEX}">'
-_SUMMARY = '<script id="summary" type="application/json">', "</script>"
+_MARKS = '<script id="summary" type="application/json">', "</script>"
 _SHOWN_S = (0.01, 0.1, 1.0, 10.0, 100.0)
 _STAGES = ("capture", "detect", "plan", "execute", "verify", "deliver")
 
@@ -35,6 +40,19 @@ class Row(NamedTuple):
     page: str
     why: str
     thumbnail: str
+
+
+class Summary(NamedTuple):
+    """What a cycle's page says of it; ``times_s``: by stage."""
+
+    is_there: bool
+    why: str
+    thumbnail: str
+    times_s: Mapping[str, float]
+
+
+_NO_SUMMARY = Summary(False, "", "", {})
+_NONE: Mapping[Path, str] = MappingProxyType({})
 
 
 class Spread(NamedTuple):
@@ -52,7 +70,7 @@ def days(folder: Path) -> list[Path]:
     """The folders at and below ``folder`` that hold recordings, newest first. Raises: RecordingError for none."""
     found = list(dict.fromkeys(path.parent for path in recordings(folder)))
     if not found:
-        raise RecordingError(f"There is no recording in {folder}.", "Cycles are recorded into recording.folder.")
+        raise RecordingError(f"There is no recording in {shown(folder)}.", "Cycles are recorded into recording.folder.")
     return found
 
 
@@ -61,29 +79,36 @@ def outdated(folder: Path) -> list[Path]:
     return [path for path in recordings(folder) if path.suffix != PART and path.is_file() and not _is_current(path)]
 
 
-def write_cycle(path: Path) -> None:
-    """Write one recording's page beside it; a recording that cannot be read gets none, the day's page says why."""
+def write_cycle(path: Path) -> str:
+    """Write one recording's page beside it; gives why it has none, for the day's page, or ""."""
     try:
-        record = read_cycle(path)
-    except RecordingError:
-        return
-    write_report(record, path.with_suffix(".html"), index=INDEX)
+        write_report(read_cycle(path), path.with_suffix(".html"), index=INDEX)
+    except RecordingError as error:
+        return error.text.removeprefix(f"{shown(path)} ")
+    return ""
 
 
-def write_day(day: Path) -> Path:
-    """Write the page of one folder's cycles, and return it. Raises: RecordingError when it cannot be written."""
-    summaries: dict[Path, dict[str, Any]] = {}
+def write_day(day: Path, damaged: Mapping[Path, str] = _NONE) -> Path:
+    """Write the page of one folder's cycles, and return it. Raises: RecordingError when it cannot be written.
+
+    Args:
+        damaged: recordings whose page could not be written, and why.
+    """
+    summaries: dict[Path, Summary] = {}
     rows = []
     for path in recordings(day):
         if path.parent != day:
             continue
         entry = read_entry(path)
-        summaries[path] = said = _summary(path.with_suffix(".html")) if path.suffix != PART else {}
-        page = path.with_suffix(".html").name if said else ""
-        rows.append(Row(entry, page, said.get("why") or entry.reason, said.get("thumbnail", "")))
+        if path in damaged:
+            entry = replace(entry, result="DAMAGED", reason=damaged[path])
+        has_page = path.suffix != PART and path not in damaged
+        summaries[path] = said = _summary(path.with_suffix(".html")) if has_page else _NO_SUMMARY
+        page = quote(os.fsencode(path.with_suffix(".html").name)) if said.is_there else ""
+        rows.append(Row(entry, page, said.why or entry.reason, said.thumbnail))
     ids = [row.entry.cycle_id[:8] for row in rows]
     content = {
-        "title": f"{ids[0][:4]}-{ids[0][4:6]}-{ids[0][6:]}" if ids[0].isdigit() else day.name,
+        "title": f"{ids[0][:4]}-{ids[0][4:6]}-{ids[0][6:]}" if ids[0].isdigit() else shown(Path(day.name)),
         "rows": sorted(rows, key=lambda row: not row.entry.failed),  # stable: newest first among themselves
         "outcomes": Counter(row.entry.result for row in rows).most_common(),
         "codes": _codes(rows),
@@ -96,9 +121,12 @@ def write_day(day: Path) -> Path:
 
 def _is_current(recording: Path) -> bool:
     page = recording.with_suffix(".html")
-    if not page.is_file() or page.stat().st_mtime < recording.stat().st_mtime:
+    try:
+        if not page.is_file() or page.stat().st_mtime < recording.stat().st_mtime:
+            return False
+    except OSError:  # one of them is gone by now
         return False
-    return _MARK in _head(page) and bool(_summary(page))
+    return _MARK in _head(page) and _summary(page).is_there
 
 
 def _head(page: Path) -> str:
@@ -109,14 +137,18 @@ def _head(page: Path) -> str:
         return ""
 
 
-def _summary(page: Path) -> dict[str, Any]:
-    """What `report` left in the page's head; empty where there is none."""
-    text = _head(page).partition(_SUMMARY[0])[2].partition(_SUMMARY[1])[0]
+def _summary(page: Path) -> Summary:
+    """What `report` left in the page's head; whatever else stands there counts as nothing."""
+    text = _head(page).partition(_MARKS[0])[2].partition(_MARKS[1])[0]
     try:
         said = json.loads(text)
-    except ValueError:
-        return {}
-    return said if isinstance(said, dict) else {}
+    except (ValueError, RecursionError):
+        return _NO_SUMMARY
+    if not isinstance(said, dict) or not said:
+        return _NO_SUMMARY
+    why, thumbnail = (said[key] if isinstance(said.get(key), str) else "" for key in ("why", "thumbnail"))
+    times_s = {stage: recorded_number(said, "stages", stage) for stage in _STAGES}
+    return Summary(True, why, thumbnail, {stage: value for stage, value in times_s.items() if value is not None})
 
 
 def _codes(rows: Sequence[Row]) -> list[tuple[str, int, str]]:
@@ -126,11 +158,11 @@ def _codes(rows: Sequence[Row]) -> list[tuple[str, int, str]]:
     return [(code, count, advice.get(code, "")) for code, count in counts.most_common()]
 
 
-def _spreads(rows: Sequence[Row], summaries: dict[Path, dict[str, Any]]) -> list[Spread]:
+def _spreads(rows: Sequence[Row], summaries: Mapping[Path, Summary]) -> list[Spread]:
     times: dict[str, list[tuple[float, str]]] = defaultdict(list)
     for row in rows:
-        for stage, took_s in summaries[row.entry.path].get("stages", {}).items():
-            times[stage].append((float(took_s), f"{row.entry.cycle_id}: {took_s:.2f} s"))
+        for stage, took_s in summaries[row.entry.path].times_s.items():
+            times[stage].append((took_s, f"{row.entry.cycle_id}: {took_s:.2f} s"))
     return [_spread(stage, times[stage]) for stage in _STAGES if times[stage]]
 
 

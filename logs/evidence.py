@@ -11,7 +11,7 @@ from bus.messages import Detections, Grasp, PickPlan, Rejection
 from logs import images
 from logs.clouds import clouds
 from logs.page import Chart, Fact, Picture
-from logs.reader import CycleRecord
+from logs.reader import CycleRecord, recorded_number
 
 _THUMBNAIL_PX = 240
 
@@ -74,14 +74,17 @@ def drift(record: CycleRecord, found: Detections | None) -> list[Fact]:
     """How far the goal image strayed, beside what it may."""
     if found is None:
         return []
-    drift, limits = found.evidence.drift, record.station.get("perception", {}).get("drift", {})
+    drift = found.evidence.drift
+
+    def limit(name: str, form: str) -> str:
+        value = recorded_number(record.station, "perception", "drift", name)
+        return "-" if value is None else f"{value:{form}}"
+
     turn = f"{np.degrees(drift.turn_rad):.0f}°, {drift.shift_px:.0f} px, x {drift.scale:.2f}"
     return [
-        Fact(
-            "background changed", f"{drift.changed_outside:.1%}", f"at most {limits.get('max_changed_outside', 0):.0%}"
-        ),
-        Fact("outline overlaps", f"{drift.silhouette_iou:.0%}", f"at least {limits.get('min_silhouette_iou', 0):.0%}"),
-        Fact("colour moved (CIE76)", f"{drift.color_shift:.0f}", f"at most {limits.get('max_color_shift', 0):.0f}"),
+        Fact("background changed", f"{drift.changed_outside:.1%}", f"at most {limit('max_changed_outside', '.0%')}"),
+        Fact("outline overlaps", f"{drift.silhouette_iou:.0%}", f"at least {limit('min_silhouette_iou', '.0%')}"),
+        Fact("colour moved (CIE76)", f"{drift.color_shift:.0f}", f"at most {limit('max_color_shift', '.0f')}"),
         Fact("turned, shifted, scaled by", turn, "carried back by the alignment"),
         Fact("proposals that agree", f"{found.evidence.agreement:.0%}", f"number {found.evidence.sample + 1} chosen"),
     ]

@@ -7,18 +7,26 @@ from __future__ import annotations
 
 import functools
 import importlib
+import logging
 import queue
 import threading
 import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from typing import Any
+from typing import Any, NamedTuple
+
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from google.protobuf.message import DecodeError
 
 from bus import topics
 from bus.codec import schema_of
 from bus.errors import ConfigError
 from bus.heard import Heard
 from bus.session import Bus
+from bus.threads import OwnedThread, Role
+from bus.topics import encoding_of
+
+_log = logging.getLogger(__name__)
 
 HOST = "127.0.0.1"
 DEFAULT_PORT = 8765
@@ -26,7 +34,16 @@ _WAITING = 2000
 """Messages between the bus and the server; what does not fit is left out of the view, never held back on the bus."""
 _NOT_AGAIN = (topics.EVENT.key, topics.VIEW_LOG.key)
 """All others are said again to a viewer that comes later: the last state, picture, transform, stage result."""
+_LOOK_S, _CLOSE_PATIENCE_S = 0.1, 2.0
+_MOST_WARNED = 100
+_TF_PARTS = ("color", "fr3_link0")
+"""The first frame of each message on `topics.TF`."""
 _JSON = {"jsonschema": "json"}
+
+
+class _Said(NamedTuple):
+    heard: Heard
+    fits: bool
 
 
 class LiveView:
@@ -37,29 +54,32 @@ class LiveView:
         port: 0 = any that is free.
 
     Attributes:
-        port: where it listens. ``left_out``: messages that did not fit.
+        port: where it listens. ``left_out``: messages that did not fit. ``unknown``: those in another encoding than
+            their topic's.
     """
 
     def __init__(self, bus: Bus, port: int = DEFAULT_PORT) -> None:
         self._sdk = sdk()
         self._context = self._sdk.Context()
         self._channels: dict[str, Any] = {}
-        self._last: dict[str, Heard] = {}
-        self._queue: queue.Queue[Heard | str | None] = queue.Queue(_WAITING)
-        self.left_out = 0
+        self._last: dict[str, dict[str, Heard]] = {}
+        self._queue: queue.Queue[_Said | str] = queue.Queue(_WAITING)
+        self.left_out = self.unknown = 0
+        self._warned: set[str] = set()
+        self._is_closing = threading.Event()
         self._server = self._start(bus.cell_id, port)
         self.port = int(self._server.port)
-        self._feeder = threading.Thread(target=self._feed, name="live-view", daemon=True)
-        self._feeder.start()
+        self._feeder = OwnedThread(Role.LIVE_VIEW, self._feed).start()
         for topic in topics.TOPICS:
             if topic.kind == "publish":
-                bus.subscribe(topic.key.replace("{name}", "*"), self._enqueue, own=True)
+                hear = functools.partial(self._hear, encoding_of(topic.says))
+                bus.subscribe(topic.key.replace("{name}", "*"), hear, own=True)
 
     def close(self) -> None:
-        """End the server; idempotent."""
-        if self._feeder.is_alive():
-            self._queue.put(None)
-            self._feeder.join()
+        """End the server, within moments whatever waits to be shown; idempotent."""
+        if not self._is_closing.is_set():
+            self._is_closing.set()
+            self._feeder.join(_CLOSE_PATIENCE_S)
             self._server.stop()
 
     def _start(self, name: str, port: int) -> Any:
@@ -78,7 +98,10 @@ class LiveView:
                 f"The live view cannot listen on {HOST}:{port}: {error}.", "Choose another: --foxglove-port."
             ) from error
 
-    def _enqueue(self, said: Heard | str) -> None:
+    def _hear(self, encoding: str, heard: Heard) -> None:
+        self._enqueue(_Said(heard, fits=heard.encoding == encoding))
+
+    def _enqueue(self, said: _Said | str) -> None:
         """Called on others' threads: a payload, or the topic that a viewer just began to look at."""
         try:
             self._queue.put_nowait(said)
@@ -86,13 +109,33 @@ class LiveView:
             self.left_out += 1
 
     def _feed(self) -> None:
-        while (said := self._queue.get()) is not None:
-            if isinstance(said, Heard):
-                if said.key not in _NOT_AGAIN:
-                    self._last[said.key] = said
-                self._channel(said).log(said.payload, log_time=time.time_ns())
-            elif (last := self._last.get(said.removeprefix("/"))) is not None:
-                self._channel(last).log(last.payload, log_time=time.time_ns())
+        while not self._is_closing.is_set():
+            try:
+                said = self._queue.get(timeout=_LOOK_S)
+            except queue.Empty:
+                continue
+            if isinstance(said, str):
+                self._repeat(said.removeprefix("/"))
+            elif said.fits:
+                self._show(said.heard)
+            else:
+                self._skip(said.heard)
+
+    def _show(self, heard: Heard) -> None:
+        self._channel(heard).log(heard.payload, log_time=time.time_ns())
+        if heard.key not in _NOT_AGAIN:
+            self._last.setdefault(heard.key, {})[_part(heard)] = heard
+
+    def _repeat(self, key: str) -> None:
+        for last in self._last.get(key, {}).values():
+            self._channel(last).log(last.payload, log_time=time.time_ns())
+
+    def _skip(self, heard: Heard) -> None:
+        """Any program may put what it likes under our names: no viewer could read it."""
+        self.unknown += 1
+        if heard.key not in self._warned and len(self._warned) < _MOST_WARNED:
+            self._warned.add(heard.key)
+            _log.warning("not shown, now and later: what travels on %s as %.80r", heard.key, heard.encoding)
 
     def _channel(self, heard: Heard) -> Any:
         if heard.key not in self._channels:
@@ -104,6 +147,17 @@ class LiveView:
                 context=self._context,
             )
         return self._channels[heard.key]
+
+
+def _part(heard: Heard) -> str:
+    """Of a topic that is said in parts, which this is: transforms of the arm's links, or of the capture."""
+    if heard.key != topics.TF.key:
+        return ""
+    try:
+        transforms = FrameTransforms.FromString(heard.payload).transforms
+    except DecodeError:
+        return ""
+    return str(transforms[0].child_frame_id) if transforms and transforms[0].child_frame_id in _TF_PARTS else ""
 
 
 @contextmanager

@@ -60,10 +60,10 @@ SCHEMA_VERSION = len(MIGRATIONS)
 def migrate(content: Content) -> None:
     """Bring ``content`` to today's version, in place. Raises: RecordingError when it is newer than this program."""
     said = content.metadata.get("schema", "0")
-    version = int(said) if said.isdecimal() else -1
+    version = next((known for known in range(SCHEMA_VERSION + 1) if said == str(known)), -1)
     if not 0 <= version <= SCHEMA_VERSION:
         raise RecordingError(
-            f"The recording has the schema version {said!r}; this program knows 0 to {SCHEMA_VERSION}.",
+            f"The recording has the schema version {said[:20]!r}; this program knows 0 to {SCHEMA_VERSION}.",
             "Read it with the version of `cell` that wrote it, or a newer one.",
         )
     for migration in MIGRATIONS[version:]:

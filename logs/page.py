@@ -15,9 +15,12 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
+from bus.atomic import write_atomically
 from bus.errors import RecordingError
+from logs.names import shown
+from logs.recorder import MODE
 
-VERSION = "4"
+VERSION = "5"
 """Of the pages: one of another version is written anew."""
 
 
@@ -61,13 +64,11 @@ def packed_plotly() -> str:
 def write_page(template: str, content: Mapping[str, Any], path: Path) -> Path:
     """Fill ``template`` of this room and write it. Raises: RecordingError when it cannot be written."""
     page = _environment().get_template(template).render(**content, version=VERSION)
-    part = path.with_name(path.name + ".part")
     try:
-        part.write_text(page, encoding="utf-8")
-        part.replace(path)
+        write_atomically(path, page.encode(errors="backslashreplace"), mode=MODE)
     except OSError as error:
         raise RecordingError(
-            f"Cannot write {path}: {error.strerror}.", "Choose another place with --output."
+            f"Cannot write {shown(path)}: {error.strerror}.", "Choose another place with --output."
         ) from error
     return path
 

@@ -3,48 +3,33 @@
 from __future__ import annotations
 
 import json
+import math
 import re
-import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import zstandard
-from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
-from google.protobuf.message import DecodeError
-from mcap.exceptions import McapError
-from mcap.records import Attachment, Channel, Message, Metadata
-from mcap.stream_reader import StreamReader
+from mcap.records import Attachment, Channel, McapRecord, Message, Metadata
 
 from bus import topics
 from bus.codec import decode
 from bus.commands import CellState, Event, Health
 from bus.errors import BadPayload, RecordingError
 from bus.messages import Attempt, CycleResult, Execution, Frame, HandState, ModelReply, Observation, StageRecord, View
-from bus.wire import frame_from_wire
+from bus.wire import arm_joints, frame_from_wire
 from logs.migrate import Content, migrate
+from logs.names import reading, shown
 from logs.recorder import PART
+from logs.records import Damage, records
 
 STAGE_TOPICS = (topics.CAPTURE, topics.DETECT, topics.PLAN, topics.EXECUTE, topics.VERIFY, topics.DELIVER)
-_STATION = "station.json"
+STATION = "station.json"
 RECOVERED = "recovered"
 """Key of the metadata of a recording that was made whole again; it may end anywhere."""
+_STATION_DEPTH = 32
 _HEALTH = re.compile(topics.NODE_HEALTH.key.format(name="[^/]+"))
-
-DAMAGE = (
-    McapError,
-    zstandard.ZstdError,
-    struct.error,
-    OSError,
-    ValueError,
-    KeyError,
-    EOFError,
-    OverflowError,
-    MemoryError,
-)
-"""What the MCAP reader and its decompressor raise on a file that is torn, damaged or no MCAP."""
 
 
 class Timed(NamedTuple):
@@ -88,55 +73,86 @@ class CycleRecord:
 def read_cycle(path: Path) -> CycleRecord:
     """Read one closed recording, older ones migrated. Raises: RecordingError, saying what is wrong with the file."""
     raw = _read(path)
-    if raw.station is None or "cycle_id" not in raw.metadata:
-        raise RecordingError(f"{path} is an MCAP, but not a recording of this cell.", f"It lacks {_STATION}.")
+    require_ours(path, has_station=raw.station is not None, metadata=raw.metadata)
     migrate(raw)
     try:
         return _cycle(raw)
     except BadPayload as error:
-        raise RecordingError(f"{path} holds a damaged message: {error.text}", "It cannot be replayed.") from error
+        raise RecordingError(
+            f"{shown(path)} holds a damaged message: {error.text}", "It cannot be replayed."
+        ) from error
+
+
+def require_ours(path: Path, *, has_station: bool, metadata: Mapping[str, str]) -> None:
+    """Raises: RecordingError for an MCAP that another program wrote."""
+    if not has_station or "cycle_id" not in metadata:
+        raise RecordingError(f"{shown(path)} is an MCAP, but not a recording of this cell.", f"It lacks {STATION}.")
+
+
+def require_finished(path: Path) -> None:
+    """Raises: RecordingError when there is no file, or only one that was not finished."""
+    with reading(path):
+        is_file = path.is_file()
+    if is_file and path.name.endswith(PART):
+        raise RecordingError(
+            f"{shown(path)} was not finished.",
+            f"Its process ended in the cycle, or still writes: `cell recover {shown(path)}` makes it whole.",
+        )
+    if not is_file:
+        raise RecordingError(f"There is no recording {shown(path)}.", "See `cell cycles`.")
 
 
 def _read(path: Path) -> Content:
-    if path.name.endswith(PART):
-        raise RecordingError(
-            f"{path} was not finished.",
-            f"Its process ended in the cycle, or still writes: `cell recover {path}` makes it whole.",
-        )
-    if not path.is_file():
-        raise RecordingError(f"There is no recording {path}.", "See `cell cycles`.")
+    require_finished(path)
     raw = Content()
-    try:
-        with path.open("rb") as file:
-            _fill(raw, StreamReader(file, validate_crcs=True))
-    except DAMAGE as error:
-        raise RecordingError(
-            f"{path} is damaged or no MCAP ({type(error).__name__}).", "Copy it again from where it was recorded."
-        ) from error
+    with reading(path), path.open("rb") as file:
+        _fill(raw, records(file))
     return raw
 
 
-def _fill(raw: Content, reader: StreamReader) -> None:
-    """Everything in the data section, whose checksum is looked at; the summary only repeats it."""
+def _fill(raw: Content, found: Iterator[McapRecord]) -> None:
+    """Everything in the data section, whose checksum is looked at; the summary only repeats it. Raises: Damage."""
     keys: dict[int, str] = {}
-    for record in reader.records:
+    for record in found:
         match record:
             case Metadata():
                 raw.metadata.update(record.metadata)
-            case Attachment(name=name) if name == _STATION:
-                raw.station = json.loads(record.data)
+            case Attachment(name=name) if name == STATION:
+                raw.station = station_tree(record.data)
             case Channel():
                 keys[record.id] = record.topic.removeprefix("/")
             case Message():
+                if record.channel_id not in keys:
+                    raise Damage("a message of it belongs to no channel")
                 raw.payloads.setdefault(keys[record.channel_id], []).append((record.log_time, record.data))
 
 
+def station_tree(document: bytes) -> dict[str, Any]:
+    """The attached station: a JSON document that is a tree of settings. Raises: Damage for another."""
+    try:
+        tree = json.loads(document)
+        json.dumps(tree, ensure_ascii=False).encode()  # raises for characters that no file can hold
+    except (ValueError, RecursionError) as error:
+        raise Damage(f"{STATION} is no JSON") from error
+    if not isinstance(tree, dict) or not _is_shallow(tree, _STATION_DEPTH):
+        raise Damage(f"{STATION} is no tree of settings")
+    return tree
+
+
+def _is_shallow(value: Any, levels: int) -> bool:
+    inner = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    return levels > 0 and all(_is_shallow(one, levels - 1) for one in inner)
+
+
+def recorded_number(tree: Any, *keys: str) -> float | None:
+    """A setting of a recorded station, which may be of any version; None where it holds no such number."""
+    for key in keys:
+        tree = tree.get(key) if isinstance(tree, dict) else None
+    return float(tree) if isinstance(tree, int | float) and math.isfinite(tree) else None
+
+
 def _cycle(raw: Content) -> CycleRecord:
-    stages = {
-        record.stage: record
-        for topic in STAGE_TOPICS
-        for record in (decode(topic.says, payload) for _, payload in raw.payloads.get(topic.key, []))
-    }
+    stages = dict(_stages(raw))
     frames, is_recovered = dict(_frames(raw)), RECOVERED in raw.metadata
     capture, execute = stages.get("capture"), stages.get("execute")
     execution: Execution | None = execute.result if execute is not None else None
@@ -145,7 +161,7 @@ def _cycle(raw: Content) -> CycleRecord:
         cycle_id=raw.metadata["cycle_id"],
         metadata=raw.metadata,
         station=raw.station or {},
-        stages=dict(stages),
+        stages=stages,
         observation=_observation(capture.result if capture is not None else None, frames, is_recovered),
         after=_observation(execution.after if execution is not None else None, frames, is_recovered),
         result=decode(CycleResult, results[-1][1]) if results else None,
@@ -157,6 +173,16 @@ def _cycle(raw: Content) -> CycleRecord:
         health=tuple(said for key in raw.payloads if _HEALTH.fullmatch(key) for said in _timed(raw, key, Health)),
         arm=tuple(_arm_states(raw)),
     )
+
+
+def _stages(raw: Content) -> Iterator[tuple[str, StageRecord[Any]]]:
+    """In the order of the cycle."""
+    for topic in STAGE_TOPICS:
+        for _, payload in raw.payloads.get(topic.key, []):
+            record: StageRecord[Any] = decode(topic.says, payload)
+            if not topic.key.endswith(f"/{record.stage}"):
+                raise BadPayload(f"What was said of {record.stage} lies under {topic.key!r}.")
+            yield record.stage, record
 
 
 def _timed(raw: Content, key: str, kind: type[Any]) -> tuple[Timed, ...]:
@@ -171,8 +197,8 @@ def _timed(raw: Content, key: str, kind: type[Any]) -> tuple[Timed, ...]:
 def _arm_states(raw: Content) -> Iterator[Timed]:
     """As `_timed`, in protobuf."""
     for log_time_ns, payload in raw.payloads.get(topics.ARM_STATE.key, []):
-        with suppress(DecodeError):
-            yield Timed(log_time_ns, JointStates.FromString(payload))
+        with suppress(BadPayload):
+            yield Timed(log_time_ns, arm_joints(payload))
 
 
 def _frames(raw: Content) -> Iterator[tuple[int, Frame]]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import fcntl
 import os
 import shutil
+import stat
 import threading
 import zlib
 from collections.abc import Callable, Iterator, Mapping
@@ -17,20 +18,29 @@ from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO, Protocol, cast
 
+from bus.atomic import sync_folder
 from bus.codec import schema_of
 from bus.errors import RecordingError
 from logs.mcapfile import McapFile
 
 PART = ".part"
-_MODE = 0o640
+MODE = 0o640
+"""Of recordings, and of the pages made of them."""
 _BLOCK_BYTES = 1 << 20
 _MESSAGE_ENCODING = {"jsonschema": "json", "protobuf": "protobuf"}
 
 
 def open_part(path: Path) -> BinaryIO:
     """Open a new recording for writing. It is locked while a process writes it, so that nobody takes it for torn."""
-    file = os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, _MODE), "wb")
-    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    file = os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT, MODE), "wb")
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+            file.truncate()  # only now: until it is locked, somebody else may be writing it
+            os.fchmod(file.fileno(), MODE)  # whatever the umask
+    except OSError:
+        file.close()
+        raise
     return file
 
 
@@ -42,7 +52,7 @@ def ensure_space(folder: Path, min_free_mb: float) -> None:
     if free_mb < min_free_mb:
         raise RecordingError(
             f"Only {free_mb:.0f} MB are free in {folder}; recording needs {min_free_mb:.0f} MB.",
-            "Delete or move old recordings, or set recording.folder.",
+            "Delete or move old recordings, or set recording.keep_gb: then the cell deletes its oldest by itself.",
         )
 
 
@@ -124,9 +134,9 @@ class Recorder:
             self._writer.flush()
 
     def close(self, result: Mapping[str, str]) -> Path:
-        """Write ``result``, the index and the footer, sync, read it back, and give the file its final name; idempotent.
+        """Write ``result``, the index and the footer, sync, read it back, and give the file its final name for good.
 
-        Raises: RecordingError, also when the file does not hold what was written.
+        Idempotent. Raises: RecordingError, also when the file does not hold what was written.
         """
         with self._lock, _as_recording_error(self.path):
             if not self._file.closed:
@@ -137,6 +147,7 @@ class Recorder:
                 self._file.close()
                 self._require_readable()
                 self._part.rename(self.path)
+                sync_folder(self.path.parent)
         return self.path
 
     def _require_readable(self) -> None:

@@ -11,12 +11,15 @@ from typing import IO, Any
 
 from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
 
+from bus.atomic import sync_folder
 from bus.errors import RecordingError
 from logs.mcapfile import McapFile
+from logs.names import found_below, is_folder, shown
 from logs.reader import RECOVERED
 from logs.recorder import PART
-from logs.salvage import Salvage
+from logs.salvage import Losses, Salvage
 
+_MAX_CHANNELS = (1 << 16) - 1
 _INTERRUPTED = {
     "result": "INTERRUPTED",
     "code": "",
@@ -30,29 +33,33 @@ class Recovered:
 
     Attributes:
         source, path: the file, and the one that holds now what it held.
-        messages: how many were kept. ``lost_chunks``: damaged parts of the file that were left out.
+        messages: how many were kept. ``losses``: what was left out of the file.
         ended: how the file ended: ``finished``, or ``torn`` as a killed process leaves it.
     """
 
     source: str
     path: str
     messages: int
-    lost_chunks: int
+    losses: Losses
     ended: str
 
     @property
     def lost(self) -> bool:
         """Something is missing that had been written: not only what was never flushed."""
         was_finished_once = not self.source.endswith(PART)
-        return self.lost_chunks > 0 or (was_finished_once and self.ended == "torn")
+        return bool(self.losses) or (was_finished_once and self.ended == "torn")
 
     def to_json(self) -> dict[str, Any]:
-        return {**asdict(self), "lost": self.lost}
+        said = asdict(self)
+        losses = said.pop("losses")
+        lost_chunks = losses.pop("damaged")
+        return {**said, "lost_chunks": lost_chunks, **losses, "lost": self.lost}
 
     def line(self) -> str:
         """One line for a person."""
-        lost = f", {self.lost_chunks} damaged parts lost" if self.lost_chunks else ", its end lost" if self.lost else ""
-        return f"{self.source} was {self.ended}: {self.messages} messages kept{lost}, in {self.path}"
+        lost = f", {self.losses} lost" if self.losses else ", its end lost" if self.lost else ""
+        source, path = shown(Path(self.source)), shown(Path(self.path))
+        return f"{source} was {self.ended}: {self.messages} messages kept{lost}, in {path}"
 
 
 def recover(path: Path) -> Recovered:
@@ -61,23 +68,23 @@ def recover(path: Path) -> Recovered:
     Of any other file the result is ``NAME.recovered.mcap``; it, and a ``.part`` with damage inside, stay.
     Raises: RecordingError when there is nothing to recover, or its writer still lives.
     """
-    target = _target(path)
     try:
+        target = _target(path)
         with path.open("rb") as source:
             _require_left(source, path)
             done = _copy(source, path, target)
-        if path.name.endswith(PART) and not done.lost_chunks:
+        if path.name.endswith(PART) and not done.lost:
             path.unlink()
     except OSError as error:
         raise RecordingError(
-            f"Cannot recover {path}: {error.strerror or error}.", "Check the disk's space and rights."
+            f"Cannot recover {shown(path)}: {error.strerror or error}.", "Check the disk's space and rights."
         ) from error
     return done
 
 
 def recover_leftovers(folder: Path) -> Iterator[Recovered | RecordingError]:
     """Recover every ``.part`` below ``folder`` that nobody writes; what cannot be is given as its error."""
-    for path in sorted(folder.rglob(f"*.mcap{PART}")) if folder.is_dir() else ():
+    for path in found_below(folder, f"*.mcap{PART}") if is_folder(folder) else ():
         try:
             yield recover(path)
         except StillWritten:
@@ -92,11 +99,11 @@ class StillWritten(RecordingError):
 
 def _target(path: Path) -> Path:
     if not path.is_file():
-        raise RecordingError(f"There is no recording {path}.", "See `cell cycles`.")
+        raise RecordingError(f"There is no recording {shown(path)}.", "See `cell cycles`.")
     name = path.name.removesuffix(PART) if path.name.endswith(PART) else f"{path.stem}.recovered.mcap"
     target = path.with_name(name)
     if target.exists():
-        raise RecordingError(f"{target} is already there.", f"Move it away if {path} holds more.")
+        raise RecordingError(f"{shown(target)} is already there.", f"Move it away if {shown(path)} holds more.")
     return target
 
 
@@ -104,7 +111,7 @@ def _require_left(source: IO[bytes], path: Path) -> None:
     try:
         fcntl.flock(source, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError as error:
-        raise StillWritten(f"{path} is being written.", "Wait until its cycle is over.") from error
+        raise StillWritten(f"{shown(path)} is being written.", "Wait until its cycle is over.") from error
 
 
 # --- copying ----------------------------------------------------------------------------------------------------------
@@ -121,17 +128,21 @@ def _copy(source: IO[bytes], path: Path, target: Path) -> Recovered:
             for record in salvage.records():
                 writer.add(record)
             if not writer.messages and not writer.is_ours:
+                lost = f": {salvage.losses}" if salvage.losses else ""
                 raise RecordingError(
-                    f"{path} holds nothing that can be recovered.", "It is no MCAP, or was torn before its first flush."
+                    f"{shown(path)} holds nothing that can be recovered{lost}.",
+                    "It is no MCAP, or was torn before its first flush.",
                 )
-            writer.finish(path.name, "finished" if salvage.is_finished else "torn", salvage.lost_chunks)
+            salvage.losses.orphans = writer.orphans
+            ended = "finished" if salvage.is_finished else "torn"
+            writer.finish(shown(Path(path.name)), ended, salvage.losses)
             out.flush()
             os.fsync(out.fileno())
         unfinished.rename(target)
+        sync_folder(target.parent)
     finally:
         unfinished.unlink(missing_ok=True)
-    ended = "finished" if salvage.is_finished else "torn"
-    return Recovered(str(path), str(target), writer.messages, salvage.lost_chunks, ended)
+    return Recovered(str(path), str(target), writer.messages, salvage.losses, ended)
 
 
 class _Copy:
@@ -142,17 +153,19 @@ class _Copy:
         self._schemas: dict[int, int] = {0: 0}
         self._channels: dict[int, int] = {}
         self._has_result = False
-        self.messages = 0
+        self.messages = self.orphans = 0
         self.is_ours = False
 
     def add(self, record: McapRecord) -> None:
         match record:
             case Schema() if record.id not in self._schemas:
                 self._schemas[record.id] = self._out.schema(record.name, record.encoding, record.data)
-            case Channel() if record.id not in self._channels and record.schema_id in self._schemas:
-                schema_id = self._schemas[record.schema_id]
+            case Channel() if record.id not in self._channels and len(self._channels) < _MAX_CHANNELS:
+                schema_id = self._schemas.get(record.schema_id, 0)  # 0 = none; a lost one costs no message
                 self._channels[record.id] = self._out.channel(record.topic, record.message_encoding, schema_id)
-            case Message() if record.channel_id in self._channels:
+            case Message() if record.channel_id not in self._channels:
+                self.orphans += 1
+            case Message():
                 channel_id = self._channels[record.channel_id]
                 self._out.message(channel_id, record.log_time, record.data, record.publish_time, record.sequence)
                 self.messages += 1
@@ -165,8 +178,9 @@ class _Copy:
             case _:
                 pass
 
-    def finish(self, source: str, ended: str, lost_chunks: int) -> None:
+    def finish(self, source: str, ended: str, losses: Losses) -> None:
         said = {} if self._has_result else _INTERRUPTED
-        how = {RECOVERED: "yes", "recovered_from": source, "ended": ended, "lost_chunks": str(lost_chunks)}
+        how = {RECOVERED: "yes", "recovered_from": source, "ended": ended, "lost_chunks": str(losses.damaged)}
+        how |= {"lost": str(losses)} if losses else {}
         self._out.metadata("result", {**said, **how})
         self._out.finish()

@@ -10,18 +10,20 @@ from typing import Any
 from bus.messages import Delivery, Detections, Execution, PickPlan, SegmentRun, Verdict
 from config.load import load_station
 from logs import evidence, figures, images
+from logs.names import telling
 from logs.page import Chart, Fact, packed_plotly, script_json, write_page
-from logs.reader import CycleRecord
+from logs.reader import CycleRecord, recorded_number
 from logs.story import Story, tell
 
 
 def write_report(record: CycleRecord, path: Path, *, index: str = "") -> Path:
-    """Write the page to ``path`` and return it. Raises: RecordingError when it cannot be written.
+    """Write the page to ``path`` and return it. Raises: RecordingError when it cannot be drawn, or written.
 
     Args:
         index: file name of the day's page beside it, "" for none.
     """
-    return write_page("report.html.j2", {**_content(record), "index": index}, path)
+    with telling(f"The cycle {record.cycle_id!r}"):
+        return write_page("report.html.j2", {**_content(record), "index": index}, path)
 
 
 def _content(record: CycleRecord) -> dict[str, Any]:
@@ -95,7 +97,7 @@ def _motion(record: CycleRecord, runs: list[SegmentRun], story: Story) -> dict[s
     grasped = execution.grasped if execution is not None else None
     hand: list[Chart] = []
     if record.hand:
-        least_m = record.station.get("verify", {}).get("min_width_m")
+        least_m = recorded_number(record.station, "verify", "min_width_m")
         figure = figures.hand_width(
             record.hand, story.start_ns, grasped.width_m * 1e3 if grasped else None, least_m * 1e3 if least_m else None
         )
@@ -122,19 +124,21 @@ def _facts(record: CycleRecord) -> list[Fact]:
     verdict = _result(record, "verify", Verdict)
     if verdict is None:
         return []
-    need = record.station.get("verify", {})
+
+    def need(name: str, times: float, form: str) -> str:
+        value = recorded_number(record.station, "verify", name)
+        return "-" if value is None else f"{value * times:{form}}"
+
     return [
-        Fact("held for", f"{verdict.hold_s:.2f} s", f"{need.get('hold_s')} s"),
+        Fact("held for", f"{verdict.hold_s:.2f} s", f"{need('hold_s', 1, 'g')} s"),
         Fact(
-            "smallest width meanwhile",
-            f"{verdict.width_min_m * 1e3:.1f} mm",
-            f"≥ {need.get('min_width_m', 0) * 1e3:.1f} mm",
+            "smallest width meanwhile", f"{verdict.width_min_m * 1e3:.1f} mm", f"≥ {need('min_width_m', 1e3, '.1f')} mm"
         ),
-        Fact("load on the arm", f"{verdict.load_n:z.2f} N", f"≥ {need.get('min_load_n')} N"),
+        Fact("load on the arm", f"{verdict.load_n:z.2f} N", f"≥ {need('min_load_n', 1, 'g')} N"),
         Fact(
             "of the object's place is empty",
             f"{verdict.cleared_fraction * 100:.0f} %",
-            f"≥ {need.get('min_cleared_fraction', 0) * 100:.0f} %",
+            f"≥ {need('min_cleared_fraction', 100, '.0f')} %",
         ),
     ]
 

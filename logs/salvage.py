@@ -1,122 +1,173 @@
-"""Reads a torn or damaged MCAP file as far as it can be read.
+"""Reads a torn or damaged MCAP file as far as it can be read, and counts what cannot.
 
 A process that was killed leaves its chunks up to the last flush, and perhaps the beginning of one more, which was never
-flushed; of that, the messages that are complete are kept too. A chunk whose checksum is wrong is left out, and counted
-as lost.
+flushed; of that, the messages that are complete are kept too. A power cut may leave zeros behind them. A chunk whose
+checksum is wrong is left out, and counted as lost.
 """
 
 from __future__ import annotations
 
 import os
-import struct
 from collections.abc import Iterator
-from io import BytesIO
-from typing import IO, Any
+from dataclasses import dataclass
+from typing import IO
 
-import zstandard
-from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Chunk, McapRecord, Message, Metadata, Schema
-from mcap.stream_reader import get_chunk_data_stream
+from mcap.records import McapRecord
 from mcap.writer import MCAP0_MAGIC
 
-from logs.reader import DAMAGE
+from logs.records import (
+    HEAD,
+    IN_CHUNK,
+    INDICES,
+    MAX_CHUNK_BYTES,
+    MAX_RECORD_BYTES,
+    Budget,
+    Damage,
+    Summary,
+    UnknownCompression,
+    content_of,
+    framed,
+    parsed,
+    torn_content_of,
+)
 
-_HEAD = struct.Struct("<BQ")
-_CHUNK_FIXED = 8 + 8 + 8 + 4  # start, end, uncompressed size, checksum; then the compression's name
-_LENGTH = struct.Struct("<I")
-_KINDS: dict[int, Any] = {
-    Opcode.SCHEMA: Schema,
-    Opcode.CHANNEL: Channel,
-    Opcode.ATTACHMENT: Attachment,
-    Opcode.METADATA: Metadata,
-}
+_KEPT = (*IN_CHUNK, Opcode.ATTACHMENT, Opcode.METADATA)
+_KNOWN = (*_KEPT, *INDICES, Opcode.CHUNK)
+_BLOCK_BYTES = 1 << 20
+
+
+@dataclass
+class Losses:
+    """What of a file was not kept.
+
+    Attributes:
+        damaged: chunks and records with damage inside. ``unknown_chunks``: in a compression that this program does not
+            know. ``unknown_records``: of another kind, or bytes that make none. ``orphans``: messages whose channel is
+            among the rest.
+    """
+
+    damaged: int = 0
+    unknown_chunks: int = 0
+    unknown_records: int = 0
+    orphans: int = 0
+
+    def __bool__(self) -> bool:
+        return any(vars(self).values())
+
+    def __str__(self) -> str:
+        said = (
+            (self.damaged, "damaged parts"),
+            (self.unknown_chunks, "chunks in an unknown compression"),
+            (self.unknown_records, "pieces that are no record of this cell"),
+            (self.orphans, "messages without their channel"),
+        )
+        return ", ".join(f"{count} {what}" for count, what in said if count)
 
 
 class Salvage:
     """Reads what can be read of ``source``, in order, and goes on behind a chunk that is damaged.
 
     Attributes:
-        is_finished: the file ended as a finished one does.
-        lost_chunks: damaged parts that were left out.
+        is_finished: the file ended as a finished one does. ``losses``: what was left out.
     """
 
     def __init__(self, source: IO[bytes]) -> None:
         self._source = source
+        self._size = os.fstat(source.fileno()).st_size
+        self._budget = Budget(self._size)
         self.is_finished = False
-        self.lost_chunks = 0
+        self.losses = Losses()
 
     def records(self) -> Iterator[McapRecord]:
-        """Up to the end of the data section, or the tear."""
+        """Up to the end of the data section, or the tear. Raises: OSError."""
+        yield from self._repeated()
+        self._source.seek(0)
         if self._source.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
             return
-        while len(head := self._source.read(_HEAD.size)) == _HEAD.size:
-            opcode, length = _HEAD.unpack(head)
-            start = self._source.tell()
-            left = os.fstat(self._source.fileno()).st_size - start
-            body = self._source.read(min(length, left))
-            if opcode == Opcode.CHUNK:
-                yield from self._chunk(body, is_torn=length > left)
-            elif length > left:
+        while len(head := self._source.read(HEAD.size)) == HEAD.size:
+            opcode, length = HEAD.unpack(head)
+            left = self._size - self._source.tell()
+            self.is_finished = opcode == Opcode.DATA_END and length <= left
+            if self.is_finished or opcode == 0 or (length > left and opcode != Opcode.CHUNK):
+                self._end(opcode, length)
                 return
-            elif opcode == Opcode.DATA_END:
-                self.is_finished = True
-                return
-            else:
-                yield from self._one(opcode, body)
+            yield from self._one(opcode, length, left)
 
-    def _one(self, opcode: int, body: bytes) -> Iterator[McapRecord]:
+    def _repeated(self) -> Iterator[McapRecord]:
+        """The schemas and channels that a finished file names again: those in a damaged chunk are not lost."""
         try:
-            records = list(_record(opcode, body))
-        except DAMAGE:
-            self.lost_chunks += 1
+            summary = Summary(self._source)
+        except Damage:
             return
-        yield from records
+        yield from (*summary.schemas.values(), *summary.channels.values())
 
-    def _chunk(self, body: bytes, *, is_torn: bool) -> Iterator[McapRecord]:
-        """The records of one chunk. Of a torn one, which was never flushed, as many as are complete."""
+    def _one(self, opcode: int, length: int, left: int) -> Iterator[McapRecord]:
+        if length > MAX_RECORD_BYTES:
+            self.losses.damaged += 1
+            self._source.seek(min(length, left), os.SEEK_CUR)
+            return
+        body = self._source.read(length)
+        if opcode == Opcode.CHUNK:
+            yield from self._torn_chunk(body) if length > left else self._chunk(body)
+        elif opcode in _KEPT:
+            yield from self._whole(opcode, body)
+        elif opcode not in INDICES:
+            self.losses.unknown_records += 1
+
+    def _end(self, opcode: int, length: int) -> None:
+        """Look at what the data ends in: a record that was not written whole, or zeros, is no loss."""
+        if opcode == 0:
+            self._source.seek(-HEAD.size, os.SEEK_CUR)
+            self.losses.unknown_records += not self._only_zeros_follow()
+        elif opcode not in _KNOWN:
+            self.losses.unknown_records += 1
+        elif length > MAX_RECORD_BYTES:  # nobody began to write that
+            self.losses.damaged += 1
+
+    def _only_zeros_follow(self) -> bool:
+        for _ in range(MAX_RECORD_BYTES // _BLOCK_BYTES):
+            block = self._source.read(_BLOCK_BYTES)
+            if block.count(0) < len(block) or not block:
+                return not block
+        return False
+
+    def _chunk(self, body: bytes) -> Iterator[McapRecord]:
         try:
-            records = list(_complete(_beginning(body) if is_torn else _content(body)))
-        except DAMAGE:
-            self.lost_chunks += not is_torn
+            content = content_of(body, self._budget)
+        except UnknownCompression:
+            self.losses.unknown_chunks += 1
             return
-        yield from records
+        except Damage:
+            self.losses.damaged += 1
+            return
+        try:
+            for opcode, part in framed(content):
+                yield from self._within(opcode, part)
+        except Damage:
+            self.losses.unknown_records += 1
 
+    def _torn_chunk(self, body: bytes) -> Iterator[McapRecord]:
+        """Of a chunk that was never flushed as many records as are complete."""
+        try:
+            for opcode, part in framed(torn_content_of(body, MAX_CHUNK_BYTES)):
+                yield from self._within(opcode, part)
+        except UnknownCompression:
+            self.losses.unknown_chunks += 1
+        except Damage:
+            return  # the tear
 
-def _content(body: bytes) -> bytes:
-    """What a whole chunk holds, its checksum looked at."""
-    stream, length = get_chunk_data_stream(Chunk.read(_stream(body)), validate_crc=True)
-    return stream.read(length)
+    def _within(self, opcode: int, body: bytes) -> Iterator[McapRecord]:
+        if opcode in IN_CHUNK:
+            yield from self._whole(opcode, body)
+        else:
+            self.losses.unknown_records += 1
 
-
-def _beginning(body: bytes) -> bytes:
-    """As much of a torn chunk as can be decompressed; nothing has a checksum here but zstd's own blocks."""
-    (name_length,) = _LENGTH.unpack_from(body, _CHUNK_FIXED)
-    name_end = _CHUNK_FIXED + _LENGTH.size + name_length
-    data = body[name_end + 8 :]
-    if body[name_end - name_length : name_end] != b"zstd":
-        return b""
-    return zstandard.ZstdDecompressor().decompressobj().decompress(data)
-
-
-def _complete(content: bytes) -> Iterator[McapRecord]:
-    """The complete records of a chunk's content."""
-    start = 0
-    while start + _HEAD.size <= len(content):
-        opcode, length = _HEAD.unpack_from(content, start)
-        start += _HEAD.size
-        body = content[start : start + length]
-        if len(body) == length:
-            yield from _record(opcode, body)
-        start += length
-
-
-def _record(opcode: int, body: bytes) -> Iterator[McapRecord]:
-    if opcode == Opcode.MESSAGE:
-        yield Message.read(_stream(body), len(body))
-    elif opcode in _KINDS:
-        yield _KINDS[opcode].read(_stream(body))
-
-
-def _stream(body: bytes) -> ReadDataStream:
-    return ReadDataStream(BytesIO(body))
+    def _whole(self, opcode: int, body: bytes) -> Iterator[McapRecord]:
+        try:
+            self._budget.spend(len(body))
+            record = parsed(opcode, body)
+        except Damage:
+            self.losses.damaged += 1
+            return
+        yield record

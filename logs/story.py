@@ -9,6 +9,7 @@ from bus.codes import ADVICE
 from bus.commands import Event
 from bus.frozen import Message
 from bus.messages import Detections, Execution, PickPlan, Verdict
+from logs.names import telling
 from logs.reader import CycleRecord
 
 UNFINISHED = "UNFINISHED"
@@ -64,7 +65,12 @@ class Story:
 
 
 def tell(record: CycleRecord) -> Story:
-    """The story of one recorded cycle, however far it came."""
+    """The story of one recorded cycle, however far it came. Raises: RecordingError for one that makes no sense."""
+    with telling(f"The cycle {record.cycle_id!r}"):
+        return _told(record)
+
+
+def _told(record: CycleRecord) -> Story:
     why, advice = _why(record)
     result = record.result
     stages, states = record.stages.values(), record.states
@@ -126,7 +132,7 @@ def _spans(record: CycleRecord, start_ns: int, length_s: float) -> Iterator[Span
 
 def in_words(result: Message | None) -> str:
     """What a stage found, in half a line; "" where there is nothing to say."""
-    if isinstance(result, Detections):
+    if isinstance(result, Detections) and result.grasps:
         best = result.grasps[0]
         return f"{len(result.grasps)} grasps, the best {best.width_m * 1e3:.0f} mm wide"
     if isinstance(result, PickPlan):

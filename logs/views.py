@@ -6,8 +6,9 @@ travels: a live viewer and one that opens the recording show the same, without a
 
 from __future__ import annotations
 
+import logging
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 import cv2
@@ -34,6 +35,8 @@ from bus.messages import Detections, Grasp, PickPlan, Rectangle, Segment, StageR
 from bus.topics import Topic
 from bus.wire import stamp
 
+_logger = logging.getLogger(__name__)
+
 Array = npt.NDArray[Any]
 Drawn = tuple[Topic, bytes]
 
@@ -41,6 +44,18 @@ _GREEN, _ORANGE, _BLUE, _GREY = (0.2, 0.9, 0.3), (1.0, 0.6, 0.1), (0.3, 0.6, 1.0
 _FINGER_M, _PALM_M = (0.02, 0.01, 0.045), (0.03, 0.12, 0.02)  # a sketch of the hand, in its tcp's axes
 _PATH_STEP = 40  # of the 1 kHz samples
 _LEVEL = {"info": Log.INFO, "warning": Log.WARNING, "error": Log.ERROR}
+
+
+def pictures(of: Callable[[Message | bytes], Iterable[Drawn]], message: Message | bytes) -> list[Drawn]:
+    """What ``of`` draws of a message; where it cannot, a warning in the log's place: nobody who speaks shall fail."""
+    drawn: list[Drawn] = []
+    try:
+        drawn.extend(of(message))
+    except Exception as error:  # drawing takes any value that was found, and what the libraries raise for it
+        name = type(message).__name__
+        _logger.warning("cannot draw a %s", name, exc_info=error)
+        drawn.append(_log("warning", "VIEW", f"A picture of {name} cannot be drawn: {type(error).__name__}: {error}"))
+    return drawn
 
 
 class Views:
@@ -104,7 +119,9 @@ class Views:
         return entity
 
     def _image(self, pixels: Array) -> bytes:
-        _, jpeg = cv2.imencode(".jpg", pixels[..., ::-1])
+        is_drawn, jpeg = cv2.imencode(".jpg", pixels[..., ::-1])
+        if not is_drawn:
+            raise ValueError(f"no JPEG of an image of shape {pixels.shape}")
         image = CompressedImage(timestamp=stamp(self._seen_ns), frame_id="color", data=jpeg.tobytes(), format="jpeg")
         return bytes(image.SerializeToString())
 
@@ -141,7 +158,8 @@ class Views:
 
 
 def _log(severity: str, name: str, text: str) -> Drawn:
-    said = Log(timestamp=stamp(time.time_ns()), level=_LEVEL[severity], name=name, message=text)
+    printable = text.encode(errors="backslashreplace").decode()
+    said = Log(timestamp=stamp(time.time_ns()), level=_LEVEL[severity], name=name, message=printable)
     return topics.VIEW_LOG, said.SerializeToString()
 
 

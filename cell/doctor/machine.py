@@ -11,12 +11,15 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Callable
 from importlib.metadata import PackageNotFoundError, requires, version
 
+from bus.errors import RecordingError
 from cell.doctor.finding import Finding, fix, ok, skip
 from config.schema import Station
 from drivers import registry
+from logs.retention import Shelf, in_words
 
 _DISTRIBUTION = "vlad-cell"
 _NAMED = ("mujoco", "eclipse-zenoh", "pin", "numpy")
@@ -120,8 +123,23 @@ def disk(station: Station) -> Finding:
     free_mb = shutil.disk_usage(there).free / 1e6
     if free_mb < needed_mb:
         found = f"{free_mb:.0f} MB are free for {folder}; recording.min_free_mb asks for {needed_mb:.0f} MB."
-        return fix(name, found, "Delete or move old recordings, or set recording.folder.")
-    return ok(name, f"{free_mb / 1e3:.1f} GB free for {folder}, and it can be written")
+        advice = "Delete or move old recordings, set recording.keep_gb, or set recording.folder."
+        return fix(name, found, advice)
+    found = f"{free_mb / 1e3:.1f} GB free for {folder}, and it can be written"
+    try:
+        return ok(name, f"{found}; {_what_goes(station)}")
+    except RecordingError as error:
+        return fix(name, error.text, error.advice)
+
+
+def _what_goes(station: Station) -> str:
+    """What retention would do next. Raises: RecordingError."""
+    settings = station.recording
+    if not (settings.keep_gb or settings.keep_days):
+        return "recordings are never deleted (recording.keep_gb = 0)"
+    plan = Shelf(settings.folder).plan(time.time_ns(), settings)
+    now, soon = in_words(plan.delete), in_words(plan.soon)
+    return f"to be deleted by recording.keep_gb and keep_days: {now} now, {soon} within a day"
 
 
 class _Timex(ctypes.Structure):

@@ -72,7 +72,7 @@ def test_a_damaged_recording_is_listed_with_its_reason(tmp_path: Path, keep: int
 def test_a_folder_that_looks_like_a_recording_is_damaged(tmp_path: Path) -> None:
     (tmp_path / f"{NOON}.mcap").mkdir()
     (entry,) = list_cycles(tmp_path)
-    assert (entry.result, entry.reason) == ("DAMAGED", "IsADirectoryError")
+    assert (entry.result, entry.reason) == ("DAMAGED", "cannot be read: Is a directory.")
 
 
 def test_other_files_are_not_listed_and_an_empty_folder_lists_nothing(tmp_path: Path) -> None:

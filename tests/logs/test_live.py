@@ -5,13 +5,16 @@ from __future__ import annotations
 import json
 import re
 import struct
+import time
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from websockets.exceptions import WebSocketException
 from websockets.sync.client import ClientConnection, connect
 
 from bus import topics
@@ -19,7 +22,7 @@ from bus.commands import CellState, Event
 from bus.errors import ConfigError
 from bus.messages import Frame
 from bus.session import Bus
-from bus.wire import frame_to_wire
+from bus.wire import frame_to_wire, transforms_to_wire
 from logs import live
 
 pytest.importorskip("foxglove", reason="foxglove-sdk is not installed")
@@ -43,14 +46,16 @@ class Viewer:
                 self._channels |= {one["topic"]: one for one in message["channels"]}
         return self._channels[topic]
 
-    def look_at(self, topic: str) -> bytes:
-        """Subscribe, and give the first payload."""
+    def look_at(self, topic: str, count: int = 1) -> list[bytes]:
+        """Subscribe, and give the first payloads."""
         subscription = {"id": 7, "channelId": self.channel(topic)["id"]}
         self._socket.send(json.dumps({"op": "subscribe", "subscriptions": [subscription]}))
-        while True:
+        payloads: list[bytes] = []
+        while len(payloads) < count:
             said = self._socket.recv(timeout=10)
             if isinstance(said, bytes) and said[0] == 1 and struct.unpack_from("<I", said, 1)[0] == 7:
-                return said[13:]
+                payloads.append(said[13:])
+        return payloads
 
     def say(self, message: dict[str, Any]) -> None:
         self._socket.send(json.dumps(message))
@@ -82,7 +87,7 @@ def test_what_was_said_before_the_viewer_came_is_shown_to_it(bus: Bus, viewer: V
         "json",
         "jsonschema",
     )
-    assert CellState.model_validate_json(viewer.look_at("/state")) == STATE
+    assert CellState.model_validate_json(viewer.look_at("/state")[0]) == STATE
 
 
 def test_pictures_of_another_process_come_byte_for_byte_under_foxgloves_names(
@@ -93,7 +98,7 @@ def test_pictures_of_another_process_come_byte_for_byte_under_foxgloves_names(
         for topic in topics.FRAME_PARTS:
             camera.publish(topic, parts[topic.key])
         assert viewer.channel("/camera/color")["schemaName"] == "foxglove.CompressedImage"
-        payload = viewer.look_at("/camera/color")
+        (payload,) = viewer.look_at("/camera/color")
     assert payload == parts["camera/color"]
     assert CompressedImage.FromString(payload).format == "jpeg"
 
@@ -103,6 +108,38 @@ def test_it_takes_nothing(bus: Bus, viewer: Viewer) -> None:
     viewer.say({"op": "advertise", "channels": [{"id": 1, "topic": "/state", "encoding": "json", "schemaName": ""}]})
     bus.publish(topics.EVENT, Event(code="X", severity="info", text="still here"))
     assert viewer.channel("/event")["schemaName"] == "vlad.Event"
+
+
+@pytest.mark.parametrize("encoding", ["zenoh/bytes", "", "application/json;vlad.Event", "application/json;vlad.State"])
+def test_what_a_stranger_says_under_our_names_is_counted_and_the_rest_still_shown(
+    bus: Bus, endpoint: str, view: live.LiveView, viewer: Viewer, encoding: str
+) -> None:
+    with Bus.join("sim", endpoint) as stranger:
+        for _ in range(3):
+            stranger.put("cell/sim/state", b"hello", encoding)
+        stranger.publish(topics.STATE, STATE)
+        assert CellState.model_validate_json(viewer.look_at("/state")[0]) == STATE
+    assert view.unknown == 3
+
+
+def test_a_viewer_that_comes_later_has_the_captures_transform_and_the_links(bus: Bus, viewer: Viewer) -> None:
+    for child in ("color", "fr3_link0", "fr3_link0"):
+        bus.publish(topics.TF, transforms_to_wire({("base", child): np.eye(4)}, 1).SerializeToString())
+    payloads = viewer.look_at("/tf", 2)
+    children = [topics.TF.says.FromString(payload).transforms[0].child_frame_id for payload in payloads]
+    assert children == ["color", "fr3_link0"]
+
+
+def test_closing_waits_for_nothing_that_is_still_to_be_shown(bus: Bus) -> None:
+    view = live.LiveView(bus, 0)
+    for _ in range(3000):
+        bus.publish(topics.STATE, STATE)
+    began_s = time.monotonic()
+    view.close()
+    view.close()
+    assert time.monotonic() - began_s < 2
+    with pytest.raises((OSError, WebSocketException)):
+        connect(f"ws://{live.HOST}:{view.port}")
 
 
 def test_a_port_in_use_is_named(bus: Bus, view: live.LiveView) -> None:

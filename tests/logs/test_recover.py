@@ -97,7 +97,7 @@ def test_a_damaged_chunk_is_left_out_and_said_to_be_lost(tmp_path: Path) -> None
         content[content.index(b"\x28\xb5\x2f\xfd", len(content) // 2) + 40] ^= 0xFF
     part.write_bytes(content)
     done = recover(part)
-    assert (done.messages, done.lost_chunks, done.lost) == (40, 1, True)
+    assert (done.messages, done.losses.damaged, done.lost) == (40, 1, True)
     assert part.exists(), "what is damaged is kept: somebody may read more of it"
 
 

@@ -16,7 +16,7 @@ from bus.commands import Event
 from bus.messages import Frame
 from bus.wire import stamp_ns
 from logs.reader import CycleRecord, read_cycle
-from logs.views import Views
+from logs.views import Views, pictures
 
 Drawn = dict[str, list[Any]]
 
@@ -84,3 +84,19 @@ def test_stages_failures_and_events_are_in_the_log(
 
 def test_nothing_is_drawn_of_anything_else() -> None:
     assert list(Views(lambda _: np.eye(4)).of(b"")) == []
+
+
+def test_what_cannot_be_drawn_is_a_warning_and_never_an_error(cycle: CycleRecord) -> None:
+    views = Views(lambda _: np.eye(4))
+    detect = cycle.stages["detect"]
+    evidence = detect.result.evidence.model_copy(update={"goal_image": np.zeros((0, 0, 3), np.uint8)})  # type: ignore[union-attr]
+    nothing = detect.model_copy(update={"result": detect.result.model_copy(update={"evidence": evidence})})  # type: ignore[union-attr]
+    drawn = pictures(views.of, nothing)
+    assert [topic for topic, _ in drawn] == [topics.VIEW_LOG, topics.VIEW_COLOR, topics.VIEW_LOG]
+    said = topics.VIEW_LOG.says.FromString(drawn[-1][1])
+    assert said.level == topics.VIEW_LOG.says.WARNING and "cannot be drawn" in said.message
+
+
+def test_words_that_no_text_can_hold_are_written_out() -> None:
+    ((_, payload),) = pictures(Views(lambda _: np.eye(4)).of, Event(code="X", severity="info", text="caf\udce9"))
+    assert topics.VIEW_LOG.says.FromString(payload).message == "caf\\udce9"

@@ -1,0 +1,37 @@
+"""Where every part of the arm is, in its parent's frame: the tree of the robot's URDF, and the camera on its hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from bus.arrays import Joints, Transform
+from planning.robot import Robot, hand_from_color
+
+CAMERA = "camera"
+"""Where the colour camera is now; ``color`` is where it was at the capture."""
+_TREE = (
+    ("base", "fr3_link0"),
+    *((f"fr3_link{n}", f"fr3_link{n + 1}") for n in range(8)),
+    ("fr3_link8", "fr3_hand"),
+    ("fr3_hand", "fr3_hand_tcp"),
+    ("fr3_hand", "fr3_leftfinger"),
+    ("fr3_hand", "fr3_rightfinger"),
+)
+
+
+class Links:
+    """The links of one robot's model. Not thread-safe, but shares no working memory with the `Robot`."""
+
+    def __init__(self, robot: Robot) -> None:
+        self._model, self._data = robot.model, robot.model.createData()
+        self._frames = {name: self._model.getFrameId(name) for name in {one for pair in _TREE for one in pair}}
+        self._hand_from_camera = hand_from_color(robot.station.camera)
+
+    def at(self, q_rad: Joints, width_m: float) -> dict[tuple[str, str], Transform]:
+        """{(parent, child): parent_from_child (4, 4)} with the arm at ``q_rad`` and the fingers ``width_m`` apart."""
+        pin.forwardKinematics(self._model, self._data, np.concatenate([q_rad, [width_m / 2, width_m / 2]]))
+        pin.updateFramePlacements(self._model, self._data)
+        placed = {name: self._data.oMf[frame] for name, frame in self._frames.items()}
+        poses = {(parent, child): placed[parent].actInv(placed[child]).homogeneous for parent, child in _TREE}
+        return {**poses, ("fr3_hand", CAMERA): self._hand_from_camera}
