@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import getpass
+import itertools
+import os
 import queue
+import re
+import socket
 import time
 import uuid
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 from bus import topics
 from bus.codec import decode
 from bus.commands import CellHealth, CellState, CommandReply, CommandRequest, Nothing
-from bus.errors import CellUnreachable, NoReply, Refused, ReplyTimeout
+from bus.errors import BadPayload, CellUnreachable, NoReply, Refused, ReplyTimeout
 from bus.faults import Fault, FaultRequest, Part
 from bus.heard import Heard
 from bus.messages import CycleResult
@@ -21,6 +26,11 @@ from cell.leases import CELL_CLIENT, NEEDS_LEASE, NEEDS_TOKEN
 from cell.machine import refuse
 from config.schema import Station
 
+SETTLED = frozenset({"Stopped", "Idle", "Complete", "Aborted"})
+"""States in which nothing moves, and nothing that was commanded goes on by itself."""
+_NOT_IN_A_NAME = re.compile(r"[^A-Za-z0-9._-]")
+_numbers = itertools.count(1)
+
 
 class Client:
     """One connection to one cell; use `connect`. ``also``: topics to hear besides states and results.
@@ -28,13 +38,14 @@ class Client:
     With its first command that moves the arm it declares a lease, and keeps it until it closes.
 
     Attributes:
-        client_id: its name; no other process has it.
+        client_id: its name; no other connection has it. ``is_gone``: the cell has ended, or the link to it.
     """
 
-    def __init__(self, bus: Bus, ask_timeout_s: float, also: tuple[Topic, ...] = ()) -> None:
+    def __init__(self, bus: Bus, ask_timeout_s: float, also: tuple[Topic, ...] = (), client_id: str = "") -> None:
         self._bus = bus
         self._timeout_s = ask_timeout_s
-        self.client_id = f"cell-cli-{uuid.uuid4().hex[:8]}"
+        self.client_id = client_id or client_name("cell")
+        self.is_gone = False
         self._has_lease = False
         self._heard: queue.SimpleQueue[Heard | None] = queue.SimpleQueue()  # None: the cell is gone
         for topic in (topics.STATE, topics.RESULT, *also):
@@ -113,6 +124,17 @@ class Client:
         """The next result of whichever cycle: of the next one of a ``start``. Raises: ReplyTimeout, CellUnreachable."""
         return self._next_result(time.monotonic() + timeout_s, "The next cycle", timeout_s)
 
+    def next_said(self, timeout_s: float) -> CellState | CycleResult:
+        """The next state or result; what cannot be read is none. Raises: ReplyTimeout, CellUnreachable."""
+        give_up_s = time.monotonic() + timeout_s
+        while True:
+            heard = self._next(give_up_s, f"The cell has said nothing for {timeout_s:.0f} s.")
+            with suppress(BadPayload):
+                if heard.key == topics.STATE.key:
+                    return decode(CellState, heard.payload)
+                if heard.key == topics.RESULT.key:
+                    return decode(CycleResult, heard.payload)
+
     def heard(self) -> Iterator[Heard]:
         """What was said since the last time, oldest first; does not wait."""
         while not self._heard.empty():
@@ -138,12 +160,35 @@ class Client:
         return heard
 
     def _notice(self, client_id: str, is_alive: bool) -> None:
-        if client_id == CELL_CLIENT and not is_alive:
-            self._heard.put(None)
+        if client_id == CELL_CLIENT:
+            self.is_gone = not is_alive
+            if self.is_gone:
+                self._heard.put(None)
 
 
 @contextmanager
-def connect(station: Station, also: tuple[Topic, ...] = ()) -> Iterator[Client]:
-    """A client of the station's running cell. Raises: CellUnreachable; ConfigError for an unsafe way to it."""
+def connect(station: Station, also: tuple[Topic, ...] = (), *, client_id: str = "") -> Iterator[Client]:
+    """A client of the station's running cell; ``client_id``: of `client_name`.
+
+    Raises: CellUnreachable; ConfigError for an unsafe way to the cell.
+    """
     with Bus.join(station.cell_id, station.bus.endpoint, security=station.bus.zenoh) as bus:
-        yield Client(bus, station.bus.ask_timeout_s, also)
+        yield Client(bus, station.bus.ask_timeout_s, also, client_id)
+
+
+def client_name(what: str) -> str:
+    """Who asks, so that another person finds him: program, user, machine and process, ``watch-ann-lab2-4711``.
+
+    Only what a client id may have, at most 100 letters, digits, ``.``, ``_`` and ``-``; no other of this process.
+    """
+    parts = (what, _user(), socket.gethostname().partition(".")[0])
+    name = "-".join(_NOT_IN_A_NAME.sub("_", part)[:24] for part in parts)
+    number = next(_numbers)
+    return f"{name}-{os.getpid()}" + (f"-{number}" if number > 1 else "")
+
+
+def _user() -> str:
+    try:
+        return getpass.getuser()
+    except (OSError, KeyError):  # a user id without a name, as in containers
+        return str(os.getuid())
