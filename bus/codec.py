@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import functools
 import json
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
-from mcap_protobuf.schema import build_file_descriptor_set
 from pydantic import ValidationError
 
 from bus import topics
 from bus.errors import BadPayload
 from bus.frozen import Message
+from bus.lazy import LazyModule
 
 MessageT = TypeVar("MessageT", bound=Message)
+mcap_schema: Any = LazyModule("mcap_protobuf.schema")
 
 
 class Schema(NamedTuple):
@@ -47,5 +48,5 @@ def schema_of(encoding: str) -> Schema:
         raise BadPayload(f"No topic carries the encoding {encoding!r}.")
     name = encoding.partition(";")[2]
     if encoding.startswith("application/protobuf"):
-        return Schema(name, "protobuf", build_file_descriptor_set(payload_type).SerializeToString())
+        return Schema(name, "protobuf", mcap_schema.build_file_descriptor_set(payload_type).SerializeToString())
     return Schema(name, "jsonschema", json.dumps(payload_type.model_json_schema()).encode())

@@ -54,13 +54,15 @@ def _fail(error: CellError) -> int:
 
 
 def _usage(error: typer.TyperException) -> int:
-    """An option or argument that is not accepted; help that was asked for by saying nothing is not an error's."""
-    context = getattr(error, "ctx", None)
+    """An option or argument that is not accepted; where there was none at all, the help."""
     text = error.format_message() if hasattr(error, "format_message") else str(error)
-    if type(error).__name__ != "NoArgsIsHelpError":
-        command = context.command_path if context is not None else "cell"
-        return _fail(_Usage(text if text.endswith((".", "?")) else f"{text}.", f"See `{command} --help`."))
-    return _USAGE
+    if type(error).__name__ == "NoArgsIsHelpError":
+        for line in text.splitlines():
+            out.line(line)
+        return _USAGE
+    context = getattr(error, "ctx", None)
+    command = context.command_path if context is not None else "cell"
+    return _fail(_Usage(text if text.endswith((".", "?")) else f"{text}.", f"See `{command} --help`."))
 
 
 class _Usage(ConfigError):

@@ -27,7 +27,12 @@ from drivers.remote import remote_devices
 from perception.calibrate import HandEye, board_image
 from planning.robot import Robot, hand_from_color
 
-calibrate = typer.Typer(help="Where the camera sits in the hand: find it, check it.", no_args_is_help=True)
+calibrate = typer.Typer(
+    help="Where the camera sits in the hand: find it, check it.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+)
 _PIXELS_PER_M = 10_000.0
 
 

@@ -6,7 +6,6 @@ import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
-from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -14,7 +13,10 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
+from bus.lazy import LazyModule
 from cell.printing import out
+
+metadata: Any = LazyModule("importlib.metadata")
 
 
 class Row(NamedTuple):
@@ -38,7 +40,7 @@ COMMANDS = {
     ),
     "run": Row(
         "picks",
-        "Let the running cell pick N times, or until it is empty, and wait for it. If this ends early, the cell holds.",
+        "Let the running cell pick several times, and wait. It must be Idle; if this ends early, it holds.",
     ),
     "reset": Row("verbs", "Self-check, arm to the capture pose; ends in Idle."),
     "stop": Row("verbs", "Controlled stop: brake on the path, confirm by the measured velocity; ends in Stopped."),
@@ -94,7 +96,7 @@ COMMANDS = {
 }
 """In the order in which they are shown."""
 
-_FACE: dict[str, Any] = {"add_completion": False, "pretty_exceptions_enable": False, "rich_markup_mode": "rich"}
+_FACE: dict[str, Any] = {"add_completion": False, "pretty_exceptions_enable": False, "rich_markup_mode": None}
 
 
 class Commands(TyperGroup):
@@ -165,7 +167,7 @@ def command_line() -> typer.Typer:
 
 def _say_version(wanted: bool) -> None:
     if wanted:
-        out.line(f"cell {version('vlad-cell')}{_commit()}")
+        out.line(f"cell {metadata.version('vlad-cell')}{_commit()}")
         raise typer.Exit
 
 

@@ -55,7 +55,7 @@ def run(
     overrides: Set = None,
     as_json: Json = False,
 ) -> None:
-    """Let the running cell pick N times, or until it is empty, and wait for it. If this ends early, the cell holds."""
+    """Let the running cell pick several times, and wait. It must be Idle; if this ends early, it holds."""
     if (cycles is None) is not until_empty:
         raise typer.BadParameter("one of --cycles and --until-empty says how many picks.")
     station = load_station(config, overrides or [])

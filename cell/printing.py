@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import logging
+import math
 import os
 import re
 import sys
@@ -62,7 +63,7 @@ class Printer:
 
     def json(self, value: Any) -> None:
         """A value, or what is JSON already, in ASCII: every terminal and every program can take it."""
-        text = value if isinstance(value, str) else json.dumps(value)
+        text = value if isinstance(value, str) else json.dumps(_finite(value), allow_nan=False)
         self.write(_BEYOND_ASCII.sub(lambda found: json.dumps(found[0])[1:-1], text) + "\n")
         self.flush()
 
@@ -123,6 +124,15 @@ class Printer:
                 os.dup2(nowhere, stream.fileno())
             finally:
                 os.close(nowhere)
+
+
+def _finite(value: Any) -> Any:
+    """The value with numbers that JSON lacks as strings, as the bus has them."""
+    if isinstance(value, float) and not math.isfinite(value):
+        return "NaN" if math.isnan(value) else "Infinity" if value > 0 else "-Infinity"
+    if isinstance(value, dict):
+        return {key: _finite(one) for key, one in value.items()}
+    return [_finite(one) for one in value] if isinstance(value, list | tuple) else value
 
 
 out, err = Printer(), Printer(stderr=True)

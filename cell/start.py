@@ -10,7 +10,9 @@ from typing import Annotated
 import typer
 
 from bus.commands import MAX_CYCLES, CommandRequest
+from bus.errors import BusError, PortOccupied
 from bus.messages import CycleResult
+from cell import client
 from cell.batch import Batch
 from cell.build import running_cell
 from cell.console import Screen
@@ -62,7 +64,10 @@ def start(
     service = Service(os.environ)
     screen = Screen(json_lines=as_json, report=report and not as_json, each_turn=service.turn)
     on_end(screen.interrupted.set, insists=True)
-    batch = _run(station, picks, screen, service, foxglove_port if foxglove else None)
+    try:
+        batch = _run(station, picks, screen, service, foxglove_port if foxglove else None)
+    except PortOccupied as error:
+        raise _occupied(station, error) from error
     if batch is None:
         return
     if as_json and cycles is not None and batch.done < cycles:
@@ -90,6 +95,19 @@ def _run(
         if picks.until_empty:
             screen.summary(batch.summary(daemon.objects_left()))
         return batch
+
+
+def _occupied(station: Station, error: PortOccupied) -> PortOccupied:
+    """Who is there instead: this very cell, or another program."""
+    try:
+        with client.connect(station) as cell:
+            cell.state()
+    except BusError:
+        return error
+    return PortOccupied(
+        f"A cell already runs here: {station.cell_id} at {station.bus.endpoint}.",
+        "To let it pick: `cell pick`, or `cell run --cycles N`; what it does now: `cell status`.",
+    )
 
 
 def _live_view(station: Station, port: int | None) -> AbstractContextManager[live.LiveView | None]:
