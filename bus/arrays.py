@@ -1,21 +1,27 @@
 """NumPy arrays as fields of messages: exact in JSON, read-only in memory.
 
-An array travels as ``{"dtype": "<f8", "shape": [n, 7], "base64": "..."}``, an image as ``{"png": "<base64>"}``;
-both come back bit for bit.
+An array of fewer than 64 finite numbers travels as lists, ``[0.1, -0.7]``, nested by its shape; any other as
+``{"dtype": "<f8", "shape": [n, 7], "base64": "..."}``; both forms are read whatever the size. An image travels as
+``{"png": "<base64>"}``. All come back bit for bit.
 """
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Any
 
-import cv2
-import numpy as np
-import numpy.typing as npt
 from pydantic import BeforeValidator, PlainSerializer, WithJsonSchema
 
-_ARRAY_SCHEMA = {
+from bus.lazy import LazyModule
+from bus.packing import Shape, pack_array, pack_blob, pack_image, unpack_array, unpack_blob, unpack_image
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+else:
+    np = LazyModule("numpy")
+
+_BYTES_SCHEMA = {
     "type": "object",
     "properties": {
         "dtype": {"type": "string"},
@@ -40,79 +46,27 @@ def _frozen(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return copy
 
 
-def _parse(dtype: str, shape: tuple[int | None, ...]) -> Callable[[Any], npt.NDArray[Any]]:
-    def parse(value: Any) -> npt.NDArray[Any]:
-        if isinstance(value, dict):
-            flat = np.frombuffer(base64.b64decode(value["base64"], validate=True), dtype=np.dtype(value["dtype"]))
-            value = flat.reshape(value["shape"])
-        array = np.asarray(value, dtype=dtype)
-        fits = array.ndim == len(shape) and all(w is None or w == n for w, n in zip(shape, array.shape, strict=True))
-        if not fits:
-            raise ValueError(f"expected shape {shape} (None = any), got {array.shape}")
-        return _frozen(array)
-
-    return parse
+def _schema(shape: Shape) -> dict[str, Any]:
+    """Of both forms in which an array travels."""
+    lists: dict[str, Any] = {"type": "number"}
+    for length in reversed(shape):
+        lists = {"type": "array", "items": lists}
+        lists |= {} if length is None else {"minItems": length, "maxItems": length}
+    return {"anyOf": [lists, _BYTES_SCHEMA]}
 
 
-def _pack(array: npt.NDArray[Any]) -> dict[str, Any]:
-    little = array.astype(array.dtype.newbyteorder("<"), copy=False)
-    return {
-        "dtype": little.dtype.str,
-        "shape": list(array.shape),
-        "base64": base64.b64encode(little.tobytes()).decode("ascii"),
-    }
+def _field(parse: Callable[[Any], Any], pack: Callable[[Any], Any], schema: dict[str, Any]) -> Any:
+    # Any, not an array's type: that would import NumPy; what `parse` gives is one
+    return Annotated[Any, BeforeValidator(parse), PlainSerializer(pack, when_used="json"), WithJsonSchema(schema)]
 
 
 def array_of(dtype: str, *shape: int | None) -> Any:
     """The field type of an array of ``dtype`` and ``shape``; ``None`` stands for any length."""
-    return Annotated[
-        npt.NDArray[Any],
-        BeforeValidator(_parse(dtype, shape)),
-        PlainSerializer(_pack, when_used="json"),
-        WithJsonSchema(_ARRAY_SCHEMA),
-    ]
-
-
-def _parse_image(channels: int, dtype: str) -> Callable[[Any], npt.NDArray[Any]]:
-    def parse(value: Any) -> npt.NDArray[Any]:
-        if isinstance(value, dict):
-            png = np.frombuffer(base64.b64decode(value["png"], validate=True), dtype=np.uint8)
-            value = cv2.imdecode(png, cv2.IMREAD_UNCHANGED)
-            if value is None:
-                raise ValueError("not a PNG image")
-            value = value[..., ::-1] if channels == 3 else value
-        array = np.asarray(value)
-        image = array > 0 if dtype == "bool" else array.astype(dtype, copy=False)
-        if image.ndim != (3 if channels == 3 else 2):
-            raise ValueError(f"expected an image with {channels} channel(s), got shape {image.shape}")
-        return _frozen(image)
-
-    return parse
-
-
-def _pack_image(image: npt.NDArray[Any]) -> dict[str, str]:
-    pixels = image.astype(np.uint8) * 255 if image.dtype == np.bool_ else image
-    ok, png = cv2.imencode(".png", pixels[..., ::-1] if pixels.ndim == 3 else pixels)
-    if not ok:
-        raise ValueError(f"cannot encode an image of shape {image.shape} as PNG")
-    return {"png": base64.b64encode(png.tobytes()).decode("ascii")}
+    return _field(lambda value: _frozen(unpack_array(value, dtype, shape)), pack_array, _schema(shape))
 
 
 def _image(channels: int, dtype: str) -> Any:
-    return Annotated[
-        npt.NDArray[Any],
-        BeforeValidator(_parse_image(channels, dtype)),
-        PlainSerializer(_pack_image, when_used="json"),
-        WithJsonSchema(_IMAGE_SCHEMA),
-    ]
-
-
-def _parse_blob(value: Any) -> bytes:
-    return base64.b64decode(value, validate=True) if isinstance(value, str) else bytes(value)
-
-
-def _pack_blob(value: bytes) -> str:
-    return base64.b64encode(value).decode("ascii")
+    return _field(lambda value: _frozen(unpack_image(value, channels, dtype)), pack_image, _IMAGE_SCHEMA)
 
 
 # mypy reads the first branch, pydantic the second.
@@ -139,7 +93,7 @@ else:
     Mask = _image(1, "bool")
     Blob = Annotated[
         bytes,
-        BeforeValidator(_parse_blob),
-        PlainSerializer(_pack_blob, when_used="json"),
+        BeforeValidator(unpack_blob),
+        PlainSerializer(pack_blob, when_used="json"),
         WithJsonSchema({"type": "string", "contentEncoding": "base64"}),
     ]  # a file's bytes, as they came

@@ -6,16 +6,17 @@ import functools
 import json
 from typing import Any, NamedTuple, TypeVar
 
-from mcap_protobuf.schema import build_file_descriptor_set
 from pydantic import ValidationError
 
 from bus import topics
 from bus.commands import BusSchema, TopicSchema
 from bus.errors import BadPayload
 from bus.frozen import Message
+from bus.lazy import LazyModule
 
 MessageT = TypeVar("MessageT", bound=Message)
 _MAX_SAID = 200
+mcap_schema: Any = LazyModule("mcap_protobuf.schema")
 
 
 class Schema(NamedTuple):
@@ -62,7 +63,7 @@ def schema_of(encoding: str) -> Schema:
         raise BadPayload(f"No topic carries the encoding {encoding!r}.")
     name = encoding.partition(";")[2]
     if encoding.startswith("application/protobuf"):
-        return Schema(name, "protobuf", build_file_descriptor_set(payload_type).SerializeToString())
+        return Schema(name, "protobuf", mcap_schema.build_file_descriptor_set(payload_type).SerializeToString())
     return Schema(name, "jsonschema", json.dumps(payload_type.model_json_schema()).encode())
 
 

@@ -9,6 +9,9 @@ from pydantic import Field, model_validator
 from bus.arrays import Blob, Transform
 from bus.frozen import Message
 
+MAX_CYCLES = 1_000_000
+"""Of one ``start``."""
+
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
@@ -26,7 +29,7 @@ class CommandRequest(Message):
 
     command_id: Annotated[str, Field(max_length=100)] = ""
     client_id: Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]{0,100}$")] = ""
-    cycles: Annotated[int, Field(ge=1, le=1_000_000)] = 1
+    cycles: Annotated[int, Field(ge=1, le=MAX_CYCLES)] = 1
     until_empty: bool = False
     object: Annotated[str, Field(max_length=100)] | None = None
 

@@ -10,16 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
-from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
-from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
-from foxglove_schemas_protobuf.ImageAnnotations_pb2 import ImageAnnotations
-from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
-from foxglove_schemas_protobuf.Log_pb2 import Log
-from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
-from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
-from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
-
 from bus.commands import (
     BusSchema,
     CellHealth,
@@ -39,6 +29,7 @@ from bus.commands import (
     Stranger,
 )
 from bus.faults import FaultRequest
+from bus.foxglove import FoxgloveType
 from bus.frozen import Message
 from bus.messages import (
     ArmState,
@@ -58,6 +49,16 @@ from bus.messages import (
 from bus.trajectory import Trajectory
 
 ROOT = "cell"
+
+CameraCalibration = FoxgloveType("CameraCalibration")
+CompressedImage = FoxgloveType("CompressedImage")
+FrameTransforms = FoxgloveType("FrameTransforms")
+ImageAnnotations = FoxgloveType("ImageAnnotations")
+JointStates = FoxgloveType("JointStates")
+Log = FoxgloveType("Log")
+PointCloud = FoxgloveType("PointCloud")
+RawImage = FoxgloveType("RawImage")
+SceneUpdate = FoxgloveType("SceneUpdate")
 
 
 @dataclass(frozen=True)
@@ -163,7 +164,7 @@ def encoding_of(payload_type: Any) -> str:
     if isinstance(payload_type, type) and issubclass(payload_type, Message):
         name = payload_type.__name__.replace("[", ".").rstrip("]")
         return f"application/json;vlad.{name}"
-    return f"application/protobuf;{payload_type.DESCRIPTOR.full_name}"
+    return f"application/protobuf;{payload_type.full_name}"
 
 
 def types_by_encoding() -> dict[str, Any]:

@@ -7,11 +7,18 @@ filters behind the switch, so that a stop or resume is as smooth as the motion i
 
 from __future__ import annotations
 
-import numpy as np
+from typing import TYPE_CHECKING
+
 from pydantic import model_validator
 
 from bus.arrays import Joints, JointSamples
 from bus.frozen import Message
+from bus.lazy import LazyModule
+
+if TYPE_CHECKING:
+    import numpy as np
+else:
+    np = LazyModule("numpy")
 
 TICK_S = 0.001
 """The control period of the arm [s] (FCI, 1 kHz)."""

@@ -1,36 +1,86 @@
-"""``cell``: see ``cell --help``. Exits: 0 done, 1 robot failed, 2 usage or config, 3 refused, 4 unreachable."""
+"""``cell``: see ``cell --help``.
+
+Exits: 0 done, 1 robot failed, 2 usage or config, 3 refused, 4 unreachable, 5 a defect of this program.
+"""
 
 from __future__ import annotations
 
+import errno
 import logging
 import sys
 
 import typer
 
-from bus.errors import CellError
-from cell import LOG_FORMAT
+from bus.errors import CellError, ConfigError
 from cell.commands import command_line
-from cell.options import print_json
+from cell.printing import err, log_plainly, out
+
+_log = logging.getLogger("cell")
+_USAGE, _DEFECT, _INTERRUPTED = 2, 5, 130
 
 
 def main() -> None:
-    """Entry point: every known error becomes one clear line and its exit code, never a traceback."""
-    logging.basicConfig(level=logging.WARNING, format=LOG_FORMAT)
+    """Entry point: every error becomes one clear line and its exit code; only a defect has a traceback, in the log."""
+    log_plainly()
+    code = _carry_out()
+    if out.lost is not None and code == 0 and getattr(out.lost, "errno", None) != errno.EPIPE:
+        err.line(f"OUTPUT: Cannot write the output: {out.lost}.")
+        code = _USAGE
+    sys.exit(code)
+
+
+def _carry_out() -> int:
+    """What this process was called with; its exit code."""
     try:
-        command_line(*sys.argv[1:2])()
+        return int(typer.main.get_command(command_line()).main(prog_name="cell", standalone_mode=False) or 0)
     except CellError as error:
-        if "--json" in sys.argv:
-            print_json(
-                {
-                    "ok": False,
-                    "code": error.code,
-                    "reason": error.text,
-                    "advice": error.advice,
-                    "available": list(getattr(error, "available", ())),
-                }
-            )
-        typer.echo(f"{error.code}: {error}", err=True)
-        sys.exit(error.exit_code)
+        return _fail(error)
+    except typer.TyperException as error:
+        return _usage(error)
+    except OSError as error:
+        return _defect(error) if error.filename is None else _fail(_of_file(error))
+    except Exception as error:  # noqa: BLE001 - the last net: what nobody foresaw is said to be a defect
+        return _defect(error)
+
+
+def _fail(error: CellError) -> int:
+    if "--json" in sys.argv:
+        available = list(getattr(error, "available", ()))
+        out.json(
+            {"ok": False, "code": error.code, "reason": error.text, "advice": error.advice, "available": available}
+        )
+    err.line(f"{error.code}: {error}")
+    return error.exit_code
+
+
+def _usage(error: typer.TyperException) -> int:
+    """An option or argument that is not accepted; where there was none at all, the help."""
+    text = error.format_message() if hasattr(error, "format_message") else str(error)
+    if type(error).__name__ == "NoArgsIsHelpError":
+        for line in text.splitlines():
+            out.line(line)
+        return _USAGE
+    context = getattr(error, "ctx", None)
+    command = context.command_path if context is not None else "cell"
+    return _fail(_Usage(text if text.endswith((".", "?")) else f"{text}.", f"See `{command} --help`."))
+
+
+class _Usage(ConfigError):
+    code = "USAGE"
+
+
+def _of_file(error: OSError) -> ConfigError:
+    """What the operating system says of a file that somebody named."""
+    return ConfigError(f"{error.filename}: {error.strerror or error}.", "Name another, or see to its rights.")
+
+
+def _defect(error: Exception) -> int:
+    _log.error("unforeseen", exc_info=error)
+    err.line(
+        f"DEFECT: {type(error).__name__}: {error}. This is a defect of `cell`, not of what you did;"
+        " please report it with the traceback above, which is also in the log of a service."
+    )
+    return _DEFECT
 
 
 if __name__ == "__main__":

@@ -64,7 +64,7 @@ def running_cell(station: Station, observer: Observer) -> Iterator[Daemon]:
                 daemon.open()
                 daemon.voice.say_recovered(recover_leftovers(station.recording.folder))
                 try:
-                    with settled(), closing(retention.start()), closing(RobotTf(bus, robot)):
+                    with settled(), closing(retention.start()), closing(RobotTf(bus, robot, daemon.is_ours)):
                         yield daemon
                 finally:
                     daemon.close()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
@@ -17,7 +16,9 @@ from bus.errors import ConfigError
 from bus.session import Bus
 from cell.calibration import Surveyor, moved
 from cell.nodes import Supervisor
-from cell.options import Config, Json, Set, out, print_json
+from cell.options import Config, Json, Set
+from cell.printing import out
+from cell.signals import ending
 from config.load import DEFAULT_STATION, load_station
 from config.schema import Station
 from config.station_file import mounting_lines, require_writable, write_mounting
@@ -25,7 +26,12 @@ from drivers.remote import remote_devices
 from perception.calibrate import HandEye, board_image
 from planning.robot import Robot, hand_from_color
 
-calibrate = typer.Typer(help="Where the camera sits in the hand: find it, check it.", no_args_is_help=True)
+calibrate = typer.Typer(
+    help="Where the camera sits in the hand: find it, check it.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+)
 _PIXELS_PER_M = 10_000.0
 
 
@@ -35,7 +41,7 @@ def _surveyor(station: Station, quiet: bool) -> Iterator[Surveyor]:
 
     def say(line: str) -> None:
         if not quiet:
-            out.print(line)
+            out.line(line)
 
     say(f"starting {', '.join(station.nodes)}; the arm will move")
     with Bus.listen(station.cell_id, station.bus.endpoint) as bus:
@@ -44,11 +50,9 @@ def _surveyor(station: Station, quiet: bool) -> Iterator[Surveyor]:
             supervisor.start()
             devices = remote_devices(bus, station)
             assert devices.arm is not None, "every station has an arm"
-            stop = devices.arm.stop
-            signal.signal(signal.SIGINT, lambda *_: stop())
-            yield Surveyor(devices, Robot(station), station, say)
+            with ending(devices.arm.stop):
+                yield Surveyor(devices, Robot(station), station, say)
         finally:
-            signal.signal(signal.SIGINT, signal.default_int_handler)
             supervisor.close()
 
 
@@ -77,15 +81,16 @@ def find(
         said = {"position_m": position_m, "wxyz": wxyz, "rms_px": found.rms_px,
                 "uncertainty_mm": found.uncertainty_mm, "uncertainty_deg": found.uncertainty_deg,
                 "views_px": found.views_px, "moved_mm": off_mm, "moved_deg": off_deg}  # fmt: skip
-        print_json(said)
+        out.json(said)
     else:
         _show(found, off_mm, off_deg)
     if dry_run:
-        out.print("\n".join(mounting_lines(position_m, wxyz).values())) if not as_json else None
+        for line in () if as_json else mounting_lines(position_m, wxyz).values():
+            out.line(line)
         return
     write_mounting(config, position_m, wxyz, note)
     if not as_json:
-        out.print(f"written to {config}, the old values kept as comments")
+        out.line(f"written to {config}, the old values kept as comments")
 
 
 def _require_writable(config: Path) -> None:
@@ -100,10 +105,10 @@ def _require_writable(config: Path) -> None:
 
 def _show(found: HandEye, off_mm: float, off_deg: float) -> None:
     views = "  ".join(f"{px:.2f}" for px in found.views_px)
-    out.print(f"residual {found.rms_px:.2f} px root mean square; each view: {views}")
-    out.print(f"the board wanders by {found.spread_mm:.2f} mm and {found.spread_deg:.2f} deg between the views")
-    out.print(f"the camera's place is certain to {found.uncertainty_mm:.2f} mm and {found.uncertainty_deg:.3f} deg")
-    out.print(f"the camera sits {off_mm:.2f} mm and {off_deg:.2f} deg from where the station file had it")
+    out.line(f"residual {found.rms_px:.2f} px root mean square; each view: {views}")
+    out.line(f"the board wanders by {found.spread_mm:.2f} mm and {found.spread_deg:.2f} deg between the views")
+    out.line(f"the camera's place is certain to {found.uncertainty_mm:.2f} mm and {found.uncertainty_deg:.3f} deg")
+    out.line(f"the camera sits {off_mm:.2f} mm and {off_deg:.2f} deg from where the station file had it")
 
 
 @calibrate.command()
@@ -114,18 +119,18 @@ def check(config: Config = DEFAULT_STATION, overrides: Set = None, as_json: Json
         seen = surveyor.check()
     good = seen.off_px <= station.calibration.max_off_px
     if as_json:
-        print_json({"ok": good, **vars(seen)})
+        out.json({"ok": good, **vars(seen)})
     else:
-        out.print(f"corners are {seen.off_px:.2f} px ({seen.off_mm:.2f} mm) off, the worst {seen.worst_px:.2f} px")
-        out.print(
+        out.line(f"corners are {seen.off_px:.2f} px ({seen.off_mm:.2f} mm) off, the worst {seen.worst_px:.2f} px")
+        out.line(
             f"the camera sits {seen.moved_mm:.1f} mm and {seen.moved_deg:.2f} deg from its calibration, "
             f"give or take {seen.uncertainty_mm:.1f} mm and {seen.uncertainty_deg:.2f} deg"
         )
-        out.print(f"depth reads {seen.depth_off_mm:+.1f} mm against the corners")
+        out.line(f"depth reads {seen.depth_off_mm:+.1f} mm against the corners")
         verdict = (
             "good" if good else f"more than {station.calibration.max_off_px:.1f} px: run `cell calibrate hand-eye`"
         )
-        out.print(verdict)
+        out.line(verdict)
     if not good:
         raise typer.Exit(1)
 
@@ -138,10 +143,15 @@ def board(
 ) -> None:
     """Draw the board, to print at its true size and glue onto something flat."""
     settings = load_station(config, overrides or []).calibration
-    if not cv2.imwrite(str(output), board_image(settings, _PIXELS_PER_M)):
-        raise ConfigError(f"Cannot write {output}.", "Name a file that ends in .png, in a folder that exists.")
+    if output.suffix.lower() != ".png":
+        raise ConfigError(f"{output} is not the name of a PNG.", "Name a file that ends in .png.")
+    _, png = cv2.imencode(".png", board_image(settings, _PIXELS_PER_M))
+    try:
+        output.write_bytes(png.tobytes())
+    except OSError as error:
+        raise ConfigError(f"Cannot write {output}: {error.strerror}.", "Name a file in a folder of yours.") from error
     width_mm, height_mm = (side * 1e3 for side in settings.size_m)
-    out.print(
+    out.line(
         f"{output}: print it {width_mm:.0f} x {height_mm:.0f} mm, without scaling (254 dpi); then measure a square:"
     )
-    out.print(f"it must be {settings.square_m * 1e3:.1f} mm, or set calibration.square_m and marker_m to what it is.")
+    out.line(f"it must be {settings.square_m * 1e3:.1f} mm, or set calibration.square_m and marker_m to what it is.")

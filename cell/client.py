@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import getpass
+import itertools
+import os
 import queue
+import re
+import socket
 import threading
 import time
 import uuid
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 from bus import topics
 from bus.codec import decode
 from bus.commands import CellHealth, CellState, CommandReply, CommandRequest, Heartbeat, Nothing, ResultRequest
-from bus.errors import BusError, CellUnreachable, NoReply, Refused, ReplyTimeout
+from bus.errors import BadPayload, BusError, CellUnreachable, NoReply, Refused, ReplyTimeout
 from bus.faults import Fault, FaultRequest, Part
 from bus.heard import Heard
 from bus.messages import CycleResult
@@ -22,8 +27,12 @@ from bus.topics import Topic
 from cell.leases import CELL_CLIENT, HEARTBEAT_S, NEEDS_LEASE, NEEDS_TOKEN
 from config.schema import Station
 
+SETTLED = frozenset({"Stopped", "Idle", "Complete", "Aborted"})
+"""States in which nothing moves, and nothing that was commanded goes on by itself."""
 _ASK_AGAIN_S = 0.5
 """Nothing heard for so long, and the cell is asked: a sample may be lost."""
+_NOT_IN_A_NAME = re.compile(r"[^A-Za-z0-9._-]")
+_numbers = itertools.count(1)
 
 
 class Client:
@@ -34,16 +43,17 @@ class Client:
 
     Args:
         also: topics to hear besides states and results.
-        name: how its ``client_id`` begins, for people: who it is, and what for.
+        client_id: of `client_name`.
 
     Attributes:
-        client_id: its name; no other process has it.
+        client_id: its name; no other connection has it. ``is_gone``: the cell has ended, or the link to it.
     """
 
-    def __init__(self, bus: Bus, ask_timeout_s: float, also: tuple[Topic, ...] = (), name: str = "cell-cli") -> None:
+    def __init__(self, bus: Bus, ask_timeout_s: float, also: tuple[Topic, ...] = (), client_id: str = "") -> None:
         self._bus = bus
         self._timeout_s = ask_timeout_s
-        self.client_id = f"{name}-{uuid.uuid4().hex[:8]}"
+        self.client_id = client_id or client_name("cell")
+        self.is_gone = False
         self._heartbeat: OwnedThread | None = None
         self._given_back = threading.Event()
         self._heard: queue.SimpleQueue[Heard | None] = queue.SimpleQueue()  # None: the cell is gone
@@ -131,7 +141,7 @@ class Client:
         while (state := self.state()).state not in wanted:
             if time.monotonic() > give_up_s:
                 raise ReplyTimeout(f"The cell is still {state.state} after {timeout_s:.0f} s.", "See `cell status`.")
-            self._await(topics.STATE, give_up_s)
+            self._await((topics.STATE,), give_up_s)
         return state
 
     def wait_for_result(self, cycle_id: str, timeout_s: float) -> CycleResult:
@@ -149,7 +159,7 @@ class Client:
             elif time.monotonic() > give_up_s:
                 raise ReplyTimeout(f"Cycle {cycle_id} gave no result within {timeout_s:.0f} s.", "See `cell status`.")
             else:
-                self._await(topics.RESULT, give_up_s)
+                self._await((topics.RESULT,), give_up_s)
 
     def _result(self, cycle_id: str) -> CycleResult | None:
         """The cell's result of a cycle; None while it has none."""
@@ -165,10 +175,23 @@ class Client:
         """The next result of whichever cycle: of the next one of a ``start``. Raises: ReplyTimeout, CellUnreachable."""
         give_up_s = time.monotonic() + timeout_s
         while time.monotonic() < give_up_s:
-            heard = self._await(topics.RESULT, give_up_s)
-            if heard is not None:
-                return decode(CycleResult, heard.payload)
+            heard = self._await((topics.RESULT,), give_up_s)
+            with suppress(BadPayload):
+                if heard is not None:
+                    return decode(CycleResult, heard.payload)
         raise ReplyTimeout(f"The next cycle gave no result within {timeout_s:.0f} s.", "See `cell status`.")
+
+    def next_said(self, timeout_s: float) -> CellState | CycleResult:
+        """The next state or result; what cannot be read is none. Raises: ReplyTimeout, CellUnreachable."""
+        give_up_s = time.monotonic() + timeout_s
+        while time.monotonic() < give_up_s:
+            heard = self._await((topics.STATE, topics.RESULT), give_up_s)
+            with suppress(BadPayload):
+                if heard is not None and heard.key == topics.STATE.key:
+                    return decode(CellState, heard.payload)
+                if heard is not None:
+                    return decode(CycleResult, heard.payload)
+        raise ReplyTimeout(f"The cell has said nothing for {timeout_s:.0f} s.", "See `cell status`.")
 
     def heard(self) -> Iterator[Heard]:
         """What was said since the last time, oldest first; does not wait."""
@@ -176,8 +199,8 @@ class Client:
             if (heard := self._heard.get_nowait()) is not None:
                 yield heard
 
-    def _await(self, topic: Topic, give_up_s: float) -> Heard | None:
-        """What is said next on ``topic``; None when nothing is for a moment. Raises: CellUnreachable."""
+    def _await(self, of: tuple[Topic, ...], give_up_s: float) -> Heard | None:
+        """What is said next on one of these topics; None when nothing is for a moment. Raises: CellUnreachable."""
         give_up_s = min(give_up_s, time.monotonic() + _ASK_AGAIN_S)
         while (left_s := give_up_s - time.monotonic()) > 0:
             try:
@@ -188,17 +211,40 @@ class Client:
                 self._heard.put(None)  # for whoever waits next
                 advice = "Start it, then see `cell cycles`."
                 raise CellUnreachable("The cell is gone: it ended, or the link to it.", advice)
-            if heard.key == topic.key:
+            if any(heard.key == topic.key for topic in of):
                 return heard
         return None
 
     def _notice(self, client_id: str, is_alive: bool) -> None:
-        if client_id == CELL_CLIENT and not is_alive:
-            self._heard.put(None)
+        if client_id == CELL_CLIENT:
+            self.is_gone = not is_alive
+            if self.is_gone:
+                self._heard.put(None)
 
 
 @contextmanager
-def connect(station: Station, also: tuple[Topic, ...] = (), name: str = "cell-cli") -> Iterator[Client]:
-    """A client of the station's running cell. Raises: CellUnreachable; ConfigError for an unsafe way to it."""
+def connect(station: Station, also: tuple[Topic, ...] = (), *, client_id: str = "") -> Iterator[Client]:
+    """A client of the station's running cell; ``client_id``: of `client_name`.
+
+    Raises: CellUnreachable; ConfigError for an unsafe way to the cell.
+    """
     with Bus.join(station.cell_id, station.bus.endpoint, security=station.bus.zenoh) as bus:
-        yield Client(bus, station.bus.ask_timeout_s, also, name)
+        yield Client(bus, station.bus.ask_timeout_s, also, client_id)
+
+
+def client_name(what: str) -> str:
+    """Who asks, so that another person finds him: program, user, machine and process, ``watch-ann-lab2-4711``.
+
+    Only what a client id may have, at most 100 letters, digits, ``.``, ``_`` and ``-``; no other of this process.
+    """
+    parts = (what, _user(), socket.gethostname().partition(".")[0])
+    name = "-".join(_NOT_IN_A_NAME.sub("_", part)[:24] for part in parts)
+    number = next(_numbers)
+    return f"{name}-{os.getpid()}" + (f"-{number}" if number > 1 else "")
+
+
+def _user() -> str:
+    try:
+        return getpass.getuser()
+    except (OSError, KeyError):  # a user id without a name, as in containers
+        return str(os.getuid())

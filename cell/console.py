@@ -8,8 +8,6 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from rich.console import Console
-
 from bus.codes import ADVICE
 from bus.commands import CellState, Event
 from bus.errors import RecordingError
@@ -17,6 +15,8 @@ from bus.frozen import Message
 from bus.messages import CycleResult, StageRecord
 from bus.topics import Topic
 from cell.batch import Summary
+from cell.printing import out
+from cell.states import PAUSING, told
 from logs.reader import read_cycle
 from logs.report import write_report
 from logs.story import in_words
@@ -34,7 +34,6 @@ class Screen:
         self, *, json_lines: bool, report: bool, each_turn: Callable[[Message | bytes | None], None] = lambda _: None
     ) -> None:
         self._json, self._report, self._each_turn = json_lines, report, each_turn
-        self._out = Console(highlight=False, soft_wrap=True)
         self._heard: queue.SimpleQueue[tuple[Topic, Message | bytes]] = queue.SimpleQueue()
         self._state = ""
         self.interrupted = threading.Event()
@@ -46,14 +45,14 @@ class Screen:
     def line(self, text: str, style: str = "") -> None:
         """One line for a person; nothing in JSON mode."""
         if not self._json:
-            self._out.print(text, style=style)
+            out.line(text, style=style)
 
     def summary(self, summary: Summary) -> None:
         """How a batch until empty ended: one line, or one JSON object after the results."""
         if self._json:
-            self._out.out(summary.model_dump_json(), highlight=False)
+            out.json(summary.model_dump_json())
         else:
-            self._out.print(summary.line(), style="bold green" if summary.is_empty else "bold red")
+            out.line(summary.line(), style="bold green" if summary.is_empty else "bold red")
 
     def follow(self, *, quiet: bool = False) -> Iterator[CellState | CycleResult]:
         """Print what is said (unless ``quiet``), and yield states and results, until interrupted."""
@@ -76,29 +75,36 @@ class Screen:
             return
         elif isinstance(message, CellState):
             if message.state in ("Starting", "Aborted") and message.cycle_id:
-                self._out.print(f"cycle [bold]{message.cycle_id}[/]")
+                out.line("cycle ", (message.cycle_id, "bold"))
             elif message.stage == "" or message.state != self._state:
-                self._out.print(f"  [dim]{message.state}[/]")
+                self._show_state(message)
             self._state = message.state
         elif isinstance(message, StageRecord):
             said = message.failure.text if message.failure else in_words(message.result)
-            self._out.print(f"  {message.stage:<8} {message.duration_s:6.2f} s  {said}")
+            out.line(f"  {message.stage:<8} {message.duration_s:6.2f} s  {said}")
         elif isinstance(message, Event):
-            self._out.print(f"  [bold red]{message.code}[/] {message.text} {message.advice}")
+            out.line("  ", (message.code, "bold red"), f" {message.text} {message.advice}")
+
+    def _show_state(self, state: CellState) -> None:
+        why = told(state.state, state.reason)
+        is_command = why != state.reason
+        out.line("  ", (why if is_command else state.state, "dim"))
+        if state.state in PAUSING and why and not is_command:  # nothing else says why
+            out.line("  ", why)
 
     def _show_result(self, result: CycleResult) -> None:
         if self._json:
-            self._out.out(result.model_dump_json(), highlight=False)
+            out.json(result.model_dump_json())
             return
         style = _RESULT_STYLE.get(result.result, "bold red")
         code = f" {result.code.value}" if result.code else ""
         name = f" {result.object}" if result.object else ""
-        self._out.print(f"[{style}]{result.result}{code}[/]{name}: {result.reason} ({result.wall_s:.1f} s)")
+        out.line((f"{result.result}{code}", style), f"{name}: {result.reason} ({result.wall_s:.1f} s)")
         if result.code:
-            self._out.print(f"  {ADVICE[result.code]}")
-        self._out.print(f"  recording {result.recording}")
+            out.line(f"  {ADVICE[result.code]}")
+        out.line(f"  recording {result.recording}")
         if result.retried_as:
-            self._out.print(f"  tried again as {result.retried_as}")
+            out.line(f"  tried again as {result.retried_as}")
         if self._report:
             self._write_report(Path(result.recording))
 
@@ -108,6 +114,6 @@ class Screen:
         try:
             page = write_report(read_cycle(recording), recording.with_suffix(".html"))
         except RecordingError as error:
-            self._out.print(f"  [bold red]no report[/] {error}")
+            out.line("  ", ("no report", "bold red"), f" {error}")
         else:
-            self._out.print(f"  report    {page} ({time.monotonic() - started_s:.1f} s)")
+            out.line(f"  report    {page} ({time.monotonic() - started_s:.1f} s)")

@@ -164,6 +164,10 @@ class Daemon:
         health, defects = self._watch.health(), self._defects
         return health.model_copy(update={"defects": defects, "is_healthy": health.is_healthy and not defects})
 
+    def is_ours(self, heard: Heard) -> bool:
+        """Whether a sample from outside this process is one of the cell's own nodes'."""
+        return self._speakers.is_ours(heard)
+
     def objects_left(self) -> int | None:
         """Simulation: how many objects really are in the pick region; None where nobody knows."""
         try:

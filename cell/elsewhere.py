@@ -10,7 +10,8 @@ import typer
 
 from cell import fleet as seen
 from cell.keys import make_keys
-from cell.options import Config, Json, Set, out, print_json
+from cell.options import Config, Json, Set
+from cell.printing import out
 from config.load import DEFAULT_STATION, load_station
 
 
@@ -26,19 +27,19 @@ def fleet(
     extra = [f"bus.endpoint={endpoint}"] if endpoint is not None else []
     members = seen.fleet(load_station(config, [*(overrides or []), *extra]))
     if as_json:
-        print_json([member.to_json() for member in members])
+        out.json([member.to_json() for member in members])
         return
     for member in members:
-        out.print(member.line(time.time_ns()), style="red" if member.problems else "")
+        out.line(member.line(time.time_ns()), style="red" if member.problems else "")
     if not members:
-        out.print("No cell can be seen from here.")
+        out.line("No cell can be seen from here.")
 
 
 def router(
     config: Annotated[Path, typer.Option("--config", "-c", help="Zenoh file, e.g. the router.json5 of `cell keys`.")],
 ) -> None:
     """Run a Zenoh router, where cells and those who look after them meet; zenohd does the same with the same file."""
-    seen.route(config, out.print)
+    seen.route(config, out.line)
 
 
 def keys(
@@ -47,7 +48,8 @@ def keys(
         list[str] | None, typer.Option("--host", help="Address or name of the cell or the router. Repeatable.")
     ] = None,
 ) -> None:
-    """Make TLS certificates and Zenoh files for every role: cell, router, node, operator, viewer (docs/security.md)."""
+    """Make TLS certificates and Zenoh files for each role: cell, router, node, operator, viewer (docs/security.md)."""
     written = make_keys(folder, hosts or [])
-    out.print("\n".join(str(path) for path in written))
-    out.print("A machine of a role gets ca.pem and that role's .pem, .key and .json5. ca.key stays here.")
+    for path in written:
+        out.line(str(path))
+    out.line("A machine of a role gets ca.pem and that role's .pem, .key and .json5. ca.key stays here.")

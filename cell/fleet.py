@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -17,9 +16,11 @@ from bus.errors import BadPayload, PortOccupied
 from bus.frozen import Message
 from bus.secured import session_config
 from bus.session import Bus
+from cell.signals import on_end
 from config.schema import Station
 
 _EVERY = "*"
+_LONGEST_NS = 10**18  # a stamp may be foreign, and as large as it likes
 MessageT = TypeVar("MessageT", bound=Message)
 
 
@@ -42,7 +43,7 @@ class Member(NamedTuple):
         if self.state is None:
             return f"{self.cell_id:<16} ?            it speaks another version"
         state = self.state
-        since = _duration(max(0, now_ns - state.since_ns) * 1e-9)
+        since = _duration(min(max(0, now_ns - state.since_ns), _LONGEST_NS) * 1e-9)
         said = "; ".join([*([state.reason] if state.reason else []), *self.problems]) or "healthy"
         return f"{self.cell_id:<16} {state.state:<12} {state.stage:<8} {since:>6}  {said}"
 
@@ -68,11 +69,10 @@ def fleet(station: Station) -> list[Member]:
 
 
 def route(file: Path, tell: Callable[[str], None]) -> None:
-    """A Zenoh router in this process, until Ctrl-C or SIGTERM. Raises: ConfigError when ``file`` is not safe."""
+    """A Zenoh router in this process, until it is asked to end. Raises: ConfigError when ``file`` is not safe."""
     config = session_config("router", listen=None, connect=None, file=file)
     ended = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: ended.set())
+    on_end(ended.set)
     endpoints = config.get_json("listen/endpoints")
     try:
         session = zenoh.open(config)

@@ -6,11 +6,11 @@ and ends when its stdin closes - so it never outlives the daemon, however that d
 
 from __future__ import annotations
 
+import io
 import json
 import logging
 import os
 import selectors
-import signal
 import subprocess
 import sys
 import threading
@@ -31,9 +31,10 @@ from bus.frozen import Message
 from bus.remote_errors import error_from_reply, error_reply
 from bus.session import Bus
 from bus.threads import OwnedThread, Role, handled_by
-from cell import LOG_FORMAT
 from cell.leases import CELL_CLIENT
 from cell.memory import settled, share_arenas
+from cell.printing import log_plainly
+from cell.signals import on_end
 from config.load import station_from
 from config.schema import Station
 from drivers.node import Node
@@ -161,7 +162,7 @@ def _child(name: str, station: Station) -> subprocess.Popen[str]:
         [sys.executable, "-P", "-m", "cell.nodes", name],  # -P: no module of the working folder in the place of ours
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
-        text=True,
+        encoding="utf-8",  # whatever the terminal's is
         start_new_session=True,  # Ctrl-C in the terminal is the daemon's to handle, in order
     )
     assert child.stdin is not None
@@ -205,7 +206,7 @@ def _line_within(stream: IO[str], timeout_s: float) -> str:
 
 def _own_stdout() -> IO[str]:
     """This process's stdout for our own lines only: what vendors' libraries print there goes to stderr from now on."""
-    ours = os.fdopen(os.dup(sys.stdout.fileno()), "w")
+    ours = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
     return ours
 
@@ -237,14 +238,13 @@ def _end_by_defect(node: Node, name: str, defect: BaseException) -> None:
 
 
 def serve_until_interrupted(name: str, station: Station) -> None:
-    """A node in a terminal of its own (``run = "elsewhere"``): serve until Ctrl-C or SIGTERM.
+    """A node in a terminal of its own (``run = "elsewhere"``): serve until Ctrl-C, SIGTERM or SIGHUP.
 
     When the cell goes, or the link to it, the arm stops: no stop of the cell could reach it any more.
     """
     share_arenas()
     ended = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, lambda *_: ended.set())
+    on_end(ended.set)
     with ExitStack() as stack:
         bus = stack.enter_context(_link(station, station.bus.zenoh))
         node = Node(name, bus, open_devices(station.nodes[name].driver, station), station)
@@ -276,7 +276,8 @@ def _say(stdout: IO[str], ready: Ready) -> None:
 
 
 if __name__ == "__main__":  # the child: spared the imports of the command line
-    logging.basicConfig(level=logging.WARNING, format=LOG_FORMAT)
-    code = _serve_supervised(sys.argv[1], sys.stdin, _own_stdout())
+    log_plainly()
+    stdin = io.TextIOWrapper(sys.stdin.buffer, encoding="utf-8")
+    code = _serve_supervised(sys.argv[1], stdin, _own_stdout())
     logging.shutdown()
     os._exit(code)  # at once: a thread that is still inside MuJoCo or an SDK would end in an abort of the interpreter

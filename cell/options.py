@@ -1,21 +1,42 @@
-"""What the commands share: their options, and how they print what a program reads."""
+"""The options that the commands share, and what is checked of a value before anything is done with it."""
 
 from __future__ import annotations
 
-import json
+import math
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
-from rich.console import Console
 
-Config = Annotated[Path, typer.Option("--config", "-c", help="Station file.", show_default="the simulated cell")]
-Set = Annotated[list[str] | None, typer.Option("--set", help="Override one setting: key=value. Repeatable.")]
+_LONGEST_NAME = 100
+"""Of an object, as the bus carries it (`bus.commands.CommandRequest`)."""
+
+
+def object_name_of(name: str | None) -> str | None:
+    """An object's name that a command can carry."""
+    if name is not None:
+        try:
+            name.encode()
+        except UnicodeEncodeError as error:
+            raise typer.BadParameter(f"{name!r} is not UTF-8.") from error
+        if len(name) > _LONGEST_NAME:
+            raise typer.BadParameter(f"a name has at most {_LONGEST_NAME} characters, this one {len(name)}.")
+    return name
+
+
+def finite(number: float | None) -> float | None:
+    """A number that is one."""
+    if number is not None and not math.isfinite(number):
+        raise typer.BadParameter(f"{number} is no finite number.")
+    return number
+
+
+Config = Annotated[
+    Path,
+    typer.Option("--config", "-c", help="Station file.", show_default="the simulated cell"),
+]
+Set = Annotated[
+    list[str] | None,
+    typer.Option("--set", help="Override one setting: key=value. Repeatable."),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON for programs.")]
-
-out = Console(highlight=False, soft_wrap=True)
-
-
-def print_json(value: Any) -> None:
-    """One line of JSON; text is taken to be JSON already."""
-    out.out(json.dumps(value) if not isinstance(value, str) else value, highlight=False)

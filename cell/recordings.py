@@ -7,23 +7,20 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.progress import track
-from rich.table import Table
-from rich.text import Text
 
 from bus.errors import ConfigError, RecordingError
-from cell.options import Config, Json, out, print_json
+from cell.drawing import console, table, tracked, words
+from cell.options import Config, Json
+from cell.printing import Part, err, out
 from config.load import DEFAULT_STATION, load_station
 from logs.days import days, outdated, write_cycle, write_day
 from logs.index import Entry, Filter, find_recording, list_cycles
-from logs.names import is_folder, shown
+from logs.names import is_folder
 from logs.reader import CycleRecord, read_cycle
 from logs.recover import recover as recover_file
 from logs.report import configuration_changes, write_report
 from logs.story import Story, tell
 
-_progress = Console(stderr=True)
 _STYLE = {"SUCCESS": "green", "EMPTY": "yellow", "UNFINISHED": "yellow", "INTERRUPTED": "yellow", "TORN": "yellow"}
 _BAD = "bold red"
 _WIDTH = 1000
@@ -56,25 +53,23 @@ def cycles(
     entries = list_cycles(folder or load_station(config).recording.folder, wanted)
     if as_json:
         for entry in entries:
-            print_json(entry.to_json())
+            out.json(entry.to_json())
         return
-    table = Table(box=None, pad_edge=False, header_style="dim")
-    for name in ("cycle", "result", "code", "object", "time", "try", "why"):
-        table.add_column(name, no_wrap=True, justify="right" if name == "time" else "left")
+    rows = table(("cycle", "result", "code", "object", "time", "try", "why"), right=("time",))
     for entry in entries:
-        table.add_row(*_cells(entry))
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console.width = _WIDTH
-    console.print(table if table.rows else "none")
+        rows.add_row(*map(words, _cells(entry)))
+    if rows.rows:
+        console(out, None if out.isatty() else _WIDTH).print(rows)
+    else:
+        out.line("none")
 
 
-def _cells(entry: Entry) -> tuple[Text, ...]:
+def _cells(entry: Entry) -> tuple[Part, ...]:
     style = _STYLE.get(entry.result, _BAD)
     took = f"{entry.wall_s:.1f} s" if entry.wall_s is not None else ""
     tries = f"{entry.number + 1}{' ->' if entry.retried_as else ''}"
     texts = entry.cycle_id, entry.result, entry.code, entry.object, took, tries, entry.reason
-    return tuple(Text(text, style if place in (1, 2) else "") for place, text in enumerate(texts))
+    return tuple((text, style if place in (1, 2) else "") for place, text in enumerate(texts))
 
 
 # --- show -------------------------------------------------------------------------------------------------------------
@@ -86,22 +81,24 @@ def show(cycle: Cycle, config: Config = DEFAULT_STATION, as_json: Json = False) 
     record = read_cycle(path)
     story = tell(record)
     if as_json:
-        print_json(_told(record, story))
+        out.json(_told(record, story))
         return
-    out.print(Text.assemble((story.title, _STYLE.get(story.outcome, _BAD)), f": {story.why}"))
+    out.line((story.title, _STYLE.get(story.outcome, _BAD)), f": {story.why}")
     if story.advice:
-        out.print(Text.assemble(("  what to do  ", "bold"), story.advice))
+        out.line(("  what to do  ", "bold"), story.advice)
     for line in story.stages:
-        out.print(Text(f"  {line.name:<8} {line.took_s:6.2f} s  {line.said}".rstrip(), "red" if line.failed else ""))
-    out.print(Text(f"  machine     {' -> '.join(span.name for span in story.states) or 'said nothing'}"))
+        text = f"  {line.name:<8} {line.took_s:6.2f} s  {line.said}".rstrip()
+        out.line(text, style="red" if line.failed else "")
+    out.line(f"  machine     {' -> '.join(span.name for span in story.states) or 'said nothing'}")
     for key, here, default in configuration_changes(record.station):
-        out.print(Text(f"  changed     {key} = {here} (default {default})", "dim"))
+        out.line(f"  changed     {key} = {here} (default {default})", style="dim")
     attempt = record.attempt
     if attempt.number:
-        out.print(Text(f"  try {attempt.number + 1}, after {attempt.retry_of}"))
+        out.line(f"  try {attempt.number + 1}, after {attempt.retry_of}")
     if record.result is not None and record.result.retried_as:
-        out.print(Text(f"  tried again as {record.result.retried_as}"))
-    out.print(Text(f"  recording   {shown(path)}, made by {record.metadata.get('commit', 'an unknown commit')}", "dim"))
+        out.line(f"  tried again as {record.result.retried_as}")
+    made_by = record.metadata.get("commit", "an unknown commit")
+    out.line(f"  recording   {path}, made by {made_by}", style="dim")
 
 
 def _told(record: CycleRecord, story: Story) -> dict[str, Any]:
@@ -141,9 +138,9 @@ def report(
         path, damaged = find_cycle(cycle, config), {}
         pages = [write_report(read_cycle(path), output or path.with_suffix(".html"))]
     for page in pages:
-        out.print(Text(shown(page)))
+        out.line(str(page))
     for path, why in damaged.items():
-        typer.echo(f"DAMAGED {shown(path)}: {why}", err=True)
+        err.line(f"DAMAGED {path}: {why}")
     if open_it and pages:
         webbrowser.open(pages[0].resolve().as_uri())
     if damaged:
@@ -153,10 +150,7 @@ def report(
 def _report_folder(folder: Path) -> tuple[list[Path], dict[Path, str]]:
     """Write what is missing or outdated; the pages of the days, newest first, and what has none, with the reason."""
     todo = outdated(folder)
-    written = {
-        path: write_cycle(path)
-        for path in track(todo, "writing pages", console=_progress, disable=not todo, transient=True)
-    }
+    written = {path: write_cycle(path) for path in tracked(todo, len(todo), "writing pages", err)}
     damaged = {path: why for path, why in written.items() if why}
     return [write_day(day, damaged) for day in days(folder)], damaged
 
@@ -177,10 +171,10 @@ def recover(
         try:
             done = recover_file(file)
         except RecordingError as error:  # the others are recovered all the same
-            typer.echo(f"{error.code}: {error}", err=True)
+            err.line(f"{error.code}: {error}")
             failed = error
             continue
-        print_json(done.to_json()) if as_json else out.print(done.line())
+        out.json(done.to_json()) if as_json else out.line(done.line())
         lost = lost or done.lost
     if failed is not None or lost:
         raise typer.Exit(failed.exit_code if failed is not None else 1)

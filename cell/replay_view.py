@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 
 from bus.frozen import Message
 from bus.messages import Detections, Failure, PickPlan, Verdict
+from cell.printing import Printer
 from cell.replay import Replay, StageReplay
 
 _SHOWN = 5
@@ -43,35 +43,36 @@ def to_json(replay: Replay) -> dict[str, Any]:
     return said
 
 
-def show(replay: Replay, out: Console) -> None:
+def show(replay: Replay, out: Printer) -> None:
     """For a person."""
     for stage in replay.stages:
         count = len(stage.differences)
-        found = f"[red]{count} difference{'s' if count > 1 else ''}[/]" if count else "[green]equal[/]"
-        out.print(f"{stage.stage:<8} {found}")
+        found = (f"{count} difference{'s' if count > 1 else ''}", "red") if count else ("equal", "green")
+        out.line(f"{stage.stage:<8} ", found)
         for step, difference in stage.differences[:_SHOWN]:
-            out.print(f"    {step:<8} {difference.describe()}", markup=False)
+            out.line(f"    {step:<8} {difference.describe()}")
         if count > _SHOWN:
-            out.print(f"    and {count - _SHOWN} more")
+            out.line(f"    and {count - _SHOWN} more")
     for name, why in replay.not_reached.items():
-        out.print(f"{name:<8} [yellow]not replayed[/]: {why}")
+        out.line(f"{name:<8} ", ("not replayed", "yellow"), f": {why}")
     for line in consequence(replay) if replay.chained else ():
-        out.print(f"  {line}", markup=False)
+        out.line(f"  {line}")
     said = verdict(replay)
-    out.print(f"{replay.record.cycle_id}: {NO_GRASPS if said == 'empty' else said}")
+    out.line(f"{replay.record.cycle_id}: {NO_GRASPS if said == 'empty' else said}")
 
 
-def show_tally(said: dict[str, Any], out: Console) -> None:
+def show_tally(said: dict[str, Any], out: Printer) -> None:
     """A folder's sum, for a person: what differs first, failures before figures."""
     for path, why in said["unreadable"].items():
-        out.print(f"[red]unreadable[/] {path}: {why}")
+        out.line(("unreadable", "red"), f" {path}: {why}")
     for one in said["differences"]:
         first = one["first_difference"]
-        out.print(f"[red]different[/] {one['cycle_id']}: first in {first['stage']}/{first['step']}, {first['field']}")
+        where = f"{first['stage']}/{first['step']}, {first['field']}"
+        out.line(("different", "red"), f" {one['cycle_id']}: first in {where}")
     for name, count in said["fields"].items():
-        out.print(f"  {count:>5} x {name}")
+        out.line(f"  {count:>5} x {name}")
     counts = ", ".join(f"{said[name]} {name}" for name in ("equal", "different", "empty"))
-    out.print(f"{said['cycles']} recordings: {counts}, {len(said['unreadable'])} unreadable")
+    out.line(f"{said['cycles']} recordings: {counts}, {len(said['unreadable'])} unreadable")
 
 
 def consequence(replay: Replay) -> Iterator[str]:

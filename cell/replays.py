@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
-from rich.progress import track
 
 from bus.session import Bus
 from cell import replay_view
-from cell.options import Config, Json, Set, out, print_json
+from cell.drawing import tracked
+from cell.options import Config, Json, Set, finite
+from cell.printing import err, out
 from cell.recordings import find_cycle
 from cell.replay import Request
 from cell.replay import replay as run_again
@@ -38,11 +38,15 @@ def replay(
     publish: Annotated[
         bool, typer.Option("--publish", help="Instead: put it on the bus again, below replay/CYCLE_ID/.")
     ] = False,
-    rate: Annotated[float, typer.Option(min=0.01, help="With --publish: so many times as fast as it was.")] = 1.0,
+    rate: Annotated[
+        float, typer.Option(min=0.01, help="With --publish: so many times as fast as it was.", callback=finite)
+    ] = 1.0,
     endpoint: Annotated[
         str, typer.Option(help="With --publish: where to listen for subscribers.")
     ] = "tcp/127.0.0.1:7448",
-    wait_s: Annotated[float, typer.Option(min=0, help="With --publish: how long to wait for the first one.")] = 30.0,
+    wait_s: Annotated[
+        float, typer.Option(min=0, help="With --publish: how long to wait for the first one.", callback=finite)
+    ] = 30.0,
     config: Config = DEFAULT_STATION,
     overrides: Set = None,
     as_json: Json = False,
@@ -64,7 +68,7 @@ def replay(
     path = find_cycle(cycle, config)
     with telling(shown(path)):
         outcome = run_again(read_cycle(path), request)
-    print_json(replay_view.to_json(outcome)) if as_json else replay_view.show(outcome, out)
+    out.json(replay_view.to_json(outcome)) if as_json else replay_view.show(outcome, out)
     said = replay_view.verdict(outcome)
     if said != "equal":
         raise typer.Exit(1 if said == "different" else 2)
@@ -76,17 +80,17 @@ def _publish(file: Path, rate: float, endpoint: str, wait_s: float) -> None:
     require_no_live_cell(station_from(dict(record.station), source="the recorded station"))
     said = list(payloads(file))
     with Bus.listen(station.cell_id, station.bus.endpoint) as bus:
-        typer.echo(f"{len(said)} payloads on {ROOT}/{record.cycle_id}/** at {endpoint}; Ctrl-C ends", err=True)
+        err.line(f"{len(said)} payloads on {ROOT}/{record.cycle_id}/** at {endpoint}; Ctrl-C ends")
         await_listener(bus, record.cycle_id, wait_s)
         again = republish(bus, record.cycle_id, said, rate)
-        for _ in track(again, total=len(said), description=record.cycle_id, console=Console(stderr=True)):
+        for _ in tracked(again, len(said), record.cycle_id, err):
             pass
 
 
 def _replay_folder(folder: Path, request: Request, *, as_json: bool) -> None:
-    tally = replay_folder(folder, request, lambda path, said: typer.echo(f"{shown(Path(path.stem))} {said}", err=True))
+    tally = replay_folder(folder, request, lambda path, said: err.line(f"{path.stem} {said}"))
     if as_json:
-        print_json(tally.to_json())
+        out.json(tally.to_json())
     else:
         replay_view.show_tally(tally.to_json(), out)
     raise typer.Exit(tally.exit_code)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable
 
 import numpy as np
 
@@ -29,10 +30,13 @@ class RobotTf:
     """A thread from construction to `close`: the newest states of arm and hand as transforms, 30 times a second.
 
     An arm at rest is said once a second. What cannot be read is passed over: `cell.health` says that.
+
+    Args:
+        is_ours: whether a sample is one of the cell's own nodes' (`cell.speakers`).
     """
 
-    def __init__(self, bus: Bus, robot: Robot) -> None:
-        self._bus, self._links = bus, Links(robot)
+    def __init__(self, bus: Bus, robot: Robot, is_ours: Callable[[Heard], bool]) -> None:
+        self._bus, self._links, self._is_ours = bus, Links(robot), is_ours
         self._arm = self._hand = b""  # replaced whole, on the bus's threads
         self._said: tuple[Joints, float] | None = None
         self._said_s = 0.0
@@ -47,10 +51,12 @@ class RobotTf:
         self._thread.join()
 
     def _hear_arm(self, heard: Heard) -> None:
-        self._arm = heard.payload
+        if self._is_ours(heard):
+            self._arm = heard.payload
 
     def _hear_hand(self, heard: Heard) -> None:
-        self._hand = heard.payload
+        if self._is_ours(heard):
+            self._hand = heard.payload
 
     def _run(self) -> None:
         arm = b""

@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 import os
-import signal
-from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from bus.commands import CommandRequest
+from bus.commands import MAX_CYCLES, CommandRequest
+from bus.errors import BusError, PortOccupied
 from bus.messages import CycleResult
+from cell import client
 from cell.batch import Batch
 from cell.build import running_cell
 from cell.console import Screen
 from cell.daemon import Daemon
 from cell.machine import refuse
 from cell.options import Config, Json, Set
+from cell.printing import err
 from cell.service import Service, takes_commands
+from cell.signals import on_end
 from config.load import DEFAULT_STATION, load_station
 from config.schema import RetrySettings, Station
 from logs import live
@@ -30,7 +32,9 @@ _TERMINAL = "terminal"
 
 def start(
     config: Config = DEFAULT_STATION,
-    cycles: Annotated[int | None, typer.Option(min=1, help="Reset, run this many picks, and end.")] = None,
+    cycles: Annotated[
+        int | None, typer.Option(min=1, max=MAX_CYCLES, help="Reset, run this many picks, and end.")
+    ] = None,
     until_empty: Annotated[
         bool,
         typer.Option("--until-empty", help="Reset, pick until nothing is left or 3 picks in a row failed, and end."),
@@ -59,12 +63,15 @@ def start(
     picks = wanted if cycles is not None or until_empty else None
     service = Service(os.environ)
     screen = Screen(json_lines=as_json, report=report and not as_json, each_turn=service.turn)
-    _on_signal(screen.interrupted.set)
-    batch = _run(station, picks, screen, service, foxglove_port if foxglove else None)
+    on_end(screen.interrupted.set, insists=True)
+    try:
+        batch = _run(station, picks, screen, service, foxglove_port if foxglove else None)
+    except PortOccupied as error:
+        raise _occupied(station, error) from error
     if batch is None:
         return
     if as_json and cycles is not None and batch.done < cycles:
-        typer.echo(batch.reason, err=True)  # a cell that aborts between cycles gives no result that says why
+        err.line(batch.reason)  # a cell that aborts between cycles gives no result that says why
     if screen.interrupted.is_set() or not (batch.is_empty if until_empty else batch.picked == cycles):
         raise typer.Exit(1)
 
@@ -73,7 +80,7 @@ def _run(
     station: Station, picks: CommandRequest | None, screen: Screen, service: Service, view_port: int | None
 ) -> Batch | None:
     """Run the cell for these ``picks``; without any, for whatever is commanded, until interrupted."""
-    screen.line(f"cell [bold]{station.cell_id}[/] on {station.bus.endpoint}: starting {', '.join(station.nodes)} ...")
+    screen.line(f"cell {station.cell_id} on {station.bus.endpoint}: starting {', '.join(station.nodes)} ...")
     with (
         running_cell(station, screen.observe) as daemon,
         _live_view(station, view_port) as view,
@@ -88,6 +95,19 @@ def _run(
         if picks.until_empty:
             screen.summary(batch.summary(daemon.objects_left()))
         return batch
+
+
+def _occupied(station: Station, error: PortOccupied) -> PortOccupied:
+    """Who is there instead: this very cell, or another program."""
+    try:
+        with client.connect(station) as cell:
+            cell.state()
+    except BusError:
+        return error
+    return PortOccupied(
+        f"A cell already runs here: {station.cell_id} at {station.bus.endpoint}.",
+        "To let it pick: `cell pick`, or `cell run --cycles N`; what it does now: `cell status`.",
+    )
 
 
 def _live_view(station: Station, port: int | None) -> AbstractContextManager[live.LiveView | None]:
@@ -119,14 +139,3 @@ def _run_batch(daemon: Daemon, screen: Screen, operator: CommandRequest, retry: 
             break
     batch.end("Interrupted.")
     return batch
-
-
-def _on_signal(end: Callable[[], None]) -> None:
-    """First SIGINT or SIGTERM: a controlled end; the next one: at once."""
-
-    def handle(number: int, _frame: object) -> None:
-        end()
-        signal.signal(number, signal.SIG_DFL)
-
-    signal.signal(signal.SIGINT, handle)
-    signal.signal(signal.SIGTERM, handle)

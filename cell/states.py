@@ -9,6 +9,7 @@ An invalid command is refused with its reason and what is available - never igno
 
 from __future__ import annotations
 
+import re
 from enum import StrEnum
 
 from bus.errors import Refused
@@ -77,6 +78,16 @@ COMMANDS: dict[str, dict[State, State]] = {
 """Command -> {from: to}. ``pick`` after a completed cycle resets first. Hold is for the operator's or the cell's own
 reason, Suspend for one outside of it; both brake on the path and wait."""
 
+_NEEDLESS = {
+    "stop": "Nothing moves any more.",
+    "abort": "It is aborted already, or about to be.",
+    "hold": "Only a cycle that runs can be held.",
+    "unhold": "No cycle is held.",
+    "suspend": "Only a cycle that runs can be suspended.",
+    "unsuspend": "No cycle is suspended.",
+    "clear": "Only an aborted cell is cleared.",
+}
+"""Why a command is not accepted that would not make anything ready."""
 _HOW_TO_GET_READY = {
     State.STOPPED: "Reset the cell first: `cell reset`.",
     State.ABORTED: "Three deliberate acts: `cell clear`, `cell reset`, then start.",
@@ -102,7 +113,8 @@ def after_command(state: State, command: str) -> State:
             available=available(state),
         )
     if state not in arrows:
-        advice = _HOW_TO_GET_READY.get(state, f"Available now: {', '.join(available(state))}.")
+        advice = _NEEDLESS.get(command) or _HOW_TO_GET_READY.get(state, "Wait until that is over.")
+        advice += f" Available now: {', '.join(available(state)) or 'nothing'}."
         raise Refused(
             f"{command!r} is not possible while the cell is {state}.",
             advice,
@@ -110,3 +122,12 @@ def after_command(state: State, command: str) -> State:
             available=available(state),
         )
     return arrows[state]
+
+
+_COMMAND = re.compile(r"command '(?:stop|abort|hold|suspend)' from (.+)")
+
+
+def told(state: str, reason: str) -> str:
+    """Why the cell is in ``state``, for a person; who it was that brought it to rest: ``Stopped by ann-4711``."""
+    found = _COMMAND.fullmatch(reason)
+    return f"{state} by {found[1]}" if found else reason

@@ -9,13 +9,14 @@ import typer
 from cell import nodes
 from cell import watch as watching
 from cell.doctor import examine
-from cell.options import Config, Json, Set, out, print_json
+from cell.options import Config, Json, Set
+from cell.printing import out
 from config.load import DEFAULT_STATION, load_station
 
 
 def config(config: Config = DEFAULT_STATION, overrides: Set = None) -> None:
     """Print the whole configuration, defaults included, as JSON."""
-    print_json(load_station(config, overrides or []).model_dump_json(indent=2))
+    out.json(load_station(config, overrides or []).model_dump_json(indent=2))
 
 
 def doctor(config: Config = DEFAULT_STATION, overrides: Set = None, as_json: Json = False) -> None:

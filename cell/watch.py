@@ -5,15 +5,14 @@ from __future__ import annotations
 import os
 import re
 import select
-import signal
 import sys
 import termios
 import threading
 import time
 import tty
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
@@ -26,13 +25,16 @@ from rich.live import Live
 from bus import topics
 from bus.codec import decode
 from bus.commands import CellState, CommandReply, Event, Health
-from bus.errors import BusError, CellError
+from bus.errors import BadPayload, BusError, CellError
 from bus.frozen import Message
 from bus.heard import Heard
 from bus.messages import CycleResult
 from bus.topics import encoding_of
 from cell import client
-from cell.client import Client
+from cell.client import SETTLED, Client
+from cell.drawing import console
+from cell.printing import out
+from cell.signals import on_end
 from cell.watch_view import HISTORY, KEYS, QUIT, Model, view
 from config.schema import Station
 from logs.index import read_result
@@ -45,7 +47,14 @@ _ASK_STATE_S = 1.0
 _SILENCE_S = 2.0
 """A cell answers at once; after this the view says that it does not, while the question still waits."""
 _NODES_PATIENCE_S = 2.5
-_TYPES: dict[str, type[Message]] = {encoding_of(kind): kind for kind in (CellState, CycleResult, Health, Event)}
+_ENDED = "The cell has ended, or the link to it. It is shown again once it is back."
+_UNKNOWN_NS = 2**63
+_TYPES: dict[str, type[Message]] = {
+    topics.STATE.key: CellState,
+    topics.RESULT.key: CycleResult,
+    topics.EVENT.key: Event,
+}
+_NODE_HEALTH = re.compile(topics.NODE_HEALTH.key.format(name="[^/]+"))
 _ESCAPE_SEQUENCE = re.compile(rb"\x1b(\[[0-?]*[ -/]*[@-~]|O.|.)?", re.DOTALL)
 _NO_CHARACTER = b"\0"  # POSIX: this control character is switched off
 
@@ -95,33 +104,83 @@ class Keyboard:
         return list(dict.fromkeys(_ESCAPE_SEQUENCE.sub(b"", typed).decode("ascii", "ignore")))
 
 
+class Commander:
+    """Sends the view's commands. It holds the lease from the first that moves the arm until what it commanded is over.
+
+    Args:
+        connect: a new connection to the cell, closed with its context; with it ends the lease.
+    """
+
+    def __init__(self, connect: Callable[[], AbstractContextManager[Client]]) -> None:
+        self._connect = connect
+        self._alone = threading.Lock()
+        self._open = ExitStack()
+        self._client: Client | None = None
+        self._since_ns = 0
+
+    def command(self, verb: str) -> CommandReply:
+        """Send one command, from any thread. Raises: as `Client.command`."""
+        with self._alone:
+            if self._client is None:
+                self._client = self._open.enter_context(self._connect())
+            reply = self._client.command(verb)
+            self._since_ns = _UNKNOWN_NS
+            self._since_ns = self._client.state().since_ns  # of the state that it led to, or of a later one
+            return reply
+
+    def is_over(self, state: CellState | None, *, is_gone: bool) -> bool:
+        """Whether there is a connection to close: ``state`` is the end of what was commanded, or the cell is gone."""
+        if self._alone.locked() or self._client is None:
+            return False
+        return is_gone or (state is not None and state.state in SETTLED and state.since_ns >= self._since_ns)
+
+    def release(self) -> None:
+        """Close the connection, and with it give the lease back; the next command opens another."""
+        with self._alone:
+            self._open.close()
+            self._client = None
+
+
 class Watcher:
     """Keeps a `Model` up to date, and sends commands. Asking happens in threads: a silent cell never stops the view."""
 
-    def __init__(self, cell: Client, station: Station, pool: ThreadPoolExecutor, *, takes_keys: bool) -> None:
-        self._cell, self._pool = cell, pool
+    def __init__(
+        self, cell: Client, commander: Commander, station: Station, pool: ThreadPoolExecutor, *, takes_keys: bool
+    ) -> None:
+        self._cell, self._commander, self._pool = cell, commander, pool
         results = tuple(islice(recorded_results(station.recording.folder), HISTORY))
         self.model = Model(station.cell_id, tuple(station.nodes), takes_keys, results=results)
         self.model = self.model.hear(cell.state(), time.monotonic())
         self._asked_s = time.monotonic()
         self._asking: Future[CellState] | None = None
         self._commands: list[tuple[str, Future[CommandReply]]] = []
+        self._releasing: Future[None] | None = None
 
     def press(self, key: str) -> None:
         """Send the key's command, also one that will be refused: the answer says why."""
         verb = KEYS.get(key)
         if verb is not None:
             self.model = self.model.noting(f"{verb} ...", time.monotonic())
-            self._commands.append((verb, self._pool.submit(self._cell.command, verb)))
+            self._commands.append((verb, self._pool.submit(self._commander.command, verb)))
 
     def turn(self) -> None:
         """Take what was said and answered since the last turn. Raises: nothing a cell does."""
         for heard in self._cell.heard():
-            self.model = self.model.hear(_decoded(heard), time.monotonic())
+            self.hear(heard)
         for verb, future in [command for command in self._commands if command[1].done()]:
             self._commands.remove((verb, future))
             self._take_answer(verb, future)
         self._ask_state()
+        self._give_back()
+
+    def hear(self, heard: Heard) -> None:
+        """Take one message; one that cannot be read is counted, and its reason shown."""
+        try:
+            said = _decoded(heard)
+        except BadPayload as error:
+            self.model = self.model.missing(heard.key, error.text)
+        else:
+            self.model = self.model.hear(said, time.monotonic())
 
     def _take_answer(self, verb: str, future: Future[CommandReply]) -> None:
         try:
@@ -141,10 +200,18 @@ class Watcher:
             try:
                 self.model = self.model.hear(self._asking.result(), time.monotonic())
             except BusError as error:
-                self.model = replace(self.model, lost=str(error))
+                self.model = replace(self.model, lost=_ENDED if self._cell.is_gone else str(error))
             self._asking = None
+        elif self._cell.is_gone:
+            self.model = replace(self.model, lost=_ENDED)
         elif time.monotonic() - self._asked_s > _SILENCE_S and not self.model.lost:
             self.model = replace(self.model, lost=f"The cell has not answered for {_SILENCE_S:.0f} s.")
+
+    def _give_back(self) -> None:
+        """The lease, once nothing moves for it any more: another client may command."""
+        is_due = not self._commands and self._commander.is_over(self.model.state, is_gone=self._cell.is_gone)
+        if is_due and (self._releasing is None or self._releasing.done()):
+            self._releasing = self._pool.submit(self._commander.release)
 
     def wait_for_nodes(self) -> None:
         """Until every node was heard, or `_NODES_PATIENCE_S`."""
@@ -159,24 +226,27 @@ def watch(station: Station, *, once: bool) -> None:
 
     Raises: CellUnreachable when no cell runs at the beginning; one that goes away later is shown, and waited for.
     """
-    out = Console(highlight=False, width=None if sys.stdout.isatty() else _WIDTH)
-    once = once or not out.is_terminal
+    canvas = console(out, None if out.isatty() else _WIDTH)
+    once = once or not out.isatty()
     keyboard = Keyboard(sys.stdin)
-    with client.connect(station, also=(topics.NODE_HEALTH, topics.EVENT)) as cell, _asking() as pool:
-        watcher = Watcher(cell, station, pool, takes_keys=keyboard.is_there and not once)
+    name = client.client_name("watch")
+    commander = Commander(lambda: client.connect(station, client_id=name))
+    also = (topics.NODE_HEALTH, topics.EVENT)
+    with client.connect(station, also, client_id=name) as cell, _released_last(commander), _asking() as pool:
+        watcher = Watcher(cell, commander, station, pool, takes_keys=keyboard.is_there and not once)
         if once:
             watcher.wait_for_nodes()
-            out.print(_draw(watcher))
+            canvas.print(_draw(watcher))
         else:
-            _loop(watcher, keyboard, out, _end_on_signals())
+            _loop(watcher, keyboard, canvas, _end_on_signals())
 
 
-def _loop(watcher: Watcher, keyboard: Keyboard, out: Console, ended: threading.Event) -> None:
+def _loop(watcher: Watcher, keyboard: Keyboard, canvas: Console, ended: threading.Event) -> None:
     """Until q, ``ended``, or the terminal is gone: only its own input and output raise what is caught here."""
     try:
-        with keyboard, Live(_draw(watcher), console=out, screen=True, auto_refresh=False) as live:
+        with keyboard, Live(_draw(watcher), console=canvas, screen=True, auto_refresh=False) as live:
             drawn_s, drawn = 0.0, watcher.model
-            while not ended.is_set() and QUIT not in (keys := keyboard.pressed(_TURN_S)):
+            while not ended.is_set() and out.lost is None and QUIT not in (keys := keyboard.pressed(_TURN_S)):
                 for key in keys:
                     watcher.press(key)
                 watcher.turn()
@@ -192,15 +262,27 @@ def _draw(watcher: Watcher) -> RenderableType:
 
 
 def _decoded(heard: Heard) -> Message:
-    return decode(_TYPES[heard.encoding], heard.payload)
+    """What was said, in the type of its key. Raises: BadPayload."""
+    kind = Health if _NODE_HEALTH.fullmatch(heard.key) else _TYPES.get(heard.key)
+    if kind is None or heard.encoding != encoding_of(kind):
+        raise BadPayload(f"{heard.key!r} does not carry {heard.encoding!r}.")
+    return decode(kind, heard.payload)
 
 
 def _end_on_signals() -> threading.Event:
     """Set by Ctrl-C, SIGTERM and a closed terminal; none of them may interrupt a line that is being drawn."""
     ended = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, lambda *_: ended.set())
+    on_end(ended.set)
     return ended
+
+
+@contextmanager
+def _released_last(commander: Commander) -> Iterator[None]:
+    """What it commanded is no longer attended once the view has ended: the cell holds it."""
+    try:
+        yield
+    finally:
+        commander.release()
 
 
 @contextmanager

@@ -81,7 +81,7 @@ class PandaHand:
 
     def connect(self) -> None:
         """Raises: DriverUnavailable: no package, or no hand at that address; HandFault: it does not say its width."""
-        if self._gripper is not None and self._poller is not None and self._poller.is_alive:
+        if self._gripper is not None and self._poller is not None and self._poller.is_alive():
             return
         self.close()
         gripper = Gripper(self._settings.address, self._franky)
@@ -109,7 +109,7 @@ class PandaHand:
         """The width as last asked for. Raises: DeviceLost when the hand has not said one for a second."""
         self._require()
         poller, seen = self._poller, self._seen
-        if poller is not None and not poller.is_alive:
+        if poller is not None and not poller.is_alive():
             raise DeviceLost("The hand is no longer asked for its width: that ended by a defect.", "Restart its node.")
         if time.monotonic() - seen.at_s > _STALE_S:
             raise DeviceLost(f"The Franka hand does not answer any more. {self._trouble}".strip(), LOST_ADVICE)

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
-
-from rich.console import Console
-from rich.markup import escape
 
 from cell.doctor import arm, kernel, machine, reach
 from cell.doctor.finding import Check, Finding, Verdict
+from cell.printing import Printer
 from config.schema import Station
 
 CHECKS: tuple[Check, ...] = (
@@ -41,22 +38,22 @@ def examine(station: Station) -> Iterator[Finding]:
         yield check(station)
 
 
-def report(station: Station, out: Console, *, as_json: bool) -> bool:
+def report(station: Station, out: Printer, *, as_json: bool) -> bool:
     """Print the findings, as JSON one object a line; whether nothing is to fix."""
     to_fix = 0
     for finding in examine(station):
         to_fix += finding.verdict is Verdict.FIX
         if as_json:
-            out.out(json.dumps(finding.to_json()), highlight=False)
+            out.json(finding.to_json())
         else:
             _show(finding, out)
     if not as_json:
-        out.print(f"[bold red]{to_fix} to fix[/]" if to_fix else "[bold green]nothing to fix[/]")
+        out.line((f"{to_fix} to fix", "bold red") if to_fix else ("nothing to fix", "bold green"))
     return to_fix == 0
 
 
-def _show(finding: Finding, out: Console) -> None:
+def _show(finding: Finding, out: Printer) -> None:
     style = _STYLE[finding.verdict]
-    out.print(f"[{style}]{finding.verdict:<5}[/] {finding.name:<18}  {escape(finding.found)}")
+    out.line((f"{finding.verdict:<5}", style), f" {finding.name:<18}  {finding.found}")
     if finding.advice:
-        out.print(f"{'':<26}[bold]-> {escape(finding.advice)}[/]")
+        out.line(" " * 26, (f"-> {finding.advice}", "bold"))

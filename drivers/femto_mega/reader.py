@@ -106,7 +106,7 @@ class Reader:
         """A thread that hangs in the SDK is left behind: it ends as soon as it comes back."""
         self._ending.set()
         self._thread.join(_END_S)
-        if self._thread.is_alive:
+        if self._thread.is_alive():
             _log.error("the camera's SDK does not come back; it is left behind")
 
     def _is_after(self, asked_ns: int) -> bool:

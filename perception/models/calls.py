@@ -50,7 +50,7 @@ class Call(Generic[ResultT]):
 
     @property
     def is_over(self) -> bool:
-        return not self._thread.is_alive
+        return not self._thread.is_alive()
 
     def _run(self) -> None:
         outcome: ResultT | BaseException

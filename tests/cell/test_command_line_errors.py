@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import os
+import re
 import socket
 import subprocess
 import sys
@@ -10,6 +12,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+
+from cell import commands
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -74,15 +78,122 @@ def test_a_recording_that_is_none(in_process: Run, tmp_path: Path, command: str,
     _says(in_process(command, str(path)), 2, str(path))
 
 
-def test_a_wrong_command_is_a_usage_error() -> None:
-    done = _process("dance")
-    assert done.returncode == 2 and "dance" in done.stderr and "Traceback" not in done.stderr
+def test_a_wrong_command_is_a_usage_error_with_its_neighbour(in_process: Run) -> None:
+    _says(in_process("statsu"), 2, "statsu", "'status'", "cell --help")
 
 
-def test_a_stop_imports_nothing_that_only_others_need() -> None:
-    """An operator in a hurry waits for every import."""
-    source = "import sys; from cell.commands import command_line; command_line('stop'); print(*sys.modules)"
-    done = subprocess.run([sys.executable, "-c", source], capture_output=True, text=True, check=True)
-    assert set(done.stdout.split()) & {"cell.client", "cell.daemon", "planning", "perception", "logs", "scipy"} == {
-        "cell.client"
-    }
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["start", "--cycles", "2000000"], ["--cycles", "1000000"]),
+        (["run", "--cycles", "0"], ["--cycles", "1"]),
+        (["run"], ["--cycles", "--until-empty"]),
+        (["run", "--cycles", "1", "--until-empty"], ["--cycles", "--until-empty"]),
+        (["pick", "--object", "x" * 101], ["--object", "100"]),
+        (["pick", "--object", "caf\udce9"], ["--object", "UTF-8"]),
+        (["fault", "bus", "slow", "--delay-s", "nan"], ["--delay-s"]),
+        (["fault", "bus", "slow", "--delay-s=-1"], ["--delay-s", "0"]),
+        (["replay", "x", "--publish", "--wait-s", "inf"], ["--wait-s", "finite"]),
+        (["start", "--nonsense"], ["--nonsense"]),
+        (["show", "a", "b"], ["extra"]),
+        (["report"], ["FILE"]),
+    ],
+    ids=lambda value: " ".join(value)[:30],
+)
+def test_an_option_out_of_its_range_is_named(in_process: Run, arguments: list[str], words: list[str]) -> None:
+    _says(in_process(*arguments), 2, *words)
+
+
+def test_a_usage_error_is_json_too(in_process: Run) -> None:
+    done = in_process("run", "--json")
+    assert json.loads(done.stdout)["code"] == "USAGE" and done.returncode == 2
+
+
+def test_without_a_command_it_shows_its_help(in_process: Run) -> None:
+    done = in_process()
+    assert done.returncode == 2 and "Commands:" in done.stdout and done.stderr == ""
+
+
+@pytest.mark.parametrize("command", ["cycles", "show", "report", "replay", "recover"])
+@pytest.mark.parametrize("name", ["x" * 300 + ".mcap", "file/x.mcap", "/root/\udce9.mcap"])
+def test_a_name_that_no_file_can_have(in_process: Run, tmp_path: Path, command: str, name: str) -> None:
+    (tmp_path / "file").write_text("")
+    done = in_process(command, str(tmp_path / name))
+    assert done.returncode == 2 and "Traceback" not in done.stderr and len(done.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    "output", ["board", "board.pngg", "board.jpg", "absent/board.png", "\udce9/b.png", "x" * 300 + ".png"]
+)
+def test_a_board_that_cannot_be_written(in_process: Run, tmp_path: Path, output: str) -> None:
+    _says(in_process("calibrate", "board", "-o", str(tmp_path / output)), 2)
+
+
+def test_a_board_may_have_any_name(in_process: Run, tmp_path: Path) -> None:
+    path = tmp_path / "[b]caf\udce9.PNG"
+    done = in_process("calibrate", "board", "-o", str(path))
+    assert done.returncode == 0 and "[b]caf\\xe9.PNG" in done.stdout and path.read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_version_is_said(in_process: Run) -> None:
+    assert re.fullmatch(r"cell \d+\.\d+\.\d+( \(commit [0-9a-f]{12}\+?\))?\n", in_process("--version").stdout)
+
+
+def test_a_defect_is_called_one_and_is_no_success(
+    in_process: Run, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def broken(*_: object, **__: object) -> None:
+        raise TypeError("not [foreseen]")
+
+    monkeypatch.setattr(commands, "command", broken)
+    done = in_process("status")
+    assert done.returncode == 5 and "TypeError: not [foreseen]" in done.stderr and "This is a defect" in done.stderr
+    assert caplog.records[-1].exc_info is not None  # the traceback, in the log
+
+
+def test_a_file_that_nobody_may_read_is_no_defect(in_process: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    def forbidden(*_: object, **__: object) -> None:
+        raise PermissionError(13, "Permission denied", "/var/lib/[lab]/x.mcap")
+
+    monkeypatch.setattr(commands, "command", forbidden)
+    _says(in_process("status"), 2, "/var/lib/[lab]/x.mcap: Permission denied")
+
+
+# --- what is imported for it ------------------------------------------------------------------------------------------
+
+_HEAVY = {"numpy", "cv2", "scipy", "mujoco", "pinocchio", "google.protobuf", "mcap", "rich", "logs", "perception",
+          "planning", "drivers", "cell.daemon", "cell.cycle"}  # fmt: skip
+
+
+def _imported(source: str) -> set[str]:
+    done = subprocess.run([sys.executable, "-c", f"import sys; {source}; print(*sys.modules)"],
+                          capture_output=True, text=True, check=True)  # fmt: skip
+    return set(done.stdout.split())
+
+
+@pytest.mark.parametrize("command", ["status", "stop", "reset", "pick", "run"])
+def test_an_operator_in_a_hurry_waits_for_no_import(command: str) -> None:
+    source = f"from cell.commands import command; import cell.__main__, config.load; command({command!r});"
+    assert not _imported(f"{source} config.load.load_station()") & _HEAVY
+
+
+def test_help_imports_no_command() -> None:
+    source = "import cell.__main__; sys.argv[1:] = ['--help']\ntry: cell.__main__.main()\nexcept SystemExit: pass"
+    names = _imported(source.replace("; sys", "\nsys"))
+    assert not names & (_HEAVY | {f"cell.{row.module}" for row in commands.COMMANDS.values()})
+
+
+def test_the_short_helps_are_the_commands_own() -> None:
+    for name, row in commands.COMMANDS.items():
+        paragraph = (commands.command(name).help or "").split("\n\n")[0]
+        assert " ".join(paragraph.split()) == row.help, name
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_the_shell_completes_commands_and_their_options(shell: str) -> None:
+    environment = {"_CELL_COMPLETE": f"complete_{shell}", "COMP_CWORD": "1", "_TYPER_COMPLETE_ARGS": "cell sta"}
+    for words, expected in (("cell sta", {"start", "status"}), ("cell status --j", {"--json"})):
+        count = str(len(words.split()) - 1)
+        said = _process(**environment | {"COMP_WORDS": words, "COMP_CWORD": count, "_TYPER_COMPLETE_ARGS": words,
+                                         "_TYPER_COMPLETE_FISH_ACTION": "get-args"})  # fmt: skip
+        assert all(name in said.stdout for name in expected), said

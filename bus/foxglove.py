@@ -1,0 +1,27 @@
+"""Foxglove's protobuf messages by name, imported when one is first made or read: most programs only say JSON."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+
+class FoxgloveType:
+    """Stands for a message class of ``foxglove_schemas_protobuf``: make one, or use what the class has."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    @property
+    def full_name(self) -> str:
+        """As the schema names it."""
+        return f"foxglove.{self._name}"
+
+    def __call__(self, **fields: Any) -> Any:
+        return self._loaded()(**fields)
+
+    def __getattr__(self, attribute: str) -> Any:
+        return getattr(self._loaded(), attribute)
+
+    def _loaded(self) -> Any:
+        return getattr(import_module(f"foxglove_schemas_protobuf.{self._name}_pb2"), self._name)

@@ -1,0 +1,38 @@
+"""How a program that serves is asked to end: Ctrl-C, SIGTERM, or its terminal closes."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+def on_end(end: Callable[[], None], *, insists: bool = False) -> None:
+    """Call ``end`` at each of these signals; it may only set a flag. One that is ignored (nohup) stays so.
+
+    Args:
+        insists: a second Ctrl-C or SIGTERM ends at once. A second SIGHUP never: a closed terminal sends several.
+    """
+
+    def handle(number: int, _frame: object) -> None:
+        end()
+        if insists and number != signal.SIGHUP:
+            signal.signal(number, signal.SIG_DFL)
+
+    for number in ENDING:
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, handle)
+
+
+@contextmanager
+def ending(end: Callable[[], None]) -> Iterator[None]:
+    """Within this, as `on_end`; what held before holds after it."""
+    before = {number: signal.getsignal(number) for number in ENDING}
+    on_end(end)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
