@@ -8,8 +8,8 @@ _KEPT = 60
 _FEWEST = 10
 _JUMP_US = 500_000
 """More than any delay on the way here varies by."""
-_EARLIEST_US, _LATEST_US = -20_000, 2_000_000
-"""A frame arrives after its exposure began, and not much later: else the SDK's fit is wrong."""
+_EARLIEST_US, _LATEST_US = -500_000, 5_000_000
+"""A frame arrives after its exposure began, and not much later: beyond this the SDK's fit is of another clock."""
 _ROUND_TRIP_NS = 1_000_000
 """What half a round trip to the camera may hide in every sample."""
 
@@ -38,7 +38,8 @@ class DeviceClock:
             self._offsets_ns.clear()
             return False
         if global_us != 0:
-            self._offsets_ns.append((global_us - device_us) * 1000)
+            possible_us = min(global_us, (arrived_ns + _ROUND_TRIP_NS) // 1000)  # none is exposed after it arrived
+            self._offsets_ns.append((possible_us - device_us) * 1000)
         return True
 
     def forget(self) -> None:

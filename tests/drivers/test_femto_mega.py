@@ -165,3 +165,18 @@ def test_a_jump_is_told_and_what_was_learnt_is_forgotten(jump_us: int) -> None:
         clock.hear(10_000_000 + 33_333 * index, 50_000_000 + 33_333 * index, 50_000_000_000 + 33_333_000 * index)
     assert not clock.hear(10_000_000 + 33_333 * 20 + jump_us, 0, 50_000_000_000 + 33_333_000 * 20)
     assert clock.jumps == 1 and not clock.is_known
+
+
+def test_a_fit_by_which_frames_were_exposed_after_they_arrived_is_not_believed() -> None:
+    clock = DeviceClock()
+    for index in range(12):
+        assert clock.hear(33_333 * index, 5_200_000 + 33_333 * index, 5_000_000_000 + 33_333_000 * index)
+    assert clock.host_ns(0) <= 5_001_000_000
+
+
+@pytest.mark.parametrize("fit_us", [-3_600_000_000, -6_000_000, 600_000, 3_600_000_000])
+def test_a_fit_of_another_clock_is_told_like_a_jump(fit_us: int) -> None:
+    clock = DeviceClock()
+    assert clock.hear(1000, 0, 5_000_000_000)
+    assert not clock.hear(2000, 5_001_000 + fit_us, 5_001_000_000)
+    assert not clock.is_known
