@@ -18,10 +18,10 @@ import ruckig
 from bus.arrays import Joints, JointSamples
 from bus.codes import Code
 from bus.errors import CycleFailure
-from bus.trajectory import TICK_S, Trajectory, moving_average
+from bus.trajectory import MAX_SAMPLES, TICK_S, Trajectory, moving_average
 from config.limits import ACCELERATION_RAD_S2, JERK_RAD_S3, LimitReport, check, outside, velocity_bounds
 from config.schema import Station
-from planning.blend import Curve
+from planning.blend import Curve, blended
 from planning.lean_toppra import DiscretizationType, JointAccelerationConstraint, LinearConstraint, toppra
 
 Array = npt.NDArray[np.float64]
@@ -34,6 +34,11 @@ _ACCELERATION_SHARE = 0.997
 _TINY_RAD = 1e-5
 _TINY_TICKS = 20
 _STRETCH_ROUNDS = 8
+_LONGEST_STRETCH = 20.0
+"""A profile that must be so much slower than it was made is none: more would only cost time and memory."""
+_UNEVEN = 0.7
+"""Where a joint may go only so much of what it may at most places of a line, its speed must follow the place."""
+_STILL_RAD = 1e-12
 
 
 def timed(station: Station, curve: Curve) -> Trajectory:
@@ -44,25 +49,32 @@ def timed(station: Station, curve: Curve) -> Trajectory:
     """
     points_rad, length_rad = curve.points_rad, float(curve.at_rad[-1])
     _require_inside(points_rad)
+    _require_passable(points_rad)
     if length_rad < _TINY_RAD:
         return _tiny(points_rad[0], points_rad[-1], station.planning.window_ms)
     path = toppra.SplineInterpolator(curve.at_rad, points_rad, bc_type="not-a-knot")
     sampler, duration_s = _fastest(path, length_rad, station.arm.speed)
-    return _within_limits(sampler, duration_s, (points_rad[0], points_rad[-1]), station.planning.window_ms)
+    return within_limits(sampler, duration_s, (points_rad[0], points_rad[-1]), station.planning.window_ms)
 
 
 def rest_to_rest(station: Station, q_from_rad: Joints, q_to_rad: Joints) -> Trajectory:
-    """A straight joint line (ruckig, all joints in phase): to the capture pose, and after a recovery.
+    """A straight joint line, all joints in phase: to the capture pose, and after a recovery.
+
+    By ruckig, at one speed, unless the line is slow at one place only: near a joint's limit.
 
     Raises:
-        CycleFailure: MOTION_REFUSED outside the limits.
+        CycleFailure: MOTION_REFUSED outside the limits, or where no speed is allowed.
     """
     ends = np.stack([q_from_rad, q_to_rad])
     _require_inside(ends)
     if np.abs(ends[1] - ends[0]).max() < _TINY_RAD:
         return _tiny(ends[0], ends[1], station.planning.window_ms)
     line = np.linspace(ends[0], ends[1], 101)
+    _require_passable(line)
     lower, upper = velocity_bounds(line)
+    allowed = np.where(ends[1] > ends[0], upper, -lower)[:, np.abs(ends[1] - ends[0]) > _STILL_RAD]
+    if (allowed.min(axis=0) < _UNEVEN * np.median(allowed, axis=0)).any():
+        return timed(station, blended([ends]))
     fastest = np.maximum(1e-3, np.where(ends[1] > ends[0], upper, -lower).min(axis=0))
     order = ruckig.InputParameter(7)
     order.current_position, order.target_position = ends[0].tolist(), ends[1].tolist()
@@ -77,7 +89,7 @@ def rest_to_rest(station: Station, q_from_rad: Joints, q_to_rad: Joints) -> Traj
     def sampler(times_s: Array) -> JointSamples:
         return np.array([profile.at_time(t)[0] for t in times_s])
 
-    return _within_limits(sampler, profile.duration, (ends[0], ends[1]), station.planning.window_ms)
+    return within_limits(sampler, profile.duration, (ends[0], ends[1]), station.planning.window_ms)
 
 
 def hold(q_rad: Joints, duration_s: float) -> Trajectory:
@@ -96,6 +108,20 @@ def _require_inside(points_rad: JointSamples) -> None:
         raise CycleFailure(Code.MOTION_REFUSED, f"The path leaves the limits: {beyond}.")
 
 
+def _require_passable(points_rad: JointSamples) -> None:
+    """Raises: CycleFailure: MOTION_REFUSED where a joint is to move and no speed is allowed."""
+    step_rad = np.diff(points_rad, axis=0)
+    lower, upper = velocity_bounds(points_rad[1:])
+    barred = ((step_rad > _STILL_RAD) & (upper <= 0)) | ((step_rad < -_STILL_RAD) & (lower >= 0))
+    if barred.any():
+        row, joint = (int(index) for index in np.argwhere(barred)[0])
+        raise CycleFailure(
+            Code.MOTION_REFUSED,
+            f"The path cannot be timed. The velocity of joint {joint + 1} would have to be 0 at "
+            f"{points_rad[row + 1, joint]:.4f} rad, so near is its limit.",
+        )
+
+
 def _tiny(q_from_rad: Joints, q_to_rad: Joints, window: int) -> Trajectory:
     """A goal already reached is one sample; one that is hardly away is gone to evenly."""
     if np.array_equal(q_from_rad, q_to_rad):
@@ -108,10 +134,17 @@ def _tiny(q_from_rad: Joints, q_to_rad: Joints, window: int) -> Trajectory:
     return trajectory
 
 
-def _within_limits(sampler: Sampler, duration_s: float, ends: tuple[Joints, Joints], window: int) -> Trajectory:
-    """The profile at 1 kHz, slowed until its raw and its filtered samples keep every limit."""
-    stretch = 1.0
+def within_limits(sampler: Sampler, duration_s: float, ends: tuple[Joints, Joints], window: int) -> Trajectory:
+    """The profile at 1 kHz, slowed until its raw and its filtered samples keep every limit.
+
+    Raises: CycleFailure: MOTION_REFUSED when that takes too long: never more than `MAX_SAMPLES` are made at a time, nor
+        `_LONGEST_STRETCH` times as many as the profile has.
+    """
+    stretch, why = 1.0, ""
     for _ in range(_STRETCH_ROUNDS):
+        if not duration_s * stretch < (MAX_SAMPLES - 2) * TICK_S or stretch > _LONGEST_STRETCH:
+            why = why or f"It would take {duration_s * stretch:.0f} s."
+            break
         ticks = max(1, int(np.ceil(duration_s * stretch / TICK_S)))
         raw = np.array(sampler(np.linspace(0.0, duration_s, ticks + 1)))
         raw[0], raw[-1] = ends
@@ -119,10 +152,11 @@ def _within_limits(sampler: Sampler, duration_s: float, ends: tuple[Joints, Join
         over = max(_excess(of_raw, jerk=False), _excess(of_filtered, jerk=True))
         if over <= 1.0:
             return Trajectory(raw_q_rad=raw, window=window)
+        why = max((of_raw, of_filtered), key=lambda report: report.worst[1].ratio).describe()
         if not np.isfinite(over):
             break
         stretch *= 1.0005 * over
-    raise CycleFailure(Code.MOTION_REFUSED, f"The path cannot be timed. {of_filtered.describe()}")
+    raise CycleFailure(Code.MOTION_REFUSED, f"The path cannot be timed. {why}")
 
 
 def _excess(report: LimitReport, *, jerk: bool) -> float:

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from bus.codes import Code
 from bus.errors import CycleFailure
-from config.limits import UPPER_RAD, check
+from bus.trajectory import MAX_SAMPLES
+from config.limits import LOWER_RAD, UPPER_RAD, check, velocity_bounds
 from config.schema import ArmSettings, PlanningSettings, Station
 from planning.blend import Curve, blended
 from planning.kinematics import rest_to_rest_s
 from planning.line import tcp_line
 from planning.robot import Robot
-from planning.timing import hold, rest_to_rest, timed
+from planning.timing import hold, rest_to_rest, timed, within_limits
 from tests.planning.conftest import CAPTURE, NODES, STATION
 
 TURNED = CAPTURE + np.array([0.8, 0.3, -0.4, 0.5, 0.6, -0.2, 1.2])
@@ -113,6 +118,80 @@ def test_a_goal_where_no_velocity_is_left_is_refused() -> None:
     goal[0] = UPPER_RAD[0] - 1e-6
     with pytest.raises(CycleFailure, match="velocity of joint 1"):
         timed(STATION, blended([np.stack([CAPTURE, goal])]))
+
+
+def edge_rad(joint: int) -> float:
+    """Where no speed towards the joint's upper limit is left, to a hundredth of a microradian."""
+    low, high = CAPTURE[joint], UPPER_RAD[joint]
+    while high - low > 1e-8:
+        middle = (low + high) / 2
+        upper = velocity_bounds(np.where(np.arange(7) == joint, middle, CAPTURE))[1][joint]
+        low, high = (middle, high) if upper > 0 else (low, middle)
+    return float(low)
+
+
+def ended_at(joint: int, q_rad: float) -> np.ndarray:
+    return np.where(np.arange(7) == joint, min(q_rad, UPPER_RAD[joint]), CAPTURE)
+
+
+@settings(max_examples=20, deadline=None)
+@given(
+    st.integers(0, 6),
+    st.sampled_from([-1e-2, -1e-3, -1e-6, 0.0, 1e-9, 1e-7, 1e-5, 1e-4, 1e-3, 1e-2, 0.05, 0.3]),
+    st.sampled_from([1.0, 0.3]),
+)
+def test_to_a_limit_s_edge_a_move_is_timed_alike_or_refused(joint: int, before_rad: float, speed: float) -> None:
+    station = Station(nodes=NODES, arm=ArmSettings(speed=speed))
+    goal = ended_at(joint, edge_rad(joint) - before_rad)
+    started_s = time.process_time()
+    durations_s = []
+    line = blended([np.stack([CAPTURE, goal])])
+    for make in (lambda: rest_to_rest(station, CAPTURE, goal), lambda: timed(station, line)):
+        try:
+            durations_s.append(make().duration_s)
+        except CycleFailure as failure:
+            assert failure.failure is Code.MOTION_REFUSED and f"joint {joint + 1}" in failure.text
+            durations_s.append(np.inf)
+    assert time.process_time() - started_s < 3.0
+    assert durations_s[0] == durations_s[1] == np.inf or durations_s[0] < 2 * durations_s[1] + 0.1
+    assert before_rad < 1e-3 or durations_s[0] < 10.0 / speed
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.lists(st.floats(1e-9, 1 - 1e-9), min_size=14, max_size=14))
+def test_anywhere_within_the_range_a_straight_line_is_hardly_slower_than_the_fastest(shares: list[float]) -> None:
+    ends = LOWER_RAD + np.array(shares).reshape(2, 7) * (UPPER_RAD - LOWER_RAD)
+    try:
+        fastest = timed(STATION, blended([ends]))
+    except CycleFailure as failure:
+        assert failure.failure is Code.MOTION_REFUSED and "joint" in failure.text
+        return
+    line = rest_to_rest(STATION, *ends)
+    assert check(line.filtered()).ok
+    assert line.duration_s < 2 * fastest.duration_s + 0.1
+
+
+def test_a_joint_that_rests_where_it_may_not_move_may_rest_there_and_leave() -> None:
+    stuck = ended_at(2, edge_rad(2) + 1e-3)
+    aside = np.where(np.arange(7) == 0, 0.5, stuck)
+    assert check(rest_to_rest(STATION, stuck, aside).filtered()).ok
+    assert check(rest_to_rest(STATION, stuck, CAPTURE).filtered()).ok
+    with pytest.raises(CycleFailure, match=r"joint 3 would have to be 0 at 2\.89"):
+        rest_to_rest(STATION, CAPTURE, stuck)
+
+
+@pytest.mark.parametrize("duration_s", [0.5, 1e3, 1e9, float("inf"), float("nan")])
+def test_however_wrong_a_profile_is_the_samples_made_of_it_are_bounded(duration_s: float) -> None:
+    """It ends where joint 3 has almost no speed left, and gets there far too fast."""
+    goal, made = ended_at(2, edge_rad(2) - 1e-8), []
+
+    def sampler(times_s: np.ndarray) -> np.ndarray:
+        made.append(len(times_s))
+        return CAPTURE + (times_s / duration_s)[:, None] * (goal - CAPTURE)
+
+    with pytest.raises(CycleFailure, match="cannot be timed"):
+        within_limits(sampler, duration_s, (CAPTURE, goal), 64)
+    assert max(made, default=0) <= MAX_SAMPLES and not sum(made) > 100 * duration_s * 1000
 
 
 def test_the_same_path_is_timed_to_the_same_bits() -> None:
