@@ -10,11 +10,11 @@ from urllib.parse import urlsplit
 from urllib.request import getproxies
 
 from bus.errors import BusError, ConfigError
+from bus.secrets import checked_secret, read_secret
 from cell import client
 from cell.doctor.finding import Finding, fix, ok, skip, uses
 from cell.doctor.network import answer_within, ip_of, is_connected, obstacle, way_to
 from config.schema import Station
-from perception.models import key_of
 
 CAMERA_PORT = 8090
 _ASK_CELL_S = 3.0
@@ -55,16 +55,21 @@ def model_key(station: Station, environ: Mapping[str, str] = os.environ) -> Find
     unnamed = [role for role in ("text_model", "image_model") if not getattr(hosted, role)]
     if unnamed:
         return fix(name, f"perception.hosted.{unnamed[0]} is not set.", f"Name a model as in config/{model}.toml.")
+    if hosted.key_file is not None:
+        try:
+            read_secret(hosted.key_file, "key file")
+        except ConfigError as error:
+            return fix(name, error.text, error.advice)
+        return ok(name, f"in {hosted.key_file}; models {hosted.text_model} and {hosted.image_model}")
     variable = hosted.key_variable or str(import_module(f"perception.models.{model}").KEY_VARIABLE)
-    if hosted.key_file is None and not environ.get(variable):
+    if not environ.get(variable):
         advice = f"export {variable}=...   (a server of your own takes any text)"
         return fix(name, f"The environment variable {variable} is not set.", advice)
     try:
-        key_of(station, variable, environ)
+        checked_secret(environ[variable], f"The environment variable {variable}")
     except ConfigError as error:
         return fix(name, error.text, error.advice)
-    where = f"{variable} is set" if hosted.key_file is None else f"in {hosted.key_file}"
-    return ok(name, f"{where}; models {hosted.text_model} and {hosted.image_model}")
+    return ok(name, f"{variable} is set; models {hosted.text_model} and {hosted.image_model}")
 
 
 def model_server(station: Station, proxies: Mapping[str, str] | None = None) -> Finding:
