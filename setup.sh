@@ -36,15 +36,27 @@ if [ -n "$missing" ]; then
         -o DPkg::Lock::Timeout=120 $missing >/dev/null || fail "apt-get could not install:$missing"
 fi
 
+# --- a network whose proxy signs what comes through: this machine's own certificates know it, uv's own do not ----------------
+trust_system_certificates() {
+    [ -z "${UV_SYSTEM_CERTS+set}${UV_NATIVE_TLS+set}" ] || return 0 # somebody decided
+    has_file /etc/ssl/certs/ca-certificates.crt || return 0
+    case "$(uv help pip sync 2>/dev/null)" in
+        *UV_SYSTEM_CERTS*) export UV_SYSTEM_CERTS=1 ;;
+        *) export UV_NATIVE_TLS=1 ;; # as older versions call it
+    esac
+}
+
 # --- Python packages ---------------------------------------------------------------------------------------------------
 command -v uv >/dev/null || fail "uv is missing: python3 -m pip install uv rust-just (docs/install.md)"
 if ! .venv/bin/python -c '' 2>/dev/null; then
     rm -rf .venv
+    trust_system_certificates # uv may have to fetch a Python
     uv venv --quiet --python '>=3.11' .venv || fail "Python 3.11 or newer is needed (docs/install.md)"
 fi
 stamp=.venv/.installed
 wanted="$(cat requirements.lock pyproject.toml setup.sh | sha256sum | cut -d' ' -f1)"
 if [ "$(cat "$stamp" 2>/dev/null || true)" != "$wanted" ]; then
+    trust_system_certificates
     say "installing the Python packages of requirements.lock into .venv (1.5 GB on disk; a minute or two)"
     quiet=--quiet
     [ ! -t 2 ] || quiet="" # a terminal gets uv's progress bars
@@ -68,6 +80,7 @@ fi
 stamp=.venv/.hardware
 wanted="$(cat requirements-hardware.lock tests/stand_ins/franka_sim.lock | sha256sum | cut -d' ' -f1)"
 if [ "$(cat "$stamp" 2>/dev/null || true)" != "$wanted" ] || [ ! -x .venv-franka-sim/bin/python ]; then
+    trust_system_certificates
     say "installing the SDKs of the FR3 and the Femto Mega into .venv, and franka-sim into .venv-franka-sim"
     uv pip install --quiet --python .venv --no-deps --require-hashes --requirements requirements-hardware.lock ||
         fail "the SDKs cannot be installed here"

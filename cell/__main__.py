@@ -16,6 +16,8 @@ from cell.commands import command_line
 from cell.printing import err, log_plainly, out
 
 _log = logging.getLogger("cell")
+_NOBODY_READS = (errno.EPIPE, errno.EIO)
+"""The pipe was closed (`| head`), or the terminal: that is nobody's mistake."""
 _USAGE, _DEFECT, _INTERRUPTED = 2, 5, 130
 
 
@@ -23,7 +25,7 @@ def main() -> None:
     """Entry point: every error becomes one clear line and its exit code; only a defect has a traceback, in the log."""
     log_plainly()
     code = _carry_out()
-    if out.lost is not None and code == 0 and getattr(out.lost, "errno", None) != errno.EPIPE:
+    if out.lost is not None and code == 0 and getattr(out.lost, "errno", None) not in _NOBODY_READS:
         err.line(f"OUTPUT: Cannot write the output: {out.lost}.")
         code = _USAGE
     sys.exit(code)

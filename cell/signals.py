@@ -10,7 +10,7 @@ ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 def on_end(end: Callable[[], None], *, insists: bool = False) -> None:
-    """Call ``end`` at each of these signals; it may only set a flag. One that is ignored (nohup) stays so.
+    """Call ``end`` at each of these signals; it may only set a flag. A SIGHUP that is ignored (nohup) stays so.
 
     Args:
         insists: a second Ctrl-C or SIGTERM ends at once. A second SIGHUP never: a closed terminal sends several.
@@ -22,7 +22,7 @@ def on_end(end: Callable[[], None], *, insists: bool = False) -> None:
             signal.signal(number, signal.SIG_DFL)
 
     for number in ENDING:
-        if signal.getsignal(number) is not signal.SIG_IGN:
+        if number != signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, handle)
 
 

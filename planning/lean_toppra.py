@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import sys
+import warnings
 from types import ModuleType
 
 _PLOTS = [name for name in ("matplotlib", "matplotlib.pyplot") if name not in sys.modules]
 sys.modules |= {name: ModuleType(name) for name in _PLOTS}
 
-import toppra  # noqa: E402
-from toppra.constraint import DiscretizationType, JointAccelerationConstraint, LinearConstraint  # noqa: E402
+with warnings.catch_warnings():  # of its docstrings, said once when they are compiled
+    for _kind in (SyntaxWarning, DeprecationWarning):
+        warnings.filterwarnings("ignore", ".*invalid escape sequence", _kind)
+    import toppra
+    from toppra.constraint import DiscretizationType, JointAccelerationConstraint, LinearConstraint
 
 for _name in _PLOTS:  # whoever wants the real one, gets it
     del sys.modules[_name]

@@ -108,7 +108,7 @@ def test_systemd_hears_how_it_is(systemd: Systemd, daemon: Cell) -> None:
     assert time.monotonic() - first_s > WATCHDOG_S - 0.3  # two halves, and not at every turn
     with client.connect(station) as cell:
         cell.command("reset")
-        systemd.wait_for("STATUS=Resetting, command 'reset' from cell-cli")
+        systemd.wait_for("STATUS=Resetting, command 'reset' from cell-")
         systemd.wait_for("STATUS=Idle")
     assert "STOPPING=1" not in systemd.heard
     process.send_signal(signal.SIGTERM)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from io import StringIO
 
+import pytest
 from rich.console import Console
 
 from bus.codes import Code
@@ -103,3 +104,22 @@ def test_a_cell_that_does_not_answer_offers_nothing_and_may_come_back_with_an_ol
 def test_an_event_is_the_note_and_has_an_age() -> None:
     said = Event(code="GAVE_UP", severity="error", text="3 picks in a row failed.", advice="Look.")
     assert "GAVE_UP 3 picks in a row failed. Look.  4 s ago" in _text(EMPTY.hear(said, NOW_S - 4.0))
+
+
+@pytest.mark.parametrize("since_ns", [10**400, -(10**400)])
+def test_a_stamp_of_any_size_can_be_shown(since_ns: int) -> None:
+    said = _state("Idle").model_copy(update={"since_ns": since_ns})
+    assert "Idle" in _text(EMPTY.hear(said, NOW_S))
+
+
+def test_who_stopped_the_cell_stands_below_its_state() -> None:
+    model = EMPTY.hear(_state("Stopping", 1.0, reason="command 'stop' from watch-ann-lab2-4711"), NOW_S)
+    assert "Stopping by watch-ann-lab2-4711" in _text(model)
+    assert "Stopped by watch-ann-lab2-4711" in _text(model.hear(_state("Stopped", 2.0), NOW_S))
+
+
+def test_what_could_not_be_read_is_one_line_that_commands_no_terminal() -> None:
+    model = EMPTY
+    for why in ("torn", "not\x1b[2J a\nHealth"):
+        model = model.missing("node/camera/health", why)
+    assert "2 messages could not be read, the last on node/camera/health: not a Health" in _text(model)

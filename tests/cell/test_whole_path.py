@@ -202,7 +202,7 @@ def test_a_held_cycle_rests_and_goes_on_to_success(shared_daemon: Cell, shared_o
         while np.abs(arm.state().dq_rad_s).max() < 0.3:
             assert time.monotonic() < give_up_s
             time.sleep(0.005)
-        assert _in_process("hold", *shared_options).startswith("Held command 'hold' from cell-cli-")
+        assert _in_process("hold", *shared_options).startswith("Held by hold-")
         while np.abs((held := arm.state()).dq_rad_s).max() >= 1e-3:
             assert time.monotonic() < give_up_s
         np.testing.assert_array_equal(arm.state().q_rad, held.q_rad)
