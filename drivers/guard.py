@@ -12,6 +12,8 @@ from bus.trajectory import Trajectory
 from config.limits import check
 from config.schema import Station
 from drivers.interface import Arm, Hand
+from drivers.stops import Stops
+from drivers.unmoved import unmoved
 
 
 class Guard:
@@ -23,7 +25,7 @@ class Guard:
     """
 
     def __init__(self, arm: Arm, station: Station) -> None:
-        self._arm = arm
+        self._arm, self._stops = arm, Stops()
         self._start_tolerance_rad = station.arm.start_tolerance_rad
 
     def connect(self) -> None:
@@ -39,12 +41,15 @@ class Guard:
             MotionRefused: nothing moved; the text names the limit, joint and time, or the joint that is elsewhere.
             ArmReflex: from the arm.
         """
+        stopped = self._stops.asked()
         _require_limits(trajectory)
-        _require_ready(self._arm.state(), trajectory, self._start_tolerance_rad)
-        return self._arm.execute(trajectory)
+        state = self._arm.state()
+        _require_ready(state, trajectory, self._start_tolerance_rad)
+        return unmoved(state, trajectory) if stopped() else self._arm.execute(trajectory)
 
     def stop(self) -> None:
         """Passed on unchecked. An arm that cannot be asked to stop is not moving, so no error is raised."""
+        self._stops.stop()
         with suppress(CellError):
             self._arm.stop()
 
