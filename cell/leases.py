@@ -10,6 +10,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 
 from bus import topics
 from bus.errors import Refused
@@ -42,11 +43,19 @@ class Leases:
         arrival_s: how long a token may arrive after the command that needs it, was received.
     """
 
-    def __init__(self, on_lost: Lost, silence_s: float, look_s: float, arrival_s: float = ARRIVAL_S) -> None:
-        self._on_lost, self._silence_s, self._look_s, self._arrival_s = on_lost, silence_s, look_s, arrival_s
+    def __init__(
+        self,
+        on_lost: Lost,
+        silence_s: float,
+        look_s: float,
+        arrival_s: float = ARRIVAL_S,
+        clock_s: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._on_lost, self._silence_s, self._arrival_s = on_lost, silence_s, arrival_s
+        self._new_silence = partial(Silence, silence_s, look_s, clock_s)
         self._alive: set[str] = set()
         self._change = threading.Condition()
-        self._silence = Silence(silence_s, look_s)  # the holder's
+        self._silence = self._new_silence()  # the holder's
         self.holder = ""
 
     def listen(self, bus: Bus) -> None:
@@ -113,7 +122,7 @@ class Leases:
         with self._change:
             self.holder = self.holder or client_id
             if self.holder == client_id:
-                self._silence = Silence(self._silence_s, self._look_s)
+                self._silence = self._new_silence()
             is_lost = self.holder not in self._alive
             if is_lost:
                 self.holder = ""

@@ -13,6 +13,7 @@ import pytest
 from bus import topics
 from bus.commands import CommandReply, CommandRequest
 from bus.errors import Refused
+from bus.heard import Heard
 from bus.session import Bus
 from cell import client
 from cell.leases import Leases
@@ -27,25 +28,24 @@ def lost() -> queue.SimpleQueue[str]:
 
 
 @pytest.fixture
-def leases(lost: queue.SimpleQueue[str], monkeypatch: pytest.MonkeyPatch) -> Leases:
-    monkeypatch.setattr("cell.leases._ARRIVAL_S", 0.01)
-    return Leases(lost.put)
+def leases(lost: queue.SimpleQueue[str]) -> Leases:
+    return Leases(lambda client_id, _why: lost.put(client_id), silence_s=1.0, look_s=0.05, arrival_s=0.01)
 
 
 @pytest.mark.parametrize("verb", ["reset", "start", "pick", "unhold", "unsuspend"])
 def test_what_moves_the_arm_needs_a_token(leases: Leases, verb: str) -> None:
     with pytest.raises(Refused, match="liveliness token") as refusal:
-        leases.require(verb, "app")
+        leases.require(verb, "app", time.monotonic())
     assert refusal.value.code == "NO_LEASE"
     leases.change("app", True)
-    leases.require(verb, "app")
+    leases.require(verb, "app", time.monotonic())
 
 
 @pytest.mark.parametrize("verb", ["stop", "abort", "hold", "suspend", "clear"])
 def test_anyone_may_stop_or_hold(leases: Leases, verb: str) -> None:
     leases.change("app", True)
     leases.take("pick", "app")
-    leases.require(verb, "")
+    leases.require(verb, "", time.monotonic())
     assert leases.take(verb, "") == "app"
 
 
@@ -54,9 +54,9 @@ def test_one_holds_the_lease_until_its_token_goes(leases: Leases, lost: queue.Si
         leases.change(name, True)
     assert leases.take("reset", "app") == "app"
     with pytest.raises(Refused, match="'app'") as refusal:
-        leases.require("pick", "other")
+        leases.require("pick", "other", time.monotonic())
     assert refusal.value.code == "LEASE_HELD"
-    leases.require("unhold", "other")
+    leases.require("unhold", "other", time.monotonic())
     assert leases.take("unhold", "other") == "app" and lost.empty()
     leases.change("other", False)
     assert lost.empty()
@@ -67,6 +67,69 @@ def test_one_holds_the_lease_until_its_token_goes(leases: Leases, lost: queue.Si
 def test_a_token_that_goes_in_the_moment_of_its_command_is_lost(leases: Leases, lost: queue.SimpleQueue[str]) -> None:
     assert leases.take("pick", "app") == ""
     assert lost.get(timeout=1) == "app"
+
+
+def test_many_that_wait_for_a_token_wait_together(leases: Leases) -> None:
+    """400 commands without a token, all received before: a rightful one behind them does not wait 400 times."""
+    received_s = time.monotonic() - 1.0
+    began_s = time.process_time()
+    for number in range(400):
+        with pytest.raises(Refused):
+            leases.require("reset", f"stranger-{number}", received_s)
+    assert time.process_time() - began_s < 1.0
+
+
+class _Clock:
+    def __init__(self) -> None:
+        self.now_s = 100.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+def _beating(clock: _Clock, lost: list[tuple[str, str]]) -> Leases:
+    leases = Leases(lambda *said: lost.append(said), silence_s=0.5, look_s=0.05, clock_s=clock)
+    leases.change("app", True)
+    assert leases.take("pick", "app") == "app"
+    return leases
+
+
+def _pass(leases: Leases, clock: _Clock, seconds: float) -> None:
+    for _ in range(round(seconds / 0.05)):
+        clock.now_s += 0.05
+        leases.look()
+
+
+def test_a_holder_whose_heartbeat_falls_silent_loses_the_lease_though_its_token_lives() -> None:
+    clock, lost = _Clock(), list[tuple[str, str]]()
+    leases = _beating(clock, lost)
+    for _ in range(10):
+        _pass(leases, clock, 0.2)
+        leases.hear(Heard("lease/app", "", b"{}"))
+    assert leases.holder == "app" and not lost
+    _pass(leases, clock, 0.6)
+    assert lost == [("app", "no heartbeat for 0.5 s")] and leases.holder == ""
+    leases.hear(Heard("lease/app", "", b"{}"))
+    assert leases.holder == "", "what comes back must command anew"
+
+
+def test_the_heartbeat_of_another_client_keeps_no_lease() -> None:
+    clock, lost = _Clock(), list[tuple[str, str]]()
+    leases = _beating(clock, lost)
+    for _ in range(12):
+        _pass(leases, clock, 0.05)
+        leases.hear(Heard("lease/other", "", b"{}"))
+    assert [client_id for client_id, _ in lost] == ["app"]
+
+
+def test_a_cell_that_stood_still_itself_takes_nobodys_lease() -> None:
+    clock, lost = _Clock(), list[tuple[str, str]]()
+    leases = _beating(clock, lost)
+    clock.now_s += 10.0
+    leases.look()
+    assert leases.holder == "app"
+    _pass(leases, clock, 0.7)
+    assert lost, "but silence after that counts"
 
 
 # --- real processes ---------------------------------------------------------------------------------------------------
