@@ -59,9 +59,9 @@ def _place(tree: dict[str, Any], folder: Path) -> None:
 
 
 def _apply(tree: dict[str, Any], override: str) -> None:
-    if not is_unicode(override):
-        raise ConfigError(f"--set {override!r} is not UTF-8 text.", "Rename it, or set the terminal to UTF-8.")
     key, equals, text = override.partition("=")
+    if not is_unicode(override):
+        raise ConfigError(f"What is given for {key!r} is not UTF-8 text.", "Rename it, or set the terminal to UTF-8.")
     if not equals or not key.strip():
         raise ConfigError(f"--set {override!r} is not of the form key=value.", "Example: --set sim.pace=1")
     *path, leaf = key.strip().split(".")

@@ -54,6 +54,25 @@ def test_a_folder_without_objects(in_process: Run, options: list[str], tmp_path:
     _says(in_process("start", "--objects", str(tmp_path), *options), 2, str(tmp_path), "object.xml")
 
 
+def test_a_folder_named_like_a_number_is_a_folder(in_process: Run, options: list[str]) -> None:
+    _says(in_process("start", "--objects", "2026", *options), 2, "No object in 2026", "object.xml")
+
+
+def test_a_folder_whose_name_is_no_utf8(in_process: Run, options: list[str]) -> None:
+    _says(in_process("start", "--objects", os.fsdecode(b"caf\xe9"), *options), 2, "sim.objects", "not UTF-8")
+
+
+def test_a_port_that_is_none_is_no_occupied_one(in_process: Run) -> None:
+    _says(in_process("start", "--set", "bus.endpoint=tcp/127.0.0.1:99999"), 2, "bus.endpoint", "99999")
+
+
+def test_a_station_file_that_cannot_be_written_is_said_before_the_arm_moves(in_process: Run, tmp_path: Path) -> None:
+    path = tmp_path / "station.toml"
+    path.write_text('[nodes.sim]\ndriver = "none of them"\nserves = ["camera", "arm", "hand"]\n')
+    path.chmod(0o444)
+    _says(in_process("calibrate", "hand-eye", "--config", str(path)), 2, str(path), "read-only", "--dry-run")
+
+
 def test_no_egl(options: list[str]) -> None:
     done = _process("start", "--cycles", "1", *options, MUJOCO_EGL_DEVICE_ID="99")
     _says(done, 2, "apt-get install", "libegl1")
