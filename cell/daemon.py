@@ -198,7 +198,9 @@ class Daemon:
         """An owned thread of this process ended by an exception nobody foresaw: the cell aborts."""
         text = f"{name} ended: {type(defect).__name__}: {defect}."
         self._defects = (*self._defects, text)[-_KEPT_DEFECTS:]
-        self._on_fault(CycleFailure(Code.INTERNAL, text))
+        failure = CycleFailure(Code.INTERNAL, text)
+        self.machine.defect(failure)
+        self._works.gate.halt(failure)
         if not self.machine.is_owned:  # nobody is there to abort: the least that can be done
             self._works.halt_devices()
 

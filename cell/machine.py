@@ -58,6 +58,7 @@ class _Done:
 @dataclass(frozen=True)
 class _Fault:
     error: CellError
+    is_defect: bool = False
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,7 @@ class _Act:
     act: Callable[[], None]
 
 
-_Item = _Command | _Done | _Fault | _Act | None
+_Item = _Command | _Done | _Fault | _Act
 
 
 class Machine:
@@ -90,7 +91,7 @@ class Machine:
     ) -> None:
         self._works = works
         self._on_state, self._on_accept, self._on_turn = on_state, on_accept, on_turn
-        self._inbox: queue.SimpleQueue[_Item] = queue.SimpleQueue()
+        self._inbox: queue.SimpleQueue[_Item | None] = queue.SimpleQueue()
         self._answered: dict[tuple[str, str, str], CommandReply] = {}
         self.state = State.STOPPED
         self._why = self._why_aborted = ""
@@ -129,8 +130,12 @@ class Machine:
         self._inbox.put(_Act(act))
 
     def fault(self, error: CellError) -> None:
-        """Report that something failed outside any work (a node died): the machine aborts."""
+        """Report that something failed outside any work (a node died): the machine aborts, unless it is Stopped."""
         self._inbox.put(_Fault(error))
+
+    def defect(self, error: CellError) -> None:
+        """Report that the cell itself is not whole any more: the machine aborts, from every state."""
+        self._inbox.put(_Fault(error, is_defect=True))
 
     @property
     def is_owned(self) -> bool:
@@ -159,7 +164,7 @@ class Machine:
         finally:
             self._ended.set()
 
-    def _next(self) -> _Item:
+    def _next(self) -> _Item | None:
         while True:
             try:
                 self._on_turn()
@@ -177,7 +182,7 @@ class Machine:
             self._finish(item)
         elif isinstance(item, _Act):
             item.act()
-        elif isinstance(item, _Fault) and self.state not in (State.ABORTING, State.ABORTED, State.STOPPED):
+        elif self.state not in (State.ABORTING, State.ABORTED) and (item.is_defect or self.state is not State.STOPPED):
             self._enter(State.ABORTING, str(item.error))
 
     def _survive(self, item: _Item, defect: Exception) -> None:

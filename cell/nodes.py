@@ -62,12 +62,17 @@ class Supervisor:
     Args:
         on_exit: called with (node name, exit code) from a watching thread when a child ends unasked.
         on_back: called with the node's name when it serves again.
+        spawn: starts a node's process.
     """
 
     def __init__(
-        self, station: Station, on_exit: Callable[[str, int], None], on_back: Callable[[str], None] = lambda name: None
+        self,
+        station: Station,
+        on_exit: Callable[[str, int], None],
+        on_back: Callable[[str], None] = lambda name: None,
+        spawn: Callable[[str, Station], subprocess.Popen[str]] | None = None,
     ) -> None:
-        self._station = station
+        self._station, self._start_child = station, spawn or _child
         self._on_exit, self._on_back = on_exit, on_back
         self._children: dict[str, subprocess.Popen[str]] = {}
         self._restarts: dict[str, int] = {}
@@ -124,7 +129,7 @@ class Supervisor:
         """Start the node's process; False when the supervisor is closing."""
         with self._spawning:
             if not self._closing.is_set():
-                self._children[name] = _child(name, self._station)
+                self._children[name] = self._start_child(name, self._station)
             return not self._closing.is_set()
 
     def _watch(self, name: str) -> None:
