@@ -1,4 +1,4 @@
-"""Whatever comes in whatever order - lost leases, holds, ends of picks - the gate is shut only while the cell is held."""
+"""Whatever comes in whatever order - lost leases, holds, ends of picks - the gate is shut only while a cell is held."""
 
 from __future__ import annotations
 
