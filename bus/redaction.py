@@ -13,7 +13,7 @@ import re
 import threading
 from urllib.parse import quote, quote_plus, unquote
 
-HIDDEN = "[secret]"
+HIDDEN = "(secret)"
 _MIN_LENGTH = 8
 """Shorter ones are what a server of one's own takes for a key ("none", "x"): no secrets, but parts of any text."""
 
@@ -44,7 +44,8 @@ def keep_secrets_of(url: str) -> None:
 def redacted(text: str) -> str:
     """``text`` with every known secret replaced."""
     with _changing:
-        patterns = list(_known.values())
+        longest_first = sorted(_known, key=len, reverse=True)  # one may be a part of another
+        patterns = [_known[secret] for secret in longest_first]
     for pattern in patterns:
         text = pattern.sub(HIDDEN, text)
     return text

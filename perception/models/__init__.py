@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from bus.errors import ConfigError
 from bus.messages import ModelReply
-from bus.redaction import keep_secret, redacted
+from bus.redaction import keep_secret, quoted, redacted
 from bus.secrets import checked_secret, read_secret
 from config.schema import HostedSettings, Station
 from perception.models.base import GoalImageModel
@@ -107,7 +107,11 @@ def _imaginer(station: Station, environ: Mapping[str, str], folder: Path) -> Goa
     module: Any = import_module(_PROVIDERS[name].module)
     key = key_of(station, module.KEY_VARIABLE, environ)
     line = Line(Way(settings.base_url or module.SERVER, environ).transport)
-    provider = getattr(module, _PROVIDERS[name].name)(settings, key, line)
+    try:
+        provider = getattr(module, _PROVIDERS[name].name)(settings, key, line)
+    except (OSError, ValueError, ImportError) as error:
+        what = f"The client package of {name!r} does not start here ({quoted(str(error))})."
+        raise ConfigError(what, "Check the environment's proxies and certificates, e.g. SSL_CERT_FILE.") from None
     return HostedModel(provider, settings, Purse(settings, folder / LEDGER))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import httpx2
 from google import genai
 from google.genai import types
 
@@ -34,6 +35,8 @@ class GeminiProvider:
             base_url=settings.base_url or SERVER,
             retry_options=types.HttpRetryOptions(attempts=1),
             httpx_client=line.client,
+            # Never used: the package's own would look for proxies, and fail where ours do not.
+            httpx_async_client=httpx2.AsyncClient(transport=httpx2.AsyncBaseTransport(), trust_env=False),
         )
         self._client = genai.Client(api_key=key, http_options=options)
 

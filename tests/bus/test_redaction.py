@@ -40,7 +40,7 @@ def test_a_secret_is_hidden_in_every_spelling(written: str) -> None:
 def test_a_quotation_is_short_and_printable_and_cut_only_after_the_secret_is_hidden() -> None:
     keep_secret("sk-0123456789abcdef")
     said = quoted("\x1b[31mno\n\tway: sk-0123456789abcdef" + "!" * 500, limit=20)
-    assert said == "[31mno way: [secret] ..."
+    assert said == "[31mno way: (secret) ..."
 
 
 def test_the_password_of_a_proxy_is_a_secret_also_in_its_header() -> None:
@@ -53,6 +53,12 @@ def test_the_password_of_a_proxy_is_a_secret_also_in_its_header() -> None:
 def test_what_a_server_of_ones_own_takes_for_a_key_is_no_secret() -> None:
     keep_secret("none")
     assert redacted("There is none.") == "There is none."
+
+
+def test_a_secret_that_is_a_part_of_another_leaves_no_rest_of_it() -> None:
+    keep_secret("sk-01234567")
+    keep_secret("sk-0123456789abcdef")
+    assert redacted("sk-0123456789abcdef") == HIDDEN
 
 
 def test_bytes_with_a_secret_are_found() -> None:

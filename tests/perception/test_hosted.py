@@ -319,6 +319,23 @@ def test_a_base_url_is_an_address_of_a_web_server(url: str, serve: Serve, tmp_pa
         _station(serve(), "openai", tmp_path, f"perception.hosted.base_url={url}")
 
 
+@pytest.mark.parametrize("provider", PROVIDERS)
+def test_no_package_looks_for_proxies_by_itself(
+    provider: str, serve: Serve, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ALL_PROXY", "socks5://127.0.0.1:1080")
+    with closing(open_models(_station(serve(), provider, tmp_path), KEYS)) as models:
+        assert models.imaginer.name == "words-1+pictures-1"
+
+
+def test_a_package_that_does_not_start_here_says_why(
+    serve: Serve, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SSL_CERT_FILE", str(tmp_path / "none.pem"))
+    with pytest.raises(ConfigError, match="SSL_CERT_FILE"):
+        open_models(_station(serve(), "gemini", tmp_path), KEYS)
+
+
 def test_a_proxy_that_cannot_be_used_is_told_at_the_start(serve: Serve, tmp_path: Path) -> None:
     station = _station(serve(), "openai", tmp_path, "perception.hosted.base_url=https://models.example/v1")
     with pytest.raises(ConfigError, match="SOCKS"):

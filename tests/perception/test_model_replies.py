@@ -266,7 +266,7 @@ def test_a_key_that_comes_back_is_not_passed_on(api: str, status: int, body: str
 def test_a_key_in_the_models_words_is_hidden(api: str, send: Send) -> None:
     keep_secret(KEY)
     answer = send(api, json.dumps(GOOD[api]).replace("Here.", f"Your key is {KEY}.").encode())
-    assert answer.text == "Your key is [secret]."
+    assert answer.text == "Your key is (secret)."
 
 
 def test_a_picture_whose_file_holds_the_key_is_not_kept(send: Send) -> None:
