@@ -42,7 +42,7 @@ def sync_folder(folder: Path) -> None:
     try:
         os.fsync(listing)
     except OSError as error:
-        if error.errno != errno.EINVAL:  # a network file system that has no such thing
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP):  # a network file system that has no such thing
             raise
     finally:
         os.close(listing)

@@ -17,7 +17,8 @@ from bus.session import Bus
 from config.schema import Station
 from logs.names import reading
 from logs.reader import require_finished
-from logs.records import Damage, records
+from logs.records import Damage
+from logs.whole import records
 
 ROOT = "replay"
 _LIVE_TIMEOUT_S = 1.0

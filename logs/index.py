@@ -19,7 +19,7 @@ from bus.messages import Attempt, CycleResult
 from logs.names import found_below, is_folder, reading, shown
 from logs.reader import STATION, require_ours, station_tree
 from logs.recorder import PART
-from logs.records import Summary, records
+from logs.whole import Summary, records
 
 FINE = ("SUCCESS", "EMPTY")
 """Results that nobody needs to look at."""

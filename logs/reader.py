@@ -22,7 +22,8 @@ from bus.wire import arm_joints, frame_from_wire
 from logs.migrate import Content, migrate
 from logs.names import reading, shown
 from logs.recorder import PART
-from logs.records import Damage, records
+from logs.records import Damage
+from logs.whole import records
 
 STAGE_TOPICS = (topics.CAPTURE, topics.DETECT, topics.PLAN, topics.EXECUTE, topics.VERIFY, topics.DELIVER)
 STATION = "station.json"

@@ -52,7 +52,7 @@ def ensure_space(folder: Path, min_free_mb: float) -> None:
     if free_mb < min_free_mb:
         raise RecordingError(
             f"Only {free_mb:.0f} MB are free in {folder}; recording needs {min_free_mb:.0f} MB.",
-            "Delete or move old recordings, or set recording.folder; with recording.keep_gb the oldest are deleted.",
+            "Delete or move old recordings; set recording.keep_gb (then the oldest are deleted) or recording.folder.",
         )
 
 

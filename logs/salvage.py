@@ -24,13 +24,13 @@ from logs.records import (
     MAX_RECORD_BYTES,
     Budget,
     Damage,
-    Summary,
     UnknownCompression,
     content_of,
     framed,
     parsed,
     torn_content_of,
 )
+from logs.whole import Summary
 
 _KEPT = (*IN_CHUNK, Opcode.ATTACHMENT, Opcode.METADATA)
 _KNOWN = (*_KEPT, *INDICES, Opcode.CHUNK)

@@ -33,6 +33,22 @@ def test_failures_come_first_and_each_leads_to_its_page(record: Record, tmp_path
     assert page.count('src="data:image/jpeg') == 3
 
 
+def test_pages_are_for_those_who_may_read_the_recordings(record: Record, tmp_path: Path) -> None:
+    path = record(None, MORNING)
+    _write(tmp_path)
+    for page in (path.with_suffix(".html"), tmp_path / INDEX):
+        assert page.stat().st_mode & 0o777 == path.stat().st_mode & 0o777 == 0o640
+
+
+@pytest.mark.parametrize(
+    "summary", ['{"stages": {"plan": "long"}, "why": 5, "thumbnail": [1]}', '{"stages": [1]}', "[" * 20_000]
+)
+def test_what_stands_in_a_pages_head_is_not_believed(record: Record, tmp_path: Path, summary: str) -> None:
+    page = record(None, MORNING).with_suffix(".html")
+    page.write_text(f'<script id="summary" type="application/json">{summary}</script>')
+    assert "1 cycle<" in write_day(tmp_path).read_text()
+
+
 def test_stage_times_are_those_of_every_cycle_that_came_so_far(record: Record, tmp_path: Path) -> None:
     record(None, MORNING)
     record("detect", NOON)

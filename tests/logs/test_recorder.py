@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -216,4 +217,25 @@ def test_too_little_space_is_refused_with_figures_and_advice(tmp_path: Path) -> 
     assert (tmp_path / "day").is_dir()
     with pytest.raises(RecordingError, match=r"Only \d+ MB are free in .*; recording needs 1000000000 MB") as failure:
         ensure_space(tmp_path / "day", 1e9)
-    assert "recording.folder" in failure.value.advice
+    assert "recording.folder" in failure.value.advice and "recording.keep_gb" in failure.value.advice
+
+
+def test_what_another_process_writes_is_not_emptied(tmp_path: Path) -> None:
+    recorder = _recorder(tmp_path / "cycle.mcap")
+    recorder.flush()
+    part = tmp_path / "cycle.mcap.part"
+    size = part.stat().st_size
+    with pytest.raises(RecordingError, match="Cannot record"):
+        _recorder(tmp_path / "cycle.mcap")
+    assert part.stat().st_size == size > 0
+    recorder.close({})
+
+
+@pytest.mark.parametrize("umask", [0o000, 0o077])
+def test_a_recording_is_the_groups_to_read_and_nobody_elses(tmp_path: Path, umask: int) -> None:
+    before = os.umask(umask)
+    try:
+        path = _recorder(tmp_path / "cycle.mcap").close({})
+    finally:
+        os.umask(before)
+    assert path.stat().st_mode & 0o777 == 0o640
