@@ -17,6 +17,7 @@ from cell.replay import Request
 from cell.replay import replay as run_again
 from cell.replay_folder import replay_folder
 from cell.republish import ROOT, await_listener, payloads, republish, require_no_live_cell
+from cell.signals import ending
 from config.load import DEFAULT_STATION, station_from
 from logs.names import is_folder, shown, telling
 from logs.reader import read_cycle
@@ -79,12 +80,17 @@ def _publish(file: Path, rate: float, endpoint: str, wait_s: float) -> None:
     station = station_from(dict(record.station), [f"bus.endpoint={endpoint}"], source="the recorded station")
     require_no_live_cell(station_from(dict(record.station), source="the recorded station"))
     said = list(payloads(file))
-    with Bus.listen(station.cell_id, station.bus.endpoint) as bus:
+    with ending(_interrupt), Bus.listen(station.cell_id, station.bus.endpoint) as bus:
         err.line(f"{len(said)} payloads on {ROOT}/{record.cycle_id}/** at {endpoint}; Ctrl-C ends")
         await_listener(bus, record.cycle_id, wait_s)
         again = republish(bus, record.cycle_id, said, rate)
         for _ in tracked(again, len(said), record.cycle_id, err):
             pass
+
+
+def _interrupt() -> None:
+    """Any end that is asked for is Ctrl-C's."""
+    raise KeyboardInterrupt
 
 
 def _replay_folder(folder: Path, request: Request, *, as_json: bool) -> None:

@@ -10,7 +10,9 @@ ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 def on_end(end: Callable[[], None], *, insists: bool = False) -> None:
-    """Call ``end`` at each of these signals; it may only set a flag. A SIGHUP that is ignored (nohup) stays so.
+    """Call ``end`` at each of these signals, between any two steps of the main thread.
+
+    A SIGHUP that is ignored (nohup) stays so.
 
     Args:
         insists: a second Ctrl-C or SIGTERM ends at once. A second SIGHUP never: a closed terminal sends several.
