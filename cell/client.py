@@ -170,6 +170,9 @@ class Client:
             if refusal.code != "NO_RESULT":
                 raise
             return None
+        except NoReply:
+            self._require_there()
+            raise
 
     def next_result(self, timeout_s: float) -> CycleResult:
         """The next result of whichever cycle: of the next one of a ``start``. Raises: ReplyTimeout, CellUnreachable."""
@@ -207,13 +210,17 @@ class Client:
                 heard = self._heard.get(timeout=left_s)
             except queue.Empty:
                 return None
-            if heard is None:
-                self._heard.put(None)  # for whoever waits next
-                advice = "Start it, then see `cell cycles`."
-                raise CellUnreachable("The cell is gone: it ended, or the link to it.", advice)
+            self._require_there()
+            if heard is None:  # it was gone, and is back
+                continue
             if any(heard.key == topic.key for topic in of):
                 return heard
         return None
+
+    def _require_there(self) -> None:
+        """Raises: CellUnreachable."""
+        if self.is_gone:
+            raise CellUnreachable("The cell is gone: it ended, or the link to it.", "Start it, then see `cell cycles`.")
 
     def _notice(self, client_id: str, is_alive: bool) -> None:
         if client_id == CELL_CLIENT:

@@ -2,6 +2,7 @@
 
 import json
 import sys
+import threading
 import time
 
 import zenoh
@@ -11,19 +12,36 @@ cell = f"cell/{sys.argv[1] if len(sys.argv) > 1 else 'sim'}"
 config = '{mode: "client", connect: {endpoints: ["tcp/127.0.0.1:7447"]}, scouting: {multicast: {enabled: false}}}'
 
 
-def ask(key: str) -> dict:
-    payload = {"client_id": client_id} if key.startswith("command") else {}
-    reply = session.get(f"{cell}/{key}", payload=json.dumps(payload), timeout=5).recv()
+def ask(key: str, **fields: str) -> dict:
+    reply = session.get(f"{cell}/{key}", payload=json.dumps(fields), timeout=5).recv()
     return json.loads((reply.ok or reply.err).payload.to_string())
 
 
+def command(verb: str) -> dict:
+    answer = ask(f"command/{verb}", client_id=client_id)
+    if not answer["ok"]:
+        sys.exit(f"{verb}: {answer['code']}: {answer['reason']} {answer['advice']}")
+    return answer
+
+
+def say_that_we_run() -> None:
+    while not done.wait(0.2):
+        session.put(f"{cell}/lease/{client_id}", "{}")
+
+
+done = threading.Event()
 with zenoh.open(zenoh.Config.from_json5(config)) as session:
-    # The lease: while this token lives the arm may move for us; when this program ends or hangs, the cell holds.
+    # The lease: the arm moves for us while this token lives and while we say so; when this program ends or hangs, the
+    # cell holds within a second.
     lease = session.liveliness().declare_token(f"{cell}/lease/{client_id}")
+    threading.Thread(target=say_that_we_run, daemon=True).start()
     results = session.declare_subscriber(f"{cell}/cycle/result")
-    print("reset ->", ask("command/reset")["reason"] or "accepted")
-    while ask("state")["state"] == "Resetting":
+    command("reset")
+    while (state := ask("state")["state"]) == "Resetting":
         time.sleep(0.1)
-    print("pick ->", answer := ask("command/pick"))
-    if answer["ok"]:
-        print("result ->", json.loads(results.recv().payload.to_string()))
+    print(f"{state}; picking")
+    cycle_id = command("pick")["cycle_id"]
+    while "result" not in (answer := ask("cycle/result", cycle_id=cycle_id)):
+        results.recv()  # what is heard only wakes: the cell itself is asked
+    print("result ->", answer)
+    done.set()

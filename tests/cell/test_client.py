@@ -12,17 +12,22 @@ from bus.codec import encode
 from bus.commands import CellState
 from bus.errors import CellUnreachable
 from bus.heard import Heard
+from bus.messages import CycleResult
 from bus.session import Bus
 from bus.topics import Topic, encoding_of
 from cell.client import Client
 from cell.leases import CELL_CLIENT
 
+CELL, STRANGER = "cell's own session", "another session"
+
 
 class ScriptedBus:
-    """Answers with one state, and lets the test say others."""
+    """Answers with one state after the other, and lets the test put samples of others on the cell's keys."""
 
-    def __init__(self, now: CellState) -> None:
-        self._now = now
+    cell = CELL
+
+    def __init__(self, *states: CellState) -> None:
+        self._states = list(states)
         self._callbacks: dict[str, Callable[[Heard], None]] = {}
 
     def subscribe(self, pattern: str, callback: Callable[[Heard], None]) -> None:
@@ -32,27 +37,43 @@ class ScriptedBus:
         """Nobody comes or goes."""
 
     def request(self, _topic: Topic, *_asked: Any, **_fields: Any) -> CellState:
-        return self._now
+        return self._states.pop(0)
 
-    def say(self, state: CellState) -> None:
-        self._callbacks[topics.STATE.key](Heard(topics.STATE.key, encoding_of(CellState), encode(state)))
+    def put(self, message: CellState | CycleResult, source: str) -> None:
+        topic = topics.STATE if isinstance(message, CellState) else topics.RESULT
+        self._callbacks[topic.key](Heard(topic.key, encoding_of(type(message)), encode(message), source))
 
 
-def _state(name: str, since_ns: int) -> CellState:
+def _state(name: str, since_ns: int = 1) -> CellState:
     return CellState(state=name, stage="", cycle_id="", since_ns=since_ns, available=(), reason="")
 
 
-def test_a_state_said_before_the_present_one_is_not_waited_for() -> None:
-    bus = ScriptedBus(_state("Holding", 5))
+def test_what_is_heard_only_wakes_and_the_cell_is_asked_for_its_state() -> None:
+    """Also when the wall clock has been set back meanwhile: no stamps are compared."""
+    bus = ScriptedBus(_state("Holding", 5), _state("Holding", 5), _state("Held", 2))
     client = Client(cast(Bus, bus), 1.0)
-    for name, since_ns in (("Held", 2), ("Execute", 4), ("Holding", 5), ("Held", 6)):
-        bus.say(_state(name, since_ns))
-    assert client.wait_for_state({"Held"}, 5.0).since_ns == 6
+    for _ in range(2):
+        bus.put(_state("Held", 9), CELL)
+    assert client.wait_for_state({"Held"}, 5.0).since_ns == 2
+
+
+def test_what_a_stranger_puts_on_the_cells_keys_is_not_heard() -> None:
+    bus = ScriptedBus()
+    client = Client(cast(Bus, bus), 1.0)
+    forged = CycleResult(
+        cycle_id="c", object="", result="SUCCESS", code=None, reason="", stages={}, wall_s=0.0, recording=""
+    )
+    for source in (STRANGER, ""):
+        bus.put(forged, source)
+        bus.put(_state("Idle"), source)
+    assert list(client.heard()) == []
+    bus.put(forged.model_copy(update={"reason": "the cell's"}), CELL)
+    assert client.next_result(5.0).reason == "the cell's"
 
 
 def test_nobody_waits_for_a_cell_that_is_gone(endpoint: str) -> None:
     with Bus.listen("test", endpoint) as cell:
-        cell.answer(topics.STATE_NOW, lambda _payload, _fields: _state("Resetting", 1), lane="state")
+        cell.answer(topics.STATE_NOW, lambda _payload, _asked: _state("Resetting", 1), lane="state")
         cell.announce(topics.LEASE, name=CELL_CLIENT)
         with Bus.join("test", endpoint) as bus:
             client = Client(bus, 5.0)
