@@ -15,6 +15,7 @@ import pytest
 from bus.errors import BusError
 from cell import client
 from cell.__main__ import main
+from cell.signals import ENDING
 from config.load import load_station
 from config.schema import Station
 
@@ -76,7 +77,7 @@ def in_process(
         code = ended.value.code
         return subprocess.CompletedProcess(arguments, code if isinstance(code, int) else 0, said.out, said.err)
 
-    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    handlers = {number: signal.getsignal(number) for number in ENDING}
     yield run
     for number, handler in handlers.items():
         signal.signal(number, handler)

@@ -20,6 +20,7 @@ from typing import Any
 
 import pytest
 
+from bus.errors import Refused
 from cell import client
 from config.schema import Station
 
@@ -94,7 +95,7 @@ def terminal(shared_daemon: Cell, shared_options: list[str]) -> Iterator[Termina
         yield one
 
 
-def test_keys_command_the_cell_and_refusals_say_why(terminal: Terminal) -> None:
+def test_keys_command_the_cell_and_refusals_say_why(terminal: Terminal, shared_daemon: Cell) -> None:
     terminal.wait_for(r"cell sim +Stopped")
     terminal.wait_for(r"sim +\d s ago")
     assert not terminal.settings()[3] & termios.ECHO
@@ -113,9 +114,26 @@ def test_keys_command_the_cell_and_refusals_say_why(terminal: Terminal) -> None:
     terminal.press("s")
     terminal.wait_for(r"cell sim +Stopped")
     terminal.wait_for(r"\d{8}T\d{9} +ABORTED +STOPPED")
+    terminal.wait_for(r"Stopped by watch-")
+    _reset_once_the_lease_is_free(shared_daemon[1])
+    terminal.wait_for(r"cell sim +Idle")
     terminal.press("q")
     code, _ = terminal.end()
     assert code == 0 and terminal.settings() == terminal.before
+
+
+def _reset_once_the_lease_is_free(station: Station) -> None:
+    """The view gives the lease back by itself, in its next turn."""
+    give_up_s = time.monotonic() + 10.0
+    with client.connect(station) as cell:
+        while True:
+            try:
+                cell.command("reset")
+                break
+            except Refused as refused:
+                assert refused.code == "LEASE_HELD" and time.monotonic() < give_up_s
+                time.sleep(0.05)
+        cell.wait_for_state({"Idle"}, 60)
 
 
 def test_an_arrow_key_is_no_command(terminal: Terminal, shared_daemon: Cell) -> None:
