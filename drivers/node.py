@@ -95,14 +95,29 @@ class Node:
         self._every(_PULSE, HEALTH_PERIOD_S, self._publish_health)
         self._bus.answer(topics.NODE_NOW, lambda _payload, _asked: self._health(), lane="state", name=self._name)
         self._bus.announce(topics.NODE_ALIVE, name=self._name)
+        self._require_alone()
 
     def _require_free(self) -> None:
         """A name is served once. Raises: DriverUnavailable, naming the other process."""
-        if self._name not in self._bus.alive(topics.NODE_ALIVE):
-            return
-        others = self._bus.sessions(topics.NODE_NOW, timeout_s=_NAME_TIMEOUT_S, name=self._name)
+        if self._name in self._bus.alive(topics.NODE_ALIVE):
+            raise self._taken(self._others())
+
+    def _require_alone(self) -> None:
+        """Of two that began in the same moment, the one of the lower session stays. Raises: DriverUnavailable."""
+        others = self._others()
+        if others and min(others) < self._bus.source:
+            self._bus.withdraw(topics.NODE_ALIVE, name=self._name)
+            self.close()
+            raise self._taken(others)
+
+    def _others(self) -> dict[str, bytes]:
+        """The other sessions that serve this name, and their health."""
+        answers = self._bus.sessions(topics.NODE_NOW, timeout_s=_NAME_TIMEOUT_S, name=self._name)
+        return {session: health for session, health in answers.items() if session != self._bus.source}
+
+    def _taken(self, others: dict[str, bytes]) -> DriverUnavailable:
         who = " and ".join(map(_process, others.values())) or "a process that does not answer"
-        raise DriverUnavailable(
+        return DriverUnavailable(
             f"There is a node {self._name!r} already: {who}.",
             'End it first, or give this one a name of its own. A node with run = "here" is started by `cell start`.',
         )

@@ -1,0 +1,199 @@
+"""A node: its name is served once, its arm brakes when the cell falls silent, and it does not outlive its threads."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from typing import cast
+
+import numpy as np
+import pytest
+
+from bus import topics
+from bus.codec import decode
+from bus.commands import Event, Health, Heartbeat, Nothing
+from bus.errors import DriverUnavailable
+from bus.heard import Heard
+from bus.messages import ArmMode, ArmState, Motion
+from bus.session import Bus
+from bus.trajectory import Trajectory
+from config.load import load_station
+from config.schema import Station
+from drivers.interface import Arm, Devices
+from drivers.node import Node
+from drivers.remote import RemoteArm
+from drivers.unmoved import unmoved
+
+STILL = Trajectory(raw_q_rad=np.repeat(np.array([[0.0, -0.5, 0.0, -2.0, 0.0, 1.5, 0.8]]), 2, axis=0), window=1)
+REST = ArmState(stamp_ns=1, mode=ArmMode.IDLE, q_rad=STILL.start_q_rad, dq_rad_s=np.zeros(7), tau_ext_nm=np.zeros(7))
+
+
+class PatientArm:
+    """Its motions last until they are stopped."""
+
+    def __init__(self) -> None:
+        self.moving, self._stopped = threading.Event(), threading.Event()
+
+    def connect(self) -> None: ...
+
+    def close(self) -> None: ...
+
+    def state(self) -> ArmState:
+        return REST
+
+    def execute(self, trajectory: Trajectory) -> Motion:
+        self._stopped.clear()
+        self.moving.set()
+        self._stopped.wait(20)
+        self.moving.clear()
+        return unmoved(REST, trajectory)
+
+    def stop(self) -> None:
+        self._stopped.set()
+
+
+@pytest.fixture
+def station(endpoint: str) -> Station:
+    return load_station(None, ["sim.pace=1", f"bus.endpoint={endpoint}"])
+
+
+@pytest.fixture
+def cell(station: Station, endpoint: str) -> Iterator[Bus]:
+    with Bus.listen(station.cell_id, endpoint) as bus:
+        yield bus
+
+
+@contextmanager
+def node_of(station: Station, arm: PatientArm | None = None, name: str = "sim") -> Iterator[Node]:
+    devices = Devices(arm=cast(Arm, arm)) if arm is not None else Devices()
+    with Bus.join(station.cell_id, station.bus.endpoint) as bus:
+        node = Node(name, bus, devices, station)
+        node.open()
+        try:
+            yield node
+        finally:
+            node.close()
+
+
+def until(holds: Callable[[], bool], patience_s: float = 10.0) -> None:
+    give_up_s = time.monotonic() + patience_s
+    while not holds():
+        assert time.monotonic() < give_up_s
+        time.sleep(0.002)
+
+
+def test_a_name_is_served_once_and_the_second_is_told_of_the_firsts_process(cell: Bus, station: Station) -> None:
+    with node_of(station):
+        until(lambda: cell.alive(topics.NODE_ALIVE) == {"sim"})
+        with pytest.raises(DriverUnavailable, match=f"already: process {os.getpid()}"), node_of(station):
+            pass
+        with node_of(station, name="other"):
+            pass
+    until(lambda: not cell.alive(topics.NODE_ALIVE))
+    with node_of(station):  # the name is free again
+        pass
+
+
+def test_of_many_that_begin_in_the_same_moment_one_stays(cell: Bus, station: Station) -> None:
+    begun, outcomes, over = threading.Barrier(4), list[str](), threading.Event()
+
+    def begin() -> None:
+        begun.wait(10)
+        try:
+            with node_of(station):
+                outcomes.append("serves")
+                over.wait(10)
+        except DriverUnavailable:
+            outcomes.append("refused")
+
+    threads = [threading.Thread(target=begin) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    until(lambda: len(outcomes) == 4)
+    over.set()
+    for thread in threads:
+        thread.join()
+    assert outcomes.count("serves") <= 1
+
+
+def test_who_a_node_is_can_be_asked(cell: Bus, station: Station) -> None:
+    with node_of(station):
+        until(lambda: "sim" in cell.alive(topics.NODE_ALIVE))
+        health = cell.request(topics.NODE_NOW, Nothing(), Health, timeout_s=5, name="sim")
+    assert (health.name, health.pid) == ("sim", os.getpid())
+
+
+# --- the cell's heartbeat ---------------------------------------------------------------------------------------------
+
+
+@contextmanager
+def moving(cell: Bus, station: Station) -> Iterator[PatientArm]:
+    """A motion under way that the cell has asked for."""
+    arm = PatientArm()
+    with node_of(station, arm):
+        remote = RemoteArm(cell, 5.0)
+        remote.connect()
+        until(lambda: "sim" in cell.alive(topics.NODE_ALIVE))
+        asking = threading.Thread(target=partial(remote.execute, STILL))
+        asking.start()
+        assert arm.moving.wait(10)
+        try:
+            yield arm
+        finally:
+            arm.stop()
+            asking.join(10)
+
+
+def _beat(cell: Bus, seconds: float) -> None:
+    for _ in range(round(seconds / 0.1)):
+        cell.publish(topics.HEARTBEAT, Heartbeat())
+        time.sleep(0.1)
+
+
+def test_an_arm_brakes_when_the_cell_that_was_heard_falls_silent_and_says_so(cell: Bus, station: Station) -> None:
+    events: list[Heard] = []
+    cell.subscribe(topics.EVENT.key, events.append)
+    with moving(cell, station) as arm:
+        _beat(cell, 0.8)
+        assert arm.moving.is_set(), "a cell that is heard is obeyed"
+        until(lambda: not arm.moving.is_set(), 5.0)
+        until(lambda: bool(events))
+    event = decode(Event, events[0].payload)
+    assert event.code == "CELL_SILENT" and "said nothing" in event.text
+
+
+def test_a_strangers_heartbeat_does_not_keep_an_arm_moving(cell: Bus, station: Station) -> None:
+    with moving(cell, station) as arm, Bus.join(station.cell_id, station.bus.endpoint) as stranger:
+        _beat(cell, 0.2)
+
+        def end() -> bool:
+            stranger.publish(topics.HEARTBEAT, Heartbeat())
+            return not arm.moving.is_set()
+
+        until(end, 5.0)
+
+
+def test_a_simulation_without_time_waits_longer(cell: Bus, station: Station) -> None:
+    timeless = station.model_copy(update={"sim": station.sim.model_copy(update={"pace": 0.0})})
+    assert (station.silence_s, timeless.silence_s) == (0.5, 5.0)
+    hardware = station.model_copy(update={"nodes": {}})
+    assert hardware.silence_s == 0.5
+
+
+# --- its threads ------------------------------------------------------------------------------------------------------
+
+
+def test_a_node_that_is_not_whole_stops_its_arm_and_tells_why(cell: Bus, station: Station) -> None:
+    events: list[Heard] = []
+    cell.subscribe(topics.EVENT.key, events.append)
+    arm = PatientArm()
+    with node_of(station, arm) as node:
+        node.end_by_defect("loop-arm.state", KeyError("unforeseen"))
+        until(lambda: bool(events))
+    event = decode(Event, events[0].payload)
+    assert (event.code, "loop-arm.state met KeyError" in event.text) == ("INTERNAL", True)
+    assert arm._stopped.is_set()
