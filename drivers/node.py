@@ -103,9 +103,13 @@ class Node:
             raise self._taken(self._others())
 
     def _require_alone(self) -> None:
-        """Of two that began in the same moment, the one of the lower session stays. Raises: DriverUnavailable."""
+        """Of those that begin in the same moment at most one stays. Raises: DriverUnavailable.
+
+        By the answer to the first question the cell knows this node: of two nodes, the later one sees the other.
+        """
+        self._bus.alive(topics.NODE_ALIVE)
         others = self._others()
-        if others and min(others) < self._bus.source:
+        if others:
             self._bus.withdraw(topics.NODE_ALIVE, name=self._name)
             self.close()
             raise self._taken(others)
