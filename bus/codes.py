@@ -64,8 +64,8 @@ ADVICE: dict[Code, str] = {
     Code.STOPPED: "The cycle was stopped by command. `cell reset` makes the cell ready again.",
     Code.DEVICE_LOST: "Check the device's power and network; when it is back, `cell clear` and `cell reset`.",
     Code.NODE_LOST: (
-        "A driver node is gone, hangs or talks nonsense. Read what it said last, where `cell start` runs (of a service:"
-        " `journalctl`), then `cell clear` and `cell reset`."
+        "A driver node is gone, hangs or talks nonsense; on a busy machine it was only kept waiting. Read what it said"
+        " last, where `cell start` runs (of a service: `journalctl`), then `cell clear` and `cell reset`."
     ),
     Code.RECORDING: "The recording could not be written. Check the free space of the recordings folder.",
     Code.INTERNAL: "This is a defect. Please report it with the cycle's recording.",

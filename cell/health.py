@@ -6,6 +6,7 @@ A stream counts as heard only while what it says can be read and is new.
 from __future__ import annotations
 
 import logging
+import os
 import threading
 import time
 from collections.abc import Callable
@@ -30,7 +31,14 @@ _LATE_S = 2 * LOOK_PERIOD_S
 _SLOW = 0.6
 """A loop below this share of its rate is alive, answers everything, and is badly broken."""
 
+_BUSY = 1.5
+"""Runnable processes for each core: from here on a process may wait longer than a stream may be silent."""
 _UNREADABLE, _REPEATED = "unreadable", "repeated"
+
+
+def load_now() -> tuple[float, int]:
+    """Runnable processes of this machine, averaged over a minute, and its cores."""
+    return os.getloadavg()[0], os.cpu_count() or 1
 
 
 class Watch:
@@ -39,11 +47,17 @@ class Watch:
     Args:
         on_lost: told (node, failure) once when a node is lost: its token is gone, or a stream of it is silent.
         restarts: how often a node was brought back.
+        load: runnable processes of this machine, averaged over a minute, and its cores.
     """
 
     def __init__(
-        self, station: Station, on_lost: Callable[[str, CycleFailure], None], restarts: Callable[[str], int]
+        self,
+        station: Station,
+        on_lost: Callable[[str, CycleFailure], None],
+        restarts: Callable[[str], int],
+        load: Callable[[], tuple[float, int]] = load_now,
     ) -> None:
+        self._load = load
         self._nodes = station.nodes
         self._stale_s, self._frozen_s = station.bus.stale_s, station.bus.frozen_s
         self._known = {key for name in station.nodes for key in self._streams(name)}
@@ -137,7 +151,16 @@ class Watch:
             device = key.partition("/")[0]
             return CycleFailure(Code.DEVICE_LOST, f"The {device} has been saying the same for {age_s:.1f} s.")
         fault = f"says what cannot be read on {key!r}" if useless else f"hangs: nothing on {key!r} for {age_s:.1f} s"
-        return CycleFailure(Code.NODE_LOST, f"The node {name!r} {fault}.")
+        return CycleFailure(Code.NODE_LOST, f"The node {name!r} {fault}.{'' if useless else self._starved(said)}")
+
+    def _starved(self, said: Health | None) -> str:
+        """That this machine is too busy, where it is: a starved node is not to blame; else ""."""
+        load, cores = self._load()
+        missed = {name: loop.missed for name, loop in (said.loops if said is not None else {}).items() if loop.missed}
+        if load <= _BUSY * cores:
+            return ""
+        left_out = "; ".join(f"{name} had left out {count} rounds" for name, count in missed.items())
+        return f" This machine is too busy: load {load:.1f} on {cores} cores{'; ' if left_out else ''}{left_out}."
 
     def _forgive(self, now_s: float) -> None:
         late_s = max(0.0, now_s - self._looked_s - _LATE_S)

@@ -14,6 +14,7 @@ from config.schema import RetrySettings
 WITH_ANOTHER_GRASP = frozenset({Code.GRASP_MISSED})
 WITH_A_NEW_LOOK = frozenset(
     {
+        Code.NOT_SEEN,
         Code.NO_GRASP,
         Code.UNREACHABLE,
         Code.COLLISION,

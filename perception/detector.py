@@ -153,11 +153,11 @@ def _same_place(chosen: Proposal, other: Proposal) -> bool:
 
 
 def _require_depth(rgbd: Rgbd, scene: Scene) -> None:
-    """Raises: CycleFailure(NO_OBJECT) for an outline - a segmenter's own - without a single measured point."""
+    """Raises: CycleFailure(NOT_SEEN) for an outline - a segmenter's own - without a single measured point."""
     if not np.isfinite(rgbd.depth_m[scene.object_mask]).any():
         pixels = int(scene.object_mask.sum())
         raise CycleFailure(
-            Code.NO_OBJECT, f"The camera measures no depth on the object (outline of {pixels} pixels): glass, or black?"
+            Code.NOT_SEEN, f"The camera measures no depth on the object (outline of {pixels} pixels): glass, or black?"
         )
 
 

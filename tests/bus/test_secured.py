@@ -5,7 +5,10 @@ from __future__ import annotations
 import json
 import re
 import shutil
+import socket
+import time
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +19,7 @@ from bus import topics
 from bus.errors import ConfigError
 from bus.secrets import read_secret
 from bus.secured import LEASE_MS, is_loopback, session_config
+from bus.session import Bus
 from cell.keys import make_keys
 
 AWAY = "tls/10.0.0.1:7447"
@@ -151,3 +155,16 @@ def test_a_secret_is_private_outside_the_project_and_one_line(tmp_path: Path) ->
     with pytest.raises(ConfigError, match="one line") as error:
         read_secret(file, "key file")
     assert "words" not in str(error.value)
+
+
+def test_connections_that_say_nothing_keep_no_client_out(endpoint: str) -> None:
+    """300 half-open ones: each is dropped after a second, and there is room for more meanwhile."""
+    address = ("127.0.0.1", int(endpoint.rpartition(":")[2]))
+    with Bus.listen("test", endpoint) as cell, ExitStack() as stack:
+        for _ in range(300):
+            stack.enter_context(socket.create_connection(address))
+        with Bus.join("test", endpoint) as bus:
+            bus.announce(topics.NODE_ALIVE, name="sim")
+            give_up_s = time.monotonic() + 5
+            while cell.alive(topics.NODE_ALIVE) != {"sim"}:
+                assert time.monotonic() < give_up_s

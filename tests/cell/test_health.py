@@ -30,11 +30,11 @@ Daemon = tuple[subprocess.Popen[str], Station]
 class Bench:
     """A watch with the simulated cell's one node, and what it told of."""
 
-    def __init__(self, stale_s: float = 0.05) -> None:
+    def __init__(self, stale_s: float = 0.05, load: float = 0.5) -> None:
         self._stamp_ns = 0
         self.lost: queue.SimpleQueue[CycleFailure] = queue.SimpleQueue()
         station = load_station(None, [f"bus.stale_s={stale_s}"])
-        self.watch = Watch(station, lambda name, failure: self.lost.put(failure), lambda name: 2)
+        self.watch = Watch(station, lambda name, failure: self.lost.put(failure), lambda name: 2, lambda: (load, 2))
 
     def hear(self, key: str, payload: bytes | None = None) -> None:
         """By default a new state of the arm; the hand says something new every time."""
@@ -54,6 +54,22 @@ def _arm_state(stamp_ns: int) -> bytes:
 def _said(rate_hz: float, fault: str = "") -> Health:
     loops = {"arm.state": LoopHealth(rate_hz=rate_hz, target_hz=100.0, missed=3, fault=fault)}
     return Health(name="sim", pid=1, uptime_s=60.0, answered=1, failed=0, loops=loops)
+
+
+@pytest.mark.parametrize(("load", "is_blamed"), [(0.5, False), (12.0, True)])
+def test_a_starved_node_is_called_that(load: float, is_blamed: bool) -> None:
+    bench = Bench(load=load)
+    bench.watch.change("sim", True)
+    bench.watch.hear(Heard("node/sim/health", "", encode(_said(100.0))))
+    bench.hear("arm/state")
+    give_up_s = time.monotonic() + 10
+    while bench.lost.empty():
+        assert time.monotonic() < give_up_s
+        bench.watch.look()
+        time.sleep(0.01)
+    text = bench.lost.get().text
+    busy = "This machine is too busy: load 12.0 on 2 cores; arm.state had left out 3 rounds."
+    assert (busy in text) is is_blamed and "'sim' hangs" in text
 
 
 def test_a_node_is_healthy_while_its_token_is_there_and_its_streams_flow() -> None:

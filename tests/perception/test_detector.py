@@ -143,12 +143,12 @@ def test_a_jaw_too_small_is_no_grasp(see: See) -> None:
     assert failure.value.failure is Code.NO_GRASP
 
 
-def test_a_camera_without_depth_is_no_object(see: See) -> None:
+def test_a_camera_without_depth_sees_no_table(see: See) -> None:
     observation, _ = see("bottle", 1)
     blind = observation.frame.model_copy(update={"depth_m": np.full_like(observation.frame.depth_m, np.nan)})
     with pytest.raises(CycleFailure) as failure:
         detect(observation.model_copy(update={"frame": blind}), STATION)
-    assert failure.value.failure is Code.NO_OBJECT
+    assert failure.value.failure is Code.NOT_SEEN
 
 
 def test_the_place_is_cleared_only_when_the_object_left(see: See) -> None:

@@ -166,7 +166,7 @@ def test_no_instance_is_no_object(prompt: str, weights: Callable[[str], str], mo
     monkeypatch.setattr("perception.models.sam._MIN_SCORE", 1.0)
     with pytest.raises(CycleFailure) as failure:
         PROMPTS[prompt](Sam(weights("sam3")))
-    assert failure.value.failure is Code.NO_OBJECT
+    assert failure.value.failure is Code.TARGET_NOT_FOUND
 
 
 @pytest.mark.parametrize("kind", ["sam", "sam2"])
@@ -176,7 +176,7 @@ def test_an_empty_mask_is_no_object(kind: str, weights: Callable[[str], str], mo
     monkeypatch.setattr(sam._processor, "post_process_masks", lambda *given: [mask.zero_() for mask in whole(*given)])
     with pytest.raises(CycleFailure) as failure:
         sam.by_box(IMAGE, (10, 10, 50, 40))
-    assert failure.value.failure is Code.NO_OBJECT
+    assert failure.value.failure is Code.TARGET_NOT_FOUND
 
 
 @pytest.mark.usefixtures("weights")

@@ -76,7 +76,7 @@ def test_a_pixel_names_the_target_also_from_beside_it(look: Look) -> None:
         assert _detect(look([BAR, other]), f"perception.target.pixel={pixel}").evidence.object_mask[50, 350]
     with pytest.raises(CycleFailure, match="no object within") as failure:
         _detect(look([BAR, other]), "perception.target.pixel=[240, 300]")
-    assert failure.value.failure is Code.NO_OBJECT
+    assert failure.value.failure is Code.TARGET_NOT_FOUND
 
 
 def test_words_name_the_target_and_the_model_points_at_it(look: Look, tmp_path: Path) -> None:
@@ -98,7 +98,7 @@ def test_a_target_the_model_does_not_see_is_no_object(look: Look, tmp_path: Path
         station = _hosted(server, tmp_path, "perception.target.text=a zebra")
         with closing(open_models(station, KEY)) as models, pytest.raises(CycleFailure, match="zebra") as failure:
             detect(look([BAR]), station, models, unsaid)
-    assert failure.value.failure is Code.NO_OBJECT
+    assert failure.value.failure is Code.TARGET_NOT_FOUND
 
 
 def test_the_embedded_model_understands_no_words(look: Look) -> None:
@@ -183,8 +183,8 @@ def _ends(observation: Observation, mask: np.ndarray) -> Code | None:
     [_outline(slice(305, 330), slice(305, 330)), _outline(310, 310), np.zeros((360, 480), bool)],
     ids=["dark", "one dark pixel", "none"],
 )
-def test_an_outline_without_any_depth_is_no_object(mask: np.ndarray, look: Look) -> None:
-    assert _ends(look([BAR, DARK]), mask) is Code.NO_OBJECT
+def test_an_outline_without_any_depth_was_not_seen(mask: np.ndarray, look: Look) -> None:
+    assert _ends(look([BAR, DARK]), mask) is Code.NOT_SEEN
 
 
 @given(
@@ -193,17 +193,36 @@ def test_an_outline_without_any_depth_is_no_object(mask: np.ndarray, look: Look)
 @settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_no_outline_is_a_defect(corner: tuple[int, int], size: tuple[int, int], look: Look) -> None:
     where = (slice(start, start + extent) for start, extent in zip(corner, size, strict=True))
-    assert _ends(look([BAR, DARK]), _outline(*where)) in (None, Code.NO_OBJECT, Code.NO_GRASP, *_OF_MODEL)
+    assert _ends(look([BAR, DARK]), _outline(*where)) in (None, Code.NOT_SEEN, Code.NO_GRASP, *_OF_MODEL)
 
 
 _OF_MODEL = tuple(code for code in Code if code.startswith("MODEL_"))
 
 
-def test_a_camera_that_measures_nothing_sees_no_object(look: Look) -> None:
-    dark = look([Box((0, 480), (0, 360), None, (10, 10, 10))])
+def test_a_camera_that_measures_nothing_sees_no_table(look: Look) -> None:
+    assert _code(look([Box((0, 480), (0, 360), None, (10, 10, 10))])) is Code.NOT_SEEN
+
+
+def test_a_table_that_was_seen_and_on_which_nothing_rises_is_empty(look: Look) -> None:
+    assert _code(look([])) is Code.NO_OBJECT
+
+
+@pytest.mark.parametrize(
+    ("columns", "code"), [((0, 200), Code.NO_OBJECT), ((0, 300), Code.NOT_SEEN), ((100, 480), Code.NOT_SEEN)]
+)
+def test_a_table_is_empty_only_when_enough_of_it_was_seen(columns: tuple[int, int], code: Code, look: Look) -> None:
+    glass = Box(columns, (0, 360), None, (165, 165, 165))
+    assert _code(look([glass]), "scene.pick_region_m=[0.2, 0.7, -0.2, 0.2]") is code
+
+
+def test_a_pick_region_outside_the_view_was_not_seen(look: Look) -> None:
+    assert _code(look([]), "scene.pick_region_m=[1.5, 1.9, -0.2, 0.2]") is Code.NOT_SEEN
+
+
+def _code(observation: Observation, *overrides: str) -> Code:
     with pytest.raises(CycleFailure) as failure:
-        detect(dark, _station(), open_models(_station(), {}), unsaid)
-    assert failure.value.failure is Code.NO_OBJECT
+        _detect(observation, *overrides)
+    return failure.value.failure
 
 
 # --- which grasp -----------------------------------------------------------------------------------------------------

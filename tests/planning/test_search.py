@@ -7,7 +7,10 @@ import subprocess
 import sys
 
 import numpy as np
+import pytest
 
+from bus.codes import Code
+from bus.errors import CycleFailure
 from planning.robot import Robot
 from planning.scene import Scene
 from planning.search import search
@@ -73,3 +76,32 @@ def test_it_goes_to_whichever_goal_it_reaches() -> None:
     path = search(only_the_second, CAPTURE, [ACROSS, near], seed=0)
     assert path is not None
     assert np.allclose(path[-1], near)
+
+
+def test_a_stop_ends_a_search_at_its_next_check(robot: Robot) -> None:
+    """Counted in checks: of 20,000 that this search may make, a stop leaves at most a few."""
+    scene, asked = among(robot, WALL), 0
+
+    def free(q: np.ndarray) -> bool:
+        nonlocal asked
+        asked += 1
+        if asked == 200:
+            scene.cancel.set()
+        return scene.touch(q, WIDE_M) is None
+
+    with pytest.raises(CycleFailure) as failure:
+        search(free, CAPTURE, [ACROSS], seed=0)
+    assert failure.value.failure is Code.STOPPED and asked == 200
+
+
+def test_a_stop_ends_every_check_of_a_plan(robot: Robot) -> None:
+    scene = among(robot, WALL)
+    line = np.stack([CAPTURE, ACROSS])
+    scene.empty().cancel.set()  # the same stop for all scenes of a plan
+    for check in (
+        lambda: scene.touch(CAPTURE, WIDE_M),
+        lambda: scene.first_touch(line, WIDE_M),
+        lambda: scene.gate(line, WIDE_M),
+    ):
+        with pytest.raises(CycleFailure, match="Stopped during 'plan'"):
+            check()
