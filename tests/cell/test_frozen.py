@@ -1,0 +1,107 @@
+"""Everyone who moves the arm is heard: a cell or a client that is frozen in mid-motion leaves the arm at rest.
+
+How soon it rests is measured by `benchmarks stop`.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bus import topics
+from cell import client
+from cell.client import Client
+from config.schema import Station
+from logs.reader import CycleRecord, read_cycle
+
+Daemon = tuple[subprocess.Popen[str], Station]
+
+EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "trigger.py"
+FROZEN_S = 0.9
+"""The link outlives it; its lease is 1 s."""
+_MOVES_RAD_S, _RESTS_RAD_S = 0.3, 0.1
+
+
+@pytest.fixture
+def example(shared_daemon: Daemon) -> Iterator[subprocess.Popen[str]]:
+    """Our example for plain Zenoh clients, whose transport would keep its token for 10 s."""
+    source = EXAMPLE.read_text().replace("tcp/127.0.0.1:7447", shared_daemon[1].bus.endpoint)
+    process = subprocess.Popen([sys.executable, "-c", source], stdout=subprocess.PIPE, text=True)
+    yield process
+    process.kill()
+    process.communicate()
+
+
+def _await_motion(cell: Client) -> str:
+    """Until the arm moves; the cycle's id."""
+    give_up_s = time.monotonic() + 90
+    speed_rad_s = 0.0
+    while (state := cell.state()).stage != "execute" or speed_rad_s < _MOVES_RAD_S:
+        assert time.monotonic() < give_up_s
+        for heard in cell.heard():
+            if heard.key == topics.ARM_STATE.key:
+                speed_rad_s = _speed_rad_s(topics.ARM_STATE.says.FromString(heard.payload))
+        time.sleep(0.01)
+    return state.cycle_id
+
+
+def _speed_rad_s(said: Any) -> float:
+    """Of the fastest joint."""
+    return float(np.abs([joint.velocity for joint in said.joints]).max())
+
+
+@contextmanager
+def frozen(pid: int) -> Iterator[int]:
+    """The process stands still; gives since when (UTC)."""
+    os.kill(pid, signal.SIGSTOP)
+    try:
+        yield time.time_ns()
+    finally:
+        os.kill(pid, signal.SIGCONT)
+
+
+def _fastest_rad_s(record: CycleRecord, since_ns: int) -> float:
+    return max(
+        (_speed_rad_s(timed.message) for timed in record.arm if timed.message.timestamp.ToNanoseconds() > since_ns),
+        default=0.0,
+    )
+
+
+def test_an_arm_whose_cell_is_frozen_brakes_and_the_cell_says_so_when_it_goes_on(
+    shared_daemon: Daemon, example: subprocess.Popen[str]
+) -> None:
+    process, station = shared_daemon
+    with client.connect(station, also=(topics.ARM_STATE,)) as cell:
+        cycle_id = _await_motion(cell)
+        with frozen(process.pid):
+            time.sleep(FROZEN_S)
+        went_on_ns = time.time_ns()
+        result = cell.wait_for_result(cycle_id, 60)
+        assert result.result == "ABORTED"
+        cell.wait_for_state({"Stopped", "Aborted"}, 60)
+    record = read_cycle(Path(result.recording))
+    assert "CELL_SILENT" in {timed.message.code for timed in record.events}
+    assert _fastest_rad_s(record, went_on_ns) < _RESTS_RAD_S, "nothing moved again"
+
+
+def test_a_plain_client_that_is_frozen_loses_its_lease_long_before_its_transport_notices(
+    shared_daemon: Daemon, example: subprocess.Popen[str]
+) -> None:
+    with client.connect(shared_daemon[1], also=(topics.ARM_STATE,)) as cell:
+        cycle_id = _await_motion(cell)
+        with frozen(example.pid) as since_ns:
+            state = cell.wait_for_state({"Held"}, 20)
+            cell.command("stop")
+            result = cell.wait_for_result(cycle_id, 60)
+    assert state.since_ns - since_ns < 5e9 and "no heartbeat" in state.reason and "'trigger'" in state.reason
+    assert _fastest_rad_s(read_cycle(Path(result.recording)), state.since_ns) < _RESTS_RAD_S
