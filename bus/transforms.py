@@ -4,11 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-import numpy.typing as npt
+from bus.lazy import LazyModule
 
-Array = npt.NDArray[np.float64]
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    Array = npt.NDArray[np.float64]
+else:
+    np: Any = LazyModule("numpy")
 
 UNIT_TOLERANCE = 1e-3
 """How far from 1 the length of a quaternion may be that was written down by hand or sent in single precision."""

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 from urllib.parse import urlsplit
 
-import numpy as np
 from pydantic import Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
+from bus.lazy import LazyModule
 from config.base import (
     UNSHOWN,
     Chunk,
@@ -36,7 +36,10 @@ from config.bus import BusSettings
 from config.calibration import CalibrationSettings
 from config.faults import FaultSettings
 from config.hardware import FemtoMegaSettings, Fr3Settings, PandaHandSettings
-from config.limits import outside, stuck
+
+# Imported when a value is checked with them: what only says "stop" must not wait for them.
+numpy: Any = LazyModule("numpy")
+limits: Any = LazyModule("config.limits")
 
 
 class RecordingSettings(Settings):
@@ -91,7 +94,8 @@ class ArmSettings(Settings):
     @field_validator("capture_q_rad")
     @classmethod
     def _within_the_joints_range(cls, q_rad: JointVector) -> JointVector:
-        beyond = outside(np.array(q_rad)) or stuck(np.array(q_rad))
+        q = numpy.array(q_rad)
+        beyond = limits.outside(q) or limits.stuck(q)
         if beyond is not None:
             raise ValueError(beyond)
         return q_rad
