@@ -57,7 +57,7 @@ def reply_to(
     if known is not None:
         _send(query, root, known)
         return
-    payload = query.payload.to_bytes() if question.has_payload and query.payload is not None else b"{}"
+    payload = payload_of(query)
     try:
         answer = _answer(handler, payload, question, name)
     except CellError as error:
@@ -69,6 +69,11 @@ def reply_to(
     if topic.acts:
         answers.keep(question, answer)
     _send(query, root, answer)
+
+
+def payload_of(query: zenoh.Query) -> bytes:
+    """What a question brings; a question without content means an empty object."""
+    return (query.payload.to_bytes() if query.payload is not None else b"") or b"{}"
 
 
 def refuse(query: zenoh.Query, why: Refused) -> None:

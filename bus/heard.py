@@ -46,3 +46,5 @@ class Asked(NamedTuple):
 Tap = Callable[[Heard], None]
 Handler = Callable[[bytes, Asked], "Message | list[Heard]"]
 """Answers one question, given its payload and what else is known of it."""
+LaneOf = Callable[[Asked, bytes], str]
+"""In which lane a question waits; asked on Zenoh's thread, it may only look things up."""

@@ -20,13 +20,13 @@ from typing import Any, TypeVar
 import zenoh
 
 from bus import topics
-from bus.answering import Answers, refuse, reply_to
+from bus.answering import Answers, payload_of, refuse, reply_to
 from bus.asked import asked, refusal
 from bus.asking import heard_in, replies_to
 from bus.codec import decode, encode
 from bus.errors import BadPayload, BusError, CellUnreachable, NoReply, PortOccupied, Refused
 from bus.frozen import Message
-from bus.heard import Asked, Handler, Heard, Tap
+from bus.heard import Asked, Handler, Heard, LaneOf, Tap
 from bus.lane import Lane
 from bus.secured import MAX_PAYLOAD_BYTES, is_loopback, session_config
 from bus.topics import Topic, encoding_of
@@ -213,11 +213,11 @@ class Bus:
             key = topic.key.format(**fields)
             raise BadPayload(f"{key!r} was answered with what cannot be read: {error.text}", "See its node.") from error
 
-    def answer(self, topic: Topic, handler: Handler, *, lane: str | Callable[[str], str], **fields: str) -> None:
+    def answer(self, topic: Topic, handler: Handler, *, lane: str | LaneOf, **fields: str) -> None:
         """Answer questions on ``topic`` with ``handler(payload, asked)``, one at a time per ``lane`` (a thread).
 
-        A ``lane`` that depends on the key's last chunk keeps what is urgent from waiting for what is not. What is
-        refused unseen (`bus.asked`) waits for nothing.
+        A ``lane`` that depends on the question keeps what is urgent from waiting for what is not. What is refused
+        unseen (`bus.asked`) waits for nothing.
 
         The handler returns a message, or the payloads to reply with. A `CellError` it raises is sent back typed.
         """
@@ -229,7 +229,7 @@ class Bus:
             if why is not None:
                 self.lane("refusals").post(partial(_refuse, query, why))
                 return
-            name = lane if isinstance(lane, str) else lane(question.verb)
+            name = lane if isinstance(lane, str) else lane(question, payload_of(query))
             self.lane(name).post(lambda: self._reply(topic, key, query, question, handler, answers))
 
         self._declared.append(self._session.declare_queryable(key, receive))

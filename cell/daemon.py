@@ -13,7 +13,7 @@ from bus import topics
 from bus.codec import bus_schema, decode
 from bus.codes import ADVICE, Code
 from bus.commands import CellHealth, CommandReply, CommandRequest, Heartbeat, ResultRequest
-from bus.errors import BusError, CycleFailure, DriverError, Refused
+from bus.errors import BadPayload, BusError, CycleFailure, DriverError, Refused
 from bus.faulty import answer_faults
 from bus.frozen import Message
 from bus.heard import Asked, Heard
@@ -42,6 +42,7 @@ _log = logging.getLogger(__name__)
 
 _ANYONES = ("stop", "abort", "hold", "suspend")
 
+_LONGEST_COMMAND = 64 * 1024
 _CLOSE_PATIENCE_S = 25.0
 _KEPT_RESULTS = 64
 _KEPT_DEFECTS = 16
@@ -138,7 +139,7 @@ class Daemon:
         self._bus.answer(topics.HEALTH_NOW, lambda _payload, _asked: self.health(), lane="state")
         self._bus.answer(topics.RESULT_NOW, self._on_result_asked, lane="state")
         self._bus.answer(topics.SCHEMA_NOW, lambda _payload, _asked: bus_schema(), lane="schema")
-        self._bus.answer(topics.COMMAND, self._on_command, lane=_lane_of, verb="*")
+        self._bus.answer(topics.COMMAND, self._on_command, lane=self._lane_of, verb="*")
         if self._disk is not None and isinstance(self._imaginer, FaultyModel):
             answer_faults(self._bus, {"disk": self._disk, "model": self._imaginer}, self.voice.say)
         self._bus.announce(topics.LEASE, name=CELL_CLIENT)
@@ -219,6 +220,16 @@ class Daemon:
         refuse(reply)
         return reply.model_copy(update={"lease": self._leases.take(verb, request.client_id)})
 
+    def _lane_of(self, asked: Asked, payload: bytes) -> str:
+        """What stops the arm waits behind no other command, and no command behind one whose token is awaited."""
+        if asked.verb in _ANYONES:
+            return "command-stop"
+        try:
+            client_id = decode(CommandRequest, payload).client_id if len(payload) < _LONGEST_COMMAND else ""
+        except BadPayload:
+            return "command-refused"
+        return "command-awaited" if self._leases.must_wait(asked.verb, client_id) else "command"
+
     def _on_lease_lost(self, client_id: str, why: str) -> None:
         self._control.lose_lease(client_id, why)
 
@@ -267,8 +278,3 @@ class Daemon:
             self._said_s = time.monotonic()
             with suppress(BusError):  # closing
                 self._bus.publish(topics.HEARTBEAT, Heartbeat())
-
-
-def _lane_of(verb: str) -> str:
-    """What stops the arm never waits behind a command that is still being looked into."""
-    return "command-stop" if verb in _ANYONES else "command"

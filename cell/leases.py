@@ -26,7 +26,7 @@ CELL_CLIENT = "cell"
 """``client_id`` of the cell itself: of what it commands between cycles, and of the token that says it is there."""
 HEARTBEAT_S = 0.2
 """How often a client that holds the lease says so."""
-ARRIVAL_S = 0.05
+ARRIVAL_S = 0.5
 """How long a token may arrive after the command that needs it."""
 
 Lost = Callable[[str, str], None]
@@ -88,6 +88,10 @@ class Leases:
                 return
             self.holder = ""
         self._on_lost(holder, f"no heartbeat for {self._silence_s:.1f} s")
+
+    def must_wait(self, verb: str, client_id: str) -> bool:
+        """Whether ``require`` would wait for the client's token."""
+        return verb in NEEDS_LEASE | NEEDS_TOKEN and client_id not in self._alive
 
     def require(self, verb: str, client_id: str, received_s: float) -> None:
         """Raises: Refused (NO_LEASE, LEASE_HELD) when ``client_id`` may not command ``verb``.
