@@ -1,33 +1,44 @@
-"""Whether memory and open files of running processes grow."""
+"""Whether memory and open files of a cell's processes grow."""
 
 from __future__ import annotations
 
-import gc
 import os
+from dataclasses import dataclass, field
 from pathlib import Path
 
 _WARM_UP = 20
 
 
+@dataclass
+class Grown:
+    """The most that any process of a kind has grown by since its warm-up."""
+
+    rss_mb: float = 0.0
+    fds: int = 0
+
+
+@dataclass
 class Growth:
-    """Memory and open files of some processes, against what they were after a warm-up."""
+    """Of the daemon alone, and of its node, whatever happened to their processes meanwhile."""
 
-    def __init__(self) -> None:
-        self._first: dict[int, tuple[int, float, int]] = {}  # looks so far, and the first figures after the warm-up
-        self.rss_mb = 0.0
-        self.fds = 0
+    daemon: Grown = field(default_factory=Grown)
+    node: Grown = field(default_factory=Grown)
+    _first: dict[int, tuple[int, float, int]] = field(default_factory=dict)  # looks, and figures after the warm-up
 
-    def look(self, pids: list[int]) -> None:
-        """To be called while the cell is Idle."""
-        gc.collect()
-        for pid in pids:
-            looks, rss_mb, fds = self._first.get(pid, (0, 0.0, 0))
-            now = _rss_mb(pid), len(os.listdir(f"/proc/{pid}/fd"))
-            if looks <= _WARM_UP:
-                rss_mb, fds = now
-            else:
-                self.rss_mb, self.fds = max(self.rss_mb, now[0] - rss_mb), max(self.fds, now[1] - fds)
-            self._first[pid] = looks + 1, rss_mb, fds
+    def look(self, daemon: int, node: int | None) -> None:
+        """At two processes by their ids, to be called while the cell is Idle."""
+        self._look(self.daemon, daemon)
+        if node is not None:
+            self._look(self.node, node)
+
+    def _look(self, grown: Grown, pid: int) -> None:
+        looks, rss_mb, fds = self._first.get(pid, (0, 0.0, 0))
+        now = _rss_mb(pid), len(os.listdir(f"/proc/{pid}/fd"))
+        if looks <= _WARM_UP:
+            rss_mb, fds = now
+        else:
+            grown.rss_mb, grown.fds = max(grown.rss_mb, now[0] - rss_mb), max(grown.fds, now[1] - fds)
+        self._first[pid] = looks + 1, rss_mb, fds
 
 
 def _rss_mb(pid: int) -> float:
