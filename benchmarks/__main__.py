@@ -145,12 +145,16 @@ def calibrate_(
 @app.command(name="intruder")
 def intruder_(
     tries: Annotated[int, typer.Option(min=1)] = 10_000,
+    only: Annotated[list[str] | None, typer.Option(help="One of the kinds. Repeatable; default: all.")] = None,
     seed: int = 1,
     endpoint: Annotated[str, typer.Option(help="Free loopback endpoint for its cell.")] = "tcp/127.0.0.1:7497",
     as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
 ) -> None:
-    """Malformed, unauthorised, stale, out-of-limit and replayed questions to a running cell: what was accepted."""
-    typer.echo(json.dumps(intruder.run(tries, seed, endpoint, _teller(as_json))))
+    """What should not be on the bus of a running cell asks, forges, pretends, freezes: what was accepted."""
+    for kind in only or ():
+        if kind not in intruder.SHARES:
+            raise typer.BadParameter(f"{kind!r} is none of {', '.join(intruder.SHARES)}")
+    typer.echo(json.dumps(intruder.run(tries, seed, endpoint, _teller(as_json), tuple(only or ()))))
 
 
 @app.command(name="stop")

@@ -42,7 +42,7 @@ _PATIENCE_S = 60.0
 _AT_END_RAD = 2e-3
 _SETTLED = {"Held", "Stopped", "Aborted", "Complete"}
 
-_PLAIN = """
+PLAIN = """
 import json, sys, threading, time, zenoh
 endpoint, cell = sys.argv[1], f"cell/{sys.argv[2]}"
 config = zenoh.Config.from_json5(json.dumps(
@@ -118,7 +118,7 @@ class _Bench:
             return self._rest(frozen_ns)
 
     def _client_frozen(self) -> Rested | None:
-        command = [sys.executable, "-c", _PLAIN, self.station.bus.endpoint, self.station.cell_id]
+        command = [sys.executable, "-c", PLAIN, self.station.bus.endpoint, self.station.cell_id]
         with self._moving_pick(command) as holder, client.connect(self.station) as operator:
             frozen_ns = time.time_ns()
             holder.send_signal(signal.SIGSTOP)

@@ -62,7 +62,7 @@ def _serve(name: str, overrides: list[str]) -> None:
         node.open()
         assert devices.arm is not None
         sys.stdout.write(_READY)
-        threading.Thread(target=lambda: (sys.stdin.read(), ended.set())).start()
+        threading.Thread(target=_await_end, args=(ended,)).start()
         with settled():
             while not ended.wait(_PERIOD_S):
                 state = devices.arm.state()
@@ -70,6 +70,11 @@ def _serve(name: str, overrides: list[str]) -> None:
                 sys.stdout.write(json.dumps(said) + "\n")
                 sys.stdout.flush()
         node.close()
+
+
+def _await_end(ended: threading.Event) -> None:
+    sys.stdin.read()
+    ended.set()
 
 
 if __name__ == "__main__":
