@@ -98,7 +98,9 @@ def _attempts(
         Rogues(cell, session, forging, rng),
         Peers(cell, session, rng),
     )
-    return {kind: group.attempt for group in groups for kind in group.kinds}
+    attempts = {kind: group.attempt for group in groups for kind in group.kinds}
+    assert set(attempts) == set(SHARES)
+    return attempts
 
 
 def _sources(session: zenoh.Session, root: str) -> dict[str, zenoh.EntityGlobalId]:

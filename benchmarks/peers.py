@@ -20,7 +20,7 @@ _START_S = 40.0
 _FROZEN_S = 2.5
 _NOTICED_S = 1.5
 """A motion that nobody attends is held in that time."""
-_ANSWER_S = 1.0
+_ANSWER_S = 2.0
 _MOVING_RAD_S = 0.3
 _NODE = "sim"
 

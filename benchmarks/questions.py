@@ -23,7 +23,7 @@ _MOVING = ("reset", "start", "pick", "unhold", "unsuspend")
 _NODE_KEYS = tuple(topic.key for topic in (topics.ARM_EXECUTE, topics.HAND_MOVE, topics.HAND_GRASP))
 _WITHOUT_CONTENT = (topics.ARM_STOP, topics.ARM_HOLD, topics.ARM_RESUME, topics.ARM_RECOVER, topics.HAND_HOME,
                     topics.HAND_STOP, topics.CAMERA_CAPTURE)  # fmt: skip
-_PATTERNS = ("**", "cell/**", "cell/{cell}/**", "cell/*/*", "cell/*/*/*", "*/*/hand/*", "cell/*/hand/*", "cell/*/arm/*",
+PATTERNS = ("**", "cell/**", "cell/{cell}/**", "cell/*/*", "cell/*/*/*", "*/*/hand/*", "cell/*/hand/*", "cell/*/arm/*",
              "cell/*/camera/*", "cell/*/sim/*", "cell/*/command/*", "cell/**/reset", "**/stop", "**/home", "**/execute",
              "**/recover", "cell/*/han$*/**", "cell/*/$*m/sto$*", "cell/*/hand/ho$*", "cell/s$*/**",
              "cell/*/comm$*/rese$*", "cell/*/arm/exec$*", "cell/{cell}/arm/**", "cell/*/hand/$*e")  # fmt: skip
@@ -159,7 +159,7 @@ class Questions:
 
     def _wildcard(self) -> Question:
         """A pattern that meets what acts, with or without a payload, of any source."""
-        key = str(self._rng.choice(_PATTERNS)).format(cell=self._cell.station.cell_id)
+        key = str(self._rng.choice(PATTERNS)).format(cell=self._cell.station.cell_id)
         ask = self._act()[1] if self._rng.random() < 0.3 else Nothing()
         payload, encoding = (encode(ask), encoding_of(type(ask))) if self._rng.random() < 0.6 else (None, None)
         sources = [None, self._session.id, self._cell.sources["cell"]]

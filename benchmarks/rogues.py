@@ -85,7 +85,7 @@ class Rogues:
         if not asked:
             self._code("NOT_ASKED")
         elif has_failed or topic.key in _NOT_BELIEVED_ANYWAY:
-            self._code("TWO_ANSWERS" if "None of them is believed" in reason else outcome)
+            self._code("TWO_ANSWERS" if "None of them is believed" in reason else f"{topic.key} {outcome}")
         else:
             cell.tally.accept(kind, f"{topic.key} ({way}): {outcome}")
         cell.make_idle()
