@@ -219,8 +219,7 @@ def run(
     if kept.get("settings", settings) != settings:
         raise RecordingError(f"{state} is of another soak: {kept['settings']}.", "Name another file.")
     outcomes = [Outcome(**one) for one in kept.get("outcomes", ())]
-    daemon, node = (Grown(**kept.get("growth", {}).get(name, {})) for name in ("daemon", "node"))
-    growth = Growth(daemon, node)
+    growth = Growth(*(_grown(kept.get("growth", {}).get(name, {})) for name in ("daemon", "node")))
     with TemporaryDirectory() as folder:
         station = soak_station(Path(folder), endpoint, seed, overrides)
         series = soak(station, trials(rows_of(faults), seed, len(outcomes)), growth)
@@ -243,6 +242,12 @@ def _forget(outcome: Outcome) -> None:
         path.with_name(path.name + PART).unlink(missing_ok=True)
 
 
+def _grown(kept: dict[str, dict[str, float]]) -> Grown:
+    """What an interrupted run has found; JSON's keys are words."""
+    rss_mb, fds = ({int(pid): by for pid, by in kept.get(name, {}).items()} for name in ("rss_mb", "fds"))
+    return Grown(rss_mb, fds)
+
+
 def _keep(state: Path, progress: dict[str, Any]) -> None:
     part = state.with_name(state.name + ".new")
     part.write_text(json.dumps(progress))
@@ -260,8 +265,8 @@ def summary(outcomes: list[Outcome], growth: Growth) -> dict[str, Any]:
         "unexplained": sum(not one.is_explained for one in outcomes),
         "stuck_states": sum(not one.is_idle for one in outcomes),
         "unlogged_cycles": sum(not one.is_logged for one in outcomes),
-        "rss_growth_mb": round(growth.daemon.rss_mb, 1),
-        "node_rss_growth_mb": round(growth.node.rss_mb, 1),
-        "fd_growth": max(growth.daemon.fds, growth.node.fds),
+        "rss_growth_mb": growth.daemon.worst_rss_mb(),
+        "node_rss_growth_mb": growth.node.worst_rss_mb(),
+        "fd_growth": max(growth.daemon.worst_fds(), growth.node.worst_fds()),
         "cases": [one.line() for one in bad],
     }
