@@ -219,7 +219,8 @@ def run(
     if kept.get("settings", settings) != settings:
         raise RecordingError(f"{state} is of another soak: {kept['settings']}.", "Name another file.")
     outcomes = [Outcome(**one) for one in kept.get("outcomes", ())]
-    growth = Growth(*(_grown(kept.get("growth", {}).get(name, {})) for name in ("daemon", "node")))
+    daemon, node = (_grown(kept.get("growth", {}).get(name, {})) for name in ("daemon", "node"))
+    growth = Growth(daemon, node)
     with TemporaryDirectory() as folder:
         station = soak_station(Path(folder), endpoint, seed, overrides)
         series = soak(station, trials(rows_of(faults), seed, len(outcomes)), growth)
