@@ -47,9 +47,9 @@ def run(
     """``tries`` against a simulated cell of its own, at real-time pace; ``only``: of these kinds.
 
     Returns:
-        tries; accepted; moved: how often arm or hand were elsewhere afterwards; crashes: nodes started again, threads
-        that ended, questions without an answer, a cell that is no longer Idle; all of these by kind, and the codes of
-        the refusals.
+        tries; accepted: acts that were carried out, and lies that were believed; moved: how often arm or hand were
+        elsewhere afterwards; crashes: nodes started again, threads that ended, questions without an answer, a cell that
+        is no longer Idle; by_kind, accepted_kinds, crash_cases in words; by_code of the refusals, one a reply.
     """
     rng, tally = np.random.default_rng(seed), Tally()
     kinds = series(tries, rng, only)

@@ -67,15 +67,10 @@ class Questions:
         replies = self.ask(question)
         if not replies:
             tally.crash(f"{kind} {question.key}: no answer")
-        acted = False
-        for reply in replies:
-            code = self._code(reply)
-            if code:
-                tally.by_code[code] += 1
-            else:
-                acted = True
-                tally.accept(kind, self._short(reply))
-        if acted:
+        codes = [self._code(reply) for reply in replies]
+        tally.by_code.update(code for code in codes if code)
+        if "" in codes:
+            tally.accept(kind, question.key.removeprefix(f"{self._cell.root}/"))
             self._cell.look()
         self._cell.require_idle(f"{kind} {question.key}")
 
@@ -104,12 +99,9 @@ class Questions:
                 return decode(ErrorReply, reply.err.payload.to_bytes()).code
             except BadPayload:
                 return "TIMEOUT"
-        key = self._short(reply)
-        return "" if key in _ACTING or key.startswith("command/") else "READ"
-
-    def _short(self, reply: zenoh.Reply) -> str:
         assert reply.ok is not None
-        return str(reply.ok.key_expr).removeprefix(f"{self._cell.root}/")
+        key = str(reply.ok.key_expr).removeprefix(f"{self._cell.root}/")
+        return "" if key in _ACTING or key.startswith("command/") else "READ"
 
     def _to(self, key: str, payload: bytes, encoding: str | None = None) -> Question:
         return Question(f"{self._cell.root}/{key}", payload, encoding)
