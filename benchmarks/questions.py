@@ -28,6 +28,7 @@ PATTERNS = ("**", "cell/**", "cell/{cell}/**", "cell/*/*", "cell/*/*/*", "*/*/ha
              "**/recover", "cell/*/han$*/**", "cell/*/$*m/sto$*", "cell/*/hand/ho$*", "cell/s$*/**",
              "cell/*/comm$*/rese$*", "cell/*/arm/exec$*", "cell/{cell}/arm/**", "cell/*/hand/$*e")  # fmt: skip
 _ACTING = {topic.key for topic in topics.TOPICS if topic.acts == "cell"} | {part.key for part in topics.FRAME_PARTS}
+_STRANGERS = ("stranger", "stranger_named", "source_copied")
 _TIMEOUT_S = 5.0
 
 
@@ -65,9 +66,11 @@ class Questions:
         """One question."""
         question, tally = self.kinds[kind](), self._cell.tally
         replies = self.ask(question)
-        if not replies:
-            tally.crash(f"{kind} {question.key}: no answer")
         codes = [self._code(reply) for reply in replies]
+        if not replies and kind in _STRANGERS:
+            codes = ["DENIED"]  # the question did not get there; that is said at once
+        elif not replies or "TIMEOUT" in codes:
+            tally.crash(f"{kind} {question.key}: no answer")
         tally.by_code.update(code for code in codes if code)
         if "" in codes:
             tally.accept(kind, question.key.removeprefix(f"{self._cell.root}/"))
