@@ -11,7 +11,7 @@ import zenoh
 from benchmarks.tally import Tally
 from bus import topics
 from bus.commands import CommandRequest
-from bus.errors import BusError
+from bus.errors import BusError, CellError
 from bus.messages import CycleResult
 from bus.session import Bus
 from cell import client
@@ -64,7 +64,8 @@ class Attacked:
 
     def look(self) -> bool:
         """Whether arm or hand are elsewhere than when last looked at."""
-        before, self._seen = self._seen, self._look()
+        before = self._seen
+        self._see()
         arm_rad, hand_m = np.abs(before[0] - self._seen[0]).max(), abs(before[1] - self._seen[1])
         has_moved = bool(arm_rad > _MOVED_RAD or hand_m > _MOVED_M)
         self.tally.moved += has_moved
@@ -74,6 +75,13 @@ class Attacked:
         """Of the fastest joint, now."""
         assert self._devices.arm is not None
         return float(np.abs(self._devices.arm.state().dq_rad_s).max())
+
+    def _see(self) -> None:
+        """Keep where they are; a crash when they do not say."""
+        try:
+            self._seen = self._look()
+        except CellError as error:
+            self.tally.crash(f"arm and hand cannot be seen: {error}")
 
     def _look(self) -> tuple[np.ndarray, float]:
         arm, hand = self._devices.arm, self._devices.hand
@@ -108,7 +116,7 @@ class Attacked:
             if verb is not None:
                 self.daemon.command(verb, AS_BENCH)
             time.sleep(0.02)
-        self._seen = self._look()
+        self._see()
 
     def require_idle(self, what: str) -> None:
         """After what must not disturb it: a crash when it did."""

@@ -24,6 +24,7 @@ from benchmarks.tally import Tally
 from bus import topics
 from bus.codec import encode
 from bus.commands import CellState, CommandReply, CommandRequest, Nothing
+from bus.errors import CellError
 from bus.session import Bus
 from cell import client
 from cell.build import running_cell
@@ -66,7 +67,11 @@ def run(
             attempts = _attempts(cell, session, heard, rng)
             for number, kind in enumerate(kinds, start=1):
                 tally.by_kind[kind] += 1
-                attempts[kind](kind)
+                try:
+                    attempts[kind](kind)
+                except CellError as error:  # of who looks at the cell, and not of the intruder
+                    tally.crash(f"{kind}: {error}")
+                    cell.make_idle()
                 if number % 100 == 0 and cell.look():
                     tally.crash(f"something has moved by itself within the last tries before {kind}")
                 if number % 500 == 0 or number == tries:
