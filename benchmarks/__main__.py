@@ -16,6 +16,7 @@ from benchmarks import (
     calibration,
     detection,
     fleet,
+    freezing,
     grasps,
     intruder,
     models,
@@ -144,23 +145,36 @@ def calibrate_(
 @app.command(name="intruder")
 def intruder_(
     tries: Annotated[int, typer.Option(min=1)] = 10_000,
+    only: Annotated[list[str] | None, typer.Option(help="One of the kinds. Repeatable; default: all.")] = None,
     seed: int = 1,
     endpoint: Annotated[str, typer.Option(help="Free loopback endpoint for its cell.")] = "tcp/127.0.0.1:7497",
     as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
 ) -> None:
-    """Malformed, unauthorised, stale, out-of-limit and replayed questions to a running cell: what was accepted."""
-    typer.echo(json.dumps(intruder.run(tries, seed, endpoint, _teller(as_json))))
+    """What should not be on the bus of a running cell asks, forges, pretends, freezes: what was accepted."""
+    for kind in only or ():
+        if kind not in intruder.SHARES:
+            raise typer.BadParameter(f"{kind!r} is none of {', '.join(intruder.SHARES)}")
+    typer.echo(json.dumps(intruder.run(tries, seed, endpoint, _teller(as_json), tuple(only or ()))))
 
 
 @app.command(name="stop")
 def stop_(
     repeats: Annotated[int, typer.Option(min=1, help="Interrupted picks for each trigger.")] = 10,
+    only: Annotated[list[str] | None, typer.Option(help="One of the triggers. Repeatable; default: all.")] = None,
     seed: int = 1,
     endpoint: Annotated[str, typer.Option(help="Free loopback endpoint for its cell.")] = "tcp/127.0.0.1:7498",
     as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
 ) -> None:
-    """A stop, hold, abort and a lost lease in the middle of a pick: until the brake begins [ms], and until rest [s]."""
-    typer.echo(json.dumps(stopping.run(repeats, seed, endpoint, _teller(as_json))))
+    """A stop, hold, abort, lost lease, a frozen node, daemon or client in a pick: until brake [ms], and rest [s]."""
+    commands, freezes = (*stopping.TRIGGERS, stopping.FROZEN), freezing.TRIGGERS
+    for trigger in only or ():
+        if trigger not in (*commands, *freezes):
+            raise typer.BadParameter(f"{trigger!r} is none of {', '.join((*commands, *freezes))}")
+    figures: dict[str, Any] = {}
+    for measure, triggers in ((stopping.run, commands), (freezing.run, freezes)):
+        if wanted := tuple(trigger for trigger in triggers if trigger in (only or triggers)):
+            figures |= measure(repeats, seed, endpoint, _teller(as_json), wanted)
+    typer.echo(json.dumps(figures))
 
 
 @app.command(name="soak")

@@ -1,13 +1,13 @@
 """What a program on the bus can do that should not be there: it speaks plain Zenoh, and holds no lease.
 
-Each try is one question to the cell or to a node: malformed, unauthorised, stale, out of limits, or replayed. It is
-accepted when the answer is no refusal, or when the arm is elsewhere afterwards.
+Each try asks for something (`benchmarks.questions`), forges what others say (`benchmarks.forging`), pretends to be
+somebody (`benchmarks.rogues`), or is a process that should not be there or stands still (`benchmarks.peers`). It is
+accepted when an act was carried out or a lie was believed.
 """
 
 from __future__ import annotations
 
 import time
-from collections import Counter
 from collections.abc import Callable
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -15,162 +15,113 @@ from typing import Any
 import numpy as np
 import zenoh
 
+from benchmarks.attacked import Attacked, plain_session, wait_until
+from benchmarks.forging import NODE, Forging
+from benchmarks.peers import Peers
+from benchmarks.questions import Questions
+from benchmarks.rogues import Rogues
+from benchmarks.tally import Tally
 from bus import topics
-from bus.arrays import Joints
-from bus.codec import decode, encode
-from bus.commands import CellState, CommandReply, CommandRequest, ErrorReply, HandGrasp, Nothing
-from bus.errors import BadPayload
+from bus.codec import encode
+from bus.commands import CellState, CommandReply, CommandRequest, Nothing
+from bus.errors import CellError
 from bus.session import Bus
-from bus.trajectory import Trajectory
+from cell import client
 from cell.build import running_cell
-from cell.states import COMMANDS
 from config.load import load_station
-from drivers.remote import RemoteArm
 
-_MOVING = ("reset", "start", "pick", "unhold", "unsuspend")
-_NODE_KEYS = tuple(topic.key for topic in (topics.ARM_EXECUTE, topics.HAND_MOVE, topics.HAND_GRASP))
-_REST_RAD = 1e-3
 _PATIENCE_S = 60.0
-
-Question = tuple[str, bytes]
-"""Key below the cell's root, and payload."""
-
-
-class Intruder:
-    """Asks, and counts what comes back.
-
-    Args:
-        q_rad: where the arm rests. ``heard``: the payload of a reset that was accepted once.
-    """
-
-    def __init__(self, endpoint: str, cell_id: str, q_rad: Joints, heard: bytes, seed: int) -> None:
-        self._rng = np.random.default_rng(seed)
-        self._root = f"{topics.ROOT}/{cell_id}"
-        self._q_rad, self._heard = q_rad, heard
-        config = zenoh.Config()
-        config.insert_json5("mode", '"client"')
-        config.insert_json5("connect/endpoints", f'["{endpoint}"]')
-        config.insert_json5("scouting/multicast/enabled", "false")
-        self._session = zenoh.open(config)
-        self.accepted = self.unanswered = 0
-        self.by_code: Counter[str] = Counter()
-        self.by_kind: Counter[str] = Counter()
-        self.accepted_kinds: Counter[str] = Counter()
-        self._kinds: dict[str, Callable[[], Question]] = {
-            "malformed": self._malformed,
-            "unauthorised": self._unauthorised,
-            "stale": self._stale,
-            "out_of_limits": self._out_of_limits,
-            "replayed": lambda: ("command/reset", self._heard),
-        }
-
-    def attempt(self) -> None:
-        """One question of a kind drawn at random."""
-        kind = str(self._rng.choice(list(self._kinds)))
-        key, payload = self._kinds[kind]()
-        self.by_kind[kind] += 1
-        replies = list(self._session.get(f"{self._root}/{key}", payload=payload, timeout=5.0))
-        if not replies:
-            self.unanswered += 1
-        for reply in replies:
-            code = self._code(reply)
-            self.by_code[code] += 1
-            if not code:
-                self.accepted += 1
-                self.accepted_kinds[kind] += 1
-
-    def close(self) -> None:
-        self._session.close()  # type: ignore[no-untyped-call]
-
-    def _code(self, reply: zenoh.Reply) -> str:
-        """The refusal's code; "" when it is none."""
-        if reply.err is not None:
-            try:
-                return decode(ErrorReply, reply.err.payload.to_bytes()).code
-            except BadPayload:
-                return "TIMEOUT"
-        assert reply.ok is not None
-        try:
-            return decode(CommandReply, reply.ok.payload.to_bytes()).code
-        except BadPayload:
-            return ""  # a device did what it was asked
-
-    # --- the kinds ----------------------------------------------------------------------------------------------------
-
-    def _malformed(self) -> Question:
-        """Bytes, torn JSON, wrong types, unknown keys, numbers that are none."""
-        good = encode(CommandRequest(command_id="1", client_id="intruder"))
-        payloads = (
-            self._rng.bytes(int(self._rng.integers(1, 200))),
-            good[: int(self._rng.integers(1, len(good)))],
-            b'{"client_id": ["intruder"]}',
-            b'{"client_id": "../*", "cycles": 1}',
-            b'{"force": true}',
-            b'{"width_m": NaN, "speed_m_s": 1e999, "force_n": "NaN"}',
-            b'{"cycles": -1}',
-            b"[" * 5000,
-            b'{"raw_q_rad": "AAAA", "window": 1}',
-        )
-        keys = (*(f"command/{verb}" for verb in COMMANDS), *_NODE_KEYS)
-        return str(self._rng.choice(keys)), payloads[int(self._rng.integers(len(payloads)))]
-
-    def _unauthorised(self) -> Question:
-        """A well-formed motion command without a lease, or one that does not exist."""
-        verb = str(self._rng.choice([*_MOVING, "dance"]))
-        request = CommandRequest(command_id=str(self._rng.integers(10**6)), client_id="intruder")
-        return f"command/{verb}", encode(request)
-
-    def _stale(self) -> Question:
-        """A motion that begins where the arm was, not where it is."""
-        elsewhere = self._q_rad + self._rng.uniform(0.03, 0.5, 7) * self._rng.choice([-1, 1], 7)
-        return topics.ARM_EXECUTE.key, encode(_line(elsewhere, elsewhere))
-
-    def _out_of_limits(self) -> Question:
-        """A motion no arm can make, or a grasp no hand can give."""
-        if self._rng.random() < 0.3:
-            force_n = float(self._rng.uniform(200, 900))
-            return topics.HAND_GRASP.key, encode(HandGrasp(force_n=force_n, speed_m_s=0.05))
-        target = self._q_rad + self._rng.uniform(0.3, 3.0, 7) * self._rng.choice([-1, 1], 7)
-        return topics.ARM_EXECUTE.key, encode(_line(self._q_rad, target))
+SHARES = {
+    "malformed": 0.1, "unauthorised": 0.1, "stale": 0.1, "out_of_limits": 0.1, "replayed": 0.1,
+    "wildcard": 0.13, "stranger": 0.06, "stranger_named": 0.06, "source_copied": 0.02,
+    "forged": 0.17, "forged_copied": 0.03, "rogue_answer": 0.02, "token": 0.003, "same_id": 0.001,
+    "rogue_device": 0.002, "twin": 0.0005, "spoiled_recording": 0.0002, "spoiled_copied": 0.0002,
+    "twin_process": 0.0002, "frozen_client": 0.0002, "frozen_client_kept_alive": 0.0002, "frozen_asker": 0.0003,
+    "frozen_listener": 0.0003,
+}  # fmt: skip
+"""Of the tries; what takes a cell's time is rarer. Where there are enough tries, each kind has one at least."""
 
 
-def _line(start: Joints, end: Joints) -> Trajectory:
-    """From ``start`` to ``end`` in 50 ms."""
-    share = np.linspace(0.0, 1.0, 50)[:, None]
-    return Trajectory(raw_q_rad=start + share * (end - start), window=16)
-
-
-def run(tries: int, seed: int, endpoint: str, tell: Callable[[str], None]) -> dict[str, Any]:
-    """``tries`` questions to a simulated cell of its own that is Idle.
+def run(
+    tries: int, seed: int, endpoint: str, tell: Callable[[str], None], only: tuple[str, ...] = ()
+) -> dict[str, Any]:
+    """``tries`` against a simulated cell of its own, at real-time pace; ``only``: of these kinds.
 
     Returns:
-        accepted; crashes: nodes started again, questions without an answer, or a cell that is no longer Idle; by_code
-        of the refusals; by_kind.
+        tries; accepted: acts that were carried out, and lies that were believed; moved: how often arm or hand were
+        elsewhere afterwards; crashes: nodes started again, threads that ended, questions without an answer, a cell that
+        is no longer Idle; by_kind, accepted_kinds, crash_cases in words; by_code of the refusals, one a reply.
     """
+    rng, tally = np.random.default_rng(seed), Tally()
+    kinds = series(tries, rng, only)
     with TemporaryDirectory() as folder:
-        station = load_station(None, [f"bus.endpoint={endpoint}", f"recording.folder={folder}"])
-        with running_cell(station, lambda topic, message: None) as daemon, Bus.join(station.cell_id, endpoint) as bus:
-            arm = RemoteArm(bus, station.bus.ask_timeout_s)
-            arm.connect()
+        station = load_station(None, [f"bus.endpoint={endpoint}", f"recording.folder={folder}", "sim.pace=1"])
+        with (
+            running_cell(station, lambda topic, message: None) as daemon,
+            Bus.join(station.cell_id, endpoint) as bus,
+            client.connect(station, client_id="victim") as victim,
+        ):
             heard = _accepted_reset(station.cell_id, endpoint)
-            rest_q_rad = arm.state().q_rad
-            intruder = Intruder(endpoint, station.cell_id, rest_q_rad, heard, seed)
-            for number in range(1, tries + 1):
-                intruder.attempt()
-                if number % 500 == 0:
-                    tell(f"{number}/{tries}: accepted {intruder.accepted}, unanswered {intruder.unanswered}")
-            intruder.close()
-            moved = not np.allclose(arm.state().q_rad, rest_q_rad, atol=_REST_RAD)
-            restarts = sum(node.restarts for node in daemon.health().nodes.values())
-            is_idle = daemon.machine.state == "Idle"
-    return {
-        "tries": tries,
-        "accepted": intruder.accepted + moved,
-        "crashes": restarts + intruder.unanswered + (not is_idle),
-        "by_code": dict(intruder.by_code),
-        "by_kind": dict(intruder.by_kind),
-        "accepted_kinds": dict(intruder.accepted_kinds),
-    }
+            cell, session = Attacked(daemon, station, bus, victim, tally), plain_session(endpoint)
+            cell.sources |= _sources(session, cell.root)
+            attempts = _attempts(cell, session, heard, rng)
+            for number, kind in enumerate(kinds, start=1):
+                tally.by_kind[kind] += 1
+                try:
+                    attempts[kind](kind)
+                except CellError as error:  # of who looks at the cell, and not of the intruder
+                    tally.crash(f"{kind}: {error}")
+                    cell.make_idle()
+                if number % 100 == 0 and cell.look():
+                    tally.crash(f"something has moved by itself within the last tries before {kind}")
+                if number % 500 == 0 or number == tries:
+                    tell(f"{number}/{tries}: accepted {sum(tally.accepted.values())}, crashes {tally.crashes}")
+            session.close()  # type: ignore[no-untyped-call]
+            cell.look()
+            tally.crashes += cell.restarts() + len(daemon.health().defects)
+    return tally.figures()
+
+
+def series(tries: int, rng: np.random.Generator, only: tuple[str, ...] = ()) -> list[str]:
+    """The kind of every try: drawn by `SHARES`; the first of each kind, if there are enough, is not left to chance."""
+    names = [name for name in SHARES if not only or name in only]
+    shares = np.array([SHARES[name] for name in names])
+    drawn = [str(name) for name in rng.choice(names, size=tries, p=shares / shares.sum())]
+    if tries >= len(names):
+        drawn[: len(names)] = names
+    return [str(name) for name in rng.permutation(drawn)]
+
+
+def _attempts(
+    cell: Attacked, session: zenoh.Session, heard: bytes, rng: np.random.Generator
+) -> dict[str, Callable[[str], None]]:
+    """What does a try of each kind."""
+    forging = Forging(cell, session, rng)
+    groups: tuple[Any, ...] = (
+        Questions(cell, session, heard, rng),
+        forging,
+        Rogues(cell, session, forging, rng),
+        Peers(cell, session, rng),
+    )
+    attempts = {kind: group.attempt for group in groups for kind in group.kinds}
+    assert set(attempts) == set(SHARES)
+    return attempts
+
+
+def _sources(session: zenoh.Session, root: str) -> dict[str, zenoh.EntityGlobalId]:
+    """Whom the intruder hears speak: the cell, and its node."""
+    whose = {f"{root}/{topics.HEARTBEAT.key}": "cell", f"{root}/{topics.NODE_HEALTH.key.format(name=NODE)}": "node"}
+    found: dict[str, zenoh.EntityGlobalId] = {}
+
+    def hear(sample: zenoh.Sample) -> None:
+        name = whose.get(str(sample.key_expr))
+        if name is not None and sample.source_info is not None:
+            found.setdefault(name, sample.source_info.source_id)
+
+    subscriber = session.declare_subscriber(f"{root}/**", hear)
+    assert wait_until(lambda: len(found) == len(whose), _PATIENCE_S), "the cell and its node do not speak"
+    subscriber.undeclare()  # type: ignore[no-untyped-call]
+    return found
 
 
 def _accepted_reset(cell_id: str, endpoint: str) -> bytes:
@@ -180,12 +131,9 @@ def _accepted_reset(cell_id: str, endpoint: str) -> bytes:
         bus.announce(topics.LEASE, name="operator")
         reply = bus.request(topics.COMMAND, request, CommandReply, timeout_s=5.0, verb="reset")
         assert reply.ok, reply.reason
-        _wait(lambda: bus.request(topics.STATE_NOW, Nothing(), CellState, timeout_s=5.0).state == "Idle")
+        give_up_s = time.monotonic() + _PATIENCE_S
+        while bus.request(topics.STATE_NOW, Nothing(), CellState, timeout_s=5.0).state == "Resetting":
+            bus.put(f"{topics.ROOT}/{cell_id}/lease/operator", b"{}", "application/json")
+            assert time.monotonic() < give_up_s
+            time.sleep(0.05)
     return encode(request)
-
-
-def _wait(condition: Callable[[], bool]) -> None:
-    give_up_s = time.monotonic() + _PATIENCE_S
-    while not condition():
-        assert time.monotonic() < give_up_s
-        time.sleep(0.05)

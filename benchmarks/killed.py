@@ -7,24 +7,21 @@ from __future__ import annotations
 
 import json
 import random
-import subprocess
-import sys
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
 from benchmarks.openness import trouble
+from benchmarks.started import cell_started
 from benchmarks.stopping import make_idle
-from bus.errors import BusError, CellUnreachable, RecordingError, Refused
+from bus.errors import BusError, RecordingError, Refused
 from bus.heard import Heard
 from bus.session import Bus
 from cell import client
 from cell.stages import STAGES
 from config.load import load_station
-from config.schema import Station
 from logs.reader import read_cycle
 
 _LATEST_S = 9.0
@@ -61,9 +58,9 @@ class Left(NamedTuple):
 
 def kill_cell(folder: Path, endpoint: str, rng: random.Random) -> Left:
     """Kill a cell between its first reset and the end of its first pick, and start it again on the same folder."""
-    station = load_station(None, [f"recording.folder={folder}", f"bus.endpoint={endpoint}", "bus.stale_s=15"])
-    heard, moment = _picks_until_killed(station, rng.uniform(0.0, _LATEST_S))
-    not_ready = _is_made_ready(station)
+    overrides = [f"recording.folder={folder}", f"bus.endpoint={endpoint}", "bus.stale_s=15"]
+    heard, moment = _picks_until_killed(overrides, rng.uniform(0.0, _LATEST_S))
+    not_ready = _is_made_ready(overrides)
     try:
         lost, unreadable = len(heard - _recorded(folder)), ""
     except RecordingError as error:
@@ -71,10 +68,11 @@ def kill_cell(folder: Path, endpoint: str, rng: random.Random) -> Left:
     return Left(moment, lost, not unreadable, not not_ready, f"{unreadable} {not_ready}".strip())
 
 
-def _picks_until_killed(station: Station, after_s: float) -> tuple[Stages, str]:
+def _picks_until_killed(overrides: list[str], after_s: float) -> tuple[Stages, str]:
     """What was heard long enough before the kill; and where the cell was then, as far as it had said so."""
+    station = load_station(None, overrides)
     heard: list[tuple[float, Heard]] = []
-    with _cell(station) as process, Bus.join(station.cell_id, station.bus.endpoint) as bus:
+    with cell_started(overrides) as process, Bus.join(station.cell_id, station.bus.endpoint) as bus:
         for key in ("cycle/*", "state"):
             bus.subscribe(key, lambda said: heard.append((time.monotonic(), said)))
         killer = threading.Timer(after_s, process.kill)
@@ -96,11 +94,11 @@ def _picks_until_killed(station: Station, after_s: float) -> tuple[Stages, str]:
     return stages, f"{after_s:.1f} s after its first command, {where}"
 
 
-def _is_made_ready(station: Station) -> str:
+def _is_made_ready(overrides: list[str]) -> str:
     """Start the cell again, clear and reset it as an operator would, end it. Why that failed, or ""."""
-    with _cell(station) as process:
+    with cell_started(overrides) as process:
         try:
-            with client.connect(station) as operator:
+            with client.connect(load_station(None, overrides)) as operator:
                 make_idle(operator)
         except (BusError, Refused) as error:
             return str(error)
@@ -120,31 +118,3 @@ def _recorded(folder: Path) -> Stages:
             raise RecordingError(why)
     records = [read_cycle(path) for path in paths]
     return {(record.cycle_id, stage) for record in records for stage in record.stages}
-
-
-@contextmanager
-def _cell(station: Station) -> Iterator[subprocess.Popen[bytes]]:
-    """``cell start`` as a process of its own, once it answers. Raises: CellUnreachable."""
-    settings = {"recording.folder": station.recording.folder, "bus.endpoint": station.bus.endpoint,
-                "bus.stale_s": station.bus.stale_s}  # fmt: skip
-    options = [part for key, value in settings.items() for part in ("--set", f"{key}={value}")]
-    process = subprocess.Popen([sys.executable, "-m", "cell", "start", *options], stdout=subprocess.DEVNULL)
-    try:
-        _await_answer(station, process)
-        yield process
-    finally:
-        process.kill()
-        process.wait()
-
-
-def _await_answer(station: Station, process: subprocess.Popen[bytes]) -> None:
-    give_up_s = time.monotonic() + _PATIENCE_S
-    while True:
-        try:
-            with client.connect(station) as operator:
-                operator.state()
-                return
-        except BusError as error:
-            if process.poll() is not None or time.monotonic() > give_up_s:
-                raise CellUnreachable(f"The cell did not start: {error}", "See its own message above.") from error
-            time.sleep(0.1)

@@ -1,7 +1,8 @@
 """Cycle after cycle with injected faults: was each outcome one the fault table allows, and was the cell ready again?
 
 What is tried, and what may come of it, is in `benchmarks.trials`. After each trial the faults end and the cell is
-cleared and reset as an operator would.
+cleared and reset as an operator would. The daemon is a process of its own (`benchmarks.apart`): what it grows by is not
+what reads the recordings here.
 """
 
 from __future__ import annotations
@@ -19,17 +20,14 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from benchmarks.growth import Growth
+from benchmarks.apart import Apart, cell_apart
+from benchmarks.growth import Grown, Growth
 from benchmarks.trials import Outcome, Trial, explains, is_logged, rows_of, trials
-from bus.commands import CellState, CommandRequest, Health
+from bus.commands import CommandRequest, Health, NodeHealth
 from bus.errors import BusError, RecordingError, Refused
 from bus.faults import PARTS, Fault
-from bus.frozen import Message
 from bus.messages import CycleResult
-from bus.topics import Topic
 from cell import client
-from cell.build import running_cell
-from cell.daemon import Daemon
 from cell.machine import refuse
 from config.load import load_station
 from config.schema import Station
@@ -41,6 +39,7 @@ _USUAL_DELAY_S = 0.15
 _SIGNALS = {"kill": signal.SIGKILL, "freeze": signal.SIGSTOP}
 _SETTLED = ("Complete", "Aborted", "Stopped")
 _NEXT_COMMAND = {"Aborted": "clear", "Stopped": "reset", "Complete": "reset"}
+_LOOK_S = 0.02
 _PATIENCE_S = 180.0
 """A pick with no way to grasp is planned for longest."""
 _QUICK = ("verify.hold_s=0.3", "verify.samples=2", "perception.hosted.deadline_s=0.3", "recording.patience_s=1.5",
@@ -55,25 +54,18 @@ def soak_station(folder: Path, endpoint: str, seed: int, overrides: tuple[str, .
 
 
 class Soak:
-    """One running cell, its operator, and whoever injects. Use `tried` after setting `daemon` and `operator`."""
+    """One running cell, its operator, and whoever injects. Use `tried` after setting `cell` and `operator`."""
 
     def __init__(self, station: Station) -> None:
         self.station = station
-        self.daemon: Daemon
+        self.cell: Apart
         self.operator: client.Client
         self._heard: queue.SimpleQueue[CycleResult] = queue.SimpleQueue()
-        self._due: Trial | None = None
         self._timer: threading.Thread | None = None
 
-    def observe(self, _topic: Topic, message: Message | bytes) -> None:
-        """On the daemon's own threads: what is due now is in place before the cell goes on."""
-        if isinstance(message, CycleResult):
-            self._heard.put(message)
-        elif isinstance(message, CellState):
-            moment, due = "begin" if message.state == "Starting" else message.stage, self._due
-            if due is not None and due.moment == moment:
-                self._due = None
-                self._begin(due)
+    def hear(self, result: CycleResult) -> None:
+        """A cycle ended."""
+        self._heard.put(result)
 
     def tried(self, trial: Trial) -> Outcome:
         """One cycle, and the way back to Idle."""
@@ -81,17 +73,17 @@ class Soak:
         restarts = self._node().restarts
         while not self._heard.empty():  # what came too late to be the last trial's
             self._heard.get_nowait()
-        self._due = trial if trial.row is not None else None
-        refuse(self.daemon.command("pick", CommandRequest(client_id="soak", object=trial.object)))
+        if trial.row is not None:
+            self.cell.expect(trial.moment, lambda: self._begin(trial))
+        refuse(self.cell.command("pick", CommandRequest(client_id="soak", object=trial.object)))
         result = self._result()
-        was_injected = trial.row is not None and self._due is None
-        self._due = None
-        has_settled = self._wait(lambda: self.daemon.machine.state in _SETTLED)
+        was_injected = trial.row is not None and self.cell.give_up()
+        has_settled = self._wait(lambda: self._state() in _SETTLED)
         if self._timer is not None:
             self._timer.join()
             self._timer = None
         code = result.code if result is not None else None
-        explained = result is not None and explains(trial, was_injected, result, self.daemon.objects_left)
+        explained = result is not None and explains(trial, was_injected, result, self.cell.objects_left)
         logged = result is not None and is_logged(result, trial)
         is_back = self._heal(trial, restarts) if was_injected else True
         is_idle = has_settled and is_back and self._make_idle()
@@ -152,13 +144,13 @@ class Soak:
     def _make_idle(self) -> bool:
         """Clear and reset, again if it must be, as an operator would."""
         give_up_s = time.monotonic() + _PATIENCE_S
-        while (state := str(self.daemon.machine.state)) != "Idle":
+        while (state := self._state()) != "Idle":
             if time.monotonic() > give_up_s:
                 return False
             verb = _NEXT_COMMAND.get(state)
-            if verb is not None and not self.daemon.command(verb, CommandRequest(client_id="soak")).ok:
+            if verb is not None and not self.cell.command(verb, CommandRequest(client_id="soak")).ok:
                 time.sleep(0.1)
-            time.sleep(0.01)
+            time.sleep(_LOOK_S)
         return True
 
     # --- look ---------------------------------------------------------------------------------------------------------
@@ -169,25 +161,29 @@ class Soak:
         except queue.Empty:
             return None
 
-    def _node(self) -> Any:
-        return self.daemon.health().nodes[NODE]
+    def _state(self) -> str:
+        return self.operator.state().state
+
+    def _node(self) -> NodeHealth:
+        return self.operator.health().nodes[NODE]
 
     def _said(self) -> Health:
         assert self._wait(lambda: self._node().said is not None)
-        said: Health = self._node().said
+        said = self._node().said
+        assert said is not None
         return said
 
-    def pids(self) -> list[int]:
-        """Of the daemon (this process) and its node."""
+    def look(self, growth: Growth) -> None:
+        """Look at the daemon's process, and at its node's. To be called while the cell is Idle."""
         said = self._node().said
-        return [os.getpid(), *([said.pid] if said is not None else [])]
+        growth.look(self.cell.pid, said.pid if said is not None else None)
 
     def _wait(self, condition: Callable[[], bool]) -> bool:
         give_up_s = time.monotonic() + _PATIENCE_S
         while not condition():
             if time.monotonic() > give_up_s:
                 return False
-            time.sleep(0.01)
+            time.sleep(_LOOK_S)
         return True
 
 
@@ -198,15 +194,14 @@ def soak(station: Station, series: Iterator[Trial], growth: Growth) -> Iterator[
     """Every trial's outcome; a cell that is stuck is started anew."""
     while True:
         run = Soak(station)
-        with running_cell(station, run.observe) as daemon, client.connect(station) as operator:
-            run.daemon, run.operator = daemon, operator
+        with cell_apart(station, run.hear) as run.cell, client.connect(station) as run.operator:
             assert run.make_idle(), "the cell does not become ready"
             for trial in series:
                 outcome = run.tried(trial)
                 yield outcome
                 if not outcome.is_idle:
                     break
-                growth.look(run.pids())
+                run.look(growth)
 
 
 def run(
@@ -224,8 +219,8 @@ def run(
     if kept.get("settings", settings) != settings:
         raise RecordingError(f"{state} is of another soak: {kept['settings']}.", "Name another file.")
     outcomes = [Outcome(**one) for one in kept.get("outcomes", ())]
-    growth = Growth()
-    growth.rss_mb, growth.fds = kept.get("rss_growth_mb", 0.0), kept.get("fd_growth", 0)
+    daemon, node = (_grown(kept.get("growth", {}).get(name, {})) for name in ("daemon", "node"))
+    growth = Growth(daemon, node)
     with TemporaryDirectory() as folder:
         station = soak_station(Path(folder), endpoint, seed, overrides)
         series = soak(station, trials(rows_of(faults), seed, len(outcomes)), growth)
@@ -234,8 +229,8 @@ def run(
             tell(outcomes[-1].line())
             _forget(outcomes[-1])
             if state is not None:
-                figures = {"rss_growth_mb": growth.rss_mb, "fd_growth": growth.fds}
-                _keep(state, {"settings": settings, "outcomes": [asdict(one) for one in outcomes], **figures})
+                grown = {"daemon": asdict(growth.daemon), "node": asdict(growth.node)}
+                _keep(state, {"settings": settings, "outcomes": [asdict(one) for one in outcomes], "growth": grown})
         series.close()  # type: ignore[attr-defined]
     return summary(outcomes, growth)
 
@@ -246,6 +241,12 @@ def _forget(outcome: Outcome) -> None:
     if outcome.is_logged and outcome.is_explained:
         path.unlink(missing_ok=True)
         path.with_name(path.name + PART).unlink(missing_ok=True)
+
+
+def _grown(kept: dict[str, dict[str, float]]) -> Grown:
+    """What an interrupted run has found; JSON's keys are words."""
+    rss_mb, fds = ({int(pid): by for pid, by in kept.get(name, {}).items()} for name in ("rss_mb", "fds"))
+    return Grown(rss_mb, fds)
 
 
 def _keep(state: Path, progress: dict[str, Any]) -> None:
@@ -265,7 +266,8 @@ def summary(outcomes: list[Outcome], growth: Growth) -> dict[str, Any]:
         "unexplained": sum(not one.is_explained for one in outcomes),
         "stuck_states": sum(not one.is_idle for one in outcomes),
         "unlogged_cycles": sum(not one.is_logged for one in outcomes),
-        "rss_growth_mb": round(growth.rss_mb, 1),
-        "fd_growth": growth.fds,
+        "rss_growth_mb": growth.daemon.worst_rss_mb(),
+        "node_rss_growth_mb": growth.node.worst_rss_mb(),
+        "fd_growth": max(growth.daemon.worst_fds(), growth.node.worst_fds()),
         "cases": [one.line() for one in bad],
     }

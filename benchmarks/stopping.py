@@ -8,7 +8,7 @@ than `REST_RAD_S`. The lease is lost by the SIGKILL of the process that holds it
 
 A node that is frozen (SIGSTOP) cannot brake its arm, nor can anything here measure it: in simulation the frozen arm
 does not move at all. What is measured: ``noticed_ms``, SIGSTOP until the cell aborts, and, when the node goes on
-(SIGCONT, right after that), ``rest_s`` until its arm rests.
+(SIGCONT, right after that), ``rest_s`` until its arm rests. The daemon and the client frozen: `benchmarks.freezing`.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ from config.schema import Station
 TRIGGERS = ("stop", "hold", "abort", "lease_lost")
 FROZEN = "node_frozen"
 REST_RAD_S = 0.02
-_MOVING_RAD_S = 0.3
+MOVING_RAD_S = 0.3
 _SAME_RAD = 1e-9
 _RECENT_NS = 2e8
 """States older than this tell nothing of a simulator that has fallen behind meanwhile."""
@@ -54,7 +54,7 @@ _PATIENCE_S = 60.0
 _AFTER_S = 2.0
 """How long the arm of a node that goes on is looked at."""
 
-_PICKER = """
+PICKER = """
 import sys
 from cell import client
 from config.load import load_station
@@ -117,7 +117,9 @@ class Witness:
         return resting[0].stamp_ns if resting else None
 
 
-def run(repeats: int, seed: int, endpoint: str, tell: Callable[[str], None]) -> dict[str, Any]:
+def run(
+    repeats: int, seed: int, endpoint: str, tell: Callable[[str], None], triggers: tuple[str, ...] = (*TRIGGERS, FROZEN)
+) -> dict[str, Any]:
     """``repeats`` picks at real-time pace for every trigger, each interrupted at a random moment of its motion."""
     with TemporaryDirectory() as folder:
         overrides = [f"bus.endpoint={endpoint}", f"recording.folder={folder}", "sim.pace=1", "bus.ask_timeout_s=20"]
@@ -126,10 +128,9 @@ def run(repeats: int, seed: int, endpoint: str, tell: Callable[[str], None]) -> 
             ear.subscribe(topics.ARM_STATE.key, witness.hear)
             bench = _Bench(daemon, station, overrides, witness, np.random.default_rng(seed))
             figures: dict[str, Any] = {}
-            for trigger in TRIGGERS:
-                measured = bench.measure(trigger, bench.interrupted, repeats, tell)
-                figures[trigger] = _summary(measured, "brake_ms")
-            figures[FROZEN] = _summary(bench.measure(FROZEN, bench.frozen, repeats, tell), "noticed_ms")
+            for trigger in triggers:
+                once, first = (bench.frozen, "noticed_ms") if trigger == FROZEN else (bench.interrupted, "brake_ms")
+                figures[trigger] = _summary(bench.measure(trigger, once, repeats, tell), first)
     return figures
 
 
@@ -174,7 +175,7 @@ class _Bench:
             if self.daemon.machine.state == "Held":
                 with client.connect(self.station) as cell:
                     cell.command("stop")
-            _wait(lambda: self.witness.result is not None)
+            wait(lambda: self.witness.result is not None)
         assert self.witness.result is not None
         assert not (why := trouble(Path(self.witness.result.recording))), why
         brake_ns = _brake_ns(self.witness, started_ns)
@@ -208,11 +209,11 @@ class _Bench:
         """The process that holds the lease of a pick whose arm has been moving for a random while."""
         with client.connect(self.station) as cell:
             make_idle(cell)
-        command = [sys.executable, "-c", _PICKER, *self.overrides]
+        command = [sys.executable, "-c", PICKER, *self.overrides]
         picker = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL)
         try:
             self._wait_for("Execute", period_s=0.002)
-            _wait(lambda: self.witness.speed_rad_s() > _MOVING_RAD_S or self.witness.result is not None, period_s=0.002)
+            wait(lambda: self.witness.speed_rad_s() > MOVING_RAD_S or self.witness.result is not None, period_s=0.002)
             time.sleep(float(self.rng.uniform(0.0, 0.4)))
             yield picker
         finally:
@@ -220,7 +221,7 @@ class _Bench:
             picker.communicate()
 
     def _wait_for(self, *states: str, period_s: float = 0.005) -> None:
-        _wait(lambda: self.daemon.machine.state in states, period_s)
+        wait(lambda: self.daemon.machine.state in states, period_s)
 
 
 def make_idle(cell: client.Client) -> None:
@@ -288,8 +289,9 @@ def _summary(measured: list[Measured], first: str) -> dict[str, Any]:
     }
 
 
-def _wait(condition: Callable[[], bool], period_s: float = 0.02) -> None:
-    give_up_s = time.monotonic() + _PATIENCE_S
+def wait(condition: Callable[[], bool], period_s: float = 0.02, patience_s: float = _PATIENCE_S) -> None:
+    """Until it is so, or for as long as it may take."""
+    give_up_s = time.monotonic() + patience_s
     while not condition():
         assert time.monotonic() < give_up_s, "the cell did not get there"
         time.sleep(period_s)
