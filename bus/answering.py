@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
+from collections import OrderedDict, deque
 from collections.abc import Sequence
 
 import zenoh
@@ -20,7 +20,8 @@ from bus.topics import Topic, encoding_of
 MAX_RECORDED_QUESTION_BYTES = 64 * 1024
 """Longer questions to a cell that records are a stranger's; its commands have some hundred bytes."""
 
-_REMEMBERED = 4
+_REMEMBERED, _NUMBERS = 4, 1024
+"""Answers may be large, numbers are not."""
 
 
 class Answers:
@@ -28,14 +29,20 @@ class Answers:
 
     def __init__(self) -> None:
         self._by_question: OrderedDict[tuple[str, int], Sequence[Heard]] = OrderedDict()
+        self._acted: deque[tuple[str, int]] = deque(maxlen=_NUMBERS)
 
     def known(self, question: Asked) -> Sequence[Heard] | None:
         """The answer to this very question, if it was given lately."""
         return self._by_question.get((question.source, question.number)) if question.source else None
 
+    def is_old(self, question: Asked) -> bool:
+        """Whether it was acted on some time ago: a copy of it, not the question asked again at once."""
+        return question.source != "" and (question.source, question.number) in self._acted
+
     def keep(self, question: Asked, answer: Sequence[Heard]) -> None:
         if not question.source:  # it names no number: its handler must tell by the payload (command_id)
             return
+        self._acted.append((question.source, question.number))
         self._by_question[question.source, question.number] = answer
         while len(self._by_question) > _REMEMBERED:
             self._by_question.popitem(last=False)
@@ -56,6 +63,9 @@ def reply_to(
     known = answers.known(question) if topic.acts else None
     if known is not None:
         _send(query, root, known)
+        return
+    if topic.acts and answers.is_old(question):
+        refuse(query, Refused(f"{name!r} has acted on this question before.", "Ask anew.", code="REPEATED"))
         return
     payload = payload_of(query)
     try:

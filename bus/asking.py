@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import queue
 import time
+from typing import NamedTuple
 
 import zenoh
 
@@ -20,19 +21,26 @@ _OTHERS_S = 0.5
 """Who serves a key alone ends its replies with the last of them."""
 
 
+class Signed(NamedTuple):
+    """Who says or asks something, with a number that its session gives but once, and its seal (`bus.seal`)."""
+
+    source: zenoh.SourceInfo
+    seal: bytes | None
+
+
 def replies_to(
     session: zenoh.Session,
     key: str,
     question: bytes,
     encoding: str,
     timeout_s: float,
-    source: zenoh.SourceInfo,
+    signed: Signed,
     others_s: float = _OTHERS_S,
 ) -> list[zenoh.Reply]:
     """Zenoh's replies to a question on the whole ``key``: those of every session that serves it.
 
     A queryable that is not yet in the routing table of a new session is asked again for a moment: often, a stop may be
-    waiting. It is the same question then, with the same number in ``source``: whatever acts, acts once.
+    waiting. It is the same question then, with the same number: whatever acts, acts once.
 
     Args:
         others_s: how long after the first reply everybody else may take.
@@ -52,7 +60,8 @@ def replies_to(
                 target=zenoh.QueryTarget.ALL,
                 consolidation=zenoh.ConsolidationMode.NONE,
                 accept_replies=zenoh.ReplyKeyExpr.ANY,
-                source_info=source,
+                source_info=signed.source,
+                attachment=signed.seal,
             )
         except zenoh.ZError as error:
             raise BusError(f"Cannot ask {key}: the bus is closed.") from error

@@ -14,12 +14,14 @@ class Heard(NamedTuple):
     Attributes:
         key: below ``cell/{cell_id}/``.
         source: the session it came from, as Zenoh names it (its ZID); "" when it does not say, or it is our own.
+        is_sealed: it really is from who it says, as far as we share a secret with it (`bus.seal`).
     """
 
     key: str
     encoding: str
     payload: bytes
     source: str = ""
+    is_sealed: bool = False
 
 
 class Asked(NamedTuple):
@@ -30,6 +32,7 @@ class Asked(NamedTuple):
         encoding: of the payload. ``has_payload``: it brings one.
         takes_any_key: its asker accepts replies on other keys.
         source, number: the session that asks, and its number for this question; asked again, it has the same number.
+        is_sealed: as in `Heard`.
         received_s: when it came (monotonic).
     """
 
@@ -40,6 +43,7 @@ class Asked(NamedTuple):
     takes_any_key: bool
     source: str
     number: int
+    is_sealed: bool
     received_s: float
 
 

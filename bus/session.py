@@ -21,13 +21,14 @@ import zenoh
 
 from bus import topics
 from bus.answering import Answers, payload_of, refuse, reply_to
-from bus.asked import asked, refusal
-from bus.asking import heard_in, replies_to
+from bus.asked import asked, is_sealed, refusal
+from bus.asking import Signed, heard_in, replies_to
 from bus.codec import decode, encode
 from bus.errors import BadPayload, BusError, CellUnreachable, NoReply, PortOccupied, Refused
 from bus.frozen import Message
 from bus.heard import Asked, Handler, Heard, LaneOf, Tap
 from bus.lane import Lane
+from bus.seal import Seal
 from bus.secured import MAX_PAYLOAD_BYTES, is_loopback, session_config
 from bus.topics import Topic, encoding_of
 
@@ -48,6 +49,7 @@ class Bus:
 
     Attributes:
         tap: called with everything this process publishes, asks and is answered; set by whoever records.
+        seal: of the secret that the cell shares with the nodes it starts; None for everybody else.
     """
 
     def __init__(
@@ -63,6 +65,7 @@ class Bus:
         self._declared: list[Any] = []
         self._tokens: dict[str, Any] = {}  # by their whole key
         self._numbers = itertools.count()
+        self.seal = Seal.new() if is_host else None
 
     @classmethod
     def listen(
@@ -128,8 +131,11 @@ class Bus:
         peers = list(self._session.info.peers_zid())
         return str(peers[0]) if len(peers) == 1 else None
 
-    def _stamp(self) -> zenoh.SourceInfo:
-        return zenoh.SourceInfo(self._session.id, next(self._numbers) & _LAST_NUMBER)
+    def _signed(self, key: str, payload: bytes) -> Signed:
+        """Who says or asks this, and with which number; sealed where we have a secret."""
+        number = next(self._numbers) & _LAST_NUMBER
+        seal = self.seal.of(key, self.source, number, payload) if self.seal is not None else None
+        return Signed(zenoh.SourceInfo(self._session.id, number), seal)
 
     def _short(self, key: object) -> str:
         return str(key).removeprefix(self._root)
@@ -143,9 +149,10 @@ class Bus:
     def publish(self, topic: Topic, message: Message | bytes, **fields: str) -> None:
         """Put one message (or the protobuf bytes of one) on ``topic``. Raises: BusError after close."""
         payload = message if isinstance(message, bytes) else encode(message)
-        encoding = encoding_of(topic.says)
+        encoding, key = encoding_of(topic.says), self.key(topic, **fields)
+        signed = self._signed(key, payload)
         try:
-            self._session.put(self.key(topic, **fields), payload, encoding=encoding, source_info=self._stamp())
+            self._session.put(key, payload, encoding=encoding, source_info=signed.source, attachment=signed.seal)
         except zenoh.ZError as error:
             raise BusError(f"Cannot publish {topic.key}: the bus is closed.") from error
         if topic.logged:
@@ -154,7 +161,7 @@ class Bus:
     def put(self, key: str, payload: bytes, encoding: str) -> None:
         """Put bytes on a whole Zenoh ``key`` that is none of this cell's. Raises: BusError after close."""
         try:
-            self._session.put(key, payload, encoding=encoding, source_info=self._stamp())
+            self._session.put(key, payload, encoding=encoding)
         except zenoh.ZError as error:
             raise BusError(f"Cannot publish {key}: the bus is closed.") from error
 
@@ -178,7 +185,8 @@ class Bus:
                 _log.warning("%s: %d bytes are too many; not heard", sample.key_expr, len(sample.payload))
                 return
             source = str(sample.source_info.source_id.zid) if sample.source_info is not None else ""
-            callback(Heard(self._short(sample.key_expr), str(sample.encoding), sample.payload.to_bytes(), source))
+            key, payload, sealed = self._short(sample.key_expr), sample.payload.to_bytes(), is_sealed(sample, self.seal)
+            callback(Heard(key, str(sample.encoding), payload, source, sealed))
 
         origin = zenoh.Locality.ANY if own else zenoh.Locality.REMOTE
         self._declared.append(self._session.declare_subscriber(f"{self._root}{pattern}", hear, allowed_origin=origin))
@@ -194,7 +202,8 @@ class Bus:
         name, question, encoding = topic.key.format(**fields), encode(request), encoding_of(topic.asks)
         record = self._record if topic.logged else _do_not_record
         record(Heard(f"{name}/query", encoding, question))
-        replies = replies_to(self._session, f"{self._root}{name}", question, encoding, timeout_s, self._stamp())
+        key = f"{self._root}{name}"
+        replies = replies_to(self._session, key, question, encoding, timeout_s, self._signed(key, question))
         if not replies:
             advice = "Is the node that serves it running? See `cell status`."
             if self._security is not None:
@@ -224,8 +233,8 @@ class Bus:
         key, answers = self.key(topic, **fields), Answers()
 
         def receive(query: zenoh.Query) -> None:
-            question = asked(query)
-            why = refusal(topic, question, self.cell)
+            question = asked(query, self.seal)
+            why = refusal(topic, question, self.cell, needs_seal=self.seal is not None)
             if why is not None:
                 self.lane("refusals").post(partial(_refuse, query, why))
                 return
@@ -251,14 +260,17 @@ class Bus:
         """What every cell that can be seen answers to one question, by cell id; the bus's ``cell_id`` is ``*``."""
         encoding = encoding_of(topic.asks)
         key, question = f"{self._root}{topic.key}", encode(request)
-        replies = replies_to(self._session, key, question, encoding, timeout_s, self._stamp(), others_s=timeout_s)
+        replies = replies_to(
+            self._session, key, question, encoding, timeout_s, self._signed(key, question), others_s=timeout_s
+        )
         answers = [reply.ok for reply in replies if reply.ok is not None]
         return {str(answer.key_expr).split("/")[1]: answer.payload.to_bytes() for answer in answers}
 
     def sessions(self, topic: Topic, *, timeout_s: float, **fields: str) -> dict[str, bytes]:
         """Who answers a question without content on ``topic``, and what: by session; a refusal is an answer, too."""
         key, encoding = self.key(topic, **fields), encoding_of(topic.asks)
-        replies = replies_to(self._session, key, b"{}", encoding, timeout_s, self._stamp(), others_s=timeout_s)
+        signed = self._signed(key, b"{}")
+        replies = replies_to(self._session, key, b"{}", encoding, timeout_s, signed, others_s=timeout_s)
         payloads = ((one.replier_id, one.ok.payload if one.ok is not None else None) for one in replies)
         return {str(who.zid): said.to_bytes() if said is not None else b"" for who, said in payloads if who is not None}
 

@@ -53,7 +53,7 @@ def running_cell(station: Station, observer: Observer) -> Iterator[Daemon]:
             for daemon in daemons:
                 daemon.voice.say_event(*said)
 
-        supervisor, retention = Supervisor(station, on_exit, on_back), Retention(station.recording, say_event)
+        supervisor, retention = Supervisor(station, on_exit, on_back, bus.seal), Retention(station.recording, say_event)
         try:
             supervisor.start()
             devices = remote_devices(bus, station)

@@ -45,7 +45,9 @@ def _surveyor(station: Station, quiet: bool) -> Iterator[Surveyor]:
 
     say(f"starting {', '.join(station.nodes)}; the arm will move")
     with Bus.listen(station.cell_id, station.bus.endpoint) as bus:
-        supervisor = Supervisor(station, lambda name, code: say(f"the node {name!r} ended with exit code {code}"))
+        supervisor = Supervisor(
+            station, lambda name, code: say(f"the node {name!r} ended with exit code {code}"), seal=bus.seal
+        )
         try:
             supervisor.start()
             devices = remote_devices(bus, station)

@@ -94,7 +94,8 @@ class Daemon:
         self._watchdog = Watchdog(
             station, self._watch, partial(self.voice.say, topics.HEALTH), end_frozen, self._leases.look, self.health
         )
-        self._speakers = Speakers(bus, set(station.nodes), self._on_node_twice, self._on_stranger)
+        ours = [name for name, node in station.nodes.items() if node.run == "here"]
+        self._speakers = Speakers(bus, set(station.nodes), self._on_node_twice, self._on_stranger, sealed=ours)
         self._results: OrderedDict[str, CycleResult] = OrderedDict()
         self._defects: tuple[str, ...] = ()
         self._said_s = -TURN_S

@@ -1,7 +1,8 @@
 """Runs driver nodes as child processes: crash isolation, because vendor SDKs segfault and hold the GIL.
 
-The child gets its station as one JSON line on stdin, answers with one line on stdout when it serves (or why it cannot),
-and ends when its stdin closes - so it never outlives the daemon, however that died.
+The child gets its station as one JSON line on stdin, and in another the secret it shares with the cell. It answers with
+one line on stdout when it serves (or why it cannot), and ends when its stdin closes - so it never outlives the daemon,
+however that died.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from bus.errors import BadPayload, CellError, DriverUnavailable
 from bus.faulty import FaultyBus
 from bus.frozen import Message
 from bus.remote_errors import error_from_reply, error_reply
+from bus.seal import Seal
 from bus.session import Bus
 from bus.threads import OwnedThread, Role, handled_by
 from cell.leases import CELL_CLIENT
@@ -62,6 +64,7 @@ class Supervisor:
     Args:
         on_exit: called with (node name, exit code) from a watching thread when a child ends unasked.
         on_back: called with the node's name when it serves again.
+        seal: of the secret that the nodes are handed.
         spawn: starts a node's process.
     """
 
@@ -70,9 +73,10 @@ class Supervisor:
         station: Station,
         on_exit: Callable[[str, int], None],
         on_back: Callable[[str], None] = lambda name: None,
+        seal: Seal | None = None,
         spawn: Callable[[str, Station], subprocess.Popen[str]] | None = None,
     ) -> None:
-        self._station, self._start_child = station, spawn or _child
+        self._station, self._start_child = station, spawn or partial(_child, seal=seal)
         self._on_exit, self._on_back = on_exit, on_back
         self._children: dict[str, subprocess.Popen[str]] = {}
         self._restarts: dict[str, int] = {}
@@ -162,7 +166,7 @@ class Supervisor:
         return False
 
 
-def _child(name: str, station: Station) -> subprocess.Popen[str]:
+def _child(name: str, station: Station, seal: Seal | None = None) -> subprocess.Popen[str]:
     child = subprocess.Popen(
         [sys.executable, "-P", "-m", "cell.nodes", name],  # -P: no module of the working folder in the place of ours
         stdin=subprocess.PIPE,
@@ -172,7 +176,8 @@ def _child(name: str, station: Station) -> subprocess.Popen[str]:
     )
     assert child.stdin is not None
     try:
-        child.stdin.write(station.model_dump_json() + "\n")
+        secret = seal.secret.hex() if seal is not None else ""
+        child.stdin.write(f"{station.model_dump_json()}\n{secret}\n")
         child.stdin.flush()
     except BrokenPipeError:
         _log.error("node %s ended before it read its station", name)
@@ -219,9 +224,10 @@ def _own_stdout() -> IO[str]:
 def _serve_supervised(name: str, stdin: IO[str], stdout: IO[str]) -> int:
     """The child's side: read the station, serve node ``name``, end when stdin closes. Returns the exit code."""
     share_arenas()
-    station = station_from(json.loads(stdin.readline()))
+    station, secret = station_from(json.loads(stdin.readline())), bytes.fromhex(stdin.readline())
     try:
         with _link(station) as bus:
+            bus.seal = Seal(secret) if secret else None
             node = Node(name, bus, open_devices(station.nodes[name].driver, station), station)
             with handled_by(partial(_end_by_defect, node)):
                 node.open()

@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from functools import partial
 
 from bus import topics
@@ -38,13 +38,20 @@ class Speakers:
     """Tells the samples of the cell's nodes from strangers'.
 
     Args:
-        bus: the cell's own session. ``names``: of its nodes.
+        bus: the cell's own session. ``names``: of its nodes. ``sealed``: those of them that hold the cell's secret.
         on_twice: told when two sessions answer as one node; on a thread of the bus.
         on_stranger: told once of every session and key: what it put there.
     """
 
-    def __init__(self, bus: Bus, names: set[str], on_twice: Twice, on_stranger: Callable[[Heard], None]) -> None:
-        self._bus, self._names = bus, names
+    def __init__(
+        self,
+        bus: Bus,
+        names: set[str],
+        on_twice: Twice,
+        on_stranger: Callable[[Heard], None],
+        sealed: Collection[str] = (),
+    ) -> None:
+        self._bus, self._names, self._sealed = bus, names, frozenset(sealed)
         self._on_twice, self._on_stranger = on_twice, on_stranger
         self._changing = threading.Lock()
         self._sessions: dict[str, str] = {}  # of the nodes, by name
@@ -81,7 +88,7 @@ class Speakers:
         One that was not is told of, the first time that its session puts something on its key.
         """
         topic = topic_of(heard.key)
-        if topic is not None and topic.speaker in ("node", "both") and heard.source in self._known():
+        if topic is not None and topic.speaker in ("node", "both") and self._is_nodes(heard):
             return True
         self._look_again()
         with self._changing:
@@ -93,9 +100,10 @@ class Speakers:
             self._on_stranger(heard)
         return False
 
-    def _known(self) -> set[str]:
+    def _is_nodes(self, heard: Heard) -> bool:
         with self._changing:
-            return set(self._sessions.values())
+            names = [name for name, session in self._sessions.items() if session == heard.source]
+        return any(heard.is_sealed or name not in self._sealed for name in names)
 
     def _look_again(self) -> None:
         """Somebody unknown speaks: it may be a node that did not answer yet, or a second one of a name."""

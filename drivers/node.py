@@ -228,7 +228,7 @@ class Node:
                 self._motion_change.notify_all()
 
     def _hear_cell(self, heard: Heard) -> None:
-        if self._bus.cell in (None, heard.source):
+        if self._bus.cell in (None, heard.source) and (heard.is_sealed or self._bus.seal is None):
             self._cell.hear()
             self._was_heard = True
 
