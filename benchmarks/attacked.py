@@ -108,7 +108,7 @@ class Attacked:
     def make_idle(self) -> None:
         """Clear, stop and reset as an operator would; what moves meanwhile is no intruder's."""
         give_up_s = time.monotonic() + _PATIENCE_S
-        while self.state != "Idle":
+        while not (self.state == self.daemon.voice.state.state == "Idle"):  # it is so, and was said
             if time.monotonic() > give_up_s:
                 self.tally.crash(f"the cell does not become Idle again: {self.state}, {self.daemon.voice.state.reason}")
                 raise BusError("The attacked cell is beyond recovery.")

@@ -15,7 +15,7 @@ import numpy as np
 import zenoh
 from mcap.reader import make_reader
 
-from benchmarks.attacked import AS_BENCH, Attacked
+from benchmarks.attacked import AS_BENCH, Attacked, wait_until
 from benchmarks.openness import trouble
 from bus import topics
 from bus.codec import encode
@@ -32,6 +32,8 @@ _NOBODYS, _OWN, _COPIED = "nobody's", "its own", "the speaker's"
 _PUBLISHED = tuple(topic for topic in topics.TOPICS if topic.kind == "publish")
 _ZERO = np.zeros(7)
 _PERIOD_S = 0.02
+_RECOVERY_S = 3.0
+"""A node's own word about itself comes once a second."""
 
 
 class Forging:
@@ -57,12 +59,16 @@ class Forging:
         await_arrival(cell, self._session)
         is_told = cell.victim.state().state == cell.state
         was_said = any(heard.payload == payload for heard in cell.victim.heard())
-        health = cell.victim.health().model_dump_json()
-        if was_said or not is_told or FORGED in health or "cannot be read" in health:
+        if was_said or not is_told or not self._is_health_true():
             cell.tally.accept(kind, key)
+            wait_until(self._is_health_true, _RECOVERY_S)  # the next lie is not to be taken for this one
         else:
             cell.tally.by_code["IGNORED"] += 1
         cell.require_idle(f"{kind} {key}")
+
+    def _is_health_true(self) -> bool:
+        said = self._cell.victim.health().model_dump_json()
+        return FORGED not in said and "cannot be read" not in said
 
     def put(self, topic: Topic, whose: str = _OWN) -> tuple[str, bytes]:
         """One sample on ``topic``, readable or not: its key below the cell's root, and what it says."""
