@@ -38,6 +38,10 @@ _OUR_RULES: dict[str, Any] = {
     "transport/shared_memory/enabled": False,
     "adminspace/enabled": False,
 }
+_HUB_RULES: dict[str, Any] = {
+    # a program that takes nothing any more (frozen, with its link full) is let go; else everybody waits for it for 5 s
+    "transport/link/tx/queue/congestion_control/block/wait_before_close": 500_000,
+}
 _FILES = (
     "root_ca_certificate",
     "listen_certificate",
@@ -70,7 +74,7 @@ def session_config(
     Raises: ConfigError naming everything that is missing.
     """
     config = _read(file) if file is not None else zenoh.Config()
-    for key, value in _OUR_RULES.items():
+    for key, value in (_OUR_RULES | (_HUB_RULES if mode != "client" else {})).items():
         config.insert_json5(key, json.dumps(value))
     config.insert_json5("mode", json.dumps(mode))
     for key, endpoints in (("listen/endpoints", listen), ("connect/endpoints", connect)):

@@ -219,7 +219,7 @@ class Daemon:
         self._leases.require(verb, request.client_id, asked.received_s)
         reply = self.machine.command(verb, request)
         refuse(reply)
-        return reply.model_copy(update={"lease": self._leases.take(verb, request.client_id)})
+        return reply.model_copy(update={"lease": self._leases.take(verb, request.client_id, asked.source)})
 
     def _lane_of(self, asked: Asked, payload: bytes) -> str:
         """What stops the arm waits behind no other command, and no command behind one whose token is awaited."""

@@ -56,6 +56,7 @@ class Leases:
         self._alive: set[str] = set()
         self._change = threading.Condition()
         self._silence = self._new_silence()  # the holder's
+        self._source = ""  # its session, as far as it says
         self.holder = ""
 
     def listen(self, bus: Bus) -> None:
@@ -75,8 +76,8 @@ class Leases:
             self._on_lost(client_id, "its token is gone")
 
     def hear(self, heard: Heard) -> None:
-        """A client's heartbeat; whatever it says."""
-        if heard.key.rpartition("/")[2] == self.holder:
+        """A client's heartbeat; it counts from the session that the holder commands by."""
+        if heard.key.rpartition("/")[2] == self.holder and heard.source == self._source:
             self._silence.hear()
 
     def look(self) -> None:
@@ -119,14 +120,18 @@ class Leases:
                 code="LEASE_HELD",
             )
 
-    def take(self, verb: str, client_id: str) -> str:
-        """After an accepted command: who holds the lease now. The command is the holder's first heartbeat."""
+    def take(self, verb: str, client_id: str, source: str = "") -> str:
+        """After an accepted command: who holds the lease now. The command is the holder's first heartbeat.
+
+        Args:
+            source: the session that commands, as far as it says.
+        """
         if verb not in NEEDS_LEASE | NEEDS_TOKEN:
             return self.holder
         with self._change:
             self.holder = self.holder or client_id
             if self.holder == client_id:
-                self._silence = self._new_silence()
+                self._silence, self._source = self._new_silence(), source
             is_lost = self.holder not in self._alive
             if is_lost:
                 self.holder = ""

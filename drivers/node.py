@@ -69,6 +69,7 @@ class Node:
         self._motion_change = threading.Condition()
         self._cell = Silence(station.silence_s, _LISTEN_PERIOD_S)
         self._was_heard = False  # a cell that never said anything cannot have fallen silent
+        self._untold = ""  # why the arm braked by itself, until the cell is heard again
         self._loops: list[Loop] = []
 
     def open(self) -> None:
@@ -234,13 +235,20 @@ class Node:
 
     def _brake_if_alone(self, arm: Arm) -> None:
         silent_s = self._cell.for_s()
-        if silent_s <= self._station.silence_s or not self._was_heard or self._motions == 0:
-            return
-        self._was_heard = False  # once; it counts again when it is heard again
-        arm.stop()
-        text = f"The cell has said nothing for {silent_s:.2f} s while the arm moved: the arm braked on its path."
-        advice = "Was its process frozen, or the machine too busy? After `cell reset` it goes on."
-        self._bus.publish(topics.EVENT, Event(code="CELL_SILENT", severity="error", text=text, advice=advice))
+        if silent_s <= self._station.silence_s:
+            self._tell_why_it_braked()
+        elif self._was_heard and self._motions > 0:
+            self._was_heard = False  # once; it counts again when it is heard again
+            arm.stop()
+            text = f"The cell has said nothing for {silent_s:.2f} s while the arm moved: the arm braked on its path."
+            self._untold = self._last_fault = text
+
+    def _tell_why_it_braked(self) -> None:
+        """Now that the cell is there to hear it."""
+        text, self._untold = self._untold, ""
+        if text:
+            advice = "Was its process frozen, or the machine too busy? After `cell reset` it goes on."
+            self._bus.publish(topics.EVENT, Event(code="CELL_SILENT", severity="error", text=text, advice=advice))
 
     def _serve_hand(self, hand: Hand) -> None:
         self._answer(topics.HAND_MOVE, HandMove, lambda ask: hand.move(ask.width_m, ask.speed_m_s), "hand")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import socket
 from collections.abc import Callable
 
@@ -15,6 +16,7 @@ from bus.messages import CameraModel, Frame
 settings.register_profile("deterministic", derandomize=True, deadline=None, print_blob=True)
 settings.load_profile("deterministic")
 
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # whoever runs the tests under nohup does not mean what they test
 os.environ.setdefault("MUJOCO_GL", "egl")  # for files that import MuJoCo before `drivers.sim` does
 
 

@@ -113,12 +113,13 @@ def test_a_holder_whose_heartbeat_falls_silent_loses_the_lease_though_its_token_
     assert leases.holder == "", "what comes back must command anew"
 
 
-def test_the_heartbeat_of_another_client_keeps_no_lease() -> None:
+@pytest.mark.parametrize(("key", "source"), [("lease/other", ""), ("lease/app", "another session")])
+def test_the_heartbeat_of_another_keeps_no_lease(key: str, source: str) -> None:
     clock, lost = _Clock(), list[tuple[str, str]]()
     leases = _beating(clock, lost)
     for _ in range(12):
         _pass(leases, clock, 0.05)
-        leases.hear(Heard("lease/other", "", b"{}"))
+        leases.hear(Heard(key, "", b"{}", source))
     assert [client_id for client_id, _ in lost] == ["app"]
 
 

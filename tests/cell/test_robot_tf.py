@@ -69,7 +69,7 @@ def test_the_newest_states_are_said_as_transforms_with_the_arms_stamp(bus: Bus, 
     bus.subscribe("tf", lambda heard: said.put(heard.payload), own=True)
     with (
         handled_by(lambda _name, defect: defects.append(defect)),
-        closing(RobotTf(bus, robot)),
+        closing(RobotTf(bus, robot, lambda heard: True)),
         Bus.join("sim", endpoint) as node,
     ):
         node.publish(topics.HAND_STATE, HandState(stamp_ns=1, width_m=0.02, is_moving=False, is_homed=True))
@@ -89,7 +89,7 @@ def test_an_arm_at_rest_is_not_said_over_and_over(bus: Bus, endpoint: str, robot
     bus.subscribe("tf", lambda heard: said.append(heard.payload), own=True)
     moved: queue.Queue[bytes] = queue.Queue()
     bus.subscribe("tf", lambda heard: moved.put(heard.payload), own=True)
-    with closing(RobotTf(bus, robot)), Bus.join("sim", endpoint) as node:
+    with closing(RobotTf(bus, robot, lambda heard: True)), Bus.join("sim", endpoint) as node:
         for stamp in range(1, 400):
             node.publish(topics.ARM_STATE, _arm(stamp, HOME))
         node.publish(topics.ARM_STATE, _arm(500, HOME + 0.1))

@@ -162,7 +162,13 @@ def test_an_arm_brakes_when_the_cell_that_was_heard_falls_silent_and_says_so(cel
         _beat(cell, 0.8)
         assert arm.moving.is_set(), "a cell that is heard is obeyed"
         until(lambda: not arm.moving.is_set())
-        until(lambda: bool(events))
+        assert not events, "nobody is there to hear it"
+
+        def is_told() -> bool:
+            cell.publish(topics.HEARTBEAT, Heartbeat())
+            return bool(events)
+
+        until(is_told)
     event = decode(Event, events[0].payload)
     assert event.code == "CELL_SILENT" and "said nothing" in event.text
 

@@ -47,7 +47,7 @@ def listening(serve: Callable[[socket.socket], None]) -> Iterator[str]:
         thread = OwnedThread(Role.PROBE, accept).start()
         yield f"http://127.0.0.1:{server.getsockname()[1]}/v1"
         thread.join(5.0)
-        assert not thread.is_alive, "the client hung up"
+        assert not thread.is_alive(), "the client hung up"
 
 
 def drip(first: bytes, then: bytes) -> Callable[[socket.socket], None]:
