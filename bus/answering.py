@@ -25,7 +25,7 @@ _REMEMBERED, _NUMBERS = 4, 1024
 
 
 class Answers:
-    """What was answered on one topic that acts: the same question, asked again, is answered again and acts once."""
+    """What a device was asked and answered on one topic: a question that is asked again is answered again, and acts once."""
 
     def __init__(self) -> None:
         self._by_question: OrderedDict[tuple[str, int], Sequence[Heard]] = OrderedDict()
@@ -60,11 +60,12 @@ def reply_to(
     """
     key = key.removesuffix("*") + question.verb if key.endswith("*") else key  # the question's may be a pattern
     root, name = key[: -len(_short(key))], _short(key)
-    known = answers.known(question) if topic.acts else None
+    is_kept = topic.acts == "cell"  # a command has an id of its own
+    known = answers.known(question) if is_kept else None
     if known is not None:
         _send(query, root, known)
         return
-    if topic.acts and answers.is_old(question):
+    if is_kept and answers.is_old(question):
         refuse(query, Refused(f"{name!r} has acted on this question before.", "Ask anew.", code="REPEATED"))
         return
     payload = payload_of(query)
@@ -76,7 +77,7 @@ def reply_to(
         query.reply_err(encode(_defect(defect)), encoding=AS_ERROR)
         raise
     _record(record, topic, name, payload, answer)
-    if topic.acts:
+    if is_kept:
         answers.keep(question, answer)
     _send(query, root, answer)
 

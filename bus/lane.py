@@ -45,6 +45,10 @@ class Lane:
         self._work.put(fulfil)
         return future
 
+    def is_idle(self) -> bool:
+        """Whether nothing waits."""
+        return self._work.empty()
+
     def close(self) -> None:
         """End after what is being done; what still waits is dropped."""
         self._closed = True

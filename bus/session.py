@@ -35,6 +35,8 @@ from bus.topics import Topic, encoding_of
 _log = logging.getLogger(__name__)
 
 MessageT = TypeVar("MessageT", bound=Message)
+_LATE_S = 1.0
+"""Zenoh's own end of a question may come so late."""
 _LAST_NUMBER = 0xFFFFFFFF
 """Zenoh numbers what a session says with 32 bits."""
 
@@ -270,7 +272,7 @@ class Bus:
         """Who answers a question without content on ``topic``, and what: by session; a refusal is an answer, too."""
         key, encoding = self.key(topic, **fields), encoding_of(topic.asks)
         signed = self._signed(key, b"{}")
-        replies = replies_to(self._session, key, b"{}", encoding, timeout_s, signed, others_s=timeout_s)
+        replies = replies_to(self._session, key, b"{}", encoding, timeout_s, signed, others_s=timeout_s + _LATE_S)
         payloads = ((one.replier_id, one.ok.payload if one.ok is not None else None) for one in replies)
         return {str(who.zid): said.to_bytes() if said is not None else b"" for who, said in payloads if who is not None}
 

@@ -96,11 +96,6 @@ class OwnedThread:
         """Whether it has begun, and not ended."""
         return self._thread.is_alive()
 
-    @property
-    def is_current(self) -> bool:
-        """Whether it is the thread that asks."""
-        return self._thread is threading.current_thread()
-
     def _guarded(self) -> None:
         try:
             self._run()

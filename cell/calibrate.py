@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
@@ -12,7 +12,9 @@ import cv2
 import typer
 from scipy.spatial.transform import Rotation
 
-from bus.errors import ConfigError
+from bus import topics
+from bus.commands import Heartbeat
+from bus.errors import CellError, ConfigError
 from bus.session import Bus
 from cell.calibration import Surveyor, moved
 from cell.nodes import Supervisor
@@ -22,6 +24,7 @@ from cell.signals import ending
 from config.load import DEFAULT_STATION, load_station
 from config.schema import Station
 from config.station_file import mounting_lines, require_writable, write_mounting
+from drivers.loops import Loop
 from drivers.remote import remote_devices
 from perception.calibrate import HandEye, board_image
 from planning.robot import Robot, hand_from_color
@@ -33,6 +36,11 @@ calibrate = typer.Typer(
     rich_markup_mode=None,
 )
 _PIXELS_PER_M = 10_000.0
+_HEARTBEAT_S = 0.1
+
+
+def _unheard(_error: CellError) -> None:
+    """A heartbeat that could not be said: the arm's node notices."""
 
 
 @contextmanager
@@ -52,7 +60,8 @@ def _surveyor(station: Station, quiet: bool) -> Iterator[Surveyor]:
             supervisor.start()
             devices = remote_devices(bus, station)
             assert devices.arm is not None, "every station has an arm"
-            with ending(devices.arm.stop):
+            beating = Loop("heartbeat", _HEARTBEAT_S, lambda: bus.publish(topics.HEARTBEAT, Heartbeat()), _unheard)
+            with ending(devices.arm.stop), closing(beating):
                 yield Surveyor(devices, Robot(station), station, say)
         finally:
             supervisor.close()

@@ -74,7 +74,7 @@ class Daemon:
         camera, arm, hand = devices.camera, devices.arm, devices.hand
         if camera is None or arm is None or hand is None:
             raise DriverError("The cell needs a camera, an arm and a hand.", "Check `serves` in the station file.")
-        self._station, self._bus = station, bus
+        self._bus = bus
         faults = station.faults
         self._disk = FaultyDisk(faults.disk, delay_s=faults.delay_s) if faults.allowed else None
         self._imaginer = models.imaginer

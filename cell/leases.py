@@ -82,10 +82,9 @@ class Leases:
 
     def look(self) -> None:
         """Take the lease from a holder that has fallen silent; to be called every ``look_s``."""
-        is_silent = self._silence.is_broken()
         with self._change:
             holder = self.holder
-            if not holder or not is_silent:
+            if not self._silence.is_broken() or not holder:
                 return
             self.holder = ""
         self._on_lost(holder, f"no heartbeat for {self._silence_s:.1f} s")

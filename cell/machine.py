@@ -20,7 +20,7 @@ from bus.codes import Code
 from bus.commands import CommandReply, CommandRequest
 from bus.errors import CellError, CycleFailure, Refused
 from bus.threads import OwnedThread, Role, report_defect
-from cell.states import BEGINNING, GOING_ON, NEXT, PAUSES, PAUSING, State, after_command, available
+from cell.states import BEGINNING, ENDING, GOING_ON, NEXT, PAUSES, PAUSING, State, after_command, available
 
 _log = logging.getLogger(__name__)
 _REMEMBERED_COMMANDS = 256
@@ -205,10 +205,14 @@ class Machine:
         )
 
     def _decide(self, command: _Command) -> CommandReply:
-        """Accept or refuse; the same client's same command id gets the same answer without acting twice."""
+        """Accept or refuse; the same client's same command id gets the same answer without acting twice.
+
+        But what stops something that moves stops it, whatever its id: counters begin anew.
+        """
         request = command.request
         key = (command.verb, request.client_id, request.command_id)
-        if request.command_id and key in self._answered:
+        is_known = request.command_id != "" and key in self._answered
+        if is_known and not (command.verb in ENDING and command.verb in available(self.state)):
             return self._answered[key]
         try:
             target = after_command(self.state, command.verb)

@@ -243,9 +243,11 @@ def _serve_supervised(name: str, stdin: IO[str], stdout: IO[str]) -> int:
 
 def _end_by_defect(node: Node, name: str, defect: BaseException) -> None:
     """End this process: it is not whole any more. The arm stops first, and the cell is told why."""
-    node.end_by_defect(name, defect)
-    logging.shutdown()
-    os._exit(_DEFECT_EXIT_CODE)
+    try:
+        node.end_by_defect(name, defect)
+    finally:
+        logging.shutdown()
+        os._exit(_DEFECT_EXIT_CODE)
 
 
 def serve_until_interrupted(name: str, station: Station) -> None:

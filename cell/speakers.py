@@ -9,7 +9,7 @@ import re
 import threading
 import time
 from collections.abc import Callable, Collection
-from functools import partial
+from functools import lru_cache, partial
 
 from bus import topics
 from bus.codec import decode, encode
@@ -78,9 +78,9 @@ class Speakers:
             return
         if len(answers) > 1:
             self._on_twice(name, " and ".join(_who(said) for said in answers.values()))
-        with self._changing:
-            for session in list(answers)[:1]:
-                self._sessions.setdefault(name, session)
+        elif answers:
+            with self._changing:
+                self._sessions[name] = next(iter(answers))
 
     def is_ours(self, heard: Heard) -> bool:
         """Whether a sample from outside this process was said by one of the cell's nodes, on a key that nodes speak on.
@@ -97,7 +97,7 @@ class Speakers:
             if is_new and is_known:
                 self._strangers.add((heard.source, heard.key))
         if is_new and is_known:
-            self._on_stranger(heard)
+            self._bus.lane(_LANE).post(partial(self._on_stranger, heard))
         return False
 
     def _is_nodes(self, heard: Heard) -> bool:
@@ -111,11 +111,12 @@ class Speakers:
             is_due = time.monotonic() - self._asked_s > _AGAIN_S
             if is_due:
                 self._asked_s = time.monotonic()
-        if is_due:
+        if is_due and self._bus.lane(_LANE).is_idle():
             for name in self._names:
                 self._bus.lane(_LANE).post(partial(self._learn, name))
 
 
+@lru_cache(maxsize=256)
 def topic_of(key: str) -> Topic | None:
     """The published topic of a key below the cell's root; None for one that is not of the table."""
     return next((topic for pattern, topic in _PATTERNS if pattern.fullmatch(key)), None)

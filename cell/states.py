@@ -60,6 +60,9 @@ PAUSES = PAUSING | {State.HELD, State.SUSPENDED} | GOING_ON
 BEGINNING = frozenset({State.RESETTING, State.STARTING, State.CLEARING})
 """What begins anew: not while something that was stopped still runs."""
 
+ENDING = frozenset({"stop", "abort", "hold", "suspend"})
+"""Commands that bring to rest what moves."""
+
 _UNSTOPPABLE = {State.STOPPING, State.STOPPED, State.CLEARING, State.ABORTING, State.ABORTED}
 _ABORT_FROM = set(State) - {State.ABORTING, State.ABORTED}
 

@@ -35,6 +35,7 @@ from cell.client import SETTLED, Client
 from cell.drawing import console
 from cell.printing import out
 from cell.signals import on_end
+from cell.states import ENDING
 from cell.watch_view import HISTORY, KEYS, QUIT, Model, view
 from config.schema import Station
 from logs.index import read_result
@@ -161,7 +162,9 @@ class Watcher:
         verb = KEYS.get(key)
         if verb is not None:
             self.model = self.model.noting(f"{verb} ...", time.monotonic())
-            self._commands.append((verb, self._pool.submit(self._commander.command, verb)))
+            # what brings to rest waits for no other command
+            send = self._cell.command if verb in ENDING else self._commander.command
+            self._commands.append((verb, self._pool.submit(send, verb)))
 
     def turn(self) -> None:
         """Take what was said and answered since the last turn. Raises: nothing a cell does."""
