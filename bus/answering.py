@@ -25,7 +25,7 @@ _REMEMBERED, _NUMBERS = 4, 1024
 
 
 class Answers:
-    """What a device was asked and answered on one topic: a question that is asked again is answered again, and acts once."""
+    """What a device answered on one topic: a question that is asked again is answered again, and acts once."""
 
     def __init__(self) -> None:
         self._by_question: OrderedDict[tuple[str, int], Sequence[Heard]] = OrderedDict()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import mmap
 import os
 
 from benchmarks.growth import Growth
@@ -18,12 +19,13 @@ def test_a_process_that_stays_as_it_is_has_not_grown() -> None:
 
 def test_memory_and_files_that_are_kept_are_growth() -> None:
     growth = Growth()
-    kept: list[bytes] = []
+    kept: list[mmap.mmap] = []  # pages of their own: the heap of a long test run has room
     files: list[int] = []
     for number in range(60):
         growth.look(os.getpid(), None)
         if number >= 40:
-            kept.append(os.urandom(1_000_000))
+            kept.append(mmap.mmap(-1, 1_000_000))
+            kept[-1].write(os.urandom(1_000_000))
             files.append(os.dup(2))
     for file in files:
         os.close(file)
