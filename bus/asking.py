@@ -18,7 +18,7 @@ from bus.topics import encoding_of
 AS_ERROR = encoding_of(ErrorReply)  # a timeout is not: Zenoh itself says it
 _ROUTES_S, _AGAIN_S = 1.0, 0.002
 _OTHERS_S = 2.0
-"""Who serves a key alone ends its replies with the last; one that is frozen just then is gone after its lease of 1 s."""
+"""Who serves a key alone ends its replies with the last; one that is frozen just then is gone after its lease (1 s)."""
 
 
 class Signed(NamedTuple):
