@@ -15,13 +15,18 @@ _UNTYPED = frozenset({"zenoh/bytes", "zenoh/string", "zenoh/serialized", "applic
 """What programs send that set no encoding of ours: the payload itself must then be what is asked."""
 
 
+def source_of(said: zenoh.Query | zenoh.Sample) -> str:
+    """The session that a question or a sample names as its own; "" when it names none."""
+    return str(said.source_info.source_id.zid) if said.source_info is not None else ""
+
+
 def is_sealed(said: zenoh.Query | zenoh.Sample, seal: Seal | None) -> bool:
     """Whether the session that a question or a sample names holds our secret."""
     source, attached = said.source_info, said.attachment
     if seal is None or source is None or attached is None:
         return False
     payload = said.payload.to_bytes() if said.payload is not None else b""
-    return seal.fits(attached.to_bytes(), str(said.key_expr), str(source.source_id.zid), source.source_sn, payload)
+    return seal.fits(attached.to_bytes(), str(said.key_expr), source_of(said), source.source_sn, payload)
 
 
 def asked(query: zenoh.Query, seal: Seal | None) -> Asked:
@@ -34,7 +39,7 @@ def asked(query: zenoh.Query, seal: Seal | None) -> Asked:
         encoding=str(query.encoding or ""),
         has_payload=query.payload is not None and len(query.payload) > 0,
         takes_any_key=query.accepts_replies() == zenoh.ReplyKeyExpr.ANY,
-        source=str(source.source_id.zid) if source is not None else "",
+        source=source_of(query),
         number=source.source_sn if source is not None else 0,
         is_sealed=is_sealed(query, seal),
         received_s=time.monotonic(),

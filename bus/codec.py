@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, TypeVar
 from pydantic import ValidationError
 
 from bus import topics
-from bus.commands import BusSchema, TopicSchema
+from bus.commands import BusSchema, Health, TopicSchema
 from bus.errors import BadPayload
 from bus.frozen import Message
 from bus.lazy import LazyModule
@@ -65,6 +65,14 @@ def schema_of(encoding: str) -> Schema:
     if encoding.startswith("application/protobuf"):
         return Schema(name, "protobuf", mcap_schema.build_file_descriptor_set(payload_type).SerializeToString())
     return Schema(name, "jsonschema", json.dumps(payload_type.model_json_schema()).encode())
+
+
+def process_in_words(health: bytes) -> str:
+    """Which process a node's encoded health is of, for a person."""
+    try:
+        return f"process {decode(Health, health).pid}"
+    except BadPayload:
+        return "a process that does not say which"
 
 
 def bus_schema() -> BusSchema:

@@ -21,7 +21,7 @@ import zenoh
 
 from bus import topics
 from bus.answering import Answers, payload_of, refuse, reply_to
-from bus.asked import asked, is_sealed, refusal
+from bus.asked import asked, is_sealed, refusal, source_of
 from bus.asking import Signed, heard_in, replies_to
 from bus.codec import decode, encode
 from bus.errors import BadPayload, BusError, CellUnreachable, NoReply, PortOccupied, Refused
@@ -186,9 +186,8 @@ class Bus:
             if len(sample.payload) > MAX_PAYLOAD_BYTES:
                 _log.warning("%s: %d bytes are too many; not heard", sample.key_expr, len(sample.payload))
                 return
-            source = str(sample.source_info.source_id.zid) if sample.source_info is not None else ""
             key, payload, sealed = self._short(sample.key_expr), sample.payload.to_bytes(), is_sealed(sample, self.seal)
-            callback(Heard(key, str(sample.encoding), payload, source, sealed))
+            callback(Heard(key, str(sample.encoding), payload, source_of(sample), sealed))
 
         origin = zenoh.Locality.ANY if own else zenoh.Locality.REMOTE
         self._declared.append(self._session.declare_subscriber(f"{self._root}{pattern}", hear, allowed_origin=origin))

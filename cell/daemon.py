@@ -90,7 +90,8 @@ class Daemon:
             self._disk.under if self._disk is not None else plain,
         )
         self._watch = Watch(station, self._on_lost, restarts)
-        self._leases = Leases(self._on_lease_lost, station.silence_s, LOOK_PERIOD_S)
+        self._control = Control(self._works, self.voice, station.retry)
+        self._leases = Leases(self._control.lose_lease, station.silence_s, LOOK_PERIOD_S)
         self._watchdog = Watchdog(
             station, self._watch, partial(self.voice.say, topics.HEALTH), end_frozen, self._leases.look, self.health
         )
@@ -99,7 +100,6 @@ class Daemon:
         self._results: OrderedDict[str, CycleResult] = OrderedDict()
         self._defects: tuple[str, ...] = ()
         self._said_s = -TURN_S
-        self._control = Control(self._works, self.voice, station.retry)
         self.machine = Machine(
             self._works_by_state(), self._control.enter, self._control.accept, on_turn=self._say_heartbeat
         )
@@ -230,9 +230,6 @@ class Daemon:
         except BadPayload:
             return "command-refused"
         return "command-awaited" if self._leases.must_wait(asked.verb, client_id) else "command"
-
-    def _on_lease_lost(self, client_id: str, why: str) -> None:
-        self._control.lose_lease(client_id, why)
 
     def _on_result_asked(self, payload: bytes, _asked: Asked) -> Message:
         cycle_id = decode(ResultRequest, payload).cycle_id

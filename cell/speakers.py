@@ -12,9 +12,9 @@ from collections.abc import Callable, Collection
 from functools import lru_cache, partial
 
 from bus import topics
-from bus.codec import decode, encode
-from bus.commands import Health, Stranger
-from bus.errors import BadPayload, BusError
+from bus.codec import encode, process_in_words
+from bus.commands import Stranger
+from bus.errors import BusError
 from bus.heard import Heard
 from bus.session import Bus
 from bus.topics import Topic, encoding_of
@@ -77,7 +77,7 @@ class Speakers:
         except BusError:  # closing, or nobody answers: asked again when it speaks
             return
         if len(answers) > 1:
-            self._on_twice(name, " and ".join(_who(said) for said in answers.values()))
+            self._on_twice(name, " and ".join(process_in_words(said) for said in answers.values()))
         elif answers:
             with self._changing:
                 self._sessions[name] = next(iter(answers))
@@ -126,10 +126,3 @@ def strange(heard: Heard) -> Heard:
     """A stranger's sample as it is recorded: on a channel of its own."""
     kept = Stranger(key=heard.key, encoding=heard.encoding, source=heard.source, payload=heard.payload[:_KEPT_BYTES])
     return Heard(topics.STRANGER.key, encoding_of(Stranger), encode(kept))
-
-
-def _who(payload: bytes) -> str:
-    try:
-        return f"process {decode(Health, payload).pid}"
-    except BadPayload:
-        return "a process that does not say which"

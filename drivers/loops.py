@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import threading
 import time
-from collections import deque
 from collections.abc import Callable
 
 from bus.commands import LoopHealth
 from bus.errors import BusError, CellError
 from bus.threads import OwnedThread, Role
-
-_RATE_WINDOW_S = 2.0
+from drivers.rate import Rate
 
 
 class Loop:
@@ -33,7 +31,7 @@ class Loop:
     ) -> None:
         self.name = name
         self._period_s, self._act, self._on_fault, self._on_end = period_s, act, on_fault, on_end
-        self._rounds: deque[float] = deque()  # when those of the window were done
+        self._rounds = Rate()
         self._missed = 0
         self._fault = ""
         self._changing = threading.Lock()
@@ -43,8 +41,7 @@ class Loop:
     def health(self) -> LoopHealth:
         """Asked from another thread: a loop that hangs reports so by its rate."""
         with self._changing:
-            self._forget(time.monotonic())
-            rate_hz = len(self._rounds) / _RATE_WINDOW_S
+            rate_hz = self._rounds.hz(time.monotonic())
             return LoopHealth(rate_hz=rate_hz, target_hz=1.0 / self._period_s, missed=self._missed, fault=self._fault)
 
     def close(self, patience_s: float = 1.0) -> None:
@@ -73,11 +70,5 @@ class Loop:
                     self._missed += late
 
     def _count(self) -> None:
-        now_s = time.monotonic()
         with self._changing:
-            self._rounds.append(now_s)
-            self._forget(now_s)
-
-    def _forget(self, now_s: float) -> None:
-        while self._rounds and self._rounds[0] < now_s - _RATE_WINDOW_S:
-            self._rounds.popleft()
+            self._rounds.count(time.monotonic())

@@ -14,9 +14,9 @@ from contextlib import contextmanager, suppress
 from typing import TypeVar
 
 from bus import topics
-from bus.codec import decode
+from bus.codec import decode, process_in_words
 from bus.commands import Event, HandGrasp, HandMove, Health, Nothing, PresentRequest
-from bus.errors import BadPayload, BusError, CellError, DriverUnavailable
+from bus.errors import BusError, CellError, DriverUnavailable
 from bus.faulty import FaultyBus, Spoilable, answer_faults
 from bus.frozen import Message
 from bus.heard import Asked, Heard
@@ -121,7 +121,7 @@ class Node:
         return {session: health for session, health in answers.items() if session != self._bus.source}
 
     def _taken(self, others: dict[str, bytes]) -> DriverUnavailable:
-        who = " and ".join(map(_process, others.values())) or "a process that does not answer"
+        who = " and ".join(map(process_in_words, others.values())) or "a process that does not answer"
         return DriverUnavailable(
             f"There is a node {self._name!r} already: {who}.",
             'End it first, or give this one a name of its own. A node with run = "here" is started by `cell start`.',
@@ -311,10 +311,3 @@ class Node:
         """Nobody can stop the arm any more: it stops itself."""
         if self._arm is not None:
             self._arm.stop()
-
-
-def _process(health: bytes) -> str:
-    try:
-        return f"process {decode(Health, health).pid}"
-    except BadPayload:
-        return "a process that does not say which"
