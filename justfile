@@ -29,7 +29,7 @@ stand-ins: setup
 
 # Run one pick of the lab's drivers against stand-ins of its devices; more arguments go to `cell start`
 stand-in *args: stand-ins
-    uv run python -m tests.stand_ins.cell --cycles 1 "$@"
+    uv run python -m stand_ins.cell --cycles 1 "$@"
 
 # Run the tests; more arguments go to pytest
 test *args: setup
@@ -78,4 +78,4 @@ lock:
         uv pip compile --quiet --universal --generate-hashes --no-emit-index-url --no-annotate --no-header \
         --python-version 3.11 --upgrade --constraint requirements.lock - --output-file requirements-hardware.lock
     echo franka-sim | uv pip compile --quiet --universal --generate-hashes --no-emit-index-url --no-annotate --no-header \
-        --python-version 3.11 --upgrade - --output-file tests/stand_ins/franka_sim.lock
+        --python-version 3.11 --upgrade - --output-file stand_ins/franka_sim.lock

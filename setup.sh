@@ -78,7 +78,7 @@ fi
 
 # --- for the tests of the real drivers: the vendors' SDKs, and franka-sim, whose pins need an environment of its own -------
 stamp=.venv/.hardware
-wanted="$(cat requirements-hardware.lock tests/stand_ins/franka_sim.lock | sha256sum | cut -d' ' -f1)"
+wanted="$(cat requirements-hardware.lock stand_ins/franka_sim.lock | sha256sum | cut -d' ' -f1)"
 if [ "$(cat "$stamp" 2>/dev/null || true)" != "$wanted" ] || [ ! -x .venv-franka-sim/bin/python ]; then
     trust_system_certificates
     say "installing the SDKs of the FR3 and the Femto Mega into .venv, and franka-sim into .venv-franka-sim"
@@ -86,7 +86,7 @@ if [ "$(cat "$stamp" 2>/dev/null || true)" != "$wanted" ] || [ ! -x .venv-franka
         fail "the SDKs cannot be installed here"
     rm -rf .venv-franka-sim
     uv venv --quiet --python '>=3.10,<3.13' .venv-franka-sim || fail "franka-sim needs Python 3.10 to 3.12"
-    uv pip sync --quiet --python .venv-franka-sim --require-hashes tests/stand_ins/franka_sim.lock ||
+    uv pip sync --quiet --python .venv-franka-sim --require-hashes stand_ins/franka_sim.lock ||
         fail "franka-sim cannot be installed here"
     printf '%s\n' "$wanted" >"$stamp"
 fi

@@ -33,8 +33,8 @@ from bus.commands import CommandRequest
 from bus.errors import CellError
 from bus.messages import CycleResult
 from cell.build import running_cell
-from cell.console import Screen
-from cell.machine import refuse
+from cell.cli.console import Screen
+from cell.machine.owner import refuse
 from config.load import load_station
 
 _ENDS_THE_RUN = ("EMPTY", "ABORTED")

@@ -22,7 +22,7 @@ from bus.errors import CycleFailure
 from bus.messages import Alignment
 from perception.align import ALIGNERS, align
 from perception.align.base import Array, Shape, nearest
-from perception.lift import project, transform
+from perception.geometry.lift import project, transform
 
 _MAX_ANGLE_DEG, _MAX_OFF = 15.0, 0.10
 _TILE_PX, _MARGIN_PX = 220, 12

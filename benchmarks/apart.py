@@ -45,7 +45,7 @@ class Apart:
         return reply
 
     def objects_left(self) -> int | None:
-        """As `cell.daemon.Daemon.objects_left`."""
+        """As `cell.daemon.daemon.Daemon.objects_left`."""
         left: int | None = self._ask("objects_left")
         return left
 

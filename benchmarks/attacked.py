@@ -15,8 +15,8 @@ from bus.errors import BusError, CellError
 from bus.messages import CycleResult
 from bus.session import Bus
 from cell import client
-from cell.daemon import Daemon
-from cell.machine import refuse
+from cell.daemon.daemon import Daemon
+from cell.machine.owner import refuse
 from config.schema import Station
 from drivers.remote import remote_devices
 

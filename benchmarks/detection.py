@@ -18,7 +18,7 @@ from bus.messages import ArmMode, ArmState, Detections, Frame, ModelReply, Obser
 from config.load import load_station
 from perception.align.base import Array
 from perception.detector import detect
-from perception.lift import inverse, transform
+from perception.geometry.lift import inverse, transform
 from perception.models import open_models
 
 _DEPTH_NOISE_M = 0.001

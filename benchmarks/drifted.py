@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.scenes import CAMERA, Picture, Scene, render, scenes
 from perception.align.base import Array, Shape, affine
-from perception.lift import lift_pixels, project, transform
+from perception.geometry.lift import lift_pixels, project, transform
 
 _DEPTH_NOISE = 0.002
 _BLUR_PX = (1.0, 2.5)

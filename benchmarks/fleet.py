@@ -15,7 +15,7 @@ import zenoh
 from bus import topics
 from bus.codec import decode
 from bus.commands import CellHealth, CellState, Nothing
-from bus.heard import Heard
+from bus.sample import Heard
 from bus.secured import session_config
 from bus.session import Bus
 

@@ -24,7 +24,7 @@ from bus.errors import BadPayload, CellError
 from bus.messages import ArmMode, ArmState, CycleResult, HandState
 from bus.topics import Topic, encoding_of
 from bus.wire import arm_q_rad, arm_state_to_wire, transforms_to_wire
-from logs.reader import read_cycle
+from logs.mcap.reader import read_cycle
 
 FORGED = "forged by a stranger"
 NODE = "sim"

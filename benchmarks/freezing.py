@@ -31,7 +31,7 @@ from bus.messages import PickPlan
 from cell import client
 from config.load import load_station
 from config.schema import Station
-from logs.reader import read_cycle
+from logs.mcap.reader import read_cycle
 
 TRIGGERS = ("daemon_frozen", "client_frozen")
 _NODE = "sim"

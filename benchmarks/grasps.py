@@ -11,21 +11,21 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from benchmarks.baselines.color_only import segment_by_color
+from benchmarks.baselines.flat import flat_rectangle, flat_subject
+from benchmarks.datasets.cornell import read_cornell
+from benchmarks.datasets.jacquard import read_jacquard
+from benchmarks.datasets.sample import Sample
 from benchmarks.sheet import write_sheet
 from bus.errors import CycleFailure
 from bus.messages import Rectangle
 from config.load import load_station
 from config.schema import Station
-from perception.color_only import segment_by_color
 from perception.detector import grasps_of, propose, unsaid
-from perception.flat import flat_rectangle, flat_subject
-from perception.imagine import Conversation
+from perception.goal.imagine import Conversation
 from perception.models import open_models
-from perception.rectangles.cornell import read_cornell
-from perception.rectangles.jacquard import read_jacquard
 from perception.rectangles.metric import MAX_APART_RAD, MIN_IOU, angle_apart_rad, any_match, corners, iou
 from perception.rectangles.network import GraspNetwork
-from perception.rectangles.sample import Sample
 
 _TILE_PX, _COLUMNS = 240, 6
 

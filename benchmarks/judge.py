@@ -16,7 +16,7 @@ from toppra.constraint import DiscretizationType, JointAccelerationConstraint
 from benchmarks.picks import Problem
 from bus.trajectory import TICK_S, Trajectory
 from config.limits import ACCELERATION_RAD_S2
-from drivers.stream import Stream
+from drivers.motion.stream import Stream
 from planning.robot import Robot
 from planning.timing import PositionDependentVelocity
 

@@ -17,12 +17,12 @@ from benchmarks.openness import trouble
 from benchmarks.started import cell_started
 from benchmarks.stopping import make_idle
 from bus.errors import BusError, RecordingError, Refused
-from bus.heard import Heard
+from bus.sample import Heard
 from bus.session import Bus
 from cell import client
-from cell.stages import STAGES
+from cell.replay.stages import STAGES
 from config.load import load_station
-from logs.reader import read_cycle
+from logs.mcap.reader import read_cycle
 
 _LATEST_S = 9.0
 """From the first command: the reset, the pick, and some time after."""

@@ -25,10 +25,10 @@ from config.schema import Station
 from perception.detector import detect
 from perception.models import Models, open_models
 from perception.rectangles.metric import matches
-from tests.stand_ins import drift
-from tests.stand_ins.drift import Drift
-from tests.stand_ins.model_server import ModelServer
-from tests.stand_ins.painter import paint, say
+from stand_ins import drift
+from stand_ins.drift import Drift
+from stand_ins.model_server import ModelServer
+from stand_ins.painter import paint, say
 
 Drifts = Drift | Callable[[int], Drift]
 _ROUND, _SQUARE = {"ball", "can", "bowl", "tape"}, {"cube"}

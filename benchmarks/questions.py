@@ -17,7 +17,7 @@ from bus.errors import BadPayload
 from bus.frozen import Message
 from bus.topics import encoding_of
 from bus.trajectory import Trajectory
-from cell.states import COMMANDS
+from cell.machine.states import COMMANDS
 
 _MOVING = ("reset", "start", "pick", "unhold", "unsuspend")
 _NODE_KEYS = tuple(topic.key for topic in (topics.ARM_EXECUTE, topics.HAND_MOVE, topics.HAND_GRASP))

@@ -18,14 +18,14 @@ from mcap.reader import make_reader
 
 from bus import topics
 from bus.codec import schema_of
-from bus.heard import Heard
 from bus.messages import ArmMode, ArmState
+from bus.sample import Heard
 from bus.topics import encoding_of
 from bus.wire import arm_state_to_wire, frame_to_wire
-from cell.cyclelog import CycleLog
+from cell.pick.record import CycleLog
 from config.load import load_station
-from drivers.registry import open_devices
-from logs.recorder import Recorder
+from drivers.node.registry import open_devices
+from logs.mcap.recorder import Recorder
 
 CAMERA_HZ, JOINTS_HZ = 30, 100
 _PATIENCE_S = 30.0

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from benchmarks.shapes import Object, catalogue
 from bus.messages import CameraModel
 from perception.align.base import Array, Mask, affine
-from perception.lift import inverse, lift_pixels, project, transform
+from perception.geometry.lift import inverse, lift_pixels, project, transform
 
 CAMERA = CameraModel(width=640, height=576, fx=504.0, fy=504.0, cx=319.5, cy=287.5)
 

@@ -25,13 +25,13 @@ from benchmarks.growth import Grown, Growth
 from benchmarks.trials import Outcome, Trial, explains, is_logged, rows_of, trials
 from bus.commands import CommandRequest, Health, NodeHealth
 from bus.errors import BusError, RecordingError, Refused
-from bus.faults import PARTS, Fault
+from bus.injection import PARTS, Fault
 from bus.messages import CycleResult
 from cell import client
-from cell.machine import refuse
+from cell.machine.owner import refuse
 from config.load import load_station
 from config.schema import Station
-from logs.recorder import PART
+from logs.mcap.recorder import PART
 
 NODE = "sim"
 _DELAY_S = {"disk": 0.005}

@@ -31,14 +31,14 @@ from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
 from benchmarks.openness import trouble
 from bus import topics
 from bus.frozen import Message
-from bus.heard import Heard
 from bus.messages import CycleResult, Execution, PickPlan, StageRecord
+from bus.sample import Heard
 from bus.session import Bus
 from bus.topics import Topic
 from bus.trajectory import TICK_S
 from cell import client
 from cell.build import running_cell
-from cell.daemon import Daemon
+from cell.daemon.daemon import Daemon
 from config.load import load_station
 from config.schema import Station
 

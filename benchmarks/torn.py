@@ -23,12 +23,12 @@ from bus import topics
 from bus.codec import encode
 from bus.commands import CellState
 from bus.errors import RecordingError
-from bus.heard import Heard
 from bus.messages import HandState
+from bus.sample import Heard
 from bus.topics import encoding_of
-from cell.cyclelog import CycleLog
-from logs.recorder import Recorder
-from logs.recover import recover
+from cell.pick.record import CycleLog
+from logs.mcap.recorder import Recorder
+from logs.mcap.recover import recover
 
 _PATIENCE_S = 30.0
 _LONGEST_S = 0.5

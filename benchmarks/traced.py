@@ -1,6 +1,6 @@
 """A node of a simulated cell whose arm's states come over a pipe as well: no frozen hub keeps them back.
 
-It is a `drivers.node.Node` like any other; its cell has ``nodes.NAME.run = "elsewhere"``.
+It is a `drivers.node.node.Node` like any other; its cell has ``nodes.NAME.run = "elsewhere"``.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ import numpy as np
 
 from benchmarks.stopping import Moment
 from bus.session import Bus
-from cell.memory import settled, share_arenas
+from cell.nodes.process import settled, share_arenas
 from config.load import load_station
-from drivers.node import Node
-from drivers.registry import open_devices
+from drivers.node.node import Node
+from drivers.node.registry import open_devices
 
 _PERIOD_S = 0.01
 _READY = "ready\n"

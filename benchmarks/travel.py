@@ -22,8 +22,8 @@ import zenoh
 from bus import topics
 from bus.codec import decode, encode
 from bus.commands import CommandReply, CommandRequest, Nothing
-from bus.heard import Heard
 from bus.messages import CameraModel, Frame
+from bus.sample import Heard
 from bus.secured import session_config
 from bus.session import Bus
 from bus.topics import encoding_of

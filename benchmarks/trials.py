@@ -1,7 +1,7 @@
 """What the soak tries, and what may come of it.
 
-The first trials walk through every row of `cell.faults`; then parts, words and moments are drawn at random, and every
-fourth has no fault.
+The first trials walk through every row of `cell.daemon.fault_table`; then parts, words and moments are drawn at
+random, and every fourth has no fault.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from benchmarks.openness import trouble
 from bus.codes import Code
 from bus.errors import RecordingError
 from bus.messages import CycleResult
-from cell.faults import PICK_CODES, ROWS, Row
-from logs.reader import read_cycle
-from logs.recorder import PART
-from logs.salvage import Salvage
+from cell.daemon.fault_table import PICK_CODES, ROWS, Row
+from logs.mcap.reader import read_cycle
+from logs.mcap.recorder import PART
+from logs.mcap.torn_reader import Salvage
 
 MOMENTS = ("begin", "capture", "detect", "plan", "execute", "verify", "deliver")
 _WITHOUT_FAULT = 0.25

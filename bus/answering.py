@@ -12,8 +12,8 @@ from bus.codec import encode
 from bus.commands import ErrorReply
 from bus.errors import BadPayload, CellError, Refused
 from bus.frozen import Message
-from bus.heard import Asked, Handler, Heard, Tap
 from bus.remote_errors import error_reply
+from bus.sample import Asked, Handler, Heard, Tap
 from bus.secured import MAX_PAYLOAD_BYTES
 from bus.topics import Topic, encoding_of
 

@@ -11,8 +11,8 @@ import zenoh
 from bus.codec import decode
 from bus.commands import ErrorReply
 from bus.errors import BusError, CellError, ReplyTimeout, TwoAnswers
-from bus.heard import Heard, Tap
 from bus.remote_errors import error_from_reply
+from bus.sample import Heard, Tap
 from bus.topics import encoding_of
 
 AS_ERROR = encoding_of(ErrorReply)  # a timeout is not: Zenoh itself says it

@@ -21,7 +21,7 @@ class CommandRequest(Message):
     Attributes:
         command_id: chosen by the client; the same id sent twice acts once.
         client_id: who asks: a chunk of a Zenoh key; what moves the arm needs its liveliness token ``lease/{client_id}``
-            (`cell.leases`).
+            (`cell.machine.leases`).
         cycles: ``start`` only: how many picks.
         until_empty: ``start`` only, instead of ``cycles``: until a pick finds nothing, or three in a row failed.
         object: ``pick`` in simulation only: name of the object to present; None = the next one.

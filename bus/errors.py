@@ -28,12 +28,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from bus.codes import ADVICE, Code
-
-if TYPE_CHECKING:
-    from bus.messages import Rejection
+from bus.rejection import Rejection
 
 
 class CellError(Exception):

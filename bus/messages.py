@@ -14,6 +14,7 @@ from bus.arrays import Blob, ColorImage, DepthImage, Joints, JointSamples, Mask,
 from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.frozen import Message
+from bus.rejection import Rejection
 from bus.trajectory import Trajectory
 
 # --- camera -----------------------------------------------------------------------------------------------------------
@@ -293,15 +294,6 @@ class Segment(Message):
     trajectory: Trajectory
 
 
-class Rejection(Message):
-    """A way to grasp that was not chosen, and why. ``tilt_rad``: as in `PickPlan`."""
-
-    grasp: int
-    tilt_rad: float
-    code: Code
-    reason: str
-
-
 class PickPlan(Message):
     """plan: the chosen grasp and every motion of the pick, each checked against limits and collisions.
 
@@ -372,7 +364,7 @@ ResultT = TypeVar("ResultT", bound=Message)
 
 
 class Attempt(Message):
-    """A cycle as it begins: the first try of a pick, or another one after it failed (`cell.retry`).
+    """A cycle as it begins: the first try of a pick, or another one after it failed (`cell.daemon.retry`).
 
     Attributes:
         number: 0 = the first. ``retry_of``: id of the cycle before, "" for the first.

@@ -3,7 +3,7 @@
 Rules this file keeps so that nobody else must (measured): loopback only unless `bus.secured` finds the way beyond it
 safe; every question is answered, errors included, because silence, absence and denial look alike; callbacks only
 enqueue; the encoding is always set, and so is the source; the session is closed on every path. What comes back of a
-question is in `bus.asking`, how one is answered in `bus.answering`, and who may ask what acts in `bus.asked`.
+question is in `bus.asking`, how one is answered in `bus.answering`, and who may ask what acts in `bus.access`.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from typing import Any, TypeVar
 import zenoh
 
 from bus import topics
+from bus.access import asked, is_sealed, refusal, source_of
 from bus.answering import Answers, payload_of, refuse, reply_to
-from bus.asked import asked, is_sealed, refusal, source_of
 from bus.asking import Signed, heard_in, replies_to
 from bus.codec import decode, encode
 from bus.errors import BadPayload, BusError, CellUnreachable, NoReply, PortOccupied, Refused
 from bus.frozen import Message
-from bus.heard import Asked, Handler, Heard, LaneOf, Tap
-from bus.lane import Lane
+from bus.sample import Asked, Handler, Heard, LaneOf, Tap
 from bus.seal import Seal
 from bus.secured import MAX_PAYLOAD_BYTES, is_loopback, session_config
 from bus.topics import Topic, encoding_of
+from bus.worker import Lane
 
 _log = logging.getLogger(__name__)
 
@@ -227,7 +227,7 @@ class Bus:
         """Answer questions on ``topic`` with ``handler(payload, asked)``, one at a time per ``lane`` (a thread).
 
         A ``lane`` that depends on the question keeps what is urgent from waiting for what is not. What is refused
-        unseen (`bus.asked`) waits for nothing.
+        unseen (`bus.access`) waits for nothing.
 
         The handler returns a message, or the payloads to reply with. A `CellError` it raises is sent back typed.
         """

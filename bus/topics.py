@@ -2,7 +2,7 @@
 
 Keys are below ``cell/{cell_id}/``. A *publish* topic carries ``says``; a *query* topic is asked with ``asks`` and
 answered with ``says``; *alive* topics are liveliness tokens without payload. A query that *acts* answers its exact key
-and its own payload only, and only who is named in its row (`bus.asked`); one that reads answers anybody.
+and its own payload only, and only who is named in its row (`bus.access`); one that reads answers anybody.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ from bus.commands import (
     ResultRequest,
     Stranger,
 )
-from bus.faults import FaultRequest
 from bus.foxglove import FoxgloveType
 from bus.frozen import Message
+from bus.injection import FaultRequest
 from bus.messages import (
     ArmState,
     Attempt,
@@ -71,7 +71,7 @@ class Topic:
         says: type of the published payload or of the answer.
         asks: type of the question.
         logged: recorded into the cycle's MCAP.
-        acts: for whom the answer is an act: ``client``, any program that names itself (`cell.leases` says which
+        acts: for whom the answer is an act: ``client``, any program that names itself (`cell.machine.leases` says which
             may), or ``cell``, the cell's own session. Empty: the answer only reads.
         speaker: who publishes it; what anybody else puts there is a stranger's.
     """
@@ -106,7 +106,7 @@ RESULT_NOW = Topic("cycle/result", "query", CycleResult, ResultRequest, logged=F
 
 MODEL_REPLY = Topic("model/reply", "publish", ModelReply)
 
-# The cycle as pictures, drawn from the stages' results (`logs.views`): any viewer of Foxglove's schemas shows them.
+# The cycle as pictures, drawn from the stages' results (`logs.live_views`), for any viewer of Foxglove's schemas.
 VIEW_COLOR = Topic("view/color", "publish", CompressedImage)
 VIEW_ANNOTATIONS = Topic("view/annotations", "publish", ImageAnnotations)
 VIEW_GOAL = Topic("view/goal", "publish", CompressedImage)

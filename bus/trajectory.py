@@ -1,8 +1,8 @@
 """A sampled joint trajectory: raw 1 kHz samples and the moving-average filter it is played through.
 
 The planner makes the raw samples (velocity and acceleration bounded); the moving average turns them into
-jerk-bounded ones (`|jerk| <= 2 a_max / (window dt)`). The player (`drivers.stream`) switches the *raw* stream and
-filters behind the switch, so that a stop or resume is as smooth as the motion itself.
+jerk-bounded ones (`|jerk| <= 2 a_max / (window dt)`). The player (`drivers.motion.stream`) switches the *raw* stream
+and filters behind the switch, so that a stop or resume is as smooth as the motion itself.
 """
 
 from __future__ import annotations

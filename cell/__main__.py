@@ -12,8 +12,8 @@ import sys
 import typer
 
 from bus.errors import CellError, ConfigError
-from cell.commands import command_line
-from cell.printing import err, log_plainly, out
+from cell.cli.commands import command_line
+from cell.terminal.printing import err, log_plainly, out
 
 _log = logging.getLogger("cell")
 _NOBODY_READS = (errno.EPIPE, errno.EIO)

@@ -11,16 +11,16 @@ from bus.errors import ConfigError
 from bus.secured import is_loopback
 from bus.session import Bus
 from bus.threads import handled_by
-from cell.daemon import Daemon
-from cell.memory import settled, share_arenas
-from cell.nodes import Supervisor
-from cell.retention import Retention
-from cell.robot_tf import RobotTf
-from cell.voice import Observer
+from cell.daemon.daemon import Daemon
+from cell.daemon.publisher import Observer
+from cell.daemon.retention import Retention
+from cell.daemon.robot_tf import RobotTf
+from cell.nodes.process import settled, share_arenas
+from cell.nodes.supervisor import Supervisor
 from config.schema import Station
-from drivers import registry
+from drivers.node import registry
 from drivers.remote import remote_devices
-from logs.recover import recover_leftovers
+from logs.mcap.recover import recover_leftovers
 from perception.models import open_models
 from planning.robot import Robot
 

@@ -18,13 +18,13 @@ from bus import topics
 from bus.codec import decode
 from bus.commands import CellHealth, CellState, CommandReply, CommandRequest, Heartbeat, Nothing, ResultRequest
 from bus.errors import BadPayload, BusError, CellUnreachable, NoReply, Refused, ReplyTimeout
-from bus.faults import Fault, FaultRequest, Part
-from bus.heard import Heard
+from bus.injection import Fault, FaultRequest, Part
 from bus.messages import CycleResult
+from bus.sample import Heard
 from bus.session import Bus
 from bus.threads import OwnedThread, Role
 from bus.topics import Topic
-from cell.leases import CELL_CLIENT, HEARTBEAT_S, NEEDS_LEASE, NEEDS_TOKEN
+from cell.machine.leases import CELL_CLIENT, HEARTBEAT_S, NEEDS_LEASE, NEEDS_TOKEN
 from config.schema import Station
 
 SETTLED = frozenset({"Stopped", "Idle", "Complete", "Aborted"})

@@ -34,8 +34,8 @@ from config.base import (
 )
 from config.bus import BusSettings
 from config.calibration import CalibrationSettings
-from config.faults import FaultSettings
 from config.hardware import FemtoMegaSettings, Fr3Settings, PandaHandSettings
+from config.injection import FaultSettings
 
 # Imported when a value is checked with them: what only says "stop" must not wait for them.
 numpy: Any = LazyModule("numpy")

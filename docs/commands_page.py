@@ -1,5 +1,5 @@
 """The whole command line, for ``just docs``."""
 
-from cell.commands import command_line
+from cell.cli.commands import command_line
 
 app = command_line()

@@ -1,10 +1,10 @@
-"""Writes docs/faults.md from the table in cell/faults.py: ``uv run python -m docs.faults_page``."""
+"""Writes docs/faults.md from the table in cell/daemon/fault_table.py: ``uv run python -m docs.faults_page``."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from cell.faults import ROWS, Row
+from cell.daemon.fault_table import ROWS, Row
 
 PAGE = Path(__file__).with_name("faults.md")
 
@@ -15,7 +15,7 @@ def page() -> str:
         [
             "# Faults",
             "",
-            "<!-- Written by docs/faults_page.py from cell/faults.py; do not edit. -->",
+            "<!-- Written by docs/faults_page.py from cell/daemon/fault_table.py; do not edit. -->",
             "",
             "What the cell does when a part of it misbehaves. Each row is a test, and `benchmarks soak` injects them",
             "at random. `off`: not there; `stuck`: nothing comes of what is asked; `garbage`: what cannot be; `wrong`:",

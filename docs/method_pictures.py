@@ -11,13 +11,13 @@ import numpy.typing as npt
 
 from bus.messages import Detections
 from config.load import station_from
-from logs.figures import annotated
-from logs.reader import read_cycle
-from perception.depth import register
-from perception.imagine import subject_of
-from perception.lift import project
-from perception.models.window import Window, decode_picture
-from perception.segment import segment
+from logs.mcap.reader import read_cycle
+from logs.report.figures import annotated
+from perception.geometry.depth import register
+from perception.geometry.lift import project
+from perception.geometry.window import Window, decode_picture
+from perception.goal.imagine import subject_of
+from perception.scene.segment import segment
 
 TILE_PX = 300
 FOLDER = Path(__file__).parent / "method"

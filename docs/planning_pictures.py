@@ -15,14 +15,14 @@ from bus.trajectory import TICK_S, Trajectory
 from config.limits import ACCELERATION_RAD_S2, velocity_bounds
 from config.load import station_from
 from config.schema import Station
+from drivers.motion.stream import Stream
 from drivers.sim.optics import FOVY_DEG, hand_from_cameras
 from drivers.sim.scene import ARM_JOINTS, compose
-from drivers.stream import Stream
-from logs.reader import CycleRecord, read_cycle
-from perception.surroundings import surroundings
+from logs.mcap.reader import CycleRecord, read_cycle
+from perception.scene.surroundings import surroundings
+from planning.height_field import CELL_M
 from planning.robot import Robot
 from planning.scene import Scene, Sight
-from planning.seen import CELL_M
 
 matplotlib.use("agg")
 from matplotlib import pyplot as plt

@@ -1,10 +1,10 @@
-"""Writes docs/states.md from the table in cell/states.py: ``uv run python -m docs.states_page``."""
+"""Writes docs/states.md from the table in cell/machine/states.py: ``uv run python -m docs.states_page``."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from cell.states import COMMANDS, NEXT, State, available
+from cell.machine.states import COMMANDS, NEXT, State, available
 
 PAGE = Path(__file__).with_name("states.md")
 _ALMOST_EVERYWHERE = 6
@@ -18,7 +18,7 @@ def page() -> str:
         [
             "# States and commands",
             "",
-            "<!-- Written by docs/states_page.py from cell/states.py; do not edit. -->",
+            "<!-- Written by docs/states_page.py from cell/machine/states.py; do not edit. -->",
             "",
             "PackML (ISA-TR88.00.02): 17 states, 9 commands, and `pick`, a start of one cycle. States that act",
             "end by themselves, and lead where the third column says; the others wait for a command. A command",

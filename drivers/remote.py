@@ -1,4 +1,4 @@
-"""Camera, Arm and Hand over the bus: the same protocols, served by a `drivers.node` elsewhere."""
+"""Camera, Arm and Hand over the bus: the same protocols, served by a `drivers.node.node` elsewhere."""
 
 from __future__ import annotations
 

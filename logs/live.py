@@ -21,7 +21,7 @@ from google.protobuf.message import DecodeError
 from bus import topics
 from bus.codec import schema_of
 from bus.errors import ConfigError
-from bus.heard import Heard
+from bus.sample import Heard
 from bus.session import Bus
 from bus.threads import OwnedThread, Role
 from bus.topics import encoding_of

@@ -14,22 +14,22 @@ from bus.messages import Alignment, Detections, Drift, Evidence, Grasp, ModelRep
 from config.schema import Station
 from perception.align import align
 from perception.align.base import Shape
-from perception.crop import Crop
-from perception.depth import Rgbd, register
-from perception.drift import measure, require_faithful
-from perception.drift import register as register_outlines
-from perception.goal import GoalParts, take_apart
-from perception.goal_depth import carried_depth, scaled_to_observed
-from perception.heightmap import MARGIN_M
-from perception.imagine import Conversation, Say, imagine, subject_of
-from perception.lift import lift, thin, transform
+from perception.geometry.crop import Crop
+from perception.geometry.depth import Rgbd, register
+from perception.geometry.lift import lift, thin, transform
+from perception.geometry.rod import fit_line, lift_run, rectangle, rod_depth, runs
+from perception.goal.depth import carried_depth, scaled_to_observed
+from perception.goal.drift import measure, require_faithful
+from perception.goal.drift import register as register_outlines
+from perception.goal.imagine import Conversation, Say, imagine, subject_of
+from perception.goal.parts import GoalParts, take_apart
+from perception.goal.target import choose
+from perception.grasps.rank import grasps_of_rod, rank
 from perception.models import Models
-from perception.models.base import GoalImage, Subject
-from perception.project import fit_line, lift_run, rectangle, rod_depth, runs
-from perception.rank import grasps_of_rod, rank
 from perception.rectangles.metric import matches
-from perception.segment import Scene, segment
-from perception.target import choose
+from perception.scene.heightmap import MARGIN_M
+from perception.scene.segment import Scene, segment
+from perception.subject import GoalImage, Subject
 
 Array = npt.NDArray[np.float64]
 

@@ -17,13 +17,14 @@ import numpy.typing as npt
 from bus.arrays import Joints, Transform
 from bus.codes import Code
 from bus.errors import CycleFailure
-from bus.messages import Grasp, PickPlan, Rejection, Segment
+from bus.messages import Grasp, PickPlan, Segment
+from bus.rejection import Rejection
 from config.limits import outside
 from planning.candidates import Approach, approaches, configurations, grasp_pose, is_like
 from planning.carry import steady, upright
 from planning.infeasible import Infeasible
-from planning.landing import Landing, above_tray, before_grasp, first_that_works, opening_m, shifted, ways
 from planning.motion import Way, connect, motion
+from planning.pregrasp import Landing, above_tray, before_grasp, first_that_works, opening_m, shifted, ways
 from planning.scene import Scene
 
 Array = npt.NDArray[np.float64]

@@ -19,8 +19,8 @@ from bus.arrays import Joints, JointSamples, Points, Transform
 from bus.cancel import Cancel
 from config.scene import scene_boxes
 from config.schema import Box, Station
+from planning.height_field import Field, few, observed_field, solid
 from planning.robot import HAND_FROM_TCP_M, Robot
-from planning.seen import Field, few, observed_field, solid
 from planning.world import FINGERS, Thing, Touch, World, held_thing
 
 Array = npt.NDArray[np.float64]

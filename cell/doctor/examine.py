@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from cell.doctor import arm, kernel, machine, reach
 from cell.doctor.finding import Check, Finding, Verdict
-from cell.printing import Printer
+from cell.terminal.printing import Printer
 from config.schema import Station
 
 CHECKS: tuple[Check, ...] = (

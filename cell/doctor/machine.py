@@ -18,8 +18,8 @@ from importlib.metadata import PackageNotFoundError, requires, version
 from bus.errors import RecordingError
 from cell.doctor.finding import Finding, fix, ok, skip
 from config.schema import Station
-from drivers import registry
-from logs.retention import Shelf, in_words
+from drivers.node import registry
+from logs.mcap.retention import Shelf, in_words
 
 _DISTRIBUTION = "vlad-cell"
 _NAMED = ("mujoco", "eclipse-zenoh", "pin", "numpy")

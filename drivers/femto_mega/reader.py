@@ -15,8 +15,8 @@ from bus.errors import DriverUnavailable
 from bus.threads import OwnedThread, Role
 from config.hardware import FemtoMegaSettings
 from drivers.femto_mega.clock import DeviceClock
+from drivers.femto_mega.exposure import Settled
 from drivers.femto_mega.session import UNREADABLE, Pair, Session, TornFrame
-from drivers.femto_mega.settled import Settled
 from drivers.rate import Rate
 
 _log = logging.getLogger(__name__)

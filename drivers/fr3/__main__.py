@@ -3,8 +3,8 @@
 import sys
 from multiprocessing.connection import Connection
 
-from drivers.fr3.block import Block
 from drivers.fr3.loop import serve
+from drivers.fr3.shared_state import Block
 
 if __name__ == "__main__":
     sys.exit(serve(Connection(int(sys.argv[1])), Block(int(sys.argv[2]))))

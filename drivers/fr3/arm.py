@@ -13,13 +13,13 @@ from bus.messages import ArmMode, ArmState, Motion
 from bus.trajectory import Trajectory
 from config.hardware import Fr3Settings
 from config.schema import Station
-from drivers.fr3.block import Snapshot, Want
-from drivers.fr3.faults import advice_of_mode, arm_mode
+from drivers.fr3.errors import advice_of_mode, arm_mode
 from drivers.fr3.loop import Request
 from drivers.fr3.player import Played
 from drivers.fr3.process import ControlProcess
+from drivers.fr3.shared_state import Snapshot, Want
 from drivers.interface import Devices
-from drivers.unmoved import unmoved
+from drivers.motion.unmoved import unmoved
 
 _log = logging.getLogger(__name__)
 

@@ -26,9 +26,9 @@ from bus.errors import CellError, DriverUnavailable, MotionRefused
 from bus.remote_errors import error_reply
 from bus.trajectory import TICK_S, Trajectory
 from config.hardware import Fr3Settings
-from drivers.fr3.block import Block
-from drivers.fr3.faults import connect_error, motion_error, raised_by
+from drivers.fr3.errors import connect_error, motion_error, raised_by
 from drivers.fr3.player import Played, Player
+from drivers.fr3.shared_state import Block
 
 _LOOK_TICKS = 50
 """How often a motion looks whether the driver is still there."""

@@ -10,8 +10,8 @@ import numpy as np
 from bus.arrays import Joints, JointSamples, Samples
 from bus.errors import MotionRefused
 from bus.trajectory import TICK_S, Trajectory
-from drivers.fr3.block import Block, Want
-from drivers.stream import Stream
+from drivers.fr3.shared_state import Block, Want
+from drivers.motion.stream import Stream
 
 _MEASURE_TICKS = 10
 _GENTLE_RAD_S2 = 0.05

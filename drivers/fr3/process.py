@@ -15,9 +15,9 @@ from bus.errors import DeviceLost, DriverError, DriverUnavailable
 from bus.remote_errors import error_from_reply
 from bus.threads import OwnedThread, Role
 from config.hardware import Fr3Settings
-from drivers.fr3.block import Block, Snapshot
 from drivers.fr3.loop import Request
 from drivers.fr3.player import Played
+from drivers.fr3.shared_state import Block, Snapshot
 
 _CONNECT_S = 20.0
 _STALE_S = 0.5

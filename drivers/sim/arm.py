@@ -10,10 +10,10 @@ from bus.arrays import Joints
 from bus.errors import ArmReflex, MotionRefused, NotConnected
 from bus.messages import ArmMode, ArmState, Motion
 from bus.trajectory import TICK_S, Trajectory
-from drivers.coast import coast
+from drivers.motion.brake import coast
+from drivers.motion.stream import Stream
+from drivers.motion.unmoved import unmoved
 from drivers.sim.world import World
-from drivers.stream import Stream
-from drivers.unmoved import unmoved
 
 _MEASURE_TICKS = 10
 _TORQUE_NOISE_NM = 0.02

@@ -7,8 +7,8 @@ from collections.abc import Callable
 
 from bus.errors import HandFault, NotConnected
 from bus.messages import HandState
+from drivers.motion.stops import Stops
 from drivers.sim.world import TICK_S, World
-from drivers.stops import Stops
 
 _MOVE_FORCE_N = 20.0
 _MAX_SPEED_M_S = 0.1

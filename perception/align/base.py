@@ -14,7 +14,7 @@ from bus.arrays import Transform
 from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.messages import CameraModel
-from perception.lift import few, lift, transform
+from perception.geometry.lift import few, lift, transform
 
 _MIN_POINTS = 30
 JUDGED_POINTS = 800

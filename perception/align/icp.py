@@ -6,7 +6,7 @@ import numpy as np
 
 from perception.align.base import Fit, Shape, rms_radius_m
 from perception.align.refine import Clouds, Pose
-from perception.lift import few
+from perception.geometry.lift import few
 
 _ITERATIONS = 40
 _POINTS = 500

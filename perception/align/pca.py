@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from perception.align.base import JUDGED_POINTS, Array, Fit, Shape, affine, nearest
-from perception.lift import few
+from perception.geometry.lift import few
 
 _PROPER_SIGNS = ((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1))
 _ALL_SIGNS = tuple(itertools.product((1, -1), repeat=3))

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from perception.align.base import Array, Mask, Shape
-from perception.lift import few
+from perception.geometry.lift import few
 
 _ANGLES = 36
 _CONTOUR_POINTS = 120

@@ -12,7 +12,7 @@ import numpy as np
 from perception.align.base import Array, Fit, Shape
 from perception.align.refine import Clouds, Pose
 from perception.align.silhouette import outline, silhouette_fits
-from perception.lift import few
+from perception.geometry.lift import few
 
 _STARTS = 4
 _FIRST, _THEN = 4, 8

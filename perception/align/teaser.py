@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 from bus.codes import Code
 from bus.errors import ConfigError, CycleFailure
 from perception.align.base import Array, Fit, Shape, affine, rms_radius_m
-from perception.lift import few
+from perception.geometry.lift import few
 
 PACKAGE = "teaserpp_python"
 _POINTS = 300

@@ -20,15 +20,15 @@ from config.schema import HostedSettings, Station
 from perception.models.base import GoalImageModel
 from perception.models.depth_pro import DepthPro
 from perception.models.exchange import Line
-from perception.models.faulty import FaultyModel
 from perception.models.geometric import GeometricModel
 from perception.models.hosted import HostedModel
+from perception.models.injection import FaultyModel
 from perception.models.network import NetworkModel
 from perception.models.purse import LEDGER, Purse
 from perception.models.recorded import RecordedModel, SpoiledModel
 from perception.models.sam import Sam
 from perception.models.way import Way
-from perception.segment import Scene
+from perception.scene.segment import Scene
 
 
 class _Provider(NamedTuple):

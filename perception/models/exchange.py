@@ -17,7 +17,7 @@ import httpx2
 from bus.codes import Code
 from bus.redaction import quoted
 from perception.models.deadline import Deadline
-from perception.models.fault import ModelFault
+from perception.models.errors import ModelFault
 
 _MAX_BYTES = 64 << 20
 """Of one answer, unpacked: the largest picture in base64 takes a third of it."""

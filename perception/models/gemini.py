@@ -12,10 +12,10 @@ from bus.codes import Code
 from bus.messages import Usage
 from bus.redaction import quoted
 from config.schema import HostedSettings
-from perception.models.base import Answer
+from perception.models.errors import ModelFault
 from perception.models.exchange import Line, Reply
-from perception.models.fault import ModelFault
 from perception.models.reply import entries, member, parsed, picture, raw, refused, unreadable, usage_of, words
+from perception.subject import Answer
 
 KEY_VARIABLE = "GEMINI_API_KEY"
 SERVER = "https://generativelanguage.googleapis.com"

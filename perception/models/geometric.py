@@ -14,11 +14,11 @@ from bus.cancel import Cancel
 from bus.codes import Code
 from bus.errors import CycleFailure
 from config.schema import Station
-from perception import antipodal
-from perception.antipodal import Closings
-from perception.lift import inverse, transform
-from perception.models.base import Answer, Subject
+from perception.geometry.lift import inverse, transform
+from perception.grasps import antipodal
+from perception.grasps.antipodal import Closings
 from perception.models.painter import paint
+from perception.subject import Answer, Subject
 
 _STICK_OUT_M = 0.035
 _COVER_M = 0.002

@@ -17,11 +17,11 @@ from bus.errors import CycleFailure
 from bus.messages import Usage
 from bus.redaction import redacted
 from config.schema import HostedSettings, PriceSettings
-from perception.models.base import Answer, Subject
+from perception.geometry.window import Window, encode_png
 from perception.models.calls import Call, GivenUp
-from perception.models.fault import ModelFault
+from perception.models.errors import ModelFault
 from perception.models.purse import Purse
-from perception.models.window import Window, encode_png
+from perception.subject import Answer, Subject
 
 _log = logging.getLogger(__name__)
 

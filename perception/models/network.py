@@ -9,10 +9,10 @@ import numpy.typing as npt
 
 from bus.cancel import Cancel
 from config.schema import Station
-from perception.lift import lift_pixels, transform
-from perception.models.base import Answer, Subject
+from perception.geometry.lift import lift_pixels, transform
 from perception.models.geometric import GeometricModel, axis_in_words
 from perception.rectangles.network import GraspNetwork
+from perception.subject import Answer, Subject
 
 
 class NetworkModel(GeometricModel):

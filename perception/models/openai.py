@@ -10,9 +10,8 @@ import openai
 from bus.codes import Code
 from bus.messages import Usage
 from config.schema import HostedSettings
-from perception.models.base import Answer
+from perception.models.errors import ModelFault
 from perception.models.exchange import Line, Reply
-from perception.models.fault import ModelFault
 from perception.models.reply import (
     entries,
     member,
@@ -25,6 +24,7 @@ from perception.models.reply import (
     usage_of,
     words,
 )
+from perception.subject import Answer
 
 KEY_VARIABLE = "OPENAI_API_KEY"
 SERVER = "https://api.openai.com/v1"

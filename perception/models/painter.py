@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from perception.lift import project
-from perception.models.base import GoalImage, Subject
+from perception.geometry.lift import project
+from perception.subject import GoalImage, Subject
 
 _HIDING_M = 0.003
 """A surface hides the rod also when it seems to lie this little behind it: depth is noisy."""

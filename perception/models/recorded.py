@@ -8,7 +8,8 @@ from typing import Any
 from bus.cancel import Cancel
 from bus.errors import CycleFailure, RecordingError
 from bus.messages import ModelReply
-from perception.models.base import Answer, GoalImageModel
+from perception.models.base import GoalImageModel
+from perception.subject import Answer
 
 
 class RecordedModel:
@@ -50,7 +51,7 @@ class RecordedModel:
 
 
 class SpoiledModel:
-    """An embedded model in a replay of a cycle in which it may have been spoiled (`perception.models.faulty`).
+    """An embedded model in a replay of a cycle in which it may have been spoiled (`perception.models.injection`).
 
     A recorded failure fails again, and a recorded picture - an embedded model's own is not recorded - is given back;
     whatever else was asked is computed anew.

@@ -15,8 +15,8 @@ from typing import Any
 from bus.codes import Code
 from bus.messages import Usage
 from bus.redaction import holds_secret, quoted, redacted
+from perception.models.errors import ModelFault
 from perception.models.exchange import Reply
-from perception.models.fault import ModelFault
 
 _BLOCKED = ("moderation_blocked", "content_policy_violation", "content_filter", "ResponsibleAIPolicyViolation")
 _OUT_OF_CREDIT = ("insufficient_quota", "billing_hard_limit_reached")

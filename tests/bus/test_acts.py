@@ -13,8 +13,8 @@ from bus import topics
 from bus.codec import bus_schema, encode
 from bus.commands import CommandReply, CommandRequest, ErrorReply, HandMove, Nothing
 from bus.errors import NoReply, Refused, TwoAnswers
-from bus.heard import Asked, Heard
 from bus.messages import HandState
+from bus.sample import Asked, Heard
 from bus.session import Bus
 from bus.topics import Topic, encoding_of
 

@@ -12,11 +12,11 @@ from bus import topics
 from bus.codec import decode
 from bus.commands import Nothing
 from bus.errors import BadPayload, BusError, NoReply, ReplyTimeout
-from bus.faults import Fault, FaultRequest
-from bus.faulty import FaultyBus, answer_faults
 from bus.frozen import Message
-from bus.heard import Heard
+from bus.injected import FaultyBus, answer_faults
+from bus.injection import Fault, FaultRequest
 from bus.messages import HandState
+from bus.sample import Heard
 from bus.session import Bus
 
 HAND = HandState(stamp_ns=1, width_m=0.04, is_moving=False, is_homed=True)

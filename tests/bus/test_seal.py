@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from bus import topics
 from bus.commands import ErrorReply, Heartbeat, Nothing
-from bus.heard import Heard
 from bus.messages import HandState
+from bus.sample import Heard
 from bus.seal import Seal
 from bus.session import Bus
 from bus.topics import encoding_of

@@ -21,8 +21,8 @@ from bus.errors import (
     Refused,
     ReplyTimeout,
 )
-from bus.heard import Asked, Heard
 from bus.messages import HandState
+from bus.sample import Asked, Heard
 from bus.session import Bus
 
 HAND = HandState(stamp_ns=1, width_m=0.04, is_moving=False, is_homed=True)

@@ -15,7 +15,7 @@ import pytest
 from bus.errors import BusError
 from cell import client
 from cell.__main__ import main
-from cell.signals import ENDING
+from cell.terminal.signals import ENDING
 from config.load import load_station
 from config.schema import Station
 

@@ -8,7 +8,7 @@ from pydantic import ValidationError
 from bus.codes import Code
 from bus.commands import CommandRequest
 from bus.messages import CycleResult
-from cell.batch import Batch
+from cell.daemon.batch import Batch
 
 UNTIL_EMPTY = CommandRequest(until_empty=True)
 

@@ -11,12 +11,12 @@ from bus import topics
 from bus.codec import encode
 from bus.commands import CellState
 from bus.errors import CellUnreachable
-from bus.heard import Heard
 from bus.messages import CycleResult
+from bus.sample import Heard
 from bus.session import Bus
 from bus.topics import Topic, encoding_of
 from cell.client import Client
-from cell.leases import CELL_CLIENT
+from cell.machine.leases import CELL_CLIENT
 
 CELL, STRANGER = "cell's own session", "another session"
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from cell import commands
+from cell.cli import commands
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -181,7 +181,7 @@ def test_a_file_that_nobody_may_read_is_no_defect(in_process: Run, monkeypatch: 
 # --- what is imported for it ------------------------------------------------------------------------------------------
 
 _HEAVY = {"numpy", "cv2", "scipy", "mujoco", "pinocchio", "google.protobuf", "mcap", "rich", "logs", "perception",
-          "planning", "drivers", "cell.daemon", "cell.cycle"}  # fmt: skip
+          "planning", "drivers", "cell.daemon.daemon", "cell.pick.cycle"}  # fmt: skip
 
 
 def _imported(source: str) -> set[str]:
@@ -192,7 +192,7 @@ def _imported(source: str) -> set[str]:
 
 @pytest.mark.parametrize("command", ["status", "stop", "reset", "pick", "run"])
 def test_an_operator_in_a_hurry_waits_for_no_import(command: str) -> None:
-    source = f"from cell.commands import command; import cell.__main__, config.load; command({command!r});"
+    source = f"from cell.cli.commands import command; import cell.__main__, config.load; command({command!r});"
     assert not _imported(f"{source} config.load.load_station()") & _HEAVY
 
 

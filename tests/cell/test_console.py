@@ -6,7 +6,7 @@ import pytest
 
 from bus import topics
 from bus.commands import CellState
-from cell.console import Screen
+from cell.cli.console import Screen
 
 
 def test_a_hold_shows_and_stages_that_go_on_under_it_do_not_repeat_it(capsys: pytest.CaptureFixture[str]) -> None:

@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 
 from bus.commands import CommandRequest
 from bus.messages import CycleResult
-from cell.control import Control
-from cell.gate import Gate
-from cell.machine import Machine
-from cell.states import PAUSES, State
-from cell.voice import Voice
-from cell.works import Works
+from cell.daemon.actions import Works
+from cell.daemon.control import Control
+from cell.daemon.publisher import Voice
+from cell.machine.gate import Gate
+from cell.machine.owner import Machine
+from cell.machine.states import PAUSES, State
 from config.schema import RetrySettings
 
 OPERATOR = CommandRequest(client_id="op")

@@ -15,13 +15,13 @@ from bus import topics
 from bus.codec import encode
 from bus.codes import Code
 from bus.errors import CycleFailure
-from bus.faults import Fault
-from bus.heard import Heard
+from bus.injection import Fault
 from bus.messages import HandState
+from bus.sample import Heard
 from bus.topics import encoding_of
-from cell.cyclelog import CycleLog
-from logs.faulty import FaultyDisk
-from logs.recorder import Recorder
+from cell.pick.record import CycleLog
+from logs.mcap.injection import FaultyDisk
+from logs.mcap.recorder import Recorder
 
 PATIENCE_S = 0.3
 HAND = Heard(
@@ -134,7 +134,7 @@ def test_a_slow_disk_is_waited_for(tmp_path: Path) -> None:
 
 
 def test_what_waits_for_a_slow_disk_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cell.cyclelog.BACKLOG_BYTES", 1000)
+    monkeypatch.setattr("cell.pick.record.BACKLOG_BYTES", 1000)
     bench = Bench(tmp_path, Fault.STUCK)
     for _ in range(100):
         bench.log.hear(HAND)

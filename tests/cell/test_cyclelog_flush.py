@@ -17,14 +17,14 @@ from bus.codec import encode
 from bus.codes import Code
 from bus.commands import CellState
 from bus.errors import CycleFailure
-from bus.heard import Heard
 from bus.messages import HandState, ModelReply
+from bus.sample import Heard
 from bus.topics import encoding_of
-from cell import cyclelog
-from cell.cyclelog import CycleLog
-from logs.reader import read_cycle
-from logs.recorder import Recorder
-from logs.recover import recover
+from cell.pick import record
+from cell.pick.record import CycleLog
+from logs.mcap.reader import read_cycle
+from logs.mcap.recorder import Recorder
+from logs.mcap.recover import recover
 
 HAND = Heard(
     topics.HAND_STATE.key,
@@ -102,7 +102,7 @@ def test_one_message_is_flushed_though_nothing_follows(bench: Bench) -> None:
 
 def test_every_state_is_flushed_at_once(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     assert bench.disk is not None
-    monkeypatch.setattr(cyclelog, "_GATHER_S", 60.0)
+    monkeypatch.setattr(record, "_GATHER_S", 60.0)
     for _ in range(3):
         bench.log.hear(HAND)
         bench.log.hear(STATE)
@@ -132,7 +132,7 @@ def test_a_disk_that_stands_still_fails_the_cycle_before_memory_does(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert bench.disk is not None
-    monkeypatch.setattr(cyclelog, "BACKLOG_BYTES", 10 * len(HAND.payload))
+    monkeypatch.setattr(record, "BACKLOG_BYTES", 10 * len(HAND.payload))
     bench.disk.goes_on.clear()
     for _ in range(12):
         bench.log.hear(HAND)

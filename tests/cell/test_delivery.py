@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from bus.messages import HandState
-from cell.verify import lost_on_the_way, opened_by_another
+from cell.pick.verify import lost_on_the_way, opened_by_another
 from config.load import load_station
 
 STATION = load_station()

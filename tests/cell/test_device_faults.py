@@ -11,15 +11,15 @@ import pytest
 
 from bus.codes import Code
 from bus.errors import CycleFailure, DeviceLost, StaleFrame
-from bus.faults import Fault
+from bus.injection import Fault
 from bus.messages import CycleResult, Frame
-from cell.capture import capture
-from cell.cycle import Equipment
-from cell.works import Works
+from cell.daemon.actions import Works
+from cell.pick.capture import capture
+from cell.pick.cycle import Equipment
 from config.load import load_station
-from drivers.faulty import FaultyArm, FaultyCamera, FaultyHand
-from drivers.guard import Guard
-from drivers.registry import open_devices
+from drivers.node.guard import Guard
+from drivers.node.injection import FaultyArm, FaultyCamera, FaultyHand
+from drivers.node.registry import open_devices
 from perception.models import open_models
 from planning.robot import Robot
 

@@ -12,12 +12,12 @@ from benchmarks.growth import Growth
 from benchmarks.soak import soak, soak_station, summary
 from benchmarks.trials import Outcome, Trial, trials
 from bus.errors import ConfigError, Refused
-from bus.faults import PARTS, Fault
+from bus.injection import PARTS, Fault
 from cell import client
 from cell.build import running_cell
-from cell.commands import command_line
-from cell.faults import ROWS, Row
-from cell.replay import replay_file
+from cell.cli.commands import command_line
+from cell.daemon.fault_table import ROWS, Row
+from cell.replay.replay import replay_file
 from config.load import load_station
 from docs.faults_page import PAGE, page
 

@@ -7,7 +7,7 @@ import pytest
 
 from bus.commands import CommandRequest, Presented, PresentedObject, PresentRequest
 from bus.errors import Refused
-from cell.feed import Feed
+from cell.daemon.presenter import Feed
 from config.load import DEFAULT_STATION, load_station
 
 FILLED = load_station(DEFAULT_STATION.with_name("bin.toml"))

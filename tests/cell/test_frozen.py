@@ -22,7 +22,7 @@ from bus import topics
 from cell import client
 from cell.client import Client
 from config.schema import Station
-from logs.reader import CycleRecord, read_cycle
+from logs.mcap.reader import CycleRecord, read_cycle
 
 Daemon = tuple[subprocess.Popen[str], Station]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 
-from cell.gate import Gate
+from cell.machine.gate import Gate
 
 
 class Comer:

@@ -16,11 +16,11 @@ from bus.codec import encode
 from bus.codes import Code
 from bus.commands import CellHealth, Health, LoopHealth
 from bus.errors import CycleFailure
-from bus.heard import Heard
 from bus.messages import ArmMode, ArmState, HandState
+from bus.sample import Heard
 from bus.wire import arm_state_to_wire
 from cell import client
-from cell.health import Watch
+from cell.nodes.health import Watch
 from config.load import load_station
 from config.schema import Station
 

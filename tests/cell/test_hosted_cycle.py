@@ -12,12 +12,12 @@ import pytest
 from mcap.reader import make_reader
 
 from bus.codes import Code
-from cell.replay import replay_file
-from logs.reader import read_cycle
-from logs.report import write_report
-from tests.stand_ins.drift import Drift
-from tests.stand_ins.model_server import Fault, ModelServer
-from tests.stand_ins.painter import paint, say
+from cell.replay.replay import replay_file
+from logs.mcap.reader import read_cycle
+from logs.report.cycle_report import write_report
+from stand_ins.drift import Drift
+from stand_ins.model_server import Fault, ModelServer
+from stand_ins.painter import paint, say
 
 SECRET = "sk-secret-0123456789"
 CONFIG = Path(__file__).parents[2] / "config"

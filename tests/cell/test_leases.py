@@ -13,10 +13,10 @@ import pytest
 from bus import topics
 from bus.commands import CommandReply, CommandRequest
 from bus.errors import Refused
-from bus.heard import Heard
+from bus.sample import Heard
 from bus.session import Bus
 from cell import client
-from cell.leases import Leases
+from cell.machine.leases import Leases
 from config.schema import Station
 
 Daemon = tuple[subprocess.Popen[str], Station]

@@ -11,8 +11,8 @@ import pytest
 from bus.codes import Code
 from bus.commands import CommandRequest
 from bus.errors import CellError, CycleFailure
-from cell.machine import Machine
-from cell.states import State
+from cell.machine.owner import Machine
+from cell.machine.states import State
 
 
 class Bench:

@@ -8,11 +8,11 @@ import sys
 
 import pytest
 
-from cell.memory import settled
+from cell.nodes.process import settled
 
 _THREADS = """
 import ctypes, threading
-from cell.memory import share_arenas
+from cell.nodes.process import share_arenas
 share_arenas()
 done = threading.Barrier(9)
 def allocate():

@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 
-from cell.keys import make_keys
+from cell.cli.keys import make_keys
 
 ROUTER = "10.213.0.1"
 PLACES = ("cell", "node", "desk")
@@ -155,7 +155,7 @@ def test_a_pick_over_four_machines_and_a_cut_cable(net: Net, tmp_path: Path) -> 
         run("router", "cell", "router", "--config", str(keys / "router.json5")).await_line("router on")
         run("node", "cell", "node", "sim", *as_("node", **far))
         cell = run("cell", "cell", "start", "--no-report", *as_("cell", **{"bus.router": door}))
-        operator = run("desk", "tests.stand_ins.desk", *as_("operator", **far))
+        operator = run("desk", "stand_ins.desk", *as_("operator", **far))
         cell.await_line("ready")
         _await_node(operator)
 

@@ -21,28 +21,28 @@ from bus.cancel import Cancel
 from bus.commands import CommandRequest
 from bus.session import Bus
 from bus.threads import OwnedThread, Role, handled_by
-from cell.cyclelog import CycleLog
-from cell.daemon import Daemon
-from cell.detect import detect_unless_halted
+from cell.daemon.daemon import Daemon
+from cell.daemon.retention import Retention
+from cell.daemon.robot_tf import RobotTf
 from cell.doctor.network import answer_within
-from cell.health import Watch
-from cell.nodes import Supervisor
-from cell.retention import Retention
-from cell.robot_tf import RobotTf
-from cell.watchdog import Watchdog
+from cell.nodes.health import Watch
+from cell.nodes.supervisor import Supervisor
+from cell.nodes.watchdog import Watchdog
+from cell.pick.detect import detect_unless_halted
+from cell.pick.record import CycleLog
 from config.hardware import FemtoMegaSettings, PandaHandSettings
 from config.load import load_station
 from config.schema import Station
 from drivers.femto_mega.camera import FemtoMega
 from drivers.interface import Devices
-from drivers.loops import Loop
-from drivers.panda_hand import PandaHand
+from drivers.node.loops import Loop
+from drivers.panda_hand.hand import PandaHand
 from logs.live import LiveView
 from perception.models import open_models
 from perception.models.calls import Call, GivenUp
 from planning.robot import Robot
-from tests.stand_ins.franky import FakeHand
-from tests.stand_ins.orbbec import FakeOrbbec
+from stand_ins.franky import FakeHand
+from stand_ins.orbbec import FakeOrbbec
 
 OPERATOR = CommandRequest(client_id="op")
 

@@ -7,16 +7,16 @@ import pytest
 
 from bus.commands import PresentRequest
 from bus.messages import Execution, Verdict
-from cell.capture import capture
-from cell.detect import detect
-from cell.execute import deliver, execute
-from cell.gate import Gate
-from cell.plan import plan
-from cell.verify import verify
+from cell.machine.gate import Gate
+from cell.pick.capture import capture
+from cell.pick.detect import detect
+from cell.pick.execute import deliver, execute
+from cell.pick.plan import plan
+from cell.pick.verify import verify
 from config.limits import check
 from config.load import load_station
-from drivers.guard import Guard
-from drivers.registry import open_devices
+from drivers.node.guard import Guard
+from drivers.node.registry import open_devices
 from perception.models import open_models
 from planning.robot import Robot
 

@@ -21,9 +21,9 @@ from bus import topics
 from bus.codes import Code
 from bus.commands import CellState
 from bus.messages import CycleResult
-from cell.console import Screen
-from cell.drawing import console, table, tracked, words
-from cell.printing import PlainFormatter, Printer, err, out, plain
+from cell.cli.console import Screen
+from cell.terminal.drawing import console, table, tracked, words
+from cell.terminal.printing import PlainFormatter, Printer, err, out, plain
 
 ROOT = Path(__file__).parents[2]
 MARKUP = "It refused: [/INST] [bold]no[/] [x] \\[y] :smile:"
@@ -137,7 +137,7 @@ def test_no_output_is_no_error(monkeypatch: pytest.MonkeyPatch, stdout: io.TextI
 def test_an_output_that_goes_away_ends_nothing_and_is_remembered(to: str) -> None:
     source = """
 import sys
-from cell.printing import out
+from cell.terminal.printing import out
 for number in range(10000): out.line(f"{number} of many lines")
 print(type(out.lost).__name__, file=sys.stderr)
 """
@@ -174,7 +174,7 @@ def test_a_state_says_who_brought_it_about(capsys: pytest.CaptureFixture[str]) -
 
 # --- so that it stays so ----------------------------------------------------------------------------------------------
 
-_ONLY = {"cell/printing.py", "cell/drawing.py"}
+_ONLY = {"cell/terminal/printing.py", "cell/terminal/drawing.py"}
 _NOT_ELSEWHERE = {
     "typer.echo", "typer.secho", "typer.style", "rich.print", "rich.print_json", "rich.console.Console",
     "rich.markup", "rich.text.Text", "rich.progress", "rich.prompt", "click.echo",
@@ -200,9 +200,11 @@ def test_only_the_modules_of_printing_print(room: str) -> None:
         if name not in _ONLY:
             used = set(_names_used(ast.parse(path.read_text()))) & _NOT_ELSEWHERE
             allowed = (
-                {"rich.console.Console", "rich.text.Text"} if name in ("cell/watch.py", "cell/watch_view.py") else set()
+                {"rich.console.Console", "rich.text.Text"}
+                if name in ("cell/cli/live.py", "cell/cli/live_view.py")
+                else set()
             )
-            assert not used - allowed, f"{name} uses {used}: print with cell.printing or cell.drawing"
+            assert not used - allowed, f"{name} uses {used}: print with cell.terminal.printing or cell.terminal.drawing"
 
 
 def test_the_printers_are_those_of_stdout_and_stderr(capsys: pytest.CaptureFixture[str]) -> None:

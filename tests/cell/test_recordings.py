@@ -10,8 +10,8 @@ from typer.testing import CliRunner, Result
 
 from bus.codes import Code
 from bus.errors import ConfigError, RecordingError
-from cell.commands import command_line
-from logs.recorder import Recorder
+from cell.cli.commands import command_line
+from logs.mcap.recorder import Recorder
 
 EARLY, LATE = "20260101T080000000", "20260101T120000000"
 

@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 from bus.codec import encode
 from bus.messages import HandState
 from bus.topics import encoding_of
-from cell.commands import command_line
-from logs.recorder import Recorder
+from cell.cli.commands import command_line
+from logs.mcap.recorder import Recorder
 
 
 def _torn(path: Path) -> str:

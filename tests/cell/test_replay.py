@@ -19,15 +19,15 @@ from bus.commands import CellState
 from bus.errors import ConfigError, NoReply, RecordingError, Refused
 from bus.messages import Alignment, Detections
 from bus.session import Bus
-from cell.commands import command_line
-from cell.replay import Replay, Request, replay
-from cell.replay_folder import replay_folder
-from cell.replay_view import consequence, to_json, verdict
-from cell.republish import Payload, await_listener, payloads, republish, require_no_live_cell
-from cell.stages import STAGES
+from cell.cli.commands import command_line
+from cell.replay.folder import replay_folder
+from cell.replay.replay import Replay, Request, replay
+from cell.replay.republish import Payload, await_listener, payloads, republish, require_no_live_cell
+from cell.replay.stages import STAGES
+from cell.replay.view import consequence, to_json, verdict
 from config.load import load_station
 from logs.compare import leaves
-from logs.reader import CycleRecord, read_cycle
+from logs.mcap.reader import CycleRecord, read_cycle
 from planning.robot import Robot
 
 PICK = Path(__file__).parents[1] / "golden" / "cycle-schema2.mcap"

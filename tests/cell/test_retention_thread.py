@@ -9,9 +9,9 @@ from pathlib import Path
 
 from bus import topics
 from bus.messages import CycleResult
-from cell.retention import Retention
+from cell.daemon.retention import Retention
 from config.schema import RecordingSettings
-from logs.recorder import Recorder
+from logs.mcap.recorder import Recorder
 
 NOW_NS = round(datetime(2026, 1, 9, tzinfo=UTC).timestamp()) * 10**9
 RESULT = CycleResult(

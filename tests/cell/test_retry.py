@@ -14,15 +14,15 @@ from bus.frozen import Message
 from bus.messages import Attempt, CycleResult
 from bus.topics import Topic
 from cell.build import running_cell
-from cell.cycle import FAULTS, Equipment
-from cell.machine import refuse
-from cell.replay import replay_file
-from cell.retry import WITH_A_NEW_LOOK, WITH_ANOTHER_GRASP, Retries
-from cell.works import Works
+from cell.daemon.actions import Works
+from cell.daemon.retry import WITH_A_NEW_LOOK, WITH_ANOTHER_GRASP, Retries
+from cell.machine.owner import refuse
+from cell.pick.cycle import FAULTS, Equipment
+from cell.replay.replay import replay_file
 from config.load import load_station
 from config.schema import RetrySettings
-from drivers.registry import open_devices
-from logs.reader import read_cycle
+from drivers.node.registry import open_devices
+from logs.mcap.reader import read_cycle
 from perception.models import open_models
 from planning.robot import Robot
 

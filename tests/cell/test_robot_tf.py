@@ -16,8 +16,8 @@ from bus.messages import ArmMode, ArmState, HandState
 from bus.session import Bus
 from bus.threads import handled_by
 from bus.wire import arm_state_to_wire
-from cell.robot_tf import RobotTf
-from cell.runinfo import robot_description
+from cell.daemon.robot_tf import RobotTf
+from cell.daemon.runinfo import robot_description
 from config.load import load_station
 from planning.links import Links
 from planning.robot import Robot

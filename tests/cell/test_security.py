@@ -15,13 +15,13 @@ from bus import topics
 from bus.commands import CellHealth, CellState, CommandReply, CommandRequest, HandMove, Nothing
 from bus.errors import BadPayload, CellError, CellUnreachable, NoReply, Refused
 from bus.frozen import Message
-from bus.heard import Asked, Heard
 from bus.messages import HandState
+from bus.sample import Asked, Heard
 from bus.secured import session_config
 from bus.session import Bus
 from bus.topics import Topic
+from cell.cli.keys import ROLES, make_keys
 from cell.client import Client
-from cell.keys import ROLES, make_keys
 
 IDLE = CellState(state="Idle", stage="", cycle_id="", since_ns=1, available=("pick",), reason="")
 HEALTHY = CellHealth(is_healthy=True, nodes={})

@@ -20,11 +20,11 @@ from bus.commands import CellState
 from bus.messages import Execution
 from bus.session import Bus
 from cell import client
-from cell.machine import Machine
-from cell.service import Service, takes_commands
+from cell.daemon.systemd import Service, takes_commands
+from cell.machine.owner import Machine
 from config.schema import Station
 from drivers.remote import RemoteArm
-from logs.reader import read_cycle
+from logs.mcap.reader import read_cycle
 
 Cell = tuple[subprocess.Popen[str], Station]
 UNIT = Path(__file__).parents[2] / "packaging" / "vlad-cell@.service"

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from cell.signals import ENDING, ending, on_end
+from cell.terminal.signals import ENDING, ending, on_end
 
 
 @pytest.fixture(autouse=True)

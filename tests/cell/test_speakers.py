@@ -11,11 +11,11 @@ import pytest
 from bus import topics
 from bus.codec import decode
 from bus.commands import Health, Stranger
-from bus.heard import Heard
 from bus.messages import HandState
+from bus.sample import Heard
 from bus.session import Bus
 from bus.topics import encoding_of
-from cell.speakers import Speakers, strange, topic_of
+from cell.nodes.speakers import Speakers, strange, topic_of
 
 HAND = HandState(stamp_ns=1, width_m=0.04, is_moving=False, is_homed=True)
 HEALTH = Health(name="sim", pid=17, uptime_s=1.0, answered=0, failed=0)

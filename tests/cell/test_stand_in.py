@@ -16,11 +16,11 @@ import pytest
 from bus.codes import Code
 from bus.errors import ArmReflex
 from bus.messages import CycleResult
-from cell.replay import replay_file
-from logs.reader import read_cycle
-from tests.stand_ins.cell import STATION, stand_ins
-from tests.stand_ins.femto_mega.process import no_extensions
-from tests.stand_ins.franka import missing
+from cell.replay.replay import replay_file
+from logs.mcap.reader import read_cycle
+from stand_ins.cell import STATION, stand_ins
+from stand_ins.femto_mega.process import no_extensions
+from stand_ins.franka import missing
 
 pytestmark = pytest.mark.realtime
 _STOPPED_ITSELF = "The arm stopped itself"  # during the reset, before there is a result with a code

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from bus.errors import Refused
-from cell.states import COMMANDS, NEXT, State, after_command, available
+from cell.machine.states import COMMANDS, NEXT, State, after_command, available
 from docs.states_page import PAGE, page
 
 ACTING = {"Resetting", "Starting", "Execute", "Completing", "Holding", "Unholding", "Suspending", "Unsuspending",

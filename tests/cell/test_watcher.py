@@ -15,12 +15,12 @@ import pytest
 from bus.codec import encode
 from bus.commands import CellState, CommandReply, CommandRequest, Health
 from bus.errors import NoReply, Refused
-from bus.faults import Fault, FaultRequest
 from bus.frozen import Message
-from bus.heard import Heard
+from bus.injection import Fault, FaultRequest
+from bus.sample import Heard
 from bus.topics import encoding_of
+from cell.cli.live import Commander, Watcher
 from cell.client import Client, client_name
-from cell.watch import Commander, Watcher
 from config.load import load_station
 
 

@@ -21,10 +21,10 @@ from typer.testing import CliRunner
 from bus.errors import Refused
 from bus.session import Bus
 from cell import client
-from cell.commands import command_line
+from cell.cli.commands import command_line
 from config.schema import Station
 from drivers.remote import RemoteArm
-from logs.reader import read_cycle
+from logs.mcap.reader import read_cycle
 
 Cell = tuple[subprocess.Popen[str], Station]
 InProcess = Callable[..., subprocess.CompletedProcess[str]]

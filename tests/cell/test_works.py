@@ -17,13 +17,13 @@ from bus.commands import Presented, PresentRequest
 from bus.errors import CycleFailure, DriverError, MotionRefused
 from bus.messages import ArmMode, CycleResult
 from bus.trajectory import Trajectory
-from cell.cycle import Equipment
-from cell.works import Works
+from cell.daemon.actions import Works
+from cell.pick.cycle import Equipment
 from config.load import load_station
 from drivers.interface import Feeder
-from drivers.registry import open_devices
+from drivers.node.registry import open_devices
 from drivers.sim.world import World
-from logs.reader import read_cycle
+from logs.mcap.reader import read_cycle
 from perception.models import open_models
 from planning.robot import Robot
 
@@ -232,7 +232,7 @@ def test_a_motion_that_was_over_as_the_hold_came_needs_no_resume(bench: Bench, m
 
 
 def test_a_motion_that_neither_goes_on_nor_ends_is_an_error(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cell.standstill._ENDING_S", 0.01)
+    monkeypatch.setattr("cell.machine.standstill._ENDING_S", 0.01)
     with bench.works.gate.motion(), pytest.raises(MotionRefused):
         bench.works.unhold()
 

@@ -14,15 +14,15 @@ from bus.messages import ArmMode
 from bus.session import Bus
 from config.load import load_station
 from config.schema import Station
-from drivers.faulty import FaultyArm, FaultyCamera, FaultyHand
 from drivers.fr3.arm import Fr3Arm
 from drivers.interface import Arm, Camera, Devices, Feeder, Hand
-from drivers.node import Node
-from drivers.panda_hand import PandaHand
-from drivers.registry import open_devices
+from drivers.node.injection import FaultyArm, FaultyCamera, FaultyHand
+from drivers.node.node import Node
+from drivers.node.registry import open_devices
+from drivers.panda_hand.hand import PandaHand
 from drivers.remote import RemoteArm, RemoteCamera, RemoteFeeder, RemoteHand
-from tests.stand_ins.femto_mega.process import femto_mega
-from tests.stand_ins.franka import franka_station
+from stand_ins.femto_mega.process import femto_mega
+from stand_ins.franka import franka_station
 
 
 @pytest.fixture(scope="module")

@@ -17,9 +17,9 @@ from bus.messages import ArmMode, HandState, Motion
 from bus.session import Bus
 from bus.trajectory import Trajectory
 from config.load import load_station
-from drivers.faulty import FaultyArm, FaultyHand
 from drivers.interface import Arm, Devices, Hand
-from drivers.node import Node
+from drivers.node.injection import FaultyArm, FaultyHand
+from drivers.node.node import Node
 from drivers.remote import RemoteArm, RemoteHand
 from drivers.sim.arm import SimArm
 from drivers.sim.hand import SimHand

@@ -8,7 +8,7 @@ import pytest
 from bus.errors import DriverError
 from bus.trajectory import moving_average
 from config.limits import ACCELERATION_RAD_S2, JERK_RAD_S3
-from drivers.coast import coast
+from drivers.motion.brake import coast
 
 START = np.array([0.0, -0.55, 0.0, -2.1, 0.0, 1.55, 0.785])
 

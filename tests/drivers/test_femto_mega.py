@@ -14,9 +14,9 @@ from config.hardware import FemtoMegaSettings
 from drivers.femto_mega.camera import FemtoMega
 from drivers.femto_mega.clock import DeviceClock
 from drivers.sim.optics import COLOR, COLOR_FROM_DEPTH, DEPTH
-from tests.stand_ins.femto_mega.device import SERIAL
-from tests.stand_ins.femto_mega.process import FakeFemtoMega, no_extensions
-from tests.stand_ins.femto_mega.scenery import _depth_mm
+from stand_ins.femto_mega.device import SERIAL
+from stand_ins.femto_mega.process import FakeFemtoMega, no_extensions
+from stand_ins.femto_mega.scenery import _depth_mm
 
 pytestmark = pytest.mark.realtime
 

@@ -16,9 +16,9 @@ from config.hardware import FemtoMegaSettings
 from drivers.femto_mega.camera import depth_m
 from drivers.femto_mega.session import Pair, Session, pair_of
 from drivers.sim.optics import COLOR, COLOR_FROM_DEPTH, DEPTH
-from perception.depth import register
-from tests.stand_ins.bag import write_bag
-from tests.stand_ins.femto_mega.process import no_extensions
+from perception.geometry.depth import register
+from stand_ins.bag import write_bag
+from stand_ins.femto_mega.process import no_extensions
 
 SPOTS_PX = [(u, v) for u in range(220, 440, 40) for v in range(240, 400, 40)]
 SPOT_PX = 8

@@ -20,7 +20,7 @@ from config.hardware import FemtoMegaSettings
 from drivers.femto_mega.camera import FemtoMega
 from drivers.femto_mega.session import Pair, TornFrame, pair_of
 from drivers.rate import Rate
-from tests.stand_ins.orbbec import JPEG, FakeOrbbec
+from stand_ins.orbbec import JPEG, FakeOrbbec
 
 Odd = Callable[[Pair], Pair | None]
 SETTINGS = FemtoMegaSettings(address="127.0.0.1", settle_frames=1, lost_after_s=0.21)

@@ -21,12 +21,12 @@ from config.hardware import Fr3Settings
 from config.load import load_station
 from config.schema import Station
 from drivers.fr3.arm import Fr3Arm
-from drivers.fr3.block import Block, Snapshot
+from drivers.fr3.shared_state import Block, Snapshot
 from planning.motion import move
 from planning.pick import plan_pick
 from planning.robot import Robot
 from planning.scene import Scene
-from tests.stand_ins.franka import FrankaSim, missing
+from stand_ins.franka import FrankaSim, missing
 
 pytestmark = pytest.mark.realtime
 _REALTIME_KERNEL = Path("/sys/kernel/realtime")
@@ -185,7 +185,7 @@ def test_closing_in_motion_brakes_it(arm: Fr3Arm) -> None:
 def test_a_driver_that_is_frozen_in_motion_has_its_arm_at_rest_within_a_second(
     station: Station, sim: FrankaSim
 ) -> None:
-    command = [sys.executable, "-m", "tests.stand_ins.fr3_driver", "127.0.0.1"]
+    command = [sys.executable, "-m", "stand_ins.fr3_driver", "127.0.0.1"]
     with subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True) as driver:
         assert driver.stdout is not None
         assert driver.stdout.readline() == "moving\n"

@@ -6,7 +6,7 @@ import pytest
 
 from bus.errors import ArmReflex, DeviceLost, DriverError, DriverUnavailable, MotionRefused
 from bus.messages import ArmMode
-from drivers.fr3.faults import advice_of_mode, arm_mode, connect_error, motion_error
+from drivers.fr3.errors import advice_of_mode, arm_mode, connect_error, motion_error
 
 
 def raised(kind: str, text: str) -> Exception:

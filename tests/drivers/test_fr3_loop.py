@@ -18,11 +18,11 @@ from config.hardware import Fr3Settings
 from config.limits import check
 from config.load import load_station
 from drivers.fr3.arm import Fr3Arm
-from drivers.fr3.block import Block, Snapshot, Want
 from drivers.fr3.loop import SILENT_NS, ControlLoop, Request
 from drivers.fr3.player import Played
 from drivers.fr3.process import ControlProcess
-from tests.stand_ins.fci import FakeFci
+from drivers.fr3.shared_state import Block, Snapshot, Want
+from stand_ins.fci import FakeFci
 
 START_RAD = np.array([0.0, -0.55, 0.0, -2.1, 0.0, 1.55, 0.785])
 TICK_NS = 1_000_000

@@ -10,8 +10,8 @@ from bus.messages import ArmMode, ArmState, Motion
 from bus.trajectory import Trajectory
 from config.limits import UPPER_RAD
 from config.schema import NodeSettings, Station
-from drivers.guard import Guard, HandGuard
 from drivers.interface import Arm
+from drivers.node.guard import Guard, HandGuard
 from drivers.sim.hand import SimHand
 from drivers.sim.world import World
 

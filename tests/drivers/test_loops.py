@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 
 from bus.errors import BusError, CellError, DeviceLost
-from drivers.loops import Loop
+from drivers.node.loops import Loop
 
 
 def _until(condition: Callable[[], bool]) -> None:

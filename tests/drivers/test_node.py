@@ -17,16 +17,16 @@ from bus import topics
 from bus.codec import decode
 from bus.commands import Event, Health, Heartbeat, Nothing
 from bus.errors import DriverUnavailable
-from bus.heard import Heard
 from bus.messages import ArmMode, ArmState, Motion
+from bus.sample import Heard
 from bus.session import Bus
 from bus.trajectory import Trajectory
 from config.load import load_station
 from config.schema import Station
 from drivers.interface import Arm, Devices
-from drivers.node import Node
+from drivers.motion.unmoved import unmoved
+from drivers.node.node import Node
 from drivers.remote import RemoteArm
-from drivers.unmoved import unmoved
 
 STILL = Trajectory(raw_q_rad=np.repeat(np.array([[0.0, -0.5, 0.0, -2.0, 0.0, 1.5, 0.8]]), 2, axis=0), window=1)
 REST = ArmState(stamp_ns=1, mode=ArmMode.IDLE, q_rad=STILL.start_q_rad, dq_rad_s=np.zeros(7), tau_ext_nm=np.zeros(7))

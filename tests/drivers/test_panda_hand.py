@@ -11,8 +11,8 @@ import pytest
 from bus.errors import DeviceLost, DriverUnavailable, HandFault
 from config.hardware import PandaHandSettings
 from config.load import load_station
-from drivers.panda_hand import PandaHand
-from tests.stand_ins.franka import ADDRESS, FrankaSim, missing
+from drivers.panda_hand.hand import PandaHand
+from stand_ins.franka import ADDRESS, FrankaSim, missing
 
 pytestmark = pytest.mark.realtime
 OBJECT_M = 0.04

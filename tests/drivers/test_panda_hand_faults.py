@@ -15,8 +15,8 @@ from bus.errors import DeviceLost, HandFault
 from bus.threads import handled_by
 from config.hardware import PandaHandSettings
 from config.load import load_station
-from drivers.panda_hand import PandaHand
-from tests.stand_ins.franky import FakeHand, FrankyError, NetworkError
+from drivers.panda_hand.hand import PandaHand
+from stand_ins.franky import FakeHand, FrankyError, NetworkError
 
 STATION = load_station().model_copy(update={"panda_hand": PandaHandSettings(poll_s=0.005)})
 

@@ -239,7 +239,7 @@ def test_any_thread_may_capture(real: View) -> None:
 NO_GRAPHICS = """
 from bus.errors import DriverUnavailable
 from config.load import load_station
-from drivers.registry import open_devices
+from drivers.node.registry import open_devices
 try:
     open_devices("sim", load_station()).camera.connect()
 except DriverUnavailable as error:

@@ -8,8 +8,8 @@ import pytest
 from bus.errors import ArmReflex, MotionRefused
 from bus.messages import ArmMode
 from config.load import load_station
-from drivers.guard import Guard
-from drivers.registry import open_devices
+from drivers.node.guard import Guard
+from drivers.node.registry import open_devices
 from planning.blend import blended
 from planning.line import tcp_line
 from planning.robot import Robot

@@ -7,7 +7,7 @@ import pytest
 
 from bus.trajectory import Trajectory
 from config.limits import check
-from drivers.stream import Stream
+from drivers.motion.stream import Stream
 
 START = np.array([0.0, -0.55, 0.0, -2.1, 0.0, 1.55, 0.785])
 DIRECTION = np.array([1.0, 0.5, -0.7, 0.3, -0.2, 0.8, -1.0])

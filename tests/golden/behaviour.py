@@ -14,8 +14,8 @@ import numpy as np
 from bus.arrays import Transform
 from bus.frozen import Message
 from bus.messages import Detections, Failure, PickPlan, Verdict
-from cell.replay import Request, replay
-from logs.reader import read_cycle
+from cell.replay.replay import Request, replay
+from logs.mcap.reader import read_cycle
 
 FOLDER = Path(__file__).parent
 BEHAVIOUR = FOLDER / "behaviour.json"

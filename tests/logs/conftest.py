@@ -29,16 +29,16 @@ from bus.messages import (
     Motion,
     PickPlan,
     Rectangle,
-    Rejection,
     Segment,
     SegmentRun,
     Verdict,
     View,
 )
+from bus.rejection import Rejection
 from bus.topics import Topic, encoding_of
 from bus.trajectory import Trajectory
 from config.load import load_station
-from logs.recorder import Recorder
+from logs.mcap.recorder import Recorder
 
 CYCLE_ID = "20260101T000000000"
 REJECTED = (Rejection(grasp=0, tilt_rad=0.0, code=Code.COLLISION, reason="approach: left finger touches post"),)

@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bus.codes import Code
-from bus.messages import Alignment, Failure, HandState, Rectangle, Rejection, Verdict
+from bus.messages import Alignment, Failure, HandState, Rectangle, Verdict
+from bus.rejection import Rejection
 from bus.trajectory import Trajectory
 from logs.compare import POSE, Tolerance, compare
 

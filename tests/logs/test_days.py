@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from bus.errors import RecordingError
-from logs.days import INDEX, days, outdated, write_cycle, write_day
+from logs.report.day_report import INDEX, days, outdated, write_cycle, write_day
 
 Record = Callable[..., Path]
 MORNING, NOON, EVENING = "20260101T080000000", "20260101T120000000", "20260101T200000000"

@@ -9,8 +9,8 @@ import pytest
 
 from bus.codes import Code
 from bus.errors import RecordingError
-from logs.index import Filter, find_recording, list_cycles
-from logs.recorder import Recorder
+from logs.mcap.index import Filter, find_recording, list_cycles
+from logs.mcap.recorder import Recorder
 
 OLD = "20251231T120000000"
 MORNING, NOON, EVENING = "20260101T080000000", "20260101T120000000", "20260101T200000000"

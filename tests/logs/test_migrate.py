@@ -12,8 +12,8 @@ from mcap.reader import make_reader
 
 from bus.codes import Code
 from bus.errors import RecordingError
-from logs.migrate import MIGRATIONS, SCHEMA_VERSION, Content, migrate
-from logs.reader import read_cycle
+from logs.mcap.migrate import MIGRATIONS, SCHEMA_VERSION, Content, migrate
+from logs.mcap.reader import read_cycle
 
 GOLDEN = Path(__file__).parent.parent / "golden"
 STAGES = ["capture", "detect", "plan", "execute", "verify", "deliver"]

@@ -27,20 +27,20 @@ from bus.messages import (
     HandState,
     Motion,
     PickPlan,
-    Rejection,
     Segment,
     SegmentRun,
     StageRecord,
     Verdict,
     View,
 )
+from bus.rejection import Rejection
 from bus.topics import Topic, encoding_of
 from bus.trajectory import Trajectory
 from bus.wire import frame_from_wire, frame_to_wire
 from logs.compare import compare
-from logs.migrate import SCHEMA_VERSION
-from logs.reader import CycleRecord, read_cycle
-from logs.recorder import Recorder
+from logs.mcap.migrate import SCHEMA_VERSION
+from logs.mcap.reader import CycleRecord, read_cycle
+from logs.mcap.recorder import Recorder
 
 CYCLE_ID = "20260101T000000000"
 STATION = {"cell_id": "sim", "camera": {"max_age_s": 1.0}}

@@ -22,7 +22,7 @@ from bus.errors import BadPayload, RecordingError
 from bus.messages import Frame, HandState
 from bus.topics import encoding_of
 from bus.wire import frame_to_wire
-from logs.recorder import PART, Recorder, ensure_space
+from logs.mcap.recorder import PART, Recorder, ensure_space
 
 NOW_NS = 1_700_000_000_000_000_000
 HAND = HandState(stamp_ns=1, width_m=0.04, is_moving=False, is_homed=True)
@@ -153,7 +153,7 @@ import sys
 from pathlib import Path
 from bus.codec import encode
 from bus.messages import HandState
-from logs.recorder import Recorder
+from logs.mcap.recorder import Recorder
 recorder = Recorder(Path(sys.argv[1]), metadata={}, clock=lambda: 1)
 for n in range(int(sys.argv[2])):
     message = HandState(stamp_ns=n, width_m=0.04, is_moving=False, is_homed=True)

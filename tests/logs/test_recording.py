@@ -19,9 +19,9 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from bus.errors import RecordingError
 from bus.messages import Frame
-from logs.index import list_cycles
-from logs.reader import read_cycle
-from logs.recorder import Recorder, ensure_space
+from logs.mcap.index import list_cycles
+from logs.mcap.reader import read_cycle
+from logs.mcap.recorder import Recorder, ensure_space
 
 Record = Callable[..., Path]
 
@@ -71,7 +71,7 @@ import os, signal, sys
 from pathlib import Path
 from bus.codec import encode
 from bus.messages import HandState
-from logs.recorder import Recorder
+from logs.mcap.recorder import Recorder
 recorder = Recorder(Path(sys.argv[1]), metadata={}, clock=lambda: 1)
 for n in range(200):
     message = HandState(stamp_ns=n, width_m=0.04, is_moving=False, is_homed=True)

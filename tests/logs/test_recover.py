@@ -13,10 +13,10 @@ from bus.codec import encode
 from bus.errors import RecordingError
 from bus.messages import HandState
 from bus.topics import encoding_of
-from logs.index import list_cycles
-from logs.reader import read_cycle
-from logs.recorder import Recorder
-from logs.recover import StillWritten, recover, recover_leftovers
+from logs.mcap.index import list_cycles
+from logs.mcap.reader import read_cycle
+from logs.mcap.recorder import Recorder
+from logs.mcap.recover import StillWritten, recover, recover_leftovers
 
 Record = Callable[..., Path]
 AS_HAND = encoding_of(HandState)

@@ -15,10 +15,10 @@ from bus.commands import Event, Health
 from bus.errors import RecordingError
 from bus.messages import ArmMode, ArmState, Attempt
 from bus.wire import arm_state_to_wire
-from logs.days import INDEX, days, write_cycle, write_day
-from logs.reader import Timed, read_cycle
-from logs.report import configuration_changes, write_report
-from logs.story import tell
+from logs.mcap.reader import Timed, read_cycle
+from logs.report.cycle_report import configuration_changes, write_report
+from logs.report.day_report import INDEX, days, write_cycle, write_day
+from logs.report.timeline import tell
 from tests.logs.browser import Page, chromium, find_chromium
 
 Record = Callable[..., Path]

@@ -9,8 +9,8 @@ import pytest
 
 from bus.errors import RecordingError
 from config.schema import RecordingSettings
-from logs.recorder import Recorder
-from logs.retention import Plan, Recorded, Shelf, delete, in_words
+from logs.mcap.recorder import Recorder
+from logs.mcap.retention import Plan, Recorded, Shelf, delete, in_words
 
 NOW_NS = round(datetime(2026, 1, 9, tzinfo=UTC).timestamp()) * 10**9
 BYTES = 1000

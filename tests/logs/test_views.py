@@ -15,8 +15,8 @@ from bus.codes import Code
 from bus.commands import Event
 from bus.messages import Frame
 from bus.wire import stamp_ns
-from logs.reader import CycleRecord, read_cycle
-from logs.views import Views, pictures
+from logs.live_views import Views, pictures
+from logs.mcap.reader import CycleRecord, read_cycle
 
 Drawn = dict[str, list[Any]]
 

@@ -18,7 +18,7 @@ from perception.align import ALIGNERS, align
 from perception.align.base import Shape
 from perception.align.silhouette import outline
 from perception.align.teaser import PACKAGE, correspondences
-from perception.lift import transform
+from perception.geometry.lift import transform
 
 CAMERA = CameraModel(width=320, height=240, fx=300.0, fy=300.0, cx=160.0, cy=120.0)
 NOTHING = np.zeros((240, 320), dtype=bool)

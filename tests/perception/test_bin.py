@@ -13,17 +13,17 @@ import pytest
 from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.messages import Observation
-from cell.capture import capture
+from cell.pick.capture import capture
 from config.load import DEFAULT_STATION, load_station
 from drivers.sim.arm import SimArm
 from drivers.sim.camera import SimCamera
 from drivers.sim.world import World
-from perception.antipodal import PALM_ABOVE_TIP_M, TABLE_CLEARANCE_M, TIP_BELOW_TCP_M
-from perception.change import cleared_fraction
-from perception.depth import register
 from perception.detector import detect, unsaid
+from perception.geometry.depth import register
+from perception.grasps.antipodal import PALM_ABOVE_TIP_M, TABLE_CLEARANCE_M, TIP_BELOW_TCP_M
 from perception.models import open_models
-from perception.segment import Scene, segment
+from perception.scene.change import cleared_fraction
+from perception.scene.segment import Scene, segment
 from planning.kinematics import inverse, q7_grid
 from planning.robot import Robot, flange_pose
 from planning.scene import Scene as Surroundings

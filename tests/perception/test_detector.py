@@ -11,15 +11,15 @@ from bus.codes import Code
 from bus.commands import PresentRequest
 from bus.errors import CycleFailure
 from bus.messages import Detections, ModelReply, Observation
-from cell.capture import capture
+from cell.pick.capture import capture
 from config.load import load_station
 from config.schema import Station
-from drivers.registry import open_devices
+from drivers.node.registry import open_devices
 from logs.compare import compare
-from perception.change import cleared_fraction
 from perception.detector import detect as detect_with
 from perception.detector import unsaid
 from perception.models import open_models
+from perception.scene.change import cleared_fraction
 from planning.robot import Robot
 
 See = Callable[[str, int], tuple[Observation, np.ndarray]]

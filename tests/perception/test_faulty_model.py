@@ -9,18 +9,18 @@ import cv2
 import numpy as np
 import pytest
 
+from benchmarks.baselines.flat import flat_subject
 from bus.cancel import Cancel
 from bus.codes import Code
 from bus.errors import CycleFailure
-from bus.faults import Fault
+from bus.injection import Fault
 from bus.messages import ModelReply
 from config.load import load_station
 from perception.detector import Proposal, propose
-from perception.flat import flat_subject
-from perception.imagine import Conversation
+from perception.goal.imagine import Conversation
 from perception.models import Models, open_models, replayed_models
-from perception.models.base import Subject
-from perception.models.faulty import FaultyModel
+from perception.models.injection import FaultyModel
+from perception.subject import Subject
 
 STATION = load_station(None, ["faults.allowed=true", "faults.delay_s=0.1", "perception.hosted.deadline_s=0.1"])
 

@@ -13,9 +13,9 @@ from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.messages import CameraModel, Frame
 from config.load import load_station
-from perception.depth import register, without_flying_pixels
-from perception.lift import inverse, lift, lift_pixels, project, transform
-from perception.project import fit_line, rectangle, runs
+from perception.geometry.depth import register, without_flying_pixels
+from perception.geometry.lift import inverse, lift, lift_pixels, project, transform
+from perception.geometry.rod import fit_line, rectangle, runs
 
 CAMERA = CameraModel(width=320, height=240, fx=300.0, fy=300.0, cx=160.0, cy=120.0)
 STATION = load_station()

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from bus.errors import CalibrationError
 from config.calibration import MARKERS, CalibrationSettings
 from drivers.sim.optics import COLOR
-from perception.calibrate import (
+from perception.hand_eye import (
     Sighting,
     board_image,
     charuco_board,

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 import pytest
 
+from benchmarks.baselines.flat import flat_subject
 from bus.cancel import Cancel
 from bus.codes import Code
 from bus.errors import ConfigError, CycleFailure, RecordingError
@@ -20,15 +21,14 @@ from bus.messages import ModelReply
 from config.load import load_station
 from config.schema import HostedSettings, Station
 from perception.detector import Proposal, propose
-from perception.flat import flat_subject
-from perception.imagine import Conversation
+from perception.geometry.window import Window, decode_picture, encode_png
+from perception.goal.imagine import Conversation
 from perception.models import open_models, replayed_models
-from perception.models.base import Subject
 from perception.models.purse import Purse
-from perception.models.window import Window, decode_picture, encode_png
-from tests.stand_ins.drift import NONE, Drift
-from tests.stand_ins.model_server import Fault, ModelServer
-from tests.stand_ins.painter import paint, say
+from perception.subject import Subject
+from stand_ins.drift import NONE, Drift
+from stand_ins.model_server import Fault, ModelServer
+from stand_ins.painter import paint, say
 
 PROVIDERS = ("openai", "gemini")
 KEYS = {"OPENAI_API_KEY": "x", "GEMINI_API_KEY": "x"}

@@ -14,19 +14,19 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from benchmarks.baselines.flat import flat_subject
 from bus.cancel import Cancel
 from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.redaction import keep_secret
 from config.schema import HostedSettings
-from perception.flat import flat_subject
-from perception.models.base import Answer, Subject
+from perception.geometry.window import encode_png
 from perception.models.exchange import Line
 from perception.models.gemini import GeminiProvider
 from perception.models.hosted import HostedModel
 from perception.models.openai import OpenAIProvider
 from perception.models.purse import Purse
-from perception.models.window import encode_png
+from perception.subject import Answer, Subject
 
 KEY = "sk-0123456789abcdef"
 MODEL_CODES = {code for code in Code if code.startswith("MODEL_")}

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from bus.codes import Code
 from bus.errors import CycleFailure
-from perception.models.picture import size_of
-from perception.models.window import Window, decode_picture
+from perception.geometry.picture import size_of
+from perception.geometry.window import Window, decode_picture
 
 WINDOW = Window(0, 0, 128)
 PICTURE = np.full((256, 256, 3), 40, np.uint8)

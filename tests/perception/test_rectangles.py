@@ -13,15 +13,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from onnx import TensorProto, helper
 
+from benchmarks.baselines.flat import flat_subject
+from benchmarks.datasets.cornell import read_cornell
+from benchmarks.datasets.jacquard import read_jacquard
 from bus.errors import ConfigError
 from bus.messages import ModelReply, Rectangle
 from config.load import load_station
 from perception.detector import propose
-from perception.flat import flat_subject
-from perception.imagine import Conversation
+from perception.goal.imagine import Conversation
 from perception.models import open_models
-from perception.rectangles.cornell import read_cornell
-from perception.rectangles.jacquard import read_jacquard
 from perception.rectangles.metric import any_match, corners, iou, matches
 from perception.rectangles.network import GraspNetwork
 

@@ -10,25 +10,25 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from benchmarks.baselines.color_only import segment_by_color
 from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.messages import Detections, ModelReply, Observation
-from cell.detect import detect_unless_halted
+from cell.pick.detect import detect_unless_halted
 from config.load import load_station
 from config.schema import Station
-from perception.color_only import segment_by_color
-from perception.crop import Crop
-from perception.depth import register
 from perception.detector import detect, unsaid
-from perception.heightmap import height_map
-from perception.imagine import free_background, free_rod_color
-from perception.lift import inverse
+from perception.geometry.crop import Crop
+from perception.geometry.depth import register
+from perception.geometry.lift import inverse
+from perception.goal.imagine import free_background, free_rod_color
+from perception.grasps.rank import _approach, _tilted
 from perception.models import Models, open_models
-from perception.rank import _approach, _tilted
-from perception.segment import segment
+from perception.scene.heightmap import height_map
+from perception.scene.segment import segment
+from stand_ins.model_server import Fault, ModelServer
+from stand_ins.painter import paint, say
 from tests.perception.conftest import BAR, PLATE, Box, Look
-from tests.stand_ins.model_server import Fault, ModelServer
-from tests.stand_ins.painter import paint, say
 
 KEY = {"OPENAI_API_KEY": "x"}
 REGION = "scene.pick_region_m=[0.1, 0.8, -0.3, 0.3]"

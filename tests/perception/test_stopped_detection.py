@@ -13,18 +13,18 @@ import pytest
 from bus.cancel import Cancel
 from bus.codes import Code
 from bus.errors import CycleFailure
-from bus.faults import Fault
+from bus.injection import Fault
 from bus.messages import ModelReply, Usage
-from cell.detect import detect_unless_halted
+from cell.pick.detect import detect_unless_halted
 from config.load import load_station
 from config.schema import HostedSettings, PriceSettings
 from perception.detector import detect
 from perception.models import Models, open_models
-from perception.models.base import Answer
-from perception.models.fault import ModelFault
-from perception.models.faulty import FaultyModel
+from perception.models.errors import ModelFault
 from perception.models.hosted import HostedModel
+from perception.models.injection import FaultyModel
 from perception.models.purse import Purse
+from perception.subject import Answer
 from tests.perception.conftest import BAR, Look
 
 STATION = load_station(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bus.messages import ArmMode, ArmState, CameraModel, Frame, Observation, View
-from perception.surroundings import surroundings
+from perception.scene.surroundings import surroundings
 
 HEIGHT_M, BLOCK_M = 0.70, 0.10
 CAMERA = CameraModel(width=160, height=120, fx=150.0, fy=150.0, cx=79.5, cy=59.5)

@@ -18,8 +18,8 @@ from bus.errors import ConfigError
 from bus.redaction import redacted
 from bus.threads import OwnedThread, Role
 from config.schema import HostedSettings
+from perception.models.errors import ModelFault
 from perception.models.exchange import Line
-from perception.models.fault import ModelFault
 from perception.models.gemini import GeminiProvider
 from perception.models.openai import OpenAIProvider
 from perception.models.way import Way, proxy_to

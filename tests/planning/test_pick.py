@@ -10,8 +10,8 @@ from bus.errors import CycleFailure
 from bus.messages import Grasp, PickPlan
 from config.limits import UPPER_RAD
 from config.schema import Station, VerifySettings
-from planning.landing import LOWER_M
 from planning.pick import plan_pick
+from planning.pregrasp import LOWER_M
 from planning.robot import FINGER_TIP_M, Robot
 from planning.scene import Scene, Sight
 from tests.planning.conftest import CAPTURE, NODES, STATION, WIDE_M, among, box

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from config.schema import Box
-from planning.seen import CELL_M, Field, observed_field, solid
+from planning.height_field import CELL_M, Field, observed_field, solid
 from planning.world import Thing
 from tests.planning.conftest import STATION, box
 from tests.planning.views import seen_from_above

@@ -11,7 +11,7 @@ from config.schema import Station
 from drivers.sim.optics import COLOR
 from planning.robot import Robot
 from planning.scene import Scene
-from planning.vantage import vantages
+from planning.viewpoints import vantages
 from tests.planning.conftest import CAPTURE, NODES, STATION, WIDE_M
 
 

@@ -30,11 +30,11 @@ from bus.messages import (
     Motion,
     PickPlan,
     Rectangle,
-    Rejection,
     SegmentRun,
     StageRecord,
     Verdict,
 )
+from bus.rejection import Rejection
 from logs.compare import POSE, Difference, Tolerance, compare
 
 _UNCOMPARED = ("latency_s", "took_s")

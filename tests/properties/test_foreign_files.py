@@ -22,12 +22,12 @@ from bus.commands import CellState
 from bus.errors import RecordingError
 from bus.messages import Attempt, CycleResult, HandState
 from bus.topics import encoding_of
-from cell.republish import payloads
-from logs.days import write_cycle, write_day
-from logs.index import list_cycles, read_entry, read_metadata
-from logs.reader import read_cycle
-from logs.recorder import Recorder
-from logs.recover import recover
+from cell.replay.republish import payloads
+from logs.mcap.index import list_cycles, read_entry, read_metadata
+from logs.mcap.reader import read_cycle
+from logs.mcap.recorder import Recorder
+from logs.mcap.recover import recover
+from logs.report.day_report import write_cycle, write_day
 
 CYCLE_ID = "20260101T000000000"
 CHUNK_AT = struct.Struct("<BQQQQII")

@@ -12,8 +12,8 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 from bus.codes import Code
 from bus.commands import CommandRequest
 from bus.errors import CycleFailure
-from cell.machine import Machine
-from cell.states import State
+from cell.machine.owner import Machine
+from cell.machine.states import State
 
 # ISA-TR88.00.02, written down a second time: command, from, to. Ours: `pick`, and a hold from Completing.
 ALL = tuple(str(state) for state in State)

@@ -19,7 +19,7 @@ from bus.errors import CycleFailure
 from bus.messages import Grasp, PickPlan
 from bus.trajectory import Trajectory
 from config.schema import Box, NodeSettings, SceneSettings, Station
-from drivers.stream import Stream
+from drivers.motion.stream import Stream
 from planning.kinematics import inverse, q7_grid
 from planning.pick import plan_pick
 from planning.robot import Robot

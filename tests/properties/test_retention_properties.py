@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from config.schema import RecordingSettings
-from logs.retention import DAY_NS, GB, Recorded, plan_retention
+from logs.mcap.retention import DAY_NS, GB, Recorded, plan_retention
 
 NOW_NS = 1_800_000_000 * 10**9
 FILES = st.lists(

@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-from .asked import Image, Mask
-from .drift import NONE, Drift, apply, hard, mild
-from .scenery import object_of
+from stand_ins.asked import Image, Mask
+from stand_ins.drift import NONE, Drift, apply, hard, mild
+from stand_ins.scenery import object_of
 
 ROD = (255, 0, 200)
 

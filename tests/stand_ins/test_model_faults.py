@@ -14,9 +14,20 @@ import openai
 import pytest
 from google.genai import errors, types
 
-from .asked import Image, decode, encode
-from .clients import chat, edit, edited, gemini_client, generate, openai_client, paint, pictures, respond, scene
-from .model_server import Fault, ModelServer, Picture
+from stand_ins.asked import Image, decode, encode
+from stand_ins.clients import (
+    chat,
+    edit,
+    edited,
+    gemini_client,
+    generate,
+    openai_client,
+    paint,
+    pictures,
+    respond,
+    scene,
+)
+from stand_ins.model_server import Fault, ModelServer, Picture
 
 HANG_S = 0.3
 

@@ -9,10 +9,22 @@ import numpy as np
 import openai
 import pytest
 
-from .asked import Image, decode
-from .clients import ROD, chat, edit, edited, gemini_client, generate, openai_client, paint, pictures, respond, scene
-from .drift import Drift
-from .model_server import ModelServer, Picture
+from stand_ins.asked import Image, decode
+from stand_ins.clients import (
+    ROD,
+    chat,
+    edit,
+    edited,
+    gemini_client,
+    generate,
+    openai_client,
+    paint,
+    pictures,
+    respond,
+    scene,
+)
+from stand_ins.drift import Drift
+from stand_ins.model_server import ModelServer, Picture
 
 
 def test_words_of_responses_with_usage() -> None:

@@ -1,0 +1,1 @@
+"""What detection is compared with: images without depth."""

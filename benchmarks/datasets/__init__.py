@@ -1,0 +1,1 @@
+"""Labelled images of two grasp datasets, as they lie in their own folders."""

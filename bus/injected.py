@@ -1,0 +1,132 @@
+"""A node's link that misbehaves on demand; and who answers ``fault/{part}`` where faults are allowed."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Protocol
+
+import zenoh
+
+from bus import topics
+from bus.answering import Answers
+from bus.codec import decode, encode
+from bus.commands import Event, Nothing
+from bus.errors import BadPayload
+from bus.frozen import Message
+from bus.injection import Fault, FaultRequest, Faulty
+from bus.sample import Asked, Handler, Heard
+from bus.session import Bus
+from bus.topics import Topic, encoding_of
+
+_ALWAYS_DONE = (topics.ARM_STOP, topics.ARM_HOLD, topics.HAND_STOP)
+"""Carried out whatever the fault, as long as there is a link: only their answers suffer."""
+_GARBAGE_BYTES = 64
+
+
+class Spoilable(Protocol):
+    """What can be told to misbehave; both may be set at any time, from any thread."""
+
+    fault: Fault
+    delay_s: float
+
+
+class FaultyBus(Faulty, Bus):
+    """A `Bus` whose link is ``fault``. What others publish is heard all the same, but with ``off``.
+
+    ``off``: the session is closed, for good. ``stuck``: nothing is answered or published. ``garbage``: random bytes
+    are. ``wrong``: another type's message is. ``slow``: all of it comes ``delay_s`` late.
+    """
+
+    def __init__(
+        self, session: zenoh.Session, cell_id: str, security: Path | None = None, *, is_host: bool = False
+    ) -> None:
+        Faulty.__init__(self, Fault.NONE, delay_s=1.0)
+        Bus.__init__(self, session, cell_id, security, is_host=is_host)
+        self._kept: list[zenoh.Query] = []  # never answered while stuck; guarded by `_turn`
+
+    def _on_fault(self, fault: Fault) -> None:
+        if fault is Fault.STUCK:
+            return
+        with self._turn:
+            kept, self._kept = self._kept, []
+        for query in kept:
+            query.drop()  # type: ignore[no-untyped-call]
+
+    def publish(self, topic: Topic, message: Message | bytes, **fields: str) -> None:
+        match self._fault:
+            case Fault.STUCK:
+                return
+            case Fault.SLOW:
+                self._tarry()
+            case Fault.GARBAGE:
+                message = os.urandom(_GARBAGE_BYTES)
+            case Fault.WRONG:
+                topic, message = replace(topic, says=FaultRequest), FaultRequest(fault=Fault.WRONG)
+        super().publish(topic, message, **fields)
+
+    def close(self) -> None:
+        self.fault = Fault.NONE  # whoever waits in an answer ends
+        super().close()
+
+    def _reply(
+        self, topic: Topic, key: str, query: zenoh.Query, question: Asked, handler: Handler, answers: Answers
+    ) -> None:
+        if topic is topics.FAULT:
+            super()._reply(topic, key, query, question, handler, answers)
+            if self._fault is Fault.OFF:
+                self._session.close()  # type: ignore[no-untyped-call]
+            return
+        if self._fault is not Fault.STUCK:
+            spoiled = lambda payload, asked: self._spoiled(topic, handler(payload, asked))  # noqa: E731
+            super()._reply(topic, key, query, question, spoiled, answers)
+            return
+        with self._turn:
+            self._kept.append(query)
+        if topic in _ALWAYS_DONE:
+            handler(b"{}", question)
+
+    def _spoiled(self, topic: Topic, answer: Message | list[Heard]) -> Message | list[Heard]:
+        """What is sent in the place of ``answer``."""
+        if topic not in _ALWAYS_DONE:  # their lane stays free for the next stop
+            with self._turn:
+                self._turn.wait_for(lambda: self._fault is not Fault.STUCK)
+        self._tarry()
+        if self._fault not in (Fault.GARBAGE, Fault.WRONG):
+            return answer
+        parts = answer if isinstance(answer, list) else [Heard(topic.key, encoding_of(type(answer)), b"")]
+        if self._fault is Fault.GARBAGE:
+            return [part._replace(payload=os.urandom(_GARBAGE_BYTES)) for part in parts]
+        other = FaultRequest(fault=Fault.WRONG)
+        return [Heard(part.key, encoding_of(FaultRequest), encode(other)) for part in parts]
+
+    def _tarry(self) -> None:
+        with self._turn:
+            if self._fault is Fault.SLOW:
+                self._turn.wait_for(lambda: self._fault is not Fault.SLOW, self.delay_s)
+
+
+def answer_faults(bus: Bus, parts: Mapping[str, Spoilable], say: Callable[[Topic, Message], None]) -> None:
+    """Answer ``fault/{part}`` for ``parts``, each by setting its fault, and say so."""
+    for part, spoilable in parts.items():
+        bus.answer(topics.FAULT, _setter(part, spoilable, say), lane="fault", part=part)
+
+
+def _setter(part: str, spoilable: Spoilable, say: Callable[[Topic, Message], None]) -> Handler:
+    def set_fault(payload: bytes, _asked: Asked) -> Message:
+        request = decode(FaultRequest, payload)
+        if request.delay_s is not None:
+            if not 0.0 <= request.delay_s <= 3600.0:  # nan is nowhere
+                raise BadPayload(f"delay_s = {request.delay_s} is no time between 0 and an hour.")
+            spoilable.delay_s = request.delay_s
+        text = f"Injected fault of the {part}: {request.fault}."
+        say(
+            topics.EVENT,
+            Event(code="FAULT_SET", severity="warning", text=text, advice=f"End it: cell fault {part} none"),
+        )
+        spoilable.fault = request.fault
+        return Nothing()
+
+    return set_fault

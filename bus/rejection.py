@@ -1,0 +1,15 @@
+"""Why planning did not take a grasp."""
+
+from __future__ import annotations
+
+from bus.codes import Code
+from bus.frozen import Message
+
+
+class Rejection(Message):
+    """A way to grasp that was not chosen, and why. ``tilt_rad``: as in `PickPlan`."""
+
+    grasp: int
+    tilt_rad: float
+    code: Code
+    reason: str

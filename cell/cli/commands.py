@@ -1,0 +1,184 @@
+"""The command line: which command is in which module. Only what is asked for is imported: `cell stop` must not wait."""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+from typer.main import get_command
+
+from bus.lazy import LazyModule
+from cell.terminal.printing import out
+
+metadata: Any = LazyModule("importlib.metadata")
+
+
+class Row(NamedTuple):
+    """One command: the module of this room that holds it, as a function or a Typer of its name, and its help in short.
+
+    The help is the first paragraph of the command's own (a test looks): to show it, nothing is imported.
+    """
+
+    module: str
+    help: str
+
+
+COMMANDS = {
+    "start": Row(
+        "start",
+        "Start the cell: the daemon and its nodes. Without --cycles or --until-empty it stays, and waits for commands.",
+    ),
+    "pick": Row(
+        "pick",
+        "Pick one object, and wait for the result. The cell must be Idle or Complete; if this ends early, it holds.",
+    ),
+    "run": Row(
+        "pick",
+        "Let the running cell pick several times, and wait. It must be Idle; if this ends early, it holds.",
+    ),
+    "reset": Row("control", "Self-check, arm to the capture pose; ends in Idle."),
+    "stop": Row("control", "Controlled stop: brake on the path, confirm by the measured velocity; ends in Stopped."),
+    "abort": Row("control", "Brake now; ends in Aborted. Then: clear, reset, start - three deliberate acts."),
+    "clear": Row("control", "Clear an abort; ends in Stopped."),
+    "hold": Row("control", "Pause a running cycle: brake on the path and wait there; ends in Held."),
+    "unhold": Row("control", "Go on with a held cycle; returns when it runs again."),
+    "suspend": Row("control", "Pause for a reason outside the cell; brakes as hold does; ends in Suspended."),
+    "unsuspend": Row("control", "Go on with a suspended cycle; returns when it runs again."),
+    "status": Row("control", "The machine's state, what it would accept, and how its nodes are."),
+    "watch": Row(
+        "setup",
+        "The running cell on one screen: state, last cycles, nodes; its commands are one key each. q ends the view.",
+    ),
+    "fleet": Row(
+        "network", "Every cell that can be seen from here: state, stage, since when, why, and what is wrong with it."
+    ),
+    "router": Row(
+        "network",
+        "Run a Zenoh router, where cells and those who look after them meet; zenohd does the same with the same file.",
+    ),
+    "keys": Row(
+        "network",
+        "Make TLS certificates and Zenoh files for each role: cell, router, node, operator, viewer (docs/security.md).",
+    ),
+    "cycles": Row("recordings", "List recorded cycles, newest first."),
+    "show": Row("recordings", "Why a cycle ended so: its result, what to do, its stages, what was changed for it."),
+    "report": Row(
+        "recordings",
+        "Write one self-contained HTML page that explains a cycle; of a folder, a page per cycle and one a day.",
+    ),
+    "replay": Row(
+        "replay", "Run the pure stages again from recordings and compare. Exit 0 equal, 1 different, 2 cannot."
+    ),
+    "recover": Row(
+        "recordings",
+        "Make torn recordings whole. Exit 0 all that was flushed is kept, 1 something is lost, 2 cannot.",
+    ),
+    "config": Row("setup", "Print the whole configuration, defaults included, as JSON."),
+    "doctor": Row(
+        "setup",
+        "Check this machine and the station's devices before the first start. Exit 0 nothing to fix, 1 something is.",
+    ),
+    "calibrate": Row("calibrate", "Where the camera sits in the hand: find it, check it."),
+    "fault": Row(
+        "control",
+        "Tell a part of a running cell to misbehave, to see what it does: docs/faults.md. Needs faults.allowed = true.",
+    ),
+    "node": Row(
+        "setup",
+        'Serve one driver node on the bus (for nodes with run = "elsewhere"; the daemon runs the others).',
+    ),
+}
+"""In the order in which they are shown."""
+
+_FACE: dict[str, Any] = {"add_completion": False, "pretty_exceptions_enable": False, "rich_markup_mode": None}
+
+
+class Commands(TyperGroup):
+    """The commands of the table, each imported when it is asked for."""
+
+    _only_named = False
+
+    def __init__(self, **attributes: Any) -> None:
+        named = {name: TyperCommand(name, help=row.help) for name, row in COMMANDS.items()}
+        super().__init__(**{**attributes, "commands": named})
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        named = super().get_command(ctx, cmd_name)
+        return named if named is None or self._only_named else command(cmd_name)
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        with self._named_only():
+            super().format_help(ctx, formatter)
+
+    def shell_complete(self, ctx: Any, incomplete: str) -> Any:
+        with self._named_only():
+            return super().shell_complete(ctx, incomplete)
+
+    @contextmanager
+    def _named_only(self) -> Iterator[None]:
+        """Within this, a command is its name and its help in short."""
+        self._only_named = True
+        try:
+            yield
+        finally:
+            self._only_named = False
+
+
+def command(name: str) -> Any:
+    """The command of the table, imported."""
+    what = getattr(import_module(f"cell.cli.{COMMANDS[name].module}"), name)
+    app = what
+    if not isinstance(what, typer.Typer):
+        app = typer.Typer(**_FACE)
+        app.command(name)(what)
+    made = get_command(app)
+    made.name = name
+    return made
+
+
+def command_line() -> typer.Typer:
+    """The application ``cell``."""
+    app = typer.Typer(
+        cls=Commands,
+        help="VLAD Cell: picks objects it has never seen, explains every pick, and can replay it.",
+        no_args_is_help=True,
+        epilog=(
+            "Exit codes: 0 done, 1 the robot failed (code printed), 2 usage or configuration, 3 refused,"
+            " 4 unreachable, 5 a defect of this program."
+        ),
+        **{**_FACE, "add_completion": True},
+    )
+
+    @app.callback()
+    def _cell(
+        _: Annotated[
+            bool, typer.Option("--version", callback=_say_version, is_eager=True, help="Print the version, and end.")
+        ] = False,
+    ) -> None: ...
+
+    return app
+
+
+def _say_version(wanted: bool) -> None:
+    if wanted:
+        out.line(f"cell {metadata.version('vlad-cell')}{_commit()}")
+        raise typer.Exit
+
+
+def _commit() -> str:
+    """`` (commit 0123abc)`` in a checkout, with a + where it has changes; nothing elsewhere, or without git."""
+    root = Path(__file__).parents[2]
+    if not (root / ".git").exists():
+        return ""
+    described = ["git", "-C", str(root), "describe", "--always", "--abbrev=12", "--dirty=+", "--exclude=*"]
+    try:
+        said = subprocess.run(described, check=True, capture_output=True, text=True, timeout=10).stdout.strip()
+    except (OSError, subprocess.SubprocessError):
+        return ""
+    return f" (commit {said})"

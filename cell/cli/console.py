@@ -1,0 +1,119 @@
+"""What an operator sees while cycles run: one line a stage, then the verdict; or one JSON object a cycle."""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from bus.codes import ADVICE
+from bus.commands import CellState, Event
+from bus.errors import RecordingError
+from bus.frozen import Message
+from bus.messages import CycleResult, StageRecord
+from bus.topics import Topic
+from cell.daemon.batch import Summary
+from cell.machine.states import PAUSING, told
+from cell.terminal.printing import out
+from logs.mcap.reader import read_cycle
+from logs.report.cycle_report import write_report
+from logs.report.timeline import in_words
+
+_RESULT_STYLE = {"SUCCESS": "bold green", "EMPTY": "bold yellow"}
+
+
+class Screen:
+    """Prints what the daemon says. `observe` is called on the daemon's threads and only enqueues.
+
+    ``each_turn`` is called by `follow` with everything that was said, and with None several times a second.
+    """
+
+    def __init__(
+        self, *, json_lines: bool, report: bool, each_turn: Callable[[Message | bytes | None], None] = lambda _: None
+    ) -> None:
+        self._json, self._report, self._each_turn = json_lines, report, each_turn
+        self._heard: queue.SimpleQueue[tuple[Topic, Message | bytes]] = queue.SimpleQueue()
+        self._state = ""
+        self.interrupted = threading.Event()
+
+    def observe(self, topic: Topic, message: Message | bytes) -> None:
+        """Queue one thing the daemon said."""
+        self._heard.put((topic, message))
+
+    def line(self, text: str, style: str = "") -> None:
+        """One line for a person; nothing in JSON mode."""
+        if not self._json:
+            out.line(text, style=style)
+
+    def summary(self, summary: Summary) -> None:
+        """How a batch until empty ended: one line, or one JSON object after the results."""
+        if self._json:
+            out.json(summary.model_dump_json())
+        else:
+            out.line(summary.line(), style="bold green" if summary.is_empty else "bold red")
+
+    def follow(self, *, quiet: bool = False) -> Iterator[CellState | CycleResult]:
+        """Print what is said (unless ``quiet``), and yield states and results, until interrupted."""
+        while not self.interrupted.is_set():
+            try:
+                _, message = self._heard.get(timeout=0.1)
+            except queue.Empty:
+                self._each_turn(None)
+                continue
+            self._each_turn(message)
+            if not quiet:
+                self._show(message)
+            if isinstance(message, CellState | CycleResult):
+                yield message
+
+    def _show(self, message: Message | bytes) -> None:
+        if isinstance(message, CycleResult):
+            self._show_result(message)
+        elif self._json:
+            return
+        elif isinstance(message, CellState):
+            if message.state in ("Starting", "Aborted") and message.cycle_id:
+                out.line("cycle ", (message.cycle_id, "bold"))
+            elif message.stage == "" or message.state != self._state:
+                self._show_state(message)
+            self._state = message.state
+        elif isinstance(message, StageRecord):
+            said = message.failure.text if message.failure else in_words(message.result)
+            out.line(f"  {message.stage:<8} {message.duration_s:6.2f} s  {said}")
+        elif isinstance(message, Event):
+            out.line("  ", (message.code, "bold red"), f" {message.text} {message.advice}")
+
+    def _show_state(self, state: CellState) -> None:
+        why = told(state.state, state.reason)
+        is_command = why != state.reason
+        out.line("  ", (why if is_command else state.state, "dim"))
+        if state.state in PAUSING and why and not is_command:  # nothing else says why
+            out.line("  ", why)
+
+    def _show_result(self, result: CycleResult) -> None:
+        if self._json:
+            out.json(result.model_dump_json())
+            return
+        style = _RESULT_STYLE.get(result.result, "bold red")
+        code = f" {result.code.value}" if result.code else ""
+        name = f" {result.object}" if result.object else ""
+        out.line((f"{result.result}{code}", style), f"{name}: {result.reason} ({result.wall_s:.1f} s)")
+        if result.code:
+            out.line(f"  {ADVICE[result.code]}")
+        out.line(f"  recording {result.recording}")
+        if result.retried_as:
+            out.line(f"  tried again as {result.retried_as}")
+        if self._report:
+            self._write_report(Path(result.recording))
+
+    def _write_report(self, recording: Path) -> None:
+        """A page beside the recording; the cell goes on when the disk does not."""
+        started_s = time.monotonic()
+        try:
+            page = write_report(read_cycle(recording), recording.with_suffix(".html"))
+        except RecordingError as error:
+            out.line("  ", ("no report", "bold red"), f" {error}")
+        else:
+            out.line(f"  report    {page} ({time.monotonic() - started_s:.1f} s)")

@@ -1,0 +1,109 @@
+"""``cell reset``, ``stop`` and so on, ``status``, ``fault``: what is asked of a cell that runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from collections.abc import Set as AbstractSet
+from contextlib import nullcontext
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bus.commands import CellState
+from bus.injection import PARTS, Fault
+from cell import client
+from cell.cli.options import Config, Json, Set, finite
+from cell.cli.pick import attended, connected
+from cell.client import SETTLED
+from cell.machine.leases import NEEDS_LEASE, NEEDS_TOKEN
+from cell.machine.states import told
+from cell.terminal.printing import err, out
+from config.load import DEFAULT_STATION, load_station
+
+_ENDED = frozenset({"Stopped", "Aborted"})
+_HELD = frozenset({"Held"})
+_SUSPENDED = frozenset({"Suspended"})
+_RUNS_AGAIN = frozenset({"Execute", "Completing", "Complete", "Idle"})  # the last two: little of the cycle was left
+_PATIENCE_S, _ATTENDED_S = 60.0, 600.0
+
+
+def _simple(verb: str, help_text: str, until: AbstractSet[str] = SETTLED) -> Callable[..., None]:
+    """The command without arguments ``verb``: send it, wait for a state of ``until``, or an end; print the state."""
+
+    def run(config: Config = DEFAULT_STATION, overrides: Set = None, as_json: Json = False) -> None:
+        with attended() if verb in NEEDS_LEASE | NEEDS_TOKEN else nullcontext():
+            state, wanted = _carry_out(verb, until, config, overrides)
+        out.json(state.model_dump_json()) if as_json else out.line(_in_words(state))
+        if state.state not in wanted or (state.state == "Aborted" and verb != "abort"):
+            raise typer.Exit(1)
+
+    run.__doc__ = help_text
+    return run
+
+
+def _carry_out(
+    verb: str, until: AbstractSet[str], config: Path, overrides: list[str] | None
+) -> tuple[CellState, AbstractSet[str]]:
+    """The state that it ended in, and those that would be its success."""
+    with connected(verb, config, overrides) as cell:
+        reply = cell.command(verb)
+        state = cell.wait_for_state({*until, *_ENDED}, _PATIENCE_S)
+        if until is not _RUNS_AGAIN or reply.lease != cell.client_id or state.state in _ENDED:
+            return state, until
+        err.line("its client is gone: attended from here until it is over; Ctrl-C holds it")
+        return cell.wait_for_state(set(SETTLED), _ATTENDED_S), SETTLED - _ENDED
+
+
+def _in_words(state: CellState) -> str:
+    why = told(state.state, state.reason)
+    return why if why != state.reason else f"{state.state} {state.reason}".strip()
+
+
+reset = _simple("reset", "Self-check, arm to the capture pose; ends in Idle.")
+stop = _simple("stop", "Controlled stop: brake on the path, confirm by the measured velocity; ends in Stopped.")
+abort = _simple("abort", "Brake now; ends in Aborted. Then: clear, reset, start - three deliberate acts.")
+clear = _simple("clear", "Clear an abort; ends in Stopped.")
+hold = _simple("hold", "Pause a running cycle: brake on the path and wait there; ends in Held.", _HELD)
+unhold = _simple("unhold", "Go on with a held cycle; returns when it runs again.", _RUNS_AGAIN)
+suspend = _simple("suspend", "Pause for a reason outside the cell; brakes as hold does; ends in Suspended.", _SUSPENDED)
+unsuspend = _simple("unsuspend", "Go on with a suspended cycle; returns when it runs again.", _RUNS_AGAIN)
+
+
+def status(config: Config = DEFAULT_STATION, overrides: Set = None, as_json: Json = False) -> None:
+    """The machine's state, what it would accept, and how its nodes are."""
+    with client.connect(load_station(config, overrides or [])) as cell:
+        state, health = cell.state(), cell.health()
+    if as_json:
+        out.json({**state.model_dump(mode="json"), "health": health.model_dump(mode="json")})
+        return
+    why = told(state.state, state.reason)
+    said = why.removeprefix(state.state) if why != state.reason else f" {why}"
+    out.line((state.state, "bold"), f" {state.stage} {state.cycle_id}".rstrip(), said.rstrip())
+    out.line(f"  available: {', '.join(state.available) or '-'}")
+    for name, node in health.nodes.items():
+        said = "; ".join(node.problems) or "healthy"
+        again = f" (started again {node.restarts} times)" if node.restarts else ""
+        out.line(f"  node {name}: {said}{again}", style="red" if node.problems else "")
+
+
+def fault(
+    part: Annotated[str, typer.Argument(help=f"One of: {', '.join(PARTS)}.", show_default=False)],
+    word: Annotated[Fault, typer.Argument(help="How it is to misbehave; none ends it.", show_default=False)],
+    config: Config = DEFAULT_STATION,
+    overrides: Set = None,
+    delay_s: Annotated[
+        float | None, typer.Option("--delay-s", min=0, help="How late a slow one answers.", callback=finite)
+    ] = None,
+) -> None:
+    """Tell a part of a running cell to misbehave, to see what it does: docs/faults.md. Needs faults.allowed = true.
+
+    Not for a robot among people: an arm that is wrong moves elsewhere than planned, into whatever stands there. Stops
+    always reach it.
+    """
+    known = {str(one): one for one in PARTS}
+    if part not in known:
+        raise typer.BadParameter(f"{part!r} is none of {', '.join(PARTS)}.")
+    with client.connect(load_station(config, overrides or [])) as cell:
+        cell.fault(known[part], word, delay_s)
+    out.line(f"{part}: {word}")

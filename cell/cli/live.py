@@ -1,0 +1,312 @@
+"""``cell watch``: the running cell on one screen, and its commands one key each."""
+
+from __future__ import annotations
+
+import os
+import re
+import select
+import sys
+import termios
+import threading
+import time
+import tty
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from dataclasses import replace
+from itertools import islice
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any
+
+from rich.console import Console, RenderableType
+from rich.live import Live
+
+from bus import topics
+from bus.codec import decode
+from bus.commands import CellState, CommandReply, Event, Health
+from bus.errors import BadPayload, BusError, CellError
+from bus.frozen import Message
+from bus.messages import CycleResult
+from bus.sample import Heard
+from bus.topics import encoding_of
+from cell import client
+from cell.cli.live_view import HISTORY, KEYS, QUIT, Model, view
+from cell.client import SETTLED, Client
+from cell.machine.states import ENDING
+from cell.terminal.drawing import console
+from cell.terminal.printing import out
+from cell.terminal.signals import on_end
+from config.schema import Station
+from logs.mcap.index import read_result
+
+_TURN_S = 0.1
+_WIDTH = 120
+"""Where no terminal says its own."""
+_REDRAW_S = 0.5
+_ASK_STATE_S = 1.0
+_SILENCE_S = 2.0
+"""A cell answers at once; after this the view says that it does not, while the question still waits."""
+_NODES_PATIENCE_S = 2.5
+_ENDED = "The cell has ended, or the link to it. It is shown again once it is back."
+_UNKNOWN_NS = 2**63
+_TYPES: dict[str, type[Message]] = {
+    topics.STATE.key: CellState,
+    topics.RESULT.key: CycleResult,
+    topics.EVENT.key: Event,
+}
+_NODE_HEALTH = re.compile(topics.NODE_HEALTH.key.format(name="[^/]+"))
+_ESCAPE_SEQUENCE = re.compile(rb"\x1b(\[[0-?]*[ -/]*[@-~]|O.|.)?", re.DOTALL)
+_NO_CHARACTER = b"\0"  # POSIX: this control character is switched off
+
+
+class Keyboard:
+    """Key presses, unbuffered and unechoed while entered, where ``stdin`` is a terminal; otherwise none ever.
+
+    Ctrl-C stays a signal; Ctrl-Z does nothing, so that no other program meets the terminal in this mode.
+    """
+
+    def __init__(self, stdin: IO[str]) -> None:
+        self._fd = stdin.fileno() if stdin.isatty() else None
+        self._before: Any = None
+
+    @property
+    def is_there(self) -> bool:
+        return self._fd is not None
+
+    def __enter__(self) -> Keyboard:
+        if self._fd is not None:
+            self._before = termios.tcgetattr(self._fd)
+            tty.setcbreak(self._fd)
+            now = termios.tcgetattr(self._fd)
+            now[6][termios.VSUSP] = _NO_CHARACTER
+            termios.tcsetattr(self._fd, termios.TCSANOW, now)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        if self._fd is not None:
+            termios.tcsetattr(self._fd, termios.TCSADRAIN, self._before)
+
+    def pressed(self, timeout_s: float) -> list[str]:
+        """The keys pressed within ``timeout_s``, a held-down one once; not those that send a sequence (arrows).
+
+        Raises: EOFError when the terminal is gone.
+        """
+        if self._fd is None:
+            time.sleep(timeout_s)
+            return []
+        if not select.select([self._fd], [], [], timeout_s)[0]:
+            return []
+        typed = os.read(self._fd, 1024)
+        if not typed:
+            raise EOFError
+        return list(dict.fromkeys(_ESCAPE_SEQUENCE.sub(b"", typed).decode("ascii", "ignore")))
+
+
+class Commander:
+    """Sends the view's commands. It holds the lease from the first that moves the arm until what it commanded is over.
+
+    Args:
+        connect: a new connection to the cell, closed with its context; with it ends the lease.
+    """
+
+    def __init__(self, connect: Callable[[], AbstractContextManager[Client]]) -> None:
+        self._connect = connect
+        self._alone = threading.Lock()
+        self._open = ExitStack()
+        self._client: Client | None = None
+        self._since_ns = 0
+
+    def command(self, verb: str) -> CommandReply:
+        """Send one command, from any thread. Raises: as `Client.command`."""
+        with self._alone:
+            if self._client is None:
+                self._client = self._open.enter_context(self._connect())
+            reply = self._client.command(verb)
+            self._since_ns = _UNKNOWN_NS
+            self._since_ns = self._client.state().since_ns  # of the state that it led to, or of a later one
+            return reply
+
+    def is_over(self, state: CellState | None, *, is_gone: bool) -> bool:
+        """Whether there is a connection to close: ``state`` is the end of what was commanded, or the cell is gone."""
+        if self._alone.locked() or self._client is None:
+            return False
+        return is_gone or (state is not None and state.state in SETTLED and state.since_ns >= self._since_ns)
+
+    def release(self) -> None:
+        """Close the connection, and with it give the lease back; the next command opens another."""
+        with self._alone:
+            self._open.close()
+            self._client = None
+
+
+class Watcher:
+    """Keeps a `Model` up to date, and sends commands. Asking happens in threads: a silent cell never stops the view."""
+
+    def __init__(
+        self, cell: Client, commander: Commander, station: Station, pool: ThreadPoolExecutor, *, takes_keys: bool
+    ) -> None:
+        self._cell, self._commander, self._pool = cell, commander, pool
+        results = tuple(islice(recorded_results(station.recording.folder), HISTORY))
+        self.model = Model(station.cell_id, tuple(station.nodes), takes_keys, results=results)
+        self.model = self.model.hear(cell.state(), time.monotonic())
+        self._asked_s = time.monotonic()
+        self._asking: Future[CellState] | None = None
+        self._commands: list[tuple[str, Future[CommandReply]]] = []
+        self._releasing: Future[None] | None = None
+
+    def press(self, key: str) -> None:
+        """Send the key's command, also one that will be refused: the answer says why."""
+        verb = KEYS.get(key)
+        if verb is not None:
+            self.model = self.model.noting(f"{verb} ...", time.monotonic())
+            # what brings to rest waits for no other command
+            send = self._cell.command if verb in ENDING else self._commander.command
+            self._commands.append((verb, self._pool.submit(send, verb)))
+
+    def turn(self) -> None:
+        """Take what was said and answered since the last turn. Raises: nothing a cell does."""
+        for heard in self._cell.heard():
+            self.hear(heard)
+        for verb, future in [command for command in self._commands if command[1].done()]:
+            self._commands.remove((verb, future))
+            self._take_answer(verb, future)
+        self._ask_state()
+        self._give_back()
+
+    def hear(self, heard: Heard) -> None:
+        """Take one message; one that cannot be read is counted, and its reason shown."""
+        try:
+            said = _decoded(heard)
+        except BadPayload as error:
+            self.model = self.model.missing(heard.key, error.text)
+        else:
+            self.model = self.model.hear(said, time.monotonic())
+
+    def _take_answer(self, verb: str, future: Future[CommandReply]) -> None:
+        try:
+            cycle_id = future.result().cycle_id
+        except CellError as error:
+            self.model = self.model.noting(f"{verb}: {error.code}: {error}", time.monotonic(), is_bad=True)
+        else:
+            begun = f", cycle {cycle_id}" if cycle_id else ""
+            self.model = self.model.noting(f"{verb}: accepted{begun}", time.monotonic())
+
+    def _ask_state(self) -> None:
+        """Ask for the state, too, once a second: so a cell that fell silent shows, and one that came back."""
+        if self._asking is None:
+            if time.monotonic() - self._asked_s > _ASK_STATE_S:
+                self._asked_s, self._asking = time.monotonic(), self._pool.submit(self._cell.state)
+        elif self._asking.done():
+            try:
+                self.model = self.model.hear(self._asking.result(), time.monotonic())
+            except BusError as error:
+                self.model = replace(self.model, lost=_ENDED if self._cell.is_gone else str(error))
+            self._asking = None
+        elif self._cell.is_gone:
+            self.model = replace(self.model, lost=_ENDED)
+        elif time.monotonic() - self._asked_s > _SILENCE_S and not self.model.lost:
+            self.model = replace(self.model, lost=f"The cell has not answered for {_SILENCE_S:.0f} s.")
+
+    def _give_back(self) -> None:
+        """The lease, once nothing moves for it any more: another client may command."""
+        is_due = not self._commands and self._commander.is_over(self.model.state, is_gone=self._cell.is_gone)
+        if is_due and (self._releasing is None or self._releasing.done()):
+            self._releasing = self._pool.submit(self._commander.release)
+
+    def wait_for_nodes(self) -> None:
+        """Until every node was heard, or `_NODES_PATIENCE_S`."""
+        give_up_s = time.monotonic() + _NODES_PATIENCE_S
+        while set(self.model.nodes) - self.model.beats.keys() and time.monotonic() < give_up_s:
+            time.sleep(_TURN_S)
+            self.turn()
+
+
+def watch(station: Station, *, once: bool) -> None:
+    """Show the station's cell until q or Ctrl-C; once, where asked for or where there is no terminal to draw on.
+
+    Raises: CellUnreachable when no cell runs at the beginning; one that goes away later is shown, and waited for.
+    """
+    canvas = console(out, None if out.isatty() else _WIDTH)
+    once = once or not out.isatty()
+    keyboard = Keyboard(sys.stdin)
+    name = client.client_name("watch")
+    commander = Commander(lambda: client.connect(station, client_id=name))
+    also = (topics.NODE_HEALTH, topics.EVENT)
+    with client.connect(station, also, client_id=name) as cell, _released_last(commander), _asking() as pool:
+        watcher = Watcher(cell, commander, station, pool, takes_keys=keyboard.is_there and not once)
+        if once:
+            watcher.wait_for_nodes()
+            canvas.print(_draw(watcher))
+        else:
+            _loop(watcher, keyboard, canvas, _end_on_signals())
+
+
+def _loop(watcher: Watcher, keyboard: Keyboard, canvas: Console, ended: threading.Event) -> None:
+    """Until q, ``ended``, or the terminal is gone: only its own input and output raise what is caught here."""
+    try:
+        with keyboard, Live(_draw(watcher), console=canvas, screen=True, auto_refresh=False) as live:
+            drawn_s, drawn = 0.0, watcher.model
+            while not ended.is_set() and out.lost is None and QUIT not in (keys := keyboard.pressed(_TURN_S)):
+                for key in keys:
+                    watcher.press(key)
+                watcher.turn()
+                if watcher.model is not drawn or time.monotonic() - drawn_s > _REDRAW_S:
+                    drawn_s, drawn = time.monotonic(), watcher.model
+                    live.update(_draw(watcher), refresh=True)
+    except (EOFError, OSError, termios.error):
+        return
+
+
+def _draw(watcher: Watcher) -> RenderableType:
+    return view(watcher.model, time.monotonic(), time.time_ns())
+
+
+def _decoded(heard: Heard) -> Message:
+    """What was said, in the type of its key. Raises: BadPayload."""
+    kind = Health if _NODE_HEALTH.fullmatch(heard.key) else _TYPES.get(heard.key)
+    if kind is None or heard.encoding != encoding_of(kind):
+        raise BadPayload(f"{heard.key!r} does not carry {heard.encoding!r}.")
+    return decode(kind, heard.payload)
+
+
+def _end_on_signals() -> threading.Event:
+    """Set by Ctrl-C, SIGTERM and a closed terminal; none of them may interrupt a line that is being drawn."""
+    ended = threading.Event()
+    on_end(ended.set)
+    return ended
+
+
+@contextmanager
+def _released_last(commander: Commander) -> Iterator[None]:
+    """What it commanded is no longer attended once the view has ended: the cell holds it."""
+    try:
+        yield
+    finally:
+        commander.release()
+
+
+@contextmanager
+def _asking() -> Iterator[ThreadPoolExecutor]:
+    """Threads for questions; leaving does not wait for their answers."""
+    pool = ThreadPoolExecutor(max_workers=4, thread_name_prefix="asking")
+    try:
+        yield pool
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+
+
+def recorded_results(folder: Path) -> Iterator[CycleResult]:
+    """Results of the closed recordings below ``folder``, newest first; those that cannot be read are left out.
+
+    `cell cycles` lists those too, with what is wrong.
+    """
+    for path in sorted(folder.rglob("*.mcap"), key=lambda path: path.name, reverse=True):
+        try:
+            result = read_result(path)
+        except CellError:
+            continue
+        if result is not None:
+            yield result

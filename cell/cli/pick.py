@@ -1,0 +1,151 @@
+"""``cell pick`` and ``cell run``: picks of a cell that runs, commanded and attended from here until they are over."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bus.commands import MAX_CYCLES, CellState, CommandRequest
+from bus.messages import CycleResult
+from cell import client
+from cell.cli.options import Config, Json, Set, object_name_of
+from cell.client import Client
+from cell.daemon.batch import Batch
+from cell.machine.states import told
+from cell.terminal.printing import err, out
+from config.load import DEFAULT_STATION, load_station
+
+_PATIENCE_S = 600.0
+_INTERRUPTED = 130
+"""As a shell says of what Ctrl-C ended."""
+_ENDED = ("Stopped", "Aborted")
+_FINE = ("SUCCESS", "EMPTY")
+
+
+def pick(
+    config: Config = DEFAULT_STATION,
+    object_name: Annotated[
+        str | None, typer.Option("--object", help="Simulation: the object to present.", callback=object_name_of)
+    ] = None,
+    overrides: Set = None,
+    as_json: Json = False,
+) -> None:
+    """Pick one object, and wait for the result. The cell must be Idle or Complete; if this ends early, it holds."""
+    with attended(), connected("pick", config, overrides) as cell:
+        reply = cell.command("pick", object_name=object_name)
+        if not as_json:
+            out.line(f"cycle {reply.cycle_id} begins; Ctrl-C holds it")
+        shown = _Shown(as_json)
+        result = _result_of(cell, reply.cycle_id, shown.state)
+    shown.result(result)
+    if result.result not in _FINE:
+        raise typer.Exit(1)
+
+
+def run(
+    config: Config = DEFAULT_STATION,
+    cycles: Annotated[int | None, typer.Option(min=1, max=MAX_CYCLES, help="Run this many picks.")] = None,
+    until_empty: Annotated[
+        bool, typer.Option("--until-empty", help="Pick until nothing is left or 3 picks in a row failed.")
+    ] = False,
+    overrides: Set = None,
+    as_json: Json = False,
+) -> None:
+    """Let the running cell pick several times, and wait. It must be Idle; if this ends early, it holds."""
+    if (cycles is None) is not until_empty:
+        raise typer.BadParameter("one of --cycles and --until-empty says how many picks.")
+    station = load_station(config, overrides or [])
+    wanted = CommandRequest(cycles=cycles or 1, until_empty=until_empty)
+    batch, shown = Batch(wanted, station.retry), _Shown(as_json)
+    with attended(), client.connect(station, client_id=client.client_name("run")) as cell:
+        reply = cell.command("start", cycles=wanted.cycles, until_empty=until_empty)
+        if not as_json:
+            out.line(f"cycle {reply.cycle_id} begins; Ctrl-C holds it")
+        _follow(cell, batch, shown)
+    if until_empty:
+        shown.summary(batch)
+    if not (batch.is_empty if until_empty else batch.picked == cycles):
+        raise typer.Exit(1)
+
+
+def _follow(cell: Client, batch: Batch, shown: _Shown) -> None:
+    """Show what is said until no other pick follows: also when the cell is stopped, or aborts."""
+    while not batch.is_over:
+        said = cell.next_said(_PATIENCE_S)
+        if isinstance(said, CycleResult):
+            shown.result(said)
+            batch.hear(said)
+        else:
+            shown.state(said)
+            if said.state in _ENDED:
+                batch.end(shown.cause or said.state)
+
+
+def _result_of(cell: Client, cycle_id: str, hear: Callable[[CellState], None]) -> CycleResult:
+    """The result of the pick that began as ``cycle_id``: of its last try."""
+    while True:
+        said = cell.next_said(_PATIENCE_S)
+        if isinstance(said, CellState):
+            hear(said)
+        elif said.cycle_id == cycle_id and not said.retried_as:
+            return said
+        elif said.cycle_id == cycle_id:
+            cycle_id = said.retried_as
+
+
+class _Shown:
+    """Shows results, and who or what brought the cell to rest meanwhile.
+
+    Attributes:
+        cause: the last such, "" before there was one.
+    """
+
+    def __init__(self, as_json: bool) -> None:
+        self._as_json = as_json
+        self._state = ""
+        self.cause = ""
+
+    def state(self, state: CellState) -> None:
+        """A state; shown where somebody, or the cell itself, holds, stops or aborts what was going on."""
+        is_new, self._state = state.state != self._state, state.state
+        if is_new and state.reason and state.state in ("Holding", "Suspending", "Stopping", "Aborting"):
+            self.cause = told(state.state, state.reason)
+            if not self._as_json:
+                out.line(f"  {self.cause}")
+
+    def result(self, result: CycleResult) -> None:
+        """A cycle's result, and its recording."""
+        if self._as_json:
+            out.json(result.model_dump_json())
+            return
+        outcome = " ".join(filter(None, (result.result, result.code, result.object)))
+        out.line(f"{outcome}: {result.reason}")
+        out.line(f"  {result.recording}")
+
+    def summary(self, batch: Batch) -> None:
+        """How a batch ended; what is left on the table only the cell's own terminal knows."""
+        summary = batch.summary(None)
+        out.json(summary.model_dump_json()) if self._as_json else out.line(summary.line())
+
+
+@contextmanager
+def attended() -> Iterator[None]:
+    """Around what keeps a client that the arm moves for: Ctrl-C ends that client, and says what it leaves behind."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        err.line("Interrupted: nobody attends the motion any more, so the cell holds it, or stops where it cannot.")
+        err.line("To go on: `cell unhold`. To give it up: `cell stop`. What it does now: `cell status`.")
+        raise typer.Exit(_INTERRUPTED) from None
+
+
+@contextmanager
+def connected(verb: str, config: Path, overrides: list[str] | None) -> Iterator[Client]:
+    """A client that is named after what it asks for."""
+    station = load_station(config, overrides or [])
+    with client.connect(station, client_id=client.client_name(verb)) as cell:
+        yield cell

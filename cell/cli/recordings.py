@@ -1,0 +1,180 @@
+"""``cell cycles``, ``show``, ``report``, ``recover``: what was recorded, listed, told, as pages, and made whole."""
+
+from __future__ import annotations
+
+import webbrowser
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from bus.errors import ConfigError, RecordingError
+from cell.cli.options import Config, Json
+from cell.terminal.drawing import console, table, tracked, words
+from cell.terminal.printing import Part, err, out
+from config.load import DEFAULT_STATION, load_station
+from logs.mcap.index import Entry, Filter, find_recording, list_cycles
+from logs.mcap.names import is_folder
+from logs.mcap.reader import CycleRecord, read_cycle
+from logs.mcap.recover import recover as recover_file
+from logs.report.cycle_report import configuration_changes, write_report
+from logs.report.day_report import days, outdated, write_cycle, write_day
+from logs.report.timeline import Story, tell
+
+_STYLE = {"SUCCESS": "green", "EMPTY": "yellow", "UNFINISHED": "yellow", "INTERRUPTED": "yellow", "TORN": "yellow"}
+_BAD = "bold red"
+_WIDTH = 1000
+"""Where no terminal says its own: nothing is cut."""
+
+Cycle = Annotated[
+    str, typer.Argument(metavar="FILE|CYCLE", help="A recording (.mcap), or a cycle's id or a part of it.")
+]
+
+
+def find_cycle(name: str, config: Path) -> Path:
+    """The recording that a command's FILE|CYCLE means. Raises: RecordingError, ConfigError."""
+    return find_recording(name, load_station(config).recording.folder)
+
+
+# --- cycles -----------------------------------------------------------------------------------------------------------
+
+
+def cycles(
+    folder: Annotated[Path | None, typer.Argument(help="Recordings folder.")] = None,
+    config: Config = DEFAULT_STATION,
+    failed: Annotated[bool, typer.Option("--failed", help="Only what did not end in SUCCESS or EMPTY.")] = False,
+    code: Annotated[str, typer.Option(help="Only cycles that ended with this code.")] = "",
+    day: Annotated[str, typer.Option(help="Only this day (UTC): 2026-11-28, 2026-11, today.")] = "",
+    last: Annotated[int | None, typer.Option(min=1, help="Only so many of the newest.")] = None,
+    as_json: Json = False,
+) -> None:
+    """List recorded cycles, newest first."""
+    wanted = Filter(failed=failed, code=code, day=day, last=last)
+    entries = list_cycles(folder or load_station(config).recording.folder, wanted)
+    if as_json:
+        for entry in entries:
+            out.json(entry.to_json())
+        return
+    rows = table(("cycle", "result", "code", "object", "time", "try", "why"), right=("time",))
+    for entry in entries:
+        rows.add_row(*map(words, _cells(entry)))
+    if rows.rows:
+        console(out, None if out.isatty() else _WIDTH).print(rows)
+    else:
+        out.line("none")
+
+
+def _cells(entry: Entry) -> tuple[Part, ...]:
+    style = _STYLE.get(entry.result, _BAD)
+    took = f"{entry.wall_s:.1f} s" if entry.wall_s is not None else ""
+    tries = f"{entry.number + 1}{' ->' if entry.retried_as else ''}"
+    texts = entry.cycle_id, entry.result, entry.code, entry.object, took, tries, entry.reason
+    return tuple((text, style if place in (1, 2) else "") for place, text in enumerate(texts))
+
+
+# --- show -------------------------------------------------------------------------------------------------------------
+
+
+def show(cycle: Cycle, config: Config = DEFAULT_STATION, as_json: Json = False) -> None:
+    """Why a cycle ended so: its result, what to do, its stages, what was changed for it."""
+    path = find_cycle(cycle, config)
+    record = read_cycle(path)
+    story = tell(record)
+    if as_json:
+        out.json(_told(record, story))
+        return
+    out.line((story.title, _STYLE.get(story.outcome, _BAD)), f": {story.why}")
+    if story.advice:
+        out.line(("  what to do  ", "bold"), story.advice)
+    for line in story.stages:
+        text = f"  {line.name:<8} {line.took_s:6.2f} s  {line.said}".rstrip()
+        out.line(text, style="red" if line.failed else "")
+    out.line(f"  machine     {' -> '.join(span.name for span in story.states) or 'said nothing'}")
+    for key, here, default in configuration_changes(record.station):
+        out.line(f"  changed     {key} = {here} (default {default})", style="dim")
+    attempt = record.attempt
+    if attempt.number:
+        out.line(f"  try {attempt.number + 1}, after {attempt.retry_of}")
+    if record.result is not None and record.result.retried_as:
+        out.line(f"  tried again as {record.result.retried_as}")
+    made_by = record.metadata.get("commit", "an unknown commit")
+    out.line(f"  recording   {path}, made by {made_by}", style="dim")
+
+
+def _told(record: CycleRecord, story: Story) -> dict[str, Any]:
+    return {
+        "result": record.result.model_dump(mode="json") if record.result is not None else None,
+        "why": story.why,
+        "advice": story.advice,
+        "stages": {line.name: line.took_s for line in story.stages},
+        "said": {line.name: line.said for line in story.stages},
+        "states": [span.name for span in story.states],
+        "changed": {key: here for key, here, _ in configuration_changes(record.station)},
+        "metadata": record.metadata,
+    }
+
+
+# --- report -----------------------------------------------------------------------------------------------------------
+
+
+def report(
+    cycle: Annotated[
+        str, typer.Argument(metavar="FILE|CYCLE|FOLDER", help="A recording, a cycle's id, or a folder of recordings.")
+    ],
+    config: Config = DEFAULT_STATION,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="Where to write the page.")] = None,
+    open_it: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
+) -> None:
+    """Write one self-contained HTML page that explains a cycle; of a folder, a page per cycle and one a day.
+
+    Exit 0 all pages are written, 2 a recording cannot be read: the day's page names it as DAMAGED.
+    """
+    folder = Path(cycle)
+    if is_folder(folder):
+        if output is not None:
+            raise ConfigError("--output names one page; those of a folder lie beside their recordings.")
+        pages, damaged = _report_folder(folder)
+    else:
+        path, damaged = find_cycle(cycle, config), {}
+        pages = [write_report(read_cycle(path), output or path.with_suffix(".html"))]
+    for page in pages:
+        out.line(str(page))
+    for path, why in damaged.items():
+        err.line(f"DAMAGED {path}: {why}")
+    if open_it and pages:
+        webbrowser.open(pages[0].resolve().as_uri())
+    if damaged:
+        raise typer.Exit(RecordingError.exit_code)
+
+
+def _report_folder(folder: Path) -> tuple[list[Path], dict[Path, str]]:
+    """Write what is missing or outdated; the pages of the days, newest first, and what has none, with the reason."""
+    todo = outdated(folder)
+    written = {path: write_cycle(path) for path in tracked(todo, len(todo), "writing pages", err)}
+    damaged = {path: why for path, why in written.items() if why}
+    return [write_day(day, damaged) for day in days(folder)], damaged
+
+
+# --- recover ----------------------------------------------------------------------------------------------------------
+
+
+def recover(
+    files: Annotated[list[Path], typer.Argument(help="Torn or damaged recordings (.mcap.part, .mcap).")],
+    as_json: Json = False,
+) -> None:
+    """Make torn recordings whole. Exit 0 all that was flushed is kept, 1 something is lost, 2 cannot.
+
+    A .part gets its final name; anything else is left as it is, beside a new NAME.recovered.mcap.
+    """
+    lost, failed = False, None
+    for file in files:
+        try:
+            done = recover_file(file)
+        except RecordingError as error:  # the others are recovered all the same
+            err.line(f"{error.code}: {error}")
+            failed = error
+            continue
+        out.json(done.to_json()) if as_json else out.line(done.line())
+        lost = lost or done.lost
+    if failed is not None or lost:
+        raise typer.Exit(failed.exit_code if failed is not None else 1)

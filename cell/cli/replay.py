@@ -1,0 +1,102 @@
+"""``cell replay``: a recorded cycle, or a folder of them, run again and compared; or put on the bus again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bus.session import Bus
+from cell.cli.options import Config, Json, Set, finite
+from cell.cli.recordings import find_cycle
+from cell.replay import view
+from cell.replay.folder import replay_folder
+from cell.replay.replay import Request
+from cell.replay.replay import replay as run_again
+from cell.replay.republish import ROOT, await_listener, payloads, republish, require_no_live_cell
+from cell.terminal.drawing import tracked
+from cell.terminal.printing import err, out
+from cell.terminal.signals import ending
+from config.load import DEFAULT_STATION, station_from
+from logs.mcap.names import is_folder, shown, telling
+from logs.mcap.reader import read_cycle
+
+
+def replay(
+    cycle: Annotated[
+        str, typer.Argument(metavar="FILE|CYCLE|FOLDER", help="A recording (.mcap), a cycle's id, or a folder of them.")
+    ],
+    start: Annotated[
+        str | None, typer.Option("--from", metavar="STAGE", help="Chained: from this stage on, outputs flow on.")
+    ] = None,
+    only: Annotated[
+        str | None, typer.Option(metavar="STAGE", help="This stage alone, from its recorded inputs.")
+    ] = None,
+    live_models: Annotated[
+        bool, typer.Option("--live-models", help="Ask the models again, instead of their recorded replies.")
+    ] = False,
+    publish: Annotated[
+        bool, typer.Option("--publish", help="Instead: put it on the bus again, below replay/CYCLE_ID/.")
+    ] = False,
+    rate: Annotated[
+        float, typer.Option(min=0.01, help="With --publish: so many times as fast as it was.", callback=finite)
+    ] = 1.0,
+    endpoint: Annotated[
+        str, typer.Option(help="With --publish: where to listen for subscribers.")
+    ] = "tcp/127.0.0.1:7448",
+    wait_s: Annotated[
+        float, typer.Option(min=0, help="With --publish: how long to wait for the first one.", callback=finite)
+    ] = 30.0,
+    config: Config = DEFAULT_STATION,
+    overrides: Set = None,
+    as_json: Json = False,
+) -> None:
+    """Run the pure stages again from recordings and compare. Exit 0 equal, 1 different, 2 cannot.
+
+    Every stage works on its recorded inputs; with --from, or with --set ("what if?"), what one gives is what the next
+    one takes, down to the chosen grasp. Stages: detect, plan, verify.
+    """
+    if start is not None and only is not None:
+        raise typer.BadParameter("--from and --only exclude each other: a chain of stages, or one alone.")
+    if publish:
+        _publish(find_cycle(cycle, config), rate, endpoint, wait_s)
+        return
+    request = Request.of(overrides or [], start, only, live_models=live_models)
+    if is_folder(Path(cycle)):
+        _replay_folder(Path(cycle), request, as_json=as_json)
+        return
+    path = find_cycle(cycle, config)
+    with telling(shown(path)):
+        outcome = run_again(read_cycle(path), request)
+    out.json(view.to_json(outcome)) if as_json else view.show(outcome, out)
+    said = view.verdict(outcome)
+    if said != "equal":
+        raise typer.Exit(1 if said == "different" else 2)
+
+
+def _publish(file: Path, rate: float, endpoint: str, wait_s: float) -> None:
+    record = read_cycle(file)
+    station = station_from(dict(record.station), [f"bus.endpoint={endpoint}"], source="the recorded station")
+    require_no_live_cell(station_from(dict(record.station), source="the recorded station"))
+    said = list(payloads(file))
+    with ending(_interrupt), Bus.listen(station.cell_id, station.bus.endpoint) as bus:
+        err.line(f"{len(said)} payloads on {ROOT}/{record.cycle_id}/** at {endpoint}; Ctrl-C ends")
+        await_listener(bus, record.cycle_id, wait_s)
+        again = republish(bus, record.cycle_id, said, rate)
+        for _ in tracked(again, len(said), record.cycle_id, err):
+            pass
+
+
+def _interrupt() -> None:
+    """Any end that is asked for is Ctrl-C's."""
+    raise KeyboardInterrupt
+
+
+def _replay_folder(folder: Path, request: Request, *, as_json: bool) -> None:
+    tally = replay_folder(folder, request, lambda path, said: err.line(f"{path.stem} {said}"))
+    if as_json:
+        out.json(tally.to_json())
+    else:
+        view.show_tally(tally.to_json(), out)
+    raise typer.Exit(tally.exit_code)

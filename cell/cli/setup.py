@@ -1,0 +1,43 @@
+"""``cell config``, ``doctor``, ``watch``, ``node``: one station, looked at and served."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from cell.cli import live as watching
+from cell.cli.options import Config, Json, Set
+from cell.doctor import examine
+from cell.nodes import supervisor
+from cell.terminal.printing import out
+from config.load import DEFAULT_STATION, load_station
+
+
+def config(config: Config = DEFAULT_STATION, overrides: Set = None) -> None:
+    """Print the whole configuration, defaults included, as JSON."""
+    out.json(load_station(config, overrides or []).model_dump_json(indent=2))
+
+
+def doctor(config: Config = DEFAULT_STATION, overrides: Set = None, as_json: Json = False) -> None:
+    """Check this machine and the station's devices before the first start. Exit 0 nothing to fix, 1 something is."""
+    if not examine.report(load_station(config, overrides or []), out, as_json=as_json):
+        raise typer.Exit(1)
+
+
+def watch(
+    config: Config = DEFAULT_STATION,
+    overrides: Set = None,
+    once: Annotated[bool, typer.Option("--once", help="Print the view once and end.")] = False,
+) -> None:
+    """The running cell on one screen: state, last cycles, nodes; its commands are one key each. q ends the view."""
+    watching.watch(load_station(config, overrides or []), once=once)
+
+
+def node(
+    name: Annotated[str, typer.Argument(help="Node of the station file.")],
+    config: Config = DEFAULT_STATION,
+    overrides: Set = None,
+) -> None:
+    """Serve one driver node on the bus (for nodes with run = "elsewhere"; the daemon runs the others)."""
+    supervisor.serve_until_interrupted(name, load_station(config, overrides or []))

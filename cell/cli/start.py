@@ -1,0 +1,141 @@
+"""``cell start``: the daemon and its nodes in this process, until its picks are done or somebody ends it."""
+
+from __future__ import annotations
+
+import os
+from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bus.commands import MAX_CYCLES, CommandRequest
+from bus.errors import BusError, PortOccupied
+from bus.messages import CycleResult
+from cell import client
+from cell.build import running_cell
+from cell.cli.console import Screen
+from cell.cli.options import Config, Json, Set
+from cell.daemon.batch import Batch
+from cell.daemon.daemon import Daemon
+from cell.daemon.systemd import Service, takes_commands
+from cell.machine.owner import refuse
+from cell.terminal.printing import err
+from cell.terminal.signals import on_end
+from config.load import DEFAULT_STATION, load_station
+from config.schema import RetrySettings, Station
+from logs import live
+
+_TERMINAL = "terminal"
+"""``client_id`` of what `cell start` itself commands; it needs no lease: with it the daemon ends."""
+
+
+def start(
+    config: Config = DEFAULT_STATION,
+    cycles: Annotated[
+        int | None, typer.Option(min=1, max=MAX_CYCLES, help="Reset, run this many picks, and end.")
+    ] = None,
+    until_empty: Annotated[
+        bool,
+        typer.Option("--until-empty", help="Reset, pick until nothing is left or 3 picks in a row failed, and end."),
+    ] = False,
+    seed: Annotated[int | None, typer.Option(help="Seed of the simulated cell (= --set sim.seed).")] = None,
+    objects: Annotated[
+        Path | None, typer.Option(help="Folder of NAME/object.xml objects (= --set sim.objects).")
+    ] = None,
+    overrides: Set = None,
+    as_json: Json = False,
+    report: Annotated[bool, typer.Option(help="Write a report page for every cycle.")] = True,
+    foxglove: Annotated[
+        bool, typer.Option("--foxglove", help="Show the bus live to Foxglove or Lichtblick, on this machine only.")
+    ] = False,
+    foxglove_port: Annotated[int, typer.Option(min=1, max=65535, help="Where --foxglove listens.")] = live.DEFAULT_PORT,
+) -> None:
+    """Start the cell: the daemon and its nodes. Without --cycles or --until-empty it stays, and waits for commands."""
+    if cycles is not None and until_empty:
+        raise typer.BadParameter("--cycles and --until-empty exclude each other: a number of picks, or all of them.")
+    extra = [f"sim.seed={seed}"] if seed is not None else []
+    extra += [f"sim.objects={objects}"] if objects is not None else []
+    station = load_station(config, [*(overrides or []), *extra])
+    if foxglove:
+        live.sdk()  # missing? then before anything starts
+    wanted = CommandRequest(client_id=_TERMINAL, cycles=cycles or 1, until_empty=until_empty)
+    picks = wanted if cycles is not None or until_empty else None
+    service = Service(os.environ)
+    screen = Screen(json_lines=as_json, report=report and not as_json, each_turn=service.turn)
+    on_end(screen.interrupted.set, insists=True)
+    try:
+        batch = _run(station, picks, screen, service, foxglove_port if foxglove else None)
+    except PortOccupied as error:
+        raise _occupied(station, error) from error
+    if batch is None:
+        return
+    if as_json and cycles is not None and batch.done < cycles:
+        err.line(batch.reason)  # a cell that aborts between cycles gives no result that says why
+    if screen.interrupted.is_set() or not (batch.is_empty if until_empty else batch.picked == cycles):
+        raise typer.Exit(1)
+
+
+def _run(
+    station: Station, picks: CommandRequest | None, screen: Screen, service: Service, view_port: int | None
+) -> Batch | None:
+    """Run the cell for these ``picks``; without any, for whatever is commanded, until interrupted."""
+    screen.line(f"cell {station.cell_id} on {station.bus.endpoint}: starting {', '.join(station.nodes)} ...")
+    with (
+        running_cell(station, screen.observe) as daemon,
+        _live_view(station, view_port) as view,
+        service.around(lambda: takes_commands(daemon.machine)),
+    ):
+        if view is not None:
+            screen.line(f"live view: open ws://{live.HOST}:{view.port} in Foxglove or Lichtblick (docs/foxglove)")
+        if picks is None:
+            _stay(screen)
+            return None
+        batch = _run_batch(daemon, screen, picks, station.retry)
+        if picks.until_empty:
+            screen.summary(batch.summary(daemon.objects_left()))
+        return batch
+
+
+def _occupied(station: Station, error: PortOccupied) -> PortOccupied:
+    """Who is there instead: this very cell, or another program."""
+    try:
+        with client.connect(station) as cell:
+            cell.state()
+    except BusError:
+        return error
+    return PortOccupied(
+        f"A cell already runs here: {station.cell_id} at {station.bus.endpoint}.",
+        "To let it pick: `cell pick`, or `cell run --cycles N`; what it does now: `cell status`.",
+    )
+
+
+def _live_view(station: Station, port: int | None) -> AbstractContextManager[live.LiveView | None]:
+    """Around the cell: what Foxglove connects to; nothing without a ``port``."""
+    return nullcontext() if port is None else live.watching(station.cell_id, station.bus.endpoint, port)
+
+
+def _stay(screen: Screen) -> None:
+    """Show what happens, until interrupted."""
+    screen.line("ready. From another terminal: cell reset, cell pick, cell status. Ctrl-C ends.")
+    for _ in screen.follow():
+        pass
+
+
+def _run_batch(daemon: Daemon, screen: Screen, operator: CommandRequest, retry: RetrySettings) -> Batch:
+    """Reset, then all picks of one ``start``; over also when the cell aborts, is stopped, or Ctrl-C was pressed."""
+    batch = Batch(operator, retry)
+    begun = False
+    refuse(daemon.command("reset", operator))
+    for said in screen.follow():
+        if isinstance(said, CycleResult):
+            batch.hear(said)
+        elif said.state == "Idle" and not begun:
+            begun = True
+            refuse(daemon.command("start", operator))
+        elif said.state in ("Aborted", "Stopped") and said.reason:
+            batch.end(said.reason)
+        if batch.is_over:
+            break
+    batch.end("Interrupted.")
+    return batch

@@ -1,0 +1,198 @@
+"""What the machine does in its acting states: self-check, begin, pick, complete, hold, unhold, stop, clear."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from datetime import UTC, datetime
+
+from bus import topics
+from bus.codec import encode
+from bus.codes import Code
+from bus.errors import BusError, ConfigError, CycleFailure, DriverError
+from bus.messages import Attempt, CycleResult
+from bus.sample import Heard
+from bus.topics import encoding_of
+from cell.daemon.presenter import Feed
+from cell.daemon.resetting import reset
+from cell.daemon.retry import Retries
+from cell.daemon.runinfo import open_recorder
+from cell.machine import standstill
+from cell.machine.gate import Gate
+from cell.pick.cycle import FAULTS, Cycle, Equipment, Say
+from cell.pick.record import CycleLog
+from config.scene import placing_at
+from config.schema import Station
+from drivers.interface import Feeder
+from logs.mcap.recorder import Under, ensure_space, plain
+
+
+def new_cycle_id() -> str:
+    """The UTC time to the millisecond: unique in one cell, and sorted by age."""
+    return f"{datetime.now(UTC):%Y%m%dT%H%M%S%f}"[:-3]
+
+
+class Works:
+    """The works of one cell, each run in a thread of its own by the `Machine`; at most one cycle is open.
+
+    Args:
+        feeder: puts objects on the simulated table; None on hardware.
+        nodes_alive: names of the nodes that are up.
+        say, on_stage: publish a message; tell that a stage began.
+        on_result: told every cycle's result, after its recording is closed.
+        on_fault: told what ends the cycle from outside its stages, on any thread: its recording failed.
+        under: of every recording's file (`logs.mcap.recorder.Recorder`).
+
+    Attributes:
+        gate: halted by whoever wants everything to stop, shut by a hold; every motion passes it.
+        next, object: the attempt that begins next, and its object; None = a new one, the feeder's next.
+        gave_up: why the cell should hold at the end of this pick, or "".
+        log: the open cycle's record, or None.
+        feed: what lies on the simulated table.
+    """
+
+    def __init__(
+        self,
+        equipment: Equipment,
+        feeder: Feeder | None,
+        nodes_alive: Callable[[], set[str]],
+        say: Say,
+        on_stage: Callable[[str], None],
+        on_result: Callable[[CycleResult], None],
+        on_fault: Callable[[CycleFailure], None] = lambda _: None,
+        under: Under = plain,
+    ) -> None:
+        self._under = under
+        self._equipment, self._nodes_alive = equipment, nodes_alive
+        self._station = equipment.station
+        self.feed = Feed(feeder, equipment.station)
+        self._say, self._on_stage, self._on_result, self._on_fault = say, on_stage, on_result, on_fault
+        self._number = -1  # of the pick, however often it is tried
+        self._cycle: Cycle | None = None
+        self.gate = Gate()
+        self._retries = Retries(self._station.retry)
+        self._retry: Attempt | None = None
+        self.gave_up = ""
+        self.next: Attempt | None = None
+        self.object: str | None = None
+        self.log: CycleLog | None = None
+
+    @property
+    def cycle_id(self) -> str:
+        """The open cycle's id, or ""."""
+        cycle = self._cycle
+        return cycle.cycle_id if cycle is not None else ""
+
+    def reset(self) -> None:
+        """Self-check, then the arm to the capture pose with an open hand. Raises: CycleFailure or DriverError."""
+        reset(self._equipment, self.gate, self._nodes_alive())
+        self.feed.look()
+
+    def begin(self) -> None:
+        """Open the cycle's record; in simulation, put an object on the table. Raises: CycleFailure, RecordingError."""
+        ensure_space(self._station.recording.folder, self._station.recording.min_free_mb)
+        attempt, self.next = self.next or Attempt(cycle_id=new_cycle_id()), None
+        self._retry, self._number = None, self._number + (attempt.number == 0)
+        station = placing_at(self._station, self._number)
+        log = self.log = self._record(attempt.cycle_id, station)
+        equipment = replace(self._equipment, station=station)
+        self._cycle = Cycle(attempt, equipment, self._say, self._on_stage, log, self.gate)
+        self._on_stage("")
+        try:
+            log.await_open()
+        except CycleFailure as failure:
+            raise self._cycle.fail(failure) from failure
+        self._say(topics.ATTEMPT, attempt)
+        self._name_object(self._cycle, lambda: self.feed.present(self._number, self.object, again=attempt.number > 0))
+
+    def _record(self, cycle_id: str, station: Station) -> CycleLog:
+        path = station.recording.folder / datetime.now(UTC).strftime("%Y-%m-%d") / f"{cycle_id}.mcap"
+        return CycleLog(
+            lambda: open_recorder(path, station, cycle_id, self._under),
+            path,
+            station.recording.patience_s,
+            on_failure=self._on_fault,
+        )
+
+    def _name_object(self, cycle: Cycle, ask: Callable[[], str]) -> None:
+        """What the feeder says of the cycle's object. Raises: CycleFailure, kept in the cycle."""
+        try:
+            cycle.object = ask()
+        except (DriverError, BusError) as error:
+            raise cycle.fail(error) from error
+        except ConfigError as error:  # no object can be presented, or not this one
+            raise cycle.fail(CycleFailure(Code.NO_OBJECT, str(error))) from error
+
+    def pick(self) -> None:
+        """The five stages. A pick that failed goes on to Completing; a fault of a device does not."""
+        cycle = self._cycle
+        assert cycle is not None
+        try:
+            cycle.run()
+        except CycleFailure as failure:
+            if failure.failure in FAULTS or failure.failure is Code.STOPPED:
+                raise
+        self._retry = self._retries.after(cycle.attempt, cycle.code, cycle.grasp, new_cycle_id())
+        self.gave_up = self._retries.holds()
+
+    def renew(self, attempt: Attempt | None = None) -> None:
+        """Somebody commands anew: ``attempt`` begins next, and what failed before no longer counts."""
+        self.next, self._retries, self.gave_up = attempt, Retries(self._station.retry), ""
+
+    def complete(self) -> None:
+        """Deliver, and close the record."""
+        cycle = self._cycle
+        assert cycle is not None
+        cycle.deliver()
+        self._name_object(cycle, lambda: self.feed.taken(cycle.object))
+        self.next = self._retry
+        self._finish(self._retry.cycle_id if self._retry is not None else "")
+
+    def hold(self) -> None:
+        """Hold what moves, until the arm rests. Raises: CycleFailure when it does not."""
+        standstill.hold(self._equipment.arm, self.gate, self._station.arm.rest_s)
+
+    def unhold(self) -> None:
+        """Let go on what was held. Raises: MotionRefused, BusError."""
+        standstill.unhold(self._equipment.arm, self.gate)
+
+    def stop(self, is_quiet: Callable[[float], bool]) -> None:
+        """Stop until ``is_quiet`` (no work runs) and the arm rests; the open cycle ends here. Raises: CycleFailure."""
+        try:
+            standstill.stop(self._equipment.arm, self._equipment.hand, self.gate, is_quiet, self._station.arm.rest_s)
+        finally:
+            if self._cycle is not None:
+                self._cycle.interrupt()
+            self._finish()
+
+    def clear(self) -> None:
+        self._equipment.arm.recover()
+
+    def halt_devices(self) -> None:
+        """Stop what moves without waiting for anything. Never raises."""
+        self.gate.halt()
+        self._equipment.arm.stop()
+        self._equipment.hand.stop()
+
+    def _finish(self, retried_as: str = "") -> None:
+        """Close the cycle's record, if one is open, then say the result: whoever hears it finds the file.
+
+        Raises: CycleFailure(RECORDING), after saying so as the result.
+        """
+        cycle, log = self._cycle, self.log
+        if cycle is None or log is None:
+            return
+        result = cycle.result(retried_as)
+        self._cycle = self.log = None
+        failure: CycleFailure | None = None
+        log.hear(Heard(topics.RESULT.key, encoding_of(CycleResult), encode(result)))
+        try:
+            log.close({"result": result.result, "code": result.code or "", "reason": result.reason})
+        except CycleFailure as error:
+            failure = error
+            lost = {"result": "ABORTED", "code": error.failure, "reason": error.text}
+            result = result.model_copy(update=lost)
+        self._on_result(result)
+        self._say(topics.RESULT, result)
+        if failure is not None:
+            raise failure

@@ -1,0 +1,278 @@
+"""The daemon: answers commands, and owns the machine, the works and what is said of them on the bus."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections import OrderedDict
+from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
+
+from bus import topics
+from bus.codec import bus_schema, decode
+from bus.codes import ADVICE, Code
+from bus.commands import CellHealth, CommandReply, CommandRequest, Heartbeat, ResultRequest
+from bus.errors import BadPayload, BusError, CycleFailure, DriverError, Refused
+from bus.frozen import Message
+from bus.injected import answer_faults
+from bus.messages import CycleResult
+from bus.sample import Asked, Heard
+from bus.session import Bus
+from cell.daemon.actions import Works
+from cell.daemon.control import Control
+from cell.daemon.publisher import Observer, Voice
+from cell.machine.leases import CELL_CLIENT, Leases
+from cell.machine.owner import TURN_S, Machine, Work, refuse
+from cell.machine.states import State, available
+from cell.nodes.health import LOOK_PERIOD_S, Watch
+from cell.nodes.speakers import Speakers, strange
+from cell.nodes.watchdog import Watchdog
+from cell.pick.cycle import Equipment
+from config.schema import Station
+from drivers.interface import Devices
+from logs.live_views import Views
+from logs.mcap.injection import FaultyDisk
+from logs.mcap.recorder import plain
+from perception.models import Models
+from perception.models.injection import FaultyModel
+from planning.robot import Robot
+
+_log = logging.getLogger(__name__)
+
+_ANYONES = ("stop", "abort", "hold", "suspend")
+
+_LONGEST_COMMAND = 64 * 1024
+_CLOSE_PATIENCE_S = 25.0
+_KEPT_RESULTS = 64
+_KEPT_DEFECTS = 16
+
+
+class Daemon:
+    """Owns the cell on the bus until closed.
+
+    Args:
+        station: its configuration.
+        bus: the cell's own (listening) session; stays the caller's to close.
+        devices: connected devices, usually `drivers.remote`.
+        robot: the planning model. ``models``: perception's.
+        observer: told everything the daemon says, on the thread that says it; it may only enqueue.
+        restarts, end_frozen: of the nodes' supervisor: how often a node was brought back; end one that hangs.
+    """
+
+    def __init__(
+        self,
+        station: Station,
+        bus: Bus,
+        devices: Devices,
+        robot: Robot,
+        models: Models,
+        observer: Observer,
+        restarts: Callable[[str], int] = lambda name: 0,
+        end_frozen: Callable[[str], None] = lambda name: None,
+    ) -> None:
+        camera, arm, hand = devices.camera, devices.arm, devices.hand
+        if camera is None or arm is None or hand is None:
+            raise DriverError("The cell needs a camera, an arm and a hand.", "Check `serves` in the station file.")
+        self._bus = bus
+        faults = station.faults
+        self._disk = FaultyDisk(faults.disk, delay_s=faults.delay_s) if faults.allowed else None
+        self._imaginer = models.imaginer
+        self.voice = Voice(bus, Views(robot.base_from_tcp), observer, lambda: self._works.cycle_id)
+        self._works = Works(
+            Equipment(camera, arm, hand, robot, station, models),
+            devices.feeder,
+            lambda: bus.alive(topics.NODE_ALIVE),
+            self.voice.say,
+            self.voice.say_stage,
+            self._on_result,
+            self._on_fault,
+            self._disk.under if self._disk is not None else plain,
+        )
+        self._watch = Watch(station, self._on_lost, restarts)
+        self._control = Control(self._works, self.voice, station.retry)
+        self._leases = Leases(self._control.lose_lease, station.silence_s, LOOK_PERIOD_S)
+        self._watchdog = Watchdog(
+            station, self._watch, partial(self.voice.say, topics.HEALTH), end_frozen, self._leases.look, self.health
+        )
+        ours = [name for name, node in station.nodes.items() if node.run == "here"]
+        self._speakers = Speakers(bus, set(station.nodes), self._on_node_twice, self._on_stranger, sealed=ours)
+        self._results: OrderedDict[str, CycleResult] = OrderedDict()
+        self._defects: tuple[str, ...] = ()
+        self._said_s = -TURN_S
+        self.machine = Machine(
+            self._works_by_state(), self._control.enter, self._control.accept, on_turn=self._say_heartbeat
+        )
+        self._control.drive(self.machine)
+
+    def _works_by_state(self) -> dict[State, Work]:
+        works = self._works
+        return {
+            State.RESETTING: self._reset,
+            State.STARTING: works.begin,
+            State.EXECUTE: works.pick,
+            State.COMPLETING: works.complete,
+            State.HOLDING: works.hold,
+            State.UNHOLDING: works.unhold,
+            State.SUSPENDING: works.hold,
+            State.UNSUSPENDING: works.unhold,
+            State.STOPPING: lambda: works.stop(self.machine.wait_quiet),
+            State.ABORTING: lambda: works.stop(self.machine.wait_quiet),
+            State.CLEARING: works.clear,
+        }
+
+    def _reset(self) -> None:
+        """Raises: CycleFailure when this process is not whole any more, and as `Works.reset`."""
+        if not self._watchdog.is_alive():
+            raise CycleFailure(Code.INTERNAL, "Nobody watches the nodes any more: end this cell and start it again.")
+        self._works.reset()
+
+    def open(self) -> None:
+        """Answer commands; the machine begins in Stopped."""
+        self._bus.tap = self._record
+        for topic in topics.TOPICS:
+            if topic.kind == "publish" and topic.logged:
+                self._bus.subscribe(topic.key.replace("{name}", "*"), self._hear)
+        self._speakers.listen()
+        self._watch.listen(self._bus)
+        self._leases.listen(self._bus)
+        self._bus.answer(topics.STATE_NOW, lambda _payload, _asked: self.voice.state, lane="state")
+        self._bus.answer(topics.HEALTH_NOW, lambda _payload, _asked: self.health(), lane="state")
+        self._bus.answer(topics.RESULT_NOW, self._on_result_asked, lane="state")
+        self._bus.answer(topics.SCHEMA_NOW, lambda _payload, _asked: bus_schema(), lane="schema")
+        self._bus.answer(topics.COMMAND, self._on_command, lane=self._lane_of, verb="*")
+        if self._disk is not None and isinstance(self._imaginer, FaultyModel):
+            answer_faults(self._bus, {"disk": self._disk, "model": self._imaginer}, self.voice.say)
+        self._bus.announce(topics.LEASE, name=CELL_CLIENT)
+        self.machine.start()
+        self._watchdog.start()
+
+    def close(self) -> None:
+        """Stop what runs, then end the machine; idempotent."""
+        if "stop" in available(self.machine.state):
+            self.command("stop", CommandRequest(client_id=CELL_CLIENT))
+        give_up_s = time.monotonic() + _CLOSE_PATIENCE_S
+        while self.machine.state in (State.STOPPING, State.ABORTING) and time.monotonic() < give_up_s:
+            time.sleep(0.02)
+        self._watchdog.close()
+        self.machine.close()
+
+    def command(self, verb: str, request: CommandRequest) -> CommandReply:
+        """A command from inside this process; the same as one over the bus."""
+        return self.machine.command(verb, request)
+
+    def health(self) -> CellHealth:
+        """The cell's health now, node by node, and what ended unforeseen in this process."""
+        health, defects = self._watch.health(), self._defects
+        return health.model_copy(update={"defects": defects, "is_healthy": health.is_healthy and not defects})
+
+    def is_ours(self, heard: Heard) -> bool:
+        """Whether a sample from outside this process is one of the cell's own nodes'."""
+        return self._speakers.is_ours(heard)
+
+    def objects_left(self) -> int | None:
+        """Simulation: how many objects really are in the pick region; None where nobody knows."""
+        try:
+            return self._works.feed.left()
+        except (DriverError, BusError) as error:
+            _log.warning("%s", error)
+            return None
+
+    # --- the nodes ----------------------------------------------------------------------------------------------------
+
+    def lose_node(self, name: str, text: str) -> None:
+        """A node's process ended: everything stops, and the machine aborts with its name."""
+        self._on_lost(name, CycleFailure(Code.NODE_LOST, text))
+
+    def welcome_node(self, name: str) -> None:
+        """A node is back; nothing moves by itself."""
+        self.voice.say_event("NODE_BACK", "info", f"The node {name!r} was started again.", ADVICE[Code.NODE_LOST])
+
+    def _on_lost(self, _name: str, failure: CycleFailure) -> None:
+        self._on_fault(failure)
+
+    def _on_fault(self, failure: CycleFailure) -> None:
+        """Something outside any stage failed: whatever moves stops, and the machine aborts with its reason."""
+        self.machine.fault(failure)  # before what it interrupts can end by itself
+        self._works.gate.halt(failure)
+
+    def on_defect(self, name: str, defect: BaseException) -> None:
+        """An owned thread of this process ended by an exception nobody foresaw: the cell aborts."""
+        text = f"{name} ended: {type(defect).__name__}: {defect}."
+        self._defects = (*self._defects, text)[-_KEPT_DEFECTS:]
+        failure = CycleFailure(Code.INTERNAL, text)
+        self.machine.defect(failure)
+        self._works.gate.halt(failure)
+        if not self.machine.is_owned:  # nobody is there to abort: the least that can be done
+            self._works.halt_devices()
+
+    def _on_node_twice(self, name: str, who: str) -> None:
+        text = f"Two nodes are called {name!r}: {who}. Both would carry out every motion."
+        self._on_fault(CycleFailure(Code.NODE_LOST, text))
+
+    # --- what others say ----------------------------------------------------------------------------------------------
+
+    def _on_command(self, payload: bytes, asked: Asked) -> Message:
+        request, verb = decode(CommandRequest, payload), asked.verb
+        if request.client_id == CELL_CLIENT:
+            raise Refused(f"The client id {CELL_CLIENT!r} is the cell's own.", "Send another.", code="BAD_CLIENT")
+        self._leases.require(verb, request.client_id, asked.received_s)
+        reply = self.machine.command(verb, request)
+        refuse(reply)
+        return reply.model_copy(update={"lease": self._leases.take(verb, request.client_id, asked.source)})
+
+    def _lane_of(self, asked: Asked, payload: bytes) -> str:
+        """What stops the arm waits behind no other command, and no command behind one whose token is awaited."""
+        if asked.verb in _ANYONES:
+            return "command-stop"
+        try:
+            client_id = decode(CommandRequest, payload).client_id if len(payload) < _LONGEST_COMMAND else ""
+        except BadPayload:
+            return "command-refused"
+        return "command-awaited" if self._leases.must_wait(asked.verb, client_id) else "command"
+
+    def _on_result_asked(self, payload: bytes, _asked: Asked) -> Message:
+        cycle_id = decode(ResultRequest, payload).cycle_id
+        result = self._results.get(cycle_id)
+        if result is None:
+            text = f"There is no result of a cycle {cycle_id!r}: it is not over, or was not one of the last."
+            raise Refused(text, "Recorded ones: `cell cycles`.", code="NO_RESULT")
+        return result
+
+    def _record(self, heard: Heard) -> None:
+        """What this process says, asks and is answered."""
+        log = self._works.log
+        if log is not None:
+            log.hear(heard)
+
+    def _hear(self, heard: Heard) -> None:
+        """What others publish on the cell's keys."""
+        if self._speakers.is_ours(heard):
+            self._record(heard)
+            self._watch.hear(heard)
+        else:
+            self._record(strange(heard))
+
+    def _on_stranger(self, heard: Heard) -> None:
+        who = f"session {heard.source[:8]}" if heard.source else "a program that does not say who it is"
+        self.voice.say_event(
+            "STRANGER",
+            "warning",
+            f"{who} put something on {heard.key!r}, which is not its to say: it is recorded apart, and not believed.",
+            "Find the program; only the cell and its nodes publish below cell/CELL_ID.",
+        )
+
+    # --- what the works tell ------------------------------------------------------------------------------------------
+
+    def _on_result(self, result: CycleResult) -> None:
+        self._results[result.cycle_id] = result
+        while len(self._results) > _KEPT_RESULTS:
+            self._results.popitem(last=False)
+        self._control.count(result)
+
+    def _say_heartbeat(self) -> None:
+        """By the machine's owner: who hears it knows that a stop would be answered."""
+        if time.monotonic() - self._said_s >= TURN_S / 2:
+            self._said_s = time.monotonic()
+            with suppress(BusError):  # closing
+                self._bus.publish(topics.HEARTBEAT, Heartbeat())

@@ -1,0 +1,86 @@
+"""What the daemon says, on the bus and to whoever observes it; and the machine's state, as it was said last."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Iterable
+from typing import Literal
+
+from bus import topics
+from bus.commands import CellState, Event
+from bus.errors import BusError, RecordingError
+from bus.frozen import Message
+from bus.session import Bus
+from bus.topics import Topic
+from cell.machine.states import COMMANDS, PAUSES, State, available
+from logs.live_views import Views, pictures
+from logs.mcap.recover import Recovered
+
+_log = logging.getLogger(__name__)
+
+Observer = Callable[[Topic, "Message | bytes"], None]
+
+
+class Voice:
+    """Every member may be called from any thread.
+
+    Args:
+        views: draw the pictures that go with what is said.
+        observer: told everything, on the thread that says it; it may only enqueue.
+        cycle_id: the open cycle's id now, or "".
+
+    Attributes:
+        state: as it was said last.
+    """
+
+    def __init__(self, bus: Bus, views: Views, observer: Observer, cycle_id: Callable[[], str]) -> None:
+        self._bus, self._views, self._observer, self._cycle_id = bus, views, observer, cycle_id
+        self._saying = threading.Lock()
+        self.state = CellState(state="", stage="", cycle_id="", since_ns=0, available=(), reason="")
+
+    def say(self, topic: Topic, message: Message | bytes) -> None:
+        """Publish it, with its pictures."""
+        try:
+            self._bus.publish(topic, message)
+            for view, picture in pictures(self._views.of, message):
+                self._bus.publish(view, picture)
+        except BusError as error:  # closing: the observer below still hears it
+            _log.warning("%s", error)
+        self._observer(topic, message)
+
+    def say_event(self, code: str, severity: Literal["info", "warning", "error"], text: str, advice: str = "") -> None:
+        """Something a person should know."""
+        self.say(topics.EVENT, Event(code=code, severity=severity, text=text, advice=advice))
+
+    def say_state(self, state: State, reason: str) -> None:
+        """The machine's new state. A hold, and the way back from it, keep the cycle's stage."""
+        with self._saying:
+            was_held = self.state.state in PAUSES and state in COMMANDS["hold"]
+            stage = self.state.stage if was_held or state in PAUSES else ""
+            self._say_state(state, stage, reason)
+
+    def say_stage(self, stage: str) -> None:
+        """A stage of the open cycle began."""
+        with self._saying:  # the owner of the machine may be saying another state
+            self._say_state(State(self.state.state), stage, "")
+
+    def _say_state(self, state: State, stage: str, reason: str) -> None:
+        self.state = CellState(
+            state=state,
+            stage=stage,
+            cycle_id=self._cycle_id(),
+            since_ns=time.time_ns(),
+            available=available(state),
+            reason=reason,
+        )
+        self.say(topics.STATE, self.state)
+
+    def say_recovered(self, leftovers: Iterable[Recovered | RecordingError]) -> None:
+        """What became of the recordings that an earlier process left unfinished."""
+        for leftover in leftovers:
+            if isinstance(leftover, RecordingError):
+                self.say_event("NOT_RECOVERED", "warning", leftover.text, leftover.advice)
+            else:
+                self.say_event("RECOVERED", "warning" if leftover.lost else "info", f"{leftover.line()}.")

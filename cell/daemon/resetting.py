@@ -1,0 +1,67 @@
+"""Resetting: a self-check, then the arm to the capture pose with an open hand."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import TypeVar
+
+import numpy as np
+
+from bus.arrays import Joints
+from bus.codes import Code
+from bus.errors import CycleFailure
+from bus.messages import ArmMode
+from cell.machine.gate import Gate
+from cell.pick.cycle import Equipment
+from cell.pick.fingers import require_at
+from logs.mcap.recorder import ensure_space
+from planning.motion import move
+from planning.scene import Scene
+
+_AT_CAPTURE_RAD = 1e-3
+
+DoneT = TypeVar("DoneT")
+
+
+def reset(e: Equipment, gate: Gate, nodes_alive: set[str]) -> None:
+    """Make the cell ready for a cycle, or say why it is not.
+
+    Args:
+        gate: every motion passes it.
+        nodes_alive: names of the nodes that are up.
+
+    Raises: CycleFailure, DriverError, RecordingError.
+    """
+    missing = set(e.station.nodes) - nodes_alive
+    if missing:
+        raise CycleFailure(Code.NODE_LOST, f"These nodes are not up: {', '.join(sorted(missing))}.")
+    ensure_space(e.station.recording.folder, e.station.recording.min_free_mb)
+    state = e.arm.state()
+    if state.mode is not ArmMode.IDLE:
+        raise CycleFailure(Code.ARM_REFLEX, f"The arm is in mode {state.mode.value!r}, not idle.")
+    if not e.hand.state().is_homed:
+        _move(gate, e.hand.home)
+    _to_capture_pose(e, gate, state.q_rad)
+    hand = e.station.hand
+    require_at(_move(gate, lambda: e.hand.move(hand.max_width_m, hand.speed_m_s)), hand.max_width_m)
+    age_s = (time.time_ns() - e.camera.capture().stamp_ns) / 1e9
+    if age_s > e.station.camera.max_age_s:
+        raise CycleFailure(Code.STALE_FRAME, f"The camera's newest frame is {age_s:.1f} s old.")
+
+
+def _to_capture_pose(e: Equipment, gate: Gate, q_rad: Joints) -> None:
+    home_q_rad = np.asarray(e.station.arm.capture_q_rad)
+    if float(np.abs(q_rad - home_q_rad).max()) < _AT_CAPTURE_RAD:
+        return
+    way = move(Scene.of(e.robot, e.station, cancel=gate.cancel), q_rad, home_q_rad)
+    motion = _move(gate, lambda: e.arm.execute(way))
+    if not motion.finished:
+        raise CycleFailure(Code.STOPPED, "Stopped on the way to the capture pose.")
+
+
+def _move(gate: Gate, motion: Callable[[], DoneT]) -> DoneT:
+    with gate.motion() as may_begin:
+        if may_begin:
+            return motion()
+    raise CycleFailure(Code.STOPPED, "Stopped while resetting.")

@@ -1,0 +1,88 @@
+"""Says on the bus where every link of the arm is, while it moves: so 3-D viewers show it, live and from a recording."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from bus import topics
+from bus.arrays import Joints
+from bus.codec import decode
+from bus.errors import BadPayload, BusError
+from bus.messages import HandState
+from bus.sample import Heard
+from bus.session import Bus
+from bus.threads import OwnedThread, Role
+from bus.wire import arm_q_rad, arm_stamp_ns, transforms_to_wire
+from planning.links import Links
+from planning.robot import Robot
+
+_PERIOD_S = 1 / 30
+_AT_REST_S = 1.0
+"""A viewer, or a recording, that begins meanwhile has the arm after so long."""
+_STILL_RAD, _STILL_M = 1e-4, 1e-4
+
+
+class RobotTf:
+    """A thread from construction to `close`: the newest states of arm and hand as transforms, 30 times a second.
+
+    An arm at rest is said once a second. What cannot be read is passed over: `cell.nodes.health` says that.
+
+    Args:
+        is_ours: whether a sample is one of the cell's own nodes' (`cell.nodes.speakers`).
+    """
+
+    def __init__(self, bus: Bus, robot: Robot, is_ours: Callable[[Heard], bool]) -> None:
+        self._bus, self._links, self._is_ours = bus, Links(robot), is_ours
+        self._arm = self._hand = b""  # replaced whole, on the bus's threads
+        self._said: tuple[Joints, float] | None = None
+        self._said_s = 0.0
+        self._closing = threading.Event()
+        self._thread = OwnedThread(Role.ROBOT_TF, self._run).start()
+        bus.subscribe(topics.ARM_STATE.key, self._hear_arm)
+        bus.subscribe(topics.HAND_STATE.key, self._hear_hand)
+
+    def close(self) -> None:
+        """Say no more; idempotent."""
+        self._closing.set()
+        self._thread.join()
+
+    def _hear_arm(self, heard: Heard) -> None:
+        if self._is_ours(heard):
+            self._arm = heard.payload
+
+    def _hear_hand(self, heard: Heard) -> None:
+        if self._is_ours(heard):
+            self._hand = heard.payload
+
+    def _run(self) -> None:
+        arm = b""
+        while not self._closing.wait(_PERIOD_S):
+            if self._arm is not arm:
+                arm = self._arm
+                try:
+                    self._say(arm, self._hand)
+                except BadPayload:
+                    continue
+                except BusError:  # it was closed
+                    return
+
+    def _say(self, arm: bytes, hand: bytes) -> None:
+        """Raises: BadPayload for states that are none, BusError."""
+        q_rad, width_m = arm_q_rad(arm), decode(HandState, hand).width_m if hand else 0.0
+        if not np.isfinite(width_m):
+            raise BadPayload("A hand's width is no number.")
+        if self._is_still(q_rad, width_m):
+            return
+        self._said, self._said_s = (q_rad, width_m), time.monotonic()
+        placed = transforms_to_wire(self._links.at(q_rad, width_m), arm_stamp_ns(arm))
+        self._bus.publish(topics.TF, placed.SerializeToString())
+
+    def _is_still(self, q_rad: Joints, width_m: float) -> bool:
+        if self._said is None or time.monotonic() - self._said_s >= _AT_REST_S:
+            return False
+        said_q_rad, said_m = self._said
+        return bool(np.abs(q_rad - said_q_rad).max() < _STILL_RAD and abs(width_m - said_m) < _STILL_M)

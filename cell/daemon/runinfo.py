@@ -1,0 +1,100 @@
+"""What a recording must name so that its cycle can be run again: versions, commit, seed, hashes, settings."""
+
+from __future__ import annotations
+
+import hashlib
+import subprocess
+import sys
+import time
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from importlib.resources import files
+from pathlib import Path
+
+from bus.errors import RecordingError
+from config.load import station_hash
+from config.schema import Station
+from logs.mcap.migrate import SCHEMA_VERSION
+from logs.mcap.recorder import Recorder, Under
+
+_GIT_TIMEOUT_S = 1.0
+"""A cycle waits for it, once."""
+_PACKAGES = ("vlad-cell", "mujoco", "numpy", "opencv-python-headless", "pin", "coal", "toppra", "eclipse-zenoh", "mcap")
+
+
+def run_info(station: Station, cycle_id: str) -> dict[str, str]:
+    """The metadata of one cycle's recording."""
+    return {
+        "schema": str(SCHEMA_VERSION),
+        "cycle_id": cycle_id,
+        "cell_id": station.cell_id,
+        "station_hash": station_hash(station),
+        "seed": str(station.sim.seed),
+        "robot_model_sha256": _robot_model(),
+        **_commit(),
+        "python": sys.version.split()[0],
+        **{package: _version(package) for package in _PACKAGES},
+    }
+
+
+def attachments(station: Station) -> dict[str, str]:
+    """The JSON documents that a recording keeps whole: the station, and where its camera is calibrated to be."""
+    return {"station.json": station.model_dump_json(), "calibration.json": station.camera.model_dump_json()}
+
+
+def open_recorder(path: Path, station: Station, cycle_id: str, under: Under) -> Recorder:
+    """A cycle's recording, begun with all of that, on the disk. Raises: RecordingError."""
+    recorder = Recorder(path, metadata=run_info(station, cycle_id), clock=time.time_ns, under=under)
+    try:
+        for name, text in attachments(station).items():
+            recorder.attach(name, "application/json", text.encode())
+        recorder.attach("model/fr3.urdf", "application/xml", robot_description())
+        recorder.flush()
+    except RecordingError:
+        recorder.abandon()
+        raise
+    return recorder
+
+
+def _version(package: str) -> str:
+    """Of an installed package; "unknown" where another one brings its modules (opencv has four names)."""
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "unknown"
+
+
+@cache
+def robot_description() -> bytes:
+    """The robot's URDF, whose links are the frames of `topics.TF`; its meshes (80 MB) lie in the franky-sim package."""
+    return (_assets() / "fr3.urdf").read_bytes()
+
+
+def _assets() -> Path:
+    return Path(str(files("franky_sim"))) / "assets"
+
+
+@cache
+def _robot_model() -> str:
+    """Over the robot's description and its collision meshes, which the plan depends on."""
+    digest = hashlib.sha256(robot_description())
+    for mesh in sorted((_assets() / "meshes").glob("*_coll.stl")):
+        digest.update(mesh.read_bytes())
+    return digest.hexdigest()
+
+
+@cache
+def _commit() -> dict[str, str]:
+    """The checkout's commit, and whether it has changes; "unknown" where git does not say so soon."""
+    root = Path(__file__).parents[2]
+    try:
+        commit = _git(root, "rev-parse", "--short=12", "HEAD")
+        return {"commit": commit, "dirty": "yes" if _git(root, "status", "--porcelain") else "no"}
+    except (OSError, subprocess.SubprocessError):
+        return {"commit": "unknown", "dirty": "unknown"}
+
+
+def _git(root: Path, *arguments: str) -> str:
+    return subprocess.run(
+        ["git", "-C", str(root), *arguments], check=True, capture_output=True, text=True, timeout=_GIT_TIMEOUT_S
+    ).stdout.strip()

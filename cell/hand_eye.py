@@ -1,0 +1,149 @@
+"""Looks at the calibration board from many sides and finds, or checks, where the camera sits in the hand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from bus.arrays import Joints, Transform
+from bus.errors import CalibrationError, NotConnected, StaleFrame
+from bus.messages import Frame
+from cell.pick.capture import capture
+from config.schema import Station
+from drivers.interface import Arm, Camera, Devices
+from perception.geometry.depth import register
+from perception.hand_eye import HandEye, Sighting, corners_in_color, corrected, hand_eye, off_px, sight
+from planning.motion import move
+from planning.robot import Robot, hand_from_color
+from planning.scene import Scene
+from planning.viewpoints import vantages
+
+_CHECKED_FROM = 5
+_AT_RAD = 1e-3
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Check:
+    """How far corners are from where the present calibration expects them.
+
+    Attributes:
+        off_px: root mean square; ``worst_px``: of one corner.
+        off_mm: the root mean square at the board.
+        moved_mm, moved_deg: how far the camera sits from the present calibration, by these few views.
+        uncertainty_mm, uncertainty_deg: of that, one standard deviation.
+        depth_off_mm: mean distance of the depth camera's board from where the corners are; NaN = no depth there.
+    """
+
+    off_px: float
+    worst_px: float
+    off_mm: float
+    moved_mm: float
+    moved_deg: float
+    uncertainty_mm: float
+    uncertainty_deg: float
+    depth_off_mm: float
+
+
+class Surveyor:
+    """Moves the arm around the board. All motions are planned among the station's boxes and guarded as in a pick.
+
+    Args:
+        say: told what happens, a line at a time.
+    """
+
+    def __init__(self, devices: Devices, robot: Robot, station: Station, say: Say) -> None:
+        if devices.arm is None or devices.camera is None:
+            raise NotConnected("Calibration needs an arm and a camera.", "Check `serves` in the station file.")
+        self._arm: Arm = devices.arm
+        self._camera: Camera = devices.camera
+        self._robot, self._station, self._say = robot, station, say
+        self._scene = Scene.of(robot, station)
+
+    def calibrate(self) -> HandEye:
+        """Raises: CalibrationError: too few views, or a residual beyond `calibration.max_rms_px`."""
+        sightings, frames = self._look_around(self._vantages())
+        found = hand_eye(sightings, frames[0].color_camera)
+        most_px = self._station.calibration.max_rms_px
+        if found.rms_px > most_px:
+            raise CalibrationError(
+                f"The corners do not fit: {found.rms_px:.2f} px root mean square, allowed are {most_px:.2f}.",
+                "Is calibration.square_m what you measure on the print, the board flat, and the camera screwed tight?",
+            )
+        return found
+
+    def check(self) -> Check:
+        """Raises: CalibrationError when the board is not seen, or from too few sides to tell."""
+        vantage_q_rad = self._vantages()
+        chosen = vantage_q_rad[:: max(1, len(vantage_q_rad) // _CHECKED_FROM)]
+        sightings, frames = self._look_around(chosen)
+        if not sightings:
+            raise CalibrationError("The board was not seen.", "Lay it where calibration.board_center_m says.")
+        camera, mounting = frames[0].color_camera, hand_from_color(self._station.camera)
+        found = corrected(sightings, camera, mounting)
+        moved_mm, moved_deg = moved(mounting, found.hand_from_color)
+        off = off_px(sightings, camera, mounting)
+        rms_px = float(np.sqrt(np.mean(off**2)))
+        return Check(
+            off_px=rms_px,
+            worst_px=float(off.max()),
+            off_mm=rms_px / camera.fx * _distance_m(sightings, mounting, self._station) * 1e3,
+            moved_mm=moved_mm,
+            moved_deg=moved_deg,
+            uncertainty_mm=found.uncertainty_mm,
+            uncertainty_deg=found.uncertainty_deg,
+            depth_off_mm=_depth_off_mm(frames, sightings),
+        )
+
+    def _vantages(self) -> list[Joints]:
+        return vantages(self._scene, self._station, self._arm.state().q_rad)
+
+    def _look_around(self, vantage_q_rad: Sequence[Joints]) -> tuple[list[Sighting], list[Frame]]:
+        """What was seen from each place; home again at the end."""
+        sightings: list[Sighting] = []
+        frames: list[Frame] = []
+        for number, q_rad in enumerate(vantage_q_rad, start=1):
+            self._go(q_rad)
+            seen = capture(self._camera, self._arm, self._robot)
+            hand = self._robot.base_from_hand(seen.view.arm.q_rad)
+            sighting = sight(seen.frame.color, hand, self._station.calibration)
+            corners = len(sighting.pixels) if sighting is not None else 0
+            self._say(f"  view {number:>2} of {len(vantage_q_rad)}: {corners or 'too few'} corners")
+            if sighting is not None:
+                sightings.append(sighting)
+                frames.append(seen.frame)
+        self._go(np.array(self._station.arm.capture_q_rad))
+        return sightings, frames
+
+    def _go(self, q_rad: Joints) -> None:
+        now_q_rad = self._arm.state().q_rad
+        if np.abs(now_q_rad - q_rad).max() < _AT_RAD:
+            return
+        if not self._arm.execute(move(self._scene, now_q_rad, q_rad)).finished:
+            raise StaleFrame("Stopped on the way.", "Nothing was changed.")
+
+
+def moved(old: Transform, new: Transform) -> tuple[float, float]:
+    """How far apart two poses are: [mm] and [deg]."""
+    turn = Rotation.from_matrix(old[:3, :3]).inv() * Rotation.from_matrix(new[:3, :3])
+    return float(np.linalg.norm(new[:3, 3] - old[:3, 3]) * 1e3), float(np.rad2deg(turn.magnitude()))
+
+
+def _distance_m(sightings: Sequence[Sighting], mounting: Transform, station: Station) -> float:
+    eyes = [(sighting.base_from_hand @ mounting)[:3, 3] for sighting in sightings]
+    return float(np.mean([np.linalg.norm(eye - station.calibration.board_center_m) for eye in eyes]))
+
+
+def _depth_off_mm(frames: Sequence[Frame], sightings: Sequence[Sighting]) -> float:
+    """Measured minus expected depth, over the board's corners in all views; NaN where the camera is too near for it."""
+    off_m = []
+    for frame, sighting in zip(frames, sightings, strict=True):
+        pixels, expected_m = corners_in_color(sighting, frame.color_camera)
+        u, v = np.rint(pixels).astype(int).T
+        off_m.append(register(frame).depth_m[v, u] - expected_m)
+    measured_m = np.concatenate(off_m)
+    measured_m = measured_m[np.isfinite(measured_m)]
+    return float(measured_m.mean() * 1e3) if len(measured_m) else float("nan")

@@ -1,0 +1,139 @@
+"""Who may make the arm move: the client whose lease the motion runs under.
+
+The first motion command takes the lease. It ends with the client's liveliness token, and when the client's own
+heartbeat on the token's key falls silent: a program that hangs keeps its token while its transport allows, up to 10 s.
+Whoever commands motion must hold a token; anyone may stop, hold, suspend, abort or clear.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from functools import partial
+
+from bus import topics
+from bus.errors import Refused
+from bus.sample import Heard
+from bus.session import Bus
+from bus.silence import Silence
+
+NEEDS_LEASE = frozenset({"reset", "start", "pick"})
+"""These need the lease: one holder at a time."""
+NEEDS_TOKEN = frozenset({"unhold", "unsuspend"})
+"""These let the holder's motion go on: any client with a token may, and becomes the holder if there is none."""
+CELL_CLIENT = "cell"
+"""``client_id`` of the cell itself: of what it commands between cycles, and of the token that says it is there."""
+HEARTBEAT_S = 0.2
+"""How often a client that holds the lease says so."""
+ARRIVAL_S = 0.5
+"""How long a token may arrive after the command that needs it."""
+
+Lost = Callable[[str, str], None]
+"""Told the client whose lease was lost, and why."""
+
+
+class Leases:
+    """The tokens that are there, and who holds the lease.
+
+    Args:
+        on_lost: told on any thread; it may only enqueue.
+        silence_s: the holder's heartbeat may be missing for so long.
+        look_s: how often `look` is called.
+        arrival_s: how long a token may arrive after the command that needs it, was received.
+    """
+
+    def __init__(
+        self,
+        on_lost: Lost,
+        silence_s: float,
+        look_s: float,
+        arrival_s: float = ARRIVAL_S,
+        clock_s: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._on_lost, self._silence_s, self._arrival_s = on_lost, silence_s, arrival_s
+        self._new_silence = partial(Silence, silence_s, look_s, clock_s)
+        self._alive: set[str] = set()
+        self._change = threading.Condition()
+        self._silence = self._new_silence()  # the holder's
+        self._source = ""  # its session, as far as it says
+        self.holder = ""
+
+    def listen(self, bus: Bus) -> None:
+        """Hear tokens, and the heartbeats on their keys."""
+        bus.watch_alive(topics.LEASE, self.change)
+        bus.subscribe(topics.LEASE_HEARTBEAT.key.format(name="*"), self.hear)
+
+    def change(self, client_id: str, is_alive: bool) -> None:
+        """A client's token came or went."""
+        with self._change:
+            (self._alive.add if is_alive else self._alive.discard)(client_id)
+            is_lost = not is_alive and client_id == self.holder
+            if is_lost:
+                self.holder = ""
+            self._change.notify_all()
+        if is_lost:
+            self._on_lost(client_id, "its token is gone")
+
+    def hear(self, heard: Heard) -> None:
+        """A client's heartbeat; it counts from the session that the holder commands by."""
+        if heard.key.rpartition("/")[2] == self.holder and heard.source == self._source:
+            self._silence.hear()
+
+    def look(self) -> None:
+        """Take the lease from a holder that has fallen silent; to be called every ``look_s``."""
+        with self._change:
+            holder = self.holder
+            if not self._silence.is_broken() or not holder:
+                return
+            self.holder = ""
+        self._on_lost(holder, f"no heartbeat for {self._silence_s:.1f} s")
+
+    def must_wait(self, verb: str, client_id: str) -> bool:
+        """Whether ``require`` would wait for the client's token."""
+        return verb in NEEDS_LEASE | NEEDS_TOKEN and client_id not in self._alive
+
+    def require(self, verb: str, client_id: str, received_s: float) -> None:
+        """Raises: Refused (NO_LEASE, LEASE_HELD) when ``client_id`` may not command ``verb``.
+
+        Args:
+            received_s: when the command came (monotonic): many that wait for a token wait together.
+        """
+        if verb not in NEEDS_LEASE | NEEDS_TOKEN:
+            return
+        patience_s = max(0.0, received_s + self._arrival_s - time.monotonic())
+        with self._change:
+            is_there = self._change.wait_for(lambda: client_id in self._alive, patience_s)
+            holder = self.holder
+        if not is_there:
+            raise Refused(
+                f"{verb!r} moves the arm, and needs a lease: {client_id or 'a client without an id'!r} holds no token.",
+                "Keep a Zenoh liveliness token on cell/CELL_ID/lease/CLIENT_ID while the arm may move, put {} on that"
+                f" key every {HEARTBEAT_S} s, and send that client_id; `cell` commands do so themselves.",
+                code="NO_LEASE",
+            )
+        if verb in NEEDS_LEASE and holder not in ("", client_id):
+            raise Refused(
+                f"The cell moves for {holder!r}, which holds the lease.",
+                "Wait until that program ends, or `cell stop` and end it.",
+                code="LEASE_HELD",
+            )
+
+    def take(self, verb: str, client_id: str, source: str = "") -> str:
+        """After an accepted command: who holds the lease now. The command is the holder's first heartbeat.
+
+        Args:
+            source: the session that commands, as far as it says.
+        """
+        if verb not in NEEDS_LEASE | NEEDS_TOKEN:
+            return self.holder
+        with self._change:
+            self.holder = self.holder or client_id
+            if self.holder == client_id:
+                self._silence, self._source = self._new_silence(), source
+            is_lost = self.holder not in self._alive
+            if is_lost:
+                self.holder = ""
+        if is_lost:  # it went in the very moment of the command
+            self._on_lost(client_id, "its token is gone")
+        return self.holder

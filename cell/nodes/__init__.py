@@ -1,0 +1,1 @@
+"""The nodes' processes: started, watched, and heard."""

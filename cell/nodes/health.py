@@ -1,0 +1,211 @@
+"""Two watchdogs over the nodes: one for tokens that go (dead, killed), one for streams that fall silent (frozen).
+
+A stream counts as heard only while what it says can be read and is new.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import threading
+import time
+from collections.abc import Callable
+
+from bus import topics
+from bus.codec import decode
+from bus.codes import Code
+from bus.commands import CellHealth, Health, NodeHealth
+from bus.errors import BadPayload, CycleFailure
+from bus.messages import HandState
+from bus.sample import Heard
+from bus.session import Bus
+from bus.wire import arm_stamp_ns
+from config.schema import Station
+
+_log = logging.getLogger(__name__)
+LOOK_PERIOD_S = 0.05
+_YOUNG_S = 3.0
+"""A node's loops have not run long enough yet to know their rates."""
+_LATE_S = 2 * LOOK_PERIOD_S
+"""A look later than this: this process stood still, and has not yet heard what was said meanwhile."""
+_SLOW = 0.6
+"""A loop below this share of its rate is alive, answers everything, and is badly broken."""
+
+_BUSY = 1.5
+"""Runnable processes for each core: from here on a process may wait longer than a stream may be silent."""
+_UNREADABLE, _REPEATED = "unreadable", "repeated"
+
+
+def load_now() -> tuple[float, int]:
+    """Runnable processes of this machine, averaged over a minute, and its cores."""
+    return os.getloadavg()[0], os.cpu_count() or 1
+
+
+class Watch:
+    """What is known of every node. All members may be called from any thread; none blocks.
+
+    Args:
+        on_lost: told (node, failure) once when a node is lost: its token is gone, or a stream of it is silent.
+        restarts: how often a node was brought back.
+        load: runnable processes of this machine, averaged over a minute, and its cores.
+    """
+
+    def __init__(
+        self,
+        station: Station,
+        on_lost: Callable[[str, CycleFailure], None],
+        restarts: Callable[[str], int],
+        load: Callable[[], tuple[float, int]] = load_now,
+    ) -> None:
+        self._load = load
+        self._nodes = station.nodes
+        self._stale_s, self._frozen_s = station.bus.stale_s, station.bus.frozen_s
+        self._known = {key for name in station.nodes for key in self._streams(name)}
+        self._on_lost, self._restarts = on_lost, restarts
+        self._changing = threading.Lock()
+        self._alive: set[str] = set()
+        self._gone_since_s: dict[str, float] = {}
+        self._heard_s: dict[str, float] = {}  # by key, of the streams of living nodes
+        self._stamps_ns: dict[str, int] = {}  # of the newest state heard there
+        self._useless: dict[str, str] = {}  # what is wrong with what is said there instead
+        self._said: dict[str, Health] = {}
+        self._silent: set[str] = set()
+        self._looked_s = time.monotonic()
+
+    def listen(self, bus: Bus) -> None:
+        """Listen for tokens; streams are handed to `hear` once `cell.nodes.speakers` knows them as the nodes'."""
+        bus.watch_alive(topics.NODE_ALIVE, self.change)
+
+    def change(self, name: str, is_alive: bool) -> None:
+        """A node's token came or went."""
+        if name not in self._nodes:
+            return
+        with self._changing:
+            for key in self._streams(name):
+                for known in (self._heard_s, self._stamps_ns, self._useless):
+                    known.pop(key, None)
+                self._silent.discard(key)
+                if is_alive:
+                    self._heard_s[key] = time.monotonic()
+            if is_alive:
+                self._alive.add(name)
+                self._gone_since_s.pop(name, None)
+                self._said.pop(name, None)  # that was another process
+            else:
+                self._alive.discard(name)
+                self._gone_since_s.setdefault(name, time.monotonic())
+        if not is_alive:
+            self._on_lost(name, CycleFailure(Code.NODE_LOST, f"The node {name!r} is gone."))
+
+    def hear(self, heard: Heard) -> None:
+        """A stream said something; it counts when that can be read, and is not what it said before."""
+        if heard.key not in self._known:  # a stranger's
+            return
+        try:
+            stamp_ns = self._read(heard)
+        except BadPayload as error:
+            stamp_ns = None
+            if heard.key not in self._useless:  # once, and not a hundred times a second
+                _log.warning("%s: %s", heard.key, error)
+        with self._changing:
+            if stamp_ns is None:
+                self._useless[heard.key] = _UNREADABLE
+            elif stamp_ns == self._stamps_ns.get(heard.key):
+                self._useless[heard.key] = _REPEATED
+            else:
+                self._stamps_ns[heard.key] = stamp_ns
+                self._heard_s[heard.key] = time.monotonic()
+                self._useless.pop(heard.key, None)
+                self._silent.discard(heard.key)
+
+    def _read(self, heard: Heard) -> int:
+        """The stamp of a state; anything new for a node's health, which is kept. Raises: BadPayload."""
+        if heard.key == topics.ARM_STATE.key:
+            return arm_stamp_ns(heard.payload)
+        if heard.key == topics.HAND_STATE.key:
+            return decode(HandState, heard.payload).stamp_ns
+        self._said[heard.key.split("/")[1]] = decode(Health, heard.payload)
+        return time.monotonic_ns()
+
+    def look(self) -> None:
+        """Tell of every stream that has just fallen silent; time in which this process stood still does not count."""
+        now_s = time.monotonic()
+        self._forgive(now_s)
+        for name in self._nodes:
+            for key, limit_s in self._streams(name).items():
+                with self._changing:
+                    age_s = now_s - self._heard_s.get(key, now_s)
+                    is_new = age_s > limit_s and key not in self._silent
+                    if is_new:
+                        self._silent.add(key)
+                if is_new:
+                    self._on_lost(name, self._loss(name, key, age_s))
+
+    def _loss(self, name: str, key: str, age_s: float) -> CycleFailure:
+        """Why a stream is silent: its device, when the node says so or it repeats itself; else the node."""
+        useless, said = self._useless.get(key), self._said.get(name)
+        loop = said.loops.get(key.replace("/", ".")) if said is not None else None
+        if loop is not None and loop.fault:
+            return CycleFailure(Code.DEVICE_LOST, f"The node {name!r} cannot say {key!r}: {loop.fault}")
+        if useless == _REPEATED:
+            device = key.partition("/")[0]
+            return CycleFailure(Code.DEVICE_LOST, f"The {device} has been saying the same for {age_s:.1f} s.")
+        fault = f"says what cannot be read on {key!r}" if useless else f"hangs: nothing on {key!r} for {age_s:.1f} s"
+        return CycleFailure(Code.NODE_LOST, f"The node {name!r} {fault}.{'' if useless else self._starved(said)}")
+
+    def _starved(self, said: Health | None) -> str:
+        """That this machine is too busy, where it is: a starved node is not to blame; else ""."""
+        load, cores = self._load()
+        missed = {name: loop.missed for name, loop in (said.loops if said is not None else {}).items() if loop.missed}
+        if load <= _BUSY * cores:
+            return ""
+        left_out = "; ".join(f"{name} had left out {count} rounds" for name, count in missed.items())
+        return f" This machine is too busy: load {load:.1f} on {cores} cores{'; ' if left_out else ''}{left_out}."
+
+    def _forgive(self, now_s: float) -> None:
+        late_s = max(0.0, now_s - self._looked_s - _LATE_S)
+        self._looked_s = now_s
+        with self._changing:
+            for key, heard_s in self._heard_s.items() if late_s > 0.0 else ():
+                self._heard_s[key] = min(now_s, heard_s + late_s)
+
+    def unheard_for_s(self, name: str) -> float:
+        """How long the node's token has been gone, or it has said nothing of its health; 0 if it has never been up."""
+        with self._changing:
+            health_key = topics.NODE_HEALTH.key.format(name=name)
+            since_s = self._gone_since_s.get(name, self._heard_s.get(health_key))
+        return 0.0 if since_s is None else time.monotonic() - since_s
+
+    def health(self) -> CellHealth:
+        """The cell's health now."""
+        nodes = {
+            name: NodeHealth(
+                is_alive=name in self._alive,
+                problems=tuple(self._problems(name)),
+                restarts=self._restarts(name),
+                said=self._said.get(name),
+            )
+            for name in self._nodes
+        }
+        return CellHealth(is_healthy=not any(node.problems for node in nodes.values()), nodes=nodes)
+
+    def _problems(self, name: str) -> list[str]:
+        if name not in self._alive:
+            return ["not up"]
+        with self._changing:
+            problems = [f"silent on {key}" for key in self._streams(name) if key in self._silent]
+            unreadable = [key for key in self._streams(name) if self._useless.get(key) == _UNREADABLE]
+            problems += [f"says what cannot be read on {key}" for key in unreadable]
+        said = self._said.get(name)
+        for loop, runs in (said.loops if said is not None and said.uptime_s > _YOUNG_S else {}).items():
+            if runs.rate_hz < _SLOW * runs.target_hz:
+                problems.append(f"{loop} at {runs.rate_hz:.0f} of {runs.target_hz:.0f} Hz")
+        return problems
+
+    def _streams(self, name: str) -> dict[str, float]:
+        """What the node must be heard on, and how old that may get [s]."""
+        serves = self._nodes[name].serves
+        streams = {topics.NODE_HEALTH.key.format(name=name): self._frozen_s}
+        streams |= {topics.ARM_STATE.key: self._stale_s} if "arm" in serves else {}
+        streams |= {topics.HAND_STATE.key: self._stale_s} if "hand" in serves else {}
+        return streams

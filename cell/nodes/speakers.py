@@ -1,0 +1,128 @@
+"""Who speaks on the bus: the cell itself, its nodes, or a stranger. A stranger's sample is never taken for theirs.
+
+A node's session is learned by asking for the node's health when its token comes: exactly one session may answer.
+"""
+
+from __future__ import annotations
+
+import re
+import threading
+import time
+from collections.abc import Callable, Collection
+from functools import lru_cache, partial
+
+from bus import topics
+from bus.codec import encode, process_in_words
+from bus.commands import Stranger
+from bus.errors import BusError
+from bus.sample import Heard
+from bus.session import Bus
+from bus.topics import Topic, encoding_of
+
+_ASK_S = 1.0
+_AGAIN_S = 0.5
+_KEPT_BYTES = 64 * 1024
+_KEPT_SOURCES = 64
+_LANE = "speakers"
+_PATTERNS = tuple(
+    (re.compile(re.sub(r"\\{\w+\\}", "[^/]+", re.escape(topic.key))), topic)
+    for topic in topics.TOPICS
+    if topic.kind == "publish"
+)
+
+Twice = Callable[[str, str], None]
+"""Told the name that two nodes have, and who they are."""
+
+
+class Speakers:
+    """Tells the samples of the cell's nodes from strangers'.
+
+    Args:
+        bus: the cell's own session. ``names``: of its nodes. ``sealed``: those of them that hold the cell's secret.
+        on_twice: told when two sessions answer as one node; on a thread of the bus.
+        on_stranger: told once of every session and key: what it put there.
+    """
+
+    def __init__(
+        self,
+        bus: Bus,
+        names: set[str],
+        on_twice: Twice,
+        on_stranger: Callable[[Heard], None],
+        sealed: Collection[str] = (),
+    ) -> None:
+        self._bus, self._names, self._sealed = bus, names, frozenset(sealed)
+        self._on_twice, self._on_stranger = on_twice, on_stranger
+        self._changing = threading.Lock()
+        self._sessions: dict[str, str] = {}  # of the nodes, by name
+        self._asked_s = 0.0
+        self._strangers: set[tuple[str, str]] = set()
+
+    def listen(self) -> None:
+        """Learn the nodes' sessions as their tokens come and go."""
+        self._bus.watch_alive(topics.NODE_ALIVE, self.change)
+
+    def change(self, name: str, is_alive: bool) -> None:
+        """A node's token came or went."""
+        if name not in self._names:
+            return
+        with self._changing:
+            self._sessions.pop(name, None)
+        if is_alive:
+            self._bus.lane(_LANE).post(partial(self._learn, name))
+
+    def _learn(self, name: str) -> None:
+        try:
+            answers = self._bus.sessions(topics.NODE_NOW, timeout_s=_ASK_S, name=name)
+        except BusError:  # closing, or nobody answers: asked again when it speaks
+            return
+        if len(answers) > 1:
+            self._on_twice(name, " and ".join(process_in_words(said) for said in answers.values()))
+        elif answers:
+            with self._changing:
+                self._sessions[name] = next(iter(answers))
+
+    def is_ours(self, heard: Heard) -> bool:
+        """Whether a sample from outside this process was said by one of the cell's nodes, on a key that nodes speak on.
+
+        One that was not is told of, the first time that its session puts something on its key.
+        """
+        topic = topic_of(heard.key)
+        if topic is not None and topic.speaker in ("node", "both") and self._is_nodes(heard):
+            return True
+        self._look_again()
+        with self._changing:
+            is_new = (heard.source, heard.key) not in self._strangers and len(self._strangers) < _KEPT_SOURCES
+            is_known = set(self._sessions) == self._names  # else it may be a node that was not asked yet
+            if is_new and is_known:
+                self._strangers.add((heard.source, heard.key))
+        if is_new and is_known:
+            self._bus.lane(_LANE).post(partial(self._on_stranger, heard))
+        return False
+
+    def _is_nodes(self, heard: Heard) -> bool:
+        with self._changing:
+            names = [name for name, session in self._sessions.items() if session == heard.source]
+        return any(heard.is_sealed or name not in self._sealed for name in names)
+
+    def _look_again(self) -> None:
+        """Somebody unknown speaks: it may be a node that did not answer yet, or a second one of a name."""
+        with self._changing:
+            is_due = time.monotonic() - self._asked_s > _AGAIN_S
+            if is_due:
+                self._asked_s = time.monotonic()
+        if is_due and self._bus.lane(_LANE).is_idle():
+            for name in self._names:
+                self._bus.lane(_LANE).post(partial(self._learn, name))
+
+
+@lru_cache(maxsize=256)
+def topic_of(key: str) -> Topic | None:
+    """The published topic of a key below the cell's root; None for one that is not of the table."""
+    return next((topic for pattern, topic in _PATTERNS if pattern.fullmatch(key)), None)
+
+
+def strange(heard: Heard) -> Heard:
+    """A stranger's sample as it is recorded: on a channel of its own."""
+    kept = Stranger(key=heard.key, encoding=heard.encoding, source=heard.source, payload=heard.payload[:_KEPT_BYTES])
+    return Heard(topics.STRANGER.key, encoding_of(Stranger), encode(kept))

@@ -1,0 +1,296 @@
+"""Runs driver nodes as child processes: crash isolation, because vendor SDKs segfault and hold the GIL.
+
+The child gets its station as one JSON line on stdin, and in another the secret it shares with the cell. It answers with
+one line on stdout when it serves (or why it cannot), and ends when its stdin closes - so it never outlives the daemon,
+however that died.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import logging
+import os
+import selectors
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
+from functools import partial
+from pathlib import Path
+from typing import IO
+
+from pydantic import Field
+
+from bus import topics
+from bus.codec import decode, encode
+from bus.commands import ErrorReply
+from bus.errors import BadPayload, CellError, DriverUnavailable
+from bus.frozen import Message
+from bus.injected import FaultyBus
+from bus.remote_errors import error_from_reply, error_reply
+from bus.seal import Seal
+from bus.session import Bus
+from bus.threads import OwnedThread, Role, handled_by
+from cell.machine.leases import CELL_CLIENT
+from cell.nodes.process import settled, share_arenas
+from cell.terminal.printing import log_plainly
+from cell.terminal.signals import on_end
+from config.load import station_from
+from config.schema import Station
+from drivers.node.node import Node
+from drivers.node.registry import open_devices
+
+_log = logging.getLogger(__name__)
+START_TIMEOUT_S = 60.0
+_STOP_TIMEOUT_S = 5.0
+_DEFECT_EXIT_CODE = 70
+"""EX_SOFTWARE of sysexits.h."""
+_FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.5, 30.0
+
+
+class Ready(Message):
+    """The child's first line: it serves, or why it cannot."""
+
+    node: str
+    pid: int = Field(ge=0)
+    error: ErrorReply | None = None
+
+
+class Supervisor:
+    """The child processes of one daemon; one that ends unasked is brought back, ever more slowly.
+
+    Args:
+        on_exit: called with (node name, exit code) from a watching thread when a child ends unasked.
+        on_back: called with the node's name when it serves again.
+        seal: of the secret that the nodes are handed.
+        spawn: starts a node's process.
+    """
+
+    def __init__(
+        self,
+        station: Station,
+        on_exit: Callable[[str, int], None],
+        on_back: Callable[[str], None] = lambda name: None,
+        seal: Seal | None = None,
+        spawn: Callable[[str, Station], subprocess.Popen[str]] | None = None,
+    ) -> None:
+        self._station, self._start_child = station, spawn or partial(_child, seal=seal)
+        self._on_exit, self._on_back = on_exit, on_back
+        self._children: dict[str, subprocess.Popen[str]] = {}
+        self._restarts: dict[str, int] = {}
+        self._serving: set[str] = set()
+        self._watchers: list[OwnedThread] = []
+        self._closing = threading.Event()
+        self._spawning = threading.Lock()  # nothing is spawned once closing is set
+
+    def start(self) -> None:
+        """Start every node that runs here and wait until all serve. Raises: what the child could not do, typed."""
+        for name, node in self._station.nodes.items():
+            if node.run == "here":
+                self._spawn(name)
+        for name, child in self._children.items():
+            _await_ready(name, child)
+            self._serving.add(name)
+        for name in self._children:
+            self._watchers.append(OwnedThread(Role.SUPERVISOR, partial(self._watch, name), of=name).start())
+
+    def close(self) -> None:
+        """End all children: ask by closing their stdin, then insist; idempotent."""
+        with self._spawning:
+            self._closing.set()
+        for child in self._children.values():
+            if child.stdin is not None and not child.stdin.closed:
+                child.stdin.close()
+        for name, child in self._children.items():
+            try:
+                child.wait(_STOP_TIMEOUT_S)
+            except subprocess.TimeoutExpired:
+                _log.warning("node %s did not end by itself; killing it", name)
+                child.kill()
+                child.wait()
+        for watcher in self._watchers:
+            watcher.join(_STOP_TIMEOUT_S)
+        for child in self._children.values():
+            _close_pipes(child)
+
+    def restarts(self, name: str) -> int:
+        """How often the node was brought back."""
+        return self._restarts.get(name, 0)
+
+    def end_frozen(self, name: str) -> None:
+        """Kill a node that served, no longer says anything, and still runs; its watcher brings it back.
+
+        One that is none of ours, or still starting, is left alone.
+        """
+        child = self._children.get(name)
+        if child is not None and name in self._serving and child.poll() is None:
+            _log.warning("node %s no longer answers; killing it", name)
+            child.kill()
+
+    def _spawn(self, name: str) -> bool:
+        """Start the node's process; False when the supervisor is closing."""
+        with self._spawning:
+            if not self._closing.is_set():
+                self._children[name] = self._start_child(name, self._station)
+            return not self._closing.is_set()
+
+    def _watch(self, name: str) -> None:
+        """Bring the node back whenever it ends, until close."""
+        while True:
+            child = self._children[name]
+            code = child.wait()
+            self._serving.discard(name)
+            if self._closing.is_set():
+                return
+            _close_pipes(child)
+            self._on_exit(name, code)
+            if not self._bring_back(name):
+                return
+            self._restarts[name] = self.restarts(name) + 1
+            self._on_back(name)
+
+    def _bring_back(self, name: str) -> bool:
+        """Try until the node serves; False when the supervisor closes first."""
+        pause_s = _FIRST_PAUSE_S
+        while not self._closing.wait(pause_s) and self._spawn(name):
+            try:
+                _await_ready(name, self._children[name])
+            except CellError as error:
+                _log.warning("node %s cannot be brought back yet: %s", name, error)
+                pause_s = min(2 * pause_s, _LONGEST_PAUSE_S)
+            else:
+                self._serving.add(name)
+                return True
+        return False
+
+
+def _child(name: str, station: Station, seal: Seal | None = None) -> subprocess.Popen[str]:
+    child = subprocess.Popen(
+        [sys.executable, "-P", "-m", "cell.nodes.supervisor", name],  # -P: the working folder hides no module of ours
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        encoding="utf-8",  # whatever the terminal's is
+        start_new_session=True,  # Ctrl-C in the terminal is the daemon's to handle, in order
+    )
+    assert child.stdin is not None
+    try:
+        secret = seal.secret.hex() if seal is not None else ""
+        child.stdin.write(f"{station.model_dump_json()}\n{secret}\n")
+        child.stdin.flush()
+    except BrokenPipeError:
+        _log.error("node %s ended before it read its station", name)
+    return child
+
+
+def _await_ready(name: str, child: subprocess.Popen[str]) -> None:
+    """Raises: DriverUnavailable, or what the child could not do; the child is over then."""
+    assert child.stdout is not None
+    line = _line_within(child.stdout, START_TIMEOUT_S)
+    try:
+        ready = decode(Ready, line.encode())
+    except BadPayload as error:
+        child.kill()
+        raise DriverUnavailable(
+            f"The node {name!r} did not start (exit code {child.wait()}).", "Its own message stands above."
+        ) from error
+    if ready.error is not None:
+        child.wait(_STOP_TIMEOUT_S)
+        raise error_from_reply(ready.error)
+
+
+def _close_pipes(child: subprocess.Popen[str]) -> None:
+    for pipe in (child.stdin, child.stdout):
+        if pipe is not None:
+            with suppress(BrokenPipeError):  # what was still to be written went with the child
+                pipe.close()
+
+
+def _line_within(stream: IO[str], timeout_s: float) -> str:
+    """The stream's next line, or "" after ``timeout_s`` or at its end."""
+    with selectors.DefaultSelector() as selector:
+        selector.register(stream, selectors.EVENT_READ)
+        return stream.readline() if selector.select(timeout_s) else ""
+
+
+def _own_stdout() -> IO[str]:
+    """This process's stdout for our own lines only: what vendors' libraries print there goes to stderr from now on."""
+    ours = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+    return ours
+
+
+def _serve_supervised(name: str, stdin: IO[str], stdout: IO[str]) -> int:
+    """The child's side: read the station, serve node ``name``, end when stdin closes. Returns the exit code."""
+    share_arenas()
+    station, secret = station_from(json.loads(stdin.readline())), bytes.fromhex(stdin.readline())
+    try:
+        with _link(station) as bus:
+            bus.seal = Seal(secret) if secret else None
+            node = Node(name, bus, open_devices(station.nodes[name].driver, station), station)
+            with handled_by(partial(_end_by_defect, node)):
+                node.open()
+                _say(stdout, Ready(node=name, pid=os.getpid()))
+                with settled():
+                    stdin.read()
+                node.close()
+    except CellError as error:
+        _say(stdout, Ready(node=name, pid=os.getpid(), error=error_reply(error)))
+        return error.exit_code
+    return 0
+
+
+def _end_by_defect(node: Node, name: str, defect: BaseException) -> None:
+    """End this process: it is not whole any more. The arm stops first, and the cell is told why."""
+    try:
+        node.end_by_defect(name, defect)
+    finally:
+        logging.shutdown()
+        os._exit(_DEFECT_EXIT_CODE)
+
+
+def serve_until_interrupted(name: str, station: Station) -> None:
+    """A node in a terminal of its own (``run = "elsewhere"``): serve until Ctrl-C, SIGTERM or SIGHUP.
+
+    When the cell goes, or the link to it, the arm stops: no stop of the cell could reach it any more.
+    """
+    share_arenas()
+    ended = threading.Event()
+    on_end(ended.set)
+    with ExitStack() as stack:
+        bus = stack.enter_context(_link(station, station.bus.zenoh))
+        node = Node(name, bus, open_devices(station.nodes[name].driver, station), station)
+        stack.enter_context(handled_by(partial(_end_by_defect, node)))
+        node.open()
+
+        def change(client_id: str, is_alive: bool) -> None:
+            if client_id == CELL_CLIENT and not is_alive:
+                _log.warning("the cell, or the link to it, is gone")
+                bus.lane("arm-stop").submit(node.halt)
+
+        bus.watch_alive(topics.LEASE, change)
+        try:
+            with settled():
+                ended.wait()
+        finally:
+            node.close()
+
+
+def _link(station: Station, security: Path | None = None) -> Bus:
+    """The node's session; one that can be spoiled where the station allows it."""
+    kind = FaultyBus if station.faults.allowed else Bus
+    return kind.join(station.cell_id, station.bus.endpoint, security=security)
+
+
+def _say(stdout: IO[str], ready: Ready) -> None:
+    stdout.write(encode(ready).decode() + "\n")
+    stdout.flush()
+
+
+if __name__ == "__main__":  # the child: spared the imports of the command line
+    log_plainly()
+    stdin = io.TextIOWrapper(sys.stdin.buffer, encoding="utf-8")
+    code = _serve_supervised(sys.argv[1], stdin, _own_stdout())
+    logging.shutdown()
+    os._exit(code)  # at once: a thread that is still inside MuJoCo or an SDK would end in an abort of the interpreter

@@ -1,0 +1,1 @@
+"""One pick: capture, detect, plan, execute, verify, and its record."""

@@ -1,0 +1,269 @@
+"""One cycle: capture -> detect -> plan -> execute -> verify, then deliver. Each stage is timed, said and recorded."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Literal, TypeVar
+
+from bus import topics
+from bus.arrays import Transform
+from bus.codes import Code
+from bus.errors import (
+    ArmReflex,
+    BusError,
+    CycleFailure,
+    DeviceLost,
+    DriverError,
+    HandFault,
+    MotionRefused,
+    RecordingError,
+    StaleFrame,
+)
+from bus.frozen import Message
+from bus.messages import (
+    Attempt,
+    CycleResult,
+    Execution,
+    Failure,
+    HandState,
+    ModelReply,
+    Observation,
+    PickPlan,
+    StageName,
+    Verdict,
+    View,
+)
+from bus.topics import Topic
+from bus.wire import transforms_to_wire
+from cell.machine.gate import Gate
+from cell.pick.capture import capture, require_sight
+from cell.pick.detect import detect_unless_halted
+from cell.pick.execute import deliver, execute
+from cell.pick.plan import plan
+from cell.pick.record import CycleLog
+from cell.pick.verify import lost_on_the_way, verify
+from config.schema import Station
+from drivers.interface import Arm, Camera, Hand
+from perception.models import Models
+from planning.robot import Robot
+
+ResultT = TypeVar("ResultT", bound=Message)
+Say = Callable[[Topic, "Message | bytes"], None]
+
+FAULTS = {Code.ARM_REFLEX, Code.MOTION_REFUSED, Code.HAND_FAULT, Code.STALE_FRAME, Code.DEVICE_LOST, Code.NODE_LOST,
+          Code.RECORDING, Code.INTERNAL}  # fmt: skip
+"""Codes after which the machine goes to Aborted: a device or the cell itself failed, not the pick."""
+
+_CODE_OF_ERROR: tuple[tuple[type[Exception], Code], ...] = (
+    (ArmReflex, Code.ARM_REFLEX),
+    (MotionRefused, Code.MOTION_REFUSED),
+    (HandFault, Code.HAND_FAULT),
+    (StaleFrame, Code.STALE_FRAME),
+    (DeviceLost, Code.DEVICE_LOST),
+    (BusError, Code.NODE_LOST),
+    (DriverError, Code.INTERNAL),
+    (RecordingError, Code.RECORDING),
+)
+
+
+@dataclass(frozen=True)
+class Equipment:
+    """What a cycle works with."""
+
+    camera: Camera
+    arm: Arm
+    hand: Hand
+    robot: Robot
+    station: Station
+    models: Models
+
+
+@dataclass
+class Cycle:
+    """The state of one pick, from its start to its result.
+
+    Attributes:
+        attempt: which try of the pick it is.
+        object: name of the presented object in simulation, "" on hardware.
+        stages: wall time of every stage that ran [s].
+        failure: why it ended early, or None.
+        verdict: what verify said, or None.
+        grasp: base_from_tcp of the grasp that was planned, or None.
+    """
+
+    attempt: Attempt
+    equipment: Equipment
+    say: Say
+    on_stage: Callable[[str], None]
+    log: CycleLog
+    gate: Gate
+    object: str = ""
+    stages: dict[str, float] = field(default_factory=dict)
+    failure: Failure | None = None
+    verdict: Verdict | None = None
+    grasp: Transform | None = None
+    _plan: PickPlan | None = None
+    _grasped: HandState | None = None
+    _seen_ns: int = 0
+    _started_s: float = field(default_factory=time.monotonic)
+
+    @property
+    def cycle_id(self) -> str:
+        return self.attempt.cycle_id
+
+    @property
+    def code(self) -> Code | None:
+        """Why it failed, so far; None when it did not."""
+        return self._outcome()[1]
+
+    def run(self) -> None:
+        """The five stages. Raises: CycleFailure, already said and kept in `failure`."""
+        e = self.equipment
+        before = self._look()
+        self.say(topics.TF, transforms_to_wire(
+            {("base", "color"): before.view.base_from_color}, before.view.stamp_ns).SerializeToString())  # fmt: skip
+        found = self._stage(
+            "detect",
+            topics.DETECT,
+            lambda: detect_unless_halted(before, e.station, e.models, self._say_reply, lambda: self.gate.halted),
+        )
+        chosen = self._plan = self._stage(
+            "plan",
+            topics.PLAN,
+            lambda: plan(found, before, e.robot, e.station, self.attempt.missed, self.gate.cancel),
+        )
+        self.grasp = found.grasps[chosen.grasp].base_from_tcp
+        after: Observation | None = None
+
+        def act() -> Execution:
+            nonlocal after
+            execution, after = execute(
+                chosen, found.grasps[chosen.grasp], (e.arm, e.hand), self._observe, e.station, self.gate
+            )
+            return execution
+
+        execution = self._stage("execute", topics.EXECUTE, act)
+        self._grasped = execution.grasped
+        if execution.stopped_in is not None or after is None:
+            raise self.fail(CycleFailure(Code.STOPPED, f"Stopped during {execution.stopped_in!r}."))
+        seen = after
+        self.verdict = self._stage(
+            "verify", topics.VERIFY, lambda: verify(execution, found, before, seen, e.robot, e.station)
+        )
+
+    def interrupt(self) -> None:
+        """A stop or abort ended the cycle before its delivery, whatever its verdict was; its cause is the reason."""
+        cause, ended_by = self.gate.cause, self.failure.code if self.failure is not None else None
+        if cause is not None and ended_by in (None, Code.STOPPED, Code.NODE_LOST):
+            self.fail(cause)
+        elif self.failure is None:
+            self.fail(CycleFailure(Code.STOPPED, "The cycle was stopped before it was over."))
+
+    def deliver(self) -> None:
+        """After the verdict: bring what the hand holds into the tray; or only open an empty hand.
+
+        What was held and is not in the hand any more when it is to be laid down, was dropped.
+        """
+        e, chosen = self.equipment, self._plan
+        if chosen is None or self.verdict is None:
+            return
+        done = self._stage("deliver", topics.DELIVER, lambda: deliver(chosen, (e.arm, e.hand), e.station, self.gate))
+        carried = [run.hand for run in done.runs if run.name == "place"]
+        if self.verdict.held and self._grasped is not None and carried:
+            lost = lost_on_the_way(self._grasped, carried[-1], e.station)
+            if lost:
+                self.fail(CycleFailure(Code.DROPPED, lost))
+
+    def result(self, retried_as: str) -> CycleResult:
+        """How it ended, said and recorded by the caller as the last message of the cycle."""
+        outcome, code, reason = self._outcome()
+        return CycleResult(
+            cycle_id=self.cycle_id,
+            object=self.object,
+            result=outcome,
+            code=code,
+            reason=reason,
+            stages=dict(self.stages),
+            wall_s=time.monotonic() - self._started_s,
+            recording=str(self.log.path),
+            retried_as=retried_as,
+        )
+
+    def _outcome(self) -> tuple[Literal["SUCCESS", "FAILED", "ABORTED", "EMPTY"], Code | None, str]:
+        if self.failure is not None:
+            code = self.failure.code
+            if code is Code.NO_OBJECT and "detect" in self.stages:
+                return "EMPTY", code, self.failure.text
+            return ("ABORTED" if code is Code.STOPPED or code in FAULTS else "FAILED"), code, self.failure.text
+        assert self.verdict is not None, "a cycle without a verdict has a failure"
+        return ("SUCCESS" if self.verdict.held else "FAILED"), self.verdict.code, self.verdict.reason
+
+    # --- stages -------------------------------------------------------------------------------------------------------
+
+    def _say_reply(self, reply: ModelReply) -> None:
+        self.say(topics.MODEL_REPLY, reply)
+
+    def _observe(self) -> Observation:
+        """What the camera sees now, and not what it showed before. Raises: StaleFrame."""
+        e = self.equipment
+        oldest_ns = time.time_ns() - round(e.station.camera.max_age_s * 1e9)
+        seen = capture(e.camera, e.arm, e.robot, max(oldest_ns, self._seen_ns))
+        require_sight(seen.frame)
+        self._seen_ns = seen.frame.stamp_ns
+        return seen
+
+    def _look(self) -> Observation:
+        """The capture stage; its record holds the view, the frame travels as images."""
+        seen: Observation | None = None
+
+        def look() -> View:
+            nonlocal seen
+            seen = self._observe()
+            return seen.view
+
+        self._stage("capture", topics.CAPTURE, look)
+        assert seen is not None
+        return seen
+
+    def _stage(self, name: StageName, topic: Topic, work: Callable[[], ResultT]) -> ResultT:
+        """Run one stage and say what came of it. Raises: CycleFailure for everything that ends the cycle."""
+        self.log.check()
+        if self.gate.halted:
+            raise self.fail(CycleFailure(Code.STOPPED, f"Stopped before {name!r}."))
+        self.on_stage(name)
+        started_ns, started_s = time.time_ns(), time.monotonic()
+        result: ResultT | None = None
+        failure: CycleFailure | None = None
+        try:
+            result = work()
+        except (CycleFailure, DriverError, BusError, RecordingError) as error:
+            failure = self.fail(error)
+        except Exception as defect:  # the machine logs it and aborts; the result is to say why
+            self.fail(CycleFailure(Code.INTERNAL, f"{type(defect).__name__}: {defect}."))
+            raise
+        self.stages[name] = time.monotonic() - started_s
+        record = topic.says(
+            cycle_id=self.cycle_id,
+            stage=name,
+            started_ns=started_ns,
+            duration_s=self.stages[name],
+            result=result,
+            failure=self.failure,
+        )
+        self.say(topic, record)
+        if failure is not None or result is None:
+            raise failure or AssertionError(f"stage {name!r} returned nothing")
+        return result
+
+    def fail(self, error: CycleFailure | DriverError | BusError | RecordingError) -> CycleFailure:
+        """Keep ``error`` as the cycle's failure and give it back as a CycleFailure."""
+        if isinstance(error, CycleFailure):
+            failure = error
+        else:
+            code = next(code for kind, code in _CODE_OF_ERROR if isinstance(error, kind))
+            failure = CycleFailure(code, error.text)
+            failure.__cause__ = error
+        self.failure = Failure.of(failure)
+        return failure

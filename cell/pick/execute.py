@@ -1,0 +1,139 @@
+"""Stage 4, execute: run the plan, grasp, lift, look again while holding. And afterwards: deliver."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeVar
+
+import numpy as np
+
+from bus.codes import Code
+from bus.errors import CycleFailure, DeviceLost
+from bus.messages import Delivery, Execution, Grasp, HandState, Motion, Observation, PickPlan, SegmentName, SegmentRun
+from bus.trajectory import TICK_S, Trajectory
+from cell.machine.gate import Gate
+from cell.pick.fingers import require_at, require_new, require_possible
+from config.schema import Station
+from drivers.interface import Arm, Hand
+
+DoneT = TypeVar("DoneT")
+
+
+class _Runner:
+    """Runs motions one after the other, each through the gate, until one is stopped; keeps what was measured."""
+
+    def __init__(self, arm: Arm, hand: Hand, gate: Gate, widest_m: float) -> None:
+        self._arm, self._hand, self._gate, self._widest_m = arm, hand, gate, widest_m
+        self.runs: list[SegmentRun] = []
+        self.stopped_in: str | None = None
+
+    def move(self, name: str, motion: Callable[[], DoneT]) -> DoneT | None:
+        """One motion of arm or hand, called ``name``, when the gate lets it through; a stop before it is kept."""
+        if self.stopped_in is not None:
+            return None
+        with self._gate.motion() as may_begin:
+            if may_begin:
+                return motion()
+        self.stopped_in = name
+        return None
+
+    def run(self, name: str, trajectory: Trajectory) -> bool:
+        """Play one segment; False when it was stopped, or must not begin."""
+        motion = self.move(name, lambda: self._arm.execute(trajectory))
+        if motion is None:
+            return False
+        _require_measured(motion)
+        self.runs.append(SegmentRun.model_validate({"name": name, "motion": motion, "hand": self._read_hand()}))
+        if not motion.finished:
+            self.stopped_in = name
+        return motion.finished
+
+    def open(self, name: str, width_m: float, speed_m_s: float) -> HandState | None:
+        """Open the free fingers. Raises: HandFault when they are not there then."""
+        state = self.move(name, lambda: self._hand.move(width_m, speed_m_s))
+        if state is not None and not self._gate.halted:
+            require_at(state, width_m)
+        return state
+
+    def grasp(self, force_n: float, speed_m_s: float) -> HandState | None:
+        """Close on what is there. Raises: HandFault when nothing came of it."""
+        before = self._read_hand()
+        state = self.move("grasp", lambda: self._hand.grasp(force_n, speed_m_s))
+        if state is not None:
+            require_possible(state, self._widest_m)
+            require_new(state, before)
+        return state
+
+    def _read_hand(self) -> HandState:
+        """Raises: HandFault for a width that no hand has."""
+        state = self._hand.state()
+        require_possible(state, self._widest_m)
+        return state
+
+    def run_part(self, plan: PickPlan, name: SegmentName) -> bool:
+        return self.run(name, _part(plan, name))
+
+
+def execute(
+    plan: PickPlan,
+    grasp: Grasp,
+    devices: tuple[Arm, Hand],
+    look: Callable[[], Observation],
+    station: Station,
+    gate: Gate,
+) -> tuple[Execution, Observation | None]:
+    """Open, approach, close, lift, hold, and look again from aside.
+
+    Returns:
+        What happened, and the second observation (None when stopped before it).
+    """
+    arm, hand = devices
+    runner = _Runner(arm, hand, gate, station.hand.max_width_m)
+    grasped: HandState | None = None
+    after: Observation | None = None
+    runner.open("open", grasp.opening_m, station.hand.speed_m_s)
+    if runner.run_part(plan, "reach"):
+        grasped = runner.grasp(station.hand.grasp_force_n, station.hand.speed_m_s)
+        if runner.run_part(plan, "carry") and _hold(runner, plan, station):
+            after = look()
+    execution = Execution(
+        runs=tuple(runner.runs),
+        grasped=grasped,
+        stopped_in=runner.stopped_in,
+        after=after.view if after is not None else None,
+    )
+    return execution, after
+
+
+def _require_measured(motion: Motion) -> None:
+    """Raises: DeviceLost when the arm cannot tell what it did."""
+    if not all(np.isfinite(measured).all() for measured in (motion.q_rad, motion.dq_rad_s, motion.tau_ext_nm)):
+        raise DeviceLost("The arm measured what is not a finite number.", "Restart its node.")
+
+
+def _hold(runner: _Runner, plan: PickPlan, station: Station) -> bool:
+    """Stand still for ``verify.hold_s``, in ``verify.samples`` pieces, the hand read after each."""
+    ticks = max(1, round(station.verify.hold_s / station.verify.samples / TICK_S))
+    still = Trajectory(raw_q_rad=np.repeat(_part(plan, "carry").end_q_rad[None], ticks, axis=0), window=1)
+    return all(runner.run("hold", still) for _ in range(station.verify.samples))
+
+
+def _part(plan: PickPlan, name: SegmentName) -> Trajectory:
+    (trajectory,) = (part.trajectory for part in plan.segments if part.name == name)
+    return trajectory
+
+
+def deliver(plan: PickPlan, devices: tuple[Arm, Hand], station: Station, gate: Gate) -> Delivery:
+    """Lay what the hand holds into the tray and come back to the capture pose.
+
+    Raises: CycleFailure(STOPPED) when a stop interrupted it.
+    """
+    arm, hand = devices
+    runner = _Runner(arm, hand, gate, station.hand.max_width_m)
+    released: HandState | None = None
+    if runner.run_part(plan, "place"):
+        released = runner.open("release", station.hand.max_width_m, station.hand.speed_m_s)
+        runner.run_part(plan, "home")
+    if runner.stopped_in is not None:
+        raise CycleFailure(Code.STOPPED, f"Stopped during {runner.stopped_in!r} of the delivery.")
+    return Delivery(runs=tuple(runner.runs), released=released)

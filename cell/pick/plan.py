@@ -1,0 +1,33 @@
+"""Stage 3, plan: from ranked grasps to motions that may be executed (`planning.pick`). Pure."""
+
+from __future__ import annotations
+
+from bus.arrays import Transform
+from bus.cancel import Cancel
+from bus.messages import Detections, Observation, PickPlan
+from config.schema import Station
+from perception.scene.surroundings import surroundings
+from planning.pick import plan_pick
+from planning.robot import Robot
+from planning.scene import Scene, Sight
+
+
+def plan(
+    detections: Detections,
+    observation: Observation,
+    robot: Robot,
+    station: Station,
+    missed: tuple[Transform, ...] = (),
+    cancel: Cancel | None = None,
+) -> PickPlan:
+    """The first feasible way to grasp and its motions, through what stands there and what was seen there.
+
+    Args:
+        missed: base_from_tcp of grasps to leave out: they closed on nothing before.
+        cancel: ends the planning.
+
+    Raises: CycleFailure (NO_GRASP, UNREACHABLE, COLLISION, MOTION_REFUSED; STOPPED by ``cancel``).
+    """
+    points_base, target = surroundings(observation, detections.evidence.object_mask)
+    scene = Scene.of(robot, station, Sight(points_base, target), cancel=cancel)
+    return plan_pick(scene, detections.grasps, observation.view.arm.q_rad, missed)

@@ -1,0 +1,208 @@
+"""The record of one cycle: whatever travels on the bus while it runs, written by a thread of its own.
+
+Everything is queued at once and written in order; the file is flushed after every stage and state, and 100 ms after
+anything else was queued at the latest, so that a killed daemon loses no more than that. Only that thread touches the
+file: a disk that blocks keeps nobody else waiting for longer than the recording's patience. Nothing is ever left out:
+when the disk takes less than what is said, until `BACKLOG_BYTES` wait, the recording has failed, and so has the cycle.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+from bus import topics
+from bus.codec import decode
+from bus.codes import Code
+from bus.errors import BadPayload, CycleFailure, RecordingError
+from bus.messages import ModelReply
+from bus.sample import Heard
+from bus.threads import OwnedThread, Role, report_defect
+from logs.mcap.recorder import Recorder
+
+_log = logging.getLogger(__name__)
+_GATHER_S = 0.08
+"""What comes within this time is written and flushed together: 20 ms are left of the 100 for doing so."""
+BACKLOG_BYTES = 256 * 1024 * 1024
+"""What may wait for the disk: ten seconds of an RGB-D camera at 30 Hz."""
+_URGENT_BYTES = 8 * 1024 * 1024
+_FLUSH_AFTER = ("cycle/", "state")
+_LOOK_S = 0.02
+
+Open = Callable[[], Recorder]
+
+
+class _Stamped(NamedTuple):
+    heard: Heard
+    log_time_ns: int
+
+
+class CycleLog:
+    """Records one cycle.
+
+    Args:
+        open_recorder: opens the file; called in the writing thread.
+        path: the final ``.mcap``.
+        patience_s: a disk that takes longer for one step is lost.
+        clock_ns: UTC clock.
+        on_failure: called once, on any thread, as soon as the recording has failed: the cycle must stop.
+    """
+
+    def __init__(
+        self,
+        open_recorder: Open,
+        path: Path,
+        patience_s: float,
+        clock_ns: Callable[[], int] = time.time_ns,
+        on_failure: Callable[[CycleFailure], None] = lambda _: None,
+    ) -> None:
+        self.path = path
+        self._clock_ns, self._patience_s, self._on_failure = clock_ns, patience_s, on_failure
+        self._change = threading.Condition()  # guards the six below
+        self._queue: list[_Stamped] = []
+        self._waiting_bytes = 0
+        self._urgent = self._ending = False
+        self._result: dict[str, str] | None = None
+        self._error: RecordingError | None = None
+        self._replies = 0
+        self._step_began_s: float | None = time.monotonic()  # None between steps: the disk owes nothing
+        self._opened = threading.Event()
+        self._writer = OwnedThread(Role.CYCLE_LOG, lambda: self._run(open_recorder)).start()
+
+    def await_open(self) -> None:
+        """Until the file is open. Raises: CycleFailure(RECORDING) when it cannot be."""
+        self._await(self._opened.wait)
+
+    def hear(self, heard: Heard) -> None:
+        """Queue one payload; called from any thread, never blocks. Nothing is queued any more after an error."""
+        with self._change:  # queued in the order of their stamps
+            if self._error is not None:
+                return
+            waiting_bytes = self._waiting_bytes + len(heard.payload)
+            if waiting_bytes <= BACKLOG_BYTES:
+                self._waiting_bytes = waiting_bytes
+                self._queue.append(_Stamped(heard, self._clock_ns()))
+                urgent = heard.key.startswith(_FLUSH_AFTER) or waiting_bytes > _URGENT_BYTES
+                self._urgent = self._urgent or urgent
+                if urgent or len(self._queue) == 1:
+                    self._change.notify()
+                return
+        text = f"The disk of {self.path} is too slow: {waiting_bytes / 1e6:.0f} MB wait to be written."
+        self._fail(RecordingError(text, "Record onto a faster disk: set recording.folder."))
+
+    @property
+    def is_writing(self) -> bool:
+        """Whether the file is still held: until it is closed, and after an error until the disk lets it go."""
+        return self._writer.is_alive()
+
+    def check(self) -> None:
+        """Raises: CycleFailure(RECORDING) when writing failed since the start, or the disk has been taking too long."""
+        began_s = self._step_began_s
+        if self._error is None and began_s is not None and time.monotonic() - began_s > self._patience_s:
+            self._fail(RecordingError(f"The disk of {self.path} blocks: nothing for {self._patience_s:.1f} s."))
+        if self._error is not None:
+            raise CycleFailure(Code.RECORDING, self._error.text) from self._error
+
+    def close(self, result: Mapping[str, str]) -> None:
+        """Write what is queued, finish the file and give it its final name. Raises: CycleFailure(RECORDING).
+
+        After an error the file stays the ``.part`` it is.
+        """
+        self._end(dict(result))
+        self._await(self._closed)
+
+    def _closed(self, timeout_s: float) -> bool:
+        self._writer.join(timeout_s)
+        return not self.is_writing
+
+    def _end(self, result: dict[str, str] | None) -> None:
+        with self._change:
+            self._ending, self._result = True, result
+            self._change.notify()
+
+    def _await(self, is_done: Callable[[float], bool]) -> None:
+        """Raises: CycleFailure(RECORDING); the writing thread ends then as soon as the disk lets it."""
+        try:
+            while not is_done(_LOOK_S):
+                self.check()
+            self.check()
+        except CycleFailure:
+            self._end(None)
+            raise
+
+    def _fail(self, error: RecordingError) -> None:
+        with self._change:
+            if self._error is not None:  # said already
+                return
+            self._error = error
+            self._change.notify()
+        self._on_failure(CycleFailure(Code.RECORDING, error.text))
+
+    # --- the writing thread -------------------------------------------------------------------------------------------
+
+    def _run(self, open_recorder: Open) -> None:
+        """Whatever ends this thread fails the recording: else the cycle would go on, and nobody would write."""
+        recorder: Recorder | None = None
+        try:
+            recorder = open_recorder()
+            self._step_began_s = None
+            self._opened.set()
+            self._write(recorder)
+        except RecordingError as error:
+            self._fail(error)
+        except Exception as defect:  # noqa: BLE001 - as said above
+            report_defect(str(Role.CYCLE_LOG), defect)
+            self._fail(RecordingError(f"{type(defect).__name__}: {defect}.", "This is a defect: please report it."))
+        finally:
+            self._step_began_s = None
+            self._opened.set()
+            if recorder is not None:
+                recorder.abandon()
+
+    def _write(self, recorder: Recorder) -> None:
+        """Batch by batch, each written and flushed; at the end a result closes the file. Raises: RecordingError."""
+        while (batch := self._next_batch()) and self._error is None:
+            for item in batch:
+                self._step_began_s = time.monotonic()
+                self._put(recorder, item)
+            recorder.flush()
+            self._step_began_s = None
+        if self._result is not None and self._error is None:
+            self._step_began_s = time.monotonic()
+            recorder.close(self._result)
+
+    def _next_batch(self) -> list[_Stamped]:
+        """What was heard until something urgent, or the period from the first of it, is over; [] = the end.
+
+        Waking for every message would cost more than writing it.
+        """
+        with self._change:
+            self._change.wait_for(lambda: self._queue or self._ending or self._error)
+            self._change.wait_for(lambda: self._urgent or self._ending or self._error, _GATHER_S)
+            batch, self._queue, self._urgent = self._queue, [], False
+            return batch
+
+    def _put(self, recorder: Recorder, item: _Stamped) -> None:
+        heard = item.heard
+        try:
+            recorder.write(heard.key, heard.encoding, heard.payload, log_time_ns=item.log_time_ns)
+            if heard.key == topics.MODEL_REPLY.key:
+                self._attach_reply(recorder, decode(ModelReply, heard.payload))
+        except BadPayload as error:  # no type of ours, so there is no schema to record it with
+            _log.warning("not recorded on %s: %s", heard.key, error.text)
+        with self._change:
+            self._waiting_bytes -= len(heard.payload)
+
+    def _attach_reply(self, recorder: Recorder, reply: ModelReply) -> None:
+        """Prompt, answer and picture of one call as files of their own, for whoever takes the recording apart."""
+        name = f"{self._replies:02d}-{reply.step}"
+        self._replies += 1
+        recorder.attach(f"prompts/{name}.txt", "text/plain", reply.prompt.encode())
+        if reply.text or reply.text_of_failure:
+            recorder.attach(f"replies/{name}.txt", "text/plain", (reply.text or reply.text_of_failure).encode())
+        if reply.image_png is not None:
+            recorder.attach(f"goal_images/{name}.png", "image/png", reply.image_png)

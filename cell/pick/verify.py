@@ -1,0 +1,96 @@
+"""Stage 5, verify: is the object really in the hand? Measured width, measured load, and a second look. Pure."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bus.codes import Code
+from bus.messages import Detections, Execution, HandState, Motion, Observation, Verdict
+from config.schema import Station
+from perception.scene.change import cleared_fraction
+from planning.robot import Robot
+
+_HEAD, _TAIL = 10, 20
+"""Measured samples (10 ms each) that weigh the empty hand, as it sets out, and the held object."""
+
+
+def verify(
+    execution: Execution,
+    detections: Detections,
+    before: Observation,
+    after: Observation,
+    robot: Robot,
+    station: Station,
+) -> Verdict:
+    """The verdict on a finished execution (``execution.stopped_in`` is None).
+
+    Every criterion must hold all along the hold: width, load, and the object gone from where it lay.
+    """
+    grasped = execution.grasped
+    if grasped is None:
+        raise ValueError("verify needs an execution that reached its hold")
+    holds = [run for run in execution.runs if run.name == "hold"]
+    widths_m = [run.hand.width_m for run in holds]
+    empty_n = _weight_n([run.motion for run in execution.runs if run.name == "reach"], slice(None, _HEAD), robot)
+    load_n = _weight_n([run.motion for run in holds], slice(-_TAIL, None), robot) - empty_n
+    cleared = cleared_fraction(detections, before, after, station)
+    code, reason = _judge(grasped, widths_m, load_n, cleared, station)
+    return Verdict(
+        held=code is None,
+        code=code,
+        reason=reason,
+        hold_s=float(sum(run.motion.t_s[-1] for run in holds)),
+        width_min_m=min(widths_m),
+        load_n=load_n,
+        cleared_fraction=cleared,
+    )
+
+
+def _judge(
+    grasped: HandState, widths_m: list[float], load_n: float, cleared: float, station: Station
+) -> tuple[Code | None, str]:
+    """The first criterion that fails, or None."""
+    need, width_min_m = station.verify, min(widths_m)
+    if grasped.width_m < need.min_width_m:
+        return Code.GRASP_MISSED, f"The fingers closed to {grasped.width_m * 1e3:.1f} mm: nothing between them."
+    if width_min_m < need.min_width_m or grasped.width_m - width_min_m > need.max_width_loss_m:
+        return Code.DROPPED, (
+            f"The width fell from {grasped.width_m * 1e3:.1f} to {width_min_m * 1e3:.1f} mm after the grasp."
+        )
+    opened = opened_by_another(grasped, max(widths_m), station)
+    if opened:
+        return Code.DROPPED, opened
+    if load_n < need.min_load_n:
+        return Code.DROPPED, f"The arm carries {load_n:.2f} N; at least {need.min_load_n:.2f} N were expected."
+    if cleared < need.min_cleared_fraction:
+        return Code.NOT_CLEARED, f"Only {cleared * 100:.0f} % of where the object lay is empty now."
+    return None, (
+        f"Held {width_min_m * 1e3:.1f} mm wide, {load_n:.2f} N heavy; {cleared * 100:.0f} % of its place is empty."
+    )
+
+
+def _weight_n(motions: list[Motion], samples: slice, robot: Robot) -> float:
+    """Mean downward force at the tcp over some samples of each motion [N]."""
+    forces = [
+        -robot.tcp_force_n(q_rad, tau_ext_nm)[2]
+        for motion in motions
+        for q_rad, tau_ext_nm in zip(motion.q_rad[samples], motion.tau_ext_nm[samples], strict=True)
+    ]
+    return float(np.mean(forces))
+
+
+def opened_by_another(grasped: HandState, width_m: float, station: Station) -> str:
+    """Why a hand that still should hold what it ``grasped`` does not, or "": fingers that press open for no object."""
+    if width_m <= grasped.width_m + station.verify.max_width_loss_m:
+        return ""
+    return (
+        f"The hand opened from {grasped.width_m * 1e3:.1f} to {width_m * 1e3:.1f} mm while it held the object:"
+        " somebody else moved it."
+    )
+
+
+def lost_on_the_way(grasped: HandState, before_release: HandState, station: Station) -> str:
+    """Why the object was not in the hand any more when it was to be laid down, or ""."""
+    if before_release.width_m < station.verify.min_width_m:
+        return f"The fingers were closed ({before_release.width_m * 1e3:.1f} mm) before the object was laid down."
+    return opened_by_another(grasped, before_release.width_m, station)

@@ -1,0 +1,1 @@
+"""Runs the pure stages of a recording again, and compares."""

@@ -1,0 +1,213 @@
+"""Runs the pure stages of a recorded cycle again and names the first difference, in the order of cause and effect.
+
+*Isolated*, every stage works on what was recorded: the stage that changed is the one that differs. *Chained*, what a
+stage gives is what the next one takes: the consequence of a change, down to the chosen grasp and the verdict.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, cast
+
+from bus.codes import Code
+from bus.errors import ConfigError, CycleFailure, RecordingError
+from bus.frozen import Message
+from bus.messages import Detections, Failure, PickPlan, StageName, StageRecord
+from cell.replay.stages import STAGES, Stage
+from config.load import station_from
+from config.schema import Station
+from logs.compare import Difference, compare
+from logs.mcap.reader import CycleRecord, read_cycle
+from perception.models import Models, open_models, replayed_models
+from planning.robot import Robot
+
+PURE = tuple(stage.name for stage in STAGES if stage.pure)
+ModelsOf = Callable[[Station, CycleRecord], Models]
+
+
+@dataclass(frozen=True)
+class StageReplay:
+    """One stage, run again.
+
+    Attributes:
+        recorded: what it gave then; None when the cycle ended before it. ``replayed``: what it gives now.
+        differences: in the order of cause and effect, each with the step of the stage it belongs to.
+    """
+
+    stage: StageName
+    recorded: Message | None
+    replayed: Message
+    differences: tuple[tuple[str, Difference], ...]
+
+
+@dataclass(frozen=True)
+class Replay:
+    """A cycle, run again.
+
+    Attributes:
+        stages: those that were run again, in order. ``not_reached``: stage -> why it was not.
+        chained: outputs flowed on.
+    """
+
+    record: CycleRecord
+    stages: tuple[StageReplay, ...]
+    not_reached: dict[str, str]
+    chained: bool
+
+    @property
+    def equal(self) -> bool:
+        """Nothing differs - which proves nothing when there was nothing to compare: see `grasps`."""
+        return not any(stage.differences for stage in self.stages)
+
+    @property
+    def grasps(self) -> int:
+        """How many grasps the recording holds; without any its replay proves nothing."""
+        detect = self.record.stages.get("detect")
+        return len(detect.result.grasps) if detect is not None and isinstance(detect.result, Detections) else 0
+
+
+@dataclass(frozen=True)
+class Request:
+    """Which stages to run again, and how.
+
+    Attributes:
+        start: chained, from this stage on. ``only``: this one alone. Neither: all, isolated - or chained from the first
+            when ``overrides`` change the settings ("what if?").
+        models: opens the models; by default they answer what was recorded.
+    """
+
+    overrides: tuple[str, ...] = ()
+    start: StageName | None = None
+    only: StageName | None = None
+    models: ModelsOf = lambda station, record: replayed_models(station, record.replies)
+
+    @classmethod
+    def of(cls, overrides: Iterable[str], start: str | None, only: str | None, *, live_models: bool = False) -> Request:
+        """From the words of a command line. Raises: ConfigError for what is no pure stage."""
+        for name in (start, only):
+            if name is not None and name not in PURE:
+                raise ConfigError(f"The stage {name!r} cannot be run again.", f"Pure stages: {', '.join(PURE)}.")
+        live: ModelsOf = lambda station, _: open_models(station, os.environ)  # noqa: E731
+        chosen = {"models": live} if live_models else {}
+        return cls(tuple(overrides), cast(StageName | None, start), cast(StageName | None, only), **chosen)
+
+    @property
+    def chained(self) -> bool:
+        return self.only is None and (self.start is not None or bool(self.overrides))
+
+
+def replay_file(path: Path, overrides: Iterable[str] = ()) -> Replay:
+    """`replay` of the recording at ``path``, with settings changed by ``overrides``."""
+    return replay(read_cycle(path), Request(tuple(overrides)))
+
+
+def replay(record: CycleRecord, request: Request, robot_of: Callable[[Station], Robot] = Robot) -> Replay:
+    """Replay one recording.
+
+    Args:
+        robot_of: the planning model of a station; it takes a second to make, and may be kept for many recordings.
+
+    Raises: RecordingError when it holds no pure stage that was asked for; ConfigError for a bad override.
+    """
+    station = station_from(dict(record.station), request.overrides, source="the recorded station")
+    robot, models = robot_of(station), request.models(station, record)
+    try:
+        run = _chained if request.chained else _isolated
+        not_reached: dict[str, str] = {}
+        stages = tuple(run(_wanted(request), record, not_reached, (station, robot, models)))
+    finally:
+        models.close()
+    if not stages:
+        raise RecordingError(
+            f"The recording of {record.cycle_id} holds no stage that can be replayed.",
+            f"Stages recorded: {', '.join(record.stages) or 'none'}.",
+        )
+    return Replay(record, stages, not_reached, request.chained)
+
+
+def _wanted(request: Request) -> list[Stage]:
+    pure = [stage for stage in STAGES if stage.pure]
+    if request.only is not None:
+        return [stage for stage in pure if stage.name == request.only]
+    return pure if request.start is None else pure[PURE.index(request.start) :]
+
+
+_With = tuple[Station, Robot, Models]
+
+
+def _isolated(wanted: list[Stage], record: CycleRecord, _: dict[str, str], made_of: _With) -> Iterator[StageReplay]:
+    for stage in wanted:
+        if stage.name in record.stages and not _was_stopped(record.stages[stage.name]):
+            yield _compared(stage, record, _rerun(stage, record, *made_of))
+
+
+def _was_stopped(recorded: StageRecord[Any]) -> bool:
+    """A stop is no outcome of the stage's inputs: it would not come again."""
+    return recorded.failure is not None and recorded.failure.code is Code.STOPPED
+
+
+def _chained(
+    wanted: list[Stage], record: CycleRecord, not_reached: dict[str, str], made_of: _With
+) -> Iterator[StageReplay]:
+    flowing, why = record, ""
+    for stage in wanted:
+        why = why or _unreachable(stage, record, flowing)
+        if why:
+            not_reached[stage.name] = why
+            continue
+        outcome = _rerun(stage, flowing, *made_of)
+        yield _compared(stage, record, outcome)
+        flowing = _with(flowing, stage, outcome)
+        why = f"{stage.name} ends it: {outcome.code}" if isinstance(outcome, Failure) else ""
+
+
+def _unreachable(stage: Stage, record: CycleRecord, flowing: CycleRecord) -> str:
+    """Why ``stage`` cannot follow: it works on what was carried out, and that was another plan."""
+    if stage.name != "verify":
+        return ""
+    if "execute" not in record.stages:
+        return "nothing was executed"
+    before, now = (one.stages["plan"].result if "plan" in one.stages else None for one in (record, flowing))
+    plan = next(stage for stage in STAGES if stage.name == "plan")
+    same = isinstance(before, PickPlan) and isinstance(now, PickPlan) and not compare(before, now, plan.tolerances)
+    return "" if same else "another plan was executed"
+
+
+def _with(record: CycleRecord, stage: Stage, outcome: Message) -> CycleRecord:
+    """The record as if ``stage`` had given ``outcome``."""
+    failed = isinstance(outcome, Failure)
+    said = stage.topic.says(
+        cycle_id=record.cycle_id,
+        stage=stage.name,
+        started_ns=0,
+        duration_s=0.0,
+        result=None if failed else outcome,
+        failure=outcome if failed else None,
+    )
+    return replace(record, stages={**record.stages, stage.name: said})
+
+
+def _compared(stage: Stage, record: CycleRecord, outcome: Message) -> StageReplay:
+    if stage.name not in record.stages:
+        ended = Difference("reached", False, True, None, 0.0, "")
+        return StageReplay(stage.name, None, outcome, ((stage.name, ended),))
+    said = record.stages[stage.name]
+    recorded = said.result if said.result is not None else said.failure
+    if recorded is None:
+        raise RecordingError("A recorded stage holds neither a result nor a failure.", "The recording is damaged.")
+    found = [(stage.step_of(one.field), one) for one in compare(recorded, outcome, stage.tolerances)]
+    order = [step for step, _ in stage.steps]
+    found.sort(key=lambda pair: order.index(pair[0]) if pair[0] in order else -1)
+    return StageReplay(stage.name, recorded, outcome, tuple(found))
+
+
+def _rerun(stage: Stage, record: CycleRecord, station: Station, robot: Robot, models: Models) -> Message:
+    """The stage's result, or the failure it ends with: both are outcomes to compare."""
+    assert stage.rerun is not None
+    try:
+        return stage.rerun(record, station, robot, models)
+    except CycleFailure as failure:
+        return Failure.of(failure)

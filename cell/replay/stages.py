@@ -1,0 +1,149 @@
+"""THE table of the cycle's stages: what each takes, gives, may take, and how its replay is compared.
+
+A *pure* stage gives the same output for the same inputs, configuration and recorded model replies, bit for bit on one
+machine; the tolerances allow for another processor's floating point.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+from bus import topics
+from bus.errors import RecordingError
+from bus.frozen import Message
+from bus.messages import Detections, Execution, Observation, StageName
+from bus.topics import Topic
+from cell.pick.detect import detect
+from cell.pick.plan import plan
+from cell.pick.verify import verify
+from config.schema import Station
+from logs.compare import Tolerance
+from logs.mcap.reader import CycleRecord
+from perception.models import Models
+from planning.robot import Robot
+
+Rerun = Callable[[CycleRecord, Station, Robot, Models], Message]
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One row.
+
+    Attributes:
+        inputs: what it works on, in words of the table.
+        deadline_s: longest it may take before an operator should wonder.
+        rerun: computes its output again from a recording; None = its output is recorded, not recomputed.
+        tolerances: field pattern -> how much a replayed value may differ.
+        steps: (step, the fields it makes), in the order of cause and effect.
+    """
+
+    name: StageName
+    topic: Topic
+    inputs: tuple[str, ...]
+    deadline_s: float
+    rerun: Rerun | None = None
+    tolerances: Mapping[str, Tolerance] = field(default_factory=dict)
+    steps: tuple[tuple[str, tuple[str, ...]], ...] = ()
+
+    @property
+    def pure(self) -> bool:
+        return self.rerun is not None
+
+    def step_of(self, path: str) -> str:
+        """The step that makes the field at ``path``; the stage itself for none of them."""
+        return next((step for step, fields in self.steps if path.startswith(fields)), self.name)
+
+
+def _observation(record: CycleRecord) -> Observation:
+    if record.observation is None:
+        raise RecordingError(
+            f"The recording of {record.cycle_id} holds no observation.", "It ended before its capture."
+        )
+    return record.observation
+
+
+def _result(record: CycleRecord, name: StageName, kind: type[Message]) -> Message:
+    stage = record.stages.get(name)
+    if stage is None or not isinstance(stage.result, kind):
+        raise RecordingError(f"The recording of {record.cycle_id} holds no {name} result.", "It ended before.")
+    return stage.result
+
+
+def _detect(record: CycleRecord, station: Station, _robot: Robot, models: Models) -> Message:
+    return detect(_observation(record), station, models)
+
+
+def _plan(record: CycleRecord, station: Station, robot: Robot, _models: Models) -> Message:
+    found = _result(record, "detect", Detections)
+    assert isinstance(found, Detections)
+    return plan(found, _observation(record), robot, station, record.attempt.missed)
+
+
+def _verify(record: CycleRecord, station: Station, robot: Robot, _models: Models) -> Message:
+    found, execution = _result(record, "detect", Detections), _result(record, "execute", Execution)
+    assert isinstance(found, Detections) and isinstance(execution, Execution)
+    if record.after is None:
+        raise RecordingError(f"The recording of {record.cycle_id} holds no second observation.")
+    return verify(execution, found, _observation(record), record.after, robot, station)
+
+
+_PIXELS = Tolerance(0.05, "px")
+_LENGTH = Tolerance(5e-5, "m")
+_ANGLE = Tolerance(1e-3, "rad")
+_EXACT_ENOUGH = Tolerance(1e-9, "")
+
+STAGES: tuple[Stage, ...] = (
+    Stage("capture", topics.CAPTURE, ("camera", "arm state"), 3.0),
+    Stage(
+        "detect",
+        topics.DETECT,
+        ("observation", "model replies"),
+        120.0,
+        _detect,
+        {
+            "rectangles[*].center_px[*]": _PIXELS,
+            "rectangles[*].width_px": _PIXELS,
+            "rectangles[*].height_px": _PIXELS,
+            "rectangles[*].angle_rad": _ANGLE,
+            "grasps[*].base_from_tcp": Tolerance(0.05, "mm|deg"),
+            "grasps[*].width_m": _LENGTH,
+            "grasps[*].opening_m": _LENGTH,
+            "grasps[*].score": Tolerance(1e-6, ""),
+            "grasps[*].terms*": Tolerance(1e-6, ""),
+            "grasps[*].imagined_base_from_tcp": Tolerance(0.05, "mm|deg"),
+            "evidence.*points": _LENGTH,
+            "evidence.rod_ends*": _LENGTH,
+            "evidence.alignment.observed_from_goal": Tolerance(0.05, "mm|deg"),
+            "evidence.alignment.*": _EXACT_ENOUGH,
+            "evidence.drift.*": _EXACT_ENOUGH,
+        },
+        (
+            ("segment", ("evidence.color", "evidence.object_mask")),
+            ("imagine", ("evidence.goal_",)),
+            ("lift", ("evidence.observed_points",)),
+            ("drift", ("evidence.drift",)),
+            ("align", ("evidence.alignment", "evidence.aligned_points")),
+            ("project", ("evidence.rod_", "rectangles")),
+            ("rank", ("grasps", "evidence.sample", "evidence.agreement")),
+        ),
+    ),
+    Stage(
+        "plan",
+        topics.PLAN,
+        ("detections", "arm state", "scene"),
+        10.0,
+        _plan,
+        {"segments[*].trajectory.raw_q_rad": Tolerance(1e-6, "rad")},
+    ),
+    Stage("execute", topics.EXECUTE, ("plan",), 120.0),
+    Stage(
+        "verify",
+        topics.VERIFY,
+        ("execution", "detections", "second observation"),
+        5.0,
+        _verify,
+        {"load_n": Tolerance(1e-6, "N"), "cleared_fraction": Tolerance(1e-3, ""), "hold_s": Tolerance(1e-9, "s")},
+    ),
+    Stage("deliver", topics.DELIVER, ("plan",), 60.0),
+)

@@ -1,0 +1,112 @@
+"""A replay as a person reads it, and as a program does."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from bus.frozen import Message
+from bus.messages import Detections, Failure, PickPlan, Verdict
+from cell.replay.replay import Replay, StageReplay
+from cell.terminal.printing import Printer
+
+_SHOWN = 5
+NO_GRASPS = "equal, but the recording holds no grasp to compare: that proves nothing"
+
+
+def verdict(replay: Replay) -> str:
+    """``equal``, ``different``, or ``empty``: equal, without a grasp to compare."""
+    if not replay.equal:
+        return "different"
+    return "equal" if replay.grasps else "empty"
+
+
+def to_json(replay: Replay) -> dict[str, Any]:
+    """For a program; ``first_difference`` only where there is one, ``consequence`` only of a chained replay."""
+    said: dict[str, Any] = {
+        "equal": replay.equal,
+        "verdict": verdict(replay),
+        "cycle_id": replay.record.cycle_id,
+        "grasps": replay.grasps,
+        "stages": {stage.stage: len(stage.differences) for stage in replay.stages},
+        "not_reached": replay.not_reached,
+    }
+    for stage in replay.stages:
+        if stage.differences:
+            step, difference = stage.differences[0]
+            said["first_difference"] = {"stage": stage.stage, "step": step, **difference.to_json()}
+            break
+    if replay.chained:
+        said["consequence"] = list(consequence(replay))
+    return said
+
+
+def show(replay: Replay, out: Printer) -> None:
+    """For a person."""
+    for stage in replay.stages:
+        count = len(stage.differences)
+        found = (f"{count} difference{'s' if count > 1 else ''}", "red") if count else ("equal", "green")
+        out.line(f"{stage.stage:<8} ", found)
+        for step, difference in stage.differences[:_SHOWN]:
+            out.line(f"    {step:<8} {difference.describe()}")
+        if count > _SHOWN:
+            out.line(f"    and {count - _SHOWN} more")
+    for name, why in replay.not_reached.items():
+        out.line(f"{name:<8} ", ("not replayed", "yellow"), f": {why}")
+    for line in consequence(replay) if replay.chained else ():
+        out.line(f"  {line}")
+    said = verdict(replay)
+    out.line(f"{replay.record.cycle_id}: {NO_GRASPS if said == 'empty' else said}")
+
+
+def show_tally(said: dict[str, Any], out: Printer) -> None:
+    """A folder's sum, for a person: what differs first, failures before figures."""
+    for path, why in said["unreadable"].items():
+        out.line(("unreadable", "red"), f" {path}: {why}")
+    for one in said["differences"]:
+        first = one["first_difference"]
+        where = f"{first['stage']}/{first['step']}, {first['field']}"
+        out.line(("different", "red"), f" {one['cycle_id']}: first in {where}")
+    for name, count in said["fields"].items():
+        out.line(f"  {count:>5} x {name}")
+    counts = ", ".join(f"{said[name]} {name}" for name in ("equal", "different", "empty"))
+    out.line(f"{said['cycles']} recordings: {counts}, {len(said['unreadable'])} unreadable")
+
+
+def consequence(replay: Replay) -> Iterator[str]:
+    """What the change leads to: one line a stage, "before -> after" where that differs."""
+    for stage in replay.stages:
+        before, after = _gist(stage.recorded), _gist(stage.replayed)
+        moved = _moved(replay) if stage.stage == "plan" else ""
+        yield f"{stage.stage}: {after if before == after else f'{before} -> {after}'}{moved}"
+
+
+def _gist(outcome: Message | None) -> str:
+    """The outcome of a stage, in half a line."""
+    if isinstance(outcome, Detections):
+        best = outcome.grasps[0]
+        return f"{len(outcome.grasps)} grasps, the best {best.width_m * 1e3:.1f} mm wide, score {best.score:.3f}"
+    if isinstance(outcome, PickPlan):
+        return f"grasp {outcome.grasp}, tilted {np.degrees(outcome.tilt_rad):.0f} deg, {len(outcome.rejected)} rejected"
+    if isinstance(outcome, Verdict):
+        return "held" if outcome.held else f"{outcome.code}"
+    return f"{outcome.code}" if isinstance(outcome, Failure) else "not reached"
+
+
+def _moved(replay: Replay) -> str:
+    """By how much the chosen grasp moved, if it did."""
+    before, after = (_chosen(replay.stages, name) for name in ("recorded", "replayed"))
+    if before is None or after is None or np.array_equal(before, after):
+        return ""
+    away_mm = float(np.linalg.norm(before[:3, 3] - after[:3, 3])) * 1e3
+    return f" (the chosen grasp {away_mm:.1f} mm away)"
+
+
+def _chosen(stages: tuple[StageReplay, ...], which: str) -> np.ndarray | None:
+    outcomes = {stage.stage: getattr(stage, which) for stage in stages}
+    found, plan = outcomes.get("detect"), outcomes.get("plan")
+    if not isinstance(found, Detections) or not isinstance(plan, PickPlan):
+        return None
+    return found.grasps[plan.grasp].base_from_tcp

@@ -1,0 +1,152 @@
+"""How everything is printed: lines for a person, JSON for a program. Whatever the text says, it is only shown.
+
+Much of what is printed is foreign: a model's words, a device's, the name of a file. None of it is markup here, or an
+order to the terminal; what the terminal's encoding lacks is escaped; and an output that goes away (`| head`, a full
+disk) ends nothing that runs.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import math
+import os
+import re
+import sys
+from contextlib import suppress
+from typing import Any, TextIO
+
+Part = str | tuple[str, str]
+"""Some text, or text and its style: words of `_CODES`."""
+
+_CODES = {"bold": 1, "dim": 2, "red": 31, "green": 32, "yellow": 33, "magenta": 35, "cyan": 36}
+_SEQUENCES = re.compile(
+    r"(?:\x1b\[|\x9b)[0-?]*[ -/]*[@-~]"  # colours, cursor
+    r"|(?:\x1b[\]PX^_]|[\x90\x98\x9d-\x9f])[^\x07\x1b\x9c]*(?:\x07|\x1b\\|\x9c)"  # titles, links, the clipboard
+    r"|\x1b[ -/]*[0-Z\\^-~]"
+)
+_BREAKS = re.compile(r"[\t-\r\x1c-\x1f\x85\u2028\u2029]+")
+_UNSEEN = re.compile(r"[\x00-\x1f\x7f-\x9f\u061c\u200b\u200e\u200f\u202a-\u202e\u2066-\u2069\ufeff]")
+"""Control characters, and those that turn the direction of the text around them."""
+_SURROGATE = re.compile(r"[\ud800-\udfff]")
+_BEYOND_ASCII = re.compile(r"[\x7f-\U0010ffff]")
+
+
+def plain(text: str) -> str:
+    """The text on one line, without what would command a terminal; bytes of names that are not UTF-8 as ``\\xe9``."""
+    if text.isascii() and text.isprintable():
+        return text
+    text = _UNSEEN.sub("", _BREAKS.sub(" ", _SEQUENCES.sub("", text)))
+    return _SURROGATE.sub(lambda found: _escaped(ord(found[0])), text)
+
+
+def _escaped(surrogate: int) -> str:
+    return f"\\x{surrogate - 0xDC00:02x}" if 0xDC80 <= surrogate <= 0xDCFF else f"\\u{surrogate:04x}"
+
+
+class Printer:
+    """Prints to stdout, or to stderr; never raises. A file, too: `cell.terminal.drawing` draws by `write`.
+
+    Attributes:
+        lost: why nothing can be printed any more, once that is so.
+    """
+
+    def __init__(self, *, stderr: bool = False) -> None:
+        self._stderr = stderr
+        self.lost: Exception | None = None
+
+    def line(self, *parts: Part, style: str = "") -> None:
+        """One line of all parts, as they stand; ``style`` is that of those without their own."""
+        texts = [part if isinstance(part, tuple) else (part, style) for part in parts]
+        self.write("".join(self._styled(plain(text), its) for text, its in texts) + "\n")
+        self.flush()
+
+    def json(self, value: Any) -> None:
+        """A value, or what is JSON already, in ASCII: every terminal and every program can take it."""
+        text = value if isinstance(value, str) else json.dumps(_finite(value), allow_nan=False)
+        self.write(_BEYOND_ASCII.sub(lambda found: json.dumps(found[0])[1:-1], text) + "\n")
+        self.flush()
+
+    def _styled(self, text: str, style: str) -> str:
+        if not style or not text or not self.isatty() or os.environ.get("NO_COLOR"):
+            return text
+        return f"\x1b[{';'.join(str(_CODES[word]) for word in style.split())}m{text}\x1b[0m"
+
+    # --- as a file ----------------------------------------------------------------------------------------------------
+
+    @property
+    def _stream(self) -> TextIO | None:
+        """The one of now: tests and progress bars put others into its place."""
+        stream: TextIO | None = sys.stderr if self._stderr else sys.stdout
+        return getattr(stream, "rich_proxied_file", stream)
+
+    @property
+    def encoding(self) -> str:
+        return getattr(self._stream, "encoding", None) or "utf-8"
+
+    def isatty(self) -> bool:
+        with suppress(OSError, ValueError):
+            return self._stream is not None and self._stream.isatty() and os.environ.get("TERM") != "dumb"
+        return False
+
+    def fileno(self) -> int:
+        """Raises: OSError without one."""
+        if self._stream is None:
+            raise OSError("There is no output.")
+        return self._stream.fileno()
+
+    def write(self, text: str) -> int:
+        """Write what is not foreign, or was made `plain`."""
+        stream, encoding = self._stream, self.encoding
+        if stream is None or self.lost is not None:
+            return len(text)
+        try:
+            stream.write(text.encode(encoding, "backslashreplace").decode(encoding))
+        except (OSError, ValueError) as error:
+            self._give_up(stream, error)
+        return len(text)
+
+    def flush(self) -> None:
+        stream = self._stream
+        if stream is None or self.lost is not None:
+            return
+        try:
+            stream.flush()
+        except (OSError, ValueError) as error:
+            self._give_up(stream, error)
+
+    def _give_up(self, stream: TextIO, error: Exception) -> None:
+        """What follows, and what Python still writes at its end, goes nowhere."""
+        self.lost = error
+        with suppress(OSError, ValueError):
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            try:
+                os.dup2(nowhere, stream.fileno())
+            finally:
+                os.close(nowhere)
+
+
+def _finite(value: Any) -> Any:
+    """The value with numbers that JSON lacks as strings, as the bus has them."""
+    if isinstance(value, float) and not math.isfinite(value):
+        return "NaN" if math.isnan(value) else "Infinity" if value > 0 else "-Infinity"
+    if isinstance(value, dict):
+        return {key: _finite(one) for key, one in value.items()}
+    return [_finite(one) for one in value] if isinstance(value, list | tuple) else value
+
+
+out, err = Printer(), Printer(stderr=True)
+
+
+class PlainFormatter(logging.Formatter):
+    """A log line with its message made `plain`; a traceback below it stays as it is."""
+
+    def formatMessage(self, record: logging.LogRecord) -> str:
+        return plain(super().formatMessage(record))
+
+
+def log_plainly() -> None:
+    """Warnings and errors of this process go to stderr, each on one line."""
+    handler = logging.StreamHandler(err)
+    handler.setFormatter(PlainFormatter("%(levelname)s %(name)s: %(message)s"))
+    logging.basicConfig(level=logging.WARNING, handlers=[handler])

@@ -1,0 +1,1 @@
+"""How a sampled trajectory is played: on its path, held, resumed, braked."""

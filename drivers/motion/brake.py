@@ -1,0 +1,52 @@
+"""Brings moving joints to rest when there is no path to stay on: after an error in the middle of a motion, say."""
+
+from __future__ import annotations
+
+import numpy as np
+import ruckig
+
+from bus.arrays import JointSamples
+from bus.errors import DriverError
+from bus.trajectory import TICK_S
+from config.limits import ACCELERATION_RAD_S2, JERK_RAD_S3
+
+_SHARE = 0.98
+"""Of the limits; the samples' differences lag the profile by a tick."""
+_GENTLE_JERK = 0.25
+_BEYOND = "The arm cannot be brought to rest within its limits."
+_ADVICE = "The arm's own controller stops it now; find out what sent these commands."
+
+
+def coast(last_q_rad: JointSamples) -> JointSamples:
+    """1 kHz commands (n, 7) from motion to rest, all joints at rest at the same time (ruckig).
+
+    Not on any checked path: the arm runs on by up to dq^2 / 20. With a trajectory, use `drivers.motion.stream`.
+
+    Args:
+        last_q_rad: (3, 7) the last three commands.
+
+    Raises: DriverError when they are not finite, or move faster than can be braked within the limits.
+    """
+    if not np.isfinite(last_q_rad).all():
+        raise DriverError("The last commands are not finite numbers: there is no state to brake from.", _ADVICE)
+    q_rad, ddq_rad_s2 = last_q_rad[-1], np.diff(last_q_rad, n=2, axis=0)[0] / TICK_S**2
+    dq_rad_s = (q_rad - last_q_rad[-2]) / TICK_S + ddq_rad_s2 * TICK_S / 2
+    order = ruckig.InputParameter(7)
+    order.control_interface = ruckig.ControlInterface.Velocity
+    order.synchronization = ruckig.Synchronization.Time
+    order.current_position, order.current_velocity = q_rad.tolist(), dq_rad_s.tolist()
+    order.current_acceleration = np.clip(
+        ddq_rad_s2, -_SHARE * ACCELERATION_RAD_S2, _SHARE * ACCELERATION_RAD_S2
+    ).tolist()
+    order.target_velocity = [0.0] * 7
+    order.max_acceleration = (_SHARE * ACCELERATION_RAD_S2).tolist()
+    order.max_jerk = (_GENTLE_JERK * JERK_RAD_S3).tolist()
+    profile = ruckig.Trajectory(7)
+    try:
+        outcome = ruckig.Ruckig(7).calculate(order, profile)
+    except ruckig.RuckigError as error:
+        raise DriverError(_BEYOND, _ADVICE) from error
+    if outcome != ruckig.Result.Working:
+        raise DriverError(_BEYOND, _ADVICE)
+    ticks = int(np.ceil(profile.duration / TICK_S)) + 1
+    return np.array([profile.at_time(min(tick * TICK_S, profile.duration))[0] for tick in range(1, ticks)] or [q_rad])

@@ -1,0 +1,313 @@
+"""Serves a driver's devices on the bus: one lane (thread) per device, and others for what must not wait for it.
+
+While a motion is under way the cell must be heard: its heartbeat comes from the thread that would answer a stop. When
+it falls silent, nobody could stop the arm, and the arm brakes on its path by itself.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from typing import TypeVar
+
+from bus import topics
+from bus.codec import decode, process_in_words
+from bus.commands import Event, HandGrasp, HandMove, Health, Nothing, PresentRequest
+from bus.errors import BusError, CellError, DriverUnavailable
+from bus.frozen import Message
+from bus.injected import FaultyBus, Spoilable, answer_faults
+from bus.messages import Motion
+from bus.sample import Asked, Heard
+from bus.session import Bus
+from bus.silence import Silence
+from bus.topics import Topic, encoding_of
+from bus.trajectory import Trajectory
+from bus.wire import arm_state_to_wire, frame_to_wire
+from config.schema import Station
+from drivers.interface import Arm, Camera, Devices, Feeder, Hand, Reporting
+from drivers.node.guard import Guard, HandGuard
+from drivers.node.injection import faulty_devices
+from drivers.node.loops import Loop
+
+ARM_STATE_PERIOD_S = 0.01
+HAND_STATE_PERIOD_S = 0.05
+HEALTH_PERIOD_S = 1.0
+_TELL_PERIOD_S = 0.2
+_PULSE = "health"
+"""The loop that tells of the others; whoever does not hear it knows."""
+_LISTEN_PERIOD_S = 0.05
+_NAME_TIMEOUT_S = 1.0
+_REST_S = 0.5
+"""How long an arm may take to rest before a process that is not whole ends all the same."""
+
+AskT = TypeVar("AskT", bound=Message)
+
+
+class Node:
+    """Connects the devices, answers for them, and publishes their states until closed.
+
+    Args:
+        name: the node's name in the station file.
+        bus: an open session; stays the caller's.
+        devices: what to serve. Arm and hand are wrapped in their guards here: no motion from the bus escapes.
+    """
+
+    def __init__(self, name: str, bus: Bus, devices: Devices, station: Station) -> None:
+        self._faults: dict[str, Spoilable] = {}
+        if station.faults.allowed:
+            devices, self._faults = faulty_devices(devices, station.faults)
+        self._name, self._bus, self._devices, self._station = name, bus, devices, station
+        self._arm = Guard(devices.arm, station) if devices.arm is not None else None
+        self._started_s = time.monotonic()
+        self._told_s = self._started_s - _TELL_PERIOD_S
+        self._answered = self._failed = self._defects = 0
+        self._last_fault = ""
+        self._motions = 0  # of the arm, under way; guarded by it
+        self._motion_change = threading.Condition()
+        self._cell = Silence(station.silence_s, _LISTEN_PERIOD_S)
+        self._was_heard = False  # a cell that never said anything cannot have fallen silent
+        self._untold = ""  # why the arm braked by itself, until the cell is heard again
+        self._loops: list[Loop] = []
+
+    def open(self) -> None:
+        """Connect every device or none, then answer and announce.
+
+        Raises: DriverError; DriverUnavailable when another node has this name.
+        """
+        self._require_free()
+        try:
+            self._connect()
+        except CellError:
+            self._disconnect()
+            raise
+        if self._devices.camera is not None:
+            self._serve_camera(self._devices.camera)
+        if self._arm is not None:
+            self._serve_arm(self._arm)
+        if self._devices.hand is not None:
+            self._serve_hand(HandGuard(self._devices.hand, self._station))
+        if self._devices.feeder is not None:
+            self._serve_feeder(self._devices.feeder)
+        if self._station.faults.allowed:
+            self._allow_faults()
+        self._every(_PULSE, HEALTH_PERIOD_S, self._publish_health)
+        self._bus.answer(topics.NODE_NOW, lambda _payload, _asked: self._health(), lane="state", name=self._name)
+        self._bus.announce(topics.NODE_ALIVE, name=self._name)
+        self._require_alone()
+
+    def _require_free(self) -> None:
+        """A name is served once. Raises: DriverUnavailable, naming the other process."""
+        if self._name in self._bus.alive(topics.NODE_ALIVE):
+            raise self._taken(self._others())
+
+    def _require_alone(self) -> None:
+        """Of those that begin in the same moment at most one stays. Raises: DriverUnavailable.
+
+        By the answer to the first question the cell knows this node: of two nodes, the later one sees the other.
+        """
+        self._bus.alive(topics.NODE_ALIVE)
+        others = self._others()
+        if others:
+            self._bus.withdraw(topics.NODE_ALIVE, name=self._name)
+            self.close()
+            raise self._taken(others)
+
+    def _others(self) -> dict[str, bytes]:
+        """The other sessions that serve this name, and their health."""
+        answers = self._bus.sessions(topics.NODE_NOW, timeout_s=_NAME_TIMEOUT_S, name=self._name)
+        return {session: health for session, health in answers.items() if session != self._bus.source}
+
+    def _taken(self, others: dict[str, bytes]) -> DriverUnavailable:
+        who = " and ".join(map(process_in_words, others.values())) or "a process that does not answer"
+        return DriverUnavailable(
+            f"There is a node {self._name!r} already: {who}.",
+            'End it first, or give this one a name of its own. A node with run = "here" is started by `cell start`.',
+        )
+
+    def halt(self) -> None:
+        """Stop the arm, if this node has it: nobody is there any more who could. Never raises."""
+        if self._arm is not None:
+            self._arm.stop()
+
+    def end_by_defect(self, name: str, defect: BaseException) -> None:
+        """The thread ``name`` of this process ended unforeseen: stop the arm, and say why. Never raises."""
+        self._defects += 1
+        self._last_fault = f"DEFECT: {name} ended: {type(defect).__name__}: {defect}"
+        self.halt()
+        with suppress(BusError):
+            text = f"The node {self._name!r} ends: its thread {name} met {type(defect).__name__}: {defect}."
+            self._bus.publish(topics.EVENT, Event(code="INTERNAL", severity="error", text=text))
+            self._publish_health()
+        with self._motion_change:
+            self._motion_change.wait_for(lambda: self._motions == 0, _REST_S)
+
+    def close(self) -> None:
+        """Stop the arm, end the publishers, disconnect; idempotent."""
+        if self._arm is not None:
+            self._arm.stop()
+        for loop in self._loops:
+            loop.close()
+        self._disconnect()
+
+    def _connect(self) -> None:
+        if self._arm is not None:
+            self._arm.connect()
+        if self._devices.hand is not None:
+            self._devices.hand.connect()
+        if self._devices.camera is not None:
+            # The graphics context of a rendered camera belongs to the thread that will capture.
+            self._bus.lane("camera").submit(self._devices.camera.connect).result()
+
+    def _disconnect(self) -> None:
+        if self._devices.camera is not None:
+            self._bus.lane("camera").submit(self._devices.camera.close).result()
+        for device in (self._devices.hand, self._arm):
+            if device is not None:
+                device.close()
+
+    # --- what is answered ---------------------------------------------------------------------------------------------
+
+    def _answer(self, topic: Topic, ask_type: type[AskT], act: Callable[[AskT], Message | None], lane: str) -> None:
+        def handle(payload: bytes, _: Asked) -> Message:
+            try:
+                answer = act(decode(ask_type, payload))
+            except CellError as error:
+                self._note(error)
+                raise
+            self._answered += 1
+            return Nothing() if answer is None else answer
+
+        self._bus.answer(topic, handle, lane=lane)
+
+    def _serve_camera(self, camera: Camera) -> None:
+        def capture(payload: bytes, _: Asked) -> list[Heard]:
+            decode(Nothing, payload)
+            try:
+                parts = frame_to_wire(camera.capture())
+            except CellError as error:
+                self._note(error)
+                raise
+            self._answered += 1
+            for topic in topics.FRAME_PARTS:
+                self._bus.publish(topic, parts[topic.key])
+            return [Heard(topic.key, encoding_of(topic.says), parts[topic.key]) for topic in topics.FRAME_PARTS]
+
+        self._bus.answer(topics.CAMERA_CAPTURE, capture, lane="camera")
+
+    def _serve_arm(self, arm: Arm) -> None:
+        def execute(trajectory: Trajectory) -> Motion:
+            with self._under_way():
+                return arm.execute(trajectory)
+
+        self._answer(topics.ARM_EXECUTE, Trajectory, execute, "arm")
+        self._answer(topics.ARM_RECOVER, Nothing, lambda _: arm.recover(), "arm")
+        self._answer(topics.ARM_STOP, Nothing, lambda _: arm.stop(), "arm-stop")
+        self._answer(topics.ARM_HOLD, Nothing, lambda _: arm.hold(), "arm-hold")
+        self._answer(topics.ARM_RESUME, Nothing, lambda _: arm.resume(), "arm-hold")
+        self._answer(topics.ARM_NOW, Nothing, lambda _: arm.state(), "state")
+        self._every(
+            "arm.state",
+            ARM_STATE_PERIOD_S,
+            lambda: self._bus.publish(topics.ARM_STATE, arm_state_to_wire(arm.state())),
+        )
+        self._bus.subscribe(topics.HEARTBEAT.key, self._hear_cell)
+        self._every("cell", _LISTEN_PERIOD_S, lambda: self._brake_if_alone(arm))
+
+    @contextmanager
+    def _under_way(self) -> Iterator[None]:
+        """Around every motion of the arm."""
+        with self._motion_change:
+            self._motions += 1
+        try:
+            yield
+        finally:
+            with self._motion_change:
+                self._motions -= 1
+                self._motion_change.notify_all()
+
+    def _hear_cell(self, heard: Heard) -> None:
+        if self._bus.cell in (None, heard.source) and (heard.is_sealed or self._bus.seal is None):
+            self._cell.hear()
+            self._was_heard = True
+
+    def _brake_if_alone(self, arm: Arm) -> None:
+        silent_s = self._cell.for_s()
+        if silent_s <= self._station.silence_s:
+            self._tell_why_it_braked()
+        elif self._was_heard and self._motions > 0:
+            self._was_heard = False  # once; it counts again when it is heard again
+            arm.stop()
+            text = f"The cell has said nothing for {silent_s:.2f} s while the arm moved: the arm braked on its path."
+            self._untold = self._last_fault = text
+
+    def _tell_why_it_braked(self) -> None:
+        """Now that the cell is there to hear it."""
+        text, self._untold = self._untold, ""
+        if text:
+            advice = "Was its process frozen, or the machine too busy? After `cell reset` it goes on."
+            self._bus.publish(topics.EVENT, Event(code="CELL_SILENT", severity="error", text=text, advice=advice))
+
+    def _serve_hand(self, hand: Hand) -> None:
+        self._answer(topics.HAND_MOVE, HandMove, lambda ask: hand.move(ask.width_m, ask.speed_m_s), "hand")
+        self._answer(topics.HAND_GRASP, HandGrasp, lambda ask: hand.grasp(ask.force_n, ask.speed_m_s), "hand")
+        self._answer(topics.HAND_HOME, Nothing, lambda _: hand.home(), "hand")
+        self._answer(topics.HAND_STOP, Nothing, lambda _: hand.stop(), "hand-stop")
+        self._answer(topics.HAND_NOW, Nothing, lambda _: hand.state(), "state")
+        self._every("hand.state", HAND_STATE_PERIOD_S, lambda: self._bus.publish(topics.HAND_STATE, hand.state()))
+
+    def _serve_feeder(self, feeder: Feeder) -> None:
+        self._answer(topics.SIM_PRESENT, PresentRequest, feeder.present, "arm")
+        self._answer(topics.SIM_TRUTH, Nothing, lambda _: feeder.truth(), "state")
+
+    def _allow_faults(self) -> None:
+        """Answer ``fault/{part}`` for what is served here, and for this process's link."""
+        if isinstance(self._bus, FaultyBus):
+            self._bus.delay_s, self._bus.fault = self._station.faults.delay_s, self._station.faults.bus
+            self._faults["bus"] = self._bus
+        answer_faults(self._bus, self._faults, self._bus.publish)
+
+    # --- what is published --------------------------------------------------------------------------------------------
+
+    def _publish_health(self) -> None:
+        self._bus.publish(topics.NODE_HEALTH, self._health(), name=self._name)
+
+    def _health(self) -> Health:
+        return Health(
+            name=self._name,
+            pid=os.getpid(),
+            uptime_s=time.monotonic() - self._started_s,
+            answered=self._answered,
+            failed=self._failed,
+            last_fault=self._last_fault,
+            loops={loop.name: loop.health() for loop in self._loops if loop.name != _PULSE},
+            readings=self._readings(),
+            defects=self._defects,
+        )
+
+    def _readings(self) -> dict[str, float]:
+        devices = {"camera": self._devices.camera, "arm": self._devices.arm, "hand": self._devices.hand}
+        readings: dict[str, float] = {}
+        for name, device in devices.items():
+            if isinstance(device, Reporting):
+                readings |= {f"{name}.{key}": value for key, value in device.readings().items()}
+        return readings
+
+    def _every(self, name: str, period_s: float, act: Callable[[], None]) -> None:
+        self._loops.append(Loop(name, period_s, act, self._note, self._cut_off))
+
+    def _note(self, error: CellError) -> None:
+        """Count it, and say so soon: whoever misses a stream is to know why it is silent."""
+        self._last_fault = f"{error.code}: {error}"
+        self._failed += 1
+        if time.monotonic() - self._told_s > _TELL_PERIOD_S:
+            self._told_s = time.monotonic()
+            with suppress(BusError):  # closed: nobody listens any more
+                self._publish_health()
+
+    def _cut_off(self) -> None:
+        """Nobody can stop the arm any more: it stops itself."""
+        if self._arm is not None:
+            self._arm.stop()

@@ -1,0 +1,1 @@
+"""One cycle in one MCAP file: written, read, listed, made whole, deleted by rule."""

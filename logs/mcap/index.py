@@ -1,0 +1,216 @@
+"""Finds and lists what was recorded, newest first; a file that cannot be read is listed with its reason, not hidden."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field
+from datetime import UTC, datetime
+from itertools import islice
+from pathlib import Path
+from typing import IO, Any
+
+from mcap.records import Attachment, Channel, Message, Metadata
+
+from bus import topics
+from bus.codec import decode
+from bus.errors import BadPayload, RecordingError
+from bus.messages import Attempt, CycleResult
+from logs.mcap.names import found_below, is_folder, reading, shown
+from logs.mcap.reader import STATION, require_ours, station_tree
+from logs.mcap.recorder import PART
+from logs.mcap.whole import Summary, records
+
+FINE = ("SUCCESS", "EMPTY")
+"""Results that nobody needs to look at."""
+_SHOWN_MATCHES = 3
+_RESULT = f"/{topics.RESULT.key}"
+_SHOWN = frozenset({_RESULT, f"/{topics.ATTEMPT.key}"})
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One recording: its result, or why it cannot be read.
+
+    Attributes:
+        result: a cycle's, or ``UNFINISHED``, ``TORN`` (never closed), ``DAMAGED``.
+        wall_s: how long the cycle took, None when it does not say.
+        number: which try of its pick it was, from 0. ``retry_of``, ``retried_as``: ids of the tries beside it, or "".
+    """
+
+    path: Path
+    cycle_id: str
+    result: str
+    code: str = ""
+    reason: str = ""
+    object: str = ""
+    wall_s: float | None = None
+    number: int = 0
+    retry_of: str = ""
+    retried_as: str = ""
+
+    @property
+    def failed(self) -> bool:
+        """Whether somebody should look at it."""
+        return self.result not in FINE
+
+    def to_json(self) -> dict[str, Any]:
+        return {"recording": shown(self.path)} | {key: value for key, value in asdict(self).items() if key != "path"}
+
+
+@dataclass(frozen=True)
+class Filter:
+    """Which recordings are asked for.
+
+    Attributes:
+        failed: only those somebody should look at. ``code``: only this one.
+        day: ``2026-11-28``, or only the beginning of one; "today".
+        last: at most so many; None = all.
+    """
+
+    failed: bool = False
+    code: str = ""
+    day: str = ""
+    last: int | None = None
+
+    def dates(self, path: Path) -> bool:
+        """Whether the recording is of the day asked for."""
+        day = datetime.now(UTC).strftime("%Y-%m-%d") if self.day == "today" else self.day
+        return path.name.startswith(day.replace("-", ""))
+
+    def takes(self, entry: Entry) -> bool:
+        return (entry.failed or not self.failed) and (not self.code or entry.code == self.code.upper())
+
+
+def list_cycles(folder: Path, wanted: Filter | None = None) -> Iterator[Entry]:
+    """Every recording below ``folder`` that is ``wanted``. Raises: RecordingError when there is no such folder."""
+    wanted = wanted or Filter()
+    entries = (read_entry(path) for path in recordings(folder) if wanted.dates(path))
+    return islice((entry for entry in entries if wanted.takes(entry)), wanted.last)
+
+
+def recordings(folder: Path) -> list[Path]:
+    """The files, newest first. Raises: RecordingError when there is no such folder."""
+    if not is_folder(folder):
+        raise RecordingError(
+            f"There is no folder {shown(folder)}.", "Nothing was recorded yet, or name another folder."
+        )
+    files = [*found_below(folder, "*.mcap"), *found_below(folder, f"*.mcap{PART}")]
+    return sorted(files, key=lambda path: path.name, reverse=True)
+
+
+def find_recording(name: str, folder: Path) -> Path:
+    """The recording that ``name`` means: a file, or a cycle of ``folder``: its id, or a part of no other's.
+
+    Raises: RecordingError when there is none, or more than one.
+    """
+    path = Path(name)
+    with reading(path):
+        is_there = path.exists()
+    if is_there or path.suffix in (".mcap", PART) or len(path.parts) > 1:
+        return path  # whoever reads it says what is wrong with it
+    found = [path for path in recordings(folder) if name in _id_of(path)]
+    whole = [path for path in found if _id_of(path) == name]
+    if len(whole or found) == 1:
+        return (whole or found)[0]
+    if not found:
+        raise RecordingError(
+            f"There is no file {shown(path)}, and no cycle {shown(path)} in {shown(folder)}.", "See `cell cycles`."
+        )
+    some = ", ".join(_id_of(path) for path in found[:_SHOWN_MATCHES])
+    more = " ..." if len(found) > _SHOWN_MATCHES else ""
+    raise RecordingError(f"{len(found)} cycles have {name!r} in their id: {some}{more}.", "Write more of it.")
+
+
+def read_entry(path: Path) -> Entry:
+    """How one recording ended; never raises for what is wrong with the file."""
+    name = _id_of(path)
+    if path.suffix == PART:
+        return Entry(path, name, "TORN", reason="not finished; `cell recover` makes it readable")
+    try:
+        return _closed(path, name)
+    except RecordingError as error:
+        return Entry(path, name, "DAMAGED", reason=error.text.removeprefix(f"{shown(path)} "))
+
+
+def read_result(path: Path) -> CycleResult | None:
+    """The result that one recording holds, None where it holds none. Raises: RecordingError, BadPayload."""
+    results = [payload for topic, payload in _look(path).said if topic == _RESULT]
+    return decode(CycleResult, results[-1]) if results else None
+
+
+def read_metadata(path: Path) -> dict[str, str]:
+    """Every table of one recording's metadata, merged; the cheapest look at it. Raises: RecordingError."""
+    return _look(path, topics=frozenset()).metadata
+
+
+def _id_of(path: Path) -> str:
+    return shown(Path(path.name)).partition(".")[0]
+
+
+def _closed(path: Path, name: str) -> Entry:
+    """The result in words of the file's metadata, and what its messages add. Raises: RecordingError."""
+    seen = _look(path)
+    require_ours(path, has_station=seen.station is not None, metadata=seen.metadata)
+    with reading(path):
+        station_tree(seen.station or b"")
+    result: CycleResult | None = None
+    attempt = Attempt(cycle_id=name)
+    with suppress(BadPayload):  # of another version: what the metadata says still holds
+        for topic, payload in seen.said:
+            if topic == _RESULT:
+                result = decode(CycleResult, payload)
+            else:
+                attempt = decode(Attempt, payload)
+    return Entry(
+        path,
+        seen.metadata.get("cycle_id", name),
+        seen.metadata.get("result", "UNFINISHED"),
+        seen.metadata.get("code", ""),
+        seen.metadata.get("reason", ""),
+        object=result.object if result is not None else "",
+        wall_s=result.wall_s if result is not None else None,
+        number=attempt.number,
+        retry_of=attempt.retry_of,
+        retried_as=result.retried_as if result is not None else "",
+    )
+
+
+@dataclass
+class _Look:
+    """What little is read of a file. ``station``: the attached document. ``said``: topics and payloads."""
+
+    metadata: dict[str, str] = field(default_factory=dict)
+    station: bytes | None = None
+    said: list[tuple[str, bytes]] = field(default_factory=list)
+
+
+def _look(path: Path, topics: frozenset[str] = _SHOWN) -> _Look:
+    """The metadata, the station and the messages of ``topics``. Raises: RecordingError."""
+    seen = _Look()
+    with reading(path), path.open("rb") as file:
+        summary = Summary(file)
+        if not summary.is_there:
+            return _walked(file, topics)
+        for table in summary.metadata():
+            seen.metadata.update(table.metadata)
+        seen.station = summary.attachment(STATION)
+        seen.said = list(summary.messages(topics))
+    return seen
+
+
+def _walked(file: IO[bytes], topics: frozenset[str]) -> _Look:
+    """The same, of a file that does not say where things are."""
+    seen = _Look()
+    names: dict[int, str] = {}
+    for record in records(file):
+        match record:
+            case Metadata():
+                seen.metadata.update(record.metadata)
+            case Attachment(name=name) if name == STATION:
+                seen.station = record.data
+            case Channel():
+                names[record.id] = record.topic
+            case Message() if names.get(record.channel_id) in topics:
+                seen.said.append((names[record.channel_id], record.data))
+    return seen

@@ -1,0 +1,226 @@
+"""Reads one recorded cycle: what every stage worked on and gave, and how it ended."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from mcap.records import Attachment, Channel, McapRecord, Message, Metadata
+
+from bus import topics
+from bus.codec import decode
+from bus.commands import CellState, Event, Health
+from bus.errors import BadPayload, RecordingError
+from bus.messages import Attempt, CycleResult, Execution, Frame, HandState, ModelReply, Observation, StageRecord, View
+from bus.wire import arm_joints, frame_from_wire
+from logs.mcap.migrate import Content, migrate
+from logs.mcap.names import reading, shown
+from logs.mcap.recorder import PART
+from logs.mcap.records import Damage
+from logs.mcap.whole import records
+
+STAGE_TOPICS = (topics.CAPTURE, topics.DETECT, topics.PLAN, topics.EXECUTE, topics.VERIFY, topics.DELIVER)
+STATION = "station.json"
+RECOVERED = "recovered"
+"""Key of the metadata of a recording that was made whole again; it may end anywhere."""
+_STATION_DEPTH = 32
+_HEALTH = re.compile(topics.NODE_HEALTH.key.format(name="[^/]+"))
+
+
+class Timed(NamedTuple):
+    """One recorded payload: when it was logged [ns UTC] and what it says."""
+
+    log_time_ns: int
+    message: Any
+
+
+@dataclass(frozen=True)
+class CycleRecord:
+    """One cycle as it was recorded.
+
+    Attributes:
+        metadata: versions, seeds, hashes; then the result's own.
+        station: the station file's tree, as configured then.
+        stages: the record of every stage that ran, in order.
+        attempt: which try of its pick this cycle is.
+        observation, after: what was seen before the pick, and while holding; None when not reached.
+        replies: every call to the goal-image model, in order.
+        states, events, hand: what the cell and the hand said, in order.
+        health: what the nodes said of themselves, node by node. ``arm``: what the arm said, as foxglove.JointStates.
+    """
+
+    cycle_id: str
+    metadata: dict[str, str]
+    station: dict[str, Any]
+    stages: dict[str, StageRecord[Any]]
+    observation: Observation | None
+    after: Observation | None
+    result: CycleResult | None
+    attempt: Attempt
+    replies: tuple[ModelReply, ...] = ()
+    states: tuple[Timed, ...] = ()
+    events: tuple[Timed, ...] = ()
+    hand: tuple[Timed, ...] = ()
+    health: tuple[Timed, ...] = ()
+    arm: tuple[Timed, ...] = ()
+
+
+def read_cycle(path: Path) -> CycleRecord:
+    """Read one closed recording, older ones migrated. Raises: RecordingError, saying what is wrong with the file."""
+    raw = _read(path)
+    require_ours(path, has_station=raw.station is not None, metadata=raw.metadata)
+    migrate(raw)
+    try:
+        return _cycle(raw)
+    except BadPayload as error:
+        raise RecordingError(
+            f"{shown(path)} holds a damaged message: {error.text}", "It cannot be replayed."
+        ) from error
+
+
+def require_ours(path: Path, *, has_station: bool, metadata: Mapping[str, str]) -> None:
+    """Raises: RecordingError for an MCAP that another program wrote."""
+    if not has_station or "cycle_id" not in metadata:
+        raise RecordingError(f"{shown(path)} is an MCAP, but not a recording of this cell.", f"It lacks {STATION}.")
+
+
+def require_finished(path: Path) -> None:
+    """Raises: RecordingError when there is no file, or only one that was not finished."""
+    with reading(path):
+        is_file = path.is_file()
+    if is_file and path.name.endswith(PART):
+        raise RecordingError(
+            f"{shown(path)} was not finished.",
+            f"Its process ended in the cycle, or still writes: `cell recover {shown(path)}` makes it whole.",
+        )
+    if not is_file:
+        raise RecordingError(f"There is no recording {shown(path)}.", "See `cell cycles`.")
+
+
+def _read(path: Path) -> Content:
+    require_finished(path)
+    raw = Content()
+    with reading(path), path.open("rb") as file:
+        _fill(raw, records(file))
+    return raw
+
+
+def _fill(raw: Content, found: Iterator[McapRecord]) -> None:
+    """Everything in the data section, whose checksum is looked at; the summary only repeats it. Raises: Damage."""
+    keys: dict[int, str] = {}
+    for record in found:
+        match record:
+            case Metadata():
+                raw.metadata.update(record.metadata)
+            case Attachment(name=name) if name == STATION:
+                raw.station = station_tree(record.data)
+            case Channel():
+                keys[record.id] = record.topic.removeprefix("/")
+            case Message():
+                if record.channel_id not in keys:
+                    raise Damage("a message of it belongs to no channel")
+                raw.payloads.setdefault(keys[record.channel_id], []).append((record.log_time, record.data))
+
+
+def station_tree(document: bytes) -> dict[str, Any]:
+    """The attached station: a JSON document that is a tree of settings. Raises: Damage for another."""
+    try:
+        tree = json.loads(document)
+        json.dumps(tree, ensure_ascii=False).encode()  # raises for characters that no file can hold
+    except (ValueError, RecursionError) as error:
+        raise Damage(f"{STATION} is no JSON") from error
+    if not isinstance(tree, dict) or not _is_shallow(tree, _STATION_DEPTH):
+        raise Damage(f"{STATION} is no tree of settings")
+    return tree
+
+
+def _is_shallow(value: Any, levels: int) -> bool:
+    inner = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    return levels > 0 and all(_is_shallow(one, levels - 1) for one in inner)
+
+
+def recorded_number(tree: Any, *keys: str) -> float | None:
+    """A setting of a recorded station, which may be of any version; None where it holds no such number."""
+    for key in keys:
+        tree = tree.get(key) if isinstance(tree, dict) else None
+    return float(tree) if isinstance(tree, int | float) and math.isfinite(tree) else None
+
+
+def _cycle(raw: Content) -> CycleRecord:
+    stages = dict(_stages(raw))
+    frames, is_recovered = dict(_frames(raw)), RECOVERED in raw.metadata
+    capture, execute = stages.get("capture"), stages.get("execute")
+    execution: Execution | None = execute.result if execute is not None else None
+    results, attempts = raw.payloads.get(topics.RESULT.key, []), raw.payloads.get(topics.ATTEMPT.key, [])
+    return CycleRecord(
+        cycle_id=raw.metadata["cycle_id"],
+        metadata=raw.metadata,
+        station=raw.station or {},
+        stages=stages,
+        observation=_observation(capture.result if capture is not None else None, frames, is_recovered),
+        after=_observation(execution.after if execution is not None else None, frames, is_recovered),
+        result=decode(CycleResult, results[-1][1]) if results else None,
+        attempt=decode(Attempt, attempts[0][1]) if attempts else Attempt(cycle_id=raw.metadata["cycle_id"]),
+        replies=tuple(decode(ModelReply, payload) for _, payload in raw.payloads.get(topics.MODEL_REPLY.key, [])),
+        states=_timed(raw, topics.STATE.key, CellState),
+        events=_timed(raw, topics.EVENT.key, Event),
+        hand=_timed(raw, topics.HAND_STATE.key, HandState),
+        health=tuple(said for key in raw.payloads if _HEALTH.fullmatch(key) for said in _timed(raw, key, Health)),
+        arm=tuple(_arm_states(raw)),
+    )
+
+
+def _stages(raw: Content) -> Iterator[tuple[str, StageRecord[Any]]]:
+    """In the order of the cycle."""
+    for topic in STAGE_TOPICS:
+        for _, payload in raw.payloads.get(topic.key, []):
+            record: StageRecord[Any] = decode(topic.says, payload)
+            if not topic.key.endswith(f"/{record.stage}"):
+                raise BadPayload(f"What was said of {record.stage} lies under {topic.key!r}.")
+            yield record.stage, record
+
+
+def _timed(raw: Content, key: str, kind: type[Any]) -> tuple[Timed, ...]:
+    """What was said and can be read: a node that talks nonsense is recorded as it talks."""
+    timed = []
+    for log_time_ns, payload in raw.payloads.get(key, []):
+        with suppress(BadPayload):
+            timed.append(Timed(log_time_ns, decode(kind, payload)))
+    return tuple(timed)
+
+
+def _arm_states(raw: Content) -> Iterator[Timed]:
+    """As `_timed`, in protobuf."""
+    for log_time_ns, payload in raw.payloads.get(topics.ARM_STATE.key, []):
+        with suppress(BadPayload):
+            yield Timed(log_time_ns, arm_joints(payload))
+
+
+def _frames(raw: Content) -> Iterator[tuple[int, Frame]]:
+    """Every recorded frame by its stamp. The five parts of one were recorded together, in order."""
+    columns = [raw.payloads.get(topic.key, []) for topic in topics.FRAME_PARTS]
+    if len({len(column) for column in columns}) > 1 and RECOVERED not in raw.metadata:
+        raise BadPayload("Parts of a frame are missing.")
+    for parts in zip(*columns, strict=False):  # of a torn file, the last frame's parts may be missing
+        with suppress(BadPayload):  # what cannot be read was never used: its capture failed
+            frame = frame_from_wire(
+                {topic.key: payload for topic, (_, payload) in zip(topics.FRAME_PARTS, parts, strict=True)}
+            )
+            yield frame.stamp_ns, frame
+
+
+def _observation(view: View | None, frames: dict[int, Frame], is_recovered: bool) -> Observation | None:
+    if view is None:
+        return None
+    frame = frames.get(view.stamp_ns)
+    if frame is None:
+        if is_recovered:
+            return None
+        raise BadPayload(f"The frame with the stamp {view.stamp_ns} is missing.")
+    return Observation(view=view, frame=frame)

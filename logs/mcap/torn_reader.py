@@ -1,0 +1,173 @@
+"""Reads a torn or damaged MCAP file as far as it can be read, and counts what cannot.
+
+A process that was killed leaves its chunks up to the last flush, and perhaps the beginning of one more, which was never
+flushed; of that, the messages that are complete are kept too. A power cut may leave zeros behind them. A chunk whose
+checksum is wrong is left out, and counted as lost.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import IO
+
+from mcap.opcode import Opcode
+from mcap.records import McapRecord
+from mcap.writer import MCAP0_MAGIC
+
+from logs.mcap.records import (
+    HEAD,
+    IN_CHUNK,
+    INDICES,
+    MAX_CHUNK_BYTES,
+    MAX_RECORD_BYTES,
+    Budget,
+    Damage,
+    UnknownCompression,
+    content_of,
+    framed,
+    parsed,
+    torn_content_of,
+)
+from logs.mcap.whole import Summary
+
+_KEPT = (*IN_CHUNK, Opcode.ATTACHMENT, Opcode.METADATA)
+_KNOWN = (*_KEPT, *INDICES, Opcode.CHUNK)
+_BLOCK_BYTES = 1 << 20
+
+
+@dataclass
+class Losses:
+    """What of a file was not kept.
+
+    Attributes:
+        damaged: chunks and records with damage inside. ``unknown_chunks``: in a compression that this program does not
+            know. ``unknown_records``: of another kind, or bytes that make none. ``orphans``: messages whose channel is
+            among the rest.
+    """
+
+    damaged: int = 0
+    unknown_chunks: int = 0
+    unknown_records: int = 0
+    orphans: int = 0
+
+    def __bool__(self) -> bool:
+        return any(vars(self).values())
+
+    def __str__(self) -> str:
+        said = (
+            (self.damaged, "damaged parts"),
+            (self.unknown_chunks, "chunks in an unknown compression"),
+            (self.unknown_records, "pieces that are no record of this cell"),
+            (self.orphans, "messages without their channel"),
+        )
+        return ", ".join(f"{count} {what}" for count, what in said if count)
+
+
+class Salvage:
+    """Reads what can be read of ``source``, in order, and goes on behind a chunk that is damaged.
+
+    Attributes:
+        is_finished: the file ended as a finished one does. ``losses``: what was left out.
+    """
+
+    def __init__(self, source: IO[bytes]) -> None:
+        self._source = source
+        self._size = os.fstat(source.fileno()).st_size
+        self._budget = Budget(self._size)
+        self.is_finished = False
+        self.losses = Losses()
+
+    def records(self) -> Iterator[McapRecord]:
+        """Up to the end of the data section, or the tear. Raises: OSError."""
+        yield from self._repeated()
+        self._source.seek(0)
+        if self._source.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
+            return
+        while len(head := self._source.read(HEAD.size)) == HEAD.size:
+            opcode, length = HEAD.unpack(head)
+            left = self._size - self._source.tell()
+            self.is_finished = opcode == Opcode.DATA_END and length <= left
+            if self.is_finished or opcode == 0 or (length > left and opcode != Opcode.CHUNK):
+                self._end(opcode, length)
+                return
+            yield from self._one(opcode, length, left)
+
+    def _repeated(self) -> Iterator[McapRecord]:
+        """The schemas and channels that a finished file names again: those in a damaged chunk are not lost."""
+        try:
+            summary = Summary(self._source)
+        except Damage:
+            return
+        yield from (*summary.schemas.values(), *summary.channels.values())
+
+    def _one(self, opcode: int, length: int, left: int) -> Iterator[McapRecord]:
+        if length > MAX_RECORD_BYTES:
+            self.losses.damaged += 1
+            self._source.seek(min(length, left), os.SEEK_CUR)
+            return
+        body = self._source.read(length)
+        if opcode == Opcode.CHUNK:
+            yield from self._torn_chunk(body) if length > left else self._chunk(body)
+        elif opcode in _KEPT:
+            yield from self._whole(opcode, body)
+        elif opcode not in INDICES:
+            self.losses.unknown_records += 1
+
+    def _end(self, opcode: int, length: int) -> None:
+        """Look at what the data ends in: a record that was not written whole, or zeros, is no loss."""
+        if opcode == 0:
+            self._source.seek(-HEAD.size, os.SEEK_CUR)
+            self.losses.unknown_records += not self._only_zeros_follow()
+        elif opcode not in _KNOWN:
+            self.losses.unknown_records += 1
+        elif length > MAX_RECORD_BYTES:  # nobody began to write that
+            self.losses.damaged += 1
+
+    def _only_zeros_follow(self) -> bool:
+        for _ in range(MAX_RECORD_BYTES // _BLOCK_BYTES):
+            block = self._source.read(_BLOCK_BYTES)
+            if block.count(0) < len(block) or not block:
+                return not block
+        return False
+
+    def _chunk(self, body: bytes) -> Iterator[McapRecord]:
+        try:
+            content = content_of(body, self._budget)
+        except UnknownCompression:
+            self.losses.unknown_chunks += 1
+            return
+        except Damage:
+            self.losses.damaged += 1
+            return
+        try:
+            for opcode, part in framed(content):
+                yield from self._within(opcode, part)
+        except Damage:
+            self.losses.unknown_records += 1
+
+    def _torn_chunk(self, body: bytes) -> Iterator[McapRecord]:
+        """Of a chunk that was never flushed as many records as are complete."""
+        try:
+            for opcode, part in framed(torn_content_of(body, MAX_CHUNK_BYTES)):
+                yield from self._within(opcode, part)
+        except UnknownCompression:
+            self.losses.unknown_chunks += 1
+        except Damage:
+            return  # the tear
+
+    def _within(self, opcode: int, body: bytes) -> Iterator[McapRecord]:
+        if opcode in IN_CHUNK:
+            yield from self._whole(opcode, body)
+        else:
+            self.losses.unknown_records += 1
+
+    def _whole(self, opcode: int, body: bytes) -> Iterator[McapRecord]:
+        try:
+            self._budget.spend(len(body))
+            record = parsed(opcode, body)
+        except Damage:
+            self.losses.damaged += 1
+            return
+        yield record

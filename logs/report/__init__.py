@@ -1,0 +1,1 @@
+"""Self-contained HTML pages: of one cycle, and of a day."""

@@ -1,0 +1,89 @@
+"""The alignment as a rotatable view: observed and imagined points in ``base``, before and after, rod and hand."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from bus.messages import Detections, Grasp
+from logs.report.figures import FONT, Figure
+
+_SHOWN_POINTS = 2500
+"""Of each cloud: a phone turns these smoothly."""
+_OBSERVED, _IMAGINED, _ROD, _HAND = "#7b8794", "#2f6fde", "#d6249f", "#1f8a5b"
+
+_AXIS = {"backgroundcolor": "#f6f8fa", "gridcolor": "#dbe2e9", "showbackground": True}
+_CAMERA = {"eye": {"x": -0.95, "y": -0.95, "z": 0.75}, "center": {"z": -0.12}}
+_LAYOUT = {
+    "scene": {
+        "aspectmode": "data",
+        "camera": _CAMERA,
+        **{f"{axis}axis": {**_AXIS, "title": {"text": f"{axis} [mm]"}} for axis in "xyz"},
+    },
+    "height": 420, "paper_bgcolor": "rgba(0,0,0,0)", "margin": {"l": 0, "r": 0, "t": 0, "b": 0}, "font": FONT,
+    "legend": {"orientation": "h", "y": 0, "yanchor": "top", "itemsizing": "constant"},
+}  # fmt: skip
+
+Array = npt.NDArray[np.float64]
+
+
+class View(NamedTuple):
+    """A figure whose traces belong to the view before the alignment, after it, or both."""
+
+    figure: Figure
+    before: list[bool]
+    after: list[bool]
+
+
+def clouds(found: Detections, grasp: Grasp | None, base_from_color: Array) -> View:
+    """What was lifted, before and after it was carried back onto the observed object; the rod's run and the hand."""
+    evidence = found.evidence
+    goal_from_observed = np.linalg.inv(np.asarray(evidence.alignment.observed_from_goal))
+    rod = evidence.rod_points.astype(float)
+    dots = (
+        ("observed", evidence.observed_points, _OBSERVED, 1.8, True, True),
+        ("imagined, as lifted", evidence.goal_points, _IMAGINED, 1.8, True, False),
+        ("its rod", _moved(rod, goal_from_observed), _ROD, 2.2, True, False),
+        ("imagined, carried back", evidence.aligned_points, _IMAGINED, 1.8, False, True),
+        ("rod, carried back", rod, _ROD, 2.2, False, True),
+    )
+    data = [
+        _trace(
+            name, _thin(points.astype(float)), base_from_color, mode="markers", marker={"size": size, "color": color}
+        )
+        for name, points, color, size, _, _ in dots
+    ]
+    lines = [("run through the object", np.array(evidence.rod_ends), base_from_color, _ROD)]
+    if grasp is not None:
+        lines.append(("hand", _hand_outline(grasp), np.eye(4), _HAND))
+    data += [
+        _trace(name, points, base_from_points, mode="lines", line={"color": color, "width": 8})
+        for name, points, base_from_points, color in lines
+    ]
+    before = [one[4] for one in dots] + [False] * len(lines)
+    after = [one[5] for one in dots] + [True] * len(lines)
+    for trace, visible in zip(data, after, strict=True):
+        trace["visible"] = visible
+    return View({"data": data, "layout": _LAYOUT}, before, after)
+
+
+def _trace(name: str, points: Array, base_from_points: Array, **style: Any) -> dict[str, Any]:
+    x, y, z = _moved(points.reshape(-1, 3), base_from_points).T * 1e3
+    return {"type": "scatter3d", "name": name, "x": x, "y": y, "z": z, "hoverinfo": "skip", **style}
+
+
+def _thin(points: Array) -> Array:
+    return points[:: max(1, -(-len(points) // _SHOWN_POINTS))]
+
+
+def _moved(points: Array, a_from_b: Array) -> Array:
+    return np.asarray(points @ a_from_b[:3, :3].T + a_from_b[:3, 3])
+
+
+def _hand_outline(grasp: Grasp) -> Array:
+    """Palm and both fingers of the opened hand as one line (n, 3) in ``base``."""
+    half, tip, palm = grasp.opening_m / 2, 0.009, -0.045
+    corners = [(0, -half, tip), (0, -half, palm), (0, 0, palm), (0, 0, palm - 0.04), (0, 0, palm), (0, half, palm)]
+    return _moved(np.array([*corners, (0, half, tip)]), np.asarray(grasp.base_from_tcp))

@@ -1,0 +1,188 @@
+"""One self-contained page that explains a cycle: what it saw, imagined, aligned, chose and did, and why it ended so."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from bus.messages import Delivery, Detections, Execution, PickPlan, SegmentRun, Verdict
+from config.load import load_station
+from logs.mcap.names import telling
+from logs.mcap.reader import CycleRecord, recorded_number
+from logs.report import evidence, figures, images
+from logs.report.page import Chart, Fact, packed_plotly, script_json, write_page
+from logs.report.timeline import Story, tell
+
+
+def write_report(record: CycleRecord, path: Path, *, index: str = "") -> Path:
+    """Write the page to ``path`` and return it. Raises: RecordingError when it cannot be drawn, or written.
+
+    Args:
+        index: file name of the day's page beside it, "" for none.
+    """
+    with telling(f"The cycle {record.cycle_id!r}"):
+        return write_page("report.html.j2", {**_content(record), "index": index}, path)
+
+
+def _content(record: CycleRecord) -> dict[str, Any]:
+    story, found, plan = tell(record), _result(record, "detect", Detections), _result(record, "plan", PickPlan)
+    runs = _runs(record)
+    chosen = evidence.choice(record, found)
+    view, motion = evidence.alignment_view(record, found, chosen), _motion(record, runs, story)
+    thumbnail = evidence.thumbnail(record, found, chosen)
+    return {
+        "story": story,
+        "cycle_id": record.cycle_id,
+        "began": datetime.fromtimestamp(story.start_ns / 1e9, UTC).strftime("%Y-%m-%d %H:%M:%S UTC"),
+        "result": record.result,
+        "attempt": record.attempt,
+        "thumbnail": thumbnail,
+        "summary": script_json(_summary(record, story, thumbnail)),
+        "seen": evidence.seen(record, found),
+        "imagined": evidence.imagined(found),
+        "replies": [{**dict(reply), "uri": images.file_uri(reply.image_png)} for reply in record.replies],
+        "drift": evidence.drift(record, found),
+        "clouds": view,
+        "charts": script_json(_all_charts(view, motion)),
+        "rectangles": evidence.rectangles(found, chosen),
+        "grasps": evidence.grasps(found),
+        "rejected": evidence.rejections(chosen),
+        "plan": plan,
+        "uses": figures.uses(runs),
+        "motion": motion,
+        "joint_colors": figures.JOINT_COLORS,
+        "facts": _facts(record),
+        "log": _log(record, story),
+        "changes": configuration_changes(record.station),
+        "metadata": record.metadata,
+        "plotly": packed_plotly() if view or runs or record.hand or record.arm else "",
+    }
+
+
+def _result(record: CycleRecord, stage: str, kind: type[Any]) -> Any:
+    found = record.stages.get(stage)
+    return found.result if found is not None and isinstance(found.result, kind) else None
+
+
+def _summary(record: CycleRecord, story: Story, thumbnail: str) -> dict[str, Any]:
+    """What the day's page shows of this one: kept in the page, so that the recording is not read again."""
+    return {
+        "cycle_id": record.cycle_id,
+        "result": story.outcome,
+        "code": story.code,
+        "object": story.object,
+        "why": story.why,
+        "wall_s": record.result.wall_s if record.result is not None else None,
+        "stages": {line.name: line.took_s for line in story.stages},
+        "number": record.attempt.number,
+        "retried_as": record.result.retried_as if record.result is not None else "",
+        "thumbnail": thumbnail,
+    }
+
+
+# --- what it did ------------------------------------------------------------------------------------------------------
+
+
+def _runs(record: CycleRecord) -> list[SegmentRun]:
+    execution, delivery = _result(record, "execute", Execution), _result(record, "deliver", Delivery)
+    runs = [*(execution.runs if execution else ()), *(delivery.runs if delivery else ())]
+    return [run for run in runs if len(run.motion.commanded_q_rad) and len(run.motion.t_s)]
+
+
+def _motion(record: CycleRecord, runs: list[SegmentRun], story: Story) -> dict[str, list[Chart]]:
+    """Charts of the joints, and of the hand; either may be empty."""
+    execution = _result(record, "execute", Execution)
+    grasped = execution.grasped if execution is not None else None
+    hand: list[Chart] = []
+    if record.hand:
+        least_m = recorded_number(record.station, "verify", "min_width_m")
+        figure = figures.hand_width(
+            record.hand, story.start_ns, grasped.width_m * 1e3 if grasped else None, least_m * 1e3 if least_m else None
+        )
+        hand.append(Chart("Hand width", figure))
+    if not runs:
+        said = figures.as_said(record.arm, story.start_ns) if record.arm else {}
+        return {"joints": [], "hand": [*hand, *(Chart(title, figure) for title, figure in said.items())]}
+    uses = {use.kind: use for use in figures.uses(runs)}
+    joints = [
+        Chart(f"{kind.capitalize()}: at most {uses[kind].in_words} of its limit", figure)
+        for kind, figure in figures.joint_use(runs).items()
+    ]
+    hand += [Chart("Load: torque from outside", figures.load(runs)), Chart("Tracking error", figures.tracking(runs))]
+    return {"joints": joints, "hand": hand}
+
+
+def _all_charts(view: dict[str, Any] | None, motion: dict[str, list[Chart]]) -> dict[str, Any]:
+    """Every figure of the page by the name of its place."""
+    named = {f"{kind}-{i}": one.figure for kind, charts in motion.items() for i, one in enumerate(charts)}
+    return named if view is None else {"clouds": view["chart"].figure, **named}
+
+
+def _facts(record: CycleRecord) -> list[Fact]:
+    verdict = _result(record, "verify", Verdict)
+    if verdict is None:
+        return []
+
+    def need(name: str, times: float, form: str) -> str:
+        value = recorded_number(record.station, "verify", name)
+        return "-" if value is None else f"{value * times:{form}}"
+
+    return [
+        Fact("held for", f"{verdict.hold_s:.2f} s", f"{need('hold_s', 1, 'g')} s"),
+        Fact(
+            "smallest width meanwhile", f"{verdict.width_min_m * 1e3:.1f} mm", f"≥ {need('min_width_m', 1e3, '.1f')} mm"
+        ),
+        Fact("load on the arm", f"{verdict.load_n:z.2f} N", f"≥ {need('min_load_n', 1, 'g')} N"),
+        Fact(
+            "of the object's place is empty",
+            f"{verdict.cleared_fraction * 100:.0f} %",
+            f"≥ {need('min_cleared_fraction', 100, '.0f')} %",
+        ),
+    ]
+
+
+# --- log and configuration --------------------------------------------------------------------------------------------
+
+
+def _log(record: CycleRecord, story: Story) -> list[dict[str, Any]]:
+    """States, stages, events and the nodes' faults in the order of time: {at_s, kind, text, bad}."""
+    lines = [
+        {"at_s": span.start_s, "kind": "state", "text": span.name, "bad": span.name == "Aborting"}
+        for span in story.states
+    ]
+    lines += [
+        {"at_s": line.start_s + line.took_s, "kind": line.name, "text": line.said or "done", "bad": line.failed}
+        for line in story.stages
+    ]
+    said = {(one.message.name, one.message.last_fault): one for one in reversed(record.health)}  # each when first heard
+    for (node, fault), one in said.items():
+        if fault:
+            at_s = (one.log_time_ns - story.start_ns) / 1e9
+            lines.append({"at_s": at_s, "kind": f"node {node}", "text": f"newest fault: {fault}", "bad": True})
+    for at_ns, event in record.events:
+        text = f"{event.code}: {event.text} {event.advice}".strip()
+        at_s = (at_ns - story.start_ns) / 1e9
+        lines.append({"at_s": at_s, "kind": event.severity, "text": text, "bad": event.severity == "error"})
+    return sorted(lines, key=lambda line: float(line["at_s"]))
+
+
+def configuration_changes(station: Mapping[str, Any]) -> list[tuple[str, str, str]]:
+    """(key, recorded, default) of every setting that is not the simulated cell's own; "-" where one side lacks it."""
+    here, default = dict(_leaves(station)), dict(_leaves(load_station().model_dump(mode="json")))
+    keys = [*here, *(key for key in default if key not in here)]
+    missing = "-"
+    return [
+        (key, str(here.get(key, missing)), str(default.get(key, missing)))
+        for key in keys
+        if here.get(key, missing) != default.get(key, missing)
+    ]
+
+
+def _leaves(tree: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    if isinstance(tree, dict) and tree:
+        for key, value in tree.items():
+            yield from _leaves(value, f"{path}.{key}" if path else str(key))
+    else:
+        yield path, tree

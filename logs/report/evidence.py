@@ -1,0 +1,134 @@
+"""What a cycle saw, imagined, carried back and could grasp, as the pictures, figures and facts of its page."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from bus.messages import Detections, Grasp, PickPlan
+from bus.rejection import Rejection
+from logs.mcap.reader import CycleRecord, recorded_number
+from logs.report import images
+from logs.report.clouds import clouds
+from logs.report.page import Chart, Fact, Picture
+
+_THUMBNAIL_PX = 240
+
+
+class Choice(NamedTuple):
+    """What plan did with the grasps.
+
+    Attributes:
+        grasp: which it took; the best one where nothing was planned, None where every one was rejected.
+        rejected: the ways to grasp it rejected.
+    """
+
+    grasp: int | None
+    rejected: tuple[Rejection, ...]
+
+
+def choice(record: CycleRecord, found: Detections | None) -> Choice:
+    best = 0 if found is not None and found.grasps else None
+    stage = record.stages.get("plan")
+    if stage is not None and isinstance(stage.result, PickPlan):
+        return Choice(stage.result.grasp, stage.result.rejected)
+    if stage is not None and stage.failure is not None and stage.failure.rejected:
+        return Choice(None, stage.failure.rejected)
+    return Choice(best, ())
+
+
+def thumbnail(record: CycleRecord, found: Detections | None, chosen: Choice) -> str:
+    if found is not None:
+        near = images.crop(images.annotated(found, *chosen), found.evidence.object_mask, margin_px=40)
+        return images.data_uri(near, width_px=_THUMBNAIL_PX)
+    seen = record.observation
+    return images.data_uri(seen.frame.color, width_px=_THUMBNAIL_PX) if seen is not None else ""
+
+
+def seen(record: CycleRecord, found: Detections | None) -> list[Picture]:
+    pictures = []
+    if record.observation is not None:
+        color = found.evidence.color if found is not None else record.observation.frame.color
+        pictures.append(Picture("Colour", images.data_uri(color)))
+        depth, meaning = images.colored_depth(record.observation.frame.depth_m)
+        pictures.append(Picture(f"Depth: {meaning}", images.data_uri(depth, width_px=640)))
+    if record.after is not None:
+        pictures.append(Picture("Second look, while holding", images.data_uri(record.after.frame.color)))
+    return pictures
+
+
+def imagined(found: Detections | None) -> list[Picture]:
+    if found is None:
+        return []
+    evidence = found.evidence
+    around = evidence.object_mask | evidence.goal_rod_mask
+    return [
+        Picture("Goal image: the imagined rod", images.data_uri(images.crop(evidence.goal_image, around))),
+        Picture("Rod found in it", images.data_uri(images.crop(evidence.goal_rod_mask, around))),
+        Picture("Object found in it", images.data_uri(images.crop(evidence.goal_object_mask, around))),
+    ]
+
+
+def drift(record: CycleRecord, found: Detections | None) -> list[Fact]:
+    """How far the goal image strayed, beside what it may."""
+    if found is None:
+        return []
+    drift = found.evidence.drift
+
+    def limit(name: str, form: str) -> str:
+        value = recorded_number(record.station, "perception", "drift", name)
+        return "-" if value is None else f"{value:{form}}"
+
+    turn = f"{np.degrees(drift.turn_rad):.0f}°, {drift.shift_px:.0f} px, x {drift.scale:.2f}"
+    return [
+        Fact("background changed", f"{drift.changed_outside:.1%}", f"at most {limit('max_changed_outside', '.0%')}"),
+        Fact("outline overlaps", f"{drift.silhouette_iou:.0%}", f"at least {limit('min_silhouette_iou', '.0%')}"),
+        Fact("colour moved (CIE76)", f"{drift.color_shift:.0f}", f"at most {limit('max_color_shift', '.0f')}"),
+        Fact("turned, shifted, scaled by", turn, "carried back by the alignment"),
+        Fact("proposals that agree", f"{found.evidence.agreement:.0%}", f"number {found.evidence.sample + 1} chosen"),
+    ]
+
+
+def alignment_view(record: CycleRecord, found: Detections | None, chosen: Choice) -> dict[str, Any] | None:
+    if found is None or record.observation is None:
+        return None
+    grasp = found.grasps[chosen.grasp or 0] if found.grasps else None
+    view = clouds(found, grasp, np.asarray(record.observation.view.base_from_color))
+    alignment = found.evidence.alignment
+    title = (
+        f"{alignment.method}: scale {alignment.scale:.3f}, residual {alignment.residual:.3f} of the object's radius, "
+        f"Chamfer {alignment.chamfer_m2 * 1e6:.2f} mm², {alignment.hypotheses} orientations tried"
+    )
+    return {"chart": Chart(title, view.figure), "before": view.before, "after": view.after}
+
+
+def rectangles(found: Detections | None, chosen: Choice) -> str:
+    if found is None:
+        return ""
+    return images.data_uri(images.crop(images.annotated(found, *chosen), found.evidence.object_mask, margin_px=60))
+
+
+def grasps(found: Detections | None) -> list[dict[str, Any]]:
+    if found is None:
+        return []
+
+    def moved_mm(grasp: Grasp) -> float:
+        return float(np.linalg.norm(grasp.base_from_tcp[:3, 3] - grasp.imagined_base_from_tcp[:3, 3]) * 1e3)
+
+    return [{**dict(grasp), "snapped_mm": moved_mm(grasp)} for grasp in found.grasps]
+
+
+def rejections(chosen: Choice) -> dict[int, list[str]]:
+    """Per grasp: each reason once, with the approach directions it was found for."""
+    by_reason: dict[int, dict[tuple[str, str], list[Rejection]]] = defaultdict(lambda: defaultdict(list))
+    for one in chosen.rejected:
+        by_reason[one.grasp][one.code.value, one.reason].append(one)
+    return {
+        grasp: [
+            f"{code} at {', '.join(f'{np.degrees(one.tilt_rad):.0f}°' for one in same)}: {reason}"
+            for (code, reason), same in reasons.items()
+        ]
+        for grasp, reasons in by_reason.items()
+    }

@@ -1,0 +1,200 @@
+"""The curves of a report page, in the words of plotly.js: motion against its limits, the hand, the load."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from bus.messages import SegmentRun
+from bus.trajectory import TICK_S
+from config.limits import ACCELERATION_RAD_S2, JERK_RAD_S3, LOWER_RAD, UPPER_RAD, Peak, check, velocity_bounds
+from logs.mcap.reader import Timed
+
+KINDS = ("position", "velocity", "acceleration", "jerk")
+JOINT_COLORS = ("#2f6fde", "#e0632d", "#2c9c69", "#a855c7", "#c2922a", "#c43d5c", "#5d6b7a")
+GRID, BAD, GOOD = "#e6ebf0", "#c43d5c", "#1f8a5b"
+_BUCKETS = 300
+_NEAR_PERCENT = 40.0
+"""Curves that stay below it are shown enlarged, and the limit is out of sight."""
+_LABELLED = 0.08
+"""A segment shorter than this share of the motion has no room for its name."""
+
+FONT = {"color": "#3c4856", "size": 12, "family": "system-ui, sans-serif"}
+
+Array = npt.NDArray[np.float64]
+Figure = dict[str, Any]
+
+
+class Use(NamedTuple):
+    """The sample of a cycle's motions that comes nearest to one kind of limit, and where that was."""
+
+    kind: str
+    peak: Peak
+    segment: str
+
+    @property
+    def in_words(self) -> str:
+        return f"{self.peak.ratio:.0%} (joint {self.peak.joint}, {self.segment})"
+
+
+def uses(runs: Sequence[SegmentRun]) -> list[Use]:
+    """For each kind of limit its most used sample over all ``runs``; empty when nothing moved."""
+    reports = [(run.name, check(run.motion.commanded_q_rad)) for run in runs if len(run.motion.commanded_q_rad)]
+    if not reports:
+        return []
+    best = {kind: max(reports, key=lambda one: getattr(one[1], kind).ratio) for kind in KINDS}
+    return [Use(kind, getattr(report, kind), name) for kind, (name, report) in best.items()]
+
+
+def joint_use(runs: Sequence[SegmentRun]) -> dict[str, Figure]:
+    """Commanded position, velocity, acceleration and jerk of every joint as a share of its limit, over the motion."""
+    shares = [_shares(run.motion.commanded_q_rad) for run in runs]
+    starts_s = _starts_s(runs)
+    time_s = np.concatenate([t + np.arange(len(s["jerk"])) * TICK_S for t, s in zip(starts_s, shares, strict=True)])
+    figures = {}
+    for kind in KINDS:
+        values = np.concatenate([share[kind] for share in shares]) * 100
+        largest = float(np.abs(values).max(initial=1.0))
+        most = 125.0 if largest > _NEAR_PERCENT else 1.3 * largest
+        figure = _plain(_joints(time_s, values), "motion [s]", "of the limit [%]")
+        figure["layout"]["yaxis"]["range"] = [-most, most]
+        for limit in (-100, 100):
+            _add_level(figure, limit, "", BAD)
+        _name_segments(figure, runs)
+        figures[kind] = figure
+    return figures
+
+
+def _shares(q_rad: Array) -> dict[str, Array]:
+    """Each derivative over its limit, at 1 kHz, at rest before and after (libfranka's differences)."""
+    rest = np.pad(q_rad, ((3, 3), (0, 0)), mode="edge")
+    velocity = np.diff(rest, axis=0) / TICK_S
+    lower, upper = velocity_bounds(rest[1:])
+    middle, half = (UPPER_RAD + LOWER_RAD) / 2, (UPPER_RAD - LOWER_RAD) / 2
+    n = len(q_rad)
+    return {
+        "position": (q_rad - middle) / half,
+        "velocity": (velocity / np.where(velocity >= 0, upper, -lower))[2 : n + 2],
+        "acceleration": (np.diff(velocity, axis=0) / TICK_S / ACCELERATION_RAD_S2)[1 : n + 1],
+        "jerk": (np.diff(velocity, n=2, axis=0) / TICK_S**2 / JERK_RAD_S3)[:n],
+    }
+
+
+def tracking(runs: Sequence[SegmentRun]) -> Figure:
+    """Measured minus commanded position of every joint [mrad]."""
+    errors = []
+    for run in runs:
+        motion = run.motion
+        tick = np.minimum(np.rint(motion.t_s / TICK_S).astype(int), len(motion.commanded_q_rad)) - 1
+        errors.append((motion.q_rad - motion.commanded_q_rad[np.maximum(tick, 0)]) * 1e3)
+    return _measured(runs, np.concatenate(errors), "measured - commanded [mrad]")
+
+
+def load(runs: Sequence[SegmentRun]) -> Figure:
+    """The torque that the outside world put on every joint [Nm]: what the hand carried, what the arm touched."""
+    return _measured(runs, np.concatenate([run.motion.tau_ext_nm for run in runs]), "torque from outside [Nm]")
+
+
+def as_said(arm: Sequence[Timed], start_ns: int) -> dict[str, Figure]:
+    """What the arm said of itself over the cycle, for one whose motions have no result: positions, torques."""
+    whole = [one for one in arm if len(one.message.joints) == len(LOWER_RAD)]
+    time_s = np.array([(one.log_time_ns - start_ns) / 1e9 for one in whole])
+    q_rad, effort_nm = (
+        np.array([[getattr(joint, name) for joint in one.message.joints] for one in whole]).reshape(-1, len(LOWER_RAD))
+        for name in ("position", "effort")
+    )
+    share = 100 * (q_rad - (UPPER_RAD + LOWER_RAD) / 2) / ((UPPER_RAD - LOWER_RAD) / 2)
+    return {
+        "Measured positions": _plain(_joints(time_s, share), "cycle [s]", "of the limit [%]"),
+        "Load: torque from outside": _plain(_joints(time_s, effort_nm), "cycle [s]", "torque from outside [Nm]"),
+    }
+
+
+def _measured(runs: Sequence[SegmentRun], values: Array, title: str) -> Figure:
+    time_s = np.concatenate([start + run.motion.t_s for start, run in zip(_starts_s(runs), runs, strict=True)])
+    figure = _plain(_joints(time_s, values), "motion [s]", title)
+    _name_segments(figure, runs)
+    return figure
+
+
+def hand_width(said: Sequence[Timed], start_ns: int, grasped_mm: float | None, least_mm: float | None) -> Figure:
+    """The hand's width over the cycle [mm], as it was said; where it closed, and what a held object is at least."""
+    time_s = np.array([(one.log_time_ns - start_ns) / 1e9 for one in said])
+    width_mm = np.array([one.message.width_m * 1e3 for one in said])
+    figure = _plain([_curve(time_s, width_mm, "width", JOINT_COLORS[0])], "cycle [s]", "hand width [mm]")
+    figure["layout"]["yaxis"]["rangemode"] = "tozero"
+    for value_mm, text, color in ((grasped_mm, "closed on", GOOD), (least_mm, "counts as empty below", BAD)):
+        if value_mm is not None:
+            _add_level(figure, value_mm, f"{text} {value_mm:.1f} mm", color)
+    return figure
+
+
+def _joints(time_s: Array, values: Array) -> list[dict[str, Any]]:
+    """One curve a joint of ``values`` (n, 7)."""
+    return [_curve(time_s, values[:, joint], f"joint {joint + 1}", JOINT_COLORS[joint]) for joint in range(7)]
+
+
+def _curve(time_s: Array, values: Array, name: str, color: str) -> dict[str, Any]:
+    x, y = _extremes(time_s, values)
+    return {"type": "scatter", "mode": "lines", "name": name, "x": x, "y": y, "line": {"width": 1.3, "color": color}}
+
+
+def _add_level(figure: Figure, y: float, text: str, color: str) -> None:
+    line = {"color": color, "dash": "dash", "width": 1.5}
+    layout = figure["layout"]
+    layout["shapes"].append({"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": y, "y1": y, "line": line})
+    side = {"x": 0, "xanchor": "left"} if color == GOOD else {"x": 1, "xanchor": "right"}
+    label = {"xref": "paper", **side, "y": y, "yanchor": "bottom", "showarrow": False}
+    layout["annotations"].append({**label, "text": text, "font": {"color": color}})
+
+
+def _starts_s(runs: Sequence[SegmentRun]) -> Array:
+    """When each run began, if one followed the other without a pause [s]."""
+    return np.cumsum([0.0, *(_length_s(run) for run in runs[:-1])])
+
+
+def _length_s(run: SegmentRun) -> float:
+    commanded_s = len(run.motion.commanded_q_rad) * TICK_S
+    return max(commanded_s, float(run.motion.t_s[-1])) if len(run.motion.t_s) else commanded_s
+
+
+def _name_segments(figure: Figure, runs: Sequence[SegmentRun]) -> None:
+    """A line where a segment begins, its name above it; runs of one name are one."""
+    starts_s, total_s = _starts_s(runs), sum(_length_s(run) for run in runs)
+    begins = [
+        (run.name, t)
+        for i, (run, t) in enumerate(zip(runs, starts_s, strict=True))
+        if i == 0 or runs[i - 1].name != run.name
+    ]
+    for (name, begin_s), (_, end_s) in zip(begins, [*begins[1:], ("", total_s)], strict=True):
+        if begin_s:
+            line = {"color": "#aab4bf", "width": 1, "dash": "dot"}
+            border = {"type": "line", "yref": "paper", "y0": 0, "y1": 1, "x0": float(begin_s), "x1": float(begin_s)}
+            figure["layout"]["shapes"].append({**border, "line": line})
+        if end_s - begin_s > _LABELLED * total_s:
+            middle = {"x": float(begin_s + end_s) / 2, "y": 1, "yref": "paper", "yanchor": "bottom"}
+            figure["layout"]["annotations"].append({**middle, "text": name, "showarrow": False, "font": {"size": 10}})
+
+
+def _extremes(t: Array, y: Array) -> tuple[Array, Array]:
+    """At most two points a bucket: its smallest and its largest value, so that no peak is lost."""
+    if len(y) <= 2 * _BUCKETS:
+        return t, y
+    chosen = []
+    for part in np.array_split(np.arange(len(y)), _BUCKETS):
+        chosen += sorted({int(part[y[part].argmin()]), int(part[y[part].argmax()])})
+    return t[chosen], y[chosen]
+
+
+def _plain(data: list[dict[str, Any]], x_title: str, y_title: str) -> Figure:
+    layout = {
+        "xaxis": {"title": {"text": x_title}, "gridcolor": GRID, "zeroline": False},
+        "yaxis": {"title": {"text": y_title}, "gridcolor": GRID, "zerolinecolor": "#c3ccd6"},
+        "paper_bgcolor": "rgba(0,0,0,0)", "plot_bgcolor": "#ffffff", "hovermode": "closest", "dragmode": False,
+        "font": FONT, "margin": {"l": 56, "r": 8, "t": 22, "b": 42}, "height": 270, "showlegend": False,
+        "shapes": [], "annotations": [],
+    }  # fmt: skip
+    return {"data": data, "layout": layout}

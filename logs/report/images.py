@@ -1,0 +1,85 @@
+"""The pictures of a report page, as data URIs."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterable
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from bus.messages import Detections, Rectangle
+from bus.rejection import Rejection
+
+_OUTLINE_RGB, _CHOSEN_RGB, _OTHER_RGB, _REJECTED_RGB = (10, 200, 120), (255, 214, 10), (235, 240, 245), (240, 80, 80)
+_LEAST_DEPTH_SHARE, _MOST_DEPTH_SHARE = 1, 99
+_JPEG_QUALITY = 85
+
+Image = npt.NDArray[np.uint8]
+
+
+def data_uri(image: npt.NDArray[Any], *, width_px: int = 960) -> str:
+    """An RGB image or mask as a JPEG or PNG data URI, at most ``width_px`` wide."""
+    pixels = image.astype(np.uint8) * 255 if image.dtype == np.bool_ else np.asarray(image[..., ::-1])
+    if pixels.shape[1] > width_px:
+        height_px = round(pixels.shape[0] * width_px / pixels.shape[1])
+        pixels = cv2.resize(pixels, (width_px, height_px), interpolation=cv2.INTER_AREA)
+    kind = "png" if image.dtype == np.bool_ else "jpeg"
+    options = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY] if kind == "jpeg" else []
+    _, encoded = cv2.imencode(f".{kind}", pixels, options)
+    return f"data:image/{kind};base64,{base64.b64encode(encoded.tobytes()).decode()}"
+
+
+def file_uri(image: bytes | None) -> str:
+    """A picture's file, as it came, as a data URI; "" for none. Torn ones stay torn."""
+    if image is None:
+        return ""
+    kind = "jpeg" if image.startswith(b"\xff\xd8") else "png"
+    return f"data:image/{kind};base64,{base64.b64encode(image).decode()}"
+
+
+def annotated(found: Detections, grasp: int | None, rejections: Iterable[Rejection]) -> Image:
+    """The colour image with the object's outline and the grasp rectangles: that of ``grasp``, rejected, the others."""
+    image = np.array(found.evidence.color)
+    contours, _ = cv2.findContours(
+        found.evidence.object_mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
+    )
+    cv2.drawContours(image, contours, -1, _OUTLINE_RGB, 2, cv2.LINE_AA)
+    chosen = found.grasps[grasp].rectangle if grasp is not None else -1
+    rejected = {found.grasps[one.grasp].rectangle for one in rejections}
+    for index, rectangle in enumerate(found.rectangles):
+        if index != chosen:
+            color = _REJECTED_RGB if index in rejected else _OTHER_RGB
+            cv2.polylines(image, [_corners(rectangle)], True, color, 1, cv2.LINE_AA)
+    if 0 <= chosen < len(found.rectangles):
+        cv2.polylines(image, [_corners(found.rectangles[chosen])], True, _CHOSEN_RGB, 3, cv2.LINE_AA)
+    return image
+
+
+def _corners(rectangle: Rectangle) -> npt.NDArray[np.int32]:
+    size = (rectangle.width_px, rectangle.height_px)
+    corners = cv2.boxPoints((rectangle.center_px, size, np.degrees(rectangle.angle_rad)))
+    return np.asarray(np.rint(corners), dtype=np.int32)
+
+
+def crop(image: npt.NDArray[Any], mask: npt.NDArray[np.bool_], margin_px: int = 90) -> npt.NDArray[Any]:
+    """The part of ``image`` around ``mask``, for a closer look; the whole image for an empty mask."""
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    if not len(rows):
+        return image
+    top, left = max(0, rows[0] - margin_px), max(0, columns[0] - margin_px)
+    return image[top : rows[-1] + margin_px, left : columns[-1] + margin_px]
+
+
+def colored_depth(depth_m: npt.NDArray[Any]) -> tuple[Image, str]:
+    """Depth [m] in colours, and what they mean in words; what was not measured is black."""
+    measured = np.isfinite(depth_m)
+    if not measured.any():
+        return np.zeros((*depth_m.shape, 3), np.uint8), "nothing was measured"
+    near_m, far_m = np.percentile(depth_m[measured], [_LEAST_DEPTH_SHARE, _MOST_DEPTH_SHARE])
+    share = np.clip((np.nan_to_num(depth_m, nan=far_m) - near_m) / max(far_m - near_m, 1e-6), 0, 1)
+    image = cv2.applyColorMap((255 * (1 - share)).astype(np.uint8), cv2.COLORMAP_TURBO)[..., ::-1].copy()
+    image[~measured] = 0
+    return image, f"red {near_m:.2f} m to blue {far_m:.2f} m; black {1 - measured.mean():.0%}: not measured"

@@ -1,0 +1,79 @@
+"""Self-contained HTML pages: nothing is fetched, what was recorded is escaped, the drawing library comes packed."""
+
+from __future__ import annotations
+
+import base64
+import functools
+import gzip
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
+from plotly.offline import get_plotlyjs
+
+from bus.atomic import write_atomically
+from bus.errors import RecordingError
+from logs.mcap.names import shown
+from logs.mcap.recorder import MODE
+
+VERSION = "5"
+"""Of the pages: one of another version is written anew."""
+
+
+class Picture(NamedTuple):
+    """An image with what it shows."""
+
+    title: str
+    uri: str
+
+
+class Chart(NamedTuple):
+    """A figure in the words of plotly.js, {data, layout}, with what it shows."""
+
+    title: str
+    figure: dict[str, Any]
+
+
+class Fact(NamedTuple):
+    """One measured value beside what was asked of it."""
+
+    name: str
+    value: str
+    asked: str = ""
+
+
+def script_json(value: Any) -> Markup:
+    """``value``, arrays as plotly's typed ones, as JSON that cannot end the script element it stands in."""
+    return Markup(json.dumps(value, default=_typed_array).replace("<", "\\u003c"))
+
+
+def _typed_array(values: Any) -> dict[str, str]:
+    return {"dtype": "f4", "bdata": base64.b64encode(np.asarray(values, "<f4").tobytes()).decode()}
+
+
+@functools.cache
+def packed_plotly() -> str:
+    """plotly.js, gzip and base64: 2 MB in a page instead of 5; every browser since 2023 unpacks it by itself."""
+    return base64.b64encode(gzip.compress(get_plotlyjs().encode(), 6, mtime=0)).decode()
+
+
+def write_page(template: str, content: Mapping[str, Any], path: Path) -> Path:
+    """Fill ``template`` of this room and write it. Raises: RecordingError when it cannot be written."""
+    page = _environment().get_template(template).render(**content, version=VERSION)
+    try:
+        write_atomically(path, page.encode(errors="backslashreplace"), mode=MODE)
+    except OSError as error:
+        raise RecordingError(
+            f"Cannot write {shown(path)}: {error.strerror}.", "Choose another place with --output."
+        ) from error
+    return path
+
+
+@functools.cache
+def _environment() -> Environment:
+    loader = FileSystemLoader(Path(__file__).parent)
+    return Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)

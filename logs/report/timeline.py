@@ -1,0 +1,145 @@
+"""A cycle in words: how it ended and why, what to do, and what every stage found. The page and `cell show` tell it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from bus.codes import ADVICE
+from bus.commands import Event
+from bus.frozen import Message
+from bus.messages import Detections, Execution, PickPlan, Verdict
+from logs.mcap.names import telling
+from logs.mcap.reader import CycleRecord
+
+UNFINISHED = "UNFINISHED"
+
+
+@dataclass(frozen=True)
+class StageLine:
+    """One stage: when it began, from the cycle's start [s], how long it took, and what it found or failed with."""
+
+    name: str
+    start_s: float
+    took_s: float
+    said: str
+    failed: bool
+
+
+@dataclass(frozen=True)
+class Span:
+    """A state of the machine, from the cycle's start [s]."""
+
+    name: str
+    start_s: float
+    end_s: float
+
+
+@dataclass(frozen=True)
+class Story:
+    """Why a cycle ended so.
+
+    Attributes:
+        outcome: its result, or ``UNFINISHED``. ``code``: of `bus.codes`, or "".
+        object: what it took, "" where nobody knows.
+        why: one or two sentences. ``advice``: what to do, "" when there is nothing to do.
+        stages, states: in order. ``length_s``: of the whole recording.
+        ended_in: the last stage that began, "" for none.
+    """
+
+    outcome: str
+    code: str
+    object: str
+    why: str
+    advice: str
+    stages: tuple[StageLine, ...]
+    states: tuple[Span, ...]
+    start_ns: int
+    length_s: float
+    ended_in: str
+
+    @property
+    def title(self) -> str:
+        """``FAILED DROPPED spatula``."""
+        return " ".join(part for part in (self.outcome, self.code, self.object) if part)
+
+
+def tell(record: CycleRecord) -> Story:
+    """The story of one recorded cycle, however far it came. Raises: RecordingError for one that makes no sense."""
+    with telling(f"The cycle {record.cycle_id!r}"):
+        return _told(record)
+
+
+def _told(record: CycleRecord) -> Story:
+    why, advice = _why(record)
+    result = record.result
+    stages, states = record.stages.values(), record.states
+    start_ns = min([stage.started_ns for stage in stages] + [said.log_time_ns for said in states], default=0)
+    ends_ns = [stage.started_ns + round(stage.duration_s * 1e9) for stage in stages]
+    length_s = (max([*ends_ns, *(said.log_time_ns for said in (*states, *record.events))], default=0) - start_ns) / 1e9
+    begun = [said.message.stage for said in states if said.message.stage]
+    return Story(
+        outcome=result.result if result is not None else record.metadata.get("result", UNFINISHED),
+        code=result.code.value if result is not None and result.code is not None else "",
+        object=result.object if result is not None else "",
+        why=why,
+        advice=advice,
+        stages=tuple(_lines(record, start_ns)),
+        states=tuple(_spans(record, start_ns, length_s)),
+        start_ns=start_ns,
+        length_s=length_s,
+        ended_in=begun[-1] if begun else next(reversed(record.stages), ""),
+    )
+
+
+def _why(record: CycleRecord) -> tuple[str, str]:
+    """The reason and the advice; a fault that the cell reported meanwhile is the cause behind a mere stop."""
+    result = record.result
+    if result is None:
+        nothing = "The recording holds no result: the cycle was not finished."
+        why, advice = record.metadata.get("reason") or nothing, ""
+    else:
+        why, advice = result.reason, ADVICE[result.code] if result.code is not None else ""
+    faults = [said.message for said in record.events if said.message.severity == "error"]
+    cause, remedy = _parted(faults[-1]) if faults else ("", "")
+    if cause in why:
+        return why, advice
+    return f"{why} {cause}", remedy or advice
+
+
+def _parted(fault: Event) -> tuple[str, str]:
+    """What happened and what to do, also where an event says both in its text."""
+    advices = (fault.advice, *ADVICE.values())
+    advice = next((advice for advice in advices if advice and fault.text.endswith(advice)), fault.advice)
+    return fault.text.removesuffix(advice).strip(), advice
+
+
+def _lines(record: CycleRecord, start_ns: int) -> Iterator[StageLine]:
+    for name, stage in record.stages.items():
+        said = stage.failure.text if stage.failure is not None else in_words(stage.result)
+        start_s = (stage.started_ns - start_ns) / 1e9
+        yield StageLine(name, start_s, stage.duration_s, said, stage.failure is not None)
+
+
+def _spans(record: CycleRecord, start_ns: int, length_s: float) -> Iterator[Span]:
+    """The machine's states, one span each however often it was said."""
+    said = [(said.message.state, (said.log_time_ns - start_ns) / 1e9) for said in record.states]
+    changes = [one for before, one in zip([("", 0.0), *said], said, strict=False) if before[0] != one[0]]
+    ends_s = [*(begin_s for _, begin_s in changes[1:]), length_s]
+    for (name, begin_s), end_s in zip(changes, ends_s, strict=False):
+        yield Span(name, begin_s, end_s)
+
+
+def in_words(result: Message | None) -> str:
+    """What a stage found, in half a line; "" where there is nothing to say."""
+    if isinstance(result, Detections) and result.grasps:
+        best = result.grasps[0]
+        return f"{len(result.grasps)} grasps, the best {best.width_m * 1e3:.0f} mm wide"
+    if isinstance(result, PickPlan):
+        motion_s = sum(part.trajectory.duration_s for part in result.segments)
+        return f"grasp {result.grasp}, {motion_s:.1f} s of motion, {len(result.rejected)} grasps rejected"
+    if isinstance(result, Execution) and result.grasped is not None:
+        return f"closed at {result.grasped.width_m * 1e3:.1f} mm"
+    if isinstance(result, Verdict):
+        return result.reason
+    return ""

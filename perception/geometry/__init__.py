@@ -1,0 +1,1 @@
+"""Pixels, depths and points: pinhole model, registration, crops, the rod's line."""

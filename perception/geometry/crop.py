@@ -1,0 +1,60 @@
+"""The part of an image around an object: what is worked on from there on, a fraction of the frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from bus.messages import CameraModel
+from perception.geometry.depth import Rgbd
+
+Mask = npt.NDArray[np.bool_]
+ScalarT = TypeVar("ScalarT", bound=np.generic)
+
+
+@dataclass(frozen=True)
+class Crop:
+    """A rectangle of pixels inside the image."""
+
+    left: int
+    top: int
+    right: int
+    bottom: int
+
+    @staticmethod
+    def around(mask: Mask, margin_px: int) -> Crop:
+        """The mask's bounding box and a margin, as far as the image goes."""
+        rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+        height, width = mask.shape
+        return Crop(
+            max(0, int(columns[0]) - margin_px),
+            max(0, int(rows[0]) - margin_px),
+            min(width, int(columns[-1]) + 1 + margin_px),
+            min(height, int(rows[-1]) + 1 + margin_px),
+        )
+
+    def of(self, image: npt.NDArray[ScalarT]) -> npt.NDArray[ScalarT]:
+        """The part of an image (H, W, ...)."""
+        return np.ascontiguousarray(image[self.top : self.bottom, self.left : self.right])
+
+    def rgbd(self, rgbd: Rgbd) -> Rgbd:
+        """The part as an image of its own; points lifted from it lie where they lay."""
+        camera = rgbd.camera
+        part = CameraModel(
+            width=self.right - self.left,
+            height=self.bottom - self.top,
+            fx=camera.fx,
+            fy=camera.fy,
+            cx=camera.cx - self.left,
+            cy=camera.cy - self.top,
+        )
+        return Rgbd(self.of(rgbd.color), self.of(rgbd.depth_m), part)
+
+    def back(self, part: npt.NDArray[ScalarT], whole: npt.NDArray[ScalarT]) -> npt.NDArray[ScalarT]:
+        """``whole`` with this part replaced."""
+        pasted = whole.copy()
+        pasted[self.top : self.bottom, self.left : self.right] = part
+        return pasted

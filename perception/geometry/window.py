@@ -1,0 +1,116 @@
+"""The square around the object that a hosted model is shown and draws in: bigger for it, and nothing else to see."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from bus.codes import Code
+from bus.errors import CycleFailure
+from perception.geometry.crop import Crop
+from perception.geometry.picture import size_of
+
+_ROOM = 1.9
+"""Side over the object's larger extent: room for a rod that sticks out."""
+_MIN_SIDE_PX = 128
+_ASPECT_TOLERANCE = 0.03
+_MIN_PICTURE_PX = 128
+_MAX_PICTURE_PX = 8192
+"""Of a side: twice what any provider draws. A header may ask for all of the memory."""
+
+Image = npt.NDArray[np.uint8]
+Mask = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Window:
+    """A square of the colour image; it may reach over the image's rim."""
+
+    left: int
+    top: int
+    side_px: int
+
+    @staticmethod
+    def around(object_mask: Mask) -> Window:
+        """The square about the object's bounding box."""
+        box = Crop.around(object_mask, 0)
+        side = max(round(_ROOM * max(box.bottom - box.top, box.right - box.left)), _MIN_SIDE_PX)
+        return Window((box.left + box.right - side) // 2, (box.top + box.bottom - side) // 2, side)
+
+    def cut(self, image: npt.NDArray[np.uint8], beyond: int | tuple[int, int, int]) -> npt.NDArray[np.uint8]:
+        """The window's part of ``image`` (H, W) or (H, W, 3); ``beyond`` where there is no image."""
+        part = np.empty((self.side_px, self.side_px, *image.shape[2:]), dtype=np.uint8)
+        part[:] = beyond
+        inside, here = self._overlap(image.shape)
+        part[inside] = image[here]
+        return part
+
+    def paste(self, part: Image, onto: Image) -> Image:
+        """``onto`` with the window's part replaced."""
+        pasted = onto.copy()
+        inside, here = self._overlap(onto.shape)
+        pasted[here] = part[inside]
+        return pasted
+
+    def _overlap(self, shape: tuple[int, ...]) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
+        top, left = max(0, self.top), max(0, self.left)
+        bottom, right = min(shape[0], self.top + self.side_px), min(shape[1], self.left + self.side_px)
+        inside = slice(top - self.top, bottom - self.top), slice(left - self.left, right - self.left)
+        return inside, (slice(top, bottom), slice(left, right))
+
+
+def encode_png(image: npt.NDArray[np.uint8], size_px: int) -> bytes:
+    """A square image (RGB, RGBA or grey) as PNG of ``size_px``."""
+    big = cv2.resize(np.ascontiguousarray(image), (size_px, size_px), interpolation=cv2.INTER_CUBIC)
+    order = {3: cv2.COLOR_RGB2BGR, 4: cv2.COLOR_RGBA2BGRA}
+    pixels = cv2.cvtColor(big, order[big.shape[2]]) if big.ndim == 3 else big
+    ok, png = cv2.imencode(".png", pixels)
+    if not ok:
+        raise ValueError(f"cannot encode an image of shape {image.shape}")
+    return bytes(png)
+
+
+def decode_picture(data: bytes, window: Window, background: tuple[int, int, int] = (0, 0, 0)) -> Image:
+    """What a model drew, in the window's own pixels (side, side, 3); ``background`` where it is transparent.
+
+    Raises: CycleFailure(MODEL_BAD_IMAGE) for a torn file, something else than PNG, JPEG or WebP, one of another shape,
+        or one too large to be drawn by a model.
+    """
+    size = size_of(data)
+    if size is None:
+        raise _bad(f"The goal image ({len(data)} bytes) is torn, or no PNG, JPEG or WebP picture.")
+    if max(size) > _MAX_PICTURE_PX:
+        raise _bad(f"The goal image has {size.width} x {size.height} pixels; it is not unpacked.")
+    pixels = _decoded(data, background)
+    height, width = pixels.shape[:2]
+    if abs(width / height - 1) > _ASPECT_TOLERANCE or height < _MIN_PICTURE_PX:
+        raise _bad(f"The goal image has {width} x {height} pixels; a square was asked for.")
+    shrunk = cv2.resize(pixels, (window.side_px, window.side_px), interpolation=cv2.INTER_AREA)
+    return np.asarray(cv2.cvtColor(shrunk, cv2.COLOR_BGR2RGB))
+
+
+def _decoded(data: bytes, background: tuple[int, int, int]) -> Image:
+    """(H, W, 3) BGR."""
+    color, whole = _pixels(data, cv2.IMREAD_COLOR), _pixels(data, cv2.IMREAD_UNCHANGED)
+    if whole.ndim < 3 or whole.shape[2] < 4 or whole.shape[:2] != color.shape[:2]:
+        return color
+    opaque = whole[..., 3:] / np.float32(np.iinfo(whole.dtype).max)
+    return np.asarray(opaque * color + (1 - opaque) * np.array(background[::-1]), dtype=np.uint8)
+
+
+def _pixels(data: bytes, how: int) -> npt.NDArray[Any]:
+    try:
+        pixels = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), how)
+    except cv2.error:
+        pixels = None
+    if pixels is None:
+        raise _bad(f"The goal image ({len(data)} bytes) cannot be decoded.")
+    return np.asarray(pixels)
+
+
+def _bad(text: str) -> CycleFailure:
+    return CycleFailure(Code.MODEL_BAD_IMAGE, text)

@@ -1,0 +1,98 @@
+"""How far a goal image departs from what it should have kept, and the gate on it.
+
+Masks are advisory for every hosted model, so what was to stay is looked at afterwards: the background, the object's
+outline and its colour. A turned or shifted object is no fault (alignment carries it back); another object is.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from bus.codes import Code
+from bus.errors import CycleFailure
+from bus.messages import Drift
+from config.schema import DriftSettings
+from perception.align.base import Shape
+from perception.align.silhouette import Similarity, outline, silhouette_fits
+from perception.geometry.window import Window
+from perception.goal.parts import GoalParts, background_color
+from perception.scene.segment import Mask
+from perception.subject import Subject
+
+_CHANGED = 24
+_UNMOVED_BONUS = 0.02
+"""Of overlap: a turned fit must be this much better than "nothing moved"."""
+
+Image = npt.NDArray[np.uint8]
+
+
+def register(goal: Shape, observed: Mask) -> tuple[Similarity, float]:
+    """The similarity in the image that lays the imagined outline on the observed one, and their overlap (IoU)."""
+    silhouette = outline(goal)
+    center_px = np.zeros(2)
+    unmoved = Similarity(0.0, 1.0, center_px, center_px)
+    candidates = [unmoved, *silhouette_fits(silhouette, observed, 2)]
+    overlaps = [_overlap(silhouette, observed, fit) for fit in candidates]
+    overlaps[0] += _UNMOVED_BONUS
+    best = int(np.argmax(overlaps))
+    return candidates[best], overlaps[best] - (_UNMOVED_BONUS if best == 0 else 0.0)
+
+
+def measure(image: Image, parts: GoalParts, subject: Subject, fit: Similarity, overlap: float) -> Drift:
+    """Everything there is to measure; ``fit`` and ``overlap`` as `register` gives them."""
+    observed = subject.scene.object_mask
+    rows, columns = np.nonzero(parts.object)
+    center_px = np.array([columns.mean(), rows.mean()])
+    return Drift(
+        changed_outside=_changed_outside(image, parts, subject),
+        other_objects=float(parts.others.sum() / parts.object.sum()),
+        silhouette_iou=overlap,
+        shift_px=float(np.linalg.norm(fit(center_px[None])[0] - center_px)),
+        turn_rad=abs(fit.angle_rad),
+        scale=fit.scale,
+        color_shift=float(np.linalg.norm(_median_lab(image[parts.object]) - _median_lab(subject.masked[observed]))),
+    )
+
+
+def require_faithful(drift: Drift, limits: DriftSettings) -> None:
+    """The gate. Raises: CycleFailure(MODEL_DRIFT) with the evidence."""
+    faults = [
+        (drift.changed_outside > limits.max_changed_outside, f"{drift.changed_outside:.0%} of the background changed"),
+        (drift.other_objects > limits.max_other_objects, "another object appeared"),
+        (
+            drift.silhouette_iou < limits.min_silhouette_iou,
+            f"its outline covers the observed one by {drift.silhouette_iou:.0%} only, however it is turned",
+        ),
+        (drift.color_shift > limits.max_color_shift, f"its colour moved by {drift.color_shift:.0f} (CIE76)"),
+    ]
+    found = [text for wrong, text in faults if wrong]
+    if found:
+        raise CycleFailure(Code.MODEL_DRIFT, f"The goal image is not of the observed object: {'; '.join(found)}.")
+
+
+def _changed_outside(image: Image, parts: GoalParts, subject: Subject) -> float:
+    window = Window.around(subject.scene.object_mask)
+    ours = (subject.scene.object_mask | parts.object | parts.others | parts.rod).astype(np.uint8)
+    free = window.cut(cv2.dilate(ours, np.ones((9, 9))), 1) == 0
+    background = background_color(image, window, subject.background)
+    part = window.cut(image, subject.background).astype(np.int16)
+    # Against what was sent, and against its own: an even change of the whole background is one change.
+    sent = np.abs(part - np.array(subject.background)).max(axis=2) > _CHANGED
+    even = np.abs(part - background).max(axis=2) > _CHANGED
+    return float((sent & even)[free].mean()) if free.any() else 0.0
+
+
+def _overlap(goal: Mask, observed: Mask, fit: Similarity) -> float:
+    offset = fit(np.zeros((1, 2)))[0]
+    turn = fit(np.eye(2)) - offset
+    matrix = np.column_stack([turn[0], turn[1], offset])
+    size = (goal.shape[1], goal.shape[0])
+    moved = cv2.warpAffine(goal.astype(np.uint8), matrix, size, flags=cv2.INTER_NEAREST) > 0
+    return float((moved & observed).sum() / max(int((moved | observed).sum()), 1))
+
+
+def _median_lab(rgb: npt.NDArray[np.uint8]) -> npt.NDArray[np.float64]:
+    lab = cv2.cvtColor(np.ascontiguousarray(rgb[:, None]).astype(np.float32) / 255, cv2.COLOR_RGB2LAB)
+    return np.asarray(np.median(lab[:, 0], axis=0), dtype=float)

@@ -1,0 +1,145 @@
+"""Stage 1 of the paper, *imagine*: reason -> direct -> render, every call said as it happens."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Literal
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from bus.arrays import Transform
+from bus.cancel import Cancel
+from bus.codes import Code
+from bus.errors import CycleFailure
+from bus.messages import ModelReply
+from config.schema import Station
+from perception.geometry.depth import Rgbd
+from perception.geometry.window import Window, decode_picture
+from perception.goal.prompts import prompt
+from perception.models.base import GoalImageModel
+from perception.scene.heightmap import height_map
+from perception.scene.segment import Scene, hue_of
+from perception.subject import Answer, GoalImage, RodColor, Subject
+
+ROD_COLORS = (
+    RodColor("magenta", (255, 0, 200)),
+    RodColor("cyan", (0, 220, 255)),
+    RodColor("lime green", (90, 255, 0)),
+    RodColor("yellow", (255, 230, 0)),
+)
+BACKGROUNDS = {
+    (255, 255, 255): "white",
+    (128, 128, 128): "grey",
+    (0, 0, 0): "black",
+    (130, 175, 255): "sky blue",
+    (20, 70, 60): "dark green",
+}
+_HUE_APART = 14
+_NEAR_BACKGROUND = 48
+
+Step = Literal["locate", "reason", "direct", "render"]
+Say = Callable[[ModelReply], None]
+
+
+@dataclass(frozen=True)
+class Conversation:
+    """One proposal's calls to the model; each is said, answered or not.
+
+    Args:
+        sample: which proposal. ``clock_s``: monotonic. ``cancel``: a stop; after it no call begins.
+    """
+
+    model: GoalImageModel
+    say: Say
+    sample: int = 0
+    clock_s: Callable[[], float] = time.monotonic
+    cancel: Cancel = field(default_factory=Cancel)
+
+    def ask(self, step: Step, text: str, call: Callable[[], Answer]) -> Answer:
+        """Raises: CycleFailure, as the model; STOPPED, also of a call that a stop gave up: it is said, as begun."""
+        self.cancel.raise_if_set("detect")
+        began_s = self.clock_s()
+        heard = {"step": step, "sample": self.sample, "model": self.model.name, "prompt": text}
+        try:
+            answer = call()
+        except CycleFailure as failure:
+            why = {"failure": failure.failure, "text_of_failure": failure.text}
+            self.say(ModelReply.model_validate({**heard, **why, "latency_s": self.clock_s() - began_s}))
+            raise
+        what = {"text": answer.text, "image_png": answer.image_png, "usage": answer.usage, "attempts": answer.attempts}
+        self.say(ModelReply.model_validate({**heard, **what, "latency_s": self.clock_s() - began_s}))
+        return answer
+
+
+def subject_of(rgbd: Rgbd, scene: Scene, base_from_color: Transform) -> Subject:
+    """What the model is shown: the object alone on a plain background, and the colour its rod is to have."""
+    background = free_background(rgbd.color[scene.object_mask])
+    masked = np.where(scene.object_mask[..., None], rgbd.color, np.array(background, dtype=np.uint8))
+    heights = height_map(scene)
+    return Subject(
+        rgbd, scene, heights, masked, background, base_from_color, free_rod_color(rgbd.color[scene.object_mask])
+    )
+
+
+def imagine(talk: Conversation, subject: Subject, station: Station) -> GoalImage:
+    """The goal image (Algorithm 1, lines 2-5). Raises: CycleFailure, as the model; MODEL_BAD_IMAGE, MODEL_NO_IMAGE."""
+    model, jaw_mm, scale = talk.model, f"{station.hand.max_width_m * 1e3:.0f}", _px_per_mm(subject, station)
+    if station.perception.imagine.steps == 3:
+        finger_mm = f"{station.hand.finger_width_m * 1e3:.0f}"
+        ask_reason = prompt("reason", max_width_mm=jaw_mm, finger_width_mm=finger_mm, px_per_mm=scale)
+        reasoning = talk.ask("reason", ask_reason, lambda: model.reason(subject, ask_reason, talk.cancel)).text
+        ask_direct = prompt("direct", reasoning=reasoning)
+        directive = talk.ask("direct", ask_direct, lambda: model.direct(subject, ask_direct, talk.cancel)).text
+    else:
+        directive = prompt("render", max_width_mm=jaw_mm)
+    ask_render = prompt(
+        "constraint",
+        directive=directive,
+        rod_color=subject.rod.name,
+        rod_diameter_mm=f"{2e3 * station.perception.rod_radius_m:.0f}",
+        px_per_mm=scale,
+        background=BACKGROUNDS[subject.background],
+    )
+    return _goal(talk.ask("render", ask_render, lambda: model.render(subject, ask_render, talk.cancel)), subject)
+
+
+def _px_per_mm(subject: Subject, station: Station) -> str:
+    """The scale of the picture a hosted model is shown, at the object."""
+    mask, camera = subject.scene.object_mask, subject.rgbd.camera
+    enlarged = station.perception.hosted.size_px / Window.around(mask).side_px
+    return f"{enlarged * camera.fx / float(np.nanmedian(subject.rgbd.depth_m[mask])) / 1e3:.2f}"
+
+
+def _goal(answer: Answer, subject: Subject) -> GoalImage:
+    if answer.goal is not None:
+        return answer.goal
+    if answer.image_png is None:
+        raise CycleFailure(Code.MODEL_NO_IMAGE, f"The model drew nothing, but said: {answer.text[:200]}")
+    window = Window.around(subject.scene.object_mask)
+    plain = np.full_like(subject.masked, np.array(subject.background, dtype=np.uint8))
+    return GoalImage(window.paste(decode_picture(answer.image_png, window, subject.background), plain), None)
+
+
+def free_rod_color(around: npt.NDArray[np.uint8]) -> RodColor:
+    """The rod colour whose hue the fewest saturated pixels of ``around`` (n, 3) have; the first of equals."""
+    hsv = cv2.cvtColor(np.ascontiguousarray(around[:, None]), cv2.COLOR_RGB2HSV)[:, 0].astype(int)
+    vivid = hsv[hsv[:, 1] > 80][:, 0]
+
+    def taken(candidate: RodColor) -> int:
+        apart = np.abs(vivid - hue_of(candidate.rgb))
+        return int((np.minimum(apart, 180 - apart) < _HUE_APART).sum())
+
+    return min(ROD_COLORS, key=taken)
+
+
+def free_background(object_rgb: npt.NDArray[np.uint8]) -> tuple[int, int, int]:
+    """The background that the fewest of the object's pixels (n, 3) come near; the first of equals."""
+
+    def taken(rgb: tuple[int, int, int]) -> int:
+        return int((np.abs(object_rgb.astype(int) - rgb).max(axis=1) < _NEAR_BACKGROUND).sum())
+
+    return min(BACKGROUNDS, key=taken)

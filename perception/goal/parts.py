@@ -1,0 +1,81 @@
+"""Takes a goal image apart: the rod by the colour it was asked for, the object as what else stands out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from bus.codes import Code
+from bus.errors import CycleFailure
+from perception.geometry.window import Window
+from perception.scene.segment import Mask, hue_of
+from perception.subject import Subject
+
+_HUE_APART, _MIN_SATURATION, _MIN_VALUE = 8, 110, 60
+_STANDS_OUT = 24
+"""Grey levels, the largest channel's: more than compression and a model's noise."""
+_MIN_ROD_PX = 60
+_MIN_PART = 0.02
+"""Parts smaller than this share of the foreground are noise."""
+_BRIDGE_PX = 5
+
+Image = npt.NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class GoalParts:
+    """Masks (H, W) of a goal image; ``others``: what neither belongs to the object nor touches it or its rod."""
+
+    rod: Mask
+    object: Mask
+    others: Mask
+
+
+def take_apart(image: Image, subject: Subject) -> GoalParts:
+    """Rod, object and anything else in a goal image on its plain background.
+
+    Raises: CycleFailure(MODEL_NO_ROD) without a rod, MODEL_DRIFT without an object.
+    """
+    rod = _rod(image, subject.rod.rgb)
+    if rod.sum() < _MIN_ROD_PX:
+        raise CycleFailure(Code.MODEL_NO_ROD, "There is no rod in the goal image.")
+    window = Window.around(subject.scene.object_mask)
+    background = background_color(image, window, subject.background)
+    rim = cv2.dilate(rod.astype(np.uint8), np.ones((3, 3))) > 0
+    foreground = (np.abs(image.astype(np.int16) - background).max(axis=2) > _STANDS_OUT) & ~rim
+    foreground = cv2.morphologyEx(foreground.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3))) > 0
+    labels, areas = _labelled(foreground, rod)
+    if not len(areas) or areas.max() == 0:
+        raise CycleFailure(Code.MODEL_DRIFT, "There is nothing but a rod in the goal image.")
+    chosen = labels == int(areas.argmax())
+    small = np.flatnonzero(areas < _MIN_PART * areas.max())
+    others = foreground & ~chosen & ~np.isin(labels, small)
+    return GoalParts(rod, foreground & chosen, others)
+
+
+def _rod(image: Image, rgb: tuple[int, int, int]) -> Mask:
+    hsv = cv2.cvtColor(image, cv2.COLOR_RGB2HSV).astype(np.int16)
+    apart = np.abs(hsv[..., 0] - hue_of(rgb))
+    vivid = (hsv[..., 1] > _MIN_SATURATION) & (hsv[..., 2] > _MIN_VALUE)
+    rod = (np.minimum(apart, 180 - apart) < _HUE_APART) & vivid
+    return np.asarray(cv2.morphologyEx(rod.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3))) > 0)
+
+
+def background_color(image: Image, window: Window, expected: tuple[int, int, int]) -> npt.NDArray[np.int16]:
+    """The background's colour (3,): the median along the window's rim, where no object is asked for."""
+    part = window.cut(image, expected)
+    rim = np.concatenate([part[:3].reshape(-1, 3), part[-3:].reshape(-1, 3), part[:, 0], part[:, -1]])
+    return np.asarray(np.median(rim, axis=0), dtype=np.int16)
+
+
+def _labelled(foreground: Mask, rod: Mask) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int64]]:
+    """Components (parts that the rod or a small gap divides are one) and their areas in foreground pixels."""
+    joined = cv2.dilate((foreground | rod).astype(np.uint8), np.ones((_BRIDGE_PX, _BRIDGE_PX)))
+    _, labels = cv2.connectedComponents(joined)
+    labels = np.asarray(labels, dtype=np.int32)
+    areas = np.bincount(labels[foreground], minlength=int(labels.max()) + 1)
+    areas[0] = 0
+    return labels, areas

@@ -1,0 +1,1 @@
+"""From carried rods, or from the height map, to ranked grasps."""

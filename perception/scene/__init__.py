@@ -1,0 +1,1 @@
+"""What was seen: the table, what stands on it, and what changed."""

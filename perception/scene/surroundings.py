@@ -1,0 +1,67 @@
+"""What planning needs to see: the depth image as points in ``base``, and which of them are the target."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+
+from bus.arrays import Mask, Points
+from bus.messages import CameraModel, Observation
+from perception.geometry.depth import rays, without_flying_pixels
+from perception.geometry.lift import project, transform
+
+Depths = npt.NDArray[np.float32]
+
+_STEP_PX = 2
+"""Every second pixel: about 3 mm apart where the hand works."""
+_EDGE_PX = 2
+"""So far from a surface missing depth is taken for its rim; as far as planning spares around the target."""
+
+
+def surroundings(observation: Observation, object_mask: Mask) -> tuple[Points, npt.NDArray[np.bool_]]:
+    """The depth camera's own image, thinned, so that neighbours are neighbours in its sight.
+
+    Args:
+        object_mask: (H, W) of the target in the undistorted colour image.
+
+    Returns:
+        Points (h, w, 3) [m] in ``base``, NaN = no depth, and which of them (h, w) are the target.
+    """
+    frame = observation.frame
+    seen_m = without_flying_pixels(frame.depth_m)[::_STEP_PX, ::_STEP_PX]
+    depth_m = _edges_filled(seen_m)
+    points = rays(frame.depth_camera)[::_STEP_PX, ::_STEP_PX] * depth_m[..., None].astype(float)
+    in_color = transform(frame.color_from_depth, points.reshape(-1, 3))
+    is_target = _is_on(object_mask, in_color, frame.color_camera).reshape(depth_m.shape)
+    in_base = transform(observation.view.base_from_color, in_color).astype(np.float32).reshape(points.shape)
+    in_base[_filled_from(is_target, seen_m, depth_m) & ~is_target] = np.nan
+    return in_base, is_target
+
+
+def _is_on(mask: Mask, in_color: npt.NDArray[np.float64], camera: CameraModel) -> npt.NDArray[np.bool_]:
+    """Which points (n, 3) in the colour camera, NaN = none, ``mask`` shows."""
+    is_on = np.zeros(len(in_color), dtype=bool)
+    seen = np.flatnonzero(np.isfinite(in_color[:, 2]) & (in_color[:, 2] > 0))
+    u, v = np.rint(project(in_color[seen], camera)).astype(int).T
+    inside = (u >= 0) & (u < mask.shape[1]) & (v >= 0) & (v < mask.shape[0])
+    is_on[seen[inside]] = mask[v[inside], u[inside]]
+    return is_on
+
+
+def _edges_filled(depth_m: Depths) -> Depths:
+    """Depth with the holes at its edges filled from the nearer surface: depth cameras lose an object's rim."""
+    nothing = np.isnan(depth_m)
+    nearest = _nearest(depth_m, ~nothing)
+    return np.where(nothing & np.isfinite(nearest), nearest, depth_m).astype(np.float32)
+
+
+def _filled_from(which: Mask, seen_m: Depths, filled_m: Depths) -> Mask:
+    """Where ``filled_m`` continues what is ``which``: beyond the target's outline that is no obstacle beside it."""
+    was_filled = np.isnan(seen_m) & np.isfinite(filled_m)
+    return np.asarray(was_filled & (filled_m == _nearest(seen_m, which & ~np.isnan(seen_m))))
+
+
+def _nearest(depth_m: Depths, which: Mask) -> Depths:
+    """Of the pixels ``which`` around each pixel the least depth, infinite where there is none."""
+    return np.asarray(ndimage.minimum_filter(np.where(which, depth_m, np.inf), size=2 * _EDGE_PX + 1), np.float32)

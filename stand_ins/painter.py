@@ -1,0 +1,96 @@
+"""The hand and eye of the model server: finds an axis in the picture it is shown, speaks of it in pixels, paints it.
+
+It sees what a hosted model sees - a picture and a prompt - and nothing of the cell.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from benchmarks.baselines.flat import flat_subject
+from config.load import load_station
+from perception.geometry.lift import inverse, project, transform
+from perception.goal.imagine import ROD_COLORS
+from perception.grasps import antipodal
+from perception.models.painter import paint as paint_rod
+from perception.subject import RodColor, Subject
+from stand_ins.model_server import Picture
+
+_STATION = load_station()
+_AXIS = re.compile(r"from pixel \((-?[\d.]+), (-?[\d.]+)\) to pixel \((-?[\d.]+), (-?[\d.]+)\)")
+_SCALE = re.compile(r"about ([\d.]+) pixels")
+_LEVEL_M = 0.02
+_STICK_OUT_M = 0.035
+_STANDS_OUT = 24
+
+Image = npt.NDArray[np.uint8]
+
+
+def say(prompt: str, image: Image | None) -> str:
+    """Reasoning about a picture, or the directive that repeats a reasoning's axis."""
+    known = _AXIS.search(prompt)
+    if known is not None:
+        return f"Draw one straight rod through the object, {known.group(0)}, sticking out on both sides."
+    if image is None:
+        return "There is no picture."
+    start, end = _axis_px(_subject(image, prompt))
+    return (
+        "The object has two opposite, nearly parallel faces near its middle. The fingers close along the axis "
+        f"from pixel ({start[0]:.1f}, {start[1]:.1f}) to pixel ({end[0]:.1f}, {end[1]:.1f})."
+    )
+
+
+def paint(picture: Picture) -> Image:
+    """The picture with a rod along the axis of the prompt, or along one of its own choice."""
+    subject = _subject(picture.image, picture.prompt)
+    known = _AXIS.search(picture.prompt)
+    ends_px = np.array([float(number) for number in known.groups()]).reshape(2, 2) if known else _axis_px(subject)
+    camera, depth_m = subject.rgbd.camera, subject.base_from_color[2, 3] - _LEVEL_M
+    rays = np.column_stack([(ends_px - [camera.cx, camera.cy]) / camera.fx, np.ones(2)])
+    goal = paint_rod(subject, rays * depth_m, _STATION.perception.rod_radius_m)
+    rod = (goal.image != subject.masked).any(axis=2)
+    return np.where(rod[..., None], goal.image, picture.image)
+
+
+def object_mask(image: Image) -> npt.NDArray[np.bool_]:
+    """What stands out from the picture's rim."""
+    rim = np.concatenate([image[:4].reshape(-1, 3), image[-4:].reshape(-1, 3)])
+    apart = np.abs(image.astype(np.int16) - np.median(rim, axis=0)).max(axis=2)
+    return np.asarray(cv2.morphologyEx((apart > _STANDS_OUT).astype(np.uint8), cv2.MORPH_OPEN, np.ones((5, 5))) > 0)
+
+
+def _subject(image: Image, prompt: str) -> Subject:
+    """The picture as a flat scene at the prompt's scale, its rod in the prompt's colour."""
+    scale = _SCALE.search(prompt)
+    m_per_px = 1e-3 / float(scale.group(1)) if scale else 0.15 / image.shape[0]
+    subject = flat_subject(image, object_mask(image), m_per_px)
+    color = next((color for color in ROD_COLORS if color.name in prompt), ROD_COLORS[0])
+    return replace(subject, masked=image, rod=RodColor(color.name, color.rgb))
+
+
+def _axis_px(subject: Subject) -> np.ndarray:
+    """Ends (2, 2) of the best antipodal axis, sticking out."""
+    closings = antipodal.propose(subject.heights, _STATION)
+    best = closings.distinct(1)
+    if not best:
+        return _minor_axis_px(subject)
+    heading = closings.heading_rad[best[0]]
+    half = (closings.width_m[best[0]] / 2 + _STICK_OUT_M) * np.array([np.cos(heading), np.sin(heading), 0.0])
+    center = np.append(closings.center_m[best[0]], _LEVEL_M)
+    return project(
+        transform(inverse(subject.base_from_color), np.stack([center - half, center + half])), subject.rgbd.camera
+    )
+
+
+def _minor_axis_px(subject: Subject) -> np.ndarray:
+    """Ends (2, 2) of the shortest way through the middle, for what is wider than the jaw."""
+    rows, columns = np.nonzero(subject.scene.object_mask)
+    pixels = np.stack([columns, rows], axis=1).astype(float)
+    values, axes = np.linalg.eigh(np.cov(pixels.T))
+    half = axes[:, 0] * (2 * np.sqrt(values[0]) + 0.12 * subject.rgbd.camera.width)
+    return np.asarray(pixels.mean(axis=0) + np.stack([-half, half]))
