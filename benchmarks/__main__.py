@@ -18,6 +18,7 @@ from benchmarks import (
     fleet,
     freezing,
     grasps,
+    house,
     intruder,
     models,
     planning,
@@ -40,6 +41,7 @@ from config.load import load_station
 _ENDS_THE_RUN = ("EMPTY", "ABORTED")
 _NEXT_COMMAND = {"Aborted": "clear", "Stopped": "reset", "Complete": "reset", "Idle": "start"}
 """What an operator does to go on after a run that ended early."""
+_CHECKOUT = Path(__file__).resolve().parents[1]
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, help=__doc__)
 
@@ -235,6 +237,18 @@ def fleet_(
 ) -> None:
     """Light cells on one router, heard as `cell fleet` and a viewer see them: age of every state [ms]."""
     typer.echo(json.dumps(fleet.run(cells, seconds, endpoint, _teller(as_json))))
+
+
+@app.command(name="house")
+def house_(
+    root: Annotated[Path, typer.Option(help="Another checkout's folder.", show_default="this one")] = _CHECKOUT,
+    as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
+) -> None:
+    """The structure of the code, read and not imported: rooms, arrows, circles, lengths in lines, docstrings."""
+    try:
+        typer.echo(json.dumps(house.measure(root, _teller(as_json))))
+    except (FileNotFoundError, SyntaxError) as error:
+        raise typer.BadParameter(str(error)) from error
 
 
 def _teller(quiet: bool) -> Callable[[str], None]:
