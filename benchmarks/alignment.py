@@ -16,11 +16,12 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from benchmarks import drifted
+from benchmarks.aligners import ALIGNERS, ALL
 from benchmarks.drifted import Trial
 from benchmarks.sheet import write_sheet
 from bus.errors import CycleFailure
 from bus.messages import Alignment
-from perception.align import ALIGNERS, align
+from perception.align import align
 from perception.align.base import Array, Shape, nearest
 from perception.geometry.lift import project, transform
 
@@ -52,7 +53,7 @@ class Score:
 def run(regime: str, trials: int, seed: int, *, tell: Callable[[str], None] = lambda line: None) -> dict[str, Any]:
     """Every method on the same ``trials``; ``regime``: hard or mild. ``tell`` hears a line per trial."""
     cv2.setNumThreads(1)
-    methods = {name: partial(align, name) for name in ALIGNERS}
+    methods = {name: partial(align, name, methods=ALL) for name in ALIGNERS}
     scores: dict[str, list[Score | None]] = {name: [] for name in methods}
     took_ms: dict[str, list[float]] = {name: [] for name in methods}
     for number, trial in enumerate(drifted.trials(regime, trials, seed), 1):
