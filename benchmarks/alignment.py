@@ -21,9 +21,10 @@ from benchmarks.drifted import Trial
 from benchmarks.sheet import write_sheet
 from bus.errors import CycleFailure
 from bus.messages import Alignment
+from bus.transforms import apply
 from perception.align import align
 from perception.align.base import Array, Shape, nearest
-from perception.geometry.lift import project, transform
+from perception.geometry.lift import project
 
 _MAX_ANGLE_DEG, _MAX_OFF = 15.0, 0.10
 _TILE_PX, _MARGIN_PX = 220, 12
@@ -68,13 +69,13 @@ def run(regime: str, trials: int, seed: int, *, tell: Callable[[str], None] = la
 
 def score(trial: Trial, observed_from_goal: Array) -> Score:
     """Judge one map goal -> observed against the truth."""
-    carried = transform(observed_from_goal, trial.rod_goal_ends)
+    carried = apply(observed_from_goal, trial.rod_goal_ends)
     turned = (trial.rod_ends - trial.center_m) @ trial.symmetries.transpose(0, 2, 1) + trial.center_m
     diagonal_px = trial.diagonal_m * trial.observed.camera.fx / trial.center_m[2]
     carried_px = project(carried, trial.observed.camera)
     turned_px = project(turned.reshape(-1, 3), trial.observed.camera).reshape(-1, 2, 2)
     true_px = project(trial.rod_ends, trial.observed.camera)
-    goal, observed = transform(observed_from_goal, trial.goal.points), trial.observed.points
+    goal, observed = apply(observed_from_goal, trial.goal.points), trial.observed.points
     forth, back = nearest(goal, cKDTree(observed)), nearest(observed, cKDTree(goal))
     return Score(
         raw3d=bool(_hits(carried, trial.rod_ends[None], trial.diagonal_m)[0]),

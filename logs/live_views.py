@@ -25,7 +25,6 @@ from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from foxglove_schemas_protobuf.PointsAnnotation_pb2 import PointsAnnotation
 from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
-from scipy.spatial.transform import Rotation
 
 from bus import topics
 from bus.arrays import Joints, Mask, Transform
@@ -33,6 +32,7 @@ from bus.commands import Event
 from bus.frozen import Message
 from bus.messages import Detections, Grasp, PickPlan, Rectangle, Segment, StageRecord, View
 from bus.topics import Topic
+from bus.transforms import apply, to_wxyz
 from bus.wire import stamp
 
 _logger = logging.getLogger(__name__)
@@ -203,7 +203,7 @@ def _gripper(entity: SceneEntity, grasp: Grasp) -> None:
     for size, center in ((_FINGER_M, (0.0, apart, behind)), (_FINGER_M, (0.0, -apart, behind)), (_PALM_M, palm)):
         cube = entity.cubes.add(color=_color(_GREEN, 0.6))
         cube.size.x, cube.size.y, cube.size.z = size
-        x, y, z = grasp.base_from_tcp[:3, :3] @ center + grasp.base_from_tcp[:3, 3]
+        x, y, z = apply(grasp.base_from_tcp, np.array(center))
         cube.pose.position.x, cube.pose.position.y, cube.pose.position.z = float(x), float(y), float(z)
         q = cube.pose.orientation
-        q.w, q.x, q.y, q.z = Rotation.from_matrix(grasp.base_from_tcp[:3, :3]).as_quat(scalar_first=True)
+        q.w, q.x, q.y, q.z = to_wxyz(grasp.base_from_tcp)

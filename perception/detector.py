@@ -11,12 +11,13 @@ from bus.cancel import Cancel
 from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.messages import Alignment, Detections, Drift, Evidence, Grasp, ModelReply, Observation, Rectangle
+from bus.transforms import apply
 from config.schema import Station
 from perception.align import align
 from perception.align.base import Shape
 from perception.geometry.crop import Crop
 from perception.geometry.depth import Rgbd, register
-from perception.geometry.lift import lift, thin, transform
+from perception.geometry.lift import lift, thin
 from perception.geometry.rod import fit_line, lift_run, rectangle, rod_depth, runs
 from perception.goal.depth import carried_depth, scaled_to_observed
 from perception.goal.drift import measure, require_faithful
@@ -125,7 +126,7 @@ def propose(talk: Conversation, subject: Subject, models: Models, station: Stati
     # Stage 3: the rod's runs through the object, carried over, as rectangles.
     inverse_depth = rod_depth(line, parts.rod, depth_m)
     ends = tuple(
-        transform(alignment.observed_from_goal, lift_run(line, run, inverse_depth, rgbd.camera))
+        apply(alignment.observed_from_goal, lift_run(line, run, inverse_depth, rgbd.camera))
         for run in runs(line, parts.rod, parts.object)
     )
     if not ends:
@@ -138,7 +139,7 @@ def grasps_of(proposal: Proposal, subject: Subject, station: Station) -> tuple[G
     """Every run's grasps, ranked. Raises: CycleFailure(NO_GRASP), with the runs' widths."""
     grasps: list[Grasp] = []
     for index, run_ends in enumerate(proposal.ends):
-        ends_base = transform(subject.base_from_color, run_ends)
+        ends_base = apply(subject.base_from_color, run_ends)
         grasps += grasps_of_rod(ends_base, index, subject, station)
     if not grasps:
         widths = ", ".join(f"{np.linalg.norm(ends[1] - ends[0]) * 1e3:.0f}" for ends in proposal.ends)
@@ -182,8 +183,8 @@ def _evidence(rgbd: Rgbd, crop: Crop, subject: Subject, proposal: Proposal, samp
         goal_rod_mask=crop.back(proposal.parts.rod, nothing),
         observed_points=thin(proposal.observed.points, _SHOWN_POINTS),
         goal_points=thin(goal_points, _SHOWN_POINTS),
-        aligned_points=thin(transform(observed_from_goal, goal_points), _SHOWN_POINTS),
-        rod_points=thin(transform(observed_from_goal, rod_points), _SHOWN_POINTS),
+        aligned_points=thin(apply(observed_from_goal, goal_points), _SHOWN_POINTS),
+        rod_points=thin(apply(observed_from_goal, rod_points), _SHOWN_POINTS),
         rod_ends=(proposal.ends[0][0], proposal.ends[0][1]),
         alignment=proposal.alignment,
         drift=proposal.drift,

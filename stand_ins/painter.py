@@ -13,8 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks.baselines.flat import flat_subject
+from bus.transforms import apply, inverse
 from config.load import load_station
-from perception.geometry.lift import inverse, project, transform
+from perception.geometry.lift import project
 from perception.goal.imagine import ROD_COLORS
 from perception.grasps import antipodal
 from perception.models.painter import paint as paint_rod
@@ -83,7 +84,7 @@ def _axis_px(subject: Subject) -> np.ndarray:
     half = (closings.width_m[best[0]] / 2 + _STICK_OUT_M) * np.array([np.cos(heading), np.sin(heading), 0.0])
     center = np.append(closings.center_m[best[0]], _LEVEL_M)
     return project(
-        transform(inverse(subject.base_from_color), np.stack([center - half, center + half])), subject.rgbd.camera
+        apply(inverse(subject.base_from_color), np.stack([center - half, center + half])), subject.rgbd.camera
     )
 
 

@@ -8,7 +8,8 @@ import itertools
 
 import numpy as np
 
-from perception.align.base import Fit, Shape, affine
+from bus.transforms import affine
+from perception.align.base import Fit, Shape
 from perception.align.pca import least_chamfer, principal_axes
 
 _ALL_SIGNS = tuple(itertools.product((1, -1), repeat=3))

@@ -16,7 +16,8 @@ from scipy.spatial import cKDTree
 
 from bus.codes import Code
 from bus.errors import ConfigError, CycleFailure
-from perception.align.base import Array, Fit, Shape, affine, rms_radius_m
+from bus.transforms import affine
+from perception.align.base import Array, Fit, Shape, rms_radius_m
 from perception.geometry.lift import few
 
 PACKAGE = "teaserpp_python"

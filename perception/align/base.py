@@ -14,7 +14,8 @@ from bus.arrays import Transform
 from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.messages import CameraModel
-from perception.geometry.lift import few, lift, transform
+from bus.transforms import apply
+from perception.geometry.lift import few, lift
 
 _MIN_POINTS = 30
 JUDGED_POINTS = 800
@@ -70,13 +71,6 @@ class Residuals(NamedTuple):
     residual: float
 
 
-def affine(matrix: Array, translation: Array) -> Transform:
-    """(4, 4) of a (3, 3) matrix and a translation."""
-    a_from_b = np.eye(4)
-    a_from_b[:3, :3], a_from_b[:3, 3] = matrix, translation
-    return a_from_b
-
-
 def rms_radius_m(points: Array) -> float:
     """Root mean square distance from the centroid."""
     return float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()))
@@ -94,7 +88,7 @@ def trimmed_mean(distances: Array) -> float:
 
 def residuals(goal: Array, observed: Array, observed_from_goal: Transform) -> Residuals:
     """Judge a fit on evenly thinned clouds."""
-    moved, kept = few(transform(observed_from_goal, goal), JUDGED_POINTS), few(observed, JUDGED_POINTS)
+    moved, kept = few(apply(observed_from_goal, goal), JUDGED_POINTS), few(observed, JUDGED_POINTS)
     forth, back = nearest(moved, cKDTree(kept)), nearest(kept, cKDTree(moved))
     return Residuals(
         chamfer_m2=float((forth**2).mean() + (back**2).mean()),

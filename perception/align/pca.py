@@ -11,7 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
-from perception.align.base import JUDGED_POINTS, Array, Fit, Shape, affine, nearest
+from bus.transforms import affine
+from perception.align.base import JUDGED_POINTS, Array, Fit, Shape, nearest
 from perception.geometry.lift import few
 
 _PROPER_SIGNS = ((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1))

@@ -16,10 +16,10 @@ from benchmarks.aligners.teaser import PACKAGE, correspondences
 from bus.codes import Code
 from bus.errors import ConfigError, CycleFailure
 from bus.messages import CameraModel
+from bus.transforms import apply
 from perception.align import METHODS, align
 from perception.align.base import Shape
 from perception.align.silhouette import outline
-from perception.geometry.lift import transform
 
 CAMERA = CameraModel(width=320, height=240, fx=300.0, fy=300.0, cx=160.0, cy=120.0)
 NOTHING = np.zeros((240, 320), dtype=bool)
@@ -56,7 +56,7 @@ def test_silhouette_3d_undoes_a_turn_a_scale_and_a_shift(turn_deg: float, scale:
 @pytest.mark.parametrize("method", GOOD)
 def test_an_object_that_stayed_is_left_where_it_is(method: str) -> None:
     found = align(method, _shape(rod=True), _shape(), methods=ALL)
-    np.testing.assert_allclose(transform(found.observed_from_goal, _shape().points), _shape().points, atol=0.004)
+    np.testing.assert_allclose(apply(found.observed_from_goal, _shape().points), _shape().points, atol=0.004)
     assert found.method == method and found.took_s > 0 and found.hypotheses >= 1
 
 
