@@ -19,7 +19,7 @@ from mcap.reader import make_reader
 from bus import topics
 from bus.codec import schema_of
 from bus.messages import ArmMode, ArmState
-from bus.sample import Heard
+from bus.sample import Sample
 from bus.topics import encoding_of
 from bus.wire import arm_state_to_wire, frame_to_wire
 from cell.pick.record import CycleLog
@@ -63,17 +63,17 @@ def run(seconds: float, endpoint: str, tell: Callable[[str], None]) -> dict[str,
     }
 
 
-def _frames() -> list[list[Heard]]:
+def _frames() -> list[list[Sample]]:
     """Frames of the simulated camera, as they travel."""
     devices = open_devices("sim", load_station())
     assert devices.camera is not None, "the simulation serves all devices"
     devices.camera.connect()
     frames = [frame_to_wire(devices.camera.capture()) for _ in range(_FRAMES)]
     devices.camera.close()
-    return [[Heard(t.key, encoding_of(t.says), parts[t.key]) for t in topics.FRAME_PARTS] for parts in frames]
+    return [[Sample(t.key, encoding_of(t.says), parts[t.key]) for t in topics.FRAME_PARTS] for parts in frames]
 
 
-def _traffic(frames: list[list[Heard]], seconds: float) -> Iterator[tuple[float, Heard]]:
+def _traffic(frames: list[list[Sample]], seconds: float) -> Iterator[tuple[float, Sample]]:
     """(when [s], payload), in order of time."""
     rng = np.random.default_rng(0)
     as_joints = encoding_of(topics.ARM_STATE.says)
@@ -86,7 +86,7 @@ def _traffic(frames: list[list[Heard]], seconds: float) -> Iterator[tuple[float,
         if tick % CAMERA_HZ == 0:
             q, dq, tau = rng.normal(size=(3, 7))
             state = ArmState(stamp_ns=tick, mode=ArmMode.MOVE, q_rad=q, dq_rad_s=dq, tau_ext_nm=tau)
-            yield tick / CAMERA_HZ / JOINTS_HZ, Heard(topics.ARM_STATE.key, as_joints, arm_state_to_wire(state))
+            yield tick / CAMERA_HZ / JOINTS_HZ, Sample(topics.ARM_STATE.key, as_joints, arm_state_to_wire(state))
 
 
 def _log(path: Path) -> CycleLog:
@@ -98,7 +98,7 @@ def _log(path: Path) -> CycleLog:
     return CycleLog(open_recorder, path, _PATIENCE_S)
 
 
-def _paced(traffic: list[tuple[float, Heard]], hear: Callable[[Heard], None]) -> float:
+def _paced(traffic: list[tuple[float, Sample]], hear: Callable[[Sample], None]) -> float:
     """CPU time [s] of giving every payload to ``hear`` when it is due."""
     cpu_s, began_s = time.process_time(), time.monotonic()
     for at_s, heard in traffic:
@@ -107,7 +107,7 @@ def _paced(traffic: list[tuple[float, Heard]], hear: Callable[[Heard], None]) ->
     return time.process_time() - cpu_s
 
 
-def _recorded(path: Path, traffic: list[tuple[float, Heard]]) -> float:
+def _recorded(path: Path, traffic: list[tuple[float, Sample]]) -> float:
     """CPU time [s], this loop included."""
     cpu_s, log = time.process_time(), _log(path)
     _paced(traffic, log.hear)
@@ -115,7 +115,7 @@ def _recorded(path: Path, traffic: list[tuple[float, Heard]]) -> float:
     return time.process_time() - cpu_s
 
 
-def _fast(path: Path, traffic: list[tuple[float, Heard]]) -> float:
+def _fast(path: Path, traffic: list[tuple[float, Sample]]) -> float:
     """MB/s from the first payload to the closed file."""
     some = [heard for _, heard in traffic if heard.key.startswith("camera/")][: _FAST_FRAMES * len(topics.FRAME_PARTS)]
     log = _log(path)
@@ -126,7 +126,7 @@ def _fast(path: Path, traffic: list[tuple[float, Heard]]) -> float:
     return sum(len(heard.payload) for heard in some) / 1e6 / (time.monotonic() - began_s)
 
 
-def _foxglove(path: Path, traffic: list[tuple[float, Heard]]) -> float:
+def _foxglove(path: Path, traffic: list[tuple[float, Sample]]) -> float:
     """CPU time [s] of foxglove-sdk's MCAP writer with its defaults."""
     context = foxglove.Context()
     channels = {}

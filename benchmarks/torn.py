@@ -24,7 +24,7 @@ from bus.codec import encode
 from bus.commands import CellState
 from bus.errors import RecordingError
 from bus.messages import HandState
-from bus.sample import Heard
+from bus.sample import Sample
 from bus.topics import encoding_of
 from cell.pick.record import CycleLog
 from logs.mcap.recorder import Recorder
@@ -122,9 +122,9 @@ def _record(path: Path, told: Connection, seed: float) -> None:
     state = CellState(state="Execute", stage="", cycle_id="", since_ns=1, available=(), reason="")
     noise = rng.randbytes(200_000)
     says = (
-        Heard(topics.HAND_STATE.key, encoding_of(HandState), encode(hand)),
-        Heard(topics.STATE.key, encoding_of(CellState), encode(state)),
-        Heard(topics.CAMERA_DEPTH.key, encoding_of(topics.CAMERA_DEPTH.says), noise),
+        Sample(topics.HAND_STATE.key, encoding_of(HandState), encode(hand)),
+        Sample(topics.STATE.key, encoding_of(CellState), encode(state)),
+        Sample(topics.CAMERA_DEPTH.key, encoding_of(topics.CAMERA_DEPTH.says), noise),
     )
     while True:
         log.hear(rng.choices(says, (20, 1, 4))[0])

@@ -16,7 +16,7 @@ from logs.report.figures import annotated
 from perception.geometry.depth import register
 from perception.geometry.lift import project
 from perception.geometry.window import Window, decode_picture
-from perception.goal.imagine import subject_of
+from perception.goal.imagine import observed_object_of
 from perception.scene.segment import segment
 
 TILE_PX = 300
@@ -34,7 +34,7 @@ def main(recording: Path) -> None:
     rgbd = register(observation.frame)
     scene = segment(rgbd, base_from_color, station)[0]
     window = Window.around(scene.object_mask)
-    subject = subject_of(rgbd, scene, base_from_color)
+    subject = observed_object_of(rgbd, scene, base_from_color)
     drawn = decode_picture(record.replies[-1].image_png or b"", window)
     observed, imagined = (_overlay(rgbd.color, points, rgbd, window) for points in (
         evidence.goal_points, evidence.aligned_points))  # fmt: skip

@@ -22,7 +22,7 @@ _ROLLS_DEG = (0.0, 35.0, -35.0)
 _EXAMINED = 12
 
 
-def vantages(scene: Scene, station: Station, q_from_rad: Joints) -> list[Joints]:
+def viewpoints(scene: Scene, station: Station, q_from_rad: Joints) -> list[Joints]:
     """As many arm configurations as `calibration.poses`, each looking at the board's middle from another direction.
 
     Raises: CalibrationError when fewer than 12 can be reached.
@@ -70,6 +70,6 @@ def _reached(scene: Scene, station: Station, base_from_color: Transform, q_from_
     hand_from_tcp[2, 3] = HAND_FROM_TCP_M
     base_from_tcp = base_from_color @ np.linalg.inv(hand_from_color(station.camera)) @ hand_from_tcp
     for q_rad, _ in islice(configurations([base_from_tcp], q_from_rad), _EXAMINED):
-        if scene.touch(q_rad, station.hand.max_width_m) is None:
+        if scene.collision(q_rad, station.hand.max_width_m) is None:
             return q_rad
     return None

@@ -10,9 +10,9 @@ from __future__ import annotations
 from bus.commands import CommandRequest
 from bus.errors import Refused
 from bus.messages import Attempt, CycleResult
-from cell.daemon.actions import Works, new_cycle_id
+from cell.daemon.actions import Actions, new_cycle_id
 from cell.daemon.batch import Batch
-from cell.daemon.publisher import Voice
+from cell.daemon.publisher import Publisher
 from cell.machine.leases import CELL_CLIENT
 from cell.machine.owner import Machine
 from cell.machine.states import COMMANDS, GOING_ON, State
@@ -30,8 +30,8 @@ class Control:
         retry: of the station.
     """
 
-    def __init__(self, works: Works, voice: Voice, retry: RetrySettings) -> None:
-        self._works, self._voice, self._retry = works, voice, retry
+    def __init__(self, actions: Actions, publisher: Publisher, retry: RetrySettings) -> None:
+        self._actions, self._publisher, self._retry = actions, publisher, retry
         self._machine: Machine | None = None
         self._batch: Batch | None = None
         self._unattended = ""  # why what begins next is to be held at once
@@ -45,7 +45,7 @@ class Control:
 
     def accept(self, verb: str, request: CommandRequest) -> str:
         """Called before an accepted command changes the state; says which cycle it begins. Raises: Refused."""
-        own, gate = request.client_id == CELL_CLIENT, self._works.gate
+        own, gate = request.client_id == CELL_CLIENT, self._actions.gate
         if verb in ("stop", "abort"):
             self._batch, self._unattended = None, ""
             gate.halt()
@@ -58,7 +58,7 @@ class Control:
             self._unattended = ""
             if verb in ("reset", "clear"):
                 self._batch = None
-                self._works.renew()
+                self._actions.restart_attempts()
                 gate.clear()
             elif verb in ("start", "pick"):
                 return self._begin(verb, request)
@@ -71,22 +71,22 @@ class Control:
 
     def _begin(self, verb: str, request: CommandRequest) -> str:
         """The picks of a ``start``, or the one of a ``pick``; the first one's cycle id. Raises: Refused."""
-        self._works.feed.require_possible(request)
+        self._actions.table.require_possible(request)
         self._is_start = verb == "start"
         self._batch = Batch(request if verb == "start" else CommandRequest(), self._retry)
         attempt = Attempt(cycle_id=new_cycle_id())
-        self._works.renew(attempt)
-        self._works.object = request.object
-        self._works.gate.clear()
+        self._actions.restart_attempts(attempt)
+        self._actions.object = request.object
+        self._actions.gate.clear()
         return attempt.cycle_id
 
     # --- states -------------------------------------------------------------------------------------------------------
 
     def enter(self, state: State, reason: str) -> None:
         """Say the new state, and do what it makes due."""
-        self._voice.say_state(state, reason)
+        self._publisher.publish_state(state, reason)
         if reason and state in (State.ABORTING, State.ABORTED):
-            self._voice.say_event(state.upper(), "error", reason)
+            self._publisher.publish_event(state.upper(), "error", reason)
         if self._unattended and state in COMMANDS["hold"]:
             self._post("hold", self._unattended)
         if state is State.COMPLETING:
@@ -105,10 +105,10 @@ class Control:
 
     def _hold_if_it_gave_up(self) -> None:
         """Before the delivery begins: after too many failures somebody must look first."""
-        why, self._works.gave_up = self._works.gave_up, ""
+        why, self._actions.hold_after_failures = self._actions.hold_after_failures, ""
         if why and self._is_start:
-            self._voice.say_event("GAVE_UP", "error", why)
-            self._works.gate.hold()
+            self._publisher.publish_event("GAVE_UP", "error", why)
+            self._actions.gate.hold()
             self._post("hold", why)
 
     # --- what happens beside the states -------------------------------------------------------------------------------
@@ -135,7 +135,7 @@ class Control:
             return
         batch.hear(result)
         if batch.gave_up:
-            self._voice.say_event("GAVE_UP", "error", batch.reason)
+            self._publisher.publish_event("GAVE_UP", "error", batch.reason)
 
     @property
     def _drives(self) -> Machine:

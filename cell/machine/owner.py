@@ -1,6 +1,6 @@
 """The owner of the machine: one thread takes commands and ends of work, one at a time, and moves the states.
 
-What an acting state does is a `Work`, run in a thread of its own; what it must not do is decide where to go next.
+What an acting state does is a `Action`, run in a thread of its own; what it must not do is decide where to go next.
 Every run of a work has a number: the end of one that a stop has left behind is never taken for the end of another, and
 nothing begins while one still runs.
 """
@@ -29,7 +29,7 @@ TURN_S = 0.1
 """The owner does nothing for no longer than this."""
 _LOOK_S = 0.5
 
-Work = Callable[[], None]
+Action = Callable[[], None]
 """What an acting state does. A `CycleFailure` or other `CellError` it raises aborts the machine."""
 
 
@@ -84,7 +84,7 @@ class Machine:
 
     def __init__(
         self,
-        works: Mapping[State, Work],
+        works: Mapping[State, Action],
         on_state: Callable[[State, str], None],
         on_accept: Callable[[str, CommandRequest], str],
         on_turn: Callable[[], None] = lambda: None,
@@ -142,7 +142,7 @@ class Machine:
         """Whether its owner thread answers commands, or will once it is started."""
         return not self._ended.is_set()
 
-    def wait_quiet(self, timeout_s: float) -> bool:
+    def wait_no_action(self, timeout_s: float) -> bool:
         """Wait until no work other than the stopping ones runs; used by these."""
         with self._runs_change:
             return self._runs_change.wait_for(lambda: all(run.state in _STOPPING for run in self._running), timeout_s)

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from perception.align.base import JUDGED_POINTS, Array, Fit, Shape, affine, nearest
-from perception.geometry.lift import few
+from perception.geometry.lift import subsample
 
 _PROPER_SIGNS = ((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1))
 _ALL_SIGNS = tuple(itertools.product((1, -1), repeat=3))
@@ -51,7 +51,7 @@ def _principal(points: Array) -> tuple[Array, Array]:
 
 
 def _least_chamfer(candidates: Sequence[Array], goal: Array, observed: Array) -> int:
-    goal, observed = few(goal, JUDGED_POINTS), few(observed, JUDGED_POINTS)
+    goal, observed = subsample(goal, JUDGED_POINTS), subsample(observed, JUDGED_POINTS)
     tree = cKDTree(observed)
 
     def loss_m2(matrix: Array) -> float:

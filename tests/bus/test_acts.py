@@ -14,7 +14,7 @@ from bus.codec import bus_schema, encode
 from bus.commands import CommandReply, CommandRequest, ErrorReply, HandMove, Nothing
 from bus.errors import NoReply, Refused, TwoAnswers
 from bus.messages import HandState
-from bus.sample import Asked, Heard
+from bus.sample import Asked, Sample
 from bus.session import Bus
 from bus.topics import Topic, encoding_of
 
@@ -31,8 +31,8 @@ class Site:
         self.acts: queue.SimpleQueue[str] = queue.SimpleQueue()
         for topic in ACTING:
             fields = {name: "*" for name in FIELDS if f"{{{name}}}" in topic.key}
-            (cell if topic.acts == "client" else node).answer(topic, self._act(topic), lane="acts", **fields)
-        node.answer(topics.HAND_NOW, lambda _payload, _asked: HAND, lane="state")
+            (cell if topic.acts == "client" else node).answer(topic, self._act(topic), worker="acts", **fields)
+        node.answer(topics.HAND_NOW, lambda _payload, _asked: HAND, worker="state")
         self.cell.request(topics.HAND_NOW, Nothing(), HandState, timeout_s=5)  # the routes are there
 
     def _act(self, topic: Topic):  # type: ignore[no-untyped-def]
@@ -173,7 +173,7 @@ def test_who_serves_a_key_too_and_never_answers_is_noticed(site: Site) -> None:
 
 
 def test_what_is_heard_says_which_session_said_it(site: Site) -> None:
-    heard: queue.SimpleQueue[Heard] = queue.SimpleQueue()
+    heard: queue.SimpleQueue[Sample] = queue.SimpleQueue()
     site.cell.subscribe("hand/state", heard.put)
     site.node.publish(topics.HAND_STATE, HAND)
     assert heard.get(timeout=5).source == site.node.source

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 
 from bus.commands import CommandRequest
 from bus.messages import CycleResult
-from cell.daemon.actions import Works
+from cell.daemon.actions import Actions
 from cell.daemon.control import Control
-from cell.daemon.publisher import Voice
+from cell.daemon.publisher import Publisher
 from cell.machine.gate import Gate
 from cell.machine.owner import Machine
 from cell.machine.states import PAUSES, State
@@ -30,17 +30,17 @@ class _Works:
     """What `Control` and the machine use of the works: motions through a real gate, without devices."""
 
     gate: Gate = field(default_factory=Gate)
-    gave_up: str = ""
+    hold_after_failures: str = ""
     object: str | None = None
     result: str = "SUCCESS"
 
     @property
-    def feed(self) -> Any:
+    def table(self) -> Any:
         return self
 
     def require_possible(self, _request: CommandRequest) -> None: ...
 
-    def renew(self, *_: Any) -> None: ...
+    def restart_attempts(self, *_: Any) -> None: ...
 
     def move(self) -> None:
         with self.gate.motion():
@@ -51,20 +51,20 @@ class _Voice:
     def __init__(self) -> None:
         self.states: list[tuple[State, str]] = []
 
-    def say_state(self, state: State, reason: str) -> None:
+    def publish_state(self, state: State, reason: str) -> None:
         self.states.append((state, reason))
 
-    def say_event(self, *_: str) -> None: ...
+    def publish_event(self, *_: str) -> None: ...
 
 
 class Bench:
     """A real machine and its control; ``before``: called with every command that the cell gives itself, just before."""
 
     def __init__(self, before: Callable[[str], None] = lambda verb: None) -> None:
-        self.works, self.voice = _Works(), _Voice()
-        self.control = Control(cast(Works, self.works), cast(Voice, self.voice), RetrySettings())
+        self.actions, self.publisher = _Works(), _Voice()
+        self.control = Control(cast(Actions, self.actions), cast(Publisher, self.publisher), RetrySettings())
         still = lambda: None  # noqa: E731
-        moves = self.works.move
+        moves = self.actions.move
         self.machine = Machine(
             {
                 State.RESETTING: moves,
@@ -72,9 +72,9 @@ class Bench:
                 State.EXECUTE: moves,
                 State.COMPLETING: self._complete,
                 State.HOLDING: still,
-                State.UNHOLDING: self.works.gate.let_go,
+                State.UNHOLDING: self.actions.gate.release,
                 State.SUSPENDING: still,
-                State.UNSUSPENDING: self.works.gate.let_go,
+                State.UNSUSPENDING: self.actions.gate.release,
                 State.STOPPING: self._stop,
                 State.ABORTING: self._stop,
                 State.CLEARING: still,
@@ -93,11 +93,11 @@ class Bench:
         self.machine.start()
 
     def _complete(self) -> None:
-        self.works.move()
-        self.control.count(_result(self.works.result))
+        self.actions.move()
+        self.control.count(_result(self.actions.result))
 
     def _stop(self) -> None:
-        assert self.machine.wait_quiet(10)
+        assert self.machine.wait_no_action(10)
 
     def settle(self) -> State:
         """Until nothing is to come by itself any more."""
@@ -106,7 +106,7 @@ class Bench:
             asked = threading.Event()
             self.machine.decide(asked.set)
             assert asked.wait(10)
-            quiet = self.machine.wait_quiet(0.01) and self.machine.state in SETTLED
+            quiet = self.machine.wait_no_action(0.01) and self.machine.state in SETTLED
             steady = steady + 1 if quiet else 0
         return self.machine.state
 
@@ -139,8 +139,8 @@ def test_a_lease_lost_between_two_picks_ends_the_start_and_leaves_nothing_shut(v
     assert bench.settle() is State.IDLE
     assert bench.machine.command("start", OPERATOR.model_copy(update={"cycles": 3})).ok
     state = bench.settle()
-    assert lost and (bench.works.gate.held, state in PAUSES) in ((False, False), (True, True))
-    assert any("lease of 'op' was lost" in reason for _, reason in bench.voice.states)
+    assert lost and (bench.actions.gate.held, state in PAUSES) in ((False, False), (True, True))
+    assert any("lease of 'op' was lost" in reason for _, reason in bench.publisher.states)
     assert bench.machine.command("unhold" if state in PAUSES else "reset", OPERATOR).ok
     assert bench.settle() in (State.IDLE, State.COMPLETE)
     bench.close()
@@ -169,12 +169,12 @@ def test_the_gate_is_shut_exactly_while_the_cell_is_held(steps: list[str], when:
         if step == "lose":
             bench.control.lose_lease("op", "its token is gone")
         elif step == "fail":
-            bench.works.result = "FAILED"
+            bench.actions.result = "FAILED"
         elif step == "settle":
             bench.settle()
         else:
             cycles = {"cycles": 3} if step == "start" else {}
             bench.machine.command(step, OPERATOR.model_copy(update=cycles))
     state = bench.settle()
-    assert bench.works.gate.held == (state in PAUSES) or bench.works.gate.halted
+    assert bench.actions.gate.held == (state in PAUSES) or bench.actions.gate.halted
     bench.close()

@@ -166,7 +166,7 @@ def test_it_is_refused_while_its_cell_is_live(endpoint: str) -> None:
     require_no_live_cell(station)
     state = CellState(state="Idle", stage="", cycle_id="", since_ns=1, available=(), reason="")
     with Bus.listen(station.cell_id, endpoint) as live:
-        live.answer(topics.STATE_NOW, lambda _payload, _fields: state, lane="state")
+        live.answer(topics.STATE_NOW, lambda _payload, _fields: state, worker="state")
         with pytest.raises(Refused, match="is live") as refusal:
             require_no_live_cell(station)
     assert refusal.value.code == "LIVE_CELL"

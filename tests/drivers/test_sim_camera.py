@@ -18,9 +18,9 @@ from bus.commands import PresentRequest
 from bus.messages import CameraModel, Frame
 from config.load import load_station
 from config.schema import Station
-from drivers.interface import Feeder
+from drivers.interface import ObjectPresenter
 from drivers.sim.camera import SimCamera
-from drivers.sim.devices import SimFeeder
+from drivers.sim.devices import SimPresenter
 from drivers.sim.sensor import MAX_RANGE_M, MIN_RANGE_M, sense
 from drivers.sim.world import World
 
@@ -34,13 +34,13 @@ class View:
 
     def __init__(self, station: Station) -> None:
         self.world = World(station)
-        self.feeder: Feeder = SimFeeder(self.world)
+        self.presenter: ObjectPresenter = SimPresenter(self.world)
         self.camera = SimCamera(self.world)
         self.camera.connect()
 
     def of(self, name: str, seed: int = 3) -> tuple[Frame, Array]:
         """A frame of ``name`` and its true pose."""
-        truth = self.feeder.present(PresentRequest(object=name, cycle=0, seed=seed))
+        truth = self.presenter.present(PresentRequest(object=name, cycle=0, seed=seed))
         return self.camera.capture(), np.asarray(truth.base_from_object)
 
     def base_from_color(self) -> Array:

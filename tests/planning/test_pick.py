@@ -116,8 +116,8 @@ def test_a_tilted_grasp_keeps_the_objects_tilt_where_it_is_laid_down(robot: Robo
 def test_the_held_object_is_carried_steadily_where_the_fastest_way_would_swing_it(
     robot: Robot, scene: Scene, x: float, y: float, yaw: float
 ) -> None:
-    steady = plan_pick(scene, [grasp(x, y, 0.05, yaw)], CAPTURE)
-    for segment in steady.segments:
+    keeps_level = plan_pick(scene, [grasp(x, y, 0.05, yaw)], CAPTURE)
+    for segment in keeps_level.segments:
         if segment.name in ("carry", "place"):
             poses = [robot.base_from_tcp(q) for q in segment.trajectory.filtered()[::20]]
             assert max(pose[2, 2] for pose in poses) < -np.cos(np.radians(21.0)), "tool within 21 degrees of down"
@@ -251,6 +251,6 @@ def test_it_starts_from_wherever_the_arm_is(scene: Scene) -> None:
 
 
 def test_same_inputs_give_the_same_bits(scene: Scene, plan: PickPlan) -> None:
-    scene.touch(CAPTURE + 0.3, WIDE_M)  # whatever it was asked before
+    scene.collision(CAPTURE + 0.3, WIDE_M)  # whatever it was asked before
     for anew in (scene, Scene.of(Robot(STATION), STATION)):
         assert plan_pick(anew, [GOOD], CAPTURE).model_dump_json() == plan.model_dump_json()

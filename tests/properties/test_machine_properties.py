@@ -69,7 +69,7 @@ class MachineMatchesItsTable(RuleBasedStateMachine):
         def work() -> None:
             self.works[name]()
             if name in STOPPING:  # as in the cell: everything else is over before a stop is
-                assert self.machine.wait_quiet(10)
+                assert self.machine.wait_no_action(10)
 
         return work
 
