@@ -20,8 +20,9 @@ from bus.messages import CycleResult
 from bus.sample import Asked, Sample
 from bus.session import Bus
 from cell.daemon.actions import Actions
-from cell.daemon.control import Control
+from cell.daemon.batch_control import BatchControl
 from cell.daemon.publisher import Observer, Publisher
+from cell.machine.holding import Holding
 from cell.machine.leases import CELL_CLIENT, Leases
 from cell.machine.owner import TURN_S, Action, Machine, refuse
 from cell.machine.states import State, available
@@ -79,8 +80,10 @@ class Daemon:
         self._disk = FaultyDisk(faults.disk, delay_s=faults.delay_s) if faults.allowed else None
         self._imaginer = models.imaginer
         self.publisher = Publisher(bus, Views(robot.base_from_tcp), observer, lambda: self._actions.cycle_id)
+        holding = Holding()
         self._actions = Actions(
             Equipment(camera, arm, hand, robot, station, models),
+            holding.gate,
             devices.presenter,
             lambda: bus.alive(topics.NODE_ALIVE),
             self.publisher.publish,
@@ -90,8 +93,8 @@ class Daemon:
             self._disk.under if self._disk is not None else plain,
         )
         self._monitor = NodeMonitor(station, self._on_lost, restarts)
-        self._control = Control(self._actions, self.publisher, station.retry)
-        self._leases = Leases(self._control.lose_lease, station.silence_s, LOOK_PERIOD_S)
+        self._batches = BatchControl(self._actions, self.publisher, station.retry)
+        self._leases = Leases(self._batches.lose_lease, station.silence_s, LOOK_PERIOD_S)
         self._watchdog = Watchdog(
             station,
             self._monitor,
@@ -106,9 +109,13 @@ class Daemon:
         self._defects: tuple[str, ...] = ()
         self._published_s = -TURN_S
         self.machine = Machine(
-            self._actions_by_state(), self._control.enter, self._control.accept, on_turn=self._publish_heartbeat
+            self._actions_by_state(),
+            holding,
+            self._batches.enter,
+            self._batches.accept,
+            on_turn=self._publish_heartbeat,
         )
-        self._control.drive(self.machine)
+        self._batches.drive(self.machine)
 
     def _actions_by_state(self) -> dict[State, Action]:
         actions = self._actions
@@ -199,17 +206,14 @@ class Daemon:
         self._on_fault(failure)
 
     def _on_fault(self, failure: CycleFailure) -> None:
-        """Something outside any stage failed: whatever moves stops, and the machine aborts with its reason."""
-        self.machine.fault(failure)  # before what it interrupts can end by itself
-        self._actions.gate.halt(failure)
+        """Something outside any stage failed: every motion stops, and the machine aborts with its reason."""
+        self.machine.fault(failure)
 
     def on_defect(self, name: str, defect: BaseException) -> None:
         """An owned thread of this process ended by an exception nobody foresaw: the cell aborts."""
         text = f"{name} ended: {type(defect).__name__}: {defect}."
         self._defects = (*self._defects, text)[-_KEPT_DEFECTS:]
-        failure = CycleFailure(Code.INTERNAL, text)
-        self.machine.defect(failure)
-        self._actions.gate.halt(failure)
+        self.machine.defect(CycleFailure(Code.INTERNAL, text))
         if not self.machine.is_owned:  # nobody is there to abort: the least that can be done
             self._actions.halt_devices()
 
@@ -275,7 +279,7 @@ class Daemon:
         self._results[result.cycle_id] = result
         while len(self._results) > _KEPT_RESULTS:
             self._results.popitem(last=False)
-        self._control.count(result)
+        self._batches.count(result)
 
     def _publish_heartbeat(self) -> None:
         """By the machine's owner: who hears it knows that a stop would be answered."""

@@ -18,6 +18,7 @@ from bus.errors import CycleFailure, DriverError, MotionRefused
 from bus.messages import ArmMode, CycleResult
 from bus.trajectory import Trajectory
 from cell.daemon.actions import Actions
+from cell.machine.gate import Gate
 from cell.pick.cycle import Equipment
 from config.load import load_station
 from drivers.interface import ObjectPresenter
@@ -52,8 +53,10 @@ class Bench:
             devices.camera, devices.arm, devices.hand, Robot(station), station, open_models(station, {})
         )
         self.results: list[CycleResult] = []
+        self.gate = Gate()
         self.actions = Actions(
             equipment,
+            self.gate,
             presenter or devices.presenter,
             lambda: set(station.nodes),
             lambda topic, message: None,
@@ -72,7 +75,7 @@ class Bench:
         left = self._ticks_to_hold.get(self._stage, 0)
         self._ticks_to_hold[self._stage] = left - 1
         if left == 1:
-            self.actions.gate.hold()
+            self.gate.hold()
             self.arm.hold()
             self.moving.set()
 
@@ -89,7 +92,7 @@ class Bench:
         give_up_s = time.monotonic() + 5
         while np.abs((state := self.arm.state()).dq_rad_s).max() >= 1e-3:
             assert time.monotonic() < give_up_s
-        assert thread.is_alive() and self.actions.gate.is_moving and state.mode is ArmMode.MOVE
+        assert thread.is_alive() and self.gate.is_moving and state.mode is ArmMode.MOVE
         np.testing.assert_array_equal(self.arm.state().q_rad, state.q_rad)
         return state.q_rad
 
@@ -130,7 +133,7 @@ def test_a_cycle_held_in_its_pick_and_in_its_delivery_succeeds(bench: Bench) -> 
         bench.held_q_rad(thread)
         actions.unhold()
         thread.join(60)
-        assert not thread.is_alive() and not actions.gate.is_moving
+        assert not thread.is_alive() and not bench.gate.is_moving
     (result,) = bench.results
     assert result.result == "SUCCESS", result.reason
     bench.camera.close()
@@ -156,21 +159,21 @@ def test_a_stop_ends_a_held_cycle_and_nothing_moves_afterwards(bench: Bench) -> 
     actions.stop(no_action_running)
     (result,) = bench.results
     assert (result.result, result.code) == ("ABORTED", Code.STOPPED)
-    actions.gate.release()
+    bench.gate.release()
     state = bench.arm.state()
     assert state.mode is ArmMode.IDLE
     np.testing.assert_allclose(state.q_rad, held_q_rad, atol=1e-3)
-    actions.gate.clear()
+    bench.gate.clear()
     actions.reset()
 
 
 def test_a_hold_between_motions_is_held_at_once_and_the_next_one_waits(bench: Bench) -> None:
     actions, began = bench.actions, threading.Event()
-    actions.gate.hold()
+    bench.gate.hold()
     actions.hold()
 
     def next_motion() -> None:
-        with actions.gate.motion() as may_begin:
+        with bench.gate.motion() as may_begin:
             assert may_begin
             began.set()
 
@@ -188,7 +191,7 @@ def test_a_motion_on_its_way_to_the_arm_is_held_when_it_arrives(make_bench: Call
     still = Trajectory(raw_q_rad=np.repeat(bench.arm.state().q_rad[None], 2000, axis=0), window=1)
 
     def motion() -> None:
-        with actions.gate.motion():
+        with bench.gate.motion():
             passed.set()
             assert arrives.wait(5)
             bench.arm.execute(still)
@@ -196,7 +199,7 @@ def test_a_motion_on_its_way_to_the_arm_is_held_when_it_arrives(make_bench: Call
     moving = threading.Thread(target=motion, daemon=True)
     moving.start()
     assert passed.wait(5)
-    actions.gate.hold()
+    bench.gate.hold()
     holding = threading.Thread(target=actions.hold, daemon=True)
     holding.start()
     holding.join(0.05)
@@ -213,7 +216,7 @@ def test_a_motion_that_was_over_as_the_hold_came_needs_no_resume(bench: Bench, m
     actions, over = bench.actions, threading.Event()
 
     def motion() -> None:
-        with actions.gate.motion():
+        with bench.gate.motion():
             over.wait(5)
 
     def resume() -> None:
@@ -223,17 +226,17 @@ def test_a_motion_that_was_over_as_the_hold_came_needs_no_resume(bench: Bench, m
     monkeypatch.setattr(bench.arm, "resume", resume)
     thread = threading.Thread(target=motion, daemon=True)
     thread.start()
-    while not actions.gate.is_moving:
+    while not bench.gate.is_moving:
         pass
-    actions.gate.hold()
+    bench.gate.hold()
     actions.unhold()
     thread.join(5)
-    assert not actions.gate.is_moving
+    assert not bench.gate.is_moving
 
 
 def test_a_motion_that_neither_goes_on_nor_ends_is_an_error(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cell.machine.standstill._ENDING_S", 0.01)
-    with bench.actions.gate.motion(), pytest.raises(MotionRefused):
+    with bench.gate.motion(), pytest.raises(MotionRefused):
         bench.actions.unhold()
 
 

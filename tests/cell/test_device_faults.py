@@ -14,6 +14,7 @@ from bus.errors import CycleFailure, DeviceLost, StaleFrame
 from bus.injection import Fault
 from bus.messages import CycleResult, Frame
 from cell.daemon.actions import Actions
+from cell.machine.gate import Gate
 from cell.pick.capture import capture
 from cell.pick.cycle import Equipment
 from config.load import load_station
@@ -42,6 +43,7 @@ class Bench:
                 self.camera, Guard(self.arm, self.station), self.hand, self.robot, self.station,
                 open_models(self.station, {}),
             ),
+            Gate(),
             real.presenter,
             lambda: set(self.station.nodes),
             lambda topic, message: None,

@@ -11,6 +11,7 @@ import pytest
 from bus.codes import Code
 from bus.commands import CommandRequest
 from bus.errors import CellError, CycleFailure
+from cell.machine.holding import Holding
 from cell.machine.owner import Machine
 from cell.machine.states import State
 
@@ -22,7 +23,9 @@ class Bench:
         self.actions: dict[State, Callable[[], None]] = {}
         self.states: queue.SimpleQueue[tuple[State, str]] = queue.SimpleQueue()
         self.accepted: list[str] = []
-        self.machine = Machine(self.actions, lambda state, reason: self.states.put((state, reason)), self._accept)
+        self.machine = Machine(
+            self.actions, Holding(), lambda state, reason: self.states.put((state, reason)), self._accept
+        )
 
     def _accept(self, verb: str, _request: CommandRequest) -> str:
         self.accepted.append(verb)

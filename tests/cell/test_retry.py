@@ -16,6 +16,7 @@ from bus.topics import Topic
 from cell.build import running_cell
 from cell.daemon.actions import Actions
 from cell.daemon.retry import WITH_A_NEW_LOOK, WITH_ANOTHER_GRASP, Retries
+from cell.machine.gate import Gate
 from cell.machine.owner import refuse
 from cell.pick.cycle import FAULTS, Equipment
 from cell.replay.replay import replay_file
@@ -84,9 +85,11 @@ def test_an_object_that_was_moved_away_under_the_hand_is_picked_where_it_is_now(
             presenter.present(PresentRequest(object="cup", cycle=4, seed=0))
 
     equipment = Equipment(camera, arm, hand, Robot(station), station, open_models(station, {}))
-    actions = Actions(equipment, presenter, lambda: set(station.nodes), lambda *said: None, meddle, results.append)
+    actions = Actions(
+        equipment, Gate(), presenter, lambda: set(station.nodes), lambda *said: None, meddle, results.append
+    )
     actions.reset()
-    actions.object = "cup"
+    actions.restart_attempts(object_name="cup")
     for _ in range(2):
         actions.begin()
         actions.pick()

@@ -21,6 +21,7 @@ from bus.messages import Execution
 from bus.session import Bus
 from cell import client
 from cell.daemon.systemd import Service, takes_commands
+from cell.machine.holding import Holding
 from cell.machine.owner import Machine
 from config.schema import Station
 from drivers.remote import RemoteArm
@@ -178,7 +179,7 @@ def test_a_machine_takes_commands_unless_its_thread_hangs() -> None:
         released.wait(30)
         return ""
 
-    machine = Machine({}, lambda _state, _reason: None, on_accept)
+    machine = Machine({}, Holding(), lambda _state, _reason: None, on_accept)
     machine.start()
     assert takes_commands(machine) and machine.state == "Stopped"
     answers: list[bool] = []

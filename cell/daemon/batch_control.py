@@ -1,8 +1,7 @@
-"""What the machine's owner thread decides beyond the table of states; the one owner of "is this cell held, and why?".
+"""Which pick follows: a command begins a batch of picks, its results end it, and between two the cell commands itself.
 
-A command that is accepted opens or shuts the gate here; a lost lease holds what moves, stops what cannot be held, and
-ends the picks that were to follow; after the last state of a cycle the next one of a ``start`` begins. All of it
-happens on one thread, in the order in which it came: none of it is undone by something that was on its way.
+All of it happens on the machine's owner thread, in the order in which it came. Whether the cell is held is not decided
+here: `cell.machine.holding`.
 """
 
 from __future__ import annotations
@@ -15,15 +14,13 @@ from cell.daemon.batch import Batch
 from cell.daemon.publisher import Publisher
 from cell.machine.leases import CELL_CLIENT
 from cell.machine.owner import Machine
-from cell.machine.states import COMMANDS, GOING_ON, State
+from cell.machine.states import State
 from config.schema import RetrySettings
 
 _OWN = CommandRequest(client_id=CELL_CLIENT)
-_NOT_YET = GOING_ON | {State.STARTING}
-"""Nothing can be held in these, and something that can follows."""
 
 
-class Control:
+class BatchControl:
     """Every member but `lose_lease` and `count` is called by the machine's owner thread.
 
     Args:
@@ -34,7 +31,6 @@ class Control:
         self._actions, self._publisher, self._retry = actions, publisher, retry
         self._machine: Machine | None = None
         self._batch: Batch | None = None
-        self._unattended = ""  # why what begins next is to be held at once
         self._is_start = False  # a start may hold after failures, a single pick ends
 
     def drive(self, machine: Machine) -> None:
@@ -44,92 +40,73 @@ class Control:
     # --- commands -----------------------------------------------------------------------------------------------------
 
     def accept(self, verb: str, request: CommandRequest) -> str:
-        """Called before an accepted command changes the state; says which cycle it begins. Raises: Refused."""
-        own, gate = request.client_id == CELL_CLIENT, self._actions.gate
+        """The id of the cycle that a command begins, or "". Raises: Refused for what the batch or the table forbids."""
         if verb in ("stop", "abort"):
-            self._batch, self._unattended = None, ""
-            gate.halt()
-        elif verb in ("hold", "suspend"):
-            self._unattended = ""
-            gate.hold()
-        elif own:
-            self._require_next()
-        else:
-            self._unattended = ""
-            if verb in ("reset", "clear"):
-                self._batch = None
-                self._actions.restart_attempts()
-                gate.clear()
-            elif verb in ("start", "pick"):
-                return self._begin(verb, request)
+            self._batch = None
+        elif request.client_id == CELL_CLIENT:
+            self._require_next(verb)
+        elif verb in ("reset", "clear"):
+            self._batch = None
+            self._actions.restart_attempts()
+        elif verb in ("start", "pick"):
+            return self._begin(verb, request)
         return ""
 
-    def _require_next(self) -> None:
+    def _require_next(self, verb: str) -> None:
         """For what the cell commands itself between two picks. Raises: Refused when no pick is to follow any more."""
-        if self._batch is None or self._batch.is_over:
+        if verb in ("reset", "start") and (self._batch is None or self._batch.is_over):
             raise Refused("No other pick is to follow.", code="BATCH_OVER")
 
     def _begin(self, verb: str, request: CommandRequest) -> str:
-        """The picks of a ``start``, or the one of a ``pick``; the first one's cycle id. Raises: Refused."""
+        """Begin the picks of a ``start``, or the one of a ``pick``: the first one's cycle id. Raises: Refused."""
         self._actions.table.require_possible(request)
         self._is_start = verb == "start"
         self._batch = Batch(request if verb == "start" else CommandRequest(), self._retry)
         attempt = Attempt(cycle_id=new_cycle_id())
-        self._actions.restart_attempts(attempt)
-        self._actions.object = request.object
-        self._actions.gate.clear()
+        self._actions.restart_attempts(attempt, request.object)
         return attempt.cycle_id
 
     # --- states -------------------------------------------------------------------------------------------------------
 
     def enter(self, state: State, reason: str) -> None:
-        """Say the new state, and do what it makes due."""
+        """Publish the new state, and do what is due in it."""
         self._publisher.publish_state(state, reason)
         if reason and state in (State.ABORTING, State.ABORTED):
             self._publisher.publish_event(state.upper(), "error", reason)
-        if self._unattended and state in COMMANDS["hold"]:
-            self._post("hold", self._unattended)
         if state is State.COMPLETING:
-            self._hold_if_it_gave_up()
+            self._hold_after_failures()
         self._go_on(state)
 
     def _go_on(self, state: State) -> None:
         """With the next cycle of a ``start``."""
         goes_on = self._batch is not None and not self._batch.is_over
         if state is State.COMPLETE and goes_on:
-            self._post("reset")
+            self._drives.post("reset", _OWN)
         elif state is State.IDLE and goes_on:
-            self._post("start")
+            self._drives.post("start", _OWN)
         elif state in (State.STOPPING, State.ABORTING):
             self._batch = None
 
-    def _hold_if_it_gave_up(self) -> None:
-        """Before the delivery begins: after too many failures somebody must look first."""
-        why, self._actions.hold_after_failures = self._actions.hold_after_failures, ""
+    def _hold_after_failures(self) -> None:
+        """Before the delivery begins: after too many failures a person must look first."""
+        why = self._actions.take_hold_after_failures()
         if why and self._is_start:
             self._publisher.publish_event("GAVE_UP", "error", why)
-            self._actions.gate.hold()
-            self._post("hold", why)
+            self._drives.hold(why)
 
-    # --- what happens beside the states -------------------------------------------------------------------------------
+    # --- beside the states --------------------------------------------------------------------------------------------
 
     def lose_lease(self, client_id: str, why: str) -> None:
-        """Nobody attends the motion. Called on any thread; decided by the owner thread, in the state it is in then."""
+        """End the batch and hold: nobody attends the motion. Any thread calls it, the owner thread decides."""
         reason = f"The lease of {client_id!r} was lost ({why}): nobody attends the motion."
         self._drives.decide(lambda: self._hold_unattended(reason))
 
     def _hold_unattended(self, reason: str) -> None:
         self._batch = None  # no further cycle begins
-        state = self._drives.state
-        if state in COMMANDS["hold"]:
-            self._post("hold", reason)
-        elif state is State.RESETTING:
-            self._post("stop", reason)
-        elif state in _NOT_YET:
-            self._unattended = reason
+        self._drives.hold_soon(reason)
 
     def count(self, result: CycleResult) -> None:
-        """A cycle's result, told by the work that ended it. Say so when the running ``start`` gives up."""
+        """Count a cycle's result, told by the action that ended it; publish an event when the ``start`` gives up."""
         batch = self._batch
         if batch is None:
             return
@@ -141,6 +118,3 @@ class Control:
     def _drives(self) -> Machine:
         assert self._machine is not None, "drive() comes first"
         return self._machine
-
-    def _post(self, verb: str, reason: str = "") -> None:
-        self._drives.post(verb, _OWN, reason)
