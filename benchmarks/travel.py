@@ -132,7 +132,7 @@ def _other_process(*arguments: str) -> Any:
 def _serve(seed: str, endpoint: str, plain_endpoint: str) -> None:
     parts = frame_to_wire(_frame(int(seed)))
     parts[topics.CAMERA_COLOR.key] += bytes(_FRAME_BYTES - sum(len(part) for part in parts.values()))
-    sample = [Sample(topic.key, encoding_of(topic.says), parts[topic.key]) for topic in topics.FRAME_PARTS]
+    frame = [Sample(topic.key, encoding_of(topic.says), parts[topic.key]) for topic in topics.FRAME_PARTS]
     reply = encode(_REPLY)
 
     def command(payload: bytes, _fields: object) -> CommandReply:
@@ -141,7 +141,7 @@ def _serve(seed: str, endpoint: str, plain_endpoint: str) -> None:
 
     def plain_frame(query: zenoh.Query) -> None:
         with query:
-            for part in sample:
+            for part in frame:
                 query.reply(_FRAME, part.payload, encoding=part.encoding)
 
     def plain_command(query: zenoh.Query) -> None:
@@ -152,7 +152,7 @@ def _serve(seed: str, endpoint: str, plain_endpoint: str) -> None:
         Bus.join(_CELL, endpoint) as bus,
         zenoh.open(session_config("client", listen=[], connect=[plain_endpoint], file=None)) as plain,
     ):
-        bus.answer(topics.CAMERA_CAPTURE, lambda _payload, _fields: sample, worker="camera")
+        bus.answer(topics.CAMERA_CAPTURE, lambda _payload, _fields: frame, worker="camera")
         bus.answer(topics.COMMAND, command, worker="command", verb="*")
         plain.declare_queryable(_FRAME, plain_frame)
         plain.declare_queryable(_COMMAND, plain_command)

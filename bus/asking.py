@@ -105,7 +105,7 @@ def heard_in(replies: list[zenoh.Reply], root: str, name: str, timeout_s: float,
     Raises: the error that one of them is, as its own type; ReplyTimeout; TwoAnswers when two sessions answered.
     """
     replier = replier_of(replies, name)
-    sample = []
+    samples = []
     for reply in replies:
         if reply.ok is None:
             if reply.err is not None and str(reply.err.encoding) == AS_ERROR:
@@ -113,10 +113,10 @@ def heard_in(replies: list[zenoh.Reply], root: str, name: str, timeout_s: float,
             raise _error_from(reply.err, f"{name!r} got no answer within {timeout_s:.1f} s.")
         key = str(reply.ok.key_expr).removeprefix(root)
         key = f"{key}/reply" if key == name else key
-        sample.append(Sample(key, str(reply.ok.encoding), reply.ok.payload.to_bytes(), replier))
-    for one in sample:
+        samples.append(Sample(key, str(reply.ok.encoding), reply.ok.payload.to_bytes(), replier))
+    for one in samples:
         record(one)
-    return sample
+    return samples
 
 
 def _error_from(failure: zenoh.ReplyError | None, timeout_text: str) -> CellError:
