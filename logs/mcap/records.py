@@ -8,7 +8,6 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Iterator
-from contextlib import suppress
 from io import BytesIO
 from typing import Any, cast
 
@@ -36,8 +35,6 @@ MAX_RECORD_BYTES = 256 * 1024 * 1024
 """Of one record as it lies in the file."""
 HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
-_TIMES_SIZE_AND_CHECKSUM = 8 + 8 + 8 + 4
-_BLOCK_BYTES = 1 << 17
 _U32 = struct.Struct("<I")
 KINDS: dict[int, Any] = {
     Opcode.SCHEMA: Schema,
@@ -155,30 +152,8 @@ def content_of(body: bytes, budget: Budget) -> bytes:
     return content
 
 
-def torn_content_of(body: bytes, limit: int) -> bytes:
-    """As much as can be unpacked of a chunk that is cut off; nothing has a checksum here but zstd's own blocks.
-
-    Raises: UnknownCompression; Damage when not even its head is whole.
-    """
-    stream = _Exact(BytesIO(body))
-    try:
-        stream.read(_TIMES_SIZE_AND_CHECKSUM)
-        compression = stream.read_prefixed_string()
-        stream.read(8)
-    except (McapError, struct.error, ValueError) as error:
-        raise Damage("a chunk without its head") from error
-    data = body[stream.count :]
-    if compression != "zstd":
-        return unpacked(compression, data, limit)
-    content, reader = bytearray(), zstandard.ZstdDecompressor().stream_reader(data)
-    with suppress(zstandard.ZstdError):  # the tear
-        while len(content) < limit and (block := reader.read(_BLOCK_BYTES)):
-            content += block
-    return bytes(content)
-
-
 def unpacked(compression: str, data: bytes, limit: int) -> bytes:
-    """What ``data`` unpacks to, at most a byte more than ``limit``; of cut off data the beginning.
+    """What ``data`` unpacks to, at most a byte more than ``limit``.
 
     Raises: Damage, UnknownCompression.
     """
