@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from io import BytesIO
-from typing import Any, cast
+from typing import cast
 
 import lz4.frame
 import zstandard
@@ -36,15 +36,15 @@ MAX_RECORD_BYTES = 256 * 1024 * 1024
 HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
 _U32 = struct.Struct("<I")
-KINDS: dict[int, Any] = {
-    Opcode.SCHEMA: Schema,
-    Opcode.CHANNEL: Channel,
-    Opcode.ATTACHMENT: Attachment,
-    Opcode.METADATA: Metadata,
-    Opcode.CHUNK: Chunk,
-    Opcode.CHUNK_INDEX: ChunkIndex,
-    Opcode.ATTACHMENT_INDEX: AttachmentIndex,
-    Opcode.METADATA_INDEX: MetadataIndex,
+KINDS: dict[int, Callable[[ReadDataStream], McapRecord]] = {
+    Opcode.SCHEMA: Schema.read,
+    Opcode.CHANNEL: Channel.read,
+    Opcode.ATTACHMENT: Attachment.read,
+    Opcode.METADATA: Metadata.read,
+    Opcode.CHUNK: Chunk.read,
+    Opcode.CHUNK_INDEX: ChunkIndex.read,
+    Opcode.ATTACHMENT_INDEX: AttachmentIndex.read,
+    Opcode.METADATA_INDEX: MetadataIndex.read,
 }
 IN_CHUNK = frozenset({Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE})
 INDICES = frozenset(
@@ -113,7 +113,7 @@ def parsed(opcode: int, body: bytes) -> McapRecord:
             channel_id, sequence, log_time, publish_time = _MESSAGE.unpack_from(body)
             return Message(channel_id, log_time, body[_MESSAGE.size :], publish_time, sequence)
         stream = _Exact(BytesIO(body))
-        record: McapRecord = KINDS[opcode].read(stream)
+        record = KINDS[opcode](stream)
     except (McapError, struct.error, ValueError, KeyError, OverflowError) as error:  # all that its parsers raise
         raise Damage(f"a record that does not fit its kind, {opcode}") from error
     if opcode == Opcode.ATTACHMENT:
