@@ -1,9 +1,9 @@
 """An MCAP file as it grows: messages are gathered into chunks, and what was flushed can be read without the rest.
 
 The library's own writer offers no level of zstd and makes a compressor for every chunk: on recorded cycles it takes 1.8
-times the CPU of this one for the same size, on camera frames 1.3 times; its lz4 takes 0.6 to 0.9 times, and the files
-are 37 to 50 % larger (``benchmarks logging``). foxglove-sdk's costs the same as this one, but a write that fails is
-only logged there, and the next flush does not say why. None of them loses what was flushed.
+times the CPU of this one for the same size, on camera frames 1.3 times; its lz4 takes 0.6 to 1.0 times, and the files
+are 37 to 50 % larger (``benchmarks logging``). foxglove-sdk's takes 1.0 to 1.2 times for the same size, but a write
+that fails is only logged there, and the next flush does not say why. None of them loses what was flushed.
 """
 
 from __future__ import annotations
