@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import random
 import signal
 import subprocess
 import sys
@@ -119,6 +120,27 @@ def test_closing_twice_changes_nothing(tmp_path: Path) -> None:
     recorder.close({"result": "FAILED"})
     assert recorder.path.read_bytes() == content and not part.exists()
     assert recorder.path.stat().st_mode & 0o777 == 0o640
+
+
+def test_a_closed_recording_was_read_back_from_the_disk_and_not_from_memory(tmp_path: Path) -> None:
+    recorder = _recorder(tmp_path / "cycle.mcap")
+    recorder.attach("noise", "application/octet-stream", random.Random(0).randbytes(1 << 20))
+    before_bytes = _read_from_disk_bytes()
+    size = recorder.close({}).stat().st_size
+    if _is_in_memory(tmp_path):
+        pytest.skip("this folder's file system has no disk")
+    assert _read_from_disk_bytes() - before_bytes >= size > 1 << 20
+
+
+def _read_from_disk_bytes() -> int:
+    """What the kernel fetched from storage for this process so far."""
+    with Path("/proc/self/io").open() as file:
+        return next(int(line.split()[1]) for line in file if line.startswith("read_bytes"))
+
+
+def _is_in_memory(folder: Path) -> bool:
+    done = subprocess.run(["stat", "-f", "-c", "%T", str(folder)], capture_output=True, text=True, check=True)
+    return done.stdout.strip() in ("tmpfs", "ramfs")
 
 
 def test_threads_may_write_at_once(tmp_path: Path) -> None:
