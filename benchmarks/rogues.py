@@ -81,7 +81,7 @@ class Rogues:
             if outcome == "Idle" and not asked:
                 outcome = self._pick()
             has_failed = cell.state == "Aborted" or outcome == "FAILED"
-            reason = cell.daemon.voice.state.reason
+            reason = cell.daemon.publisher.state.reason
         if not asked:
             self._code("NOT_ASKED")
         elif has_failed or topic.key in _NOT_BELIEVED_ANYWAY:

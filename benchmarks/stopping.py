@@ -32,7 +32,7 @@ from benchmarks.openness import trouble
 from bus import topics
 from bus.frozen import Message
 from bus.messages import CycleResult, Execution, PickPlan, StageRecord
-from bus.sample import Heard
+from bus.sample import Sample
 from bus.session import Bus
 from bus.topics import Topic
 from bus.trajectory import TICK_S
@@ -97,7 +97,7 @@ class Witness:
         elif isinstance(message, CycleResult):
             self.result = message
 
-    def hear(self, heard: Heard) -> None:
+    def hear(self, heard: Sample) -> None:
         said = JointStates.FromString(heard.payload)
         q_rad, dq_rad_s = (np.array([getattr(one, name) for one in said.joints]) for name in ("position", "velocity"))
         self.states.append(Moment(said.timestamp.ToNanoseconds(), q_rad, dq_rad_s))

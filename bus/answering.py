@@ -13,7 +13,7 @@ from bus.commands import ErrorReply
 from bus.errors import BadPayload, CellError, Refused
 from bus.frozen import Message
 from bus.remote_errors import error_reply
-from bus.sample import Asked, Handler, Heard, Tap
+from bus.sample import Asked, Handler, Sample, Tap
 from bus.secured import MAX_PAYLOAD_BYTES
 from bus.topics import Topic, encoding_of
 
@@ -28,10 +28,10 @@ class Answers:
     """What a device answered on one topic: a question that is asked again is answered again, and acts once."""
 
     def __init__(self) -> None:
-        self._by_question: OrderedDict[tuple[str, int], Sequence[Heard]] = OrderedDict()
+        self._by_question: OrderedDict[tuple[str, int], Sequence[Sample]] = OrderedDict()
         self._acted: deque[tuple[str, int]] = deque(maxlen=_NUMBERS)
 
-    def known(self, question: Asked) -> Sequence[Heard] | None:
+    def known(self, question: Asked) -> Sequence[Sample] | None:
         """The answer to this very question, if it was given lately."""
         return self._by_question.get((question.source, question.number)) if question.source else None
 
@@ -39,7 +39,7 @@ class Answers:
         """Whether it was acted on some time ago: a copy of it, not the question asked again at once."""
         return question.source != "" and (question.source, question.number) in self._acted
 
-    def keep(self, question: Asked, answer: Sequence[Heard]) -> None:
+    def keep(self, question: Asked, answer: Sequence[Sample]) -> None:
         if not question.source:  # it names no number: its handler must tell by the payload (command_id)
             return
         self._acted.append((question.source, question.number))
@@ -72,7 +72,7 @@ def reply_to(
     try:
         answer = _answer(handler, payload, question, name)
     except CellError as error:
-        answer = [Heard(f"{name}/error", AS_ERROR, encode(error_reply(error)))]
+        answer = [Sample(f"{name}/error", AS_ERROR, encode(error_reply(error)))]
     except Exception as defect:
         query.reply_err(encode(_defect(defect)), encoding=AS_ERROR)
         raise
@@ -92,19 +92,19 @@ def refuse(query: zenoh.Query, why: Refused) -> None:
     query.reply_err(encode(error_reply(why)), encoding=AS_ERROR)
 
 
-def _answer(handler: Handler, payload: bytes, question: Asked, name: str) -> list[Heard]:
+def _answer(handler: Handler, payload: bytes, question: Asked, name: str) -> list[Sample]:
     """Raises: BadPayload for a question too large, or whose asker cannot take the answer; what the handler raises."""
     if len(payload) > MAX_PAYLOAD_BYTES:
         raise BadPayload(f"The payload has {len(payload)} bytes; at most {MAX_PAYLOAD_BYTES} are accepted.")
     answer = handler(payload, question)
     if isinstance(answer, Message):
-        return [Heard(name, encoding_of(type(answer)), encode(answer))]
+        return [Sample(name, encoding_of(type(answer)), encode(answer))]
     if not question.takes_any_key:
         raise BadPayload(f"{name!r} is answered on several keys.", "Ask with accept_replies = ANY.")
     return answer
 
 
-def _send(query: zenoh.Query, root: str, answer: Sequence[Heard]) -> None:
+def _send(query: zenoh.Query, root: str, answer: Sequence[Sample]) -> None:
     for part in answer:
         if part.encoding == AS_ERROR:
             query.reply_err(part.payload, encoding=AS_ERROR)
@@ -117,10 +117,10 @@ def _short(key: str) -> str:
     return key.split("/", 2)[2]
 
 
-def _record(record: Tap, topic: Topic, name: str, question: bytes, answer: Sequence[Heard]) -> None:
+def _record(record: Tap, topic: Topic, name: str, question: bytes, answer: Sequence[Sample]) -> None:
     """What we were asked and said. What is far too long is not kept."""
     if topic.logged and len(question) <= MAX_RECORDED_QUESTION_BYTES:
-        record(Heard(f"{name}/query", encoding_of(topic.asks), question))
+        record(Sample(f"{name}/query", encoding_of(topic.asks), question))
         for part in answer:
             record(part._replace(key=f"{name}/reply") if part.key == name else part)
 

@@ -12,7 +12,7 @@ from bus.codec import decode
 from bus.commands import ErrorReply
 from bus.errors import BusError, CellError, ReplyTimeout, TwoAnswers
 from bus.remote_errors import error_from_reply
-from bus.sample import Heard, Tap
+from bus.sample import Sample, Tap
 from bus.topics import encoding_of
 
 AS_ERROR = encoding_of(ErrorReply)  # a timeout is not: Zenoh itself says it
@@ -99,24 +99,24 @@ def _two_answers(text: str) -> TwoAnswers:
     )
 
 
-def heard_in(replies: list[zenoh.Reply], root: str, name: str, timeout_s: float, record: Tap) -> list[Heard]:
+def heard_in(replies: list[zenoh.Reply], root: str, name: str, timeout_s: float, record: Tap) -> list[Sample]:
     """The replies to a question on ``name`` below ``root``, each also recorded.
 
     Raises: the error that one of them is, as its own type; ReplyTimeout; TwoAnswers when two sessions answered.
     """
     replier = replier_of(replies, name)
-    heard = []
+    samples = []
     for reply in replies:
         if reply.ok is None:
             if reply.err is not None and str(reply.err.encoding) == AS_ERROR:
-                record(Heard(f"{name}/error", AS_ERROR, reply.err.payload.to_bytes()))
+                record(Sample(f"{name}/error", AS_ERROR, reply.err.payload.to_bytes()))
             raise _error_from(reply.err, f"{name!r} got no answer within {timeout_s:.1f} s.")
         key = str(reply.ok.key_expr).removeprefix(root)
         key = f"{key}/reply" if key == name else key
-        heard.append(Heard(key, str(reply.ok.encoding), reply.ok.payload.to_bytes(), replier))
-    for one in heard:
+        samples.append(Sample(key, str(reply.ok.encoding), reply.ok.payload.to_bytes(), replier))
+    for one in samples:
         record(one)
-    return heard
+    return samples
 
 
 def _error_from(failure: zenoh.ReplyError | None, timeout_text: str) -> CellError:

@@ -17,7 +17,7 @@ from bus.commands import Event, Nothing
 from bus.errors import BadPayload
 from bus.frozen import Message
 from bus.injection import Fault, FaultRequest, Faulty
-from bus.sample import Asked, Handler, Heard
+from bus.sample import Asked, Handler, Sample
 from bus.session import Bus
 from bus.topics import Topic, encoding_of
 
@@ -34,7 +34,7 @@ class Spoilable(Protocol):
 
 
 class FaultyBus(Faulty, Bus):
-    """A `Bus` whose link is ``fault``. What others publish is heard all the same, but with ``off``.
+    """A `Bus` whose link is ``fault``. What others publish is sample all the same, but with ``off``.
 
     ``off``: the session is closed, for good. ``stuck``: nothing is answered or published. ``garbage``: random bytes
     are. ``wrong``: another type's message is. ``slow``: all of it comes ``delay_s`` late.
@@ -88,7 +88,7 @@ class FaultyBus(Faulty, Bus):
         if topic in _ALWAYS_DONE:
             handler(b"{}", question)
 
-    def _spoiled(self, topic: Topic, answer: Message | list[Heard]) -> Message | list[Heard]:
+    def _spoiled(self, topic: Topic, answer: Message | list[Sample]) -> Message | list[Sample]:
         """What is sent in the place of ``answer``."""
         if topic not in _ALWAYS_DONE:  # their lane stays free for the next stop
             with self._turn:
@@ -96,11 +96,11 @@ class FaultyBus(Faulty, Bus):
         self._tarry()
         if self._fault not in (Fault.GARBAGE, Fault.WRONG):
             return answer
-        parts = answer if isinstance(answer, list) else [Heard(topic.key, encoding_of(type(answer)), b"")]
+        parts = answer if isinstance(answer, list) else [Sample(topic.key, encoding_of(type(answer)), b"")]
         if self._fault is Fault.GARBAGE:
             return [part._replace(payload=os.urandom(_GARBAGE_BYTES)) for part in parts]
         other = FaultRequest(fault=Fault.WRONG)
-        return [Heard(part.key, encoding_of(FaultRequest), encode(other)) for part in parts]
+        return [Sample(part.key, encoding_of(FaultRequest), encode(other)) for part in parts]
 
     def _tarry(self) -> None:
         with self._turn:
@@ -108,13 +108,13 @@ class FaultyBus(Faulty, Bus):
                 self._turn.wait_for(lambda: self._fault is not Fault.SLOW, self.delay_s)
 
 
-def answer_faults(bus: Bus, parts: Mapping[str, Spoilable], say: Callable[[Topic, Message], None]) -> None:
+def answer_faults(bus: Bus, parts: Mapping[str, Spoilable], publish: Callable[[Topic, Message], None]) -> None:
     """Answer ``fault/{part}`` for ``parts``, each by setting its fault, and say so."""
     for part, spoilable in parts.items():
-        bus.answer(topics.FAULT, _setter(part, spoilable, say), lane="fault", part=part)
+        bus.answer(topics.FAULT, _setter(part, spoilable, publish), worker="fault", part=part)
 
 
-def _setter(part: str, spoilable: Spoilable, say: Callable[[Topic, Message], None]) -> Handler:
+def _setter(part: str, spoilable: Spoilable, publish: Callable[[Topic, Message], None]) -> Handler:
     def set_fault(payload: bytes, _asked: Asked) -> Message:
         request = decode(FaultRequest, payload)
         if request.delay_s is not None:
@@ -122,7 +122,7 @@ def _setter(part: str, spoilable: Spoilable, say: Callable[[Topic, Message], Non
                 raise BadPayload(f"delay_s = {request.delay_s} is no time between 0 and an hour.")
             spoilable.delay_s = request.delay_s
         text = f"Injected fault of the {part}: {request.fault}."
-        say(
+        publish(
             topics.EVENT,
             Event(code="FAULT_SET", severity="warning", text=text, advice=f"End it: cell fault {part} none"),
         )

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from bus.frozen import Message
 
 
-class Heard(NamedTuple):
+class Sample(NamedTuple):
     """One payload that travelled.
 
     Attributes:
@@ -32,7 +32,7 @@ class Asked(NamedTuple):
         encoding: of the payload. ``has_payload``: it brings one.
         takes_any_key: its asker accepts replies on other keys.
         source, number: the session that asks, and its number for this question; asked again, it has the same number.
-        is_sealed: as in `Heard`.
+        is_sealed: as in `Sample`.
         received_s: when it came (monotonic).
     """
 
@@ -47,8 +47,8 @@ class Asked(NamedTuple):
     received_s: float
 
 
-Tap = Callable[[Heard], None]
-Handler = Callable[[bytes, Asked], "Message | list[Heard]"]
+Tap = Callable[[Sample], None]
+Handler = Callable[[bytes, Asked], "Message | list[Sample]"]
 """Answers one question, given its payload and what else is known of it."""
-LaneOf = Callable[[Asked, bytes], str]
+WorkerOf = Callable[[Asked, bytes], str]
 """In which lane a question waits; asked on Zenoh's thread, it may only look things up."""

@@ -26,11 +26,11 @@ from bus.asking import Signed, heard_in, replies_to
 from bus.codec import decode, encode
 from bus.errors import BadPayload, BusError, CellUnreachable, NoReply, PortOccupied, Refused
 from bus.frozen import Message
-from bus.sample import Asked, Handler, Heard, LaneOf, Tap
+from bus.sample import Asked, Handler, Sample, Tap, WorkerOf
 from bus.seal import Seal
 from bus.secured import MAX_PAYLOAD_BYTES, is_loopback, session_config
 from bus.topics import Topic, encoding_of
-from bus.worker import Lane
+from bus.worker import SerialWorker
 
 _log = logging.getLogger(__name__)
 
@@ -62,7 +62,7 @@ class Bus:
         self.tap: Tap | None = None
         self._session = session
         self._security = security
-        self._lanes: dict[str, Lane] = {}
+        self._workers: dict[str, SerialWorker] = {}
         self._making = threading.Lock()
         self._declared: list[Any] = []
         self._tokens: dict[str, Any] = {}  # by their whole key
@@ -142,9 +142,9 @@ class Bus:
     def _short(self, key: object) -> str:
         return str(key).removeprefix(self._root)
 
-    def _record(self, heard: Heard) -> None:
+    def _record(self, sample: Sample) -> None:
         if self.tap is not None:
-            self.tap(heard)
+            self.tap(sample)
 
     # --- publish and hear ---------------------------------------------------------------------------------------------
 
@@ -158,7 +158,7 @@ class Bus:
         except zenoh.ZError as error:
             raise BusError(f"Cannot publish {topic.key}: the bus is closed.") from error
         if topic.logged:
-            self._record(Heard(topic.key.format(**fields), encoding, payload))
+            self._record(Sample(topic.key.format(**fields), encoding, payload))
 
     def put(self, key: str, payload: bytes, encoding: str) -> None:
         """Put bytes on a whole Zenoh ``key`` that is none of this cell's. Raises: BusError after close."""
@@ -176,7 +176,7 @@ class Bus:
         finally:
             publisher.undeclare()  # type: ignore[no-untyped-call]
 
-    def subscribe(self, pattern: str, callback: Callable[[Heard], None], *, own: bool = False) -> None:
+    def subscribe(self, pattern: str, callback: Callable[[Sample], None], *, own: bool = False) -> None:
         """Call ``callback`` with what others (or also we: ``own``) publish on ``pattern`` below the cell's root.
 
         The callback runs on Zenoh's thread: it may only enqueue.
@@ -187,14 +187,14 @@ class Bus:
                 _log.warning("%s: %d bytes are too many; not heard", sample.key_expr, len(sample.payload))
                 return
             key, payload, sealed = self._short(sample.key_expr), sample.payload.to_bytes(), is_sealed(sample, self.seal)
-            callback(Heard(key, str(sample.encoding), payload, source_of(sample), sealed))
+            callback(Sample(key, str(sample.encoding), payload, source_of(sample), sealed))
 
         origin = zenoh.Locality.ANY if own else zenoh.Locality.REMOTE
         self._declared.append(self._session.declare_subscriber(f"{self._root}{pattern}", hear, allowed_origin=origin))
 
     # --- ask and answer -----------------------------------------------------------------------------------------------
 
-    def ask(self, topic: Topic, request: Message, *, timeout_s: float, **fields: str) -> list[Heard]:
+    def ask(self, topic: Topic, request: Message, *, timeout_s: float, **fields: str) -> list[Sample]:
         """Every reply to one question.
 
         Raises: NoReply (nobody there), ReplyTimeout, TwoAnswers, or the error the other side answered with, as its own
@@ -202,7 +202,7 @@ class Bus:
         """
         name, question, encoding = topic.key.format(**fields), encode(request), encoding_of(topic.asks)
         record = self._record if topic.logged else _do_not_record
-        record(Heard(f"{name}/query", encoding, question))
+        record(Sample(f"{name}/query", encoding, question))
         key = f"{self._root}{name}"
         replies = replies_to(self._session, key, question, encoding, timeout_s, self._signed(key, question))
         if not replies:
@@ -223,10 +223,10 @@ class Bus:
             key = topic.key.format(**fields)
             raise BadPayload(f"{key!r} was answered with what cannot be read: {error.text}", "See its node.") from error
 
-    def answer(self, topic: Topic, handler: Handler, *, lane: str | LaneOf, **fields: str) -> None:
-        """Answer questions on ``topic`` with ``handler(payload, asked)``, one at a time per ``lane`` (a thread).
+    def answer(self, topic: Topic, handler: Handler, *, worker: str | WorkerOf, **fields: str) -> None:
+        """Answer questions on ``topic`` with ``handler(payload, asked)``, one at a time per ``worker`` (a thread).
 
-        A ``lane`` that depends on the question keeps what is urgent from waiting for what is not. What is refused
+        A ``worker`` that depends on the question keeps what is urgent from waiting for what is not. What is refused
         unseen (`bus.access`) waits for nothing.
 
         The handler returns a message, or the payloads to reply with. A `CellError` it raises is sent back typed.
@@ -237,19 +237,19 @@ class Bus:
             question = asked(query, self.seal)
             why = refusal(topic, question, self.cell, needs_seal=self.seal is not None)
             if why is not None:
-                self.lane("refusals").post(partial(_refuse, query, why))
+                self.worker("refusals").post(partial(_refuse, query, why))
                 return
-            name = lane if isinstance(lane, str) else lane(question, payload_of(query))
-            self.lane(name).post(lambda: self._reply(topic, key, query, question, handler, answers))
+            name = worker if isinstance(worker, str) else worker(question, payload_of(query))
+            self.worker(name).post(lambda: self._reply(topic, key, query, question, handler, answers))
 
         self._declared.append(self._session.declare_queryable(key, receive))
 
-    def lane(self, name: str) -> Lane:
+    def worker(self, name: str) -> SerialWorker:
         """The lane called ``name``; made on first use."""
         with self._making:
-            if name not in self._lanes:
-                self._lanes[name] = Lane(name)
-            return self._lanes[name]
+            if name not in self._workers:
+                self._workers[name] = SerialWorker(name)
+            return self._workers[name]
 
     def _reply(
         self, topic: Topic, key: str, query: zenoh.Query, question: Asked, handler: Handler, answers: Answers
@@ -306,8 +306,8 @@ class Bus:
 
     def close(self) -> None:
         """Undeclare everything and close; idempotent."""
-        for lane in self._lanes.values():
-            lane.close()
+        for worker in self._workers.values():
+            worker.close()
         if not self._session.is_closed():
             self._session.close()  # type: ignore[no-untyped-call]
 
@@ -325,4 +325,4 @@ def _refuse(query: zenoh.Query, why: Refused) -> None:
         refuse(query, why)
 
 
-def _do_not_record(_heard: Heard) -> None: ...
+def _do_not_record(_heard: Sample) -> None: ...

@@ -32,7 +32,7 @@ class Role(StrEnum):
     """The looks at the nodes' streams."""
     SUPERVISOR = "supervisor"
     """One node's process: its end, and its next start."""
-    LANE = "lane"
+    WORKER = "lane"
     """Questions of one kind, answered one after the other."""
     LOOP = "loop"
     """One stream of a node, at a fixed rate."""

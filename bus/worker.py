@@ -20,13 +20,13 @@ Given = ParamSpec("Given")
 DoneT = TypeVar("DoneT")
 
 
-class Lane:
+class SerialWorker:
     """Begins with its first work."""
 
     def __init__(self, name: str) -> None:
         self._work: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
         self._closed = False
-        OwnedThread(Role.LANE, self._run, of=name).start()
+        OwnedThread(Role.WORKER, self._run, of=name).start()
 
     def post(self, act: Callable[[], None]) -> None:
         """Do ``act`` when it is its turn; an error of it is logged."""

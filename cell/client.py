@@ -20,7 +20,7 @@ from bus.commands import CellHealth, CellState, CommandReply, CommandRequest, He
 from bus.errors import BadPayload, BusError, CellUnreachable, NoReply, Refused, ReplyTimeout
 from bus.injection import Fault, FaultRequest, Part
 from bus.messages import CycleResult
-from bus.sample import Heard
+from bus.sample import Sample
 from bus.session import Bus
 from bus.threads import OwnedThread, Role
 from bus.topics import Topic
@@ -56,16 +56,16 @@ class Client:
         self.is_gone = False
         self._heartbeat: OwnedThread | None = None
         self._given_back = threading.Event()
-        self._heard: queue.SimpleQueue[Heard | None] = queue.SimpleQueue()  # None: the cell is gone
+        self._heard: queue.SimpleQueue[Sample | None] = queue.SimpleQueue()  # None: the cell is gone
         for topic in (topics.STATE, topics.RESULT, *also):
             hear = self._believe if topic.speaker == "cell" else self._heard.put
             bus.subscribe(topic.key.replace("{name}", "*"), hear)
         bus.watch_alive(topics.LEASE, self._notice)
 
-    def _believe(self, heard: Heard) -> None:
+    def _believe(self, sample: Sample) -> None:
         """Keep what the cell said; what somebody else puts on its keys is none of it."""
-        if self._bus.cell in (None, heard.source):
-            self._heard.put(heard)
+        if self._bus.cell in (None, sample.source):
+            self._heard.put(sample)
 
     def state(self) -> CellState:
         """The machine's state now."""
@@ -178,43 +178,43 @@ class Client:
         """The next result of whichever cycle: of the next one of a ``start``. Raises: ReplyTimeout, CellUnreachable."""
         give_up_s = time.monotonic() + timeout_s
         while time.monotonic() < give_up_s:
-            heard = self._await((topics.RESULT,), give_up_s)
+            sample = self._await((topics.RESULT,), give_up_s)
             with suppress(BadPayload):
-                if heard is not None:
-                    return decode(CycleResult, heard.payload)
+                if sample is not None:
+                    return decode(CycleResult, sample.payload)
         raise ReplyTimeout(f"The next cycle gave no result within {timeout_s:.0f} s.", "See `cell status`.")
 
     def next_said(self, timeout_s: float) -> CellState | CycleResult:
         """The next state or result; what cannot be read is none. Raises: ReplyTimeout, CellUnreachable."""
         give_up_s = time.monotonic() + timeout_s
         while time.monotonic() < give_up_s:
-            heard = self._await((topics.STATE, topics.RESULT), give_up_s)
+            sample = self._await((topics.STATE, topics.RESULT), give_up_s)
             with suppress(BadPayload):
-                if heard is not None and heard.key == topics.STATE.key:
-                    return decode(CellState, heard.payload)
-                if heard is not None:
-                    return decode(CycleResult, heard.payload)
+                if sample is not None and sample.key == topics.STATE.key:
+                    return decode(CellState, sample.payload)
+                if sample is not None:
+                    return decode(CycleResult, sample.payload)
         raise ReplyTimeout(f"The cell has said nothing for {timeout_s:.0f} s.", "See `cell status`.")
 
-    def heard(self) -> Iterator[Heard]:
+    def heard(self) -> Iterator[Sample]:
         """What was said since the last time, oldest first; does not wait."""
         while not self._heard.empty():
-            if (heard := self._heard.get_nowait()) is not None:
-                yield heard
+            if (sample := self._heard.get_nowait()) is not None:
+                yield sample
 
-    def _await(self, of: tuple[Topic, ...], give_up_s: float) -> Heard | None:
+    def _await(self, of: tuple[Topic, ...], give_up_s: float) -> Sample | None:
         """What is said next on one of these topics; None when nothing is for a moment. Raises: CellUnreachable."""
         give_up_s = min(give_up_s, time.monotonic() + _ASK_AGAIN_S)
         while (left_s := give_up_s - time.monotonic()) > 0:
             try:
-                heard = self._heard.get(timeout=left_s)
+                sample = self._heard.get(timeout=left_s)
             except queue.Empty:
                 return None
             self._require_there()
-            if heard is None:  # it was gone, and is back
+            if sample is None:  # it was gone, and is back
                 continue
-            if any(heard.key == topic.key for topic in of):
-                return heard
+            if any(sample.key == topic.key for topic in of):
+                return sample
         return None
 
     def _require_there(self) -> None:

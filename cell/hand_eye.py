@@ -20,7 +20,7 @@ from perception.hand_eye import HandEye, Sighting, corners_in_color, corrected, 
 from planning.motion import move
 from planning.robot import Robot, hand_from_color
 from planning.scene import Scene
-from planning.viewpoints import vantages
+from planning.viewpoints import viewpoints
 
 _CHECKED_FROM = 5
 _AT_RAD = 1e-3
@@ -100,7 +100,7 @@ class Surveyor:
         )
 
     def _vantages(self) -> list[Joints]:
-        return vantages(self._scene, self._station, self._arm.state().q_rad)
+        return viewpoints(self._scene, self._station, self._arm.state().q_rad)
 
     def _look_around(self, vantage_q_rad: Sequence[Joints]) -> tuple[list[Sighting], list[Frame]]:
         """What was seen from each place; home again at the end."""

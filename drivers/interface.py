@@ -89,7 +89,7 @@ class Reporting(Protocol):
 
 
 @runtime_checkable
-class Feeder(Protocol):
+class ObjectPresenter(Protocol):
     """Simulation only: what puts objects on the table, and knows where they really are."""
 
     def present(self, request: PresentRequest) -> Presented:
@@ -106,4 +106,4 @@ class Devices:
     camera: Camera | None = None
     arm: Arm | None = None
     hand: Hand | None = None
-    feeder: Feeder | None = None
+    presenter: ObjectPresenter | None = None

@@ -48,8 +48,8 @@ class RemoteCamera(_Remote):
     """A camera served on the bus."""
 
     def capture(self) -> Frame:
-        heard = self._link().ask(topics.CAMERA_CAPTURE, Nothing(), timeout_s=self._timeout_s)
-        return frame_from_wire({part.key: part.payload for part in heard})
+        sample = self._link().ask(topics.CAMERA_CAPTURE, Nothing(), timeout_s=self._timeout_s)
+        return frame_from_wire({part.key: part.payload for part in sample})
 
 
 class RemoteArm(_Remote):
@@ -110,7 +110,7 @@ class RemoteHand(_Remote):
             _log.error("hand stop was not answered: %s", error)
 
 
-class RemoteFeeder(_Remote):
+class RemotePresenter(_Remote):
     """The simulated cell's object feeder."""
 
     def present(self, request: PresentRequest) -> Presented:
@@ -132,8 +132,8 @@ def remote_devices(bus: Bus, station: Station) -> Devices:
     """Connected remote devices of the whole cell; a feeder only where a node simulates."""
     timeout_s = station.bus.ask_timeout_s
     camera, arm, hand = RemoteCamera(bus, timeout_s), RemoteArm(bus, timeout_s), RemoteHand(bus, timeout_s)
-    feeder = RemoteFeeder(bus, timeout_s) if station.simulated else None
-    for device in (camera, arm, hand, feeder):
+    presenter = RemotePresenter(bus, timeout_s) if station.simulated else None
+    for device in (camera, arm, hand, presenter):
         if device is not None:
             device.connect()
-    return Devices(camera, arm, hand, feeder)
+    return Devices(camera, arm, hand, presenter)

@@ -13,7 +13,8 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from typing import Any, NamedTuple
+from types import ModuleType
+from typing import TYPE_CHECKING, NamedTuple
 
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from google.protobuf.message import DecodeError
@@ -21,10 +22,13 @@ from google.protobuf.message import DecodeError
 from bus import topics
 from bus.codec import schema_of
 from bus.errors import ConfigError
-from bus.sample import Heard
+from bus.sample import Sample
 from bus.session import Bus
 from bus.threads import OwnedThread, Role
 from bus.topics import encoding_of
+
+if TYPE_CHECKING:
+    import foxglove.websocket
 
 _log = logging.getLogger(__name__)
 
@@ -42,7 +46,7 @@ _JSON = {"jsonschema": "json"}
 
 
 class _Said(NamedTuple):
-    heard: Heard
+    sample: Sample
     fits: bool
 
 
@@ -61,15 +65,15 @@ class LiveView:
     def __init__(self, bus: Bus, port: int = DEFAULT_PORT) -> None:
         self._sdk = sdk()
         self._context = self._sdk.Context()
-        self._channels: dict[str, Any] = {}
-        self._last: dict[str, dict[str, Heard]] = {}
+        self._channels: dict[str, foxglove.Channel] = {}
+        self._last: dict[str, dict[str, Sample]] = {}
         self._queue: queue.Queue[_Said | str] = queue.Queue(_WAITING)
         self.left_out = self.unknown = 0
         self._warned: set[str] = set()
         self._is_closing = threading.Event()
         self._server = self._start(bus.cell_id, port)
         self.port = int(self._server.port)
-        self._feeder = OwnedThread(Role.LIVE_VIEW, self._feed).start()
+        self._presenter = OwnedThread(Role.LIVE_VIEW, self._feed).start()
         for topic in topics.TOPICS:
             if topic.kind == "publish":
                 hear = functools.partial(self._hear, encoding_of(topic.says))
@@ -79,14 +83,14 @@ class LiveView:
         """End the server, within moments whatever waits to be shown; idempotent."""
         if not self._is_closing.is_set():
             self._is_closing.set()
-            self._feeder.join(_CLOSE_PATIENCE_S)
+            self._presenter.join(_CLOSE_PATIENCE_S)
             self._server.stop()
 
-    def _start(self, name: str, port: int) -> Any:
+    def _start(self, name: str, port: int) -> foxglove.websocket.WebSocketServer:
         view = self
 
         class Listener(self._sdk.websocket.ServerListener):  # type: ignore[misc, name-defined]
-            def on_subscribe(self, _client: Any, channel: Any) -> None:
+            def on_subscribe(self, _client: foxglove.websocket.Client, channel: foxglove.websocket.ChannelView) -> None:
                 view._enqueue(str(channel.topic))
 
         try:
@@ -98,8 +102,8 @@ class LiveView:
                 f"The live view cannot listen on {HOST}:{port}: {error}.", "Choose another: --foxglove-port."
             ) from error
 
-    def _hear(self, encoding: str, heard: Heard) -> None:
-        self._enqueue(_Said(heard, fits=heard.encoding == encoding))
+    def _hear(self, encoding: str, sample: Sample) -> None:
+        self._enqueue(_Said(sample, fits=sample.encoding == encoding))
 
     def _enqueue(self, said: _Said | str) -> None:
         """Called on others' threads: a payload, or the topic that a viewer just began to look at."""
@@ -117,44 +121,44 @@ class LiveView:
             if isinstance(said, str):
                 self._repeat(said.removeprefix("/"))
             elif said.fits:
-                self._show(said.heard)
+                self._show(said.sample)
             else:
-                self._skip(said.heard)
+                self._skip(said.sample)
 
-    def _show(self, heard: Heard) -> None:
-        self._channel(heard).log(heard.payload, log_time=time.time_ns())
-        if heard.key not in _NOT_AGAIN:
-            self._last.setdefault(heard.key, {})[_part(heard)] = heard
+    def _show(self, sample: Sample) -> None:
+        self._channel(sample).log(sample.payload, log_time=time.time_ns())
+        if sample.key not in _NOT_AGAIN:
+            self._last.setdefault(sample.key, {})[_part(sample)] = sample
 
     def _repeat(self, key: str) -> None:
         for last in self._last.get(key, {}).values():
             self._channel(last).log(last.payload, log_time=time.time_ns())
 
-    def _skip(self, heard: Heard) -> None:
+    def _skip(self, sample: Sample) -> None:
         """Any program may put what it likes under our names: no viewer could read it."""
         self.unknown += 1
-        if heard.key not in self._warned and len(self._warned) < _MOST_WARNED:
-            self._warned.add(heard.key)
-            _log.warning("not shown, now and later: what travels on %s as %.80r", heard.key, heard.encoding)
+        if sample.key not in self._warned and len(self._warned) < _MOST_WARNED:
+            self._warned.add(sample.key)
+            _log.warning("not shown, now and later: what travels on %s as %.80r", sample.key, sample.encoding)
 
-    def _channel(self, heard: Heard) -> Any:
-        if heard.key not in self._channels:
-            schema = schema_of(heard.encoding)
-            self._channels[heard.key] = self._sdk.Channel(
-                f"/{heard.key}",
+    def _channel(self, sample: Sample) -> foxglove.Channel:
+        if sample.key not in self._channels:
+            schema = schema_of(sample.encoding)
+            self._channels[sample.key] = self._sdk.Channel(
+                f"/{sample.key}",
                 message_encoding=_JSON.get(schema.encoding, schema.encoding),
                 schema=self._sdk.Schema(name=schema.name, encoding=schema.encoding, data=schema.data),
                 context=self._context,
             )
-        return self._channels[heard.key]
+        return self._channels[sample.key]
 
 
-def _part(heard: Heard) -> str:
+def _part(sample: Sample) -> str:
     """Of a topic that is said in parts, which this is: transforms of the arm's links, or of the capture."""
-    if heard.key != topics.TF.key:
+    if sample.key != topics.TF.key:
         return ""
     try:
-        transforms = FrameTransforms.FromString(heard.payload).transforms
+        transforms = FrameTransforms.FromString(sample.payload).transforms
     except DecodeError:
         return ""
     return str(transforms[0].child_frame_id) if transforms and transforms[0].child_frame_id in _TF_PARTS else ""
@@ -168,7 +172,7 @@ def watching(cell_id: str, endpoint: str, port: int) -> Iterator[LiveView]:
 
 
 @functools.cache
-def sdk() -> Any:
+def sdk() -> ModuleType:
     """The optional package, loaded only where it is asked for. Raises: ConfigError."""
     try:
         importlib.import_module("foxglove.websocket")

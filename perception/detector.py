@@ -17,12 +17,12 @@ from perception.align import align
 from perception.align.base import Shape
 from perception.geometry.crop import Crop
 from perception.geometry.depth import Rgbd, register
-from perception.geometry.lift import lift, thin
+from perception.geometry.lift import lift, voxel_downsample
 from perception.geometry.rod import fit_line, lift_run, rectangle, rod_depth, runs
 from perception.goal.depth import carried_depth, scaled_to_observed
 from perception.goal.drift import measure, require_faithful
 from perception.goal.drift import register as register_outlines
-from perception.goal.imagine import Conversation, Say, imagine, subject_of
+from perception.goal.imagine import Conversation, OnReply, imagine, observed_object_of
 from perception.goal.parts import GoalParts, take_apart
 from perception.goal.target import choose
 from perception.grasps.rank import grasps_of_rod, rank
@@ -30,7 +30,7 @@ from perception.models import Models
 from perception.rectangles.metric import matches
 from perception.scene.heightmap import MARGIN_M
 from perception.scene.segment import Scene, segment
-from perception.subject import GoalImage, Subject
+from perception.subject import GoalImage, ObservedObject
 
 Array = npt.NDArray[np.float64]
 
@@ -59,7 +59,7 @@ class Proposal:
 
 
 def detect(
-    observation: Observation, station: Station, models: Models, say: Say, cancel: Cancel | None = None
+    observation: Observation, station: Station, models: Models, on_reply: OnReply, cancel: Cancel | None = None
 ) -> Detections:
     """Ranked grasps of the target in the pick region, and the evidence for them. Pure but for the models.
 
@@ -73,19 +73,19 @@ def detect(
     cancel.raise_if_set("detect")
     models.imaginer.begin()
     rgbd = register(observation.frame)
-    talk = Conversation(models.imaginer, say, cancel=cancel)
+    talk = Conversation(models.imaginer, on_reply, cancel=cancel)
     scene = choose(segment(rgbd, base_from_color, station), rgbd.color, talk, station, models.sam)
     scene = models.refined(scene, rgbd.color)
     _require_depth(rgbd, scene)
     crop = Crop.around(scene.object_mask, _margin_px(rgbd, scene))
-    subject = subject_of(crop.rgbd(rgbd), scene.within(crop), base_from_color)
+    observed_object = observed_object_of(crop.rgbd(rgbd), scene.within(crop), base_from_color)
     found: list[tuple[tuple[Grasp, ...], Proposal, int]] = []
     failures: list[CycleFailure] = []
     for sample in range(station.perception.imagine.samples):
         cancel.raise_if_set("detect")
         try:
-            proposal = propose(replace(talk, sample=sample), subject, models, station)
-            found.append((grasps_of(proposal, subject, station), proposal, sample))
+            proposal = propose(replace(talk, sample=sample), observed_object, models, station)
+            found.append((grasps_of(proposal, observed_object, station), proposal, sample))
         except CycleFailure as failure:
             if failure.failure is Code.STOPPED:
                 raise
@@ -96,30 +96,30 @@ def detect(
     agree = [_same_place(proposal, other) for _, other, _ in found]
     rectangles = tuple(rectangle(ends, rgbd.camera, station) for ends in proposal.ends)
     agreement = sum(agree) / station.perception.imagine.samples
-    evidence = _evidence(rgbd, crop, subject, proposal, sample, agreement)
+    evidence = _evidence(rgbd, crop, observed_object, proposal, sample, agreement)
     return Detections(rectangles=rectangles, grasps=grasps, evidence=evidence)
 
 
-def propose(talk: Conversation, subject: Subject, models: Models, station: Station) -> Proposal:
+def propose(talk: Conversation, observed_object: ObservedObject, models: Models, station: Station) -> Proposal:
     """Imagine one rod and carry it back onto the observed object. Raises: CycleFailure, as `detect`."""
-    rgbd, settings = subject.rgbd, station.perception
+    rgbd, settings = observed_object.rgbd, station.perception
 
     # Stage 1: the goal image; how far it strayed from the observed object.
-    goal = imagine(talk, subject, station)
-    parts = take_apart(goal.image, subject)
+    goal = imagine(talk, observed_object, station)
+    parts = take_apart(goal.image, observed_object)
     line = fit_line(parts.rod)
-    observed = Shape(subject.scene.object_mask, np.zeros_like(parts.rod), rgbd.depth_m, rgbd.camera)
+    observed = Shape(observed_object.scene.object_mask, np.zeros_like(parts.rod), rgbd.depth_m, rgbd.camera)
     outline_fit, overlap = register_outlines(Shape(parts.object, parts.rod, rgbd.depth_m, rgbd.camera), observed.mask)
-    drift = measure(goal.image, parts, subject, outline_fit, overlap)
+    drift = measure(goal.image, parts, observed_object, outline_fit, overlap)
     require_faithful(drift, settings.drift)
 
     # Stage 2: lift both, and align the imagined object to the observed one.
     if goal.depth_m is not None:
         depth_m = goal.depth_m
     elif models.depth is not None:
-        depth_m = scaled_to_observed(models.depth.estimate(goal.image, rgbd.camera.fx).depth_m, parts, subject)
+        depth_m = scaled_to_observed(models.depth.estimate(goal.image, rgbd.camera.fx).depth_m, parts, observed_object)
     else:
-        depth_m = carried_depth(parts, subject, outline_fit)
+        depth_m = carried_depth(parts, observed_object, outline_fit)
     imagined = Shape(parts.object, parts.rod, depth_m, rgbd.camera)
     alignment = align(settings.align, imagined, observed, max_residual=settings.max_residual)
 
@@ -135,12 +135,12 @@ def propose(talk: Conversation, subject: Subject, models: Models, station: Stati
     return Proposal(goal, parts, drift, depth_m, observed, imagined, alignment, ends, rectangles)
 
 
-def grasps_of(proposal: Proposal, subject: Subject, station: Station) -> tuple[Grasp, ...]:
+def grasps_of(proposal: Proposal, observed_object: ObservedObject, station: Station) -> tuple[Grasp, ...]:
     """Every run's grasps, ranked. Raises: CycleFailure(NO_GRASP), with the runs' widths."""
     grasps: list[Grasp] = []
     for index, run_ends in enumerate(proposal.ends):
-        ends_base = apply(subject.base_from_color, run_ends)
-        grasps += grasps_of_rod(ends_base, index, subject, station)
+        ends_base = apply(observed_object.base_from_color, run_ends)
+        grasps += grasps_of_rod(ends_base, index, observed_object, station)
     if not grasps:
         widths = ", ".join(f"{np.linalg.norm(ends[1] - ends[0]) * 1e3:.0f}" for ends in proposal.ends)
         raise CycleFailure(
@@ -168,23 +168,25 @@ def _margin_px(rgbd: Rgbd, scene: Scene) -> int:
     return int(np.ceil(MARGIN_M * rgbd.camera.fx / nearest_m))
 
 
-def _evidence(rgbd: Rgbd, crop: Crop, subject: Subject, proposal: Proposal, sample: int, agreement: float) -> Evidence:
+def _evidence(
+    rgbd: Rgbd, crop: Crop, observed_object: ObservedObject, proposal: Proposal, sample: int, agreement: float
+) -> Evidence:
     """All there is to look at, in the whole image."""
     observed_from_goal, goal_points = proposal.alignment.observed_from_goal, proposal.imagined.points
-    rod_points = lift(proposal.parts.rod, proposal.depth_m, subject.rgbd.camera)
+    rod_points = lift(proposal.parts.rod, proposal.depth_m, observed_object.rgbd.camera)
     nothing = np.zeros(rgbd.depth_m.shape, dtype=bool)
     background = np.empty_like(rgbd.color)
-    background[:] = subject.background
+    background[:] = observed_object.background
     return Evidence(
         color=rgbd.color,
-        object_mask=crop.back(subject.scene.object_mask, nothing),
+        object_mask=crop.back(observed_object.scene.object_mask, nothing),
         goal_image=crop.back(proposal.goal.image, background),
         goal_object_mask=crop.back(proposal.parts.object, nothing),
         goal_rod_mask=crop.back(proposal.parts.rod, nothing),
-        observed_points=thin(proposal.observed.points, _SHOWN_POINTS),
-        goal_points=thin(goal_points, _SHOWN_POINTS),
-        aligned_points=thin(apply(observed_from_goal, goal_points), _SHOWN_POINTS),
-        rod_points=thin(apply(observed_from_goal, rod_points), _SHOWN_POINTS),
+        observed_points=voxel_downsample(proposal.observed.points, _SHOWN_POINTS),
+        goal_points=voxel_downsample(goal_points, _SHOWN_POINTS),
+        aligned_points=voxel_downsample(apply(observed_from_goal, goal_points), _SHOWN_POINTS),
+        rod_points=voxel_downsample(apply(observed_from_goal, rod_points), _SHOWN_POINTS),
         rod_ends=(proposal.ends[0][0], proposal.ends[0][1]),
         alignment=proposal.alignment,
         drift=proposal.drift,
@@ -193,5 +195,5 @@ def _evidence(rgbd: Rgbd, crop: Crop, subject: Subject, proposal: Proposal, samp
     )
 
 
-def unsaid(_reply: ModelReply) -> None:
-    """For a `say` when nobody listens."""
+def ignore_reply(_reply: ModelReply) -> None:
+    """For a `on_reply` when nobody listens."""

@@ -24,7 +24,7 @@ class RodColor:
 
 
 @dataclass(frozen=True)
-class Subject:
+class ObservedObject:
     """What a model is shown: the image with its object, and - for models that can use it - the depth.
 
     Attributes:

@@ -15,7 +15,7 @@ CARRY_TILT_RAD = np.radians(20.0)
 _SEARCHED_TILT_RAD = np.radians(25.0)
 
 
-def steady(robot: Robot, q_from_rad: Joints, q_to_rad: Joints) -> bool:
+def keeps_level(robot: Robot, q_from_rad: Joints, q_to_rad: Joints) -> bool:
     """Whether the straight joint line keeps the hand from dipping and tipping."""
     poses = np.stack([robot.base_from_tcp(q) for q in np.linspace(q_from_rad, q_to_rad, 11)])
     heights_m, axes = poses[:, 2, 3], poses[:, :3, 2]
@@ -24,7 +24,7 @@ def steady(robot: Robot, q_from_rad: Joints, q_to_rad: Joints) -> bool:
     return bool(dip_m <= CARRY_DIP_M and turned.max() - turned[-1] <= CARRY_TILT_RAD)
 
 
-def upright(robot: Robot, q_from_rad: Joints, q_to_rad: Joints) -> Callable[[Joints], bool]:
+def within_max_tilt(robot: Robot, q_from_rad: Joints, q_to_rad: Joints) -> Callable[[Joints], bool]:
     """Whether a configuration tilts the hand hardly more than the two ends of a path do."""
     lowest = max(robot.base_from_tcp(q)[2, 2] for q in (q_from_rad, q_to_rad))
     bound = np.cos(min(np.pi, np.arccos(np.clip(-lowest, -1.0, 1.0)) + _SEARCHED_TILT_RAD))

@@ -37,7 +37,7 @@ _BESIDE_TARGET_PX = 2
 
 
 @dataclass(frozen=True, eq=False)
-class Field:
+class ObservedHeightField:
     """Heights over a grid of ``base`` x and y.
 
     Attributes:
@@ -65,7 +65,7 @@ class Field:
         return Thing(_NAME, coal.makeOctree(self.points - [0.0, 0.0, CELL_M / 2], CELL_M))
 
 
-def observed_field(points_base: Points, target: Mask, boxes: Sequence[Box]) -> Field | None:
+def observed_field(points_base: Points, target: Mask, boxes: Sequence[Box]) -> ObservedHeightField | None:
     """The obstacles in one depth image; None when there is nothing but known boxes and the target.
 
     Args:
@@ -86,7 +86,7 @@ def observed_field(points_base: Points, target: Mask, boxes: Sequence[Box]) -> F
     height_m = np.full((row.max() + 3, column.max() + 3), boxes[0].center_m[2] - boxes[0].size_m[2] / 2)
     for dr, dc in ((0, 0), (0, 1), (1, 0), (1, 1)):  # the corners of the point's cell
         np.maximum.at(height_m, (row + dr, column + dc), seen[:, 2])
-    return Field(low * CELL_M, height_m, seen)
+    return ObservedHeightField(low * CELL_M, height_m, seen)
 
 
 def _sheets(points: Points, table_m: float) -> Points:
@@ -137,6 +137,6 @@ def solid(points_base: Array, floor_m: float) -> coal.CollisionGeometry:
     return mesh.convex
 
 
-def few(points: Array) -> Array:
+def subsample(points: Array) -> Array:
     """Some hundred of the points, evenly picked."""
     return points[:: max(1, len(points) // _ENOUGH_POINTS)]

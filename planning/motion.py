@@ -21,7 +21,7 @@ from planning.infeasible import Infeasible
 from planning.scene import Scene
 from planning.search import search
 from planning.timing import rest_to_rest, timed
-from planning.world import Touch
+from planning.world import Collision
 
 _CORNER_SHARES = (CORNER_SHARE, 0.25, 0.1, 0.02)
 """Corners are cut less and less until nothing is touched."""
@@ -57,23 +57,23 @@ def connect(
 
     Raises: Infeasible, naming what is in the way.
     """
-    touch: Touch | str = "no goal can be reached"
+    collision: Collision | str = "no goal can be reached"
     for index, goal in enumerate(goals_rad):
         line = np.stack([q_from_rad, goal])
-        blocked = scene.first_touch(line, width_m)
+        blocked = scene.first_collision(line, width_m)
         if blocked is None:
             return Way(index, "straight", line)
-        touch = blocked if index == 0 else touch
+        collision = blocked if index == 0 else collision
 
     def free(q: Joints) -> bool:
-        return (allowed is None or allowed(q)) and scene.touch(q, width_m) is None
+        return (allowed is None or allowed(q)) and scene.collision(q, width_m) is None
 
     for seed in range(scene.station.planning.searches):
         path = search(free, q_from_rad, goals_rad, seed)
-        if path is not None and scene.first_touch(path, width_m) is None:
+        if path is not None and scene.first_collision(path, width_m) is None:
             reached = int(np.argmin([np.abs(goal - path[-1]).max() for goal in goals_rad]))
             return Way(reached, "searched", np.concatenate([path[:-1], goals_rad[reached][None]]))
-    raise Infeasible(Code.COLLISION, f"no way around: {touch}")
+    raise Infeasible(Code.COLLISION, f"no way around: {collision}")
 
 
 def motion(
@@ -92,16 +92,16 @@ def motion(
 
     Raises: Infeasible: a limit, or what would be touched.
     """
-    touch: Touch | None = None
+    collision: Collision | None = None
     for share in _CORNER_SHARES:
         curve = blended(pieces, share)
-        touch = _bends_touch(curve, scene, width_m)
-        if touch is None:
+        collision = _bends_touch(curve, scene, width_m)
+        if collision is None:
             trajectory = _timed(name, scene, curve)
-            touch = _gate(trajectory, curve, scene, leaving, width_m)
-            if touch is None:
+            collision = _gate(trajectory, curve, scene, leaving, width_m)
+            if collision is None:
                 return Segment(name=name, route=way.route, trajectory=trajectory)
-    raise Infeasible(Code.COLLISION, f"{name}: {touch}")
+    raise Infeasible(Code.COLLISION, f"{name}: {collision}")
 
 
 def move(scene: Scene, q_from_rad: Joints, q_to_rad: Joints) -> Trajectory:
@@ -111,12 +111,15 @@ def move(scene: Scene, q_from_rad: Joints, q_to_rad: Joints) -> Trajectory:
     """
     width_m = scene.station.hand.max_width_m
     trajectory = rest_to_rest(scene.station, q_from_rad, q_to_rad)
-    if scene.gate(trajectory.filtered(), width_m) is None and scene.first_touch(trajectory.raw_q_rad, width_m) is None:
+    if (
+        scene.gate(trajectory.filtered(), width_m) is None
+        and scene.first_collision(trajectory.raw_q_rad, width_m) is None
+    ):
         return trajectory
     for q_rad, which in ((q_from_rad, "cannot start"), (q_to_rad, "cannot end")):
-        touch = scene.touch(q_rad, width_m)
-        if touch is not None:
-            raise CycleFailure(Code.COLLISION, f"The move {which} where it is told to: {touch}.")
+        collision = scene.collision(q_rad, width_m)
+        if collision is not None:
+            raise CycleFailure(Code.COLLISION, f"The move {which} where it is told to: {collision}.")
     try:
         way = connect(scene, q_from_rad, [q_to_rad], width_m)
         return motion("home", way, way.lines(), scene, width_m).trajectory
@@ -124,15 +127,17 @@ def move(scene: Scene, q_from_rad: Joints, q_to_rad: Joints) -> Trajectory:
         raise CycleFailure(why.code, f"There is no way from here: {why.reason}.") from why
 
 
-def _bends_touch(curve: Curve, scene: Scene, width_m: float) -> Touch | None:
+def _bends_touch(curve: Curve, scene: Scene, width_m: float) -> Collision | None:
     for begin, end in curve.bends:
-        touch = scene.first_touch(curve.points_rad[begin : end + 1], width_m)
-        if touch is not None:
-            return touch
+        collision = scene.first_collision(curve.points_rad[begin : end + 1], width_m)
+        if collision is not None:
+            return collision
     return None
 
 
-def _gate(trajectory: Trajectory, curve: Curve, scene: Scene, leaving: Scene | None, width_m: float) -> Touch | None:
+def _gate(
+    trajectory: Trajectory, curve: Curve, scene: Scene, leaving: Scene | None, width_m: float
+) -> Collision | None:
     """The independent judgement of the very commands that will be sent."""
     commands = trajectory.filtered()
     if leaving is None:

@@ -21,10 +21,10 @@ from bus.messages import Grasp, PickPlan, Segment
 from bus.rejection import Rejection
 from config.limits import outside
 from planning.candidates import Approach, approaches, configurations, grasp_pose, is_like
-from planning.carry import steady, upright
+from planning.carry import keeps_level, within_max_tilt
 from planning.infeasible import Infeasible
 from planning.motion import Way, connect, motion
-from planning.pregrasp import Landing, above_tray, before_grasp, first_that_works, opening_m, shifted, ways
+from planning.pregrasp import Pregrasp, first_that_works, opening_m, pregrasps_of, preplaces, shifted, ways
 from planning.scene import Scene
 
 Array = npt.NDArray[np.float64]
@@ -80,7 +80,7 @@ def plan_reach(scene: Scene, approach: Approach, q_now_rad: Joints) -> Segment:
     """Only the first motion. Raises: Infeasible."""
     grasp, base_from_tcp = approach.grasp, grasp_pose(approach, scene.station)
     ways_to_grasp = _ways_to_grasp(scene, grasp, base_from_tcp, q_now_rad, lambda _: True)
-    return first_that_works(ways_to_grasp, lambda way, landing: _reach(scene, grasp, way, landing))
+    return first_that_works(ways_to_grasp, lambda way, pregrasp: _reach(scene, grasp, way, pregrasp))
 
 
 def _check_start(scene: Scene, q_now_rad: Joints) -> None:
@@ -89,9 +89,9 @@ def _check_start(scene: Scene, q_now_rad: Joints) -> None:
     beyond = outside(q_now_rad)
     if beyond is not None:
         raise CycleFailure(Code.MOTION_REFUSED, f"The arm cannot start from where it is: {beyond}.")
-    touch = scene.touch(q_now_rad, scene.station.hand.max_width_m)
-    if touch is not None:
-        raise CycleFailure(Code.COLLISION, f"The arm cannot start from where it is: {touch}.")
+    collision = scene.collision(q_now_rad, scene.station.hand.max_width_m)
+    if collision is not None:
+        raise CycleFailure(Code.COLLISION, f"The arm cannot start from where it is: {collision}.")
 
 
 def _none_feasible(rejected: Sequence[Rejection]) -> CycleFailure:
@@ -109,31 +109,31 @@ def _reach_and_carry(
 ) -> tuple[Segment, Segment, Transform]:
     """The first two motions, and where the tcp really grasps: at the pose asked for, or half a turn from it."""
 
-    def calm(landing: Landing) -> bool:
-        return steady(scene.robot, landing.leave_rad[-1], view_q)
+    def calm(pregrasp: Pregrasp) -> bool:
+        return keeps_level(scene.robot, pregrasp.leave_rad[-1], view_q)
 
-    def make(way: Way, landing: Landing) -> tuple[Segment, Segment, Transform]:
-        grasped_at = scene.robot.base_from_tcp(landing.line_rad[-1])
-        reach = _reach(scene, grasp, way, landing)
-        return reach, _carry(scene, scene.holding(grasped_at), grasp, landing, view_q), grasped_at
+    def make(way: Way, pregrasp: Pregrasp) -> tuple[Segment, Segment, Transform]:
+        grasped_at = scene.robot.base_from_tcp(pregrasp.line_rad[-1])
+        reach = _reach(scene, grasp, way, pregrasp)
+        return reach, _carry(scene, scene.holding(grasped_at), grasp, pregrasp, view_q), grasped_at
 
     return first_that_works(_ways_to_grasp(scene, grasp, base_from_tcp, q_now_rad, calm), make)
 
 
 def _ways_to_grasp(
-    scene: Scene, grasp: Grasp, base_from_tcp: Transform, q_now_rad: Joints, calm: Callable[[Landing], bool]
-) -> Iterator[tuple[Way, Landing]]:
-    landings = before_grasp(scene, grasp, base_from_tcp, q_now_rad)
-    return ways(scene, q_now_rad, landings, opening_m(grasp, scene.station), calm)
+    scene: Scene, grasp: Grasp, base_from_tcp: Transform, q_now_rad: Joints, calm: Callable[[Pregrasp], bool]
+) -> Iterator[tuple[Way, Pregrasp]]:
+    pregrasps = pregrasps_of(scene, grasp, base_from_tcp, q_now_rad)
+    return ways(scene, q_now_rad, pregrasps, opening_m(grasp, scene.station), calm)
 
 
-def _reach(scene: Scene, grasp: Grasp, way: Way, landing: Landing) -> Segment:
-    return motion("reach", way, [*way.lines(), landing.line_rad], scene, opening_m(grasp, scene.station))
+def _reach(scene: Scene, grasp: Grasp, way: Way, pregrasp: Pregrasp) -> Segment:
+    return motion("reach", way, [*way.lines(), pregrasp.line_rad], scene, opening_m(grasp, scene.station))
 
 
-def _carry(scene: Scene, holding: Scene, grasp: Grasp, landing: Landing, view_q: Joints) -> Segment:
-    lift = landing.leave_rad
-    may = upright(scene.robot, lift[-1], view_q)
+def _carry(scene: Scene, holding: Scene, grasp: Grasp, pregrasp: Pregrasp, view_q: Joints) -> Segment:
+    lift = pregrasp.leave_rad
+    may = within_max_tilt(scene.robot, lift[-1], view_q)
     way = connect(holding, lift[-1], [view_q], grasp.width_m, may)
     return motion("carry", way, [lift, *way.lines()], holding, grasp.width_m, leaving=scene.empty())
 
@@ -147,7 +147,7 @@ def _view_configuration(scene: Scene, object_m: Array) -> Joints:
         shift_m = np.append(object_m[:2] + aside_m - camera_m, 0.0)
         pose = shifted(robot.base_from_tcp(capture_q), shift_m)
         for q, _ in islice(configurations([pose], capture_q), _EXAMINED):
-            if scene.touch(q, station.hand.max_width_m) is None:
+            if scene.collision(q, station.hand.max_width_m) is None:
                 return q
     return capture_q
 
@@ -161,14 +161,14 @@ def _place_and_home(
     station, empty, robot = holding.station, holding.empty(), holding.robot
     capture_q, wide_m = np.array(station.arm.capture_q_rad), station.hand.max_width_m
 
-    def calm(landing: Landing) -> bool:
-        return steady(robot, view_q, landing.q_rad)
+    def calm(pregrasp: Pregrasp) -> bool:
+        return keeps_level(robot, view_q, pregrasp.q_rad)
 
-    def make(way: Way, landing: Landing) -> tuple[Segment, Segment]:
-        place = motion("place", way, [*way.lines(), landing.line_rad], holding, grasp.width_m)
-        back = connect(empty, landing.leave_rad[-1], [capture_q], wide_m)
-        return place, motion("home", back, [landing.leave_rad, *back.lines()], empty, wide_m)
+    def make(way: Way, pregrasp: Pregrasp) -> tuple[Segment, Segment]:
+        place = motion("place", way, [*way.lines(), pregrasp.line_rad], holding, grasp.width_m)
+        back = connect(empty, pregrasp.leave_rad[-1], [capture_q], wide_m)
+        return place, motion("home", back, [pregrasp.leave_rad, *back.lines()], empty, wide_m)
 
-    landings = above_tray(holding, grasp, base_from_tcp_rotation, view_q)
-    may = upright(robot, view_q, view_q)
-    return first_that_works(ways(holding, view_q, landings, grasp.width_m, calm, may), make)
+    pregrasps = preplaces(holding, grasp, base_from_tcp_rotation, view_q)
+    may = within_max_tilt(robot, view_q, view_q)
+    return first_that_works(ways(holding, view_q, pregrasps, grasp.width_m, calm, may), make)

@@ -31,7 +31,7 @@ _PLACE_YAWS_RAD = np.arange(12) * np.pi / 6
 
 
 @dataclass(frozen=True)
-class Landing:
+class Pregrasp:
     """An arm configuration from which a tcp line is free.
 
     Attributes:
@@ -49,9 +49,9 @@ def opening_m(grasp: Grasp, station: Station) -> float:
     return min(grasp.opening_m, station.hand.max_width_m)
 
 
-def before_grasp(
+def pregrasps_of(
     scene: Scene, grasp: Grasp, base_from_tcp: Transform, q_now_rad: Joints
-) -> Iterator[Landing | Infeasible]:
+) -> Iterator[Pregrasp | Infeasible]:
     """Where the free path may end: before the grasp, with a free approach line and a free lift line."""
     station = scene.station
     back_m = -station.planning.approach_m * base_from_tcp[:3, 2]
@@ -73,12 +73,12 @@ def before_grasp(
                 jammed[id(before)] = why
             yield why
         else:
-            yield Landing(q, approach, lift)
+            yield Pregrasp(q, approach, lift)
 
 
-def above_tray(
+def preplaces(
     holding: Scene, grasp: Grasp, base_from_tcp_rotation: Array, view_q: Joints
-) -> Iterator[Landing | Infeasible]:
+) -> Iterator[Pregrasp | Infeasible]:
     """Above the tray, with a free line down and up again; the object keeps its tilt, its yaw is free."""
     station = holding.station
     down_m = np.array([0.0, 0.0, -LOWER_M])
@@ -93,16 +93,16 @@ def above_tray(
         except Infeasible as why:
             yield why
         else:
-            yield Landing(q, lower, lower[::-1])
+            yield Pregrasp(q, lower, lower[::-1])
 
 
-def first_that_works(ways: Iterator[tuple[Way, Landing]], make: Callable[[Way, Landing], MadeT]) -> MadeT:
+def first_that_works(ways: Iterator[tuple[Way, Pregrasp]], make: Callable[[Way, Pregrasp], MadeT]) -> MadeT:
     """What ``make`` makes of the first way of which it can. Raises: Infeasible, with the most frequent reason."""
     failures: list[Infeasible] = []
     try:
-        for way, landing in ways:
+        for way, pregrasp in ways:
             try:
-                return make(way, landing)
+                return make(way, pregrasp)
             except Infeasible as why:
                 failures.append(why)
     except Infeasible as why:
@@ -113,25 +113,25 @@ def first_that_works(ways: Iterator[tuple[Way, Landing]], make: Callable[[Way, L
 def ways(
     scene: Scene,
     q_from_rad: Joints,
-    landings: Iterator[Landing | Infeasible],
+    pregrasps: Iterator[Pregrasp | Infeasible],
     width_m: float,
-    calm: Callable[[Landing], bool],
+    calm: Callable[[Pregrasp], bool],
     allowed: Allowed | None = None,
-) -> Iterator[tuple[Way, Landing]]:
+) -> Iterator[tuple[Way, Pregrasp]]:
     """Straight ways to calm landings; then ways around the obstacles to one; then any way to any landing.
 
     Raises: Infeasible at the end, when there was none.
     """
     failures: list[Infeasible] = []
-    kept: list[tuple[Landing, bool]] = []
-    for landing in landings:
-        if isinstance(landing, Infeasible):
-            failures.append(landing)
+    kept: list[tuple[Pregrasp, bool]] = []
+    for pregrasp in pregrasps:
+        if isinstance(pregrasp, Infeasible):
+            failures.append(pregrasp)
             continue
-        kept.append((landing, calm(landing)))
-        line = np.stack([q_from_rad, landing.q_rad])
-        if kept[-1][1] and scene.first_touch(line, width_m) is None:
-            yield Way(0, "straight", line), landing
+        kept.append((pregrasp, calm(pregrasp)))
+        line = np.stack([q_from_rad, pregrasp.q_rad])
+        if kept[-1][1] and scene.first_collision(line, width_m) is None:
+            yield Way(0, "straight", line), pregrasp
         if len(kept) == _KEPT:
             break
     calm_ones, every = [one for one, is_calm in kept if is_calm], [one for one, _ in kept]
@@ -153,15 +153,15 @@ def _line(name: str, q_from_rad: Joints, base_from_tcp: Transform, shift_m: Arra
 
 
 def _require_untouched(name: str, scene: Scene, q_rad: Joints, width_m: float) -> None:
-    touch = scene.touch(q_rad, width_m)
-    if touch is not None:
-        raise Infeasible(Code.COLLISION, f"{name}: {touch}", by_hand=touch.by_hand)
+    collision = scene.collision(q_rad, width_m)
+    if collision is not None:
+        raise Infeasible(Code.COLLISION, f"{name}: {collision}", by_hand=collision.by_hand)
 
 
 def _require_free(name: str, scene: Scene, points_rad: JointSamples, width_m: float) -> None:
-    touch = scene.first_touch(points_rad, width_m)
-    if touch is not None:
-        raise Infeasible(Code.COLLISION, f"{name}: {touch}", by_hand=touch.by_hand)
+    collision = scene.first_collision(points_rad, width_m)
+    if collision is not None:
+        raise Infeasible(Code.COLLISION, f"{name}: {collision}", by_hand=collision.by_hand)
 
 
 def shifted(pose: Transform, shift_m: Array) -> Transform:

@@ -20,9 +20,9 @@ from bus.cancel import Cancel
 from bus.transforms import from_translation, inverse
 from config.scene import scene_boxes
 from config.schema import Box, Station
-from planning.height_field import Field, few, observed_field, solid
+from planning.height_field import ObservedHeightField, observed_field, solid, subsample
 from planning.robot import HAND_FROM_TCP, Robot
-from planning.world import FINGERS, Thing, Touch, World, held_thing
+from planning.world import FINGERS, Collision, Thing, World, held_thing
 
 Array = npt.NDArray[np.float64]
 
@@ -68,7 +68,7 @@ class Scene:
     robot: Robot
     station: Station
     boxes: tuple[Box, ...]
-    field: Field | None = None
+    field: ObservedHeightField | None = None
     target: Array | None = None
     held: Thing | None = None
     cancel: Cancel = dataclass_field(default_factory=Cancel)
@@ -88,7 +88,7 @@ class Scene:
         if sight is None:
             return cls(robot, station, known, cancel=cancel)
         target = sight.points_base[sight.target].astype(float)
-        target = few(target[np.isfinite(target[:, 2])])
+        target = subsample(target[np.isfinite(target[:, 2])])
         field = observed_field(sight.points_base, sight.target, known)
         seen = target if len(target) >= _FEWEST_POINTS else None
         return cls(robot, station, known, field, seen, cancel=cancel)
@@ -108,12 +108,12 @@ class Scene:
     def _without_target(self) -> Scene:
         return self if self.target is None and self.held is None else replace(self, target=None, held=None)
 
-    def touch(self, q_rad: Joints, width_m: float) -> Touch | None:
+    def collision(self, q_rad: Joints, width_m: float) -> Collision | None:
         """What comes nearer than the clearance in one configuration, or None."""
         self.cancel.raise_if_set("plan")
-        return self._planned.touch(q_rad, width_m)
+        return self._planned.collision(q_rad, width_m)
 
-    def first_touch(self, path_rad: JointSamples, width_m: float) -> Touch | None:
+    def first_collision(self, path_rad: JointSamples, width_m: float) -> Collision | None:
         """What the robot touches first on the polyline ``path_rad`` (n, 7), or None.
 
         Between checks no point of the robot moves farther than the margin that the checks found free, so that 2.5 mm
@@ -125,25 +125,25 @@ class Scene:
         middles = _at(path_rad, travel_m, (edges[1:] + edges[:-1]) / 2)
         for begin, end, middle in zip(edges[:-1], edges[1:], middles, strict=True):
             self.cancel.raise_if_set("plan")
-            if self._planned.touch(middle, width_m, coarse=True) is None:
+            if self._planned.collision(middle, width_m, coarse=True) is None:
                 continue
             checks = int(np.ceil((end - begin) / _CHECK_STEP_M)) + 1
             for q in _at(path_rad, travel_m, np.linspace(begin, end, checks)):
-                touch = self._planned.touch(q, width_m)
-                if touch is not None:
-                    return touch
+                collision = self._planned.collision(q, width_m)
+                if collision is not None:
+                    return collision
         return None
 
-    def gate(self, commands_rad: JointSamples, width_m: float) -> Touch | None:
+    def gate(self, commands_rad: JointSamples, width_m: float) -> Collision | None:
         """The last judgement on 1 kHz commands, by other shapes than they were planned with.
 
         The exact meshes instead of their hulls, the observed points instead of the field, every 8 ms.
         """
         for q in np.concatenate([commands_rad[::_GATE_TICKS], commands_rad[-1:]]):
             self.cancel.raise_if_set("plan")
-            touch = self._exact.touch(q, width_m)
-            if touch is not None:
-                return touch
+            collision = self._exact.collision(q, width_m)
+            if collision is not None:
+                return collision
         return None
 
     # --- worlds -------------------------------------------------------------------------------------------------------

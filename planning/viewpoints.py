@@ -23,7 +23,7 @@ _ROLLS_DEG = (0.0, 35.0, -35.0)
 _EXAMINED = 12
 
 
-def vantages(scene: Scene, station: Station, q_from_rad: Joints) -> list[Joints]:
+def viewpoints(scene: Scene, station: Station, q_from_rad: Joints) -> list[Joints]:
     """As many arm configurations as `calibration.poses`, each looking at the board's middle from another direction.
 
     Raises: CalibrationError when fewer than 12 can be reached.
@@ -67,6 +67,6 @@ def _looks(station: Station) -> Iterator[Transform]:
 def _reached(scene: Scene, station: Station, base_from_color: Transform, q_from_rad: Joints) -> Joints | None:
     base_from_tcp = base_from_color @ inverse(hand_from_color(station.camera)) @ HAND_FROM_TCP
     for q_rad, _ in islice(configurations([base_from_tcp], q_from_rad), _EXAMINED):
-        if scene.touch(q_rad, station.hand.max_width_m) is None:
+        if scene.collision(q_rad, station.hand.max_width_m) is None:
             return q_rad
     return None

@@ -49,7 +49,7 @@ class Thing:
     held: bool = False
 
 
-class Touch(NamedTuple):
+class Collision(NamedTuple):
     """Two that come nearer than they may, e.g. ``right finger touches table``.
 
     Attributes:
@@ -76,7 +76,7 @@ class World:
         parts: the robot's, `Robot.hulls` or `Robot.meshes`.
         margin_m: how near anything may come to anything.
         finger_margin_m: how near the fingers may come to things, among which they work.
-        coarse_m: a second, larger margin for everything, to ask for with ``touch(coarse=True)``.
+        coarse_m: a second, larger margin for everything, to ask for with ``collision(coarse=True)``.
     """
 
     def __init__(
@@ -107,7 +107,7 @@ class World:
         self._fine = self._level(margins)
         self._coarse = self._fine if coarse_m is None else self._level(np.full_like(margins, coarse_m))
 
-    def touch(self, q_rad: Joints, width_m: float, *, coarse: bool = False) -> Touch | None:
+    def collision(self, q_rad: Joints, width_m: float, *, coarse: bool = False) -> Collision | None:
         """What comes nearer than its margin; None if nothing does.
 
         Args:
@@ -124,7 +124,7 @@ class World:
         pair = self._model.collisionPairs[callback.collisionPairIndex]
         part, other = self._names[pair.first], self._names[pair.second]
         stands = pair.second >= self._robot_parts and not self._things[pair.second - self._robot_parts].held
-        return Touch(part, other, by_hand=stands and part in _RIGID)
+        return Collision(part, other, by_hand=stands and part in _RIGID)
 
     def own_pairs(self) -> frozenset[frozenset[str]]:
         """The checked pairs of the robot's own parts."""

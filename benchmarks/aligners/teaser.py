@@ -18,7 +18,7 @@ from bus.codes import Code
 from bus.errors import ConfigError, CycleFailure
 from bus.transforms import affine
 from perception.align.base import Array, Fit, Shape, rms_radius_m
-from perception.geometry.lift import few
+from perception.geometry.lift import subsample
 
 PACKAGE = "teaserpp_python"
 _POINTS = 300
@@ -39,8 +39,8 @@ def teaser(goal: Shape, observed: Shape) -> Fit:
         )
     goal_center, observed_center = goal.points.mean(axis=0), observed.points.mean(axis=0)
     goal_m, observed_m = rms_radius_m(goal.points), rms_radius_m(observed.points)
-    ours = few((goal.points - goal_center) / goal_m, _POINTS)
-    theirs = few((observed.points - observed_center) / observed_m, _POINTS)
+    ours = subsample((goal.points - goal_center) / goal_m, _POINTS)
+    theirs = subsample((observed.points - observed_center) / observed_m, _POINTS)
     pairs = correspondences(ours, theirs)
     if len(pairs) < _MIN_PAIRS:
         raise CycleFailure(

@@ -28,7 +28,7 @@ from bus.commands import CellState, CommandReply, Event, Health
 from bus.errors import BadPayload, BusError, CellError
 from bus.frozen import Message
 from bus.messages import CycleResult
-from bus.sample import Heard
+from bus.sample import Sample
 from bus.topics import encoding_of
 from cell import client
 from cell.cli.live_view import HISTORY, KEYS, QUIT, Model, view
@@ -168,20 +168,20 @@ class Watcher:
 
     def turn(self) -> None:
         """Take what was said and answered since the last turn. Raises: nothing a cell does."""
-        for heard in self._cell.heard():
-            self.hear(heard)
+        for sample in self._cell.heard():
+            self.hear(sample)
         for verb, future in [command for command in self._commands if command[1].done()]:
             self._commands.remove((verb, future))
             self._take_answer(verb, future)
         self._ask_state()
         self._give_back()
 
-    def hear(self, heard: Heard) -> None:
+    def hear(self, sample: Sample) -> None:
         """Take one message; one that cannot be read is counted, and its reason shown."""
         try:
-            said = _decoded(heard)
+            said = _decoded(sample)
         except BadPayload as error:
-            self.model = self.model.missing(heard.key, error.text)
+            self.model = self.model.missing(sample.key, error.text)
         else:
             self.model = self.model.hear(said, time.monotonic())
 
@@ -264,12 +264,12 @@ def _draw(watcher: Watcher) -> RenderableType:
     return view(watcher.model, time.monotonic(), time.time_ns())
 
 
-def _decoded(heard: Heard) -> Message:
+def _decoded(sample: Sample) -> Message:
     """What was said, in the type of its key. Raises: BadPayload."""
-    kind = Health if _NODE_HEALTH.fullmatch(heard.key) else _TYPES.get(heard.key)
-    if kind is None or heard.encoding != encoding_of(kind):
-        raise BadPayload(f"{heard.key!r} does not carry {heard.encoding!r}.")
-    return decode(kind, heard.payload)
+    kind = Health if _NODE_HEALTH.fullmatch(sample.key) else _TYPES.get(sample.key)
+    if kind is None or sample.encoding != encoding_of(kind):
+        raise BadPayload(f"{sample.key!r} does not carry {sample.encoding!r}.")
+    return decode(kind, sample.payload)
 
 
 def _end_on_signals() -> threading.Event:

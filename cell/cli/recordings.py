@@ -19,7 +19,7 @@ from logs.mcap.reader import CycleRecord, read_cycle
 from logs.mcap.recover import recover as recover_file
 from logs.report.cycle_report import configuration_changes, write_report
 from logs.report.day_report import days, outdated, write_cycle, write_day
-from logs.report.timeline import Story, tell
+from logs.report.timeline import Timeline, summarize
 
 _STYLE = {"SUCCESS": "green", "EMPTY": "yellow", "UNFINISHED": "yellow", "INTERRUPTED": "yellow", "TORN": "yellow"}
 _BAD = "bold red"
@@ -79,17 +79,17 @@ def show(cycle: Cycle, config: Config = DEFAULT_STATION, as_json: Json = False) 
     """Why a cycle ended so: its result, what to do, its stages, what was changed for it."""
     path = find_cycle(cycle, config)
     record = read_cycle(path)
-    story = tell(record)
+    timeline = summarize(record)
     if as_json:
-        out.json(_told(record, story))
+        out.json(_told(record, timeline))
         return
-    out.line((story.title, _STYLE.get(story.outcome, _BAD)), f": {story.why}")
-    if story.advice:
-        out.line(("  what to do  ", "bold"), story.advice)
-    for line in story.stages:
+    out.line((timeline.title, _STYLE.get(timeline.outcome, _BAD)), f": {timeline.why}")
+    if timeline.advice:
+        out.line(("  what to do  ", "bold"), timeline.advice)
+    for line in timeline.stages:
         text = f"  {line.name:<8} {line.took_s:6.2f} s  {line.said}".rstrip()
         out.line(text, style="red" if line.failed else "")
-    out.line(f"  machine     {' -> '.join(span.name for span in story.states) or 'said nothing'}")
+    out.line(f"  machine     {' -> '.join(span.name for span in timeline.states) or 'said nothing'}")
     for key, here, default in configuration_changes(record.station):
         out.line(f"  changed     {key} = {here} (default {default})", style="dim")
     attempt = record.attempt
@@ -101,14 +101,14 @@ def show(cycle: Cycle, config: Config = DEFAULT_STATION, as_json: Json = False) 
     out.line(f"  recording   {path}, made by {made_by}", style="dim")
 
 
-def _told(record: CycleRecord, story: Story) -> dict[str, Any]:
+def _told(record: CycleRecord, timeline: Timeline) -> dict[str, Any]:
     return {
         "result": record.result.model_dump(mode="json") if record.result is not None else None,
-        "why": story.why,
-        "advice": story.advice,
-        "stages": {line.name: line.took_s for line in story.stages},
-        "said": {line.name: line.said for line in story.stages},
-        "states": [span.name for span in story.states],
+        "why": timeline.why,
+        "advice": timeline.advice,
+        "stages": {line.name: line.took_s for line in timeline.stages},
+        "said": {line.name: line.said for line in timeline.stages},
+        "states": [span.name for span in timeline.states],
         "changed": {key: here for key, here, _ in configuration_changes(record.station)},
         "metadata": record.metadata,
     }

@@ -17,15 +17,16 @@ from bus.errors import BadPayload, BusError, CycleFailure, DriverError, Refused
 from bus.frozen import Message
 from bus.injected import answer_faults
 from bus.messages import CycleResult
-from bus.sample import Asked, Heard
+from bus.sample import Asked, Sample
 from bus.session import Bus
-from cell.daemon.actions import Works
-from cell.daemon.control import Control
-from cell.daemon.publisher import Observer, Voice
+from cell.daemon.actions import Actions
+from cell.daemon.batch_control import BatchControl
+from cell.daemon.publisher import Observer, Publisher
+from cell.machine.holding import Holding
 from cell.machine.leases import CELL_CLIENT, Leases
-from cell.machine.owner import TURN_S, Machine, Work, refuse
+from cell.machine.owner import TURN_S, Action, Machine, refuse
 from cell.machine.states import State, available
-from cell.nodes.health import LOOK_PERIOD_S, Watch
+from cell.nodes.health import LOOK_PERIOD_S, NodeMonitor
 from cell.nodes.speakers import Speakers, strange
 from cell.nodes.watchdog import Watchdog
 from cell.pick.cycle import Equipment
@@ -78,54 +79,65 @@ class Daemon:
         faults = station.faults
         self._disk = FaultyDisk(faults.disk, delay_s=faults.delay_s) if faults.allowed else None
         self._imaginer = models.imaginer
-        self.voice = Voice(bus, Views(robot.base_from_tcp), observer, lambda: self._works.cycle_id)
-        self._works = Works(
+        self.publisher = Publisher(bus, Views(robot.base_from_tcp), observer, lambda: self._actions.cycle_id)
+        holding = Holding()
+        self._actions = Actions(
             Equipment(camera, arm, hand, robot, station, models),
-            devices.feeder,
+            holding.gate,
+            devices.presenter,
             lambda: bus.alive(topics.NODE_ALIVE),
-            self.voice.say,
-            self.voice.say_stage,
+            self.publisher.publish,
+            self.publisher.publish_stage,
             self._on_result,
             self._on_fault,
             self._disk.under if self._disk is not None else plain,
         )
-        self._watch = Watch(station, self._on_lost, restarts)
-        self._control = Control(self._works, self.voice, station.retry)
-        self._leases = Leases(self._control.lose_lease, station.silence_s, LOOK_PERIOD_S)
+        self._monitor = NodeMonitor(station, self._on_lost, restarts)
+        self._batches = BatchControl(self._actions, self.publisher, station.retry)
+        self._leases = Leases(self._batches.lose_lease, station.silence_s, LOOK_PERIOD_S)
         self._watchdog = Watchdog(
-            station, self._watch, partial(self.voice.say, topics.HEALTH), end_frozen, self._leases.look, self.health
+            station,
+            self._monitor,
+            partial(self.publisher.publish, topics.HEALTH),
+            end_frozen,
+            self._leases.look,
+            self.health,
         )
         ours = [name for name, node in station.nodes.items() if node.run == "here"]
         self._speakers = Speakers(bus, set(station.nodes), self._on_node_twice, self._on_stranger, sealed=ours)
         self._results: OrderedDict[str, CycleResult] = OrderedDict()
         self._defects: tuple[str, ...] = ()
-        self._said_s = -TURN_S
+        self._published_s = -TURN_S
         self.machine = Machine(
-            self._works_by_state(), self._control.enter, self._control.accept, on_turn=self._say_heartbeat
+            self._actions_by_state(),
+            holding,
+            self._batches.enter,
+            self._batches.accept,
+            on_turn=self._publish_heartbeat,
         )
-        self._control.drive(self.machine)
+        self._batches.drive(self.machine)
 
-    def _works_by_state(self) -> dict[State, Work]:
-        works = self._works
+    def _actions_by_state(self) -> dict[State, Action]:
+        actions = self._actions
         return {
             State.RESETTING: self._reset,
-            State.STARTING: works.begin,
-            State.EXECUTE: works.pick,
-            State.COMPLETING: works.complete,
-            State.HOLDING: works.hold,
-            State.UNHOLDING: works.unhold,
-            State.SUSPENDING: works.hold,
-            State.UNSUSPENDING: works.unhold,
-            State.STOPPING: lambda: works.stop(self.machine.wait_quiet),
-            State.ABORTING: lambda: works.stop(self.machine.wait_quiet),
-            State.CLEARING: works.clear,
+            State.STARTING: actions.begin,
+            State.EXECUTE: actions.pick,
+            State.COMPLETING: actions.complete,
+            State.HOLDING: actions.hold,
+            State.UNHOLDING: actions.unhold,
+            State.SUSPENDING: actions.hold,
+            State.UNSUSPENDING: actions.unhold,
+            State.STOPPING: lambda: actions.stop(self.machine.wait_no_action),
+            State.ABORTING: lambda: actions.stop(self.machine.wait_no_action),
+            State.CLEARING: actions.clear,
         }
 
     def _reset(self) -> None:
-        """Raises: CycleFailure when this process is not whole any more, and as `Works.reset`."""
+        """Raises: CycleFailure when this process is not whole any more, and as `Actions.reset`."""
         if not self._watchdog.is_alive():
             raise CycleFailure(Code.INTERNAL, "Nobody watches the nodes any more: end this cell and start it again.")
-        self._works.reset()
+        self._actions.reset()
 
     def open(self) -> None:
         """Answer commands; the machine begins in Stopped."""
@@ -134,15 +146,15 @@ class Daemon:
             if topic.kind == "publish" and topic.logged:
                 self._bus.subscribe(topic.key.replace("{name}", "*"), self._hear)
         self._speakers.listen()
-        self._watch.listen(self._bus)
+        self._monitor.listen(self._bus)
         self._leases.listen(self._bus)
-        self._bus.answer(topics.STATE_NOW, lambda _payload, _asked: self.voice.state, lane="state")
-        self._bus.answer(topics.HEALTH_NOW, lambda _payload, _asked: self.health(), lane="state")
-        self._bus.answer(topics.RESULT_NOW, self._on_result_asked, lane="state")
-        self._bus.answer(topics.SCHEMA_NOW, lambda _payload, _asked: bus_schema(), lane="schema")
-        self._bus.answer(topics.COMMAND, self._on_command, lane=self._lane_of, verb="*")
+        self._bus.answer(topics.STATE_NOW, lambda _payload, _asked: self.publisher.state, worker="state")
+        self._bus.answer(topics.HEALTH_NOW, lambda _payload, _asked: self.health(), worker="state")
+        self._bus.answer(topics.RESULT_NOW, self._on_result_asked, worker="state")
+        self._bus.answer(topics.SCHEMA_NOW, lambda _payload, _asked: bus_schema(), worker="schema")
+        self._bus.answer(topics.COMMAND, self._on_command, worker=self._worker_of, verb="*")
         if self._disk is not None and isinstance(self._imaginer, FaultyModel):
-            answer_faults(self._bus, {"disk": self._disk, "model": self._imaginer}, self.voice.say)
+            answer_faults(self._bus, {"disk": self._disk, "model": self._imaginer}, self.publisher.publish)
         self._bus.announce(topics.LEASE, name=CELL_CLIENT)
         self.machine.start()
         self._watchdog.start()
@@ -163,17 +175,17 @@ class Daemon:
 
     def health(self) -> CellHealth:
         """The cell's health now, node by node, and what ended unforeseen in this process."""
-        health, defects = self._watch.health(), self._defects
+        health, defects = self._monitor.health(), self._defects
         return health.model_copy(update={"defects": defects, "is_healthy": health.is_healthy and not defects})
 
-    def is_ours(self, heard: Heard) -> bool:
+    def is_ours(self, sample: Sample) -> bool:
         """Whether a sample from outside this process is one of the cell's own nodes'."""
-        return self._speakers.is_ours(heard)
+        return self._speakers.is_ours(sample)
 
     def objects_left(self) -> int | None:
         """Simulation: how many objects really are in the pick region; None where nobody knows."""
         try:
-            return self._works.feed.left()
+            return self._actions.table.left()
         except (DriverError, BusError) as error:
             _log.warning("%s", error)
             return None
@@ -186,25 +198,24 @@ class Daemon:
 
     def welcome_node(self, name: str) -> None:
         """A node is back; nothing moves by itself."""
-        self.voice.say_event("NODE_BACK", "info", f"The node {name!r} was started again.", ADVICE[Code.NODE_LOST])
+        self.publisher.publish_event(
+            "NODE_BACK", "info", f"The node {name!r} was started again.", ADVICE[Code.NODE_LOST]
+        )
 
     def _on_lost(self, _name: str, failure: CycleFailure) -> None:
         self._on_fault(failure)
 
     def _on_fault(self, failure: CycleFailure) -> None:
-        """Something outside any stage failed: whatever moves stops, and the machine aborts with its reason."""
-        self.machine.fault(failure)  # before what it interrupts can end by itself
-        self._works.gate.halt(failure)
+        """Something outside any stage failed: every motion stops, and the machine aborts with its reason."""
+        self.machine.fault(failure)
 
     def on_defect(self, name: str, defect: BaseException) -> None:
         """An owned thread of this process ended by an exception nobody foresaw: the cell aborts."""
         text = f"{name} ended: {type(defect).__name__}: {defect}."
         self._defects = (*self._defects, text)[-_KEPT_DEFECTS:]
-        failure = CycleFailure(Code.INTERNAL, text)
-        self.machine.defect(failure)
-        self._works.gate.halt(failure)
+        self.machine.defect(CycleFailure(Code.INTERNAL, text))
         if not self.machine.is_owned:  # nobody is there to abort: the least that can be done
-            self._works.halt_devices()
+            self._actions.halt_devices()
 
     def _on_node_twice(self, name: str, who: str) -> None:
         text = f"Two nodes are called {name!r}: {who}. Both would carry out every motion."
@@ -221,7 +232,7 @@ class Daemon:
         refuse(reply)
         return reply.model_copy(update={"lease": self._leases.take(verb, request.client_id, asked.source)})
 
-    def _lane_of(self, asked: Asked, payload: bytes) -> str:
+    def _worker_of(self, asked: Asked, payload: bytes) -> str:
         """What stops the arm waits behind no other command, and no command behind one whose token is awaited."""
         if asked.verb in _ANYONES:
             return "command-stop"
@@ -239,26 +250,26 @@ class Daemon:
             raise Refused(text, "Recorded ones: `cell cycles`.", code="NO_RESULT")
         return result
 
-    def _record(self, heard: Heard) -> None:
+    def _record(self, sample: Sample) -> None:
         """What this process says, asks and is answered."""
-        log = self._works.log
+        log = self._actions.log
         if log is not None:
-            log.hear(heard)
+            log.hear(sample)
 
-    def _hear(self, heard: Heard) -> None:
+    def _hear(self, sample: Sample) -> None:
         """What others publish on the cell's keys."""
-        if self._speakers.is_ours(heard):
-            self._record(heard)
-            self._watch.hear(heard)
+        if self._speakers.is_ours(sample):
+            self._record(sample)
+            self._monitor.hear(sample)
         else:
-            self._record(strange(heard))
+            self._record(strange(sample))
 
-    def _on_stranger(self, heard: Heard) -> None:
-        who = f"session {heard.source[:8]}" if heard.source else "a program that does not say who it is"
-        self.voice.say_event(
+    def _on_stranger(self, sample: Sample) -> None:
+        who = f"session {sample.source[:8]}" if sample.source else "a program that does not say who it is"
+        self.publisher.publish_event(
             "STRANGER",
             "warning",
-            f"{who} put something on {heard.key!r}, which is not its to say: it is recorded apart, and not believed.",
+            f"{who} put something on {sample.key!r}, which is not its to say: it is recorded apart, and not believed.",
             "Find the program; only the cell and its nodes publish below cell/CELL_ID.",
         )
 
@@ -268,11 +279,11 @@ class Daemon:
         self._results[result.cycle_id] = result
         while len(self._results) > _KEPT_RESULTS:
             self._results.popitem(last=False)
-        self._control.count(result)
+        self._batches.count(result)
 
-    def _say_heartbeat(self) -> None:
+    def _publish_heartbeat(self) -> None:
         """By the machine's owner: who hears it knows that a stop would be answered."""
-        if time.monotonic() - self._said_s >= TURN_S / 2:
-            self._said_s = time.monotonic()
+        if time.monotonic() - self._published_s >= TURN_S / 2:
+            self._published_s = time.monotonic()
             with suppress(BusError):  # closing
                 self._bus.publish(topics.HEARTBEAT, Heartbeat())

@@ -23,7 +23,7 @@ _log = logging.getLogger(__name__)
 Observer = Callable[[Topic, "Message | bytes"], None]
 
 
-class Voice:
+class Publisher:
     """Every member may be called from any thread.
 
     Args:
@@ -40,7 +40,7 @@ class Voice:
         self._saying = threading.Lock()
         self.state = CellState(state="", stage="", cycle_id="", since_ns=0, available=(), reason="")
 
-    def say(self, topic: Topic, message: Message | bytes) -> None:
+    def publish(self, topic: Topic, message: Message | bytes) -> None:
         """Publish it, with its pictures."""
         try:
             self._bus.publish(topic, message)
@@ -50,23 +50,25 @@ class Voice:
             _log.warning("%s", error)
         self._observer(topic, message)
 
-    def say_event(self, code: str, severity: Literal["info", "warning", "error"], text: str, advice: str = "") -> None:
+    def publish_event(
+        self, code: str, severity: Literal["info", "warning", "error"], text: str, advice: str = ""
+    ) -> None:
         """Something a person should know."""
-        self.say(topics.EVENT, Event(code=code, severity=severity, text=text, advice=advice))
+        self.publish(topics.EVENT, Event(code=code, severity=severity, text=text, advice=advice))
 
-    def say_state(self, state: State, reason: str) -> None:
+    def publish_state(self, state: State, reason: str) -> None:
         """The machine's new state. A hold, and the way back from it, keep the cycle's stage."""
         with self._saying:
             was_held = self.state.state in PAUSES and state in COMMANDS["hold"]
             stage = self.state.stage if was_held or state in PAUSES else ""
-            self._say_state(state, stage, reason)
+            self._publish_state(state, stage, reason)
 
-    def say_stage(self, stage: str) -> None:
+    def publish_stage(self, stage: str) -> None:
         """A stage of the open cycle began."""
         with self._saying:  # the owner of the machine may be saying another state
-            self._say_state(State(self.state.state), stage, "")
+            self._publish_state(State(self.state.state), stage, "")
 
-    def _say_state(self, state: State, stage: str, reason: str) -> None:
+    def _publish_state(self, state: State, stage: str, reason: str) -> None:
         self.state = CellState(
             state=state,
             stage=stage,
@@ -75,12 +77,12 @@ class Voice:
             available=available(state),
             reason=reason,
         )
-        self.say(topics.STATE, self.state)
+        self.publish(topics.STATE, self.state)
 
-    def say_recovered(self, leftovers: Iterable[Recovered | RecordingError]) -> None:
+    def publish_recovered(self, leftovers: Iterable[Recovered | RecordingError]) -> None:
         """What became of the recordings that an earlier process left unfinished."""
         for leftover in leftovers:
             if isinstance(leftover, RecordingError):
-                self.say_event("NOT_RECOVERED", "warning", leftover.text, leftover.advice)
+                self.publish_event("NOT_RECOVERED", "warning", leftover.text, leftover.advice)
             else:
-                self.say_event("RECOVERED", "warning" if leftover.lost else "info", f"{leftover.line()}.")
+                self.publish_event("RECOVERED", "warning" if leftover.lost else "info", f"{leftover.line()}.")

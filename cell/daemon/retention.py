@@ -25,8 +25,8 @@ _REST_S = 0.002
 _ADVICE = "Copy what you want to keep, pin it with an empty CYCLE.keep beside CYCLE.mcap, or raise that setting."
 
 
-class SayEvent(Protocol):
-    """`cell.daemon.publisher.Voice.say_event`."""
+class PublishEvent(Protocol):
+    """`cell.daemon.publisher.Publisher.publish_event`."""
 
     def __call__(
         self, code: str, severity: Literal["info", "warning", "error"], text: str, advice: str = "", /
@@ -43,11 +43,16 @@ class Retention:
     def __init__(
         self,
         settings: RecordingSettings,
-        say_event: SayEvent,
+        publish_event: PublishEvent,
         clock_ns: Callable[[], int] = time.time_ns,
         period_s: float = _PERIOD_S,
     ) -> None:
-        self._settings, self._say_event, self._clock_ns, self._period_s = settings, say_event, clock_ns, period_s
+        self._settings, self._publish_event, self._clock_ns, self._period_s = (
+            settings,
+            publish_event,
+            clock_ns,
+            period_s,
+        )
         self._closing, self._due = threading.Event(), threading.Event()
         self._shelf = Shelf(settings.folder, read_metadata, lambda: time.sleep(_REST_S))
         self._said_ahead_s = -_SAID_AGAIN_S
@@ -80,20 +85,20 @@ class Retention:
         try:
             plan = self._shelf.plan(self._clock_ns(), self._settings)
         except RecordingError as error:
-            self._say_event("RETENTION_FAILED", "warning", error.text, error.advice)
+            self._publish_event("RETENTION_FAILED", "warning", error.text, error.advice)
             return
         gone = []
         for one in delete(plan.delete):
             if isinstance(one, RecordingError):
-                self._say_event("RETENTION_FAILED", "warning", one.text, one.advice)
+                self._publish_event("RETENTION_FAILED", "warning", one.text, one.advice)
             else:
                 gone.append(one)
         if gone:
-            self._say_event("RETENTION", "info", f"Deleted {in_words(gone)}: {self._rule}.")
+            self._publish_event("RETENTION", "info", f"Deleted {in_words(gone)}: {self._rule}.")
         if plan.soon and time.monotonic() - self._said_ahead_s >= _SAID_AGAIN_S:
             self._said_ahead_s = time.monotonic()
             text = f"Within a day {in_words(plan.soon)} will be deleted: {self._rule}."
-            self._say_event("RETENTION_AHEAD", "info", text, _ADVICE)
+            self._publish_event("RETENTION_AHEAD", "info", text, _ADVICE)
 
     @property
     def _rule(self) -> str:

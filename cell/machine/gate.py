@@ -28,11 +28,11 @@ class Gate:
             self._change.notify_all()
 
     def hold(self) -> None:
-        """Let nothing begin until `let_go`: whoever comes waits."""
+        """Let nothing begin until `release`: whoever comes waits."""
         with self._change:
             self._held = True
 
-    def let_go(self) -> None:
+    def release(self) -> None:
         """End a hold; after a halt that changes nothing."""
         with self._change:
             self._held = False
@@ -58,7 +58,7 @@ class Gate:
 
     @property
     def held(self) -> bool:
-        """Whether nothing may begin until `let_go`."""
+        """Whether nothing may begin until `release`."""
         return self._held
 
     @property

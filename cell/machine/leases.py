@@ -14,7 +14,7 @@ from functools import partial
 
 from bus import topics
 from bus.errors import Refused
-from bus.sample import Heard
+from bus.sample import Sample
 from bus.session import Bus
 from bus.silence import Silence
 
@@ -75,9 +75,9 @@ class Leases:
         if is_lost:
             self._on_lost(client_id, "its token is gone")
 
-    def hear(self, heard: Heard) -> None:
+    def hear(self, sample: Sample) -> None:
         """A client's heartbeat; it counts from the session that the holder commands by."""
-        if heard.key.rpartition("/")[2] == self.holder and heard.source == self._source:
+        if sample.key.rpartition("/")[2] == self.holder and sample.source == self._source:
             self._silence.hear()
 
     def look(self) -> None:

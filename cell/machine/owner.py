@@ -1,8 +1,8 @@
 """The owner of the machine: one thread takes commands and ends of work, one at a time, and moves the states.
 
-What an acting state does is a `Work`, run in a thread of its own; what it must not do is decide where to go next.
-Every run of a work has a number: the end of one that a stop has left behind is never taken for the end of another, and
-nothing begins while one still runs.
+An acting state runs an `Action` in a thread of its own; an action never decides which state comes next. Every run of
+an action has a number: the end of one that a stop left behind is not taken for the end of another, and nothing begins
+while one still runs. Whether the cell is held, and why, is `Holding`'s; this thread alone changes it.
 """
 
 from __future__ import annotations
@@ -20,16 +20,32 @@ from bus.codes import Code
 from bus.commands import CommandReply, CommandRequest
 from bus.errors import CellError, CycleFailure, Refused
 from bus.threads import OwnedThread, Role, report_defect
-from cell.machine.states import BEGINNING, ENDING, GOING_ON, NEXT, PAUSES, PAUSING, State, after_command, available
+from cell.machine.holding import Holding
+from cell.machine.leases import CELL_CLIENT
+from cell.machine.states import (
+    BEGINNING,
+    COMMANDS,
+    ENDING,
+    GOING_ON,
+    NEXT,
+    PAUSES,
+    PAUSING,
+    State,
+    after_command,
+    available,
+)
 
 _log = logging.getLogger(__name__)
 _REMEMBERED_COMMANDS = 256
 _STOPPING = (State.STOPPING, State.ABORTING)
+_NOT_YET = GOING_ON | {State.STARTING}
+"""Nothing can be held in these, and something that can follows."""
+_OWN = CommandRequest(client_id=CELL_CLIENT)
 TURN_S = 0.1
 """The owner does nothing for no longer than this."""
 _LOOK_S = 0.5
 
-Work = Callable[[], None]
+Action = Callable[[], None]
 """What an acting state does. A `CycleFailure` or other `CellError` it raises aborts the machine."""
 
 
@@ -43,7 +59,7 @@ class _Command:
 
 @dataclass(frozen=True)
 class _Run:
-    """One run of the work of an acting state."""
+    """One run of an acting state's action."""
 
     number: int
     state: State
@@ -57,7 +73,7 @@ class _Done:
 
 @dataclass(frozen=True)
 class _Fault:
-    error: CellError
+    failure: CycleFailure
     is_defect: bool = False
 
 
@@ -72,24 +88,26 @@ _Item = _Command | _Done | _Fault | _Act
 
 
 class Machine:
-    """States, commands and works of one cell.
+    """States, commands and actions of one cell.
 
     Args:
-        works: what each acting state does.
+        actions: each acting state's action.
+        holding: whether the cell is held, and why.
         on_state: called by the owner thread at every change, with the state and the reason.
-        on_accept: called by the owner thread with every accepted command, before the state changes; returns the id of
-            the cycle it begins, or "".
+        on_accept: called by the owner thread with every command that the state allows, before the state changes; it
+            returns the id of the cycle that the command begins, or "", and may raise Refused.
         on_turn: called by the owner thread at least every `TURN_S`: while it is, commands are answered.
     """
 
     def __init__(
         self,
-        works: Mapping[State, Work],
+        actions: Mapping[State, Action],
+        holding: Holding,
         on_state: Callable[[State, str], None],
         on_accept: Callable[[str, CommandRequest], str],
         on_turn: Callable[[], None] = lambda: None,
     ) -> None:
-        self._works = works
+        self._actions, self.holding = actions, holding
         self._on_state, self._on_accept, self._on_turn = on_state, on_accept, on_turn
         self._inbox: queue.SimpleQueue[_Item | None] = queue.SimpleQueue()
         self._answered: dict[tuple[str, str, str], CommandReply] = {}
@@ -97,7 +115,7 @@ class Machine:
         self._why = self._why_aborted = ""
         self._numbers = itertools.count(1)
         self._run = self._held = _Run(0, State.STOPPED)  # the state's own, and that of the held state
-        self._ended_held: _Done | None = None  # the held state's work, when it ended by itself meanwhile
+        self._ended_held: _Done | None = None  # the held state's action, when it ended by itself meanwhile
         self._thread = OwnedThread(Role.MACHINE, self._own)
         self._ended = threading.Event()
         self._open: set[_Run] = set()  # runs whose end was not yet taken; the owner thread's
@@ -129,21 +147,40 @@ class Machine:
         """Have ``act`` done by the owner thread, after what is queued; does not wait."""
         self._inbox.put(_Act(act))
 
-    def fault(self, error: CellError) -> None:
-        """Report that something failed outside any work (a node died): the machine aborts, unless it is Stopped."""
-        self._inbox.put(_Fault(error))
+    def fault(self, failure: CycleFailure) -> None:
+        """Report that something failed outside any action (a node died): every motion ends, and the machine aborts.
 
-    def defect(self, error: CellError) -> None:
-        """Report that the cell itself is not whole any more: the machine aborts, from every state."""
-        self._inbox.put(_Fault(error, is_defect=True))
+        A machine that is Stopped stays so.
+        """
+        self._inbox.put(_Fault(failure))  # before the action that the gate interrupts can end by itself
+        self.holding.gate.halt(failure)
+
+    def defect(self, failure: CycleFailure) -> None:
+        """Report that the cell itself is not whole any more: as `fault`, from every state."""
+        self._inbox.put(_Fault(failure, is_defect=True))
+        self.holding.gate.halt(failure)
+
+    def hold(self, reason: str) -> None:
+        """Hold before the next motion begins. Called by the owner thread, in a state that can be held."""
+        self.holding.close(reason)
+        self.post("hold", _OWN, reason)
+
+    def hold_soon(self, reason: str) -> None:
+        """Hold as soon as the state allows it; a reset cannot be held and is stopped. Called by the owner thread."""
+        if self.state in COMMANDS["hold"]:
+            self.post("hold", _OWN, reason)
+        elif self.state is State.RESETTING:
+            self.post("stop", _OWN, reason)
+        elif self.state in _NOT_YET:
+            self.holding.reason = reason
 
     @property
     def is_owned(self) -> bool:
         """Whether its owner thread answers commands, or will once it is started."""
         return not self._ended.is_set()
 
-    def wait_quiet(self, timeout_s: float) -> bool:
-        """Wait until no work other than the stopping ones runs; used by these."""
+    def wait_no_action(self, timeout_s: float) -> bool:
+        """Wait until no action other than the stopping ones runs; these use it."""
         with self._runs_change:
             return self._runs_change.wait_for(lambda: all(run.state in _STOPPING for run in self._running), timeout_s)
 
@@ -183,7 +220,7 @@ class Machine:
         elif isinstance(item, _Act):
             item.act()
         elif self.state not in (State.ABORTING, State.ABORTED) and (item.is_defect or self.state is not State.STOPPED):
-            self._enter(State.ABORTING, str(item.error))
+            self._enter(State.ABORTING, str(item.failure))
 
     def _survive(self, item: _Item, defect: Exception) -> None:
         """A defect in what was just taken: its asker is answered, and the machine aborts."""
@@ -220,6 +257,7 @@ class Machine:
             cycle_id = self._on_accept(command.verb, request)
         except CellError as refusal:
             return self._refusal(refusal)
+        self.holding.accept(command.verb, command.reason, is_own=request.client_id == CELL_CLIENT)
         if target in PAUSING:
             self._held, self._ended_held = self._run, None
         self._enter(target, command.reason)
@@ -231,7 +269,7 @@ class Machine:
         return reply
 
     def _require_quiet(self, verb: str, target: State) -> None:
-        """Raises: Refused when something is to begin while a work that was stopped still runs."""
+        """Raises: Refused when something is to begin while an action that was stopped still runs."""
         if target in BEGINNING and self._open:
             still = ", ".join(sorted({run.state for run in self._open}))
             raise Refused(
@@ -245,7 +283,7 @@ class Machine:
         if done.run == self._held and self.state in PAUSES:
             self._finish_held(done)
         elif done.run != self._run:
-            pass  # a stop or abort came first; its own work goes on
+            pass  # a stop or abort came first; its own action goes on
         elif done.run.state is State.ABORTING:
             if done.error is not None:
                 _log.warning("while aborting: %s", done.error)
@@ -258,14 +296,14 @@ class Machine:
             self._enter(NEXT[done.run.state], self._why if done.run.state in PAUSING else "")
 
     def _finish_held(self, done: _Done) -> None:
-        """The held work ended by itself, its last motion was just over: its success waits until the pause is over."""
+        """The held action ended by itself, its last motion was just over: its success waits until the pause is over."""
         if done.error is None:
             self._ended_held = done
         else:
             self._fail(done.error)
 
     def _go_on(self) -> None:
-        """Back to the held state, whose work still runs, or ended meanwhile."""
+        """Back to the held state, whose action still runs, or ended meanwhile."""
         self._run = self._held
         self._change(self._held.state, "")
         if self._ended_held is not None:
@@ -285,15 +323,19 @@ class Machine:
             report_defect(str(Role.MACHINE), defect)
             if state not in (State.ABORTING, State.ABORTED):
                 self.fault(CycleFailure(Code.INTERNAL, f"{type(defect).__name__}: {defect}."))
+        if self.holding.is_due(state):
+            self.post("hold", _OWN, self.holding.reason)
 
     def _enter(self, state: State, reason: str) -> None:
+        if state in _STOPPING:
+            self.holding.reason = ""
         run = self._run = _Run(next(self._numbers), state)
-        if state in self._works:
+        if state in self._actions:
             self._open.add(run)
             with self._runs_change:
                 self._running.add(run)  # here and not in the thread: a stop may come before that runs
         self._change(state, reason)
-        if state in self._works:
+        if state in self._actions:
             OwnedThread(Role.ACTION, lambda: self._work(run), of=str(state)).start()
         elif state in NEXT:
             self._inbox.put(_Done(run, None))
@@ -301,11 +343,11 @@ class Machine:
     def _work(self, run: _Run) -> None:
         error: CellError | None = CycleFailure(Code.INTERNAL, f"What {run.state} does ended without a word.")
         try:
-            self._works[run.state]()
+            self._actions[run.state]()
             error = None
         except CellError as caught:
             error = caught
-        except Exception as defect:  # noqa: BLE001 - a defect in a work must abort the machine, not leave it hanging
+        except Exception as defect:  # noqa: BLE001 - a defect in an action must abort the machine, not leave it hanging
             _log.exception("defect in %s", run.state)
             error = CycleFailure(Code.INTERNAL, f"{type(defect).__name__}: {defect}.")
         finally:

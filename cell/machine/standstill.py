@@ -45,16 +45,16 @@ def unhold(arm: Arm, gate: Gate) -> None:
         except MotionRefused:  # the hold came at its very end: then it is over now
             if not gate.wait_still(_ENDING_S):
                 raise
-    gate.let_go()
+    gate.release()
 
 
-def stop(arm: Arm, hand: Hand, gate: Gate, is_quiet: Callable[[float], bool], patience_s: float) -> None:
-    """Stop until ``is_quiet`` (no work runs), then confirm that the arm rests. Raises: CycleFailure if it does not."""
+def stop(arm: Arm, hand: Hand, gate: Gate, no_action_running: Callable[[float], bool], patience_s: float) -> None:
+    """Stop until no action runs, then confirm that the arm rests. Raises: CycleFailure when it does not."""
     gate.halt()
     give_up_s = time.monotonic() + patience_s
     arm.stop()
     hand.stop()
-    while not is_quiet(0.05):  # a motion may just have been on its way: stop again
+    while not no_action_running(0.05):  # a motion may just have been on its way: stop again
         arm.stop()
         hand.stop()
         if time.monotonic() > give_up_s:

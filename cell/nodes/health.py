@@ -17,7 +17,7 @@ from bus.codes import Code
 from bus.commands import CellHealth, Health, NodeHealth
 from bus.errors import BadPayload, CycleFailure
 from bus.messages import HandState
-from bus.sample import Heard
+from bus.sample import Sample
 from bus.session import Bus
 from bus.wire import arm_stamp_ns
 from config.schema import Station
@@ -41,7 +41,7 @@ def load_now() -> tuple[float, int]:
     return os.getloadavg()[0], os.cpu_count() or 1
 
 
-class Watch:
+class NodeMonitor:
     """What is known of every node. All members may be called from any thread; none blocks.
 
     Args:
@@ -97,34 +97,34 @@ class Watch:
         if not is_alive:
             self._on_lost(name, CycleFailure(Code.NODE_LOST, f"The node {name!r} is gone."))
 
-    def hear(self, heard: Heard) -> None:
+    def hear(self, sample: Sample) -> None:
         """A stream said something; it counts when that can be read, and is not what it said before."""
-        if heard.key not in self._known:  # a stranger's
+        if sample.key not in self._known:  # a stranger's
             return
         try:
-            stamp_ns = self._read(heard)
+            stamp_ns = self._read(sample)
         except BadPayload as error:
             stamp_ns = None
-            if heard.key not in self._useless:  # once, and not a hundred times a second
-                _log.warning("%s: %s", heard.key, error)
+            if sample.key not in self._useless:  # once, and not a hundred times a second
+                _log.warning("%s: %s", sample.key, error)
         with self._changing:
             if stamp_ns is None:
-                self._useless[heard.key] = _UNREADABLE
-            elif stamp_ns == self._stamps_ns.get(heard.key):
-                self._useless[heard.key] = _REPEATED
+                self._useless[sample.key] = _UNREADABLE
+            elif stamp_ns == self._stamps_ns.get(sample.key):
+                self._useless[sample.key] = _REPEATED
             else:
-                self._stamps_ns[heard.key] = stamp_ns
-                self._heard_s[heard.key] = time.monotonic()
-                self._useless.pop(heard.key, None)
-                self._silent.discard(heard.key)
+                self._stamps_ns[sample.key] = stamp_ns
+                self._heard_s[sample.key] = time.monotonic()
+                self._useless.pop(sample.key, None)
+                self._silent.discard(sample.key)
 
-    def _read(self, heard: Heard) -> int:
+    def _read(self, sample: Sample) -> int:
         """The stamp of a state; anything new for a node's health, which is kept. Raises: BadPayload."""
-        if heard.key == topics.ARM_STATE.key:
-            return arm_stamp_ns(heard.payload)
-        if heard.key == topics.HAND_STATE.key:
-            return decode(HandState, heard.payload).stamp_ns
-        self._said[heard.key.split("/")[1]] = decode(Health, heard.payload)
+        if sample.key == topics.ARM_STATE.key:
+            return arm_stamp_ns(sample.payload)
+        if sample.key == topics.HAND_STATE.key:
+            return decode(HandState, sample.payload).stamp_ns
+        self._said[sample.key.split("/")[1]] = decode(Health, sample.payload)
         return time.monotonic_ns()
 
     def look(self) -> None:

@@ -13,7 +13,7 @@ _M_ARENA_MAX = -8
 _ARENAS = 2
 
 
-def share_arenas() -> None:
+def limit_malloc_arenas() -> None:
     """Let all threads share two heaps; to be called before they start. Does nothing with another C library than glibc.
 
     glibc gives every new thread an arena of its own, up to eight for each core, and what a cycle's threads leave in
@@ -25,7 +25,7 @@ def share_arenas() -> None:
 
 
 @contextmanager
-def settled() -> Iterator[None]:
+def freeze_gc() -> Iterator[None]:
     """Inside, Python's garbage collector leaves alone what is there now: modules, models, schemas.
 
     To look through all of it took 60 to 90 ms, in which no stop went out (``benchmarks stop``).

@@ -15,7 +15,7 @@ from bus import topics
 from bus.codec import encode, process_in_words
 from bus.commands import Stranger
 from bus.errors import BusError
-from bus.sample import Heard
+from bus.sample import Sample
 from bus.session import Bus
 from bus.topics import Topic, encoding_of
 
@@ -23,7 +23,7 @@ _ASK_S = 1.0
 _AGAIN_S = 0.5
 _KEPT_BYTES = 64 * 1024
 _KEPT_SOURCES = 64
-_LANE = "speakers"
+_WORKER = "speakers"
 _PATTERNS = tuple(
     (re.compile(re.sub(r"\\{\w+\\}", "[^/]+", re.escape(topic.key))), topic)
     for topic in topics.TOPICS
@@ -48,7 +48,7 @@ class Speakers:
         bus: Bus,
         names: set[str],
         on_twice: Twice,
-        on_stranger: Callable[[Heard], None],
+        on_stranger: Callable[[Sample], None],
         sealed: Collection[str] = (),
     ) -> None:
         self._bus, self._names, self._sealed = bus, names, frozenset(sealed)
@@ -69,7 +69,7 @@ class Speakers:
         with self._changing:
             self._sessions.pop(name, None)
         if is_alive:
-            self._bus.lane(_LANE).post(partial(self._learn, name))
+            self._bus.worker(_WORKER).post(partial(self._learn, name))
 
     def _learn(self, name: str) -> None:
         try:
@@ -82,28 +82,28 @@ class Speakers:
             with self._changing:
                 self._sessions[name] = next(iter(answers))
 
-    def is_ours(self, heard: Heard) -> bool:
+    def is_ours(self, sample: Sample) -> bool:
         """Whether a sample from outside this process was said by one of the cell's nodes, on a key that nodes speak on.
 
         One that was not is told of, the first time that its session puts something on its key.
         """
-        topic = topic_of(heard.key)
-        if topic is not None and topic.speaker in ("node", "both") and self._is_nodes(heard):
+        topic = topic_of(sample.key)
+        if topic is not None and topic.speaker in ("node", "both") and self._is_nodes(sample):
             return True
         self._look_again()
         with self._changing:
-            is_new = (heard.source, heard.key) not in self._strangers and len(self._strangers) < _KEPT_SOURCES
+            is_new = (sample.source, sample.key) not in self._strangers and len(self._strangers) < _KEPT_SOURCES
             is_known = set(self._sessions) == self._names  # else it may be a node that was not asked yet
             if is_new and is_known:
-                self._strangers.add((heard.source, heard.key))
+                self._strangers.add((sample.source, sample.key))
         if is_new and is_known:
-            self._bus.lane(_LANE).post(partial(self._on_stranger, heard))
+            self._bus.worker(_WORKER).post(partial(self._on_stranger, sample))
         return False
 
-    def _is_nodes(self, heard: Heard) -> bool:
+    def _is_nodes(self, sample: Sample) -> bool:
         with self._changing:
-            names = [name for name, session in self._sessions.items() if session == heard.source]
-        return any(heard.is_sealed or name not in self._sealed for name in names)
+            names = [name for name, session in self._sessions.items() if session == sample.source]
+        return any(sample.is_sealed or name not in self._sealed for name in names)
 
     def _look_again(self) -> None:
         """Somebody unknown speaks: it may be a node that did not answer yet, or a second one of a name."""
@@ -111,9 +111,9 @@ class Speakers:
             is_due = time.monotonic() - self._asked_s > _AGAIN_S
             if is_due:
                 self._asked_s = time.monotonic()
-        if is_due and self._bus.lane(_LANE).is_idle():
+        if is_due and self._bus.worker(_WORKER).is_idle():
             for name in self._names:
-                self._bus.lane(_LANE).post(partial(self._learn, name))
+                self._bus.worker(_WORKER).post(partial(self._learn, name))
 
 
 @lru_cache(maxsize=256)
@@ -122,7 +122,9 @@ def topic_of(key: str) -> Topic | None:
     return next((topic for pattern, topic in _PATTERNS if pattern.fullmatch(key)), None)
 
 
-def strange(heard: Heard) -> Heard:
+def strange(sample: Sample) -> Sample:
     """A stranger's sample as it is recorded: on a channel of its own."""
-    kept = Stranger(key=heard.key, encoding=heard.encoding, source=heard.source, payload=heard.payload[:_KEPT_BYTES])
-    return Heard(topics.STRANGER.key, encoding_of(Stranger), encode(kept))
+    kept = Stranger(
+        key=sample.key, encoding=sample.encoding, source=sample.source, payload=sample.payload[:_KEPT_BYTES]
+    )
+    return Sample(topics.STRANGER.key, encoding_of(Stranger), encode(kept))

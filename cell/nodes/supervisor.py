@@ -34,7 +34,7 @@ from bus.seal import Seal
 from bus.session import Bus
 from bus.threads import OwnedThread, Role, handled_by
 from cell.machine.leases import CELL_CLIENT
-from cell.nodes.process import settled, share_arenas
+from cell.nodes.process import freeze_gc, limit_malloc_arenas
 from cell.terminal.printing import log_plainly
 from cell.terminal.signals import on_end
 from config.load import station_from
@@ -94,7 +94,7 @@ class Supervisor:
             _await_ready(name, child)
             self._serving.add(name)
         for name in self._children:
-            self._watchers.append(OwnedThread(Role.SUPERVISOR, partial(self._watch, name), of=name).start())
+            self._watchers.append(OwnedThread(Role.SUPERVISOR, partial(self._monitor, name), of=name).start())
 
     def close(self) -> None:
         """End all children: ask by closing their stdin, then insist; idempotent."""
@@ -136,7 +136,7 @@ class Supervisor:
                 self._children[name] = self._start_child(name, self._station)
             return not self._closing.is_set()
 
-    def _watch(self, name: str) -> None:
+    def _monitor(self, name: str) -> None:
         """Bring the node back whenever it ends, until close."""
         while True:
             child = self._children[name]
@@ -223,7 +223,7 @@ def _own_stdout() -> IO[str]:
 
 def _serve_supervised(name: str, stdin: IO[str], stdout: IO[str]) -> int:
     """The child's side: read the station, serve node ``name``, end when stdin closes. Returns the exit code."""
-    share_arenas()
+    limit_malloc_arenas()
     station, secret = station_from(json.loads(stdin.readline())), bytes.fromhex(stdin.readline())
     try:
         with _link(station) as bus:
@@ -232,7 +232,7 @@ def _serve_supervised(name: str, stdin: IO[str], stdout: IO[str]) -> int:
             with handled_by(partial(_end_by_defect, node)):
                 node.open()
                 _say(stdout, Ready(node=name, pid=os.getpid()))
-                with settled():
+                with freeze_gc():
                     stdin.read()
                 node.close()
     except CellError as error:
@@ -255,7 +255,7 @@ def serve_until_interrupted(name: str, station: Station) -> None:
 
     When the cell goes, or the link to it, the arm stops: no stop of the cell could reach it any more.
     """
-    share_arenas()
+    limit_malloc_arenas()
     ended = threading.Event()
     on_end(ended.set)
     with ExitStack() as stack:
@@ -267,11 +267,11 @@ def serve_until_interrupted(name: str, station: Station) -> None:
         def change(client_id: str, is_alive: bool) -> None:
             if client_id == CELL_CLIENT and not is_alive:
                 _log.warning("the cell, or the link to it, is gone")
-                bus.lane("arm-stop").submit(node.halt)
+                bus.worker("arm-stop").submit(node.halt)
 
         bus.watch_alive(topics.LEASE, change)
         try:
-            with settled():
+            with freeze_gc():
                 ended.wait()
         finally:
             node.close()

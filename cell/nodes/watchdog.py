@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 from bus.commands import CellHealth
 from bus.threads import OwnedThread, Role
-from cell.nodes.health import LOOK_PERIOD_S, Watch
+from cell.nodes.health import LOOK_PERIOD_S, NodeMonitor
 from config.schema import Station
 
 _HEALTH_PERIOD_S = 1.0
@@ -27,13 +27,13 @@ class Watchdog:
     def __init__(
         self,
         station: Station,
-        watch: Watch,
+        monitor: NodeMonitor,
         say_health: Callable[[CellHealth], None],
         end_frozen: Callable[[str], None],
         look_at_lease: Callable[[], None],
         health: Callable[[], CellHealth],
     ) -> None:
-        self._station, self._watch = station, watch
+        self._station, self._monitor = station, monitor
         self._say_health, self._end_frozen = say_health, end_frozen
         self._look_at_lease, self._health = look_at_lease, health
         self._ended: set[str] = set()
@@ -56,7 +56,7 @@ class Watchdog:
     def _run(self) -> None:
         said_s = 0.0
         while not self._closing.wait(LOOK_PERIOD_S):
-            self._watch.look()
+            self._monitor.look()
             self._look_at_lease()
             for name in self._station.nodes:
                 self._end_if_frozen(name)
@@ -65,7 +65,7 @@ class Watchdog:
                 self._say_health(self._health())
 
     def _end_if_frozen(self, name: str) -> None:
-        is_frozen = self._watch.unheard_for_s(name) > self._station.bus.frozen_s
+        is_frozen = self._monitor.unheard_for_s(name) > self._station.bus.frozen_s
         if is_frozen and name not in self._ended:
             self._end_frozen(name)
         self._ended = self._ended | {name} if is_frozen else self._ended - {name}

@@ -50,7 +50,7 @@ from perception.models import Models
 from planning.robot import Robot
 
 ResultT = TypeVar("ResultT", bound=Message)
-Say = Callable[[Topic, "Message | bytes"], None]
+Publish = Callable[[Topic, "Message | bytes"], None]
 
 FAULTS = {Code.ARM_REFLEX, Code.MOTION_REFUSED, Code.HAND_FAULT, Code.STALE_FRAME, Code.DEVICE_LOST, Code.NODE_LOST,
           Code.RECORDING, Code.INTERNAL}  # fmt: skip
@@ -95,7 +95,7 @@ class Cycle:
 
     attempt: Attempt
     equipment: Equipment
-    say: Say
+    publish: Publish
     on_stage: Callable[[str], None]
     log: CycleLog
     gate: Gate
@@ -122,7 +122,7 @@ class Cycle:
         """The five stages. Raises: CycleFailure, already said and kept in `failure`."""
         e = self.equipment
         before = self._look()
-        self.say(topics.TF, transforms_to_wire(
+        self.publish(topics.TF, transforms_to_wire(
             {("base", "color"): before.view.base_from_color}, before.view.stamp_ns).SerializeToString())  # fmt: skip
         found = self._stage(
             "detect",
@@ -203,7 +203,7 @@ class Cycle:
     # --- stages -------------------------------------------------------------------------------------------------------
 
     def _say_reply(self, reply: ModelReply) -> None:
-        self.say(topics.MODEL_REPLY, reply)
+        self.publish(topics.MODEL_REPLY, reply)
 
     def _observe(self) -> Observation:
         """What the camera sees now, and not what it showed before. Raises: StaleFrame."""
@@ -252,7 +252,7 @@ class Cycle:
             result=result,
             failure=self.failure,
         )
-        self.say(topic, record)
+        self.publish(topic, record)
         if failure is not None or result is None:
             raise failure or AssertionError(f"stage {name!r} returned nothing")
         return result

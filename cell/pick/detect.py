@@ -13,8 +13,8 @@ from bus.messages import Detections, ModelReply, Observation
 from bus.threads import OwnedThread, Role
 from config.schema import Station
 from perception.detector import detect as vlad_grasp
-from perception.detector import unsaid
-from perception.goal.imagine import Say
+from perception.detector import ignore_reply
+from perception.goal.imagine import OnReply
 from perception.models import Models
 
 _Outcome = queue.SimpleQueue[Detections | BaseException]
@@ -24,17 +24,21 @@ _GRACE_S = 0.3
 
 
 def detect(
-    observation: Observation, station: Station, models: Models, say: Say = unsaid, cancel: Cancel | None = None
+    observation: Observation,
+    station: Station,
+    models: Models,
+    on_reply: OnReply = ignore_reply,
+    cancel: Cancel | None = None,
 ) -> Detections:
     """Ranked grasps and their evidence. Raises: CycleFailure (NO_OBJECT, NO_GRASP, MODEL_*, SPEND_LIMIT, STOPPED)."""
-    return vlad_grasp(observation, station, models, say, cancel)
+    return vlad_grasp(observation, station, models, on_reply, cancel)
 
 
 def detect_unless_halted(
     observation: Observation,
     station: Station,
     models: Models,
-    say: Say,
+    on_reply: OnReply,
     halted: Callable[[], bool],
 ) -> Detections:
     """`detect`, given up at once on a stop: a hosted model may take minutes, and nothing can call it back.
@@ -43,18 +47,18 @@ def detect_unless_halted(
     at its next look at the stop; it says nothing any more. Raises: CycleFailure(STOPPED).
     """
     outcome: _Outcome = queue.SimpleQueue()
-    cancel, mouth = Cancel(), _Mouth(say)
+    cancel, replies = Cancel(), _ReplyGate(on_reply)
 
     def work() -> None:
         try:
-            outcome.put(detect(observation, station, models, mouth.say, cancel))
+            outcome.put(detect(observation, station, models, replies.on_reply, cancel))
         except BaseException as error:  # noqa: BLE001 - handed over to the waiting thread, which raises it
             outcome.put(error)
 
     OwnedThread(Role.DETECT, work).start()
     result = _awaited(outcome, cancel, halted)
     if cancel.is_set and (result is None or isinstance(result, (Detections, CycleFailure))):
-        mouth.shut()
+        replies.close()
         raise CycleFailure(Code.STOPPED, "Stopped during 'detect'.")
     if isinstance(result, BaseException):
         raise result
@@ -76,17 +80,17 @@ def _awaited(outcome: _Outcome, cancel: Cancel, halted: Callable[[], bool]) -> D
         return None
 
 
-class _Mouth:
+class _ReplyGate:
     """Says what it is given, until it is shut: nothing comes out in the next cycle's time."""
 
-    def __init__(self, say: Say) -> None:
-        self._say, self._turn, self._is_shut = say, threading.Lock(), False
+    def __init__(self, on_reply: OnReply) -> None:
+        self._on_reply, self._turn, self._is_closed = on_reply, threading.Lock(), False
 
-    def say(self, reply: ModelReply) -> None:
+    def on_reply(self, reply: ModelReply) -> None:
         with self._turn:
-            if not self._is_shut:
-                self._say(reply)
+            if not self._is_closed:
+                self._on_reply(reply)
 
-    def shut(self) -> None:
+    def close(self) -> None:
         with self._turn:
-            self._is_shut = True
+            self._is_closed = True

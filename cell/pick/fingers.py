@@ -18,11 +18,11 @@ def require_possible(state: HandState, widest_m: float) -> None:
         )
 
 
-def require_at(state: HandState, told_m: float) -> None:
+def require_at(state: HandState, commanded_m: float) -> None:
     """Raises: HandFault when free fingers are not where they were told to be."""
-    if not abs(state.width_m - told_m) <= _SLACK_M:
+    if not abs(state.width_m - commanded_m) <= _SLACK_M:
         raise HandFault(
-            f"The hand was told to open to {told_m * 1e3:.1f} mm and stands at {state.width_m * 1e3:.1f} mm.",
+            f"The hand was told to open to {commanded_m * 1e3:.1f} mm and stands at {state.width_m * 1e3:.1f} mm.",
             "Is something between its fingers? Home it again.",
         )
 

@@ -20,7 +20,7 @@ from bus.codec import decode
 from bus.codes import Code
 from bus.errors import BadPayload, CycleFailure, RecordingError
 from bus.messages import ModelReply
-from bus.sample import Heard
+from bus.sample import Sample
 from bus.threads import OwnedThread, Role, report_defect
 from logs.mcap.recorder import Recorder
 
@@ -37,7 +37,7 @@ Open = Callable[[], Recorder]
 
 
 class _Stamped(NamedTuple):
-    heard: Heard
+    sample: Sample
     log_time_ns: int
 
 
@@ -77,16 +77,16 @@ class CycleLog:
         """Until the file is open. Raises: CycleFailure(RECORDING) when it cannot be."""
         self._await(self._opened.wait)
 
-    def hear(self, heard: Heard) -> None:
+    def hear(self, sample: Sample) -> None:
         """Queue one payload; called from any thread, never blocks. Nothing is queued any more after an error."""
         with self._change:  # queued in the order of their stamps
             if self._error is not None:
                 return
-            waiting_bytes = self._waiting_bytes + len(heard.payload)
+            waiting_bytes = self._waiting_bytes + len(sample.payload)
             if waiting_bytes <= BACKLOG_BYTES:
                 self._waiting_bytes = waiting_bytes
-                self._queue.append(_Stamped(heard, self._clock_ns()))
-                urgent = heard.key.startswith(_FLUSH_AFTER) or waiting_bytes > _URGENT_BYTES
+                self._queue.append(_Stamped(sample, self._clock_ns()))
+                urgent = sample.key.startswith(_FLUSH_AFTER) or waiting_bytes > _URGENT_BYTES
                 self._urgent = self._urgent or urgent
                 if urgent or len(self._queue) == 1:
                     self._change.notify()
@@ -187,15 +187,15 @@ class CycleLog:
             return batch
 
     def _put(self, recorder: Recorder, item: _Stamped) -> None:
-        heard = item.heard
+        sample = item.sample
         try:
-            recorder.write(heard.key, heard.encoding, heard.payload, log_time_ns=item.log_time_ns)
-            if heard.key == topics.MODEL_REPLY.key:
-                self._attach_reply(recorder, decode(ModelReply, heard.payload))
+            recorder.write(sample.key, sample.encoding, sample.payload, log_time_ns=item.log_time_ns)
+            if sample.key == topics.MODEL_REPLY.key:
+                self._attach_reply(recorder, decode(ModelReply, sample.payload))
         except BadPayload as error:  # no type of ours, so there is no schema to record it with
-            _log.warning("not recorded on %s: %s", heard.key, error.text)
+            _log.warning("not recorded on %s: %s", sample.key, error.text)
         with self._change:
-            self._waiting_bytes -= len(heard.payload)
+            self._waiting_bytes -= len(sample.payload)
 
     def _attach_reply(self, recorder: Recorder, reply: ModelReply) -> None:
         """Prompt, answer and picture of one call as files of their own, for whoever takes the recording apart."""

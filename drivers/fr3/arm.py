@@ -17,7 +17,7 @@ from drivers.fr3.errors import advice_of_mode, arm_mode
 from drivers.fr3.loop import Request
 from drivers.fr3.player import Played
 from drivers.fr3.process import ControlProcess
-from drivers.fr3.shared_state import Snapshot, Want
+from drivers.fr3.shared_state import MotionRequest, RobotSnapshot
 from drivers.interface import Devices
 from drivers.motion.unmoved import unmoved
 
@@ -28,7 +28,7 @@ _log = logging.getLogger(__name__)
 class _Asked:
     """One `execute` that has not returned, and what was asked of its motion since."""
 
-    want: Want = Want.PLAY
+    want: MotionRequest = MotionRequest.PLAY
     plays: ControlProcess | None = None
 
 
@@ -117,7 +117,7 @@ class Fr3Arm:
         if not may_begin:
             return unmoved(_state(now, mode), trajectory)
         assert isinstance(played, Played), "an execute is answered with what was played"
-        if not played.finished and asked.want is not Want.STOP:
+        if not played.finished and asked.want is not MotionRequest.STOP:
             _log.warning("the motion was braked: this process stood still for too long")
         return Motion(
             finished=played.finished,
@@ -132,36 +132,36 @@ class Fr3Arm:
     def _under_way(self, process: ControlProcess, asked: _Asked) -> Iterator[bool]:
         """Gives whether the motion may begin: it was not stopped before. After it nothing is to move any more."""
         with self._turn:
-            may_begin = asked.want is not Want.STOP
+            may_begin = asked.want is not MotionRequest.STOP
             if may_begin:
-                process.block.ask(asked.want)
+                process.shared.ask(asked.want)
                 asked.plays = process
         try:
             yield may_begin
         finally:
             with self._turn:
                 asked.plays = None
-                process.block.ask(Want.STOP)
+                process.shared.ask(MotionRequest.STOP)
 
     def stop(self) -> None:
         with self._turn:
             for asked in self._asked:
-                _want(asked, Want.STOP)
+                _want(asked, MotionRequest.STOP)
 
     def hold(self) -> None:
         with self._turn:
             for asked in self._asked:
-                if asked.want is not Want.STOP:
-                    _want(asked, Want.HOLD)
+                if asked.want is not MotionRequest.STOP:
+                    _want(asked, MotionRequest.HOLD)
 
     def resume(self) -> None:
         self._require()
         with self._turn:
-            held = [asked for asked in self._asked if asked.want is Want.HOLD]
+            held = [asked for asked in self._asked if asked.want is MotionRequest.HOLD]
             if not held:
                 raise MotionRefused("No motion of the arm is held.", "Only a held motion goes on; plan a new one.")
             for asked in held:
-                _want(asked, Want.PLAY)
+                _want(asked, MotionRequest.PLAY)
 
     def recover(self) -> None:
         """Clear a reflex; when the robot was lost, connect to it anew first. Nothing moves.
@@ -183,13 +183,13 @@ class Fr3Arm:
                                     advice_of_mode(number))  # fmt: skip
 
 
-def _want(asked: _Asked, want: Want) -> None:
+def _want(asked: _Asked, want: MotionRequest) -> None:
     asked.want = want
     if asked.plays is not None:
-        asked.plays.block.ask(want)
+        asked.plays.shared.ask(want)
 
 
-def _state(now: Snapshot, mode: ArmMode) -> ArmState:
+def _state(now: RobotSnapshot, mode: ArmMode) -> ArmState:
     return ArmState(
         stamp_ns=now.stamp_ns,
         mode=mode if not now.busy else ArmMode.OTHER,

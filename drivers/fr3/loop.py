@@ -1,6 +1,6 @@
 """The arm's control process: answers the robot every millisecond. Nothing else runs here.
 
-Started by `drivers.fr3.arm` with two inherited file descriptors: the shared `Block` and a socket for requests.
+Started by `drivers.fr3.arm` with two inherited file descriptors: the shared `SharedState` and a socket for requests.
 libfranka holds Python's lock in every call, so this cannot be a thread of the driver.
 """
 
@@ -28,7 +28,7 @@ from bus.trajectory import TICK_S, Trajectory
 from config.hardware import Fr3Settings
 from drivers.fr3.errors import connect_error, motion_error, raised_by
 from drivers.fr3.player import Played, Player
-from drivers.fr3.shared_state import Block
+from drivers.fr3.shared_state import SharedState
 
 _LOOK_TICKS = 50
 """How often a motion looks whether the driver is still there."""
@@ -63,11 +63,11 @@ class ControlLoop:
         self,
         franka: Any,
         settings: Fr3Settings,
-        block: Block,
+        shared: SharedState,
         gone: Callable[[], bool],
         clock_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        self._franka, self._block, self._gone, self._clock_ns = franka, block, gone, clock_ns
+        self._franka, self._shared, self._gone, self._clock_ns = franka, shared, gone, clock_ns
         enforce = settings.realtime == "enforce"
         realtime = franka.RealtimeConfig.kEnforce if enforce else franka.RealtimeConfig.kIgnore
         self._robot = franka.Robot(settings.address, realtime)
@@ -81,16 +81,16 @@ class ControlLoop:
 
     def recover(self) -> None:
         """Clear a reflex; takes 50 ms to some seconds. Nothing moves."""
-        self._block.say_busy(True)
+        self._shared.say_busy(True)
         try:
             self._robot.automatic_error_recovery()
         finally:
             self.idle()
-            self._block.say_busy(False)
+            self._shared.say_busy(False)
 
     def play(self, trajectory: Trajectory, tolerance_rad: float) -> Played:
         """Stream ``trajectory`` and return when the arm rests. Raises: what libfranka raises; MotionRefused."""
-        player = Player(trajectory, self._block)
+        player = Player(trajectory, self._shared)
         control = self._robot.start_joint_position_control(self._franka.ControllerMode.JointImpedance)
         state, _ = control.readOnce()
         try:
@@ -116,7 +116,7 @@ class ControlLoop:
 
     def _is_silent(self) -> bool:
         """Whether the driver stands still: it is there, and nobody can reach the arm through it."""
-        return self._clock_ns() - self._block.beat_ns > SILENT_NS
+        return self._clock_ns() - self._shared.beat_ns > SILENT_NS
 
     def _finish(self, control: Any, command: Any) -> None:
         last = self._positions(command)
@@ -127,7 +127,7 @@ class ControlLoop:
         return self._franka.JointPositions(command.tolist())
 
     def _publish(self, state: Any) -> None:
-        self._block.write(time.time_ns(), self._clock_ns(), state, self._lost_cycles)
+        self._shared.write(time.time_ns(), self._clock_ns(), state, self._lost_cycles)
 
 
 def _configure(robot: Any, settings: Fr3Settings) -> None:
@@ -154,7 +154,7 @@ def _be_punctual() -> None:
         )
 
 
-def open_loop(settings: Fr3Settings, block: Block, gone: Callable[[], bool]) -> ControlLoop:
+def open_loop(settings: Fr3Settings, shared: SharedState, gone: Callable[[], bool]) -> ControlLoop:
     """Connect and configure. Raises: DriverUnavailable, with what to do."""
     try:
         franka = importlib.import_module("pylibfranka")
@@ -169,17 +169,17 @@ def open_loop(settings: Fr3Settings, block: Block, gone: Callable[[], bool]) -> 
         with suppress(PermissionError):  # at least before what is less urgent
             os.nice(_NICE)
     try:
-        return ControlLoop(franka, settings, block, gone)
+        return ControlLoop(franka, settings, shared, gone)
     except raised_by(franka) as error:
         raise connect_error(error, settings.address) from error
 
 
-def serve(requests: Connection, block: Block) -> int:
+def serve(requests: Connection, shared: SharedState) -> int:
     """Answer requests until the driver is gone, or the robot; returns the exit code."""
     settings = Fr3Settings.model_validate_json(requests.recv())
 
     try:
-        loop = open_loop(settings, block, gone=requests.poll)  # nothing is asked during a motion: it is the end
+        loop = open_loop(settings, shared, gone=requests.poll)  # nothing is asked during a motion: it is the end
     except CellError as error:
         requests.send(error_reply(error))
         return error.exit_code

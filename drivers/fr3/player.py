@@ -10,7 +10,7 @@ import numpy as np
 from bus.arrays import Joints, JointSamples, Samples
 from bus.errors import MotionRefused
 from bus.trajectory import TICK_S, Trajectory
-from drivers.fr3.shared_state import Block, Want
+from drivers.fr3.shared_state import MotionRequest, SharedState
 from drivers.motion.stream import Stream
 
 _MEASURE_TICKS = 10
@@ -37,8 +37,8 @@ class Player:
     ends exactly where it was planned to, if need be a little later.
     """
 
-    def __init__(self, trajectory: Trajectory, block: Block) -> None:
-        self._stream, self._block = Stream(trajectory), block
+    def __init__(self, trajectory: Trajectory, shared: SharedState) -> None:
+        self._stream, self._shared = Stream(trajectory), shared
         self._planned_q_rad = trajectory.start_q_rad
         self._away_rad = np.zeros(7)
         self._tick = self._fade_ticks = 0
@@ -111,10 +111,10 @@ class Player:
             self._measured.append((len(self.commanded), state))
 
     def _obey(self) -> None:
-        want = self._block.want
-        if want == Want.STOP:
+        want = self._shared.want
+        if want == MotionRequest.STOP:
             self._stream.brake()
-        elif want == Want.HOLD:
+        elif want == MotionRequest.HOLD:
             self._stream.hold()
         else:
             self._stream.resume()

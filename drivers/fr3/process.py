@@ -17,7 +17,7 @@ from bus.threads import OwnedThread, Role
 from config.hardware import Fr3Settings
 from drivers.fr3.loop import Request
 from drivers.fr3.player import Played
-from drivers.fr3.shared_state import Block, Snapshot
+from drivers.fr3.shared_state import RobotSnapshot, SharedState
 
 _CONNECT_S = 20.0
 _STALE_S = 0.5
@@ -33,13 +33,13 @@ class ControlProcess:
     """One control process, connected to the robot. Raises: DriverUnavailable, with what to do."""
 
     def __init__(self, settings: Fr3Settings) -> None:
-        self.block = Block.create()
+        self.shared = SharedState.create()
         self._address = settings.address
         ours, theirs = socket.socketpair()
         with theirs:
             self._child = subprocess.Popen(
-                [sys.executable, "-P", "-m", "drivers.fr3", str(theirs.fileno()), str(self.block.descriptor)],
-                pass_fds=(theirs.fileno(), self.block.descriptor),
+                [sys.executable, "-P", "-m", "drivers.fr3", str(theirs.fileno()), str(self.shared.descriptor)],
+                pass_fds=(theirs.fileno(), self.shared.descriptor),
                 stdin=subprocess.DEVNULL,
             )
         self._requests = Connection(os.dup(ours.fileno()))
@@ -59,14 +59,14 @@ class ControlProcess:
         """Whether it ended, or the robot fell silent."""
         if self._lost or self._child.poll() is not None:
             return True
-        now = self.block.read()
+        now = self.shared.read()
         return now is None or (not now.busy and _age_s(now) > _STALE_S)
 
-    def newest(self) -> Snapshot | None:
+    def newest(self) -> RobotSnapshot | None:
         """The newest state, or None when it is lost."""
-        return None if self.is_lost else self.block.read()
+        return None if self.is_lost else self.shared.read()
 
-    def snapshot(self) -> Snapshot:
+    def snapshot(self) -> RobotSnapshot:
         now = self.newest()
         if now is None:
             raise DeviceLost(f"The FR3 at {self._address} does not answer any more.", LOST_ADVICE)
@@ -111,7 +111,7 @@ class ControlProcess:
     def _beat(self) -> None:
         """Say again and again that this process is not frozen, until the end."""
         while not self._ending.wait(_BEAT_S):
-            self.block.beat(time.monotonic_ns())
+            self.shared.beat(time.monotonic_ns())
 
     def end(self) -> None:
         """It brakes what moves and ends when nobody listens any more; insist if it does not. Idempotent."""
@@ -125,8 +125,8 @@ class ControlProcess:
         except subprocess.TimeoutExpired:
             self._child.kill()
             self._child.wait()
-        self.block.close()
+        self.shared.close()
 
 
-def _age_s(now: Snapshot) -> float:
+def _age_s(now: RobotSnapshot) -> float:
     return (time.monotonic_ns() - now.heard_ns) / 1e9

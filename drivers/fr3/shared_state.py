@@ -33,7 +33,7 @@ MOVE = 2
 """libfranka's RobotMode while it is controlled."""
 
 
-class Want(IntEnum):
+class MotionRequest(IntEnum):
     """What is to become of the motion under way."""
 
     PLAY = 0
@@ -42,7 +42,7 @@ class Want(IntEnum):
 
 
 @dataclass(frozen=True)
-class Snapshot:
+class RobotSnapshot:
     """One state of the robot, consistent in itself.
 
     Attributes:
@@ -66,7 +66,7 @@ class Snapshot:
     q_d_rad: Joints
 
 
-class Block:
+class SharedState:
     """One record of shared memory, behind a file descriptor that a child process can inherit; one writer a side."""
 
     def __init__(self, descriptor: int) -> None:
@@ -75,7 +75,7 @@ class Block:
         self._record: Any = np.frombuffer(self._map, _LAYOUT)
 
     @classmethod
-    def create(cls) -> Block:
+    def create(cls) -> SharedState:
         descriptor = os.memfd_create("fr3-state", 0)
         os.truncate(descriptor, _LAYOUT.itemsize)
         return cls(descriptor)
@@ -86,7 +86,7 @@ class Block:
 
     # --- the driver's side --------------------------------------------------------------------------------------------
 
-    def read(self) -> Snapshot | None:
+    def read(self) -> RobotSnapshot | None:
         """The newest state; None before the first. Raises: DriverError when it is never found whole."""
         for _ in range(_TRIES):
             before = int(self._record["sequence"][0])
@@ -95,7 +95,7 @@ class Block:
                 return _snapshot(copy) if before else None
         raise DriverError("The control process died while it wrote the arm's state.", "Recover the arm.")
 
-    def ask(self, want: Want) -> None:
+    def ask(self, want: MotionRequest) -> None:
         self._record["want"][0] = want
 
     def beat(self, now_ns: int) -> None:
@@ -134,9 +134,9 @@ class Block:
         record["sequence"][0] += 1
 
 
-def _snapshot(record: Any) -> Snapshot:
+def _snapshot(record: Any) -> RobotSnapshot:
     joints = {name: np.array(record[name]) for name in _JOINTS}
-    return Snapshot(
+    return RobotSnapshot(
         stamp_ns=int(record["stamp_ns"]),
         heard_ns=int(record["heard_ns"]),
         mode=int(record["mode"]),

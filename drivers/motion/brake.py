@@ -17,7 +17,7 @@ _BEYOND = "The arm cannot be brought to rest within its limits."
 _ADVICE = "The arm's own controller stops it now; find out what sent these commands."
 
 
-def coast(last_q_rad: JointSamples) -> JointSamples:
+def brake_without_path(last_q_rad: JointSamples) -> JointSamples:
     """1 kHz commands (n, 7) from motion to rest, all joints at rest at the same time (ruckig).
 
     Not on any checked path: the arm runs on by up to dq^2 / 20. With a trajectory, use `drivers.motion.stream`.

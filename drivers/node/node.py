@@ -20,14 +20,14 @@ from bus.errors import BusError, CellError, DriverUnavailable
 from bus.frozen import Message
 from bus.injected import FaultyBus, Spoilable, answer_faults
 from bus.messages import Motion
-from bus.sample import Asked, Heard
+from bus.sample import Asked, Sample
 from bus.session import Bus
 from bus.silence import Silence
 from bus.topics import Topic, encoding_of
 from bus.trajectory import Trajectory
 from bus.wire import arm_state_to_wire, frame_to_wire
 from config.schema import Station
-from drivers.interface import Arm, Camera, Devices, Feeder, Hand, Reporting
+from drivers.interface import Arm, Camera, Devices, Hand, ObjectPresenter, Reporting
 from drivers.node.guard import Guard, HandGuard
 from drivers.node.injection import faulty_devices
 from drivers.node.loops import Loop
@@ -89,12 +89,12 @@ class Node:
             self._serve_arm(self._arm)
         if self._devices.hand is not None:
             self._serve_hand(HandGuard(self._devices.hand, self._station))
-        if self._devices.feeder is not None:
-            self._serve_feeder(self._devices.feeder)
+        if self._devices.presenter is not None:
+            self._serve_feeder(self._devices.presenter)
         if self._station.faults.allowed:
             self._allow_faults()
         self._every(_PULSE, HEALTH_PERIOD_S, self._publish_health)
-        self._bus.answer(topics.NODE_NOW, lambda _payload, _asked: self._health(), lane="state", name=self._name)
+        self._bus.answer(topics.NODE_NOW, lambda _payload, _asked: self._health(), worker="state", name=self._name)
         self._bus.announce(topics.NODE_ALIVE, name=self._name)
         self._require_alone()
 
@@ -159,18 +159,18 @@ class Node:
             self._devices.hand.connect()
         if self._devices.camera is not None:
             # The graphics context of a rendered camera belongs to the thread that will capture.
-            self._bus.lane("camera").submit(self._devices.camera.connect).result()
+            self._bus.worker("camera").submit(self._devices.camera.connect).result()
 
     def _disconnect(self) -> None:
         if self._devices.camera is not None:
-            self._bus.lane("camera").submit(self._devices.camera.close).result()
+            self._bus.worker("camera").submit(self._devices.camera.close).result()
         for device in (self._devices.hand, self._arm):
             if device is not None:
                 device.close()
 
     # --- what is answered ---------------------------------------------------------------------------------------------
 
-    def _answer(self, topic: Topic, ask_type: type[AskT], act: Callable[[AskT], Message | None], lane: str) -> None:
+    def _answer(self, topic: Topic, ask_type: type[AskT], act: Callable[[AskT], Message | None], worker: str) -> None:
         def handle(payload: bytes, _: Asked) -> Message:
             try:
                 answer = act(decode(ask_type, payload))
@@ -180,10 +180,10 @@ class Node:
             self._answered += 1
             return Nothing() if answer is None else answer
 
-        self._bus.answer(topic, handle, lane=lane)
+        self._bus.answer(topic, handle, worker=worker)
 
     def _serve_camera(self, camera: Camera) -> None:
-        def capture(payload: bytes, _: Asked) -> list[Heard]:
+        def capture(payload: bytes, _: Asked) -> list[Sample]:
             decode(Nothing, payload)
             try:
                 parts = frame_to_wire(camera.capture())
@@ -193,9 +193,9 @@ class Node:
             self._answered += 1
             for topic in topics.FRAME_PARTS:
                 self._bus.publish(topic, parts[topic.key])
-            return [Heard(topic.key, encoding_of(topic.says), parts[topic.key]) for topic in topics.FRAME_PARTS]
+            return [Sample(topic.key, encoding_of(topic.says), parts[topic.key]) for topic in topics.FRAME_PARTS]
 
-        self._bus.answer(topics.CAMERA_CAPTURE, capture, lane="camera")
+        self._bus.answer(topics.CAMERA_CAPTURE, capture, worker="camera")
 
     def _serve_arm(self, arm: Arm) -> None:
         def execute(trajectory: Trajectory) -> Motion:
@@ -228,8 +228,8 @@ class Node:
                 self._motions -= 1
                 self._motion_change.notify_all()
 
-    def _hear_cell(self, heard: Heard) -> None:
-        if self._bus.cell in (None, heard.source) and (heard.is_sealed or self._bus.seal is None):
+    def _hear_cell(self, sample: Sample) -> None:
+        if self._bus.cell in (None, sample.source) and (sample.is_sealed or self._bus.seal is None):
             self._cell.hear()
             self._was_heard = True
 
@@ -258,9 +258,9 @@ class Node:
         self._answer(topics.HAND_NOW, Nothing, lambda _: hand.state(), "state")
         self._every("hand.state", HAND_STATE_PERIOD_S, lambda: self._bus.publish(topics.HAND_STATE, hand.state()))
 
-    def _serve_feeder(self, feeder: Feeder) -> None:
-        self._answer(topics.SIM_PRESENT, PresentRequest, feeder.present, "arm")
-        self._answer(topics.SIM_TRUTH, Nothing, lambda _: feeder.truth(), "state")
+    def _serve_feeder(self, presenter: ObjectPresenter) -> None:
+        self._answer(topics.SIM_PRESENT, PresentRequest, presenter.present, "arm")
+        self._answer(topics.SIM_TRUTH, Nothing, lambda _: presenter.truth(), "state")
 
     def _allow_faults(self) -> None:
         """Answer ``fault/{part}`` for what is served here, and for this process's link."""

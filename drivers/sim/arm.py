@@ -10,7 +10,7 @@ from bus.arrays import Joints
 from bus.errors import ArmReflex, MotionRefused, NotConnected
 from bus.messages import ArmMode, ArmState, Motion
 from bus.trajectory import TICK_S, Trajectory
-from drivers.motion.brake import coast
+from drivers.motion.brake import brake_without_path
 from drivers.motion.stream import Stream
 from drivers.motion.unmoved import unmoved
 from drivers.sim.world import World
@@ -129,7 +129,7 @@ class SimArm:
         """After an error in the middle of a motion: bring the joints to rest, with what is known of how they move."""
         if len(commanded) < 3:
             return
-        for command in coast(np.array(commanded[-3:])):
+        for command in brake_without_path(np.array(commanded[-3:])):
             self._world.command_arm(command, commanded[-1])
             self._world.tick()
             commanded.append(command)

@@ -15,7 +15,7 @@ from drivers.sim.world import World
 _ADVICE = "Leave the object out, or set sim.clutter = 0."
 
 
-class SimFeeder:
+class SimPresenter:
     """Puts objects on the table: a named one, or the next of a seeded order in which each comes once a round.
 
     A table that was filled with several (`sim.clutter`) it leaves as it is.
@@ -48,4 +48,4 @@ class SimFeeder:
 def open_devices(station: Station) -> Devices:
     """One world, and the four devices that share it."""
     world = World(station)
-    return Devices(SimCamera(world), SimArm(world), SimHand(world), SimFeeder(world))
+    return Devices(SimCamera(world), SimArm(world), SimHand(world), SimPresenter(world))

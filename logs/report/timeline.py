@@ -36,7 +36,7 @@ class Span:
 
 
 @dataclass(frozen=True)
-class Story:
+class Timeline:
     """Why a cycle ended so.
 
     Attributes:
@@ -64,21 +64,22 @@ class Story:
         return " ".join(part for part in (self.outcome, self.code, self.object) if part)
 
 
-def tell(record: CycleRecord) -> Story:
+def summarize(record: CycleRecord) -> Timeline:
     """The story of one recorded cycle, however far it came. Raises: RecordingError for one that makes no sense."""
     with telling(f"The cycle {record.cycle_id!r}"):
         return _told(record)
 
 
-def _told(record: CycleRecord) -> Story:
+def _told(record: CycleRecord) -> Timeline:
     why, advice = _why(record)
     result = record.result
     stages, states = record.stages.values(), record.states
     start_ns = min([stage.started_ns for stage in stages] + [said.log_time_ns for said in states], default=0)
     ends_ns = [stage.started_ns + round(stage.duration_s * 1e9) for stage in stages]
-    length_s = (max([*ends_ns, *(said.log_time_ns for said in (*states, *record.events))], default=0) - start_ns) / 1e9
+    said_ns = [said.log_time_ns for said in states] + [said.log_time_ns for said in record.events]
+    length_s = (max(ends_ns + said_ns, default=0) - start_ns) / 1e9
     begun = [said.message.stage for said in states if said.message.stage]
-    return Story(
+    return Timeline(
         outcome=result.result if result is not None else record.metadata.get("result", UNFINISHED),
         code=result.code.value if result is not None and result.code is not None else "",
         object=result.object if result is not None else "",

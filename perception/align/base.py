@@ -15,7 +15,7 @@ from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.messages import CameraModel
 from bus.transforms import apply
-from perception.geometry.lift import few, lift
+from perception.geometry.lift import lift, subsample
 
 _MIN_POINTS = 30
 JUDGED_POINTS = 800
@@ -88,7 +88,7 @@ def trimmed_mean(distances: Array) -> float:
 
 def residuals(goal: Array, observed: Array, observed_from_goal: Transform) -> Residuals:
     """Judge a fit on evenly thinned clouds."""
-    moved, kept = few(apply(observed_from_goal, goal), JUDGED_POINTS), few(observed, JUDGED_POINTS)
+    moved, kept = subsample(apply(observed_from_goal, goal), JUDGED_POINTS), subsample(observed, JUDGED_POINTS)
     forth, back = nearest(moved, cKDTree(kept)), nearest(kept, cKDTree(moved))
     return Residuals(
         chamfer_m2=float((forth**2).mean() + (back**2).mean()),

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from bus.transforms import affine
 from perception.align.base import JUDGED_POINTS, Array, Fit, Shape, nearest
-from perception.geometry.lift import few
+from perception.geometry.lift import subsample
 
 _PROPER_SIGNS = ((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1))
 
@@ -39,7 +39,7 @@ def principal_axes(points: Array) -> tuple[Array, Array]:
 
 def least_chamfer(candidates: Sequence[Array], goal: Array, observed: Array) -> int:
     """Index of the matrix (3, 3) that leaves the least two-way Chamfer loss [m^2] between the clouds (n, 3), (m, 3)."""
-    goal, observed = few(goal, JUDGED_POINTS), few(observed, JUDGED_POINTS)
+    goal, observed = subsample(goal, JUDGED_POINTS), subsample(observed, JUDGED_POINTS)
     tree = cKDTree(observed)
 
     def loss_m2(matrix: Array) -> float:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from perception.align.base import Array, Mask, Shape
-from perception.geometry.lift import few
+from perception.geometry.lift import subsample
 
 _ANGLES = 36
 _CONTOUR_POINTS = 120
@@ -71,7 +71,7 @@ class _Outline:
         pixels = np.stack([columns, rows], axis=1).astype(float)
         self.center_px = pixels.mean(axis=0)
         self.radius_px = float(np.sqrt(((pixels - self.center_px) ** 2).sum(axis=1).mean()))
-        self.interior = few(pixels, _INTERIOR_POINTS)
+        self.interior = subsample(pixels, _INTERIOR_POINTS)
         pad = int(self.radius_px) + 2
         self._corner = np.array([columns.min() - pad, rows.min() - pad])
         size = np.array([columns.max(), rows.max()]) + pad + 1 - self._corner
@@ -79,7 +79,7 @@ class _Outline:
         local[rows - self._corner[1], columns - self._corner[0]] = 1
         contours, _ = cv2.findContours(local, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
         contour = np.concatenate([part[:, 0] for part in contours])
-        self.contour = few(contour + self._corner.astype(float), _CONTOUR_POINTS)
+        self.contour = subsample(contour + self._corner.astype(float), _CONTOUR_POINTS)
         beside = np.ones(local.shape, dtype=np.uint8)
         beside[contour[:, 1], contour[:, 0]] = 0
         self._distance_px: npt.NDArray[np.float32] = np.asarray(cv2.distanceTransform(beside, cv2.DIST_L2, 3))

@@ -12,7 +12,7 @@ import numpy as np
 from perception.align.base import Array, Fit, Shape
 from perception.align.refine import Clouds, Pose
 from perception.align.silhouette import outline, silhouette_fits
-from perception.geometry.lift import few
+from perception.geometry.lift import subsample
 
 _STARTS = 4
 _FIRST, _THEN = 4, 8
@@ -28,7 +28,7 @@ def silhouette_3d(goal: Shape, observed: Shape) -> Fit:
     goal_center, observed_center = goal.points.mean(axis=0), observed.points.mean(axis=0)
     goal_cloud, observed_cloud = goal.points - goal_center, observed.points - observed_center
     goal_even, observed_even = _even(goal_cloud), _even(observed_cloud)
-    coarse, fine = (Clouds(few(goal_even, most), few(observed_even, most)) for most in (_COARSE, _FINE))
+    coarse, fine = (Clouds(subsample(goal_even, most), subsample(observed_even, most)) for most in (_COARSE, _FINE))
     # Lateral spread only: the imagined relief is not to be trusted.
     scale = float(
         np.sqrt((observed_cloud[:, :2] ** 2).sum(axis=1).mean() / (goal_cloud[:, :2] ** 2).sum(axis=1).mean())

@@ -34,11 +34,11 @@ def project(points: Array, camera: CameraModel) -> Array:
     )
 
 
-def few(points: Array, most: int) -> Array:
+def subsample(points: Array, most: int) -> Array:
     """At most ``most`` of the points, evenly picked."""
     return points[:: max(1, -(-len(points) // most))]
 
 
-def thin(points: Array, most: int) -> npt.NDArray[np.float32]:
+def voxel_downsample(points: Array, most: int) -> npt.NDArray[np.float32]:
     """The same for showing and logging."""
-    return np.asarray(few(points, most), dtype=np.float32)
+    return np.asarray(subsample(points, most), dtype=np.float32)

@@ -12,7 +12,7 @@ from bus.codes import Code
 from bus.errors import CycleFailure
 from perception.geometry.window import Window
 from perception.scene.segment import Mask, hue_of
-from perception.subject import Subject
+from perception.subject import ObservedObject
 
 _HUE_APART, _MIN_SATURATION, _MIN_VALUE = 8, 110, 60
 _STANDS_OUT = 24
@@ -34,16 +34,16 @@ class GoalParts:
     others: Mask
 
 
-def take_apart(image: Image, subject: Subject) -> GoalParts:
+def take_apart(image: Image, observed_object: ObservedObject) -> GoalParts:
     """Rod, object and anything else in a goal image on its plain background.
 
     Raises: CycleFailure(MODEL_NO_ROD) without a rod, MODEL_DRIFT without an object.
     """
-    rod = _rod(image, subject.rod.rgb)
+    rod = _rod(image, observed_object.rod.rgb)
     if rod.sum() < _MIN_ROD_PX:
         raise CycleFailure(Code.MODEL_NO_ROD, "There is no rod in the goal image.")
-    window = Window.around(subject.scene.object_mask)
-    background = background_color(image, window, subject.background)
+    window = Window.around(observed_object.scene.object_mask)
+    background = background_color(image, window, observed_object.background)
     rim = cv2.dilate(rod.astype(np.uint8), np.ones((3, 3))) > 0
     foreground = (np.abs(image.astype(np.int16) - background).max(axis=2) > _STANDS_OUT) & ~rim
     foreground = cv2.morphologyEx(foreground.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3))) > 0

@@ -13,7 +13,7 @@ from bus.transforms import apply, from_rotation, inverse
 from config.schema import Station
 from perception.grasps.antipodal import WEIGHTS, Closings, close, weighted
 from perception.scene.heightmap import HeightMap, height_map
-from perception.subject import Subject
+from perception.subject import ObservedObject
 
 _SNAP_M = np.array([0.0, -0.004, 0.004, -0.008, 0.008, -0.012, 0.012])
 _SNAP_RAD = np.deg2rad([0.0, -6.0, 6.0, -12.0, 12.0])
@@ -39,15 +39,15 @@ class _Rod:
     width_m: float
 
 
-def grasps_of_rod(ends_base: Array, rectangle: int, subject: Subject, station: Station) -> list[Grasp]:
+def grasps_of_rod(ends_base: Array, rectangle: int, observed_object: ObservedObject, station: Station) -> list[Grasp]:
     """Grasps along one carried rod, given by the ends (2, 3) [m] of its run through the object, in ``base``.
 
     From above first; if the jaw finds no hold so, tilted about the rod by 20 degrees either way.
     """
-    grasps = _approach(ends_base, rectangle, np.eye(4), subject.heights, station)
+    grasps = _approach(ends_base, rectangle, np.eye(4), observed_object.heights, station)
     for tilt_rad in () if grasps else _TILTS_RAD:
         base_from_level = _tilted(ends_base, float(tilt_rad))
-        level_heights = height_map(subject.scene, inverse(base_from_level))
+        level_heights = height_map(observed_object.scene, inverse(base_from_level))
         grasps += _approach(ends_base, rectangle, base_from_level, level_heights, station)
     return grasps
 

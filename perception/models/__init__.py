@@ -18,13 +18,13 @@ from bus.redaction import keep_secret, quoted, redacted
 from bus.secrets import checked_secret, read_secret
 from config.schema import HostedSettings, Station
 from perception.models.base import GoalImageModel
+from perception.models.budget import LEDGER, Budget
 from perception.models.depth_pro import DepthPro
 from perception.models.exchange import Line
 from perception.models.geometric import GeometricModel
 from perception.models.hosted import HostedModel
 from perception.models.injection import FaultyModel
 from perception.models.network import NetworkModel
-from perception.models.purse import LEDGER, Purse
 from perception.models.recorded import RecordedModel, SpoiledModel
 from perception.models.sam import Sam
 from perception.models.way import Way
@@ -112,7 +112,7 @@ def _imaginer(station: Station, environ: Mapping[str, str], folder: Path) -> Goa
     except (OSError, ValueError, ImportError) as error:
         what = f"The client package of {name!r} does not start here ({quoted(str(error))})."
         raise ConfigError(what, "Check the environment's proxies and certificates, e.g. SSL_CERT_FILE.") from None
-    return HostedModel(provider, settings, Purse(settings, folder / LEDGER))
+    return HostedModel(provider, settings, Budget(settings, folder / LEDGER))
 
 
 def key_of(station: Station, variable: str, environ: Mapping[str, str]) -> str:

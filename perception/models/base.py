@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bus.cancel import Cancel
-from perception.subject import Answer, Subject
+from perception.subject import Answer, ObservedObject
 
 
 class GoalImageModel(Protocol):
@@ -25,13 +25,13 @@ class GoalImageModel(Protocol):
     def locate(self, color: npt.NDArray[np.uint8], prompt: str, cancel: Cancel) -> Answer:
         """Where something is in the whole image, in words as the prompt asks for them."""
 
-    def reason(self, subject: Subject, prompt: str, cancel: Cancel) -> Answer:
+    def reason(self, observed_object: ObservedObject, prompt: str, cancel: Cancel) -> Answer:
         """Where and how the object can be grasped, in words (R of the paper)."""
 
-    def direct(self, subject: Subject, prompt: str, cancel: Cancel) -> Answer:
+    def direct(self, observed_object: ObservedObject, prompt: str, cancel: Cancel) -> Answer:
         """One precise, self-contained editing instruction (T2); the prompt holds the reasoning."""
 
-    def render(self, subject: Subject, prompt: str, cancel: Cancel) -> Answer:
+    def render(self, observed_object: ObservedObject, prompt: str, cancel: Cancel) -> Answer:
         """The goal image (I_G): the same object, impaled by the rod."""
 
     def close(self) -> None:

@@ -6,7 +6,7 @@ from bus.codes import Code
 from bus.messages import Usage
 
 
-class ModelFault(Exception):
+class ModelError(Exception):
     """A provider gave no usable answer.
 
     Attributes:

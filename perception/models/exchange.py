@@ -17,7 +17,7 @@ import httpx2
 from bus.codes import Code
 from bus.redaction import quoted
 from perception.models.deadline import Deadline
-from perception.models.errors import ModelFault
+from perception.models.errors import ModelError
 
 _MAX_BYTES = 64 << 20
 """Of one answer, unpacked: the largest picture in base64 takes a third of it."""
@@ -62,7 +62,7 @@ class Line:
                 if transfer.reply is None:
                     raise _fault_of(error) from None  # its texts may hold the key
         if transfer.reply is None:
-            raise ModelFault(Code.MODEL_UNAVAILABLE, "It was not asked: the client package sent nothing.")
+            raise ModelError(Code.MODEL_UNAVAILABLE, "It was not asked: the client package sent nothing.")
         return transfer.reply
 
     def close(self) -> None:
@@ -102,18 +102,18 @@ class _Transfer(httpx2.BaseTransport):
         """A redirect does not carry the key to somebody else, or out of TLS."""
         first = self._asked = self._asked or url
         if url.host != first.host or (first.scheme == "https" and url.scheme != "https"):
-            raise ModelFault(Code.MODEL_UNAVAILABLE, f"It sends us on to {quoted(url.host)}: the key stays here.")
+            raise ModelError(Code.MODEL_UNAVAILABLE, f"It sends us on to {quoted(url.host)}: the key stays here.")
 
     def _body(self, answer: httpx2.Response) -> bytes:
         packed = answer.headers.get("content-encoding", "").strip().lower()
         if packed not in _PACKED:
-            raise ModelFault(Code.MODEL_UNAVAILABLE, f"It answered in a packing nobody asked for: {quoted(packed)}.")
+            raise ModelError(Code.MODEL_UNAVAILABLE, f"It answered in a packing nobody asked for: {quoted(packed)}.")
         parts, size = [], 0
         for part in answer.iter_bytes():
             self._deadline.left()
             size += len(part)
             if size > _MAX_BYTES:
-                raise ModelFault(Code.MODEL_UNAVAILABLE, f"Its answer is larger than {_MAX_BYTES >> 20} MiB.")
+                raise ModelError(Code.MODEL_UNAVAILABLE, f"Its answer is larger than {_MAX_BYTES >> 20} MiB.")
             parts.append(part)
         return b"".join(parts)
 
@@ -129,22 +129,22 @@ class _Switch(httpx2.BaseTransport):
         return _current.get().handle_request(request)
 
 
-def _fault_of(error: BaseException) -> ModelFault:
+def _fault_of(error: BaseException) -> ModelError:
     """What kept the answer from coming, whatever a package wrapped around it."""
     chain = [error]
     while (cause := chain[-1].__cause__ or chain[-1].__context__) is not None and cause not in chain:
         chain.append(cause)
     for one in chain:
-        if isinstance(one, ModelFault):
+        if isinstance(one, ModelError):
             return one
         if isinstance(one, (httpcore2.TimeoutException, httpx2.TimeoutException)):
-            return ModelFault(Code.MODEL_TIMEOUT, "It did not answer in time.", again=True)
+            return ModelError(Code.MODEL_TIMEOUT, "It did not answer in time.", again=True)
     root = quoted(str(chain[-1]) or type(chain[-1]).__name__)
     if any(isinstance(one, _TORN) for one in chain):
-        return ModelFault(Code.MODEL_UNAVAILABLE, f"Its answer could not be read ({root}).", again=True)
+        return ModelError(Code.MODEL_UNAVAILABLE, f"Its answer could not be read ({root}).", again=True)
     if any(isinstance(one, _OF_NETWORK) for one in chain):
-        return ModelFault(Code.MODEL_UNAVAILABLE, f"It cannot be reached ({root}).", again=True)
-    return ModelFault(Code.MODEL_UNAVAILABLE, f"It could not be asked ({root}).")
+        return ModelError(Code.MODEL_UNAVAILABLE, f"It cannot be reached ({root}).", again=True)
+    return ModelError(Code.MODEL_UNAVAILABLE, f"It could not be asked ({root}).")
 
 
 _TORN = (httpx2.DecodingError, httpcore2.RemoteProtocolError, httpx2.RemoteProtocolError)

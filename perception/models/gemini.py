@@ -12,7 +12,7 @@ from bus.codes import Code
 from bus.messages import Usage
 from bus.redaction import quoted
 from config.schema import HostedSettings
-from perception.models.errors import ModelFault
+from perception.models.errors import ModelError
 from perception.models.exchange import Line, Reply
 from perception.models.reply import entries, member, parsed, picture, raw, refused, unreadable, usage_of, words
 from perception.subject import Answer
@@ -40,7 +40,7 @@ class GeminiProvider:
         )
         self._client = genai.Client(api_key=key, http_options=options)
 
-    def say(self, prompt: str, image_png: bytes | None, timeout_s: float) -> Answer:
+    def complete(self, prompt: str, image_png: bytes | None, timeout_s: float) -> Answer:
         contents: list[Any] = [types.Part.from_text(text=prompt)]
         if image_png is not None:
             contents.append(types.Part.from_bytes(data=image_png, mime_type="image/png"))
@@ -82,7 +82,7 @@ def _drawn(reply: Reply) -> Answer:
     if drawn:
         return Answer(text=text, image_png=picture(drawn[-1], usage), usage=usage)
     if text.strip():
-        raise ModelFault(Code.MODEL_NO_IMAGE, f"It drew nothing, but said: {quoted(text, 1000)}", usage=usage)
+        raise ModelError(Code.MODEL_NO_IMAGE, f"It drew nothing, but said: {quoted(text, 1000)}", usage=usage)
     _require_candidate(reply, body)
     raise refused(reply, _why(body), usage)
 

@@ -18,7 +18,7 @@ from config.schema import Station
 from perception.grasps import antipodal
 from perception.grasps.antipodal import Closings
 from perception.models.painter import paint
-from perception.subject import Answer, Subject
+from perception.subject import Answer, ObservedObject
 
 _STICK_OUT_M = 0.035
 _COVER_M = 0.002
@@ -47,33 +47,34 @@ class GeometricModel:
         text = "The embedded model understands no words: name the target by its pixel."
         raise CycleFailure(Code.TARGET_NOT_FOUND, text)
 
-    def reason(self, subject: Subject, prompt: str, cancel: Cancel) -> Answer:
+    def reason(self, observed_object: ObservedObject, prompt: str, cancel: Cancel) -> Answer:
         """The best antipodal axis, in words. Raises: CycleFailure(NO_GRASP)."""
         proposed = self._proposed
-        closings = antipodal.propose(subject.heights, self._station)
+        closings = antipodal.propose(observed_object.heights, self._station)
         ranked = closings.distinct(len(proposed) + 1)
         if len(ranked) <= len(proposed):
             raise CycleFailure(Code.NO_GRASP, "No two opposite faces fit the jaw and can be reached from above.")
         chosen = ranked[len(proposed)]
         proposed.append(chosen)
+        scene = observed_object.scene
         return Answer(
-            f"The object is {subject.scene.height_m[subject.scene.object_mask].max() * 1e3:.0f} mm high. Two opposite "
-            f"faces {closings.width_m[chosen] * 1e3:.1f} mm apart fit the jaw; of {np.isfinite(closings.score).sum()} "
+            f"The object is {scene.height_m[scene.object_mask].max() * 1e3:.0f} mm high. Two opposite faces "
+            f"{closings.width_m[chosen] * 1e3:.1f} mm apart fit the jaw; of {np.isfinite(closings.score).sum()} "
             f"feasible axes this one scores {closings.score[chosen]:.2f}. "
             + axis_in_words(*self._axis(closings, chosen))
         )
 
-    def direct(self, subject: Subject, prompt: str, cancel: Cancel) -> Answer:
+    def direct(self, observed_object: ObservedObject, prompt: str, cancel: Cancel) -> Answer:
         """The axis as an editing instruction."""
         return Answer(f"Draw a straight cylinder {_axis_text(prompt)} (base frame, metres) through the object.")
 
-    def render(self, subject: Subject, prompt: str, cancel: Cancel) -> Answer:
+    def render(self, observed_object: ObservedObject, prompt: str, cancel: Cancel) -> Answer:
         """Paint the rod; what the object hides stays hidden. Without an axis in the prompt it reasons itself."""
-        text = prompt if _AXIS.search(prompt) else self.reason(subject, prompt, cancel).text
+        text = prompt if _AXIS.search(prompt) else self.reason(observed_object, prompt, cancel).text
         axis = _axis_text(text)
         ends_base = np.array([float(value) for value in re.findall(_NUMBER, axis)]).reshape(2, 3)
-        ends = apply(inverse(subject.base_from_color), ends_base)
-        return Answer(f"rod {axis}", goal=paint(subject, ends, self._station.perception.rod_radius_m))
+        ends = apply(inverse(observed_object.base_from_color), ends_base)
+        return Answer(f"rod {axis}", goal=paint(observed_object, ends, self._station.perception.rod_radius_m))
 
     def close(self) -> None:
         """It holds nothing."""

@@ -15,7 +15,7 @@ from bus.errors import CycleFailure
 from bus.injection import Fault, Faulty
 from perception.geometry.window import Window, encode_png
 from perception.models.base import GoalImageModel
-from perception.subject import Answer, Subject
+from perception.subject import Answer, ObservedObject
 
 _LOOK_S = 0.05
 _PICTURE_PX = 512
@@ -41,17 +41,17 @@ class FaultyModel(Faulty):
     def locate(self, color: npt.NDArray[np.uint8], prompt: str, cancel: Cancel) -> Answer:
         return self._ask(lambda: self._model.locate(color, prompt, cancel), cancel)
 
-    def reason(self, subject: Subject, prompt: str, cancel: Cancel) -> Answer:
-        return self._ask(lambda: self._model.reason(subject, prompt, cancel), cancel)
+    def reason(self, observed_object: ObservedObject, prompt: str, cancel: Cancel) -> Answer:
+        return self._ask(lambda: self._model.reason(observed_object, prompt, cancel), cancel)
 
-    def direct(self, subject: Subject, prompt: str, cancel: Cancel) -> Answer:
-        return self._ask(lambda: self._model.direct(subject, prompt, cancel), cancel)
+    def direct(self, observed_object: ObservedObject, prompt: str, cancel: Cancel) -> Answer:
+        return self._ask(lambda: self._model.direct(observed_object, prompt, cancel), cancel)
 
-    def render(self, subject: Subject, prompt: str, cancel: Cancel) -> Answer:
-        answer = self._ask(lambda: self._model.render(subject, prompt, cancel), cancel)
+    def render(self, observed_object: ObservedObject, prompt: str, cancel: Cancel) -> Answer:
+        answer = self._ask(lambda: self._model.render(observed_object, prompt, cancel), cancel)
         if self._fault is Fault.GARBAGE:
             return Answer(answer.text, image_png=_NO_PICTURE)
-        return Answer(answer.text, image_png=_another(subject)) if self._fault is Fault.WRONG else answer
+        return Answer(answer.text, image_png=_another(observed_object)) if self._fault is Fault.WRONG else answer
 
     def close(self) -> None:
         self.fault = Fault.NONE
@@ -80,12 +80,12 @@ class FaultyModel(Faulty):
         return is_over()
 
 
-def _another(subject: Subject) -> bytes:
+def _another(observed_object: ObservedObject) -> bytes:
     """A disc in a colour that the object does not have, with a rod through it, where the object was shown."""
-    window = Window.around(subject.scene.object_mask)
-    picture = np.full((_PICTURE_PX, _PICTURE_PX, 3), subject.background, dtype=np.uint8)
+    window = Window.around(observed_object.scene.object_mask)
+    picture = np.full((_PICTURE_PX, _PICTURE_PX, 3), observed_object.background, dtype=np.uint8)
     middle, radius = _PICTURE_PX // 2, _PICTURE_PX // 4
-    median = np.median(subject.rgbd.color[subject.scene.object_mask], axis=0)
+    median = np.median(observed_object.rgbd.color[observed_object.scene.object_mask], axis=0)
     cv2.circle(picture, (middle, middle), radius, tuple(255 - int(value) for value in median), -1)
-    cv2.line(picture, (middle // 4, middle), (_PICTURE_PX - middle // 4, middle), subject.rod.rgb, 12)
+    cv2.line(picture, (middle // 4, middle), (_PICTURE_PX - middle // 4, middle), observed_object.rod.rgb, 12)
     return encode_png(picture, max(_PICTURE_PX, window.side_px))

@@ -10,7 +10,7 @@ import openai
 from bus.codes import Code
 from bus.messages import Usage
 from config.schema import HostedSettings
-from perception.models.errors import ModelFault
+from perception.models.errors import ModelError
 from perception.models.exchange import Line, Reply
 from perception.models.reply import (
     entries,
@@ -40,7 +40,7 @@ class OpenAIProvider:
             api_key=key, base_url=settings.base_url or SERVER, max_retries=0, http_client=line.client
         )
 
-    def say(self, prompt: str, image_png: bytes | None, timeout_s: float) -> Answer:
+    def complete(self, prompt: str, image_png: bytes | None, timeout_s: float) -> Answer:
         client, model = self._client.with_options(timeout=timeout_s), self._settings.text_model
         if self._settings.text_api == "chat":
             chat = client.chat.completions.with_raw_response
@@ -136,7 +136,7 @@ def _edited(reply: Reply) -> Answer:
     if not drawn and address.startswith("data:"):
         drawn = address
     if not drawn:
-        raise ModelFault(Code.MODEL_NO_IMAGE, f"It answered the edit without a picture: {quote_of(reply)}", usage=usage)
+        raise ModelError(Code.MODEL_NO_IMAGE, f"It answered the edit without a picture: {quote_of(reply)}", usage=usage)
     return Answer(image_png=picture(drawn, usage), usage=usage)
 
 

@@ -26,13 +26,13 @@ class RecordedModel:
     def locate(self, color: Any, prompt: str, cancel: Cancel) -> Answer:
         return self._next("locate")
 
-    def reason(self, subject: Any, prompt: str, cancel: Cancel) -> Answer:
+    def reason(self, observed_object: Any, prompt: str, cancel: Cancel) -> Answer:
         return self._next("reason")
 
-    def direct(self, subject: Any, prompt: str, cancel: Cancel) -> Answer:
+    def direct(self, observed_object: Any, prompt: str, cancel: Cancel) -> Answer:
         return self._next("direct")
 
-    def render(self, subject: Any, prompt: str, cancel: Cancel) -> Answer:
+    def render(self, observed_object: Any, prompt: str, cancel: Cancel) -> Answer:
         return self._next("render")
 
     def close(self) -> None:
@@ -69,14 +69,14 @@ class SpoiledModel:
     def locate(self, color: Any, prompt: str, cancel: Cancel) -> Answer:
         return self._ask(lambda: self._model.locate(color, prompt, cancel))
 
-    def reason(self, subject: Any, prompt: str, cancel: Cancel) -> Answer:
-        return self._ask(lambda: self._model.reason(subject, prompt, cancel))
+    def reason(self, observed_object: Any, prompt: str, cancel: Cancel) -> Answer:
+        return self._ask(lambda: self._model.reason(observed_object, prompt, cancel))
 
-    def direct(self, subject: Any, prompt: str, cancel: Cancel) -> Answer:
-        return self._ask(lambda: self._model.direct(subject, prompt, cancel))
+    def direct(self, observed_object: Any, prompt: str, cancel: Cancel) -> Answer:
+        return self._ask(lambda: self._model.direct(observed_object, prompt, cancel))
 
-    def render(self, subject: Any, prompt: str, cancel: Cancel) -> Answer:
-        return self._ask(lambda: self._model.render(subject, prompt, cancel))
+    def render(self, observed_object: Any, prompt: str, cancel: Cancel) -> Answer:
+        return self._ask(lambda: self._model.render(observed_object, prompt, cancel))
 
     def close(self) -> None:
         self._model.close()

@@ -15,7 +15,7 @@ from typing import Any
 from bus.codes import Code
 from bus.messages import Usage
 from bus.redaction import holds_secret, quoted, redacted
-from perception.models.errors import ModelFault
+from perception.models.errors import ModelError
 from perception.models.exchange import Reply
 
 _BLOCKED = ("moderation_blocked", "content_policy_violation", "content_filter", "ResponsibleAIPolicyViolation")
@@ -85,9 +85,9 @@ def picture(drawn: str, usage: Usage) -> bytes:
         data = base64.b64decode(standard.encode("ascii"), validate=True)
     except (binascii.Error, UnicodeEncodeError):
         what = f"The picture is no base64 text: {quoted(drawn, 60)}"
-        raise ModelFault(Code.MODEL_BAD_IMAGE, what, usage=usage) from None
+        raise ModelError(Code.MODEL_BAD_IMAGE, what, usage=usage) from None
     if holds_secret(data):
-        raise ModelFault(Code.MODEL_BAD_IMAGE, "The picture's file holds the key, and is not kept.", usage=usage)
+        raise ModelError(Code.MODEL_BAD_IMAGE, "The picture's file holds the key, and is not kept.", usage=usage)
     return data
 
 
@@ -106,15 +106,15 @@ def parsed(reply: Reply) -> dict[str, Any]:
     return body
 
 
-def unreadable(reply: Reply, why: str, usage: Usage | None = None) -> ModelFault:
+def unreadable(reply: Reply, why: str, usage: Usage | None = None) -> ModelError:
     """MODEL_UNAVAILABLE, with the answer quoted; ``why`` follows "Its answer"."""
-    return ModelFault(Code.MODEL_UNAVAILABLE, f"Its answer {why}: {quote_of(reply)}", usage=usage)
+    return ModelError(Code.MODEL_UNAVAILABLE, f"Its answer {why}: {quote_of(reply)}", usage=usage)
 
 
-def refused(reply: Reply, why: str, usage: Usage) -> ModelFault:
+def refused(reply: Reply, why: str, usage: Usage) -> ModelError:
     """MODEL_REFUSED, with what it gave as the reason, or the whole answer where it gave none."""
     reason = quoted(why, 1000) or f"it said nothing in {quote_of(reply)}"
-    return ModelFault(Code.MODEL_REFUSED, f"It refused: {reason}", usage=usage)
+    return ModelError(Code.MODEL_REFUSED, f"It refused: {reason}", usage=usage)
 
 
 def _json(data: bytes) -> object:
@@ -139,32 +139,32 @@ def _message(body: object, reply: Reply) -> str:
     return quoted(said, 500) if isinstance(said, str) else quote_of(reply)
 
 
-def _fault_of_error(reply: Reply, body: dict[str, Any]) -> ModelFault:
+def _fault_of_error(reply: Reply, body: dict[str, Any]) -> ModelError:
     """An error in an answer that is said to be fine; some servers in between put the status there."""
     code = member(body, "error", "code")
     if isinstance(code, int) and 400 <= code < 600:
         return _fault_of_status(reply, body, code)
     kind = Code.MODEL_REFUSED if code in _BLOCKED else Code.MODEL_UNAVAILABLE
-    return ModelFault(kind, f"It answered with an error: {_message(body, reply)}")
+    return ModelError(kind, f"It answered with an error: {_message(body, reply)}")
 
 
-def _fault_of_status(reply: Reply, body: object, status: int) -> ModelFault:
+def _fault_of_status(reply: Reply, body: object, status: int) -> ModelError:
     if isinstance(body, list) and len(body) == 1:  # Google's, through some proxies
         body = body[0]
     code = member(body, "error", "code")
     what = f"{_message(body, reply)} (HTTP {status})"
     if status == 429:
         out = code in _OUT_OF_CREDIT or member(body, "error", "type") in _OUT_OF_CREDIT
-        return ModelFault(Code.MODEL_QUOTA, what, again=not out, after_s=_after_s(reply, body))
+        return ModelError(Code.MODEL_QUOTA, what, again=not out, after_s=_after_s(reply, body))
     reasons = [member(detail, "reason") for detail in entries(member(body, "error", "details"))]
     if status in (401, 403, 404) or _BAD_KEY in reasons:
-        return ModelFault(Code.MODEL_ACCESS, what)
+        return ModelError(Code.MODEL_ACCESS, what)
     if status in (408, 409, 425) or status >= 500:
-        return ModelFault(Code.MODEL_UNAVAILABLE, what, again=True, after_s=_after_s(reply, body))
+        return ModelError(Code.MODEL_UNAVAILABLE, what, again=True, after_s=_after_s(reply, body))
     if status < 400:
-        return ModelFault(Code.MODEL_UNAVAILABLE, f"Its answer is none: {what}")
+        return ModelError(Code.MODEL_UNAVAILABLE, f"Its answer is none: {what}")
     blocked = code in _BLOCKED or member(body, "error", "innererror", "code") in _BLOCKED
-    return ModelFault(Code.MODEL_REFUSED, ("It refused: " if blocked else "It did not take the request: ") + what)
+    return ModelError(Code.MODEL_REFUSED, ("It refused: " if blocked else "It did not take the request: ") + what)
 
 
 def _after_s(reply: Reply, body: object) -> float:

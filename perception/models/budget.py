@@ -19,7 +19,7 @@ def utc_now() -> datetime:
     return datetime.now(UTC)
 
 
-class Purse:
+class Budget:
     """Pays for calls, and refuses before the next one once a limit is reached. Any thread may use it.
 
     Args:
