@@ -30,7 +30,7 @@ from bus import topics
 from bus.arrays import Joints, Mask, Transform
 from bus.commands import Event
 from bus.frozen import Message
-from bus.messages import Detections, Grasp, PickPlan, Rectangle, Segment, StageRecord, View
+from bus.messages import Detections, Grasp, PickPlan, Segment, StageRecord, View
 from bus.topics import Topic
 from bus.transforms import apply, to_wxyz
 from bus.wire import stamp
@@ -130,7 +130,7 @@ class Views:
         message = ImageAnnotations()
         best = found.grasps[0].rectangle if found.grasps else None
         for index, rectangle in enumerate(found.rectangles):
-            self._loop(message, _corners(rectangle), _GREEN if index == best else _BLUE)
+            self._loop(message, rectangle.corners_px(), _GREEN if index == best else _BLUE)
         masks = ((found.evidence.object_mask, _ORANGE), (found.evidence.goal_rod_mask, _GREY))
         for mask, color in masks:
             for outline in _outlines(mask):
@@ -161,14 +161,6 @@ def _log(severity: str, name: str, text: str) -> Drawn:
     printable = text.encode(errors="backslashreplace").decode()
     said = Log(timestamp=stamp(time.time_ns()), level=_LEVEL[severity], name=name, message=printable)
     return topics.VIEW_LOG, said.SerializeToString()
-
-
-def _corners(rectangle: Rectangle) -> Array:
-    """(4, 2) [px]."""
-    closing = np.array([np.cos(rectangle.angle_rad), np.sin(rectangle.angle_rad)])
-    along, across = 0.5 * rectangle.width_px * closing, 0.5 * rectangle.height_px * np.array([-closing[1], closing[0]])
-    signs = ((1, 1), (1, -1), (-1, -1), (-1, 1))
-    return np.array([np.array(rectangle.center_px) + a * along + b * across for a, b in signs])
 
 
 def _outlines(mask: Mask) -> Iterator[Array]:

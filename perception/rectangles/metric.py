@@ -15,20 +15,11 @@ MAX_APART_RAD = float(np.deg2rad(30))
 Corners = npt.NDArray[np.float64]
 
 
-def corners(rectangle: Rectangle) -> Corners:
-    """(4, 2) pixels: along the closing axis first."""
-    angle = rectangle.angle_rad
-    along = np.array([np.cos(angle), np.sin(angle)]) * rectangle.width_px / 2
-    across = np.array([-np.sin(angle), np.cos(angle)]) * rectangle.height_px / 2
-    signs = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
-    return np.asarray(np.array(rectangle.center_px) + signs[:, :1] * along + signs[:, 1:] * across)
-
-
 def iou(one: Rectangle, other: Rectangle) -> float:
     """Intersection over union of the areas, 0 to 1; a rectangle without area overlaps nothing."""
     if min(one.width_px, one.height_px, other.width_px, other.height_px) <= 0:
         return 0.0
-    shared = _area(_clipped(corners(one), corners(other)))
+    shared = _area(_clipped(one.corners_px(), other.corners_px()))
     union = one.width_px * one.height_px + other.width_px * other.height_px - shared
     return float(np.clip(shared / union, 0, 1))
 

@@ -22,7 +22,7 @@ from config.load import load_station
 from perception.detector import propose
 from perception.goal.imagine import Conversation
 from perception.models import open_models
-from perception.rectangles.metric import any_match, corners, iou, matches
+from perception.rectangles.metric import any_match, iou, matches
 from perception.rectangles.network import GraspNetwork
 
 DATA = Path(os.environ.get("VLAD_CELL_DATA", "nowhere"))
@@ -81,7 +81,7 @@ def test_overlap_and_angle_both_count() -> None:
 
 
 def test_corners_begin_along_the_closing_axis() -> None:
-    first, second, third, _ = corners(_box(90))
+    first, second, third, _ = _box(90).corners_px()
     np.testing.assert_allclose(second - first, [0, 60], atol=1e-9)
     np.testing.assert_allclose(third - second, [-20, 0], atol=1e-9)
 
