@@ -34,6 +34,7 @@ from bus.messages import Detections, Grasp, PickPlan, Segment, StageRecord, View
 from bus.topics import Topic
 from bus.transforms import apply, to_wxyz
 from bus.wire import stamp
+from config.franka_hand import FINGER_LENGTH_M, FINGER_TIP_M, FINGER_TIP_SIZE_M
 
 _logger = logging.getLogger(__name__)
 
@@ -41,7 +42,8 @@ Array = npt.NDArray[Any]
 Drawn = tuple[Topic, bytes]
 
 _GREEN, _ORANGE, _BLUE, _GREY = (0.2, 0.9, 0.3), (1.0, 0.6, 0.1), (0.3, 0.6, 1.0), (0.7, 0.7, 0.7)
-_FINGER_M, _PALM_M = (0.02, 0.01, 0.045), (0.03, 0.12, 0.02)  # a sketch of the hand, in its tcp's axes
+_FINGER_M, _PALM_M = (*FINGER_TIP_SIZE_M, FINGER_LENGTH_M), (0.03, 0.12, 0.02)
+"""A sketch of the hand, in its tcp's axes."""
 _PATH_STEP = 40  # of the 1 kHz samples
 _LEVEL = {"info": Log.INFO, "warning": Log.WARNING, "error": Log.ERROR}
 
@@ -190,8 +192,8 @@ def _line(
 def _gripper(entity: SceneEntity, grasp: Grasp) -> None:
     """Palm and two fingers, opened as they approach."""
     apart = 0.5 * (grasp.opening_m + _FINGER_M[1])
-    behind = -0.5 * _FINGER_M[2]
-    palm = (0.0, 0.0, -_FINGER_M[2] - 0.5 * _PALM_M[2])
+    behind = FINGER_TIP_M - 0.5 * FINGER_LENGTH_M
+    palm = (0.0, 0.0, FINGER_TIP_M - FINGER_LENGTH_M - 0.5 * _PALM_M[2])
     for size, center in ((_FINGER_M, (0.0, apart, behind)), (_FINGER_M, (0.0, -apart, behind)), (_PALM_M, palm)):
         cube = entity.cubes.add(color=_color(_GREEN, 0.6))
         cube.size.x, cube.size.y, cube.size.z = size

@@ -11,10 +11,11 @@ from bus.arrays import Joints, Transform
 from bus.codes import Code
 from bus.messages import Grasp
 from bus.transforms import apply
+from config.franka_hand import FINGER_TIP_M, FINGER_TIP_SIZE_M
 from config.schema import Station
 from planning.infeasible import Infeasible
 from planning.kinematics import branches, cost, limit_distance_rad, q7_grid
-from planning.robot import FINGER_TIP_M, FINGER_TIP_SIZE_M, flange_pose
+from planning.robot import flange_pose
 from planning.scene import FINGER_CLEARANCE_M
 from planning.search import LIMIT_MARGIN_RAD
 

@@ -17,17 +17,12 @@ import pinocchio as pin
 
 from bus.arrays import Joints, Transform, Vector3
 from bus.transforms import from_translation, from_wxyz
+from config.franka_hand import HAND_FROM_TCP_M
 from config.schema import CameraSettings, Station
 
 Array = npt.NDArray[np.float64]
 
-HAND_FROM_TCP_M = 0.1034
-"""From the hand's origin to the tcp, along the approach axis (Franka Hand manual; URDF frame ``fr3_hand_tcp``)."""
 HAND_FROM_TCP = from_translation((0.0, 0.0, HAND_FROM_TCP_M))
-FINGER_TIP_M = 0.0095
-"""How far the finger tips reach beyond the tcp (URDF: 0.0584 + 0.0545 - 0.1034 m)."""
-FINGER_TIP_SIZE_M = (0.0175, 0.0152)
-"""Finger tip across and along the closing axis, outward from the pad (URDF)."""
 CAMERA_SIZE_M = (0.095, 0.030, 0.032)
 """Housing of the wrist camera in its colour frame; its front is 5 mm before the frame's origin."""
 _TCP_FROM_FLANGE = np.array(

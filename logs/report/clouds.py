@@ -10,6 +10,7 @@ import numpy.typing as npt
 from bus.codec import Json
 from bus.messages import Detections, Grasp
 from bus.transforms import apply
+from config.franka_hand import FINGER_LENGTH_M, FINGER_TIP_M
 from logs.report.figures import FONT
 from logs.report.page import Figure
 
@@ -83,6 +84,6 @@ def _thin(points: Array) -> Array:
 
 def _hand_outline(grasp: Grasp) -> Array:
     """Palm and both fingers of the opened hand as one line (n, 3) in ``base``."""
-    half, tip, palm = grasp.opening_m / 2, 0.009, -0.045
+    half, tip, palm = grasp.opening_m / 2, FINGER_TIP_M, FINGER_TIP_M - FINGER_LENGTH_M
     corners = [(0, -half, tip), (0, -half, palm), (0, 0, palm), (0, 0, palm - 0.04), (0, 0, palm), (0, half, palm)]
     return apply(np.asarray(grasp.base_from_tcp), np.array([*corners, (0, half, tip)]))
