@@ -21,12 +21,13 @@ from cell.hand_eye import Surveyor, moved
 from cell.nodes.supervisor import Supervisor
 from cell.terminal.printing import out
 from cell.terminal.signals import ending
+from config.charuco import board_image
 from config.load import DEFAULT_STATION, load_station
 from config.schema import Station
 from config.station_file import mounting_lines, require_writable, write_mounting
 from drivers.node.loops import Loop
 from drivers.remote import remote_devices
-from perception.hand_eye import HandEye, board_image
+from perception.hand_eye import HandEye
 from planning.robot import Robot, hand_from_color
 
 calibrate = typer.Typer(
