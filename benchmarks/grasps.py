@@ -24,7 +24,7 @@ from config.schema import Station
 from perception.detector import grasps_of, ignore_reply, propose
 from perception.goal.imagine import Conversation
 from perception.models import open_models
-from perception.rectangles.metric import MAX_APART_RAD, MIN_IOU, angle_apart_rad, any_match, iou
+from perception.rectangles.metric import MAX_APART_RAD, MIN_IOU, angle_apart_rad, iou, matches
 from perception.rectangles.network import GraspNetwork
 
 _TILE_PX, _COLUMNS = 240, 6
@@ -115,7 +115,7 @@ def _judged(sample: Sample, detect: Detector) -> Outcome:
         predicted = detect(sample)
     except CycleFailure as failure:
         return Outcome(sample, None, str(failure.failure))
-    if any_match(predicted, sample.truths):
+    if any(matches(predicted, truth) for truth in sample.truths):
         return Outcome(sample, predicted, "success")
     overlapping = [truth for truth in sample.truths if iou(predicted, truth) >= MIN_IOU]
     turned = [truth for truth in sample.truths if angle_apart_rad(predicted, truth) <= MAX_APART_RAD]

@@ -1,4 +1,4 @@
-"""THE table of the cycle's stages: what each takes, gives, may take, and how its replay is compared.
+"""The table of the cycle's stages: which of them a replay runs again, and how it compares what they give.
 
 A *pure* stage gives the same output for the same inputs, configuration and recorded model replies, bit for bit on one
 machine; the tolerances allow for another processor's floating point.
@@ -31,8 +31,6 @@ class Stage:
     """One row.
 
     Attributes:
-        inputs: what it works on, in words of the table.
-        deadline_s: longest it may take before an operator should wonder.
         rerun: computes its output again from a recording; None = its output is recorded, not recomputed.
         tolerances: field pattern -> how much a replayed value may differ.
         steps: (step, the fields it makes), in the order of cause and effect.
@@ -40,8 +38,6 @@ class Stage:
 
     name: StageName
     topic: Topic
-    inputs: tuple[str, ...]
-    deadline_s: float
     rerun: Rerun | None = None
     tolerances: Mapping[str, Tolerance] = field(default_factory=dict)
     steps: tuple[tuple[str, tuple[str, ...]], ...] = ()
@@ -96,12 +92,10 @@ _JOINT = Tolerance(1e-4, "rad")
 _EXACT_ENOUGH = Tolerance(1e-9, "")
 
 STAGES: tuple[Stage, ...] = (
-    Stage("capture", topics.CAPTURE, ("camera", "arm state"), 3.0),
+    Stage("capture", topics.CAPTURE),
     Stage(
         "detect",
         topics.DETECT,
-        ("observation", "model replies"),
-        120.0,
         _detect,
         {
             "rectangles[*].center_px[*]": _PIXELS,
@@ -133,19 +127,15 @@ STAGES: tuple[Stage, ...] = (
     Stage(
         "plan",
         topics.PLAN,
-        ("detections", "arm state", "scene"),
-        10.0,
         _plan,
         {"segments[*].trajectory.raw_q_rad": _JOINT},
     ),
-    Stage("execute", topics.EXECUTE, ("plan",), 120.0),
+    Stage("execute", topics.EXECUTE),
     Stage(
         "verify",
         topics.VERIFY,
-        ("execution", "detections", "second observation"),
-        5.0,
         _verify,
         {"load_n": Tolerance(1e-6, "N"), "cleared_fraction": Tolerance(1e-3, ""), "hold_s": Tolerance(1e-9, "s")},
     ),
-    Stage("deliver", topics.DELIVER, ("plan",), 60.0),
+    Stage("deliver", topics.DELIVER),
 )

@@ -58,18 +58,6 @@ class Sam:
             return _best(found, scores * _overlaps(found, box_px))
         return self._prompted(image, input_boxes=[[list(box_px)]])
 
-    def by_point(self, image: Image, point_px: tuple[float, float]) -> Mask:
-        """The object at a pixel (u, v).
-
-        SAM 3 takes boxes and words only: it gets a small box about the pixel, and finds what looks like its content.
-        """
-        u, v = point_px
-        if self.reads_text:
-            about_px = [u - 4, v - 4, u + 4, v + 4]
-            found, scores = self._instances(image, input_boxes=[[about_px]], input_boxes_labels=[[1]])
-            return _best(found, scores * found[:, int(v), int(u)])
-        return self._prompted(image, input_points=[[[[u, v]]]], input_labels=[[[1]]])
-
     def by_text(self, image: Image, text: str) -> Mask:
         """The object that is named. Raises: ConfigError for SAM and SAM 2, which read no words."""
         if not self.reads_text:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 import numpy as np
 import numpy.typing as npt
 
@@ -60,8 +58,3 @@ def angle_apart_rad(one: Rectangle, other: Rectangle) -> float:
 def matches(predicted: Rectangle, truth: Rectangle) -> bool:
     """IoU >= 25 % and axes <= 30 degrees apart."""
     return iou(predicted, truth) >= MIN_IOU and angle_apart_rad(predicted, truth) <= MAX_APART_RAD
-
-
-def any_match(predicted: Rectangle, truths: Iterable[Rectangle]) -> bool:
-    """Whether it matches at least one of the truths."""
-    return any(matches(predicted, truth) for truth in truths)

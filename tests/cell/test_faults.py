@@ -17,9 +17,10 @@ from cell import client
 from cell.build import running_cell
 from cell.cli.commands import command_line
 from cell.daemon.fault_table import ROWS, Row
-from cell.replay.replay import replay_file
+from cell.replay.replay import Request, replay
 from config.load import load_station
 from docs.faults_page import PAGE, page
+from logs.mcap.reader import read_cycle
 
 BY_NAME = {row.name: row for row in ROWS}
 
@@ -74,7 +75,7 @@ def test_the_whole_run_is_explained_logged_and_never_stuck(walk: Run) -> None:
 
 @pytest.mark.parametrize("name", ["model off", "model garbage", "bus garbage"])
 def test_a_recording_of_a_fault_replays(walk: Run, name: str) -> None:
-    assert replay_file(Path(walk.of(BY_NAME[name]).recording)).equal
+    assert replay(read_cycle(Path(walk.of(BY_NAME[name]).recording)), Request()).equal
 
 
 # --- who may set one --------------------------------------------------------------------------------------------------

@@ -1,13 +1,8 @@
-"""The prompts of the imagining, one text file a step; ``{fields}`` are filled in.
-
-Version 2: ``locate`` and ``render`` added; ``constraint`` names the background.
-"""
+"""The prompts of the imagining, one text file a step; ``{fields}`` are filled in."""
 
 from __future__ import annotations
 
 from importlib.resources import files
-
-VERSION = 2
 
 
 def prompt(step: str, **fields: str) -> str:
