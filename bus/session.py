@@ -149,7 +149,7 @@ class Bus:
         if self.tap is not None:
             self.tap(sample)
 
-    # --- publish and hear ---------------------------------------------------------------------------------------------
+    # --- publish and subscribe ----------------------------------------------------------------------------------------
 
     def publish(self, topic: Topic, message: Message | bytes, **fields: str) -> None:
         """Publish one message, or the protobuf bytes of one, on ``topic``. Raises: BusError after close."""

@@ -72,7 +72,7 @@ class Topic:
         asks: type of the query's payload.
         logged: recorded into the cycle's MCAP.
         acts: who may ask, where the answer is an act: ``client``, any program that names itself (`cell.machine.leases`
-            says which), or ``cell``, the cell's own session. Empty: the answer only reads.
+            decides which), or ``cell``, the cell's own session. Empty: the answer only reads.
         speaker: who publishes it; a payload of any other session is a stranger's.
     """
 

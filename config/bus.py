@@ -10,14 +10,14 @@ from config.endpoints import require_endpoint
 
 
 class BusSettings(Settings):
-    """Communication of the cell's processes: on loopback, unless a Zenoh file has certificates and access control.
+    """Communication of the cell's processes: on loopback; beyond it, with certificates and access control.
 
     Attributes:
         endpoint: where programs find the cell. The cell's own is on loopback; another machine's file names the cell's
             `listen`, or the router.
         listen: where the cell listens for other machines, e.g. ``tls/192.168.1.10:7448``.
         router: a Zenoh router that the cell joins, e.g. ``tls/192.168.1.5:7447``; it need not be up yet.
-        zenoh: the Zenoh file that secures endpoints beyond loopback, relative to the station file; its required content:
+        zenoh: the Zenoh file that secures endpoints beyond loopback, relative to the station file; it must contain:
             docs/security.md.
         ask_timeout_s: how long a query waits for its reply.
         stale_s: a node whose arm or hand publishes nothing for so long is lost, whatever else it does.

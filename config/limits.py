@@ -61,7 +61,7 @@ _VELOCITY_SETS = (
 
 
 def velocity_bounds(q_rad: Array) -> tuple[Array, Array]:
-    """Return the velocities (lower <= 0, upper >= 0) [rad/s] allowed at ``q_rad`` (..., 7); at the limits they are 0."""
+    """Return the velocities (lower <= 0, upper >= 0) [rad/s] allowed at ``q_rad`` (..., 7); 0 at the limits."""
     lower, upper = -_SPEED_CAP, _SPEED_CAP
     for s in _VELOCITY_SETS:
         upper = np.minimum(upper, np.sqrt(np.maximum(0.0, _BRAKING * (s.upper - q_rad))) - s.offset)

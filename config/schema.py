@@ -239,7 +239,7 @@ class SceneSettings(Settings):
 
 
 class ImagineSettings(Settings):
-    """How the goal image is requested (paper, section III-A)."""
+    """Request of the goal image (paper, section III-A)."""
 
     steps: Literal[1, 3] = 3
     """3 = reason, direct, render; 1 = render at once (the paper's ablation)."""
@@ -510,6 +510,6 @@ class Station(Settings):
 
     @property
     def silence_s(self) -> float:
-        """Longest silence of the sender of motions (``bus.silence_s``); longer where simulated time is not real time."""
+        """Longest silence of the sender of motions (``bus.silence_s``); longer where simulated time is not real."""
         is_timeless = self.simulated and self.sim.pace == 0
         return max(self.bus.silence_s, self.bus.stale_s) if is_timeless else self.bus.silence_s

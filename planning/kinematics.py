@@ -107,7 +107,7 @@ def _elbow(wrist: Array) -> tuple[Array, Array, Array]:
 
 
 def _wrist_bend(x: Array, z: Array, wrist: Array, along_forearm: Array) -> Array:
-    """Return both q6 (..., 2) that give S - W the component ``along_forearm`` along the forearm, sin q6 x - cos q6 z."""
+    """Return both q6 (..., 2) that give S - W the component ``along_forearm`` on the forearm, sin q6 x - cos q6 z."""
     a, b = -_dot(x, wrist), _dot(z, wrist)
     cosine = along_forearm / np.hypot(a, b)
     half = np.arccos(np.where(np.abs(cosine) <= 1.0, cosine, np.nan))
@@ -140,7 +140,10 @@ def rest_to_rest_s(q_from_rad: Array, q_to_rad: Array) -> Array:
 
 
 def limit_distance_rad(q_rad: Array) -> Array:
-    """Return the distance (...) of the nearest joint of (..., 7) to its position limit; negative outside, NaN if q is."""
+    """Return the distance (...) of the nearest joint of (..., 7) to its position limit; negative outside.
+
+    It is NaN where ``q_rad`` is.
+    """
     return np.asarray(np.minimum(q_rad - LOWER_RAD, UPPER_RAD - q_rad).min(axis=-1))
 
 

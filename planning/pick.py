@@ -141,7 +141,7 @@ def _carry(scene: Scene, holding: Scene, grasp: Grasp, pregrasp: Pregrasp, view_
 
 
 def _view_configuration(scene: Scene, object_m: Array) -> Joints:
-    """Return the viewpoint of the second capture: the first reachable pose aside of the capture pose, else that pose."""
+    """Return the viewpoint of the second capture: the first reachable pose aside of the capture pose, else that one."""
     robot, station = scene.robot, scene.station
     capture_q = np.array(station.arm.capture_q_rad)
     camera_m = robot.base_from_color(capture_q)[:2, 3]

@@ -83,7 +83,7 @@ class Robot:
         return np.array(full[:, :7])
 
     def tcp_force_n(self, q_rad: Joints, tau_ext_nm: Joints) -> Vector3:
-        """Return the force (3,) [N] in ``base`` on the tcp that explains external joint torques (7,) (least squares)."""
+        """Return the force (3,) [N] in ``base`` on the tcp that explains external joint torques (7,), least squares."""
         wrench, *_ = np.linalg.lstsq(self.jacobian(q_rad).T, np.asarray(tau_ext_nm), rcond=None)
         return np.asarray(wrench[:3])
 

@@ -93,7 +93,7 @@ class Scene:
         return cls(robot, station, known, field, seen, cancel=cancel)
 
     def holding(self, base_from_tcp: Transform) -> Scene:
-        """Return the scene in which the target hangs in the hand, as it lay with the tcp at ``base_from_tcp`` (4, 4)."""
+        """Return the scene with the target hanging in the hand, as it lay with the tcp at ``base_from_tcp`` (4, 4)."""
         if self.target is None:
             return self
         hand_from_tcp = np.eye(4)

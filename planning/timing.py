@@ -168,7 +168,7 @@ def within_limits(sampler: Sampler, duration_s: float, ends: tuple[Joints, Joint
 
 
 def _excess(report: LimitReport, *, jerk: bool) -> float:
-    """Return the factor by which time must be stretched to keep velocity, acceleration (and jerk) within their limits."""
+    """Return the factor by which time must be stretched to keep velocity, acceleration (and jerk) within limits."""
     return max(
         report.velocity.ratio,
         float(np.sqrt(report.acceleration.ratio)),
