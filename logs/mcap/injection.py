@@ -44,9 +44,6 @@ class FaultyFile:
     def write(self, data: bytes) -> int:
         return self._file.write(self._disk.take(bytes(data)))
 
-    def tell(self) -> int:
-        return self._file.tell()
-
     def flush(self) -> None:
         self._file.flush()
 

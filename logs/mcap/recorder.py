@@ -60,7 +60,6 @@ class Output(Protocol):
     """What a recording is written to."""
 
     def write(self, data: bytes, /) -> int: ...
-    def tell(self) -> int: ...
     def flush(self) -> None: ...
     def fileno(self) -> int: ...
     def close(self) -> None: ...
@@ -151,9 +150,13 @@ class Recorder:
         return self.path
 
     def _require_readable(self) -> None:
-        """As far as the operating system tells: what it gives back is what it was given."""
+        """Read the synced file back from the disk: the page cache, which holds what was meant, is given up first.
+
+        A file system that keeps its files in memory only, or ignores the advice, reads from the cache all the same.
+        """
         read = 0
         with self._part.open("rb") as file:
+            os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
             while block := file.read(_BLOCK_BYTES):
                 read = zlib.crc32(block, read)
         if read != self._writer.crc:

@@ -1,8 +1,10 @@
 """Reads a torn or damaged MCAP file as far as it can be read, and counts what cannot.
 
 A process that was killed leaves its chunks up to the last flush, and perhaps the beginning of one more, which was never
-flushed; of that, the messages that are complete are kept too. A power cut may leave zeros behind them. A chunk whose
-checksum is wrong is left out, and counted as lost.
+flushed and is left out. A power cut may leave zeros behind them. A chunk whose checksum is wrong is left out, counted
+as lost, and reading goes on behind it: of a recorded cycle with one flipped bit 98 % of the messages are kept, where a
+reader that stops at the first damage keeps 51 % (of one with an erased sector 95 and 42 %; ``benchmarks torn``). Of a
+process that was only killed, both keep the same.
 """
 
 from __future__ import annotations
@@ -20,7 +22,6 @@ from logs.mcap.records import (
     HEAD,
     IN_CHUNK,
     INDICES,
-    MAX_CHUNK_BYTES,
     MAX_RECORD_BYTES,
     Budget,
     Damage,
@@ -28,7 +29,6 @@ from logs.mcap.records import (
     content_of,
     framed,
     parsed,
-    torn_content_of,
 )
 from logs.mcap.whole import Summary
 
@@ -89,10 +89,10 @@ class Salvage:
             opcode, length = HEAD.unpack(head)
             left = self._size - self._source.tell()
             self.is_finished = opcode == Opcode.DATA_END and length <= left
-            if self.is_finished or opcode == 0 or (length > left and opcode != Opcode.CHUNK):
+            if self.is_finished or opcode == 0 or length > left:
                 self._end(opcode, length)
                 return
-            yield from self._one(opcode, length, left)
+            yield from self._one(opcode, length)
 
     def _repeated(self) -> Iterator[McapRecord]:
         """The schemas and channels that a finished file names again: those in a damaged chunk are not lost."""
@@ -102,14 +102,14 @@ class Salvage:
             return
         yield from (*summary.schemas.values(), *summary.channels.values())
 
-    def _one(self, opcode: int, length: int, left: int) -> Iterator[McapRecord]:
+    def _one(self, opcode: int, length: int) -> Iterator[McapRecord]:
         if length > MAX_RECORD_BYTES:
             self.losses.damaged += 1
-            self._source.seek(min(length, left), os.SEEK_CUR)
+            self._source.seek(length, os.SEEK_CUR)
             return
         body = self._source.read(length)
         if opcode == Opcode.CHUNK:
-            yield from self._torn_chunk(body) if length > left else self._chunk(body)
+            yield from self._chunk(body)
         elif opcode in _KEPT:
             yield from self._whole(opcode, body)
         elif opcode not in INDICES:
@@ -146,16 +146,6 @@ class Salvage:
                 yield from self._within(opcode, part)
         except Damage:
             self.losses.unknown_records += 1
-
-    def _torn_chunk(self, body: bytes) -> Iterator[McapRecord]:
-        """Of a chunk that was never flushed as many records as are complete."""
-        try:
-            for opcode, part in framed(torn_content_of(body, MAX_CHUNK_BYTES)):
-                yield from self._within(opcode, part)
-        except UnknownCompression:
-            self.losses.unknown_chunks += 1
-        except Damage:
-            return  # the tear
 
     def _within(self, opcode: int, body: bytes) -> Iterator[McapRecord]:
         if opcode in IN_CHUNK:
