@@ -1,6 +1,6 @@
 """Serves a driver's devices on the bus: one worker (thread) per device, and further ones for urgent queries.
 
-While a motion runs, the cell's heartbeat must arrive: it comes from the thread that would send a stop. When it falls
+While a motion runs, the cell's heartbeat must arrive: it comes from the thread that would answer a stop. When it falls
 silent, the arm could not be stopped, so it brakes on its path by itself.
 """
 
