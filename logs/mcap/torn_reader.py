@@ -1,8 +1,8 @@
-"""Reads a torn or damaged MCAP file as far as it can be read, and counts what cannot.
+"""Reads a torn or damaged MCAP file as far as possible, and counts the losses.
 
-A process that was killed leaves its chunks up to the last flush, and perhaps the beginning of one more, which was never
-flushed; of that, the messages that are complete are kept too. A power cut may leave zeros behind them. A chunk whose
-checksum is wrong is left out, and counted as lost.
+A killed process leaves its chunks up to the last flush, and possibly a truncated one that was never flushed; the
+complete messages of that one are kept too. A power cut may leave trailing zeros. A chunk whose checksum is wrong is
+left out, and counted as lost.
 """
 
 from __future__ import annotations
@@ -39,12 +39,13 @@ _BLOCK_BYTES = 1 << 20
 
 @dataclass
 class Losses:
-    """What of a file was not kept.
+    """The parts of a file that were not kept.
 
     Attributes:
-        damaged: chunks and records with damage inside. ``unknown_chunks``: in a compression that this program does not
-            know. ``unknown_records``: of another kind, or bytes that make none. ``orphans``: messages whose channel is
-            among the rest.
+        damaged: chunks and records with damage inside.
+        unknown_chunks: chunks in an unknown compression.
+        unknown_records: records of an unknown kind, or bytes that form no record.
+        orphans: messages whose channel was lost.
     """
 
     damaged: int = 0
@@ -66,10 +67,10 @@ class Losses:
 
 
 class Salvage:
-    """Reads what can be read of ``source``, in order, and goes on behind a chunk that is damaged.
+    """The torn reader: reads ``source`` in order, and continues after damaged chunks.
 
     Attributes:
-        is_finished: the file ended as a finished one does. ``losses``: what was left out.
+        is_finished: the file ends as a finished one. ``losses``: the parts left out.
     """
 
     def __init__(self, source: IO[bytes]) -> None:
@@ -80,7 +81,7 @@ class Salvage:
         self.losses = Losses()
 
     def records(self) -> Iterator[McapRecord]:
-        """Up to the end of the data section, or the tear. Raises: OSError."""
+        """The readable records, up to the end of the data section or the truncated end. Raises: OSError."""
         yield from self._repeated()
         self._source.seek(0)
         if self._source.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
@@ -95,7 +96,7 @@ class Salvage:
             yield from self._one(opcode, length, left)
 
     def _repeated(self) -> Iterator[McapRecord]:
-        """The schemas and channels that a finished file names again: those in a damaged chunk are not lost."""
+        """The schemas and channels that a finished file repeats in its summary; they replace those of damaged chunks."""
         try:
             summary = Summary(self._source)
         except Damage:
@@ -116,13 +117,13 @@ class Salvage:
             self.losses.unknown_records += 1
 
     def _end(self, opcode: int, length: int) -> None:
-        """Look at what the data ends in: a record that was not written whole, or zeros, is no loss."""
+        """Classify the end of the data: a partly written record, or zeros, are not counted as a loss."""
         if opcode == 0:
             self._source.seek(-HEAD.size, os.SEEK_CUR)
             self.losses.unknown_records += not self._only_zeros_follow()
         elif opcode not in _KNOWN:
             self.losses.unknown_records += 1
-        elif length > MAX_RECORD_BYTES:  # nobody began to write that
+        elif length > MAX_RECORD_BYTES:  # too long for a record that was being written
             self.losses.damaged += 1
 
     def _only_zeros_follow(self) -> bool:
@@ -148,7 +149,7 @@ class Salvage:
             self.losses.unknown_records += 1
 
     def _torn_chunk(self, body: bytes) -> Iterator[McapRecord]:
-        """Of a chunk that was never flushed as many records as are complete."""
+        """The complete records of a chunk that was never flushed."""
         try:
             for opcode, part in framed(torn_content_of(body, MAX_CHUNK_BYTES)):
                 yield from self._within(opcode, part)
