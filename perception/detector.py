@@ -161,7 +161,7 @@ def _same_place(chosen: Proposal, other: Proposal) -> bool:
 
 
 def _require_depth(rgbd: Rgbd, scene: Scene) -> None:
-    """Raises: CycleFailure(NOT_SEEN) when no pixel of the outline has depth; a segmenter may have redrawn the outline."""
+    """Raises: CycleFailure(NOT_SEEN) when no pixel of the outline, which a segmenter may have redrawn, has depth."""
     if not np.isfinite(rgbd.depth_m[scene.object_mask]).any():
         pixels = int(scene.object_mask.sum())
         raise CycleFailure(

@@ -143,7 +143,7 @@ def _require_turns(sightings: Sequence[Sighting]) -> None:
 
 
 def off_px(sightings: Sequence[Sighting], camera: CameraModel, hand_from_color: Transform) -> Array:
-    """Distance (n,) [px] of the corners from their expected pixels under this calibration; the board's pose is fitted."""
+    """Distance (n,) [px] of the corners from their expected pixels under this calibration, the board's pose fitted."""
     in_color = [_color_from_board(sighting, camera) for sighting in sightings]
     board = _vector(sightings[0].base_from_hand @ hand_from_color @ in_color[0])
 

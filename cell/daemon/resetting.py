@@ -25,7 +25,7 @@ DoneT = TypeVar("DoneT")
 
 
 def reset(e: Equipment, gate: Gate, nodes_alive: set[str]) -> None:
-    """Make the cell ready for a cycle, or say why it is not.
+    """Prepare the cell for a cycle: self-check, open the hand, move to the capture pose.
 
     Args:
         gate: every motion passes it.

@@ -96,7 +96,7 @@ class Salvage:
             yield from self._one(opcode, length, left)
 
     def _repeated(self) -> Iterator[McapRecord]:
-        """The schemas and channels that a finished file repeats in its summary; they replace those of damaged chunks."""
+        """The schemas and channels that a finished file repeats in its summary, in place of those in damaged chunks."""
         try:
             summary = Summary(self._source)
         except Damage:

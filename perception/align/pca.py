@@ -32,7 +32,7 @@ def pca_cfopt(goal: Shape, observed: Shape) -> Fit:
 
 
 def pca_cfopt_printed(goal: Shape, observed: Shape) -> Fit:
-    """Align with R_A = V_S (A V_G sqrt(L_G) L_S^-1)^-1 over all eight sign matrices A; the loss is on uncentred clouds."""
+    """Align with R_A = V_S (A V_G sqrt(L_G) L_S^-1)^-1 over all eight sign matrices A; the loss on uncentred clouds."""
     goal_values, goal_axes = _principal(goal.points)
     observed_values, observed_axes = _principal(observed.points)
     stretch = np.diag(np.sqrt(goal_values) / observed_values)

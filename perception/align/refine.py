@@ -61,7 +61,7 @@ class Clouds:
         self._back = np.empty((len(observed), len(goal)), dtype=np.float32)
 
     def pairs(self, pose: Pose) -> tuple[Array, Array, Array]:
-        """Nearest neighbours in both directions: goal points, observed points, and their distances [m] after ``pose``."""
+        """Nearest neighbours in both directions: goal points, observed points, their distances [m] under ``pose``."""
         moved = pose(self.goal)
         forth = np.matmul(_lifted(moved), self._seen_costs, out=self._forth).argmin(axis=1)
         back = np.matmul(self._seen, _costs(moved), out=self._back).argmin(axis=1)

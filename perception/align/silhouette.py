@@ -122,7 +122,7 @@ def _losses(angles_rad: Array, scale: float, goal: _Outline, observed: _Outline)
 
 
 def _loss(fit: Similarity, goal: _Outline, observed: _Outline) -> float:
-    """Mean contour distance in both directions, in rms radii, plus the weighted share of interior outside the object."""
+    """Mean contour distance in both directions, in rms radii, plus the weighted share of interior off the object."""
     back = Similarity(-fit.angle_rad, 1 / fit.scale, fit.observed_center_px, fit.goal_center_px)
     forth_px = observed.distance_px(fit(goal.contour)).mean()
     back_px = goal.distance_px(back(observed.contour)).mean() * fit.scale

@@ -224,7 +224,9 @@ def _palm_top(heights: HeightMap, centers_m: Array, axis: Array) -> Array:
 
 
 def _face_cos(contacts: Array, touch: Array) -> Array:
-    """Cosine (n,) of the angle between the closing axis and the face's normal, from a line through the near contacts."""
+    """Cosine (n,) of the angle between the closing axis and the face's normal; the face is a line through near
+    contacts.
+    """
     near = np.abs(contacts - touch[:, None]) < 0.004
     weight = near.astype(float)
     total = np.maximum(weight.sum(axis=1), 1e-9)

@@ -104,7 +104,7 @@ def _snap(rod: _Rod, heights: HeightMap, station: Station) -> Closings:
 
 
 def _judged(closings: Closings, rod: _Rod, heights: HeightMap, station: Station) -> Closings:
-    """The closings, scored also by agreement of measured and imagined width, and by the share of survived pose errors."""
+    """The closings, scored also by agreement of measured and imagined width, and by robustness to pose errors."""
     apart = np.abs(closings.width_m - rod.width_m) / _WIDTH_APART_M
     feasible = np.argsort(-closings.score, kind="stable")[: min(_TESTED, int(np.isfinite(closings.score).sum()))]
     robust = np.zeros(len(closings.score))

@@ -1,4 +1,4 @@
-"""A deadline for a whole transfer. An HTTP client's timeouts are per read, so a slow trickle of bytes never times out."""
+"""A deadline for a whole transfer. An HTTP client's timeouts are per read, so a slow trickle of bytes never ends."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A grasp network in the role of the goal-image model: it gives the axis; the rod is painted as by the embedded model."""
+"""A grasp network in the role of the goal-image model: it gives the axis; the embedded model's painter adds the rod."""
 
 from __future__ import annotations
 

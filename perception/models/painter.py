@@ -32,7 +32,7 @@ def paint(observed_object: ObservedObject, ends: Array, radius_m: float) -> Goal
 
 
 def _filled(observed_object: ObservedObject) -> npt.NDArray[np.float32]:
-    """Observed depth (H, W) of the object with its pinholes filled from the nearest surface beside them; NaN elsewhere."""
+    """Observed depth (H, W) of the object with pinholes filled from the nearest surface beside them; NaN elsewhere."""
     observed = np.where(observed_object.scene.object_mask, observed_object.rgbd.depth_m, np.inf).astype(np.float32)
     closed = cv2.erode(cv2.dilate(-observed, np.ones((5, 5))), np.ones((5, 5)))
     return np.where(np.isinf(closed), np.nan, -closed).astype(np.float32)
