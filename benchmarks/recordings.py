@@ -1,4 +1,4 @@
-"""What recording an RGB-D camera costs, beside foxglove-sdk recording the same payloads."""
+"""The cost of recording an RGB-D camera, compared with foxglove-sdk recording the same payloads."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The whole command line, for ``just docs``."""
+"""The application ``cell`` for the generated page docs/commands.md (``just docs``)."""
 
 from cell.cli.commands import command_line
 

@@ -1,4 +1,4 @@
-"""Draws the pictures of docs/method.md from a recording made with a hosted model: ``method_pictures.py FILE.mcap``."""
+"""Draws the figures of docs/method.md from a recording made with a hosted model: ``method_pictures.py FILE.mcap``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Draws the pictures of docs/planning.md from a recorded cycle: ``planning_pictures.py FILE.mcap``."""
+"""Draws the figures of docs/planning.md from a recorded cycle: ``planning_pictures.py FILE.mcap``."""
 
 from __future__ import annotations
 
