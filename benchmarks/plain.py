@@ -1,5 +1,4 @@
-"""A plain pipeline of the libraries, as in their tutorials: OMPL, its simplifier, a spline, and toppra with its
-defaults.
+"""A plain pipeline of the libraries, as in their tutorials: OMPL, its simplifier, a spline, and toppra's defaults.
 
 It is the peer of `planning`: without a straight line first, rounded corners, a filter or a gate.
 """

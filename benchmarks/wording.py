@@ -1,5 +1,4 @@
-"""The documentation of the code in figures: docstrings of public definitions, and single words in docstrings and
-comments.
+"""The documentation of the code in figures: docstrings of public definitions, words in docstrings and comments.
 
 A class, function or method is public when its name has no leading underscore and it stands at the top of a module or in
 a public class. Setters, overloads and definitions within functions do not count. The text that describes it is its

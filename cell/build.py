@@ -1,4 +1,4 @@
-"""The composition root: the one place that joins bus, drivers, planning and the daemon."""
+"""The composition root: the only module that connects bus, drivers, planning, perception and the daemon."""
 
 from __future__ import annotations
 

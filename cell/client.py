@@ -131,8 +131,12 @@ class Client:
             self._bus.withdraw(topics.LEASE, name=self.client_id)
 
     def fault(self, part: Part, fault: Fault, delay_s: float | None = None) -> None:
-        """Inject a fault into a part of the cell. ``delay_s``: lateness of a slow part. Raises: Refused where not
-        allowed.
+        """Inject a fault into a part of the cell.
+
+        Args:
+            delay_s: lateness of a slow part; None = its default.
+
+        Raises: Refused when fault injection is not allowed.
         """
         request = FaultRequest(fault=fault, delay_s=delay_s)
         try:
@@ -145,8 +149,9 @@ class Client:
             ) from error
 
     def wait_for_state(self, wanted: set[str], timeout_s: float) -> CellState:
-        """The first state, from now on, that is in ``wanted``, within ``timeout_s``. Raises: ReplyTimeout,
-        CellUnreachable.
+        """The first state, from now on, that is in ``wanted``, within ``timeout_s``.
+
+        Raises: ReplyTimeout, CellUnreachable.
         """
         give_up_s = time.monotonic() + timeout_s
         while (state := self.state()).state not in wanted:
@@ -188,8 +193,9 @@ class Client:
             raise
 
     def next_result(self, timeout_s: float) -> CycleResult:
-        """The next result of any cycle, e.g. of a ``start``, within ``timeout_s``. Raises: ReplyTimeout,
-        CellUnreachable.
+        """The next result of any cycle, e.g. of a ``start``, within ``timeout_s``.
+
+        Raises: ReplyTimeout, CellUnreachable.
         """
         give_up_s = time.monotonic() + timeout_s
         while time.monotonic() < give_up_s:
@@ -200,8 +206,9 @@ class Client:
         raise ReplyTimeout(f"The next cycle gave no result within {timeout_s:.0f} s.", "See `cell status`.")
 
     def next_said(self, timeout_s: float) -> CellState | CycleResult:
-        """The next state or result within ``timeout_s``; undecodable ones are skipped. Raises: ReplyTimeout,
-        CellUnreachable.
+        """The next state or result within ``timeout_s``; undecodable ones are skipped.
+
+        Raises: ReplyTimeout, CellUnreachable.
         """
         give_up_s = time.monotonic() + timeout_s
         while time.monotonic() < give_up_s:
@@ -235,7 +242,7 @@ class Client:
         return None
 
     def _require_there(self) -> None:
-        """Raises: CellUnreachable."""
+        """Refuse to wait for a lost cell. Raises: CellUnreachable."""
         if self.is_gone:
             raise CellUnreachable("The cell is gone: it ended, or the link to it.", "Start it, then see `cell cycles`.")
 

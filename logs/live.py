@@ -134,9 +134,7 @@ class LiveView:
             self._channel(last).log(last.payload, log_time=time.time_ns())
 
     def _skip(self, sample: Sample) -> None:
-        """Count and log a message in a foreign encoding: any program may publish on our keys, and no viewer could read
-        it.
-        """
+        """Count and log a message in a foreign encoding, which no viewer can read; any program may publish here."""
         self.unknown += 1
         if sample.key not in self._warned and len(self._warned) < _MOST_WARNED:
             self._warned.add(sample.key)

@@ -47,9 +47,7 @@ _LEVEL = {"info": Log.INFO, "warning": Log.WARNING, "error": Log.ERROR}
 
 
 def pictures(of: Callable[[Message | bytes], Iterable[Drawn]], message: Message | bytes) -> list[Drawn]:
-    """The messages that ``of`` draws of a message; after an error, a warning instead, so that the publisher never
-    fails.
-    """
+    """The messages that ``of`` draws of a message; after an error a warning, so that the publisher never fails."""
     drawn: list[Drawn] = []
     try:
         drawn.extend(of(message))

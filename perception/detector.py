@@ -111,7 +111,7 @@ def propose(talk: Conversation, observed_object: ObservedObject, models: Models,
     """Imagine one rod and align it to the observed object (stages 1 to 3). Raises: CycleFailure, as `detect`."""
     rgbd, settings = observed_object.rgbd, station.perception
 
-    # Stage 1: the goal image; how far it strayed from the observed object.
+    # Stage 1: the goal image, and its drift from the observed object.
     goal = imagine(talk, observed_object, station)
     parts = take_apart(goal.image, observed_object)
     line = fit_line(parts.rod)
@@ -120,7 +120,7 @@ def propose(talk: Conversation, observed_object: ObservedObject, models: Models,
     drift = measure(goal.image, parts, observed_object, outline_fit, overlap)
     require_faithful(drift, settings.drift)
 
-    # Stage 2: lift both, and align the imagined object to the observed one.
+    # Stage 2: lift both objects, and align the imagined one to the observed one.
     if goal.depth_m is not None:
         depth_m = goal.depth_m
     elif models.depth is not None:
@@ -130,7 +130,7 @@ def propose(talk: Conversation, observed_object: ObservedObject, models: Models,
     imagined = Shape(parts.object, parts.rod, depth_m, rgbd.camera)
     alignment = align(settings.align, imagined, observed, max_residual=settings.max_residual)
 
-    # Stage 3: the rod's runs through the object, carried over, as rectangles.
+    # Stage 3: the aligned runs of the rod through the object, as rectangles.
     inverse_depth = rod_depth(line, parts.rod, depth_m)
     ends = tuple(
         transform(alignment.observed_from_goal, lift_run(line, run, inverse_depth, rgbd.camera))

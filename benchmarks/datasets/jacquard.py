@@ -1,5 +1,4 @@
-"""The Jacquard dataset: ``*_RGB.png``, ``*_mask.png``, ``*_perfect_depth.tiff``, ``*_grasps.txt``, one folder per
-object.
+"""The Jacquard dataset: ``*_RGB.png``, ``*_mask.png``, ``*_perfect_depth.tiff``, ``*_grasps.txt``, a folder per object.
 
 A label line is ``x;y;theta_deg;opening_px;jaw_px``; theta turns from u towards v, as our ``angle_rad``. (Read in this
 way, both ends of 79 % of the closing axes lie beside the object; read the other way round, of 45 %.)

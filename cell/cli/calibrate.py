@@ -45,8 +45,9 @@ def _unheard(_error: CellError) -> None:
 
 @contextmanager
 def _surveyor(station: Station, quiet: bool) -> Iterator[Surveyor]:
-    """A surveyor on the station's nodes, without a daemon; Ctrl-C stops the arm. Raises: PortOccupied while a cell
-    runs.
+    """A surveyor on the station's nodes, without a daemon; Ctrl-C stops the arm.
+
+    Raises: PortOccupied while a cell runs.
     """
 
     def say(line: str) -> None:

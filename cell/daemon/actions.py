@@ -82,7 +82,9 @@ class Actions:
         return cycle.cycle_id if cycle is not None else ""
 
     def reset(self) -> None:
-        """Self-check, then the arm to the capture pose with an open hand. Raises: CycleFailure or DriverError."""
+        """Run the self-check, then move the arm to the capture pose with an open hand. Raises: CycleFailure,
+        DriverError.
+        """
         reset(self._equipment, self._gate, self._nodes_alive())
         self.table.look()
 
@@ -118,7 +120,7 @@ class Actions:
             cycle.object = ask()
         except (DriverError, BusError) as error:
             raise cycle.fail(error) from error
-        except ConfigError as error:  # no object can be presented, or not this one
+        except ConfigError as error:  # this object, or any object, cannot be presented
             raise cycle.fail(CycleFailure(Code.NO_OBJECT, str(error))) from error
 
     def pick(self) -> None:

@@ -109,9 +109,7 @@ class BatchControl:
         self._drives.hold_soon(reason)
 
     def count(self, result: CycleResult) -> None:
-        """Count a cycle's result, on the thread of the action that ended it; publish an event when the ``start`` gives
-        up.
-        """
+        """Count a cycle's result, on the thread of the action that ended it; publish an event when a batch gives up."""
         batch = self._batch
         if batch is None:
             return

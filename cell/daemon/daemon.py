@@ -235,8 +235,9 @@ class Daemon:
         return reply.model_copy(update={"lease": self._leases.take(verb, request.client_id, asked.source)})
 
     def _worker_of(self, asked: Asked, payload: bytes) -> str:
-        """The worker for a command. Stops wait for no other command; no command waits for one whose token is still
-        awaited.
+        """The worker for a command, so that a stop waits for no other command.
+
+        Commands whose token is still awaited have a worker of their own, so that no other command waits for them.
         """
         if asked.verb in _ANYONES:
             return "command-stop"

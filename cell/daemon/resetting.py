@@ -1,4 +1,4 @@
-"""Resetting: a self-check, then the arm to the capture pose with an open hand."""
+"""The resetting action: a self-check, then the arm to the capture pose with an open hand."""
 
 from __future__ import annotations
 

@@ -34,8 +34,7 @@ class PublishEvent(Protocol):
 
 
 class Retention:
-    """A thread from `start` to `close`, if the settings limit recordings: one pass at the start, further ones after
-    cycles.
+    """A thread from `start` to `close`, if the settings limit recordings: a pass at the start and after cycles.
 
     Args:
         settings: limits in GB and days.

@@ -42,10 +42,10 @@ class Retries:
         self._failed_in_a_row = 0
 
     def after(self, attempt: Attempt, code: Code | None, grasp: Transform | None, next_id: str) -> Attempt | None:
-        """The attempt ``next_id`` that follows ``attempt``, which ended with ``code`` (None: success); None for no
-        retry.
+        """The attempt ``next_id`` that follows ``attempt``; None for no further one.
 
         Args:
+            code: of the end of ``attempt``; None = success.
             grasp: base_from_tcp (4, 4) of the executed grasp, if any.
         """
         if code in WITH_ANOTHER_GRASP and self._grasps > 0 and grasp is not None:

@@ -30,8 +30,7 @@ _STILL_RAD, _STILL_M = 1e-4, 1e-4
 
 
 class RobotTf:
-    """A thread from construction to `close`: publishes the newest states of arm and hand as transforms, 30 times a
-    second.
+    """A thread from construction to `close`: publishes the newest states of arm and hand as transforms at 30 Hz.
 
     An arm at rest is published once a second. Undecodable states are skipped; `cell.nodes.health` reports them.
 
@@ -71,7 +70,7 @@ class RobotTf:
                     self._publish(arm, self._hand)
                 except BadPayload:
                     continue
-                except BusError:  # it was closed
+                except BusError:  # the session was closed
                     return
 
     def _publish(self, arm: bytes, hand: bytes) -> None:

@@ -22,8 +22,9 @@ class SimulatedTable:
         self._names: tuple[str, ...] = ()
 
     def look(self) -> None:
-        """Ask for the available objects, at every reset, because a node may have restarted. Raises: DriverError,
-        BusError.
+        """Ask for the available objects; at every reset, because a node may have restarted.
+
+        Raises: DriverError, BusError.
         """
         if self._presenter is not None:
             self._names = self._presenter.truth().names

@@ -106,9 +106,7 @@ class Speakers:
         return any(sample.is_sealed or name not in self._sealed for name in names)
 
     def _look_again(self) -> None:
-        """Identify the nodes again: an unknown session may be a node that did not answer yet, or a second one of a
-        name.
-        """
+        """Identify the nodes again: an unknown session may be a node that did not answer yet, or a second one."""
         with self._changing:
             is_due = time.monotonic() - self._asked_s > _AGAIN_S
             if is_due:

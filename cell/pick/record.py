@@ -62,7 +62,7 @@ class CycleLog:
     ) -> None:
         self.path = path
         self._clock_ns, self._patience_s, self._on_failure = clock_ns, patience_s, on_failure
-        self._change = threading.Condition()  # guards the six below
+        self._change = threading.Condition()  # guards the six attributes below
         self._queue: list[_Stamped] = []
         self._waiting_bytes = 0
         self._urgent = self._ending = False
@@ -154,7 +154,7 @@ class CycleLog:
             self._write(recorder)
         except RecordingError as error:
             self._fail(error)
-        except Exception as defect:  # noqa: BLE001 - as said above
+        except Exception as defect:  # noqa: BLE001 - see the docstring
             report_defect(str(Role.CYCLE_LOG), defect)
             self._fail(RecordingError(f"{type(defect).__name__}: {defect}.", "This is a defect: please report it."))
         finally:

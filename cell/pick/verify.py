@@ -82,9 +82,7 @@ def _weight_n(motions: list[Motion], samples: slice, robot: Robot) -> float:
 
 
 def opened_by_another(grasped: HandState, width_m: float, station: Station) -> str:
-    """Why the hand does not hold what it ``grasped`` at ``width_m``, or "": closing fingers never open because of an
-    object.
-    """
+    """Why a hand at ``width_m`` does not hold what it ``grasped``, or "": closing fingers never open for an object."""
     if width_m <= grasped.width_m + station.verify.max_width_loss_m:
         return ""
     return (

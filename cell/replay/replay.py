@@ -102,8 +102,9 @@ class Request:
 
 
 def replay_file(path: Path, overrides: Iterable[str] = ()) -> Replay:
-    """`replay` of the recording at ``path``, with settings changed by ``overrides``. Raises: RecordingError,
-    ConfigError.
+    """`replay` of the recording at ``path``, with settings changed by ``overrides``.
+
+    Raises: RecordingError, ConfigError.
     """
     return replay(read_cycle(path), Request(tuple(overrides)))
 

@@ -104,8 +104,9 @@ class Shelf:
         self._results: dict[tuple[Path, int], str] = {}
 
     def plan(self, now_ns: int, settings: RecordingSettings) -> Plan:
-        """The recordings to delete now and within a day. Only candidates are read. ``now_ns``: UTC. Raises:
-        RecordingError.
+        """The recordings to delete now and within a day; only candidates are read. ``now_ns``: UTC.
+
+        Raises: RecordingError.
         """
         if not (settings.keep_gb or settings.keep_days) or not is_folder(self._folder):
             return Plan((), ())

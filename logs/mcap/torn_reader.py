@@ -156,7 +156,7 @@ class Salvage:
         except UnknownCompression:
             self.losses.unknown_chunks += 1
         except Damage:
-            return  # the tear
+            return  # the truncated end
 
     def _within(self, opcode: int, body: bytes) -> Iterator[McapRecord]:
         if opcode in IN_CHUNK:

@@ -13,8 +13,9 @@ _POINTS = 500
 
 
 def icp(goal: Shape, observed: Shape) -> Fit:
-    """Align by ICP (Besl and McKay 1992). The scale is the ratio of the rms radii: estimated by ICP, it would shrink
-    the cloud.
+    """Align by ICP (Besl and McKay 1992).
+
+    The scale is the ratio of the rms radii: estimated by ICP, it would shrink the cloud.
     """
     goal_center, observed_center = goal.points.mean(axis=0), observed.points.mean(axis=0)
     clouds = Clouds(

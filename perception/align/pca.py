@@ -43,9 +43,7 @@ def pca_cfopt_printed(goal: Shape, observed: Shape) -> Fit:
 
 
 def _principal(points: Array) -> tuple[Array, Array]:
-    """Eigenvalues (3,) [m^2] and right-handed axes (3, 3) (columns). The signs are fixed: eigh's depend on the
-    platform.
-    """
+    """Eigenvalues (3,) [m^2] and right-handed axes (3, 3) (columns), signs made reproducible (eigh's are not)."""
     values, axes = np.linalg.eigh(np.cov(points.T))
     axes = axes * np.sign(axes[np.abs(axes).argmax(axis=0), np.arange(3)])
     proper = axes if np.linalg.det(axes) > 0 else axes * np.array([1, 1, -1])

@@ -24,9 +24,7 @@ _TURN_WEIGHT = 0.004
 
 
 def silhouette_3d(goal: Shape, observed: Shape) -> Fit:
-    """Align from the silhouettes' in-plane starts, refined in 3-D with one scale and a relief gain of the imagined
-    depth.
-    """
+    """Align from the silhouettes' in-plane starts, refined in 3-D with one scale and a relief gain of the depth."""
     goal_center, observed_center = goal.points.mean(axis=0), observed.points.mean(axis=0)
     goal_cloud, observed_cloud = goal.points - goal_center, observed.points - observed_center
     goal_even, observed_even = _even(goal_cloud), _even(observed_cloud)

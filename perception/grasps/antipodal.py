@@ -176,9 +176,7 @@ class _Profile:
         return np.asarray(np.where(inside, self.heights_m, 0.0).max(axis=(1, 2)))
 
     def contacts(self, slice_m: Array, half_m: Array) -> tuple[Array, Array]:
-        """Position (n, 7) at which each ray first meets material from the left and from the right; +-inf without
-        material.
-        """
+        """Position (n, 7) where each ray first meets material from the left and from the right; +-inf for none."""
         inside = np.abs(self.t_m)[None, None, :] <= half_m[:, None, None]
         solid = (self.heights_m > slice_m[:, None, None]) & inside
         hit = solid.any(axis=2)
@@ -224,9 +222,7 @@ def _palm_top(heights: HeightMap, centers_m: Array, axis: Array) -> Array:
 
 
 def _face_cos(contacts: Array, touch: Array) -> Array:
-    """Cosine (n,) of the angle between the closing axis and the face's normal; the face is a line through near
-    contacts.
-    """
+    """Cosine (n,) of the angle between the closing axis and the normal of a line through the near contacts."""
     near = np.abs(contacts - touch[:, None]) < 0.004
     weight = near.astype(float)
     total = np.maximum(weight.sum(axis=1), 1e-9)

@@ -65,8 +65,10 @@ class Models:
         self.imaginer.close()
 
     def refined(self, scene: Scene, color: npt.NDArray[np.uint8]) -> Scene:
-        """The scene with SAM's outline of the object in its bounding box; unchanged without SAM. ``color``: (H, W, 3)
-        RGB.
+        """The scene with SAM's outline of the object in its bounding box; unchanged without SAM.
+
+        Args:
+            color: (H, W, 3) RGB.
         """
         if self.sam is None:
             return scene

@@ -37,8 +37,10 @@ class Provider(Protocol):
         """The model's text for a prompt and, optionally, an image, within ``timeout_s``."""
 
     def edit(self, image_png: bytes, keep_png: bytes, prompt: str, timeout_s: float) -> Answer:
-        """The image redrawn, within ``timeout_s``. ``keep_png``: RGBA of the image's size, opaque where it must not
-        change.
+        """The image redrawn, within ``timeout_s``.
+
+        Args:
+            keep_png: RGBA of the image's size, opaque where it must not change.
         """
 
     def close(self) -> None:
@@ -125,8 +127,9 @@ class HostedModel:
         raise AssertionError("at least one attempt is made")
 
     def _attempt(self, ask: Ask, end_s: float, cycle: int, cancel: Cancel) -> Answer:
-        """Make one request. Raises: ModelError; CycleFailure(STOPPED) after a stop, while the request runs on to its
-        end.
+        """Make one request. After a stop the request runs on to its end.
+
+        Raises: ModelError; CycleFailure(STOPPED).
         """
         left_s, began = end_s - self._clock(), self._budget.now()
 

@@ -17,8 +17,10 @@ Array = npt.NDArray[np.float64]
 
 
 def paint(observed_object: ObservedObject, ends: Array, radius_m: float) -> GoalImage:
-    """The masked image with a rod of ``radius_m`` between ``ends`` (2, 3) [m, camera frame], z-buffered with the
-    object.
+    """The masked image with a rod, z-buffered with the object.
+
+    Args:
+        ends: (2, 3) [m] of the rod, in the camera frame.
     """
     observed_m = _filled(observed_object)
     depth_m, normals = _cylinder(ends, radius_m, observed_object)
