@@ -15,6 +15,8 @@ from bus.frozen import Message
 from bus.lazy import LazyModule
 
 MessageT = TypeVar("MessageT", bound=Message)
+Json = dict[str, Any]
+"""A JSON object."""
 _MAX_SAID = 200
 mcap_schema: Any = LazyModule("mcap_protobuf.schema")
 

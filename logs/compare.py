@@ -15,8 +15,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from bus.codec import Json
 from bus.frozen import Message
 
+Array = npt.NDArray[Any]
 POSE = "mm|deg"
 _UNIT_BY_SUFFIX = {
     "px": "px",
@@ -57,13 +59,13 @@ class Difference:
     """
 
     field: str
-    recorded: Any
-    replayed: Any
+    recorded: object
+    replayed: object
     difference: float | None
     tolerance: float
     unit: str
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """The fields as a JSON object."""
         return asdict(self)
 
@@ -101,7 +103,7 @@ def unit_of(path: str) -> str:
     return _UNIT_BY_SUFFIX.get(name.rpartition("_")[2], "") if "_" in name else ""
 
 
-def leaves(path: str, a: Any, b: Any) -> Iterator[tuple[str, Any, Any]]:
+def leaves(path: str, a: object, b: object) -> Iterator[tuple[str, object, object]]:
     """Pairs of values without parts, with their path; a differing count ends its branch."""
     if isinstance(a, Message) and type(a) is type(b):
         for name in type(a).model_fields:
@@ -119,7 +121,7 @@ def leaves(path: str, a: Any, b: Any) -> Iterator[tuple[str, Any, Any]]:
         yield path, a, b
 
 
-def _compare_leaf(path: str, a: Any, b: Any, rule: Tolerance) -> list[Difference]:
+def _compare_leaf(path: str, a: object, b: object, rule: Tolerance) -> list[Difference]:
     if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
         return _compare_arrays(path, a, b, rule)
     if isinstance(a, float) and isinstance(b, float):
@@ -129,7 +131,7 @@ def _compare_leaf(path: str, a: Any, b: Any, rule: Tolerance) -> list[Difference
     return [] if a == b and type(a) is type(b) else [_plain(path, _value(a), _value(b), rule.unit)]
 
 
-def _compare_arrays(path: str, a: npt.NDArray[Any], b: npt.NDArray[Any], rule: Tolerance) -> list[Difference]:
+def _compare_arrays(path: str, a: Array, b: Array, rule: Tolerance) -> list[Difference]:
     if a.shape != b.shape:
         shape = _plain(f"{path}.shape", list(a.shape), list(b.shape))
         common = min(len(a), len(b))  # for two trajectories: the samples that both have
@@ -154,7 +156,7 @@ def _compare_arrays(path: str, a: npt.NDArray[Any], b: npt.NDArray[Any], rule: T
     return [Difference(label, _number(a[where]), _number(b[where]), _finite(deviation[where]), rule.value, rule.unit)]
 
 
-def _compare_poses(path: str, a: npt.NDArray[Any], b: npt.NDArray[Any], rule: Tolerance) -> list[Difference]:
+def _compare_poses(path: str, a: Array, b: Array, rule: Tolerance) -> list[Difference]:
     found = []
     moved_mm = float(np.linalg.norm(a[:3, 3] - b[:3, 3])) * 1e3
     if not moved_mm <= rule.value:
@@ -168,27 +170,27 @@ def _compare_poses(path: str, a: npt.NDArray[Any], b: npt.NDArray[Any], rule: To
     return found
 
 
-def _plain(path: str, recorded: Any, replayed: Any, unit: str = "") -> Difference:
+def _plain(path: str, recorded: object, replayed: object, unit: str = "") -> Difference:
     return Difference(path, recorded, replayed, None, 0.0, unit)
 
 
-def _number(value: Any) -> float | str:
+def _number(value: float) -> float | str:
     """A float that JSON can hold; NaN and infinity as text."""
     number = float(value)
     return number if math.isfinite(number) else str(number)
 
 
-def _finite(value: Any) -> float | None:
+def _finite(value: float) -> float | None:
     """A difference, or None when it is not finite (NaN against a number)."""
     return float(value) if math.isfinite(value) else None
 
 
-def _value(value: Any) -> Any:
+def _value(value: object) -> object:
     if isinstance(value, float):
         return _number(value)
     return value if value is None or isinstance(value, (str, int, bool)) else str(value)
 
 
-def _short(value: Any) -> str:
+def _short(value: object) -> str:
     text = f"{value:.6g}" if isinstance(value, float) else str(value)
     return text if len(text) <= 80 else text[:77] + "..."

@@ -13,7 +13,8 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from typing import Any, NamedTuple
+from types import ModuleType
+from typing import TYPE_CHECKING, NamedTuple
 
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from google.protobuf.message import DecodeError
@@ -25,6 +26,9 @@ from bus.sample import Sample
 from bus.session import Bus
 from bus.threads import OwnedThread, Role
 from bus.topics import encoding_of
+
+if TYPE_CHECKING:
+    import foxglove.websocket
 
 _log = logging.getLogger(__name__)
 
@@ -64,7 +68,7 @@ class LiveView:
     def __init__(self, bus: Bus, port: int = DEFAULT_PORT) -> None:
         self._sdk = sdk()
         self._context = self._sdk.Context()
-        self._channels: dict[str, Any] = {}
+        self._channels: dict[str, foxglove.Channel] = {}
         self._last: dict[str, dict[str, Sample]] = {}
         self._queue: queue.Queue[_Said | str] = queue.Queue(_WAITING)
         self.left_out = self.unknown = 0
@@ -85,11 +89,11 @@ class LiveView:
             self._presenter.join(_CLOSE_PATIENCE_S)
             self._server.stop()
 
-    def _start(self, name: str, port: int) -> Any:
+    def _start(self, name: str, port: int) -> foxglove.websocket.WebSocketServer:
         view = self
 
         class Listener(self._sdk.websocket.ServerListener):  # type: ignore[misc, name-defined]
-            def on_subscribe(self, _client: Any, channel: Any) -> None:
+            def on_subscribe(self, _client: foxglove.websocket.Client, channel: foxglove.websocket.ChannelView) -> None:
                 view._enqueue(str(channel.topic))
 
         try:
@@ -140,7 +144,7 @@ class LiveView:
             self._warned.add(sample.key)
             _log.warning("not shown, now and later: what travels on %s as %.80r", sample.key, sample.encoding)
 
-    def _channel(self, sample: Sample) -> Any:
+    def _channel(self, sample: Sample) -> foxglove.Channel:
         if sample.key not in self._channels:
             schema = schema_of(sample.encoding)
             self._channels[sample.key] = self._sdk.Channel(
@@ -171,7 +175,7 @@ def watching(cell_id: str, endpoint: str, port: int) -> Iterator[LiveView]:
 
 
 @functools.cache
-def sdk() -> Any:
+def sdk() -> ModuleType:
     """The optional package foxglove-sdk, imported on demand. Raises: ConfigError."""
     try:
         importlib.import_module("foxglove.websocket")

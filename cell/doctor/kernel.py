@@ -67,7 +67,7 @@ def _lockable_bytes() -> float:
 
 
 def memory(station: Station, lockable: Callable[[], float] = _lockable_bytes) -> Finding:
-    """Check that this user may lock enough memory."""
+    """Check that this user may lock enough memory; ``lockable`` gives it in bytes."""
     name = "locked memory"
     if why := _no_loop(station):
         return skip(name, why)

@@ -171,7 +171,7 @@ def _kernel_clock() -> tuple[bool, float]:
 
 
 def clock(station: Station, ask: Callable[[], tuple[bool, float]] = _kernel_clock) -> Finding:
-    """Check that a time server keeps this machine's clock."""
+    """Check that a time server keeps this machine's clock; ``ask`` gives that, and the clock's largest error [s]."""
     name = "clock"
     in_step, error_s = ask()
     if in_step:

@@ -8,12 +8,12 @@ from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from itertools import islice
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 from mcap.records import Attachment, Channel, Message, Metadata
 
 from bus import topics
-from bus.codec import decode
+from bus.codec import Json, decode
 from bus.errors import BadPayload, RecordingError
 from bus.messages import Attempt, CycleResult
 from logs.mcap.names import found_below, is_folder, reading, shown
@@ -57,7 +57,7 @@ class Entry:
         """True when a person should examine the recording."""
         return self.result not in FINE
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """The fields as a JSON object, with the path as ``recording``."""
         return {"recording": shown(self.path)} | {key: value for key, value in asdict(self).items() if key != "path"}
 

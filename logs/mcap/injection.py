@@ -46,10 +46,6 @@ class FaultyFile:
         """Write ``data`` with the fault applied; return the number of bytes. Raises: OSError."""
         return self._file.write(self._disk.take(bytes(data)))
 
-    def tell(self) -> int:
-        """The position in the file [bytes]."""
-        return self._file.tell()
-
     def flush(self) -> None:
         """Flush the file."""
         self._file.flush()

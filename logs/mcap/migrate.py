@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
 
+from bus.codec import Json
 from bus.errors import RecordingError
 
 
@@ -24,7 +24,7 @@ class Content:
     """
 
     metadata: dict[str, str] = field(default_factory=dict)
-    station: dict[str, Any] | None = None
+    station: Json | None = None
     payloads: dict[str, list[tuple[int, bytes]]] = field(default_factory=dict)
 
 

@@ -9,12 +9,13 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Generic, NamedTuple, TypeVar
 
+from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
 from mcap.records import Attachment, Channel, McapRecord, Message, Metadata
 
 from bus import topics
-from bus.codec import decode
+from bus.codec import Json, MessageT, decode
 from bus.commands import CellState, Event, Health
 from bus.errors import BadPayload, RecordingError
 from bus.messages import Attempt, CycleResult, Execution, Frame, HandState, ModelReply, Observation, StageRecord, View
@@ -33,7 +34,12 @@ _STATION_DEPTH = 32
 _HEALTH = re.compile(topics.NODE_HEALTH.key.format(name="[^/]+"))
 
 
-class Timed(NamedTuple):
+Payload = TypeVar("Payload")
+Stage = StageRecord[Any]
+"""Of any of the stages."""
+
+
+class Timed(NamedTuple, Generic[Payload]):
     """One recorded payload.
 
     Attributes:
@@ -41,7 +47,7 @@ class Timed(NamedTuple):
     """
 
     log_time_ns: int
-    message: Any
+    message: Payload
 
 
 @dataclass(frozen=True)
@@ -61,18 +67,18 @@ class CycleRecord:
 
     cycle_id: str
     metadata: dict[str, str]
-    station: dict[str, Any]
-    stages: dict[str, StageRecord[Any]]
+    station: Json
+    stages: dict[str, Stage]
     observation: Observation | None
     after: Observation | None
     result: CycleResult | None
     attempt: Attempt
     replies: tuple[ModelReply, ...] = ()
-    states: tuple[Timed, ...] = ()
-    events: tuple[Timed, ...] = ()
-    hand: tuple[Timed, ...] = ()
-    health: tuple[Timed, ...] = ()
-    arm: tuple[Timed, ...] = ()
+    states: tuple[Timed[CellState], ...] = ()
+    events: tuple[Timed[Event], ...] = ()
+    hand: tuple[Timed[HandState], ...] = ()
+    health: tuple[Timed[Health], ...] = ()
+    arm: tuple[Timed[JointStates], ...] = ()
 
 
 def read_cycle(path: Path) -> CycleRecord:
@@ -132,7 +138,7 @@ def _fill(raw: Content, found: Iterator[McapRecord]) -> None:
                 raw.payloads.setdefault(keys[record.channel_id], []).append((record.log_time, record.data))
 
 
-def station_tree(document: bytes) -> dict[str, Any]:
+def station_tree(document: bytes) -> Json:
     """The attached station: a JSON document that is a tree of settings. Raises: Damage for any other document."""
     try:
         tree = json.loads(document)
@@ -144,12 +150,12 @@ def station_tree(document: bytes) -> dict[str, Any]:
     return tree
 
 
-def _is_shallow(value: Any, levels: int) -> bool:
+def _is_shallow(value: object, levels: int) -> bool:
     inner = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
     return levels > 0 and all(_is_shallow(one, levels - 1) for one in inner)
 
 
-def recorded_number(tree: Any, *keys: str) -> float | None:
+def recorded_number(tree: object, *keys: str) -> float | None:
     """A numeric setting of a recorded station of any version; None without such a number."""
     for key in keys:
         tree = tree.get(key) if isinstance(tree, dict) else None
@@ -180,17 +186,17 @@ def _cycle(raw: Content) -> CycleRecord:
     )
 
 
-def _stages(raw: Content) -> Iterator[tuple[str, StageRecord[Any]]]:
+def _stages(raw: Content) -> Iterator[tuple[str, Stage]]:
     """The stage records in the order of the cycle."""
     for topic in STAGE_TOPICS:
         for _, payload in raw.payloads.get(topic.key, []):
-            record: StageRecord[Any] = decode(topic.says, payload)
+            record: Stage = decode(topic.says, payload)
             if not topic.key.endswith(f"/{record.stage}"):
                 raise BadPayload(f"What was said of {record.stage} lies under {topic.key!r}.")
             yield record.stage, record
 
 
-def _timed(raw: Content, key: str, kind: type[Any]) -> tuple[Timed, ...]:
+def _timed(raw: Content, key: str, kind: type[MessageT]) -> tuple[Timed[MessageT], ...]:
     """The decodable messages of ``key``; undecodable ones, e.g. of a faulty node, are recorded but skipped here."""
     timed = []
     for log_time_ns, payload in raw.payloads.get(key, []):
@@ -199,7 +205,7 @@ def _timed(raw: Content, key: str, kind: type[Any]) -> tuple[Timed, ...]:
     return tuple(timed)
 
 
-def _arm_states(raw: Content) -> Iterator[Timed]:
+def _arm_states(raw: Content) -> Iterator[Timed[JointStates]]:
     """As `_timed`, in protobuf."""
     for log_time_ns, payload in raw.payloads.get(topics.ARM_STATE.key, []):
         with suppress(BadPayload):

@@ -66,7 +66,6 @@ class Output(Protocol):
     """The file interface that a recording is written to."""
 
     def write(self, data: bytes, /) -> int: ...
-    def tell(self) -> int: ...
     def flush(self) -> None: ...
     def fileno(self) -> int: ...
     def close(self) -> None: ...
@@ -157,9 +156,15 @@ class Recorder:
         return self.path
 
     def _require_readable(self) -> None:
-        """Read the file back through the operating system and compare its checksum. Raises: RecordingError."""
+        """Read the synced file back from the disk and compare its checksum; its page cache is dropped first.
+
+        A file system in memory, or one that ignores the advice, still reads from the cache.
+
+        Raises: RecordingError.
+        """
         read = 0
         with self._part.open("rb") as file:
+            os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
             while block := file.read(_BLOCK_BYTES):
                 read = zlib.crc32(block, read)
         if read != self._writer.crc:

@@ -7,10 +7,9 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Iterator
-from contextlib import suppress
+from collections.abc import Callable, Iterator
 from io import BytesIO
-from typing import Any, cast
+from typing import cast
 
 import lz4.frame
 import zstandard
@@ -36,18 +35,16 @@ MAX_RECORD_BYTES = 256 * 1024 * 1024
 """Limit of one record in the file."""
 HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
-_TIMES_SIZE_AND_CHECKSUM = 8 + 8 + 8 + 4
-_BLOCK_BYTES = 1 << 17
 _U32 = struct.Struct("<I")
-KINDS: dict[int, Any] = {
-    Opcode.SCHEMA: Schema,
-    Opcode.CHANNEL: Channel,
-    Opcode.ATTACHMENT: Attachment,
-    Opcode.METADATA: Metadata,
-    Opcode.CHUNK: Chunk,
-    Opcode.CHUNK_INDEX: ChunkIndex,
-    Opcode.ATTACHMENT_INDEX: AttachmentIndex,
-    Opcode.METADATA_INDEX: MetadataIndex,
+KINDS: dict[int, Callable[[ReadDataStream], McapRecord]] = {
+    Opcode.SCHEMA: Schema.read,
+    Opcode.CHANNEL: Channel.read,
+    Opcode.ATTACHMENT: Attachment.read,
+    Opcode.METADATA: Metadata.read,
+    Opcode.CHUNK: Chunk.read,
+    Opcode.CHUNK_INDEX: ChunkIndex.read,
+    Opcode.ATTACHMENT_INDEX: AttachmentIndex.read,
+    Opcode.METADATA_INDEX: MetadataIndex.read,
 }
 IN_CHUNK = frozenset({Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE})
 INDICES = frozenset(
@@ -117,7 +114,7 @@ def parsed(opcode: int, body: bytes) -> McapRecord:
             channel_id, sequence, log_time, publish_time = _MESSAGE.unpack_from(body)
             return Message(channel_id, log_time, body[_MESSAGE.size :], publish_time, sequence)
         stream = _Exact(BytesIO(body))
-        record: McapRecord = KINDS[opcode].read(stream)
+        record = KINDS[opcode](stream)
     except (McapError, struct.error, ValueError, KeyError, OverflowError) as error:  # all exceptions of its parsers
         raise Damage(f"a record that does not fit its kind, {opcode}") from error
     if opcode == Opcode.ATTACHMENT:
@@ -156,32 +153,8 @@ def content_of(body: bytes, budget: Budget) -> bytes:
     return content
 
 
-def torn_content_of(body: bytes, limit: int) -> bytes:
-    """The part of a truncated chunk that can be uncompressed, at most ``limit`` bytes.
-
-    Only zstd's own blocks have checksums here.
-
-    Raises: UnknownCompression; Damage when even its head is incomplete.
-    """
-    stream = _Exact(BytesIO(body))
-    try:
-        stream.read(_TIMES_SIZE_AND_CHECKSUM)
-        compression = stream.read_prefixed_string()
-        stream.read(8)
-    except (McapError, struct.error, ValueError) as error:
-        raise Damage("a chunk without its head") from error
-    data = body[stream.count :]
-    if compression != "zstd":
-        return unpacked(compression, data, limit)
-    content, reader = bytearray(), zstandard.ZstdDecompressor().stream_reader(data)
-    with suppress(zstandard.ZstdError):  # the truncated end
-        while len(content) < limit and (block := reader.read(_BLOCK_BYTES)):
-            content += block
-    return bytes(content)
-
-
 def unpacked(compression: str, data: bytes, limit: int) -> bytes:
-    """The uncompressed ``data``, at most ``limit`` + 1 bytes; of truncated data the beginning.
+    """The uncompressed ``data``, at most ``limit`` + 1 bytes.
 
     Raises: Damage, UnknownCompression.
     """

@@ -7,11 +7,12 @@ import os
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
 
 from bus.atomic import sync_folder
+from bus.codec import Json
 from bus.errors import RecordingError
 from logs.mcap.names import found_below, is_folder, shown
 from logs.mcap.reader import RECOVERED
@@ -49,7 +50,7 @@ class Recovered:
         was_finished_once = not self.source.endswith(PART)
         return bool(self.losses) or (was_finished_once and self.ended == "torn")
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """The fields as a JSON object, the losses merged into it."""
         said = asdict(self)
         losses = said.pop("losses")

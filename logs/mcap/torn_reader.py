@@ -1,8 +1,10 @@
 """Reads a torn or damaged MCAP file as far as possible, and counts the losses.
 
-A killed process leaves its chunks up to the last flush, and possibly a truncated one that was never flushed; the
-complete messages of that one are kept too. A power cut may leave trailing zeros. A chunk whose checksum is wrong is
-left out, and counted as lost.
+A killed process leaves its chunks up to the last flush, and possibly a truncated one that was never flushed and is left
+out. A power cut may leave trailing zeros. A chunk whose checksum is wrong is left out and counted as lost, and reading
+continues behind it: of a recorded cycle with one flipped bit 98 % of the messages are kept, where a reader that stops
+at the first damage keeps 51 % (with an erased sector 95 and 42 %; ``benchmarks torn``). After a mere kill both keep the
+same.
 """
 
 from __future__ import annotations
@@ -20,7 +22,6 @@ from logs.mcap.records import (
     HEAD,
     IN_CHUNK,
     INDICES,
-    MAX_CHUNK_BYTES,
     MAX_RECORD_BYTES,
     Budget,
     Damage,
@@ -28,7 +29,6 @@ from logs.mcap.records import (
     content_of,
     framed,
     parsed,
-    torn_content_of,
 )
 from logs.mcap.whole import Summary
 
@@ -90,10 +90,10 @@ class Salvage:
             opcode, length = HEAD.unpack(head)
             left = self._size - self._source.tell()
             self.is_finished = opcode == Opcode.DATA_END and length <= left
-            if self.is_finished or opcode == 0 or (length > left and opcode != Opcode.CHUNK):
+            if self.is_finished or opcode == 0 or length > left:
                 self._end(opcode, length)
                 return
-            yield from self._one(opcode, length, left)
+            yield from self._one(opcode, length)
 
     def _repeated(self) -> Iterator[McapRecord]:
         """The schemas and channels that a finished file repeats in its summary, in place of those in damaged chunks."""
@@ -103,14 +103,14 @@ class Salvage:
             return
         yield from (*summary.schemas.values(), *summary.channels.values())
 
-    def _one(self, opcode: int, length: int, left: int) -> Iterator[McapRecord]:
+    def _one(self, opcode: int, length: int) -> Iterator[McapRecord]:
         if length > MAX_RECORD_BYTES:
             self.losses.damaged += 1
-            self._source.seek(min(length, left), os.SEEK_CUR)
+            self._source.seek(length, os.SEEK_CUR)
             return
         body = self._source.read(length)
         if opcode == Opcode.CHUNK:
-            yield from self._torn_chunk(body) if length > left else self._chunk(body)
+            yield from self._chunk(body)
         elif opcode in _KEPT:
             yield from self._whole(opcode, body)
         elif opcode not in INDICES:
@@ -147,16 +147,6 @@ class Salvage:
                 yield from self._within(opcode, part)
         except Damage:
             self.losses.unknown_records += 1
-
-    def _torn_chunk(self, body: bytes) -> Iterator[McapRecord]:
-        """The complete records of a chunk that was never flushed."""
-        try:
-            for opcode, part in framed(torn_content_of(body, MAX_CHUNK_BYTES)):
-                yield from self._within(opcode, part)
-        except UnknownCompression:
-            self.losses.unknown_chunks += 1
-        except Damage:
-            return  # the truncated end
 
     def _within(self, opcode: int, body: bytes) -> Iterator[McapRecord]:
         if opcode in IN_CHUNK:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from bus.codec import Json
 from bus.messages import Detections, Grasp
-from logs.report.figures import FONT, Figure
+from logs.report.figures import FONT
+from logs.report.page import Figure
 
 _SHOWN_POINTS = 2500
 """Most points of each cloud: a phone renders these smoothly."""
@@ -73,7 +75,7 @@ def clouds(found: Detections, grasp: Grasp | None, base_from_color: Array) -> Vi
     return View({"data": data, "layout": _LAYOUT}, before, after)
 
 
-def _trace(name: str, points: Array, base_from_points: Array, **style: Any) -> dict[str, Any]:
+def _trace(name: str, points: Array, base_from_points: Array, **style: object) -> Json:
     x, y, z = _moved(points.reshape(-1, 3), base_from_points).T * 1e3
     return {"type": "scatter3d", "name": name, "x": x, "y": y, "z": z, "hoverinfo": "skip", **style}
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,6 +27,21 @@ class Choice(NamedTuple):
 
     grasp: int | None
     rejected: tuple[Rejection, ...]
+
+
+class AlignmentView(NamedTuple):
+    """The chart of the clouds, and which of its traces are seen before the alignment and after it."""
+
+    chart: Chart
+    before: list[bool]
+    after: list[bool]
+
+
+class ShownGrasp(NamedTuple):
+    """A grasp as found, and how far it was moved from the imagined rod onto the observed surface [mm]."""
+
+    found: Grasp
+    snapped_mm: float
 
 
 def choice(record: CycleRecord, found: Detections | None) -> Choice:
@@ -95,7 +110,7 @@ def drift(record: CycleRecord, found: Detections | None) -> list[Fact]:
     ]
 
 
-def alignment_view(record: CycleRecord, found: Detections | None, chosen: Choice) -> dict[str, Any] | None:
+def alignment_view(record: CycleRecord, found: Detections | None, chosen: Choice) -> AlignmentView | None:
     """The 3-D figure of the alignment with its traces by view; None without detections."""
     if found is None or record.observation is None:
         return None
@@ -106,7 +121,7 @@ def alignment_view(record: CycleRecord, found: Detections | None, chosen: Choice
         f"{alignment.method}: scale {alignment.scale:.3f}, residual {alignment.residual:.3f} of the object's radius, "
         f"Chamfer {alignment.chamfer_m2 * 1e6:.2f} mm², {alignment.hypotheses} orientations tried"
     )
-    return {"chart": Chart(title, view.figure), "before": view.before, "after": view.after}
+    return AlignmentView(Chart(title, view.figure), view.before, view.after)
 
 
 def rectangles(found: Detections | None, chosen: Choice) -> str:
@@ -116,7 +131,7 @@ def rectangles(found: Detections | None, chosen: Choice) -> str:
     return images.data_uri(images.crop(images.annotated(found, *chosen), found.evidence.object_mask, margin_px=60))
 
 
-def grasps(found: Detections | None) -> list[dict[str, Any]]:
+def grasps(found: Detections | None) -> list[ShownGrasp]:
     """The table of the grasps, each with its distance [mm] to the imagined one; none without detections."""
     if found is None:
         return []
@@ -124,7 +139,7 @@ def grasps(found: Detections | None) -> list[dict[str, Any]]:
     def moved_mm(grasp: Grasp) -> float:
         return float(np.linalg.norm(grasp.base_from_tcp[:3, 3] - grasp.imagined_base_from_tcp[:3, 3]) * 1e3)
 
-    return [{**dict(grasp), "snapped_mm": moved_mm(grasp)} for grasp in found.grasps]
+    return [ShownGrasp(grasp, moved_mm(grasp)) for grasp in found.grasps]
 
 
 def rejections(chosen: Choice) -> dict[int, list[str]]:

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
 
-from bus.messages import SegmentRun
+from bus.codec import Json
+from bus.messages import HandState, SegmentRun
 from bus.trajectory import TICK_S
 from config.limits import ACCELERATION_RAD_S2, JERK_RAD_S3, LOWER_RAD, UPPER_RAD, Peak, check, velocity_bounds
 from logs.mcap.reader import Timed
+from logs.report.page import Figure
 
 KINDS = ("position", "velocity", "acceleration", "jerk")
 JOINT_COLORS = ("#2f6fde", "#e0632d", "#2c9c69", "#a855c7", "#c2922a", "#c43d5c", "#5d6b7a")
@@ -25,7 +28,6 @@ _LABELLED = 0.08
 FONT = {"color": "#3c4856", "size": 12, "family": "system-ui, sans-serif"}
 
 Array = npt.NDArray[np.float64]
-Figure = dict[str, Any]
 
 
 class Use(NamedTuple):
@@ -99,7 +101,7 @@ def load(runs: Sequence[SegmentRun]) -> Figure:
     return _measured(runs, np.concatenate([run.motion.tau_ext_nm for run in runs]), "torque from outside [Nm]")
 
 
-def as_said(arm: Sequence[Timed], start_ns: int) -> dict[str, Figure]:
+def as_said(arm: Sequence[Timed[JointStates]], start_ns: int) -> dict[str, Figure]:
     """The arm's published positions and torques over the cycle, for a cycle whose motions have no result.
 
     Args:
@@ -125,7 +127,9 @@ def _measured(runs: Sequence[SegmentRun], values: Array, title: str) -> Figure:
     return figure
 
 
-def hand_width(said: Sequence[Timed], start_ns: int, grasped_mm: float | None, least_mm: float | None) -> Figure:
+def hand_width(
+    said: Sequence[Timed[HandState]], start_ns: int, grasped_mm: float | None, least_mm: float | None
+) -> Figure:
     """The hand's width over the cycle [mm], the width at the grasp, and the least width of a held object.
 
     Args:
@@ -141,12 +145,12 @@ def hand_width(said: Sequence[Timed], start_ns: int, grasped_mm: float | None, l
     return figure
 
 
-def _joints(time_s: Array, values: Array) -> list[dict[str, Any]]:
+def _joints(time_s: Array, values: Array) -> list[Json]:
     """One curve per joint of ``values`` (n, 7)."""
     return [_curve(time_s, values[:, joint], f"joint {joint + 1}", JOINT_COLORS[joint]) for joint in range(7)]
 
 
-def _curve(time_s: Array, values: Array, name: str, color: str) -> dict[str, Any]:
+def _curve(time_s: Array, values: Array, name: str, color: str) -> Json:
     x, y = _extremes(time_s, values)
     return {"type": "scatter", "mode": "lines", "name": name, "x": x, "y": y, "line": {"width": 1.3, "color": color}}
 
@@ -198,7 +202,7 @@ def _extremes(t: Array, y: Array) -> tuple[Array, Array]:
     return t[chosen], y[chosen]
 
 
-def _plain(data: list[dict[str, Any]], x_title: str, y_title: str) -> Figure:
+def _plain(data: list[Json], x_title: str, y_title: str) -> Figure:
     layout = {
         "xaxis": {"title": {"text": x_title}, "gridcolor": GRID, "zeroline": False},
         "yaxis": {"title": {"text": y_title}, "gridcolor": GRID, "zerolinecolor": "#c3ccd6"},

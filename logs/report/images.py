@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Iterable
-from typing import Any
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -18,9 +18,11 @@ _LEAST_DEPTH_SHARE, _MOST_DEPTH_SHARE = 1, 99
 _JPEG_QUALITY = 85
 
 Image = npt.NDArray[np.uint8]
+Mask = npt.NDArray[np.bool_]
+Pixels = TypeVar("Pixels", Image, Mask)
 
 
-def data_uri(image: npt.NDArray[Any], *, width_px: int = 960) -> str:
+def data_uri(image: Image | Mask, *, width_px: int = 960) -> str:
     """An RGB image (H, W, 3) or mask (H, W) as a JPEG or PNG data URI, at most ``width_px`` wide."""
     pixels = image.astype(np.uint8) * 255 if image.dtype == np.bool_ else np.asarray(image[..., ::-1])
     if pixels.shape[1] > width_px:
@@ -68,7 +70,7 @@ def _corners(rectangle: Rectangle) -> npt.NDArray[np.int32]:
     return np.asarray(np.rint(corners), dtype=np.int32)
 
 
-def crop(image: npt.NDArray[Any], mask: npt.NDArray[np.bool_], margin_px: int = 90) -> npt.NDArray[Any]:
+def crop(image: Pixels, mask: Mask, margin_px: int = 90) -> Pixels:
     """The part of ``image`` (H, W, ...) around ``mask`` (H, W) with a margin; the whole image for an empty mask."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if not len(rows):
@@ -77,7 +79,7 @@ def crop(image: npt.NDArray[Any], mask: npt.NDArray[np.bool_], margin_px: int = 
     return image[top : rows[-1] + margin_px, left : columns[-1] + margin_px]
 
 
-def colored_depth(depth_m: npt.NDArray[Any]) -> tuple[Image, str]:
+def colored_depth(depth_m: npt.NDArray[np.float32]) -> tuple[Image, str]:
     """Depth (H, W) [m] in colours, and the legend in words; unmeasured pixels are black."""
     measured = np.isfinite(depth_m)
     if not measured.any():

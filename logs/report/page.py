@@ -8,14 +8,16 @@ import gzip
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypedDict
 
 import numpy as np
+import numpy.typing as npt
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from bus.atomic import write_atomically
+from bus.codec import Json
 from bus.errors import RecordingError
 from logs.mcap.names import shown
 from logs.mcap.recorder import MODE
@@ -31,11 +33,18 @@ class Picture(NamedTuple):
     uri: str
 
 
+class Figure(TypedDict):
+    """A figure in the words of plotly.js."""
+
+    data: list[Json]
+    layout: Json
+
+
 class Chart(NamedTuple):
     """A plotly.js figure, {data, layout}, with its title."""
 
     title: str
-    figure: dict[str, Any]
+    figure: Figure
 
 
 class Fact(NamedTuple):
@@ -46,12 +55,12 @@ class Fact(NamedTuple):
     asked: str = ""
 
 
-def script_json(value: Any) -> Markup:
+def script_json(value: object) -> Markup:
     """``value`` as JSON that is safe inside a script element; arrays become plotly's typed ones."""
     return Markup(json.dumps(value, default=_typed_array).replace("<", "\\u003c"))
 
 
-def _typed_array(values: Any) -> dict[str, str]:
+def _typed_array(values: npt.ArrayLike) -> dict[str, str]:
     return {"dtype": "f4", "bdata": base64.b64encode(np.asarray(values, "<f4").tobytes()).decode()}
 
 
@@ -61,7 +70,7 @@ def packed_plotly() -> str:
     return base64.b64encode(gzip.compress(get_plotlyjs().encode(), 6, mtime=0)).decode()
 
 
-def write_page(template: str, content: Mapping[str, Any], path: Path) -> Path:
+def write_page(template: str, content: Mapping[str, object], path: Path) -> Path:
     """Fill ``template`` of this package and write it to ``path``. Raises: RecordingError when it cannot be written."""
     page = _environment().get_template(template).render(**content, version=VERSION)
     try:

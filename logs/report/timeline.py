@@ -81,7 +81,8 @@ def _told(record: CycleRecord) -> Timeline:
     stages, states = record.stages.values(), record.states
     start_ns = min([stage.started_ns for stage in stages] + [said.log_time_ns for said in states], default=0)
     ends_ns = [stage.started_ns + round(stage.duration_s * 1e9) for stage in stages]
-    length_s = (max([*ends_ns, *(said.log_time_ns for said in (*states, *record.events))], default=0) - start_ns) / 1e9
+    said_ns = [said.log_time_ns for said in states] + [said.log_time_ns for said in record.events]
+    length_s = (max(ends_ns + said_ns, default=0) - start_ns) / 1e9
     begun = [said.message.stage for said in states if said.message.stage]
     return Timeline(
         outcome=result.result if result is not None else record.metadata.get("result", UNFINISHED),

@@ -45,7 +45,7 @@ class GeometricModel:
         self._proposed: list[int] = []  # a new list: a call that a stop left running may still append to the old one
 
     def locate(self, color: npt.NDArray[np.uint8], prompt: str, cancel: Cancel) -> Answer:
-        """Refuse: it understands no words. Raises: CycleFailure(TARGET_NOT_FOUND)."""
+        """Refuse any image (H, W, 3), because it understands no words. Raises: CycleFailure(TARGET_NOT_FOUND)."""
         text = "The embedded model understands no words: name the target by its pixel."
         raise CycleFailure(Code.TARGET_NOT_FOUND, text)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bus.commands import PresentRequest
-from bus.messages import Execution, Verdict
+from bus.messages import Execution, Observation, Verdict
 from cell.machine.gate import Gate
 from cell.pick.capture import capture
 from cell.pick.detect import detect
@@ -41,7 +41,7 @@ class Outcome:
         found = detect(before, station, open_models(station, {}))
         chosen = plan(found, before, robot, station)
 
-        def look() -> object:
+        def look() -> Observation:
             self.held_m = presenter.truth().base_from_object[2, 3]
             return capture(camera, arm, robot)
 

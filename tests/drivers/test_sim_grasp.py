@@ -64,7 +64,8 @@ class Kinematics:
     def jacobian(self, q_rad: Array) -> Array:
         """(6, 7) in ``base`` axes."""
         q = np.append(q_rad, [0.0, 0.0])
-        return pin.computeFrameJacobian(self._model, self._data, q, self._tcp, pin.LOCAL_WORLD_ALIGNED)[:, :7]
+        whole: Array = pin.computeFrameJacobian(self._model, self._data, q, self._tcp, pin.LOCAL_WORLD_ALIGNED)
+        return whole[:, :7]
 
     def inverse(self, base_from_tcp: Array, q_rad: Array) -> Array:
         goal, q_rad = pin.SE3(base_from_tcp), np.array(q_rad)
