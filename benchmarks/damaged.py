@@ -1,4 +1,4 @@
-"""What is kept of a recording with damage in its middle: by our reader, and by reading up to the first damage."""
+"""The share of a damaged recording that is kept: by our reader, and by one that stops at the first damage."""
 
 from __future__ import annotations
 
