@@ -37,13 +37,16 @@ def hold(arm: Arm, gate: Gate, patience_s: float) -> None:
         time.sleep(_LOOK_S)
 
 
-def unhold(arm: Arm, gate: Gate) -> None:
-    """Let the held motion go on, and what waits at the gate begin. Raises: MotionRefused, BusError."""
+def unhold(arm: Arm, gate: Gate, ending_s: float = _ENDING_S) -> None:
+    """Let the held motion go on, and what waits at the gate begin.
+
+    A motion of which the arm says that nothing is held has ``ending_s`` to be over. Raises: MotionRefused, BusError.
+    """
     if gate.is_moving:
         try:
             arm.resume()
         except MotionRefused:  # the hold came at its very end: then it is over now
-            if not gate.wait_still(_ENDING_S):
+            if not gate.wait_still(ending_s):
                 raise
     gate.let_go()
 
