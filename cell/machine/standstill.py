@@ -42,13 +42,19 @@ def hold(arm: Arm, gate: Gate, patience_s: float) -> None:
         time.sleep(_LOOK_S)
 
 
-def unhold(arm: Arm, gate: Gate) -> None:
-    """Resume the held motion, and let waiting motions begin. Raises: MotionRefused, BusError."""
+def unhold(arm: Arm, gate: Gate, ending_s: float = _ENDING_S) -> None:
+    """Resume the held motion, and let waiting motions begin.
+
+    Args:
+        ending_s: how long a motion may take to be over once its arm holds nothing.
+
+    Raises: MotionRefused, BusError.
+    """
     if gate.is_moving:
         try:
             arm.resume()
         except MotionRefused:  # the hold came at the motion's very end: it is over now
-            if not gate.wait_still(_ENDING_S):
+            if not gate.wait_still(ending_s):
                 raise
     gate.release()
 

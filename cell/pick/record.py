@@ -48,6 +48,8 @@ class CycleLog:
         open_recorder: opens the file; called in the writing thread.
         path: the final ``.mcap``.
         patience_s: longest duration of one step of the disk.
+        gather_s: samples that come within this time are written and flushed together.
+        backlog_bytes: how much may wait for the disk.
         clock_ns: UTC clock.
         on_failure: called once, on any thread, as soon as the recording has failed: the cycle must stop.
     """
@@ -59,9 +61,12 @@ class CycleLog:
         patience_s: float,
         clock_ns: Callable[[], int] = time.time_ns,
         on_failure: Callable[[CycleFailure], None] = lambda _: None,
+        gather_s: float = _GATHER_S,
+        backlog_bytes: int = BACKLOG_BYTES,
     ) -> None:
         self.path = path
         self._clock_ns, self._patience_s, self._on_failure = clock_ns, patience_s, on_failure
+        self._gather_s, self._backlog_bytes = gather_s, backlog_bytes
         self._change = threading.Condition()  # guards the six attributes below
         self._queue: list[_Stamped] = []
         self._waiting_bytes = 0
@@ -83,7 +88,7 @@ class CycleLog:
             if self._error is not None:
                 return
             waiting_bytes = self._waiting_bytes + len(sample.payload)
-            if waiting_bytes <= BACKLOG_BYTES:
+            if waiting_bytes <= self._backlog_bytes:
                 self._waiting_bytes = waiting_bytes
                 self._queue.append(_Stamped(sample, self._clock_ns()))
                 urgent = sample.key.startswith(_FLUSH_AFTER) or waiting_bytes > _URGENT_BYTES
@@ -182,7 +187,7 @@ class CycleLog:
         """
         with self._change:
             self._change.wait_for(lambda: self._queue or self._ending or self._error)
-            self._change.wait_for(lambda: self._urgent or self._ending or self._error, _GATHER_S)
+            self._change.wait_for(lambda: self._urgent or self._ending or self._error, self._gather_s)
             batch, self._queue, self._urgent = self._queue, [], False
             return batch
 

@@ -55,6 +55,7 @@ def compose(
     spec.stat.extent = 1.0
     spec.visual.map.znear, spec.visual.map.zfar = 0.02, 8.0
     spec.visual.global_.offwidth, spec.visual.global_.offheight = 2048, 2048
+    spec.visual.quality.offsamples, spec.visual.quality.shadowsize = 0, 1024
     spec.visual.headlight.ambient, spec.visual.headlight.diffuse = (0.35,) * 3, (0.25,) * 3
     spec.visual.headlight.specular = (0.0,) * 3
     _prepare_robot(spec, station)

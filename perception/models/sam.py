@@ -31,11 +31,12 @@ class Sam:
 
     Args:
         weights: a folder or a hub id. ``device``: ``cpu`` or ``cuda``.
+        min_score: below it (0 to 1), what SAM 3 finds is no instance.
 
     Raises: ConfigError for missing packages, missing weights, or another kind of model.
     """
 
-    def __init__(self, weights: str, device: str = "cpu") -> None:
+    def __init__(self, weights: str, device: str = "cpu", min_score: float = _MIN_SCORE) -> None:
         self._torch, transformers = require("The segmenter 'sam'")
         self.kind = str(loaded(weights, lambda: transformers.AutoConfig.from_pretrained(weights)).model_type)
         if self.kind not in _CLASSES:
@@ -45,7 +46,7 @@ class Sam:
         model, processor = (getattr(transformers, name) for name in _CLASSES[self.kind])
         self._processor = loaded(weights, lambda: processor.from_pretrained(weights))
         self._model = loaded_model(weights, model, device)
-        self._device = device
+        self._device, self._min_score = device, min_score
 
     @property
     def reads_text(self) -> bool:
@@ -100,7 +101,7 @@ class Sam:
         with self._torch.inference_mode():
             outputs = self._model(**inputs)
         found = self._processor.post_process_instance_segmentation(
-            outputs, threshold=_MIN_SCORE, mask_threshold=0.5, target_sizes=inputs["original_sizes"].tolist()
+            outputs, threshold=self._min_score, mask_threshold=0.5, target_sizes=inputs["original_sizes"].tolist()
         )[0]
         masks = found["masks"].cpu().numpy() > 0
         return masks.reshape(-1, *image.shape[:2]), found["scores"].cpu().numpy()
