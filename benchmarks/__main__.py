@@ -1,4 +1,4 @@
-"""``uv run python -m benchmarks NAME``: what there is to measure, and its figures as one JSON object."""
+"""``uv run python -m benchmarks NAME``: runs one benchmark, and prints its figures as one JSON object."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
-"""Modules below a checkout, read by ``ast`` and never imported, and the arrows between them: who imports whom.
+"""The imports between the modules below a checkout, read by ``ast`` and never imported.
 
-An arrow is a pair of modules, however often the one names the other. ``from a.b import c`` points to the module
-``a.b.c`` where there is one, otherwise to ``a.b``; that ``a`` is imported on the way does not count. There are three
-kinds: a plain import; one that only type checkers follow; and a module's dotted name in a string, which is how it is
-imported late or run as a process. Names that are put together at run time are not seen.
+An arrow is a pair of modules (importing, imported), counted once. ``from a.b import c`` points to the module ``a.b.c``
+if that exists, otherwise to ``a.b``; the implicit import of ``a`` does not count. There are three kinds: a plain
+import; one for type checkers only; and a module's dotted name in a string, which is how it is imported late or run as a
+process. Names that are composed at run time are not seen.
 """
 
 from __future__ import annotations

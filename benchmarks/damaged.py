@@ -1,4 +1,4 @@
-"""What is kept of a recording with damage in its middle: by our reader, and by reading up to the first damage."""
+"""The share of a damaged recording that is kept: by our reader, and by one that stops at the first damage."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from mcap.exceptions import McapError
 from mcap.records import McapRecord, Message
 from mcap.stream_reader import StreamReader
 
-from logs.mcap.torn_reader import Salvage
+from logs.mcap.torn_reader import TornReader
 
 _SECTOR_BYTES = 4096
 _ENDS = (McapError, EOFError, zstandard.ZstdError, struct.error, ValueError, KeyError)
@@ -58,7 +58,7 @@ def _salvaged(content: bytes) -> Iterator[McapRecord]:
         path = Path(folder) / "one.mcap"
         path.write_bytes(content)
         with path.open("rb") as file:
-            yield from Salvage(file).records()
+            yield from TornReader(file).records()
 
 
 def messages(records: Iterator[McapRecord]) -> int:

@@ -1,4 +1,4 @@
-"""What recording an RGB-D camera costs, and what other MCAP writers take for the same payloads."""
+"""The cost of recording an RGB-D camera, compared with other MCAP writers for the same payloads."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``cell start`` as a process of its own, as an operator has it."""
+"""``cell start`` as a process of its own, as an operator runs it."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""What a process killed at any moment leaves of its cycle: everything up to its last flush, in a file that can be read.
+"""The recording of a process killed at any moment: everything up to its last flush, in a readable file.
 
-Most kills hit a process that only records, as fast as its disk takes it; the truth is what it reported over a pipe
-after each flush. Some hit a whole simulated cell (`benchmarks.killed`).
+Most kills hit a process that only records, as fast as its disk allows; the reference is the count it reported over a
+pipe after each flush. Some hit a whole simulated cell (`benchmarks.killed`).
 """
 
 from __future__ import annotations

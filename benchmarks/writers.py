@@ -1,4 +1,4 @@
-"""What writing the same messages costs with our MCAP writer and with the libraries' own: CPU, bytes, and after a kill.
+"""The cost of writing the same messages with our MCAP writer and the libraries': CPU, bytes, losses after a kill.
 
 Every writer gets the same batches and is flushed after each, as a recording is; they take turns, and of its rounds the
 cheapest counts, so that what else the machine does falls out of the ratios.

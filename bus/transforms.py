@@ -1,4 +1,4 @@
-"""Poses as 4x4 matrices: ``a_from_b`` maps coordinates in b to coordinates in a."""
+"""Poses as 4x4 matrices: ``a_from_b`` maps coordinates in b to coordinates in a (docs/frames.md)."""
 
 from __future__ import annotations
 
@@ -18,26 +18,27 @@ else:
 spatial: Any = LazyModule("scipy.spatial.transform")
 
 UNIT_TOLERANCE = 1e-3
-"""How far from 1 the length of a quaternion may be that was written down by hand or sent in single precision."""
+"""Allowed deviation of a quaternion's length from 1: it may be typed by hand or sent in single precision."""
 _ORIGIN = (0.0, 0.0, 0.0)
 
 
 def unit_wxyz(wxyz: Sequence[float] | Array) -> Array:
-    """The quaternion (4,) at a length of exactly 1. Raises: ValueError unless it has nearly that."""
+    """Return the quaternion (4,) scaled to length 1. Raises: ValueError for another shape, or a length far from 1."""
     quaternion = np.asarray(wxyz, dtype=np.float64)
     if quaternion.shape != (4,):
         raise ValueError(f"a quaternion is the 4 numbers w, x, y, z, not {quaternion.size}")
-    length = math.hypot(*quaternion.tolist())  # which never overflows
-    if not abs(length - 1.0) <= UNIT_TOLERANCE:  # nor where it is NaN
+    length = math.hypot(*quaternion.tolist())  # hypot does not overflow
+    if not abs(length - 1.0) <= UNIT_TOLERANCE:  # written so that NaN fails
         raise ValueError(f"a rotation is a quaternion w, x, y, z of length 1; this one's is {length:.4g}")
     w, x, y, z = quaternion
     return np.asarray(quaternion / np.sqrt(x * x + y * y + z * z + w * w))
 
 
 def from_wxyz(wxyz: Sequence[float] | Array, translation: Sequence[float] | Array = _ORIGIN) -> Array:
-    """The pose (4, 4) of a unit quaternion w, x, y, z and a translation (3,).
+    """Return the pose (4, 4) of a unit quaternion w, x, y, z and a translation (3,) [m].
 
-    Raises: ValueError for a quaternion that has not the length 1, and for what is not finite.
+    Raises:
+        ValueError: the quaternion's length is not 1, or a number is not finite.
     """
     w, x, y, z = unit_wxyz(wxyz)
     rotation = np.array(
@@ -51,7 +52,7 @@ def from_wxyz(wxyz: Sequence[float] | Array, translation: Sequence[float] | Arra
 
 
 def from_rotation(rotation: Array, translation: Sequence[float] | Array = _ORIGIN) -> Array:
-    """The pose (4, 4) of a rotation matrix (3, 3) and a translation (3,). Raises: ValueError: not finite."""
+    """Return the pose (4, 4) of a rotation matrix (3, 3) and a translation (3,) [m]. Raises: ValueError: not finite."""
     transform = affine(rotation, translation)
     if not np.isfinite(transform).all():
         raise ValueError("a pose has finite numbers only")
@@ -59,37 +60,37 @@ def from_rotation(rotation: Array, translation: Sequence[float] | Array = _ORIGI
 
 
 def from_translation(translation: Sequence[float] | Array) -> Array:
-    """The pose (4, 4) of a translation (3,) alone. Raises: ValueError: not finite."""
+    """Return the pose (4, 4) of a translation (3,) [m] alone. Raises: ValueError: not finite."""
     return from_rotation(np.eye(3), translation)
 
 
 def affine(matrix: Array, translation: Sequence[float] | Array) -> Array:
-    """The map (4, 4) of any matrix (3, 3) - scaled, mirrored, not finite - and a translation (3,)."""
+    """Return the map (4, 4) of any matrix (3, 3) - it may scale, mirror, hold NaN - and a translation (3,) [m]."""
     transform = np.eye(4)
     transform[:3, :3], transform[:3, 3] = matrix, translation
     return transform
 
 
 def to_wxyz(transform: Array) -> tuple[float, float, float, float]:
-    """The pose's rotation as a unit quaternion w, x, y, z, the one of the two with w >= 0."""
+    """Return a pose's rotation as a unit quaternion w, x, y, z, the one of the two with w >= 0."""
     turn = spatial.Rotation.from_matrix(transform[:3, :3])
     w, x, y, z = turn.as_quat(scalar_first=True, canonical=True).tolist()
     return w, x, y, z
 
 
 def angle_between_rad(one: Array, other: Array) -> float:
-    """How far one pose is turned from the other [rad]; NaN where a rotation holds one."""
+    """Return the angle [rad] between the orientations of two poses (4, 4); NaN when a rotation holds NaN."""
     # The Frobenius distance is 2 sqrt(2) sin(angle / 2): exact near zero, where arccos of the trace is not.
     chord = float(np.linalg.norm(one[:3, :3] - other[:3, :3])) / (2 * math.sqrt(2))
     return chord if math.isnan(chord) else 2 * math.asin(min(1.0, chord))
 
 
 def inverse(transform: Array) -> Array:
-    """``b_from_a`` of the pose ``a_from_b`` (4, 4): turned back, not solved for."""
+    """Return ``b_from_a`` of the pose ``a_from_b`` (4, 4), by transposing its rotation; no linear solve."""
     back = transform[:3, :3].T
     return from_rotation(back, -back @ transform[:3, 3])
 
 
 def apply(transform: Array, points: Array) -> Array:
-    """Points (..., 3) of b in a."""
+    """Map points (..., 3) from b to a with ``a_from_b`` (4, 4)."""
     return np.asarray(points @ transform[:3, :3].T + transform[:3, 3])

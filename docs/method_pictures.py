@@ -1,4 +1,4 @@
-"""Draws the pictures of docs/method.md from a recording made with a hosted model.
+"""Draws the figures of docs/method.md from a recording made with a hosted model.
 
 ``uv run python -m docs.method_pictures FILE.mcap``
 """

@@ -1,4 +1,4 @@
-"""Draws the pictures of docs/planning.md from a recording: ``uv run python -m docs.planning_pictures FILE.mcap``."""
+"""Draws the figures of docs/planning.md from a recording: ``uv run python -m docs.planning_pictures FILE.mcap``."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Compares two messages field by field, in the units a person thinks in.
+"""Compares two messages field by field, in the units that people use.
 
-NaN equals NaN; text, numbers without tolerance, enums and booleans must be equal; poses differ in mm and degrees;
-images by their differing pixels.
+NaN equals NaN. Text, numbers without tolerance, enums and booleans must be equal; poses differ in mm and degrees;
+images by the number of differing pixels.
 """
 
 from __future__ import annotations
@@ -33,12 +33,17 @@ _UNIT_BY_SUFFIX = {
     "m2": "m2",
 }
 _IGNORED = {"latency_s", "took_s"}
-"""Fields that measure the machine, not the stage."""
+"""Fields that depend on the machine, not on the stage."""
 
 
 @dataclass(frozen=True)
 class Tolerance:
-    """How much a value may differ, and its unit. A pose (`POSE`) may differ by ``value`` mm and ``value`` degrees."""
+    """The allowed difference of a value.
+
+    Attributes:
+        value: in ``unit``. For a pose (`POSE`): mm and degrees.
+        unit: one of `_UNIT_BY_SUFFIX`, `POSE` or "".
+    """
 
     value: float
     unit: str
@@ -46,7 +51,13 @@ class Tolerance:
 
 @dataclass(frozen=True)
 class Difference:
-    """One field that differs: both values, by how much, and how much was allowed."""
+    """One field that differs.
+
+    Attributes:
+        field: dotted path. ``recorded``, ``replayed``: both values.
+        difference, tolerance: in ``unit``; ``difference`` is None where there is no number, e.g. for text or NaN.
+        unit: e.g. "m", "mm", "deg" or "px"; "" for none.
+    """
 
     field: str
     recorded: object
@@ -56,6 +67,7 @@ class Difference:
     unit: str
 
     def to_json(self) -> Json:
+        """The fields as a JSON object."""
         return asdict(self)
 
     def describe(self) -> str:
@@ -65,11 +77,11 @@ class Difference:
 
 
 def compare(recorded: Message, replayed: Message, tolerances: Mapping[str, Tolerance]) -> list[Difference]:
-    """Every difference between two messages, in the order of their fields.
+    """All differences between two messages, in the order of their fields.
 
     Args:
-        tolerances: field pattern -> tolerance; ``*`` stands for anything, so ``a[*].b`` is field b of any a. The first
-            pattern that fits counts; without one the values must be equal.
+        tolerances: field pattern -> tolerance; ``*`` matches any text, so ``a[*].b`` is field b of any a. The first
+            matching pattern counts; without one the values must be equal.
     """
     rules = [(re.compile(re.escape(pattern).replace(r"\*", ".*")), rule) for pattern, rule in tolerances.items()]
 
@@ -87,13 +99,13 @@ def compare(recorded: Message, replayed: Message, tolerances: Mapping[str, Toler
 
 
 def unit_of(path: str) -> str:
-    """The unit a field's name ends in, or ""."""
+    """The unit at the end of a field's name, or ""."""
     name = re.sub(r"\[\d+\]", "", path).rpartition(".")[2]
     return _UNIT_BY_SUFFIX.get(name.rpartition("_")[2], "") if "_" in name else ""
 
 
 def leaves(path: str, a: object, b: object) -> Iterator[tuple[str, object, object]]:
-    """Pairs of values that have no parts, with their path; a differing count ends its branch."""
+    """Pairs of values without parts, with their path; a differing count ends its branch."""
     if isinstance(a, Message) and type(a) is type(b):
         for name in type(a).model_fields:
             if name not in _IGNORED:
@@ -123,7 +135,7 @@ def _compare_leaf(path: str, a: object, b: object, rule: Tolerance) -> list[Diff
 def _compare_arrays(path: str, a: Array, b: Array, rule: Tolerance) -> list[Difference]:
     if a.shape != b.shape:
         shape = _plain(f"{path}.shape", list(a.shape), list(b.shape))
-        common = min(len(a), len(b))  # of two trajectories the samples that both have
+        common = min(len(a), len(b))  # for two trajectories: the samples that both have
         is_series = rule.value > 0 and a.shape[1:] == b.shape[1:] and common > 0
         return [shape, *(_compare_arrays(path, a[:common], b[:common], rule) if is_series else [])]
     if a.dtype in (np.uint8, np.bool_):
@@ -135,7 +147,7 @@ def _compare_arrays(path: str, a: Array, b: Array, rule: Tolerance) -> list[Diff
         return []
     if rule.unit == POSE:
         return _compare_poses(path, a, b, rule)
-    with np.errstate(invalid="ignore"):  # infinity less infinity
+    with np.errstate(invalid="ignore"):  # infinity minus infinity
         deviation = np.where(same, 0.0, np.abs(np.asarray(a, float) - b))
     deviation = np.nan_to_num(deviation, nan=np.inf, posinf=np.inf)
     if float(deviation.max()) <= rule.value:
@@ -162,13 +174,13 @@ def _plain(path: str, recorded: object, replayed: object, unit: str = "") -> Dif
 
 
 def _number(value: float) -> float | str:
-    """A float JSON can hold; NaN and infinity as text."""
+    """A float that JSON can hold; NaN and infinity as text."""
     number = float(value)
     return number if math.isfinite(number) else str(number)
 
 
 def _finite(value: float) -> float | None:
-    """A difference, or None where there is none to tell (NaN against a number)."""
+    """A difference, or None when it is not finite (NaN against a number)."""
     return float(value) if math.isfinite(value) else None
 
 

@@ -1,4 +1,4 @@
-"""The package ``franky`` as far as the hand's driver uses it: a hand whose every answer a test can change."""
+"""The package ``franky`` as far as the hand's driver uses it: a hand whose every answer a test can set."""
 
 from __future__ import annotations
 

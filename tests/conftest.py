@@ -6,10 +6,12 @@ import os
 import signal
 import socket
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import settings
+from xdist.scheduler import LoadGroupScheduling
 
 from bus.messages import CameraModel, Frame
 
@@ -18,6 +20,20 @@ settings.load_profile("deterministic")
 
 signal.signal(signal.SIGHUP, signal.SIG_DFL)  # whoever runs the tests under nohup does not mean what they test
 os.environ.setdefault("MUJOCO_GL", "egl")  # for files that import MuJoCo before `drivers.sim` does
+
+
+class FilesOrGroups(LoadGroupScheduling):  # type: ignore[misc]  # xdist ships no types
+    """One process runs a file's tests, which share its fixtures, or those of an ``xdist_group``."""
+
+    def _split_scope(self, nodeid: str) -> str:
+        scope = super()._split_scope(nodeid)
+        return nodeid.split("::")[0] if scope == nodeid else scope
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> FilesOrGroups | None:
+    """What ``--dist loadgroup`` means here."""
+    return FilesOrGroups(config, log) if config.getvalue("dist") == "loadgroup" else None
 
 
 @pytest.fixture(scope="session")

@@ -1,4 +1,4 @@
-"""Triggers one pick from any program: plain eclipse-zenoh, nothing of ours. Usage: python trigger.py [cell_id]"""
+"""Triggers one pick from any program, with plain eclipse-zenoh only. Usage: python trigger.py [cell_id]"""
 
 import json
 import sys

@@ -13,7 +13,7 @@ _THICK_M = 0.002
 
 
 def lay_board(spec: mujoco.MjSpec, settings: CalibrationSettings) -> None:
-    """Add it to the world, face up, its middle at ``board_center_m``."""
+    """Add the board to the world, face up, its middle at ``board_center_m``."""
     grey = board_image(settings, _PIXELS_PER_M)
     height, width = grey.shape
     texture = spec.add_texture(name="board", type=mujoco.mjtTexture.mjTEXTURE_2D, width=width, height=height)

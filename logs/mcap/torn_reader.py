@@ -1,10 +1,10 @@
-"""Reads a torn or damaged MCAP file as far as it can be read, and counts what cannot.
+"""Reads a torn or damaged MCAP file as far as possible, and counts the losses.
 
-A process that was killed leaves its chunks up to the last flush, and perhaps the beginning of one more, which was never
-flushed and is left out. A power cut may leave zeros behind them. A chunk whose checksum is wrong is left out, counted
-as lost, and reading goes on behind it: of a recorded cycle with one flipped bit 98 % of the messages are kept, where a
-reader that stops at the first damage keeps 51 % (of one with an erased sector 95 and 42 %; ``benchmarks torn``). Of a
-process that was only killed, both keep the same.
+A killed process leaves its chunks up to the last flush, and possibly a truncated one that was never flushed and is left
+out. A power cut may leave trailing zeros. A chunk whose checksum is wrong is left out and counted as lost, and reading
+continues behind it: of a recorded cycle with one flipped bit 98 % of the messages are kept, where a reader that stops
+at the first damage keeps 51 % (with an erased sector 95 and 42 %; ``benchmarks torn``). After a mere kill both keep the
+same.
 """
 
 from __future__ import annotations
@@ -39,12 +39,13 @@ _BLOCK_BYTES = 1 << 20
 
 @dataclass
 class Losses:
-    """What of a file was not kept.
+    """The parts of a file that were not kept.
 
     Attributes:
-        damaged: chunks and records with damage inside. ``unknown_chunks``: in a compression that this program does not
-            know. ``unknown_records``: of another kind, or bytes that make none. ``orphans``: messages whose channel is
-            among the rest.
+        damaged: chunks and records with damage inside.
+        unknown_chunks: chunks in an unknown compression.
+        unknown_records: records of an unknown kind, or bytes that form no record.
+        orphans: messages whose channel was lost.
     """
 
     damaged: int = 0
@@ -65,11 +66,11 @@ class Losses:
         return ", ".join(f"{count} {what}" for count, what in said if count)
 
 
-class Salvage:
-    """Reads what can be read of ``source``, in order, and goes on behind a chunk that is damaged.
+class TornReader:
+    """The torn reader: reads ``source`` in order, and continues after damaged chunks.
 
     Attributes:
-        is_finished: the file ended as a finished one does. ``losses``: what was left out.
+        is_finished: the file ends as a finished one. ``losses``: the parts left out.
     """
 
     def __init__(self, source: IO[bytes]) -> None:
@@ -80,7 +81,7 @@ class Salvage:
         self.losses = Losses()
 
     def records(self) -> Iterator[McapRecord]:
-        """Up to the end of the data section, or the tear. Raises: OSError."""
+        """The readable records, up to the end of the data section or the truncated end. Raises: OSError."""
         yield from self._repeated()
         self._source.seek(0)
         if self._source.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
@@ -95,7 +96,7 @@ class Salvage:
             yield from self._one(opcode, length)
 
     def _repeated(self) -> Iterator[McapRecord]:
-        """The schemas and channels that a finished file names again: those in a damaged chunk are not lost."""
+        """The schemas and channels that a finished file repeats in its summary, in place of those in damaged chunks."""
         try:
             summary = Summary(self._source)
         except Damage:
@@ -116,13 +117,13 @@ class Salvage:
             self.losses.unknown_records += 1
 
     def _end(self, opcode: int, length: int) -> None:
-        """Look at what the data ends in: a record that was not written whole, or zeros, is no loss."""
+        """Classify the end of the data: a partly written record, or zeros, are not counted as a loss."""
         if opcode == 0:
             self._source.seek(-HEAD.size, os.SEEK_CUR)
             self.losses.unknown_records += not self._only_zeros_follow()
         elif opcode not in _KNOWN:
             self.losses.unknown_records += 1
-        elif length > MAX_RECORD_BYTES:  # nobody began to write that
+        elif length > MAX_RECORD_BYTES:  # too long for a record that was being written
             self.losses.damaged += 1
 
     def _only_zeros_follow(self) -> bool:

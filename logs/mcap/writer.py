@@ -1,9 +1,9 @@
-"""An MCAP file as it grows: messages are gathered into chunks, and what was flushed can be read without the rest.
+"""Writes an MCAP file: messages are collected in chunks, and flushed chunks can be read without the rest of the file.
 
 The library's own writer offers no level of zstd and makes a compressor for every chunk: on recorded cycles it takes 1.8
 times the CPU of this one for the same size, on camera frames 1.3 times; its lz4 takes 0.6 to 1.0 times, and the files
-are 37 to 50 % larger (``benchmarks logging``). foxglove-sdk's takes 1.0 to 1.2 times for the same size, but a write
-that fails is only logged there, and the next flush does not say why. None of them loses what was flushed.
+are 37 to 50 % larger (``benchmarks logging``). foxglove-sdk's takes 1.0 to 1.2 times for the same size, but it only
+logs a failed write, and the next flush does not report the reason. None of them loses flushed data.
 """
 
 from __future__ import annotations
@@ -45,10 +45,10 @@ _LEVEL = 1
 
 
 class McapFile:
-    """Writes MCAP records to ``stream``, which stays the caller's to close. Raises: OSError from every method.
+    """Writes MCAP records to ``stream``, which remains the caller's to close. Raises: OSError from every method.
 
     Attributes:
-        crc: CRC-32 of everything that was written.
+        crc: CRC-32 of all bytes written.
     """
 
     def __init__(self, stream: IO[bytes]) -> None:
@@ -65,14 +65,14 @@ class McapFile:
         self._put(_packed(Header(profile="", library=_LIBRARY)))
 
     def schema(self, name: str, encoding: str, data: bytes) -> int:
-        """Declare a schema; gives its id."""
+        """Declare a schema; return its id."""
         record = Schema(id=len(self._schemas) + 1, name=name, encoding=encoding, data=data)
         self._schemas.append(record)
         self._add(_packed(record))
         return record.id
 
     def channel(self, topic: str, message_encoding: str, schema_id: int) -> int:
-        """Declare a channel; gives its id."""
+        """Declare a channel; return its id. ``schema_id``: 0 = no schema."""
         record = Channel(
             id=len(self._channels) + 1,
             topic=topic,
@@ -85,7 +85,7 @@ class McapFile:
         return record.id
 
     def message(self, channel_id: int, log_time_ns: int, payload: bytes, publish_time_ns: int, sequence: int) -> None:
-        """Append one message to the open chunk; a full chunk is written."""
+        """Append one message to the open chunk; a full chunk is written. Times are in ns UTC."""
         self._entries[channel_id].append((log_time_ns, self._size))
         self._add(
             _MESSAGE.pack(
@@ -104,7 +104,7 @@ class McapFile:
             self._end_chunk()
 
     def attachment(self, time_ns: int, name: str, media_type: str, data: bytes) -> None:
-        """Store a whole file."""
+        """Store a whole file as an attachment; ``time_ns``: UTC."""
         self._end_chunk()
         record = Attachment(create_time=time_ns, log_time=time_ns, name=name, media_type=media_type, data=data)
         packed = _packed(record)
@@ -129,7 +129,7 @@ class McapFile:
         self._put(packed)
 
     def flush(self) -> None:
-        """Close the chunk and hand everything to the operating system."""
+        """Close the chunk and pass all data to the operating system."""
         self._end_chunk()
         self._stream.flush()
 
@@ -179,7 +179,7 @@ class McapFile:
                 first_ns,
                 last_ns,
                 self._size,
-                0,  # zstd's own checksum of the content is looked at by every reader, and costs a tenth
+                0,  # not computed: zstd's own checksum is verified by every reader, at a tenth of the cost
                 4,
                 b"zstd",
                 len(compressed),

@@ -1,4 +1,4 @@
-"""One self-contained page that explains a cycle: what it saw, imagined, aligned, chose and did, and why it ended so."""
+"""The report page of one cycle: observation, goal image, alignment, grasps, motion, and the reason of its end."""
 
 from __future__ import annotations
 
@@ -29,10 +29,12 @@ class LogLine(NamedTuple):
 
 
 def write_report(record: CycleRecord, path: Path, *, index: str = "") -> Path:
-    """Write the page to ``path`` and return it. Raises: RecordingError when it cannot be drawn, or written.
+    """Write the page to ``path`` and return it.
 
     Args:
         index: file name of the day's page beside it, "" for none.
+
+    Raises: RecordingError when the page cannot be drawn or written.
     """
     with telling(f"The cycle {record.cycle_id!r}"):
         return write_page("report.html.j2", {**_content(record), "index": index}, path)
@@ -79,7 +81,7 @@ def _result(record: CycleRecord, stage: str, kind: type[Result]) -> Result | Non
 
 
 def _summary(record: CycleRecord, timeline: Timeline, thumbnail: str) -> Json:
-    """What the day's page shows of this one: kept in the page, so that the recording is not read again."""
+    """The summary for the day's page, stored in this page, so that the recording is not read again."""
     return {
         "cycle_id": record.cycle_id,
         "result": timeline.outcome,
@@ -94,7 +96,7 @@ def _summary(record: CycleRecord, timeline: Timeline, thumbnail: str) -> Json:
     }
 
 
-# --- what it did ------------------------------------------------------------------------------------------------------
+# --- motion -----------------------------------------------------------------------------------------------------------
 
 
 def _runs(record: CycleRecord) -> list[SegmentRun]:
@@ -104,7 +106,7 @@ def _runs(record: CycleRecord) -> list[SegmentRun]:
 
 
 def _motion(record: CycleRecord, runs: list[SegmentRun], timeline: Timeline) -> dict[str, list[Chart]]:
-    """Charts of the joints, and of the hand; either may be empty."""
+    """Charts of the joints and of the hand; either may be empty."""
     execution = _result(record, "execute", Execution)
     grasped = execution.grasped if execution is not None else None
     hand: list[Chart] = []
@@ -130,7 +132,7 @@ def _motion(record: CycleRecord, runs: list[SegmentRun], timeline: Timeline) -> 
 
 
 def _all_charts(view: evidence.AlignmentView | None, motion: dict[str, list[Chart]]) -> dict[str, Figure]:
-    """Every figure of the page by the name of its place."""
+    """All figures of the page by the name of their place."""
     named = {f"{kind}-{i}": one.figure for kind, charts in motion.items() for i, one in enumerate(charts)}
     return named if view is None else {"clouds": view.chart.figure, **named}
 
@@ -167,7 +169,7 @@ def _log(record: CycleRecord, timeline: Timeline) -> list[LogLine]:
     lines += [
         LogLine(line.start_s + line.took_s, line.name, line.said or "done", line.failed) for line in timeline.stages
     ]
-    said = {(one.message.name, one.message.last_fault): one for one in reversed(record.health)}  # each when first heard
+    said = {(one.message.name, one.message.last_fault): one for one in reversed(record.health)}  # at its first message
     for (node, fault), one in said.items():
         if fault:
             at_s = (one.log_time_ns - timeline.start_ns) / 1e9
@@ -180,7 +182,7 @@ def _log(record: CycleRecord, timeline: Timeline) -> list[LogLine]:
 
 
 def configuration_changes(station: Mapping[str, object]) -> list[tuple[str, str, str]]:
-    """(key, recorded, default) of every setting that is not the simulated cell's own; "-" where one side lacks it."""
+    """(key, recorded, default) of every setting that differs from the simulated cell's; "-" where one side lacks it."""
     here, default = dict(_leaves(station)), dict(_leaves(load_station().model_dump(mode="json")))
     keys = [*here, *(key for key in default if key not in here)]
     missing = "-"

@@ -1,4 +1,4 @@
-"""Self-contained HTML pages: nothing is fetched, what was recorded is escaped, the drawing library comes packed."""
+"""Self-contained HTML pages: nothing is fetched, recorded text is escaped, the drawing library is embedded."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from logs.mcap.names import shown
 from logs.mcap.recorder import MODE
 
 VERSION = "5"
-"""Of the pages: one of another version is written anew."""
+"""Version of the pages: a page of another version is written anew."""
 
 
 class Picture(NamedTuple):
-    """An image with what it shows."""
+    """An image with its title."""
 
     title: str
     uri: str
@@ -41,14 +41,14 @@ class Figure(TypedDict):
 
 
 class Chart(NamedTuple):
-    """A figure with what it shows."""
+    """A plotly.js figure, {data, layout}, with its title."""
 
     title: str
     figure: Figure
 
 
 class Fact(NamedTuple):
-    """One measured value beside what was asked of it."""
+    """One measured value beside its required value."""
 
     name: str
     value: str
@@ -56,7 +56,7 @@ class Fact(NamedTuple):
 
 
 def script_json(value: object) -> Markup:
-    """``value``, arrays as plotly's typed ones, as JSON that cannot end the script element it stands in."""
+    """``value`` as JSON that is safe inside a script element; arrays become plotly's typed ones."""
     return Markup(json.dumps(value, default=_typed_array).replace("<", "\\u003c"))
 
 
@@ -66,12 +66,12 @@ def _typed_array(values: npt.ArrayLike) -> dict[str, str]:
 
 @functools.cache
 def packed_plotly() -> str:
-    """plotly.js, gzip and base64: 2 MB in a page instead of 5; every browser since 2023 unpacks it by itself."""
+    """plotly.js, gzip and base64: 2 MB in a page instead of 5; every browser since 2023 can unpack it."""
     return base64.b64encode(gzip.compress(get_plotlyjs().encode(), 6, mtime=0)).decode()
 
 
 def write_page(template: str, content: Mapping[str, object], path: Path) -> Path:
-    """Fill ``template`` of this room and write it. Raises: RecordingError when it cannot be written."""
+    """Fill ``template`` of this package and write it to ``path``. Raises: RecordingError when it cannot be written."""
     page = _environment().get_template(template).render(**content, version=VERSION)
     try:
         write_atomically(path, page.encode(errors="backslashreplace"), mode=MODE)

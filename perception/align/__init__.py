@@ -1,4 +1,7 @@
-"""Stage 2 of the paper: carry the imagined object, and so the rod, back onto the observed one."""
+"""Stage 2 of the paper: align the imagined object to the observed one, and with it the rod.
+
+All clouds and maps are in the ``color`` frame, in metres; see docs/frames.md.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,7 @@ METHODS: Mapping[str, Callable[[Shape, Shape], Fit]] = {
     "silhouette_3d": silhouette_3d,
     "pca_cfopt": pca_cfopt,
 }
-"""Those of a cell, by their names in a station file (`config.schema.PerceptionSettings.align`)."""
+"""The methods of a cell, by their names in a station file."""
 
 
 def align(
@@ -27,9 +30,14 @@ def align(
     max_residual: float = float("inf"),
     methods: Mapping[str, Callable[[Shape, Shape], Fit]] = METHODS,
 ) -> Alignment:
-    """The map that carries ``goal`` onto ``observed``, found by ``method``, one of ``methods``.
+    """Align ``goal`` to ``observed`` with ``method``, and measure the fit.
 
-    Raises: CycleFailure(MODEL_DRIFT) when a shape is too small, or what is left over exceeds ``max_residual``.
+    Args:
+        method: one of ``methods`` (those of a station: `config.schema.PerceptionSettings.align`).
+        max_residual: the largest accepted `Residuals.residual`, as a share of the observed object's rms radius.
+
+    Raises:
+        CycleFailure: MODEL_DRIFT when a shape has too few points, or the residual exceeds ``max_residual``.
     """
     began_s = time.perf_counter()
     fit = methods[method](goal, observed)

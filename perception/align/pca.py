@@ -1,7 +1,7 @@
-"""The paper's alignment: principal axes of both clouds, their signs by a correspondence-free loss (two-way Chamfer).
+"""The paper's alignment: principal axes of both clouds, their signs chosen by the two-way Chamfer distance.
 
-The reading that works: R = s V_S A V_G^T with A the sign flips that make a proper rotation, one isotropic scale,
-centred clouds. The formula as typeset does not (docs/method.md).
+The reading of the paper's formula that works: R = s V_S A V_G^T with A the sign flips that make a proper rotation, one
+isotropic scale, centred clouds. The formula as typeset does not work (docs/method.md).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _PROPER_SIGNS = ((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1))
 
 
 def pca_cfopt(goal: Shape, observed: Shape) -> Fit:
-    """Proper rotations only, one scale, centred: the correct reading of the paper's section III-B."""
+    """Align with proper rotations, one scale and centred clouds: the working reading of the paper's section III-B."""
     goal_values, goal_axes = principal_axes(goal.points)
     observed_values, observed_axes = principal_axes(observed.points)
     scale = float(np.sqrt(observed_values.sum() / goal_values.sum()))
@@ -30,7 +30,7 @@ def pca_cfopt(goal: Shape, observed: Shape) -> Fit:
 
 
 def principal_axes(points: Array) -> tuple[Array, Array]:
-    """Eigenvalues [m^2] and right-handed axes (columns), signs made reproducible: eigh's are the platform's choice."""
+    """Eigenvalues (3,) [m^2] and right-handed axes (3, 3) (columns), signs made reproducible (eigh's are not)."""
     values, axes = np.linalg.eigh(np.cov(points.T))
     axes = axes * np.sign(axes[np.abs(axes).argmax(axis=0), np.arange(3)])
     proper = axes if np.linalg.det(axes) > 0 else axes * np.array([1, 1, -1])
@@ -38,7 +38,7 @@ def principal_axes(points: Array) -> tuple[Array, Array]:
 
 
 def least_chamfer(candidates: Sequence[Array], goal: Array, observed: Array) -> int:
-    """Index of the matrix (3, 3) that leaves the least two-way Chamfer loss [m^2] between the clouds (n, 3), (m, 3)."""
+    """Index of the candidate matrix (3, 3) with the least two-way squared Chamfer distance."""
     goal, observed = subsample(goal, JUDGED_POINTS), subsample(observed, JUDGED_POINTS)
     tree = cKDTree(observed)
 

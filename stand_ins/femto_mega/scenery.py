@@ -1,4 +1,4 @@
-"""What the stand-in sees by default: a tilted board with boxes on it, standing still."""
+"""The default scene of the camera stand-in: a static, tilted board with boxes on it."""
 
 from __future__ import annotations
 
