@@ -23,7 +23,6 @@ from perception.models.depth_pro import DepthPro
 from perception.models.exchange import Line
 from perception.models.geometric import GeometricModel
 from perception.models.hosted import HostedModel
-from perception.models.injection import FaultyModel
 from perception.models.network import NetworkModel
 from perception.models.recorded import RecordedModel, SpoiledModel
 from perception.models.sam import Sam
@@ -87,11 +86,7 @@ def open_models(station: Station, environ: Mapping[str, str]) -> Models:
         ConfigError: a missing key, model id, package or weights.
         RecordingError: the ledger of costs cannot be read.
     """
-    imaginer, faults = _imaginer(station, environ, station.recording.folder), station.faults
-    if faults.allowed:
-        deadline_s = station.perception.hosted.deadline_s
-        imaginer = FaultyModel(imaginer, faults.model, deadline_s=deadline_s, delay_s=faults.delay_s)
-    return Models(imaginer, *_local(station))
+    return Models(_imaginer(station, environ, station.recording.folder), *_local(station))
 
 
 def replayed_models(station: Station, replies: Iterable[ModelReply]) -> Models:
