@@ -14,8 +14,8 @@ import numpy.typing as npt
 
 from bus.codes import Code
 from bus.errors import CycleFailure
+from bus.pictures import is_whole, size_of
 from perception.geometry.crop import Crop
-from perception.geometry.picture import size_of
 
 _ROOM = 1.9
 """Side of the window over the object's larger extent: room for a rod that protrudes."""
@@ -87,7 +87,7 @@ def decode_picture(data: bytes, window: Window, background: tuple[int, int, int]
     Raises: CycleFailure(MODEL_BAD_IMAGE) for a torn file, a format other than PNG, JPEG or WebP, a picture that is not
         square, or one larger than models draw.
     """
-    size = size_of(data)
+    size = size_of(data) if is_whole(data) else None
     if size is None:
         raise _bad(f"The goal image ({len(data)} bytes) is torn, or no PNG, JPEG or WebP picture.")
     if max(size) > _MAX_PICTURE_PX:

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from bus.codes import Code
 from bus.errors import CycleFailure
-from perception.geometry.picture import size_of
+from bus.pictures import is_whole, size_of
 from perception.geometry.window import Window, decode_picture
 
 WINDOW = Window(0, 0, 128)
@@ -44,7 +44,7 @@ def refusal(data: bytes) -> str:
 @pytest.mark.parametrize("how", MODES)
 def test_whole_files_are_read_whatever_stands_behind_their_end(how: str, behind: bytes) -> None:
     data = file(how) + behind
-    assert size_of(data) == (256, 256)
+    assert size_of(data) == (256, 256) and is_whole(data)
     assert np.abs(decode_picture(data, WINDOW)[64, 64].astype(int) - (30, 120, 200)).max() < 12
 
 
