@@ -6,6 +6,7 @@ set positional-arguments
 export VIRTUAL_ENV := justfile_directory() / ".venv"
 
 config := "config/sim.toml"
+of_them := " and not thorough"    # which tests `test` runs
 
 [private]
 default:
@@ -31,13 +32,17 @@ stand-ins: setup
 stand-in *args: stand-ins
     uv run python -m stand_ins.cell --cycles 1 "$@"
 
-# Run the tests; more arguments go to pytest
+# Run the tests of the gate; more arguments go to pytest
 test *args: setup
     @./setup.sh stand-ins || echo "test: tests of the real drivers that need the above will be skipped" >&2
     # two files at a time, in their order (those of whole cells, which take longest, are among the first); then, alone,
     # those at 1 kHz: there only the arm's own reflex (this machine was late) is tried again
-    OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 uv run pytest -m "not realtime" -n 2 --dist loadfile --no-loadscope-reorder "$@" || [ $? -eq 5 ]
-    uv run pytest -m realtime --reruns 2 --only-rerun ArmReflex "$@" || [ $? -eq 5 ]
+    OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 uv run pytest -m "not realtime{{of_them}}" -n 2 --dist loadgroup --no-loadscope-reorder "$@" || [ $? -eq 5 ]
+    uv run pytest -m "realtime{{of_them}}" --reruns 2 --only-rerun ArmReflex "$@" || [ $? -eq 5 ]
+
+# Run every test: those of the gate, and every row, object and seed of what it has one of
+test-all *args:
+    @{{just_executable()}} of_them="" test "$@"
 
 # Lint, format, types, import contracts
 check: setup
@@ -65,8 +70,7 @@ report *args: setup
 
 # Regenerate the pages that are written from the code: commands, states, faults, bus, settings, recording
 docs: setup
-    uv run typer docs/commands_page.py utils docs --name cell --title "Commands" --output docs/commands.md
-    sed -i -e "s/&#x27;/'/g" -e 's/&gt;/>/g' docs/commands.md
+    uv run python -m docs.commands_page
     uv run python -m docs.states_page
     uv run python -m docs.faults_page
     uv run python -m docs.bus_page

@@ -1,4 +1,4 @@
-"""The cell that an intruder is in: what is true of it, what a client of it is told, and its way back to Idle."""
+"""A cell with an intruder on its bus: its true state, the state its clients receive, and its recovery to Idle."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Many light cells on one router, and a viewer that hears and asks as `cell fleet` does: how old what it sees is."""
+"""Many light cells on one router, and a viewer that subscribes and asks as `cell fleet` does: the age of its data."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class _Cell:
 
 
 def _state() -> CellState:
-    """``since_ns`` is when it was said, so that whoever hears it knows its age."""
+    """``since_ns`` is when it was said, so that the receiver knows its age."""
     return CellState(
         state="Execute", stage="detect", cycle_id="0", since_ns=time.time_ns(), available=("stop",), reason=""
     )

@@ -1,6 +1,6 @@
-"""A whole simulated cell whose daemon is killed at any moment: what its recordings hold, and whether it comes back.
+"""A whole simulated cell whose daemon is killed at any moment: the content of its recordings, and its recovery.
 
-The truth is what a client on the bus heard of its stages before the kill.
+The reference is the list of stages that a client on the bus received before the kill.
 """
 
 from __future__ import annotations

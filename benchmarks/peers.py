@@ -1,4 +1,4 @@
-"""Processes that should not be there, or that stand still: a second node, a frozen client, a frozen intruder."""
+"""Unauthorised or frozen processes: a second node, a frozen client, a frozen intruder."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Seeded pick problems: a table, a bin with walls, five boxes, an object in the bin; known, or only seen."""
+"""Seeded pick problems: a table, a bin with walls, five boxes, an object in the bin; either known, or only observed."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""The plain library pipeline, as their tutorials have it: OMPL, its simplifier, a spline, and toppra with its defaults.
+"""A plain pipeline of the libraries, as in their tutorials: OMPL, its simplifier, a spline, and toppra's defaults.
 
-The peer that `planning` is compared with: no straight line first, no rounded corners, no filter, no gate.
+It is the peer of `planning`: without a straight line first, rounded corners, a filter or a gate.
 """
 
 from __future__ import annotations

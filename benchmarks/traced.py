@@ -1,4 +1,4 @@
-"""A node of a simulated cell whose arm's states come over a pipe as well: no frozen hub keeps them back.
+"""A node of a simulated cell whose arm's states also come over a pipe, which a frozen daemon cannot delay.
 
 It is a `drivers.node.node.Node` like any other; its cell has ``nodes.NAME.run = "elsewhere"``.
 """

@@ -1,7 +1,7 @@
-"""What our bus adds to plain Zenoh: the round trip of a camera frame (2.7 MB) and of a command, between two processes.
+"""Overhead of our bus over plain Zenoh: round trips of a camera frame (2.7 MB) and a command between two processes.
 
-Both sides ask a second process for the same bytes: ours through `Bus.ask` and `Bus.answer` (typed errors, lanes, the
-recorder's tap), the plain one with ``get`` and a queryable that replies in its callback. They take turns, one question
+Both sides ask a second process for the same bytes: ours through `Bus.ask` and `Bus.answer` (typed errors, workers, the
+recorder's tap), the plain one with ``get`` and a queryable that replies in its callback. They take turns, one query
 each, over sessions with the same settings. Encoding and decoding of the frame are figures of their own.
 """
 

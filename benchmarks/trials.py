@@ -1,7 +1,8 @@
-"""What the soak tries, and what may come of it.
+"""The trials of the soak, and their allowed outcomes.
 
-The first trials walk through every row of `cell.daemon.fault_table`; then parts, words and moments are drawn at
-random, and every fourth has no fault.
+The first trials use every row of `cell.daemon.fault_table`; then parts, kinds and moments are drawn at random, and
+every
+fourth trial has no fault.
 """
 
 from __future__ import annotations

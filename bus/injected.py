@@ -1,4 +1,4 @@
-"""A node's link that misbehaves on demand; and who answers ``fault/{part}`` where faults are allowed."""
+"""A node's bus with injected faults, and the answer to ``fault/{part}`` where the station allows faults."""
 
 from __future__ import annotations
 
@@ -22,22 +22,27 @@ from bus.session import Bus
 from bus.topics import Topic, encoding_of
 
 _ALWAYS_DONE = (topics.ARM_STOP, topics.ARM_HOLD, topics.HAND_STOP)
-"""Carried out whatever the fault, as long as there is a link: only their answers suffer."""
+"""Stops are carried out under every fault while there is a link; a fault only affects their answers."""
 _GARBAGE_BYTES = 64
 
 
 class Spoilable(Protocol):
-    """What can be told to misbehave; both may be set at any time, from any thread."""
+    """A part that accepts injected faults; both members may be set at any time, from any thread.
+
+    Attributes:
+        fault: the fault from now on.
+        delay_s: how late answers come under ``slow`` [s].
+    """
 
     fault: Fault
     delay_s: float
 
 
 class FaultyBus(Faulty, Bus):
-    """A `Bus` whose link is ``fault``. What others publish is sample all the same, but with ``off``.
+    """A `Bus` whose own link has the fault ``fault``. Samples of other sessions still arrive, except under ``off``.
 
     ``off``: the session is closed, for good. ``stuck``: nothing is answered or published. ``garbage``: random bytes
-    are. ``wrong``: another type's message is. ``slow``: all of it comes ``delay_s`` late.
+    are sent. ``wrong``: a message of another type is sent. ``slow``: everything is sent ``delay_s`` late.
     """
 
     def __init__(
@@ -56,6 +61,7 @@ class FaultyBus(Faulty, Bus):
             query.drop()  # type: ignore[no-untyped-call]
 
     def publish(self, topic: Topic, message: Message | bytes, **fields: str) -> None:
+        """Publish as `Bus.publish`, changed as the fault says. Raises: BusError after close."""
         match self._fault:
             case Fault.STUCK:
                 return
@@ -68,7 +74,8 @@ class FaultyBus(Faulty, Bus):
         super().publish(topic, message, **fields)
 
     def close(self) -> None:
-        self.fault = Fault.NONE  # whoever waits in an answer ends
+        """End the fault, so that delayed answers return, then close the session."""
+        self.fault = Fault.NONE  # ends the answers that wait in `_spoiled` and `_tarry`
         super().close()
 
     def _reply(
@@ -89,8 +96,8 @@ class FaultyBus(Faulty, Bus):
             handler(b"{}", question)
 
     def _spoiled(self, topic: Topic, answer: Message | list[Sample]) -> Message | list[Sample]:
-        """What is sent in the place of ``answer``."""
-        if topic not in _ALWAYS_DONE:  # their lane stays free for the next stop
+        """Return the payload that is sent instead of ``answer``."""
+        if topic not in _ALWAYS_DONE:  # a stop does not wait, so its worker stays free for the next stop
             with self._turn:
                 self._turn.wait_for(lambda: self._fault is not Fault.STUCK)
         self._tarry()
@@ -109,7 +116,12 @@ class FaultyBus(Faulty, Bus):
 
 
 def answer_faults(bus: Bus, parts: Mapping[str, Spoilable], publish: Callable[[Topic, Message], None]) -> None:
-    """Answer ``fault/{part}`` for ``parts``, each by setting its fault, and say so."""
+    """Answer ``fault/{part}`` for every part: set its fault, and publish an event about it.
+
+    Args:
+        parts: the parts by name.
+        publish: sends the event.
+    """
     for part, spoilable in parts.items():
         bus.answer(topics.FAULT, _setter(part, spoilable, publish), worker="fault", part=part)
 
@@ -118,7 +130,7 @@ def _setter(part: str, spoilable: Spoilable, publish: Callable[[Topic, Message],
     def set_fault(payload: bytes, _asked: Asked) -> Message:
         request = decode(FaultRequest, payload)
         if request.delay_s is not None:
-            if not 0.0 <= request.delay_s <= 3600.0:  # nan is nowhere
+            if not 0.0 <= request.delay_s <= 3600.0:  # written so that NaN fails
                 raise BadPayload(f"delay_s = {request.delay_s} is no time between 0 and an hour.")
             spoilable.delay_s = request.delay_s
         text = f"Injected fault of the {part}: {request.fault}."

@@ -1,4 +1,4 @@
-"""The composition root: the one place that joins bus, drivers, planning and the daemon."""
+"""The composition root: the only module that connects bus, drivers, planning, perception and the daemon."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ from planning.robot import Robot
 
 @contextmanager
 def running_cell(station: Station, observer: Observer) -> Iterator[Daemon]:
-    """A whole cell: bus, its local nodes, daemon. Everything is closed again on every path.
+    """A whole cell: bus, its local nodes, daemon. All of it is closed again on every path.
 
-    Raises: ConfigError, PortOccupied, DriverUnavailable and whatever a node could not do.
+    Raises: ConfigError, PortOccupied, DriverUnavailable and the errors of a node that cannot start.
     """
     limit_malloc_arenas()
     for node in station.nodes.values():
@@ -39,7 +39,7 @@ def running_cell(station: Station, observer: Observer) -> Iterator[Daemon]:
         closing(open_models(station, os.environ)) as models,
         _listen(station) as bus,
     ):
-        daemons: list[Daemon] = []  # none before it is built; a node may end earlier
+        daemons: list[Daemon] = []  # empty before the daemon is built; a node may end earlier
 
         def on_exit(name: str, code: int) -> None:
             for daemon in daemons:
@@ -76,7 +76,7 @@ def running_cell(station: Station, observer: Observer) -> Iterator[Daemon]:
 
 
 def _listen(station: Station) -> Bus:
-    """Raises: ConfigError, PortOccupied."""
+    """Open the cell's listening session. Raises: ConfigError, PortOccupied."""
     settings = station.bus
     if not is_loopback(settings.endpoint):
         raise ConfigError(

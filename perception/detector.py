@@ -1,4 +1,7 @@
-"""VLAD-Grasp (paper, Algorithm 1) on one screen: imagine a rod, carry it back, make grasps of it."""
+"""VLAD-Grasp (paper, Algorithm 1) on one screen: imagine a rod, align it to the object, derive grasps.
+
+Images and points are in the ``color`` frame, grasps in ``base``; see docs/frames.md.
+"""
 
 from __future__ import annotations
 
@@ -34,16 +37,19 @@ from perception.subject import GoalImage, ObservedObject
 Array = npt.NDArray[np.float64]
 
 _SHOWN_POINTS = 3000
+"""Most points of a cloud in the evidence."""
 
 
 @dataclass(frozen=True)
 class Proposal:
-    """One imagined rod, carried back.
+    """One imagined rod, aligned to the observed object.
 
     Attributes:
-        goal, parts, drift: the goal image, taken apart, and how far it strayed. ``depth_m``: its depth.
-        observed, imagined: the object, seen and imagined. ``alignment``: between them.
-        ends: per run of the rod through the object, its ends (2, 3) [m] in the colour frame, the widest first.
+        goal, parts, drift: the goal image, its segmentation, and its deviation from the observed image.
+        depth_m: (H, W) z-depth of the goal image.
+        observed, imagined: the object in the observed image and in the goal image. ``alignment``: between the two.
+        ends: ends (2, 3) [m] of each run of the rod through the object, in the ``color`` frame, the widest first.
+        rectangles: the runs as grasp rectangles, in the order of ``ends``.
     """
 
     goal: GoalImage
@@ -60,13 +66,15 @@ class Proposal:
 def detect(
     observation: Observation, station: Station, models: Models, on_reply: OnReply, cancel: Cancel | None = None
 ) -> Detections:
-    """Ranked grasps of the target in the pick region, and the evidence for them. Pure but for the models.
+    """Detect ranked grasps of the target in the pick region, with their evidence. Pure, except for the models.
 
     Args:
-        say: told every call to the goal-image model as it happens. ``cancel``: a stop, looked at before each of them.
+        on_reply: called with the record of every call to the goal-image model, as soon as the call ends.
+        cancel: a stop request; checked before each proposal and each call.
 
     Raises:
-        CycleFailure: NO_OBJECT, NO_GRASP, MODEL_*, SPEND_LIMIT, STOPPED. Of several proposals one that holds is enough.
+        CycleFailure: NO_OBJECT, NOT_SEEN, TARGET_NOT_FOUND, NO_GRASP, MODEL_*, SPEND_LIMIT or STOPPED. With several
+            proposals, one that succeeds is enough.
     """
     cancel, base_from_color = cancel or Cancel(), observation.view.base_from_color
     cancel.raise_if_set("detect")
@@ -100,10 +108,10 @@ def detect(
 
 
 def propose(talk: Conversation, observed_object: ObservedObject, models: Models, station: Station) -> Proposal:
-    """Imagine one rod and carry it back onto the observed object. Raises: CycleFailure, as `detect`."""
+    """Imagine one rod and align it to the observed object (stages 1 to 3). Raises: CycleFailure, as `detect`."""
     rgbd, settings = observed_object.rgbd, station.perception
 
-    # Stage 1: the goal image; how far it strayed from the observed object.
+    # Stage 1: the goal image, and its drift from the observed object.
     goal = imagine(talk, observed_object, station)
     parts = take_apart(goal.image, observed_object)
     line = fit_line(parts.rod)
@@ -112,7 +120,7 @@ def propose(talk: Conversation, observed_object: ObservedObject, models: Models,
     drift = measure(goal.image, parts, observed_object, outline_fit, overlap)
     require_faithful(drift, settings.drift)
 
-    # Stage 2: lift both, and align the imagined object to the observed one.
+    # Stage 2: lift both objects, and align the imagined one to the observed one.
     if goal.depth_m is not None:
         depth_m = goal.depth_m
     elif models.depth is not None:
@@ -122,7 +130,7 @@ def propose(talk: Conversation, observed_object: ObservedObject, models: Models,
     imagined = Shape(parts.object, parts.rod, depth_m, rgbd.camera)
     alignment = align(settings.align, imagined, observed, max_residual=settings.max_residual)
 
-    # Stage 3: the rod's runs through the object, carried over, as rectangles.
+    # Stage 3: the aligned runs of the rod through the object, as rectangles.
     inverse_depth = rod_depth(line, parts.rod, depth_m)
     ends = tuple(
         transform(alignment.observed_from_goal, lift_run(line, run, inverse_depth, rgbd.camera))
@@ -135,7 +143,7 @@ def propose(talk: Conversation, observed_object: ObservedObject, models: Models,
 
 
 def grasps_of(proposal: Proposal, observed_object: ObservedObject, station: Station) -> tuple[Grasp, ...]:
-    """Every run's grasps, ranked. Raises: CycleFailure(NO_GRASP), with the runs' widths."""
+    """The ranked grasps of every run. Raises: CycleFailure(NO_GRASP), with the runs' widths [mm]."""
     grasps: list[Grasp] = []
     for index, run_ends in enumerate(proposal.ends):
         ends_base = transform(observed_object.base_from_color, run_ends)
@@ -153,7 +161,7 @@ def _same_place(chosen: Proposal, other: Proposal) -> bool:
 
 
 def _require_depth(rgbd: Rgbd, scene: Scene) -> None:
-    """Raises: CycleFailure(NOT_SEEN) for an outline - a segmenter's own - without a single measured point."""
+    """Raises: CycleFailure(NOT_SEEN) when no pixel of the outline, which a segmenter may have redrawn, has depth."""
     if not np.isfinite(rgbd.depth_m[scene.object_mask]).any():
         pixels = int(scene.object_mask.sum())
         raise CycleFailure(
@@ -162,7 +170,7 @@ def _require_depth(rgbd: Rgbd, scene: Scene) -> None:
 
 
 def _margin_px(rgbd: Rgbd, scene: Scene) -> int:
-    """Room around the object for what the hand might touch, in pixels."""
+    """Margin around the object [px] that contains everything the hand may collide with."""
     nearest_m = float(np.nanmin(rgbd.depth_m[scene.object_mask]))
     return int(np.ceil(MARGIN_M * rgbd.camera.fx / nearest_m))
 
@@ -170,7 +178,7 @@ def _margin_px(rgbd: Rgbd, scene: Scene) -> int:
 def _evidence(
     rgbd: Rgbd, crop: Crop, observed_object: ObservedObject, proposal: Proposal, sample: int, agreement: float
 ) -> Evidence:
-    """All there is to look at, in the whole image."""
+    """The evidence of the chosen proposal, in the whole undistorted colour image and the ``color`` frame."""
     observed_from_goal, goal_points = proposal.alignment.observed_from_goal, proposal.imagined.points
     rod_points = lift(proposal.parts.rod, proposal.depth_m, observed_object.rgbd.camera)
     nothing = np.zeros(rgbd.depth_m.shape, dtype=bool)
@@ -195,4 +203,4 @@ def _evidence(
 
 
 def ignore_reply(_reply: ModelReply) -> None:
-    """For a `on_reply` when nobody listens."""
+    """Discard a reply: an ``on_reply`` for callers that record nothing."""

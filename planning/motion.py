@@ -1,6 +1,6 @@
-"""One motion from rest to rest: find its way, round its corners, time it, and judge the commands before they leave.
+"""Plans one motion from rest to rest: find a path, round its corners, time it, and check its commands.
 
-Nothing else in `planning` makes a `Trajectory` that an arm will play.
+No other module of `planning` makes a `Trajectory` for an arm.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from planning.timing import rest_to_rest, timed
 from planning.world import Collision
 
 _CORNER_SHARES = (CORNER_SHARE, 0.25, 0.1, 0.02)
-"""Corners are cut less and less until nothing is touched."""
+"""Tried in this order: corners are cut less and less until the motion is free of collisions."""
 
 Allowed = Callable[[Joints], bool]
 
@@ -34,7 +34,8 @@ class Way:
     """A free joint path to one of several goals.
 
     Attributes:
-        goal: which. ``route``: how it was found. ``points_rad``: its vertices (n, 7), corners not yet rounded.
+        goal: index of the goal. ``route``: how the path was found.
+        points_rad: its vertices (n, 7), corners not yet rounded.
     """
 
     goal: int
@@ -42,20 +43,23 @@ class Way:
     points_rad: JointSamples
 
     def lines(self) -> list[JointSamples]:
-        """Its straight joint lines."""
+        """Return its straight joint lines, each (2, 7)."""
         return [self.points_rad[i : i + 2] for i in range(len(self.points_rad) - 1)]
 
 
 def connect(
     scene: Scene, q_from_rad: Joints, goals_rad: Sequence[Joints], width_m: float, allowed: Allowed | None = None
 ) -> Way:
-    """A free way to the first goal that a straight joint line reaches, else to any of them around the obstacles.
+    """Return a free path to the first goal that a straight joint line reaches, else around obstacles to any of them.
 
     Args:
+        q_from_rad: (7,) start.
+        goals_rad: goals, each (7,), the preferred one first.
         width_m: opening of the hand.
-        allowed: what else a searched path must keep to.
+        allowed: a further condition for configurations of a searched path.
 
-    Raises: Infeasible, naming what is in the way.
+    Raises:
+        Infeasible: COLLISION, naming the obstacle.
     """
     collision: Collision | str = "no goal can be reached"
     for index, goal in enumerate(goals_rad):
@@ -85,12 +89,15 @@ def motion(
     *,
     leaving: Scene | None = None,
 ) -> Segment:
-    """The motion along ``pieces``, which hold ``way`` and the tcp lines before or after it, each of them free.
+    """Return the motion along ``pieces``: the lines of ``way`` and the tcp lines before or after it, each of them free.
 
     Args:
-        leaving: the scene that counts instead on the first piece, until its corner.
+        pieces: each (m, 7), beginning where the one before ends.
+        width_m: opening of the hand.
+        leaving: the scene that applies on the first piece instead, until its corner.
 
-    Raises: Infeasible: a limit, or what would be touched.
+    Raises:
+        Infeasible: UNREACHABLE names the limit, COLLISION the pair that would touch.
     """
     collision: Collision | None = None
     for share in _CORNER_SHARES:
@@ -105,9 +112,12 @@ def motion(
 
 
 def move(scene: Scene, q_from_rad: Joints, q_to_rad: Joints) -> Trajectory:
-    """From rest to rest with the hand as wide as it may be: a straight joint line, or else around what is in the way.
+    """Return a motion from rest to rest between two configurations (7,) with the hand fully open.
 
-    Raises: CycleFailure: COLLISION, naming what is touched; MOTION_REFUSED outside the limits.
+    It is a straight joint line, or else a path around the obstacles.
+
+    Raises:
+        CycleFailure: COLLISION, naming the obstacle; MOTION_REFUSED or UNREACHABLE outside the limits.
     """
     width_m = scene.station.hand.max_width_m
     trajectory = rest_to_rest(scene.station, q_from_rad, q_to_rad)
@@ -138,7 +148,7 @@ def _bends_touch(curve: Curve, scene: Scene, width_m: float) -> Collision | None
 def _gate(
     trajectory: Trajectory, curve: Curve, scene: Scene, leaving: Scene | None, width_m: float
 ) -> Collision | None:
-    """The independent judgement of the very commands that will be sent."""
+    """Check the very commands that will be sent, with the scene's independent shapes."""
     commands = trajectory.filtered()
     if leaving is None:
         return scene.gate(commands, width_m)

@@ -1,8 +1,9 @@
-"""From ranked grasps to every motion of one pick.
+"""Plans every motion of one pick from ranked grasps.
 
-``reach`` the object along the approach line, ``carry`` it up the lift line to where it is looked at again, ``place`` it
-above the tray and down, and ``home``. The first way to grasp for which all four are free and within the limits is
-taken; every way before it keeps the reason why not. Same inputs, same bits.
+``reach`` goes to the object along the approach line, ``carry`` up the lift line to the viewpoint of the second
+capture, ``place`` above the tray and down, and ``home`` back. The first way to grasp for which all four are free and
+within the limits is taken; every earlier one keeps the reason of its rejection. Same inputs, same bits.
+Explanation: docs/planning.md; frames: docs/frames.md.
 """
 
 from __future__ import annotations
@@ -29,19 +30,20 @@ from planning.scene import Scene
 
 Array = npt.NDArray[np.float64]
 
-_EXAMINED = 16  # arm configurations tried for a place to look from
+_EXAMINED = 16  # arm configurations tried for a viewpoint
 
 
 def plan_pick(scene: Scene, grasps: Sequence[Grasp], q_now_rad: Joints, missed: Sequence[Transform] = ()) -> PickPlan:
     """Choose the first feasible of ``grasps`` (best first) and plan every motion of its pick.
 
     Args:
-        q_now_rad: where the arm rests now.
-        missed: base_from_tcp of grasps that closed on nothing before: whatever is like one of them is left out.
+        scene: the obstacles, the robot and its station.
+        q_now_rad: (7,) the arm's position at rest.
+        missed: ``base_from_tcp`` (4, 4) of grasps that closed on nothing before; grasps like them are left out.
 
     Raises:
-        CycleFailure: NO_GRASP without grasps, or when all have missed; MOTION_REFUSED or COLLISION when the arm cannot
-            start from here; UNREACHABLE or COLLISION when no grasp is feasible. It lists what was rejected.
+        CycleFailure: NO_GRASP without grasps, or when all are like a missed one; MOTION_REFUSED or COLLISION when the
+            arm cannot start from here; UNREACHABLE or COLLISION when no grasp is feasible, with the rejected ones.
     """
     _check_start(scene, q_now_rad)
     if not grasps:
@@ -68,7 +70,7 @@ def plan_pick(scene: Scene, grasps: Sequence[Grasp], q_now_rad: Joints, missed: 
 
 
 def plan_approach(scene: Scene, approach: Approach, q_now_rad: Joints) -> tuple[Segment, ...]:
-    """Every motion of the pick by one approach. Raises: Infeasible."""
+    """Plan every motion of the pick by one approach, from ``q_now_rad`` (7,). Raises: Infeasible."""
     base_from_tcp = grasp_pose(approach, scene.station)
     view_q = _view_configuration(scene.empty(), base_from_tcp[:3, 3])
     reach, carry, grasped_at = _reach_and_carry(scene, approach.grasp, base_from_tcp, q_now_rad, view_q)
@@ -77,7 +79,7 @@ def plan_approach(scene: Scene, approach: Approach, q_now_rad: Joints) -> tuple[
 
 
 def plan_reach(scene: Scene, approach: Approach, q_now_rad: Joints) -> Segment:
-    """Only the first motion. Raises: Infeasible."""
+    """Plan only the first motion, from ``q_now_rad`` (7,). Raises: Infeasible."""
     grasp, base_from_tcp = approach.grasp, grasp_pose(approach, scene.station)
     ways_to_grasp = _ways_to_grasp(scene, grasp, base_from_tcp, q_now_rad, lambda _: True)
     return first_that_works(ways_to_grasp, lambda way, pregrasp: _reach(scene, grasp, way, pregrasp))
@@ -107,7 +109,7 @@ def _none_feasible(rejected: Sequence[Rejection]) -> CycleFailure:
 def _reach_and_carry(
     scene: Scene, grasp: Grasp, base_from_tcp: Transform, q_now_rad: Joints, view_q: Joints
 ) -> tuple[Segment, Segment, Transform]:
-    """The first two motions, and where the tcp really grasps: at the pose asked for, or half a turn from it."""
+    """Plan the first two motions; also return ``base_from_tcp`` of the grasp: as given, or half a turn from it."""
 
     def calm(pregrasp: Pregrasp) -> bool:
         return keeps_level(scene.robot, pregrasp.leave_rad[-1], view_q)
@@ -139,7 +141,7 @@ def _carry(scene: Scene, holding: Scene, grasp: Grasp, pregrasp: Pregrasp, view_
 
 
 def _view_configuration(scene: Scene, object_m: Array) -> Joints:
-    """From where to look again: the capture pose moved aside, the first way the arm reaches; else the pose itself."""
+    """Return the viewpoint of the second capture: the first reachable pose aside of the capture pose, else that one."""
     robot, station = scene.robot, scene.station
     capture_q = np.array(station.arm.capture_q_rad)
     camera_m = robot.base_from_color(capture_q)[:2, 3]

@@ -1,4 +1,7 @@
-"""Where free paths may end: arm configurations from which a straight line of the tcp is free, down and up again."""
+"""Pregrasps: arm configurations at the end of a free path, from which a straight tcp line down and up again is free.
+
+Frames: docs/frames.md.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +28,7 @@ MadeT = TypeVar("MadeT")
 LOWER_M = 0.05
 """Height above the place point from which the object is lowered, and to which the hand retreats."""
 _KEPT = 4
-"""So many landings are collected before a path around the obstacles is looked for."""
+"""Number of pregrasps collected before a path around the obstacles is searched."""
 _PLACE_YAWS_RAD = np.arange(12) * np.pi / 6
 
 
@@ -34,7 +37,7 @@ class Pregrasp:
     """An arm configuration from which a tcp line is free.
 
     Attributes:
-        q_rad: where the free path may end. ``line_rad``: the line (n, 7) from there.
+        q_rad: (7,) end of the free path. ``line_rad``: the line (n, 7) from there.
         leave_rad: the line (m, 7) by which the hand leaves again.
     """
 
@@ -44,14 +47,19 @@ class Pregrasp:
 
 
 def opening_m(grasp: Grasp, station: Station) -> float:
-    """How wide the hand is while it reaches."""
+    """Return the opening of the hand while it reaches [m]."""
     return min(grasp.opening_m, station.hand.max_width_m)
 
 
 def pregrasps_of(
     scene: Scene, grasp: Grasp, base_from_tcp: Transform, q_now_rad: Joints
 ) -> Iterator[Pregrasp | Infeasible]:
-    """Where the free path may end: before the grasp, with a free approach line and a free lift line."""
+    """Yield pregrasps before the grasp, with a free approach line and a free lift line, or the reason against one.
+
+    Args:
+        base_from_tcp: (4, 4) of the grasp.
+        q_now_rad: (7,) start; the cheapest configurations from there come first.
+    """
     station = scene.station
     back_m = -station.planning.approach_m * base_from_tcp[:3, 2]
     up_m = np.array([0.0, 0.0, station.planning.lift_m])
@@ -78,7 +86,12 @@ def pregrasps_of(
 def preplaces(
     holding: Scene, grasp: Grasp, base_from_tcp_rotation: Array, view_q: Joints
 ) -> Iterator[Pregrasp | Infeasible]:
-    """Above the tray, with a free line down and up again; the object keeps its tilt, its yaw is free."""
+    """Yield pregrasps above the tray, with a free line down and up again, or the reason against one.
+
+    Args:
+        base_from_tcp_rotation: (3, 3) of the grasp: the object keeps its tilt, its yaw is free.
+        view_q: (7,) start; the cheapest configurations from there come first.
+    """
     station = holding.station
     down_m = np.array([0.0, 0.0, -LOWER_M])
     above_m = np.array(station.scene.place_m) - down_m
@@ -96,7 +109,11 @@ def preplaces(
 
 
 def first_that_works(ways: Iterator[tuple[Way, Pregrasp]], make: Callable[[Way, Pregrasp], MadeT]) -> MadeT:
-    """What ``make`` makes of the first way of which it can. Raises: Infeasible, with the most frequent reason."""
+    """Return ``make(way, pregrasp)`` of the first pair for which it succeeds.
+
+    Raises:
+        Infeasible: none succeeds; with the most frequent reason.
+    """
     failures: list[Infeasible] = []
     try:
         for way, pregrasp in ways:
@@ -117,9 +134,16 @@ def ways(
     calm: Callable[[Pregrasp], bool],
     allowed: Allowed | None = None,
 ) -> Iterator[tuple[Way, Pregrasp]]:
-    """Straight ways to calm landings; then ways around the obstacles to one; then any way to any landing.
+    """Yield straight paths to calm pregrasps; then a path around the obstacles to a calm one; then any path to any.
 
-    Raises: Infeasible at the end, when there was none.
+    Args:
+        q_from_rad: (7,) start.
+        width_m: opening of the hand.
+        calm: whether the motion after a pregrasp keeps the held object level.
+        allowed: a further condition for configurations of a searched path.
+
+    Raises:
+        Infeasible: at the end, with the most frequent reason.
     """
     failures: list[Infeasible] = []
     kept: list[tuple[Pregrasp, bool]] = []
@@ -164,6 +188,7 @@ def _require_free(name: str, scene: Scene, points_rad: JointSamples, width_m: fl
 
 
 def shifted(pose: Transform, shift_m: Array) -> Transform:
+    """Return the pose (4, 4) moved by ``shift_m`` (3,) in its parent's frame."""
     return _posed(pose[:3, :3], pose[:3, 3] + shift_m)
 
 

@@ -1,4 +1,4 @@
-"""Where to look at a calibration board from: many directions, each reached without touching anything."""
+"""Viewpoints of a calibration board: many directions, each reached without collision. Frames: docs/frames.md."""
 
 from __future__ import annotations
 
@@ -23,9 +23,13 @@ _EXAMINED = 12
 
 
 def viewpoints(scene: Scene, station: Station, q_from_rad: Joints) -> list[Joints]:
-    """As many arm configurations as `calibration.poses`, each looking at the board's middle from another direction.
+    """Return ``calibration.poses`` arm configurations (7,), each looking at the board's middle from another direction.
 
-    Raises: CalibrationError when fewer than 12 can be reached.
+    Args:
+        q_from_rad: (7,) start; each viewpoint is reached from the one before.
+
+    Raises:
+        CalibrationError: fewer than 12 can be reached.
     """
     wanted, found = station.calibration.poses, []
     q_rad = q_from_rad
@@ -45,7 +49,7 @@ def viewpoints(scene: Scene, station: Station, q_from_rad: Joints) -> list[Joint
 
 
 def _looks(station: Station) -> Iterator[Transform]:
-    """Poses of the colour camera, spread over directions, distances and turns about the view."""
+    """Yield poses (4, 4) of the colour camera, spread over directions, distances and turns about the optical axis."""
     settings = station.calibration
     center_m = np.array(settings.board_center_m)
     turn = 0

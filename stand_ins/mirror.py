@@ -1,4 +1,4 @@
-"""A Femto Mega stand-in whose pictures are of the simulated table, with the arm where a running cell's arm is.
+"""A Femto Mega stand-in that shows the simulated table, with the arm at the pose of a running cell's arm.
 
 ``python -m stand_ins.mirror HOST ENDPOINT CELL_ID``
 """

@@ -1,6 +1,6 @@
-"""The hand and eye of the model server: finds an axis in the picture it is shown, speaks of it in pixels, paints it.
+"""The image model of the model server: finds an axis in the image, describes it in pixels, and paints a rod.
 
-It sees what a hosted model sees - a picture and a prompt - and nothing of the cell.
+Its input is that of a hosted model, an image and a prompt; it knows nothing of the cell.
 """
 
 from __future__ import annotations

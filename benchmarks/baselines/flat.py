@@ -1,6 +1,6 @@
-"""An image without usable depth, as a scene: its object a prism of its own outline, seen from straight above.
+"""A scene from an image without usable depth: the object is a prism of its own outline, seen from straight above.
 
-What is found in it is right in the image; lengths along the line of sight are made up, so it never moves an arm.
+Results are valid in the image; lengths along the line of sight are invented, so it never moves an arm.
 """
 
 from __future__ import annotations

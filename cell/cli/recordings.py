@@ -1,4 +1,4 @@
-"""``cell cycles``, ``show``, ``report``, ``recover``: what was recorded, listed, told, as pages, and made whole."""
+"""``cell cycles``, ``show``, ``report``, ``recover``: list, explain, report and recover recordings."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from logs.report.timeline import Timeline, summarize
 _STYLE = {"SUCCESS": "green", "EMPTY": "yellow", "UNFINISHED": "yellow", "INTERRUPTED": "yellow", "TORN": "yellow"}
 _BAD = "bold red"
 _WIDTH = 1000
-"""Where no terminal says its own: nothing is cut."""
+"""Columns when no terminal reports its width: nothing is cut."""
 
 Cycle = Annotated[
     str, typer.Argument(metavar="FILE|CYCLE", help="A recording (.mcap), or a cycle's id or a part of it.")
@@ -32,7 +32,7 @@ Cycle = Annotated[
 
 
 def find_cycle(name: str, config: Path) -> Path:
-    """The recording that a command's FILE|CYCLE means. Raises: RecordingError, ConfigError."""
+    """The recording named by a command's FILE|CYCLE. Raises: RecordingError, ConfigError."""
     return find_recording(name, load_station(config).recording.folder)
 
 
@@ -148,7 +148,7 @@ def report(
 
 
 def _report_folder(folder: Path) -> tuple[list[Path], dict[Path, str]]:
-    """Write what is missing or outdated; the pages of the days, newest first, and what has none, with the reason."""
+    """Write missing and outdated pages; return the days' pages, newest first, and the failed recordings' reasons."""
     todo = outdated(folder)
     written = {path: write_cycle(path) for path in tracked(todo, len(todo), "writing pages", err)}
     damaged = {path: why for path, why in written.items() if why}
@@ -170,7 +170,7 @@ def recover(
     for file in files:
         try:
             done = recover_file(file)
-        except RecordingError as error:  # the others are recovered all the same
+        except RecordingError as error:  # the others are still recovered
             err.line(f"{error.code}: {error}")
             failed = error
             continue

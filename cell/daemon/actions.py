@@ -1,4 +1,4 @@
-"""What the machine does in its acting states: self-check, begin, pick, complete, hold, unhold, stop, clear."""
+"""The actions of the machine's acting states: self-check, begin, pick, complete, hold, unhold, stop, clear."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from logs.mcap.recorder import Under, ensure_space, plain
 
 
 def new_cycle_id() -> str:
-    """The UTC time to the millisecond: unique in one cell, and sorted by age."""
+    """A cycle id: the UTC time to the millisecond, unique in one cell and sorted by age."""
     return f"{datetime.now(UTC):%Y%m%dT%H%M%S%f}"[:-3]
 
 
@@ -66,7 +66,7 @@ class Actions:
         self._station = equipment.station
         self.table = SimulatedTable(presenter, equipment.station)
         self._publish, self._on_stage, self._on_result, self._on_fault = publish, on_stage, on_result, on_fault
-        self._number = -1  # of the pick, however often it is tried
+        self._number = -1  # number of the pick, the same for all its attempts
         self._cycle: Cycle | None = None
         self._retries = Retries(self._station.retry)
         self._retry: Attempt | None = None
@@ -82,7 +82,9 @@ class Actions:
         return cycle.cycle_id if cycle is not None else ""
 
     def reset(self) -> None:
-        """Self-check, then the arm to the capture pose with an open hand. Raises: CycleFailure or DriverError."""
+        """Run the self-check, then move the arm to the capture pose with an open hand. Raises: CycleFailure,
+        DriverError.
+        """
         reset(self._equipment, self._gate, self._nodes_alive())
         self.table.look()
 
@@ -113,16 +115,16 @@ class Actions:
         )
 
     def _name_object(self, cycle: Cycle, ask: Callable[[], str]) -> None:
-        """What the feeder says of the cycle's object. Raises: CycleFailure, kept in the cycle."""
+        """Take the object's name from the presenter. Raises: CycleFailure, also kept in the cycle."""
         try:
             cycle.object = ask()
         except (DriverError, BusError) as error:
             raise cycle.fail(error) from error
-        except ConfigError as error:  # no object can be presented, or not this one
+        except ConfigError as error:  # this object, or any object, cannot be presented
             raise cycle.fail(CycleFailure(Code.NO_OBJECT, str(error))) from error
 
     def pick(self) -> None:
-        """The five stages. A pick that failed goes on to Completing; a fault of a device does not."""
+        """Run the five stages. A failed pick goes on to Completing. Raises: CycleFailure for a fault of a device."""
         cycle = self._cycle
         assert cycle is not None
         try:
@@ -134,7 +136,7 @@ class Actions:
         self._hold_after_failures = self._retries.holds()
 
     def restart_attempts(self, attempt: Attempt | None = None, object_name: str | None = None) -> None:
-        """Forget what failed before, because a client commands anew.
+        """Forget earlier failures, because a client gives a new command.
 
         Args:
             attempt: the one that begins next; None = a new one.
@@ -144,12 +146,12 @@ class Actions:
         self._retries, self._hold_after_failures = Retries(self._station.retry), ""
 
     def take_hold_after_failures(self) -> str:
-        """Why the cell should hold at the end of this pick, or ""; asked once a pick."""
+        """The reason to hold at the end of this pick, or ""; called once a pick."""
         why, self._hold_after_failures = self._hold_after_failures, ""
         return why
 
     def complete(self) -> None:
-        """Deliver, and close the record."""
+        """Deliver the object, and close the record. Raises: CycleFailure."""
         cycle = self._cycle
         assert cycle is not None
         cycle.deliver()
@@ -158,15 +160,19 @@ class Actions:
         self._finish(self._retry.cycle_id if self._retry is not None else "")
 
     def hold(self) -> None:
-        """Hold what moves, until the arm rests. Raises: CycleFailure when it does not."""
+        """Hold all motion until the arm rests. Raises: CycleFailure when it does not."""
         standstill.hold(self._equipment.arm, self._gate, self._station.arm.rest_s)
 
     def unhold(self) -> None:
-        """Let go on what was held. Raises: MotionRefused, BusError."""
+        """Resume the held motion. Raises: MotionRefused, BusError."""
         standstill.unhold(self._equipment.arm, self._gate)
 
     def stop(self, no_action_running: Callable[[float], bool]) -> None:
-        """Stop until no action runs and the arm rests; the open cycle ends here. Raises: CycleFailure."""
+        """Stop until no action runs and the arm rests; the open cycle ends. Raises: CycleFailure.
+
+        Args:
+            no_action_running: waits up to a time [s]; True when no other action runs.
+        """
         try:
             standstill.stop(
                 self._equipment.arm, self._equipment.hand, self._gate, no_action_running, self._station.arm.rest_s
@@ -177,18 +183,19 @@ class Actions:
             self._finish()
 
     def clear(self) -> None:
+        """Recover the arm after an abort. Raises: DriverError, BusError."""
         self._equipment.arm.recover()
 
     def halt_devices(self) -> None:
-        """Stop what moves without waiting for anything. Never raises."""
+        """Stop all motion without waiting. Never raises."""
         self._gate.halt()
         self._equipment.arm.stop()
         self._equipment.hand.stop()
 
     def _finish(self, retried_as: str = "") -> None:
-        """Close the cycle's record, if one is open, then say the result: whoever hears it finds the file.
+        """Close the cycle's record, if one is open, then publish the result, so that receivers find the file.
 
-        Raises: CycleFailure(RECORDING), after saying so as the result.
+        Raises: CycleFailure(RECORDING), after publishing it as the result.
         """
         cycle, log = self._cycle, self.log
         if cycle is None or log is None:

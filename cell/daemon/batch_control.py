@@ -1,7 +1,7 @@
-"""Which pick follows: a command begins a batch of picks, its results end it, and between two the cell commands itself.
+"""Controls the sequence of picks: a command begins a batch, its results end it; in between the cell commands itself.
 
-All of it happens on the machine's owner thread, in the order in which it came. Whether the cell is held is not decided
-here: `cell.machine.holding`.
+All of it runs on the machine's owner thread, in order of arrival. `cell.machine.holding` decides whether the cell is
+held.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _OWN = CommandRequest(client_id=CELL_CLIENT)
 
 
 class BatchControl:
-    """Every member but `lose_lease` and `count` is called by the machine's owner thread.
+    """Controls the batch of one machine. All members but `lose_lease` and `count` are called by its owner thread.
 
     Args:
         retry: of the station.
@@ -31,16 +31,19 @@ class BatchControl:
         self._actions, self._publisher, self._retry = actions, publisher, retry
         self._machine: Machine | None = None
         self._batch: Batch | None = None
-        self._is_start = False  # a start may hold after failures, a single pick ends
+        self._is_start = False  # a start may hold after failures; a single pick ends
 
     def drive(self, machine: Machine) -> None:
-        """From now on ``machine`` is the one to command."""
+        """Set the machine to command; called once, before any other member."""
         self._machine = machine
 
     # --- commands -----------------------------------------------------------------------------------------------------
 
     def accept(self, verb: str, request: CommandRequest) -> str:
-        """The id of the cycle that a command begins, or "". Raises: Refused for what the batch or the table forbids."""
+        """Process a command. Returns the id of the cycle that it begins, or "".
+
+        Raises: Refused when the batch or the table does not allow it.
+        """
         if verb in ("stop", "abort"):
             self._batch = None
         elif request.client_id == CELL_CLIENT:
@@ -53,12 +56,12 @@ class BatchControl:
         return ""
 
     def _require_next(self, verb: str) -> None:
-        """For what the cell commands itself between two picks. Raises: Refused when no pick is to follow any more."""
+        """Check a command of the cell itself between two picks. Raises: Refused when no further pick follows."""
         if verb in ("reset", "start") and (self._batch is None or self._batch.is_over):
             raise Refused("No other pick is to follow.", code="BATCH_OVER")
 
     def _begin(self, verb: str, request: CommandRequest) -> str:
-        """Begin the picks of a ``start``, or the one of a ``pick``: the first one's cycle id. Raises: Refused."""
+        """Begin the picks of a ``start``, or the one of a ``pick``; return the first cycle's id. Raises: Refused."""
         self._actions.table.require_possible(request)
         self._is_start = verb == "start"
         self._batch = Batch(request if verb == "start" else CommandRequest(), self._retry)
@@ -69,7 +72,7 @@ class BatchControl:
     # --- states -------------------------------------------------------------------------------------------------------
 
     def enter(self, state: State, reason: str) -> None:
-        """Publish the new state, and do what is due in it."""
+        """Publish the new state, and take the actions due in it."""
         self._publisher.publish_state(state, reason)
         if reason and state in (State.ABORTING, State.ABORTED):
             self._publisher.publish_event(state.upper(), "error", reason)
@@ -78,7 +81,7 @@ class BatchControl:
         self._go_on(state)
 
     def _go_on(self, state: State) -> None:
-        """With the next cycle of a ``start``."""
+        """Command the next cycle of a ``start`` when the state is Complete or Idle."""
         goes_on = self._batch is not None and not self._batch.is_over
         if state is State.COMPLETE and goes_on:
             self._drives.post("reset", _OWN)
@@ -88,7 +91,7 @@ class BatchControl:
             self._batch = None
 
     def _hold_after_failures(self) -> None:
-        """Before the delivery begins: after too many failures a person must look first."""
+        """Hold before the delivery after too many failures, so that a person examines the cell first."""
         why = self._actions.take_hold_after_failures()
         if why and self._is_start:
             self._publisher.publish_event("GAVE_UP", "error", why)
@@ -97,16 +100,16 @@ class BatchControl:
     # --- beside the states --------------------------------------------------------------------------------------------
 
     def lose_lease(self, client_id: str, why: str) -> None:
-        """End the batch and hold: nobody attends the motion. Any thread calls it, the owner thread decides."""
+        """End the batch and hold: no client attends the motion. Any thread may call it; the owner thread acts."""
         reason = f"The lease of {client_id!r} was lost ({why}): nobody attends the motion."
         self._drives.decide(lambda: self._hold_unattended(reason))
 
     def _hold_unattended(self, reason: str) -> None:
-        self._batch = None  # no further cycle begins
+        self._batch = None  # so no further cycle begins
         self._drives.hold_soon(reason)
 
     def count(self, result: CycleResult) -> None:
-        """Count a cycle's result, told by the action that ended it; publish an event when the ``start`` gives up."""
+        """Count a cycle's result, on the thread of the action that ended it; publish an event when a batch gives up."""
         batch = self._batch
         if batch is None:
             return

@@ -1,4 +1,4 @@
-"""The daemon: answers commands, and owns the machine, the works and what is said of them on the bus."""
+"""The daemon: answers commands; it owns the machine, the actions and the publisher."""
 
 from __future__ import annotations
 
@@ -54,11 +54,13 @@ class Daemon:
 
     Args:
         station: its configuration.
-        bus: the cell's own (listening) session; stays the caller's to close.
+        bus: the cell's own (listening) session; remains the caller's to close.
         devices: connected devices, usually `drivers.remote`.
         robot: the planning model. ``models``: perception's.
-        observer: told everything the daemon says, on the thread that says it; it may only enqueue.
-        restarts, end_frozen: of the nodes' supervisor: how often a node was brought back; end one that hangs.
+        observer: called with every message of the daemon, on the publishing thread; it may only enqueue.
+        restarts: gives the number of restarts of a node. ``end_frozen``: kills a frozen node.
+
+    Raises: DriverError when a camera, an arm or a hand is missing.
     """
 
     def __init__(
@@ -134,13 +136,13 @@ class Daemon:
         }
 
     def _reset(self) -> None:
-        """Raises: CycleFailure when this process is not whole any more, and as `Actions.reset`."""
+        """Reset. Raises: CycleFailure when the watchdog has ended, and as `Actions.reset`."""
         if not self._watchdog.is_alive():
             raise CycleFailure(Code.INTERNAL, "Nobody watches the nodes any more: end this cell and start it again.")
         self._actions.reset()
 
     def open(self) -> None:
-        """Answer commands; the machine begins in Stopped."""
+        """Begin to answer commands; the machine begins in Stopped."""
         self._bus.tap = self._record
         for topic in topics.TOPICS:
             if topic.kind == "publish" and topic.logged:
@@ -160,7 +162,7 @@ class Daemon:
         self._watchdog.start()
 
     def close(self) -> None:
-        """Stop what runs, then end the machine; idempotent."""
+        """Stop all actions, then end the machine; idempotent."""
         if "stop" in available(self.machine.state):
             self.command("stop", CommandRequest(client_id=CELL_CLIENT))
         give_up_s = time.monotonic() + _CLOSE_PATIENCE_S
@@ -170,20 +172,20 @@ class Daemon:
         self.machine.close()
 
     def command(self, verb: str, request: CommandRequest) -> CommandReply:
-        """A command from inside this process; the same as one over the bus."""
+        """Send a command from inside this process; equivalent to one over the bus."""
         return self.machine.command(verb, request)
 
     def health(self) -> CellHealth:
-        """The cell's health now, node by node, and what ended unforeseen in this process."""
+        """The cell's health now, node by node, and the defects of this process."""
         health, defects = self._monitor.health(), self._defects
         return health.model_copy(update={"defects": defects, "is_healthy": health.is_healthy and not defects})
 
     def is_ours(self, sample: Sample) -> bool:
-        """Whether a sample from outside this process is one of the cell's own nodes'."""
+        """True for a sample of one of the cell's own nodes."""
         return self._speakers.is_ours(sample)
 
     def objects_left(self) -> int | None:
-        """Simulation: how many objects really are in the pick region; None where nobody knows."""
+        """Simulation: number of objects really in the pick region; None when unknown."""
         try:
             return self._actions.table.left()
         except (DriverError, BusError) as error:
@@ -193,11 +195,11 @@ class Daemon:
     # --- the nodes ----------------------------------------------------------------------------------------------------
 
     def lose_node(self, name: str, text: str) -> None:
-        """A node's process ended: everything stops, and the machine aborts with its name."""
+        """Handle the end of a node's process: all motion stops, and the machine aborts with the node's name."""
         self._on_lost(name, CycleFailure(Code.NODE_LOST, text))
 
     def welcome_node(self, name: str) -> None:
-        """A node is back; nothing moves by itself."""
+        """Publish that a node is back; nothing moves by itself."""
         self.publisher.publish_event(
             "NODE_BACK", "info", f"The node {name!r} was started again.", ADVICE[Code.NODE_LOST]
         )
@@ -206,22 +208,22 @@ class Daemon:
         self._on_fault(failure)
 
     def _on_fault(self, failure: CycleFailure) -> None:
-        """Something outside any stage failed: every motion stops, and the machine aborts with its reason."""
+        """Handle a failure outside any stage: all motion stops, and the machine aborts with its reason."""
         self.machine.fault(failure)
 
     def on_defect(self, name: str, defect: BaseException) -> None:
-        """An owned thread of this process ended by an exception nobody foresaw: the cell aborts."""
+        """Handle an unforeseen exception that ended an owned thread of this process: the cell aborts."""
         text = f"{name} ended: {type(defect).__name__}: {defect}."
         self._defects = (*self._defects, text)[-_KEPT_DEFECTS:]
         self.machine.defect(CycleFailure(Code.INTERNAL, text))
-        if not self.machine.is_owned:  # nobody is there to abort: the least that can be done
+        if not self.machine.is_owned:  # no owner thread can abort any more: at least stop the devices
             self._actions.halt_devices()
 
     def _on_node_twice(self, name: str, who: str) -> None:
         text = f"Two nodes are called {name!r}: {who}. Both would carry out every motion."
         self._on_fault(CycleFailure(Code.NODE_LOST, text))
 
-    # --- what others say ----------------------------------------------------------------------------------------------
+    # --- messages of others -------------------------------------------------------------------------------------------
 
     def _on_command(self, payload: bytes, asked: Asked) -> Message:
         request, verb = decode(CommandRequest, payload), asked.verb
@@ -233,7 +235,10 @@ class Daemon:
         return reply.model_copy(update={"lease": self._leases.take(verb, request.client_id, asked.source)})
 
     def _worker_of(self, asked: Asked, payload: bytes) -> str:
-        """What stops the arm waits behind no other command, and no command behind one whose token is awaited."""
+        """The worker for a command, so that a stop waits for no other command.
+
+        Commands whose token is still awaited have a worker of their own, so that no other command waits for them.
+        """
         if asked.verb in _ANYONES:
             return "command-stop"
         try:
@@ -251,13 +256,13 @@ class Daemon:
         return result
 
     def _record(self, sample: Sample) -> None:
-        """What this process says, asks and is answered."""
+        """Record a message of this process, or a reply to it."""
         log = self._actions.log
         if log is not None:
             log.hear(sample)
 
     def _hear(self, sample: Sample) -> None:
-        """What others publish on the cell's keys."""
+        """Process a message that another process published on the cell's keys."""
         if self._speakers.is_ours(sample):
             self._record(sample)
             self._monitor.hear(sample)
@@ -273,7 +278,7 @@ class Daemon:
             "Find the program; only the cell and its nodes publish below cell/CELL_ID.",
         )
 
-    # --- what the works tell ------------------------------------------------------------------------------------------
+    # --- callbacks of the actions -------------------------------------------------------------------------------------
 
     def _on_result(self, result: CycleResult) -> None:
         self._results[result.cycle_id] = result
@@ -282,7 +287,7 @@ class Daemon:
         self._batches.count(result)
 
     def _publish_heartbeat(self) -> None:
-        """By the machine's owner: who hears it knows that a stop would be answered."""
+        """Publish the heartbeat, on the machine's owner thread: it proves that a stop would be answered."""
         if time.monotonic() - self._published_s >= TURN_S / 2:
             self._published_s = time.monotonic()
             with suppress(BusError):  # closing

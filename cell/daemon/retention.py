@@ -1,4 +1,4 @@
-"""Keeps the recordings within `recording.keep_gb` and `keep_days`, beside the cycles, and says so a day ahead."""
+"""Keeps the recordings within `recording.keep_gb` and `keep_days`, and announces deletions a day ahead."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ _PERIOD_S = 60.0
 _LONGEST_S = 3600.0
 _SAID_AGAIN_S = 24 * 3600.0
 _REST_S = 0.002
-"""Between two recordings that are looked into: a thousand cost two seconds, and the cycle nothing."""
+"""Pause between two recordings that are read: a thousand take two seconds, and the cycle is not slowed."""
 _ADVICE = "Copy what you want to keep, pin it with an empty CYCLE.keep beside CYCLE.mcap, or raise that setting."
 
 
 class PublishEvent(Protocol):
-    """`cell.daemon.publisher.Publisher.publish_event`."""
+    """The signature of `cell.daemon.publisher.Publisher.publish_event`."""
 
     def __call__(
         self, code: str, severity: Literal["info", "warning", "error"], text: str, advice: str = "", /
@@ -34,10 +34,12 @@ class PublishEvent(Protocol):
 
 
 class Retention:
-    """A thread from `start` to `close`, where the settings ask for one: a pass at the start, and after cycles.
+    """A thread from `start` to `close`, if the settings limit recordings: a pass at the start and after cycles.
 
     Args:
-        period_s: between two passes at least.
+        settings: limits in GB and days.
+        clock_ns: UTC clock.
+        period_s: least time between two passes.
     """
 
     def __init__(
@@ -59,13 +61,13 @@ class Retention:
         self._thread = OwnedThread(Role.RETENTION, self._run)
 
     def start(self) -> Retention:
-        """Begin, if anything is ever to be deleted; returns itself."""
+        """Start the thread if the settings ever delete anything; return itself."""
         if self._settings.keep_gb or self._settings.keep_days:
             self._thread.start()
         return self
 
     def after_cycles(self, observer: Observer) -> Observer:
-        """An observer that also tells of every cycle that ended."""
+        """An observer that wraps ``observer`` and triggers a pass after every cycle."""
 
         def hear(topic: Topic, message: Message | bytes) -> None:
             if topic is topics.RESULT:
@@ -81,7 +83,7 @@ class Retention:
         self._thread.join()
 
     def tidy(self) -> None:
-        """One pass. What cannot be deleted is an event, and tried again in the next one."""
+        """Make one pass. A recording that cannot be deleted is published as an event, and retried in the next pass."""
         try:
             plan = self._shelf.plan(self._clock_ns(), self._settings)
         except RecordingError as error:

@@ -1,4 +1,7 @@
-"""Says on the bus where every link of the arm is, while it moves: so 3-D viewers show it, live and from a recording."""
+"""Publishes the poses of all links of the arm, for 3-D viewers of the live cell and of recordings.
+
+Frames: docs/frames.md.
+"""
 
 from __future__ import annotations
 
@@ -22,22 +25,22 @@ from planning.robot import Robot
 
 _PERIOD_S = 1 / 30
 _AT_REST_S = 1.0
-"""A viewer, or a recording, that begins meanwhile has the arm after so long."""
+"""Period for an arm at rest: a new viewer or recording gets its pose within this time."""
 _STILL_RAD, _STILL_M = 1e-4, 1e-4
 
 
 class RobotTf:
-    """A thread from construction to `close`: the newest states of arm and hand as transforms, 30 times a second.
+    """A thread from construction to `close`: publishes the newest states of arm and hand as transforms at 30 Hz.
 
-    An arm at rest is said once a second. What cannot be read is passed over: `cell.nodes.health` says that.
+    An arm at rest is published once a second. Undecodable states are skipped; `cell.nodes.health` reports them.
 
     Args:
-        is_ours: whether a sample is one of the cell's own nodes' (`cell.nodes.speakers`).
+        is_ours: True for a sample of one of the cell's own nodes (`cell.nodes.speakers`).
     """
 
     def __init__(self, bus: Bus, robot: Robot, is_ours: Callable[[Sample], bool]) -> None:
         self._bus, self._links, self._is_ours = bus, Links(robot), is_ours
-        self._arm = self._hand = b""  # replaced whole, on the bus's threads
+        self._arm = self._hand = b""  # replaced as a whole, on the bus's threads
         self._said: tuple[Joints, float] | None = None
         self._published_s = 0.0
         self._closing = threading.Event()
@@ -46,7 +49,7 @@ class RobotTf:
         bus.subscribe(topics.HAND_STATE.key, self._hear_hand)
 
     def close(self) -> None:
-        """Say no more; idempotent."""
+        """End the thread; idempotent."""
         self._closing.set()
         self._thread.join()
 
@@ -67,11 +70,11 @@ class RobotTf:
                     self._publish(arm, self._hand)
                 except BadPayload:
                     continue
-                except BusError:  # it was closed
+                except BusError:  # the session was closed
                     return
 
     def _publish(self, arm: bytes, hand: bytes) -> None:
-        """Raises: BadPayload for states that are none, BusError."""
+        """Publish the transforms of two states. Raises: BadPayload for undecodable states, BusError."""
         q_rad, width_m = arm_q_rad(arm), decode(HandState, hand).width_m if hand else 0.0
         if not np.isfinite(width_m):
             raise BadPayload("A hand's width is no number.")

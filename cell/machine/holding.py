@@ -1,4 +1,4 @@
-"""The one owner of "is this cell held, and why?": the reason, and the gate that closes with it."""
+"""The single owner of "is this cell held, and why?": the reason, and the gate that closes with it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _AFRESH = ("reset", "clear", "start", "pick")
 
 
 class Holding:
-    """Only the machine's owner thread changes it; any thread may read it.
+    """The hold state. Only the machine's owner thread changes it; any thread may read it.
 
     Attributes:
         gate: every motion passes it. A hold closes it, a stop halts it, an operator's new beginning clears it.
@@ -23,7 +23,7 @@ class Holding:
         self.reason = ""
 
     def accept(self, verb: str, reason: str, *, is_own: bool) -> None:
-        """Follow an accepted command. Between two picks the cell commands itself: that changes nothing here."""
+        """Follow an accepted command; the cell's own commands between two picks (``is_own``) change nothing."""
         if verb in _ENDING_ALL:
             self.reason = ""
             self.gate.halt()
@@ -35,10 +35,10 @@ class Holding:
                 self.gate.clear()
 
     def close(self, reason: str) -> None:
-        """Let no further motion begin; the one under way is held by the action of the state that follows."""
+        """Let no further motion begin; the action of the state that follows holds the one under way."""
         self.reason = reason
         self.gate.hold()
 
     def is_due(self, state: State) -> bool:
-        """Whether the cell is to be held, is not yet, and ``state`` allows it."""
+        """True when the cell is to be held, is not yet held, and ``state`` allows it."""
         return self.reason != "" and not self.gate.held and state in COMMANDS["hold"]

@@ -1,8 +1,8 @@
-"""The owner of the machine: one thread takes commands and ends of work, one at a time, and moves the states.
+"""The owner of the machine: one thread processes commands and ends of actions one at a time, and changes the state.
 
-An acting state runs an `Action` in a thread of its own; an action never decides which state comes next. Every run of
-an action has a number: the end of one that a stop left behind is not taken for the end of another, and nothing begins
-while one still runs. Whether the cell is held, and why, is `Holding`'s; this thread alone changes it.
+An acting state runs an `Action` in a thread of its own; an action never decides the next state. Every run of an action
+has a number: the end of a run that a stop left behind is not taken for the end of another, and nothing begins while
+one still runs. `Holding` knows whether the cell is held, and why; only this thread changes it.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ _log = logging.getLogger(__name__)
 _REMEMBERED_COMMANDS = 256
 _STOPPING = (State.STOPPING, State.ABORTING)
 _NOT_YET = GOING_ON | {State.STARTING}
-"""Nothing can be held in these, and something that can follows."""
+"""States in which nothing can be held, and which a state that can be held follows."""
 _OWN = CommandRequest(client_id=CELL_CLIENT)
 TURN_S = 0.1
-"""The owner does nothing for no longer than this."""
+"""Longest time without a turn of the owner thread."""
 _LOOK_S = 0.5
 
 Action = Callable[[], None]
-"""What an acting state does. A `CycleFailure` or other `CellError` it raises aborts the machine."""
+"""The action of an acting state. A `CycleFailure` or other `CellError` that it raises aborts the machine."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class _Fault:
 
 @dataclass(frozen=True)
 class _Act:
-    """Something to be decided on the owner thread, between two commands."""
+    """A decision for the owner thread, between two commands."""
 
     act: Callable[[], None]
 
@@ -96,7 +96,7 @@ class Machine:
         on_state: called by the owner thread at every change, with the state and the reason.
         on_accept: called by the owner thread with every command that the state allows, before the state changes; it
             returns the id of the cycle that the command begins, or "", and may raise Refused.
-        on_turn: called by the owner thread at least every `TURN_S`: while it is, commands are answered.
+        on_turn: called by the owner thread at least every `TURN_S`; as long as it is called, commands are answered.
     """
 
     def __init__(
@@ -114,21 +114,21 @@ class Machine:
         self.state = State.STOPPED
         self._why = self._why_aborted = ""
         self._numbers = itertools.count(1)
-        self._run = self._held = _Run(0, State.STOPPED)  # the state's own, and that of the held state
-        self._ended_held: _Done | None = None  # the held state's action, when it ended by itself meanwhile
+        self._run = self._held = _Run(0, State.STOPPED)  # the run of the state, and that of the held state
+        self._ended_held: _Done | None = None  # the end of the held state's action during the pause
         self._thread = OwnedThread(Role.MACHINE, self._own)
         self._ended = threading.Event()
-        self._open: set[_Run] = set()  # runs whose end was not yet taken; the owner thread's
+        self._open: set[_Run] = set()  # runs whose end was not yet processed; used by the owner thread
         self._runs_change = threading.Condition()
-        self._running: set[_Run] = set()  # runs that are under way; guarded by it
+        self._running: set[_Run] = set()  # runs under way; guarded by `_runs_change`
 
     def start(self) -> None:
-        """Begin in Stopped: nothing moves until somebody commands it."""
+        """Start the owner thread in Stopped: nothing moves before a command."""
         self._on_state(self.state, "")
         self._thread.start()
 
     def command(self, verb: str, request: CommandRequest) -> CommandReply:
-        """Ask for a command, from any thread; the answer says whether it was accepted."""
+        """Request a command, from any thread, and wait for the reply, which says whether it was accepted."""
         reply: Future[CommandReply] = Future()
         reason = f"command {verb!r} from {request.client_id or 'a client'}"
         self._inbox.put(_Command(verb, request, reply, reason))
@@ -140,23 +140,23 @@ class Machine:
                     return self._refusal(CycleFailure(Code.INTERNAL, "The thread that owns the machine has ended."))
 
     def post(self, verb: str, request: CommandRequest, reason: str = "") -> None:
-        """Ask for a command without waiting for the answer: for the owner thread itself, and for callbacks."""
+        """Request a command without waiting for the reply: for the owner thread itself, and for callbacks."""
         self._inbox.put(_Command(verb, request, Future(), reason))
 
     def decide(self, act: Callable[[], None]) -> None:
-        """Have ``act`` done by the owner thread, after what is queued; does not wait."""
+        """Let the owner thread run ``act``, after the queued items; does not wait."""
         self._inbox.put(_Act(act))
 
     def fault(self, failure: CycleFailure) -> None:
-        """Report that something failed outside any action (a node died): every motion ends, and the machine aborts.
+        """Report a failure outside any action (e.g. a lost node): all motion ends, and the machine aborts.
 
-        A machine that is Stopped stays so.
+        A Stopped machine stays Stopped.
         """
-        self._inbox.put(_Fault(failure))  # before the action that the gate interrupts can end by itself
+        self._inbox.put(_Fault(failure))  # queued before the action that the gate interrupts can end
         self.holding.gate.halt(failure)
 
     def defect(self, failure: CycleFailure) -> None:
-        """Report that the cell itself is not whole any more: as `fault`, from every state."""
+        """Report a defect of the cell itself: as `fault`, but from every state."""
         self._inbox.put(_Fault(failure, is_defect=True))
         self.holding.gate.halt(failure)
 
@@ -176,16 +176,16 @@ class Machine:
 
     @property
     def is_owned(self) -> bool:
-        """Whether its owner thread answers commands, or will once it is started."""
+        """True when the owner thread answers commands, or will do so once started."""
         return not self._ended.is_set()
 
     def wait_no_action(self, timeout_s: float) -> bool:
-        """Wait until no action other than the stopping ones runs; these use it."""
+        """Wait up to ``timeout_s`` until no action runs, except the stopping ones, which call this."""
         with self._runs_change:
             return self._runs_change.wait_for(lambda: all(run.state in _STOPPING for run in self._running), timeout_s)
 
     def close(self) -> None:
-        """End the owner thread after what is queued."""
+        """End the owner thread after the queued items."""
         self._inbox.put(None)
         self._thread.join()
 
@@ -196,7 +196,7 @@ class Machine:
             while (item := self._next()) is not None:
                 try:
                     self._take(item)
-                except Exception as defect:  # noqa: BLE001 - without an owner nobody could stop the cell
+                except Exception as defect:  # noqa: BLE001 - without the owner thread the cell could not be stopped
                     self._survive(item, defect)
         finally:
             self._ended.set()
@@ -223,7 +223,7 @@ class Machine:
             self._enter(State.ABORTING, str(item.failure))
 
     def _survive(self, item: _Item, defect: Exception) -> None:
-        """A defect in what was just taken: its asker is answered, and the machine aborts."""
+        """Handle a defect while processing an item: its client gets a reply, and the machine aborts."""
         failure = CycleFailure(Code.INTERNAL, f"{type(defect).__name__}: {defect}.")
         report_defect(str(Role.MACHINE), defect)
         if isinstance(item, _Command) and not item.reply.done():
@@ -242,9 +242,9 @@ class Machine:
         )
 
     def _decide(self, command: _Command) -> CommandReply:
-        """Accept or refuse; the same client's same command id gets the same answer without acting twice.
+        """Accept or refuse; a repeated command id of the same client gets the same reply without acting twice.
 
-        But what stops something that moves stops it, whatever its id: counters begin anew.
+        Commands that stop present motion always act, whatever their id, because a client's counter may restart.
         """
         request = command.request
         key = (command.verb, request.client_id, request.command_id)
@@ -269,7 +269,7 @@ class Machine:
         return reply
 
     def _require_quiet(self, verb: str, target: State) -> None:
-        """Raises: Refused when something is to begin while an action that was stopped still runs."""
+        """Refuse to begin while a stopped action still runs. Raises: Refused."""
         if target in BEGINNING and self._open:
             still = ", ".join(sorted({run.state for run in self._open}))
             raise Refused(
@@ -283,11 +283,11 @@ class Machine:
         if done.run == self._held and self.state in PAUSES:
             self._finish_held(done)
         elif done.run != self._run:
-            pass  # a stop or abort came first; its own action goes on
+            pass  # a stop or abort came first, whose own action continues
         elif done.run.state is State.ABORTING:
             if done.error is not None:
                 _log.warning("while aborting: %s", done.error)
-            self._enter(State.ABORTED, self._why_aborted)  # the cause, not what else went wrong on the way
+            self._enter(State.ABORTED, self._why_aborted)  # the original cause, not later errors
         elif done.error is not None:
             self._fail(done.error)
         elif done.run.state in GOING_ON:
@@ -296,14 +296,14 @@ class Machine:
             self._enter(NEXT[done.run.state], self._why if done.run.state in PAUSING else "")
 
     def _finish_held(self, done: _Done) -> None:
-        """The held action ended by itself, its last motion was just over: its success waits until the pause is over."""
+        """Handle the end of the held action, whose last motion was just over: a success waits for the pause's end."""
         if done.error is None:
             self._ended_held = done
         else:
             self._fail(done.error)
 
     def _go_on(self) -> None:
-        """Back to the held state, whose action still runs, or ended meanwhile."""
+        """Return to the held state, whose action still runs or has ended meanwhile."""
         self._run = self._held
         self._change(self._held.state, "")
         if self._ended_held is not None:
@@ -319,7 +319,7 @@ class Machine:
             self._why_aborted = reason
         try:
             self._on_state(state, reason)
-        except Exception as defect:  # noqa: BLE001 - the state is what it is, whether it could be said or not
+        except Exception as defect:  # noqa: BLE001 - the state holds, published or not
             report_defect(str(Role.MACHINE), defect)
             if state not in (State.ABORTING, State.ABORTED):
                 self.fault(CycleFailure(Code.INTERNAL, f"{type(defect).__name__}: {defect}."))
@@ -333,7 +333,7 @@ class Machine:
         if state in self._actions:
             self._open.add(run)
             with self._runs_change:
-                self._running.add(run)  # here and not in the thread: a stop may come before that runs
+                self._running.add(run)  # here and not in the thread: a stop may come before the thread runs
         self._change(state, reason)
         if state in self._actions:
             OwnedThread(Role.ACTION, lambda: self._work(run), of=str(state)).start()
@@ -351,7 +351,7 @@ class Machine:
             _log.exception("defect in %s", run.state)
             error = CycleFailure(Code.INTERNAL, f"{type(defect).__name__}: {defect}.")
         finally:
-            self._inbox.put(_Done(run, error))  # before it is over: no later state's end may overtake it
+            self._inbox.put(_Done(run, error))  # before the run is over: no later end may overtake it
             with self._runs_change:
                 self._running.discard(run)
                 self._runs_change.notify_all()

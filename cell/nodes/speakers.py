@@ -1,6 +1,6 @@
-"""Who speaks on the bus: the cell itself, its nodes, or a stranger. A stranger's sample is never taken for theirs.
+"""Identifies the sender of a sample: the cell itself, one of its nodes, or a stranger, which is never taken for them.
 
-A node's session is learned by asking for the node's health when its token comes: exactly one session may answer.
+A node's session is learned by requesting the node's health when its token arrives: exactly one session may answer.
 """
 
 from __future__ import annotations
@@ -31,16 +31,16 @@ _PATTERNS = tuple(
 )
 
 Twice = Callable[[str, str], None]
-"""Told the name that two nodes have, and who they are."""
+"""Called with the name that two nodes share, and their identities."""
 
 
 class Speakers:
-    """Tells the samples of the cell's nodes from strangers'.
+    """Separates samples of the cell's nodes from those of strangers.
 
     Args:
-        bus: the cell's own session. ``names``: of its nodes. ``sealed``: those of them that hold the cell's secret.
-        on_twice: told when two sessions answer as one node; on a thread of the bus.
-        on_stranger: told once of every session and key: what it put there.
+        bus: the cell's own session. ``names``: of its nodes. ``sealed``: the nodes that hold the cell's secret.
+        on_twice: called when two sessions answer as one node, on a thread of the bus.
+        on_stranger: called with the first sample of each strange session and key.
     """
 
     def __init__(
@@ -63,7 +63,7 @@ class Speakers:
         self._bus.watch_alive(topics.NODE_ALIVE, self.change)
 
     def change(self, name: str, is_alive: bool) -> None:
-        """A node's token came or went."""
+        """Process the arrival or the end of a node's token."""
         if name not in self._names:
             return
         with self._changing:
@@ -74,7 +74,7 @@ class Speakers:
     def _learn(self, name: str) -> None:
         try:
             answers = self._bus.sessions(topics.NODE_NOW, timeout_s=_ASK_S, name=name)
-        except BusError:  # closing, or nobody answers: asked again when it speaks
+        except BusError:  # closing, or no answer: requested again at its next sample
             return
         if len(answers) > 1:
             self._on_twice(name, " and ".join(process_in_words(said) for said in answers.values()))
@@ -83,9 +83,9 @@ class Speakers:
                 self._sessions[name] = next(iter(answers))
 
     def is_ours(self, sample: Sample) -> bool:
-        """Whether a sample from outside this process was said by one of the cell's nodes, on a key that nodes speak on.
+        """True for a sample of one of the cell's nodes, on a key that nodes publish on.
 
-        One that was not is told of, the first time that its session puts something on its key.
+        The first sample of a strange session on a key is reported to ``on_stranger``.
         """
         topic = topic_of(sample.key)
         if topic is not None and topic.speaker in ("node", "both") and self._is_nodes(sample):
@@ -93,7 +93,7 @@ class Speakers:
         self._look_again()
         with self._changing:
             is_new = (sample.source, sample.key) not in self._strangers and len(self._strangers) < _KEPT_SOURCES
-            is_known = set(self._sessions) == self._names  # else it may be a node that was not asked yet
+            is_known = set(self._sessions) == self._names  # otherwise it may be a node that was not identified yet
             if is_new and is_known:
                 self._strangers.add((sample.source, sample.key))
         if is_new and is_known:
@@ -106,7 +106,7 @@ class Speakers:
         return any(sample.is_sealed or name not in self._sealed for name in names)
 
     def _look_again(self) -> None:
-        """Somebody unknown speaks: it may be a node that did not answer yet, or a second one of a name."""
+        """Identify the nodes again: an unknown session may be a node that did not answer yet, or a second one."""
         with self._changing:
             is_due = time.monotonic() - self._asked_s > _AGAIN_S
             if is_due:
@@ -118,12 +118,12 @@ class Speakers:
 
 @lru_cache(maxsize=256)
 def topic_of(key: str) -> Topic | None:
-    """The published topic of a key below the cell's root; None for one that is not of the table."""
+    """The published topic of a key below the cell's root; None for a key that is not in the table."""
     return next((topic for pattern, topic in _PATTERNS if pattern.fullmatch(key)), None)
 
 
 def strange(sample: Sample) -> Sample:
-    """A stranger's sample as it is recorded: on a channel of its own."""
+    """A stranger's sample as it is recorded: on a separate channel."""
     kept = Stranger(
         key=sample.key, encoding=sample.encoding, source=sample.source, payload=sample.payload[:_KEPT_BYTES]
     )

@@ -1,4 +1,4 @@
-"""The daemon's watchdog: looks at nodes and lease often, says the cell's health, and ends a node that is frozen."""
+"""The daemon's watchdog thread: checks nodes and lease, publishes the cell's health, and ends frozen nodes."""
 
 from __future__ import annotations
 
@@ -18,10 +18,9 @@ class Watchdog:
     """A thread from `start` to `close`.
 
     Args:
-        say_health: told the cell's health once a second.
-        end_frozen: told, once each time, the name of a node that has not been heard for `bus.frozen_s`.
-        look_at_lease: takes it from a client that has fallen silent.
-        health: of the whole cell.
+        monitor: of the nodes. ``look_at_lease``: takes the lease from a silent client.
+        say_health: called with the cell's health once a second. ``health``: gives it.
+        end_frozen: called once with the name of a node that has been silent for `bus.frozen_s`.
     """
 
     def __init__(
@@ -41,16 +40,16 @@ class Watchdog:
         self._thread = OwnedThread(Role.WATCHDOG, self._run)
 
     def start(self) -> None:
-        """Begin to look."""
+        """Start the thread."""
         self._thread.start()
 
     def close(self) -> None:
-        """Look no more; idempotent."""
+        """End the thread; idempotent."""
         self._closing.set()
         self._thread.join()
 
     def is_alive(self) -> bool:
-        """Whether it looks."""
+        """True while the thread runs."""
         return self._thread.is_alive()
 
     def _run(self) -> None:

@@ -1,4 +1,4 @@
-"""Stage 2, detect: VLAD-Grasp (`perception.detector`). Pure, given what the models answer."""
+"""Stage 2, detect: VLAD-Grasp (`perception.detector`). Pure, given the models' replies."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from perception.models import Models
 _Outcome = queue.SimpleQueue[Detections | BaseException]
 _LOOK_S = 0.02
 _GRACE_S = 0.3
-"""A stop waits so long for the detection to end by itself: it then has said which call it gave up."""
+"""Time that a stop waits for the detection to end by itself, so that it records the call it gave up."""
 
 
 def detect(
@@ -30,7 +30,13 @@ def detect(
     on_reply: OnReply = ignore_reply,
     cancel: Cancel | None = None,
 ) -> Detections:
-    """Ranked grasps and their evidence. Raises: CycleFailure (NO_OBJECT, NO_GRASP, MODEL_*, SPEND_LIMIT, STOPPED)."""
+    """Ranked grasps and their evidence.
+
+    Args:
+        on_reply: called with the record of every call to the goal-image model. ``cancel``: a stop request.
+
+    Raises: CycleFailure, as `perception.detector.detect`.
+    """
     return vlad_grasp(observation, station, models, on_reply, cancel)
 
 
@@ -41,10 +47,12 @@ def detect_unless_halted(
     on_reply: OnReply,
     halted: Callable[[], bool],
 ) -> Detections:
-    """`detect`, given up at once on a stop: a hosted model may take minutes, and nothing can call it back.
+    """`detect`, abandoned immediately on a stop: a hosted model may take minutes, and its call cannot be cancelled.
 
-    After it no further call begins, and the one under way is said as given up. A computation that is left behind ends
-    at its next look at the stop; it says nothing any more. Raises: CycleFailure(STOPPED).
+    After a stop no further call begins, and the one under way is recorded as given up. An abandoned computation ends at
+    its next check of the stop, and publishes nothing any more.
+
+    Raises: CycleFailure, as `detect`; STOPPED.
     """
     outcome: _Outcome = queue.SimpleQueue()
     cancel, replies = Cancel(), _ReplyGate(on_reply)
@@ -52,7 +60,7 @@ def detect_unless_halted(
     def work() -> None:
         try:
             outcome.put(detect(observation, station, models, replies.on_reply, cancel))
-        except BaseException as error:  # noqa: BLE001 - handed over to the waiting thread, which raises it
+        except BaseException as error:  # noqa: BLE001 - handed to the waiting thread, which raises it
             outcome.put(error)
 
     OwnedThread(Role.DETECT, work).start()
@@ -67,7 +75,7 @@ def detect_unless_halted(
 
 
 def _awaited(outcome: _Outcome, cancel: Cancel, halted: Callable[[], bool]) -> Detections | BaseException | None:
-    """How the detection ended; None when a stop came - ``cancel`` is then set - and it did not end soon."""
+    """The outcome of the detection; None after a stop (``cancel`` is then set) if it does not end soon."""
     while not cancel.is_set:
         try:
             return outcome.get(timeout=_LOOK_S)
@@ -81,7 +89,7 @@ def _awaited(outcome: _Outcome, cancel: Cancel, halted: Callable[[], bool]) -> D
 
 
 class _ReplyGate:
-    """Says what it is given, until it is shut: nothing comes out in the next cycle's time."""
+    """Forwards replies until it is closed, so that none is published during the next cycle."""
 
     def __init__(self, on_reply: OnReply) -> None:
         self._on_reply, self._turn, self._is_closed = on_reply, threading.Lock(), False

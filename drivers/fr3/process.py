@@ -1,4 +1,4 @@
-"""The arm's control process as its driver sees it: started, asked, listened to, ended."""
+"""The driver's side of the arm's control process: starts it, sends requests, reads its state, ends it."""
 
 from __future__ import annotations
 
@@ -21,16 +21,23 @@ from drivers.fr3.shared_state import RobotSnapshot, SharedState
 
 _CONNECT_S = 20.0
 _STALE_S = 0.5
-"""A state so old means that the robot or the control process is gone: both renew it every millisecond."""
+"""An older state means that the robot or the control process is gone: both renew it every millisecond."""
 _END_S = 3.0
 _LOOK_S = 0.05
 _BEAT_S = 0.05
-"""A tenth of the silence that the control process takes for a frozen driver."""
+"""Period of the heartbeat: a tenth of the silence after which the control process takes the driver for frozen."""
 LOST_ADVICE = "Check the arm's power and network; when it is back, `cell clear` and `cell reset`."
 
 
 class ControlProcess:
-    """One control process, connected to the robot. Raises: DriverUnavailable, with what to do."""
+    """One control process, connected to the robot.
+
+    Attributes:
+        shared: memory shared with the process.
+
+    Raises:
+        DriverUnavailable: with what to do.
+    """
 
     def __init__(self, settings: Fr3Settings) -> None:
         self.shared = SharedState.create()
@@ -56,24 +63,25 @@ class ControlProcess:
 
     @property
     def is_lost(self) -> bool:
-        """Whether it ended, or the robot fell silent."""
+        """Whether the process ended, or the robot fell silent."""
         if self._lost or self._child.poll() is not None:
             return True
         now = self.shared.read()
         return now is None or (not now.busy and _age_s(now) > _STALE_S)
 
     def newest(self) -> RobotSnapshot | None:
-        """The newest state, or None when it is lost."""
+        """Return the newest state, or None when the robot or the process is lost."""
         return None if self.is_lost else self.shared.read()
 
     def snapshot(self) -> RobotSnapshot:
+        """Return the newest state. Raises: DeviceLost."""
         now = self.newest()
         if now is None:
             raise DeviceLost(f"The FR3 at {self._address} does not answer any more.", LOST_ADVICE)
         return now
 
     def answer(self, request: Request) -> Played | None:
-        """Ask, and wait for the answer as long as the robot is alive. Raises: what the answer says; DeviceLost."""
+        """Send a request and wait for the answer while the robot is alive. Raises: DeviceLost; the answer's error."""
         try:
             self._requests.send(request)
             while not self._requests.poll(_LOOK_S):
@@ -109,12 +117,12 @@ class ControlProcess:
         return received
 
     def _beat(self) -> None:
-        """Say again and again that this process is not frozen, until the end."""
+        """Publish the heartbeat every 50 ms, until the end."""
         while not self._ending.wait(_BEAT_S):
             self.shared.beat(time.monotonic_ns())
 
     def end(self) -> None:
-        """It brakes what moves and ends when nobody listens any more; insist if it does not. Idempotent."""
+        """Close the requests, upon which the process brakes any motion and ends; after 3 s it is killed. Idempotent."""
         self._lost = True
         self._ending.set()
         if self._requests.closed:

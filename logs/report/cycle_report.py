@@ -1,32 +1,46 @@
-"""One self-contained page that explains a cycle: what it saw, imagined, aligned, chose and did, and why it ended so."""
+"""The report page of one cycle: observation, goal image, alignment, grasps, motion, and the reason of its end."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple, TypeVar
 
+from bus.codec import Json
 from bus.messages import Delivery, Detections, Execution, PickPlan, SegmentRun, Verdict
 from config.load import load_station
 from logs.mcap.names import telling
 from logs.mcap.reader import CycleRecord, recorded_number
 from logs.report import evidence, figures, images
-from logs.report.page import Chart, Fact, packed_plotly, script_json, write_page
+from logs.report.page import Chart, Fact, Figure, packed_plotly, script_json, write_page
 from logs.report.timeline import Timeline, summarize
+
+Result = TypeVar("Result")
+
+
+class LogLine(NamedTuple):
+    """One line of the cycle's log: when, from the cycle's start [s], what it is of, and whether it is trouble."""
+
+    at_s: float
+    kind: str
+    text: str
+    bad: bool
 
 
 def write_report(record: CycleRecord, path: Path, *, index: str = "") -> Path:
-    """Write the page to ``path`` and return it. Raises: RecordingError when it cannot be drawn, or written.
+    """Write the page to ``path`` and return it.
 
     Args:
         index: file name of the day's page beside it, "" for none.
+
+    Raises: RecordingError when the page cannot be drawn or written.
     """
     with telling(f"The cycle {record.cycle_id!r}"):
         return write_page("report.html.j2", {**_content(record), "index": index}, path)
 
 
-def _content(record: CycleRecord) -> dict[str, Any]:
+def _content(record: CycleRecord) -> Json:
     timeline, found, plan = summarize(record), _result(record, "detect", Detections), _result(record, "plan", PickPlan)
     runs = _runs(record)
     chosen = evidence.choice(record, found)
@@ -61,13 +75,13 @@ def _content(record: CycleRecord) -> dict[str, Any]:
     }
 
 
-def _result(record: CycleRecord, stage: str, kind: type[Any]) -> Any:
+def _result(record: CycleRecord, stage: str, kind: type[Result]) -> Result | None:
     found = record.stages.get(stage)
     return found.result if found is not None and isinstance(found.result, kind) else None
 
 
-def _summary(record: CycleRecord, timeline: Timeline, thumbnail: str) -> dict[str, Any]:
-    """What the day's page shows of this one: kept in the page, so that the recording is not read again."""
+def _summary(record: CycleRecord, timeline: Timeline, thumbnail: str) -> Json:
+    """The summary for the day's page, stored in this page, so that the recording is not read again."""
     return {
         "cycle_id": record.cycle_id,
         "result": timeline.outcome,
@@ -82,7 +96,7 @@ def _summary(record: CycleRecord, timeline: Timeline, thumbnail: str) -> dict[st
     }
 
 
-# --- what it did ------------------------------------------------------------------------------------------------------
+# --- motion -----------------------------------------------------------------------------------------------------------
 
 
 def _runs(record: CycleRecord) -> list[SegmentRun]:
@@ -92,7 +106,7 @@ def _runs(record: CycleRecord) -> list[SegmentRun]:
 
 
 def _motion(record: CycleRecord, runs: list[SegmentRun], timeline: Timeline) -> dict[str, list[Chart]]:
-    """Charts of the joints, and of the hand; either may be empty."""
+    """Charts of the joints and of the hand; either may be empty."""
     execution = _result(record, "execute", Execution)
     grasped = execution.grasped if execution is not None else None
     hand: list[Chart] = []
@@ -117,10 +131,10 @@ def _motion(record: CycleRecord, runs: list[SegmentRun], timeline: Timeline) -> 
     return {"joints": joints, "hand": hand}
 
 
-def _all_charts(view: dict[str, Any] | None, motion: dict[str, list[Chart]]) -> dict[str, Any]:
-    """Every figure of the page by the name of its place."""
+def _all_charts(view: evidence.AlignmentView | None, motion: dict[str, list[Chart]]) -> dict[str, Figure]:
+    """All figures of the page by the name of their place."""
     named = {f"{kind}-{i}": one.figure for kind, charts in motion.items() for i, one in enumerate(charts)}
-    return named if view is None else {"clouds": view["chart"].figure, **named}
+    return named if view is None else {"clouds": view.chart.figure, **named}
 
 
 def _facts(record: CycleRecord) -> list[Fact]:
@@ -149,30 +163,26 @@ def _facts(record: CycleRecord) -> list[Fact]:
 # --- log and configuration --------------------------------------------------------------------------------------------
 
 
-def _log(record: CycleRecord, timeline: Timeline) -> list[dict[str, Any]]:
-    """States, stages, events and the nodes' faults in the order of time: {at_s, kind, text, bad}."""
-    lines = [
-        {"at_s": span.start_s, "kind": "state", "text": span.name, "bad": span.name == "Aborting"}
-        for span in timeline.states
-    ]
+def _log(record: CycleRecord, timeline: Timeline) -> list[LogLine]:
+    """States, stages, events and the nodes' faults in the order of time."""
+    lines = [LogLine(span.start_s, "state", span.name, span.name == "Aborting") for span in timeline.states]
     lines += [
-        {"at_s": line.start_s + line.took_s, "kind": line.name, "text": line.said or "done", "bad": line.failed}
-        for line in timeline.stages
+        LogLine(line.start_s + line.took_s, line.name, line.said or "done", line.failed) for line in timeline.stages
     ]
-    said = {(one.message.name, one.message.last_fault): one for one in reversed(record.health)}  # each when first heard
+    said = {(one.message.name, one.message.last_fault): one for one in reversed(record.health)}  # at its first message
     for (node, fault), one in said.items():
         if fault:
             at_s = (one.log_time_ns - timeline.start_ns) / 1e9
-            lines.append({"at_s": at_s, "kind": f"node {node}", "text": f"newest fault: {fault}", "bad": True})
+            lines.append(LogLine(at_s, f"node {node}", f"newest fault: {fault}", True))
     for at_ns, event in record.events:
         text = f"{event.code}: {event.text} {event.advice}".strip()
         at_s = (at_ns - timeline.start_ns) / 1e9
-        lines.append({"at_s": at_s, "kind": event.severity, "text": text, "bad": event.severity == "error"})
-    return sorted(lines, key=lambda line: float(line["at_s"]))
+        lines.append(LogLine(at_s, event.severity, text, event.severity == "error"))
+    return sorted(lines, key=lambda line: line.at_s)
 
 
-def configuration_changes(station: Mapping[str, Any]) -> list[tuple[str, str, str]]:
-    """(key, recorded, default) of every setting that is not the simulated cell's own; "-" where one side lacks it."""
+def configuration_changes(station: Mapping[str, object]) -> list[tuple[str, str, str]]:
+    """(key, recorded, default) of every setting that differs from the simulated cell's; "-" where one side lacks it."""
     here, default = dict(_leaves(station)), dict(_leaves(load_station().model_dump(mode="json")))
     keys = [*here, *(key for key in default if key not in here)]
     missing = "-"
@@ -183,7 +193,7 @@ def configuration_changes(station: Mapping[str, Any]) -> list[tuple[str, str, st
     ]
 
 
-def _leaves(tree: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+def _leaves(tree: object, path: str = "") -> Iterator[tuple[str, object]]:
     if isinstance(tree, dict) and tree:
         for key, value in tree.items():
             yield from _leaves(value, f"{path}.{key}" if path else str(key))

@@ -1,4 +1,4 @@
-"""Iterative closest point, point to point, from where the object is imagined; sizes made equal first."""
+"""Iterative closest point, point to point, in the ``color`` frame; starts at the imagined pose with equalised sizes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,10 @@ _POINTS = 500
 
 
 def icp(goal: Shape, observed: Shape) -> Fit:
-    """Besl and McKay 1992; its own scale would collapse the cloud, so the rms radii give it."""
+    """Align by ICP (Besl and McKay 1992).
+
+    The scale is the ratio of the rms radii: estimated by ICP, it would shrink the cloud.
+    """
     goal_center, observed_center = goal.points.mean(axis=0), observed.points.mean(axis=0)
     clouds = Clouds(
         subsample(goal.points, _POINTS) - goal_center, subsample(observed.points, _POINTS) - observed_center

@@ -1,4 +1,4 @@
-"""Stage 1 of the paper, *imagine*: reason -> direct -> render, every call said as it happens."""
+"""Stage 1 of the paper, *imagine*: reason -> direct -> render. Every call is reported as it ends."""
 
 from __future__ import annotations
 
@@ -47,10 +47,11 @@ OnReply = Callable[[ModelReply], None]
 
 @dataclass(frozen=True)
 class Conversation:
-    """One proposal's calls to the model; each is said, answered or not.
+    """The calls of one proposal to the model; each is reported, successful or not.
 
-    Args:
-        sample: which proposal. ``clock_s``: monotonic. ``cancel``: a stop; after it no call begins.
+    Attributes:
+        on_reply: called with the record of each call. ``sample``: number of the proposal, from 0.
+        clock_s: monotonic clock [s]. ``cancel``: a stop request; after it no call begins.
     """
 
     model: GoalImageModel
@@ -60,7 +61,10 @@ class Conversation:
     cancel: Cancel = field(default_factory=Cancel)
 
     def ask(self, step: Step, text: str, call: Callable[[], Answer]) -> Answer:
-        """Raises: CycleFailure, as the model; STOPPED, also of a call that a stop gave up: it is said, as begun."""
+        """Make one call and report it.
+
+        Raises: CycleFailure, as the model; STOPPED after a stop. A call that a stop cut off is reported, too.
+        """
         self.cancel.raise_if_set("detect")
         began_s = self.clock_s()
         heard = {"step": step, "sample": self.sample, "model": self.model.name, "prompt": text}
@@ -76,7 +80,11 @@ class Conversation:
 
 
 def observed_object_of(rgbd: Rgbd, scene: Scene, base_from_color: Transform) -> ObservedObject:
-    """What the model is shown: the object alone on a plain background, and the colour its rod is to have."""
+    """The model's input: the object alone on a plain background, its height map, and the colour its rod must have.
+
+    Args:
+        base_from_color: (4, 4) pose of the colour camera.
+    """
     background = free_background(rgbd.color[scene.object_mask])
     masked = np.where(scene.object_mask[..., None], rgbd.color, np.array(background, dtype=np.uint8))
     heights = height_map(scene)
@@ -110,7 +118,7 @@ def imagine(talk: Conversation, observed_object: ObservedObject, station: Statio
 
 
 def _px_per_mm(observed_object: ObservedObject, station: Station) -> str:
-    """The scale of the picture a hosted model is shown, at the object."""
+    """The scale [px/mm], at the object's depth, of the picture that a hosted model is shown."""
     mask, camera = observed_object.scene.object_mask, observed_object.rgbd.camera
     enlarged = station.perception.hosted.size_px / Window.around(mask).side_px
     return f"{enlarged * camera.fx / float(np.nanmedian(observed_object.rgbd.depth_m[mask])) / 1e3:.2f}"
@@ -127,7 +135,7 @@ def _goal(answer: Answer, observed_object: ObservedObject) -> GoalImage:
 
 
 def free_rod_color(around: npt.NDArray[np.uint8]) -> RodColor:
-    """The rod colour whose hue the fewest saturated pixels of ``around`` (n, 3) have; the first of equals."""
+    """The rod colour whose hue the fewest saturated pixels of ``around`` (n, 3) share; the first one of equals."""
     hsv = cv2.cvtColor(np.ascontiguousarray(around[:, None]), cv2.COLOR_RGB2HSV)[:, 0].astype(int)
     vivid = hsv[hsv[:, 1] > 80][:, 0]
 
@@ -139,7 +147,7 @@ def free_rod_color(around: npt.NDArray[np.uint8]) -> RodColor:
 
 
 def free_background(object_rgb: npt.NDArray[np.uint8]) -> tuple[int, int, int]:
-    """The background that the fewest of the object's pixels (n, 3) come near; the first of equals."""
+    """The background colour that is close to the fewest of the object's pixels (n, 3); the first one of equals."""
 
     def taken(rgb: tuple[int, int, int]) -> int:
         return int((np.abs(object_rgb.astype(int) - rgb).max(axis=1) < _NEAR_BACKGROUND).sum())

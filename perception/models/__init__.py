@@ -1,4 +1,4 @@
-"""The models that play the paper's roles, opened from a station: who imagines, who segments, who sees depth."""
+"""The models that fill the paper's roles - goal image, segmentation, depth - opened as a station configures them."""
 
 from __future__ import annotations
 
@@ -32,18 +32,27 @@ from perception.scene.segment import Scene
 
 @dataclass(frozen=True)
 class Models:
-    """The models of one cell. ``sam``, ``depth``: None = what was observed serves."""
+    """The models of one cell.
+
+    Attributes:
+        imaginer: the goal-image model.
+        sam, depth: None = the depth segmenter, or the observed depth, is used instead.
+    """
 
     imaginer: GoalImageModel
     sam: Sam | None = None
     depth: DepthPro | None = None
 
     def close(self) -> None:
-        """Let go of what the models hold."""
+        """Release connections and memory."""
         self.imaginer.close()
 
     def refined(self, scene: Scene, color: npt.NDArray[np.uint8]) -> Scene:
-        """The scene with its object's outline as SAM sees it in the object's box; unchanged without SAM."""
+        """The scene with SAM's outline of the object in its bounding box; unchanged without SAM.
+
+        Args:
+            color: (H, W, 3) RGB.
+        """
         if self.sam is None:
             return scene
         rows, columns = np.nonzero(scene.object_mask)
@@ -52,10 +61,14 @@ class Models:
 
 
 def open_models(station: Station, environ: Mapping[str, str]) -> Models:
-    """Everything ``station.perception`` names.
+    """Open the models that ``station.perception`` names.
 
-    Raises: ConfigError for an unknown model, and for a missing key, model id, package or weights; RecordingError for an
-        unreadable ledger.
+    Args:
+        environ: environment variables, for keys and proxies.
+
+    Raises:
+        ConfigError: an unknown model; a missing key, model id, package or weights.
+        RecordingError: the ledger of costs cannot be read.
     """
     imaginer, faults = _imaginer(station, environ, station.recording.folder), station.faults
     if faults.allowed:
@@ -65,7 +78,7 @@ def open_models(station: Station, environ: Mapping[str, str]) -> Models:
 
 
 def replayed_models(station: Station, replies: Iterable[ModelReply]) -> Models:
-    """The same for a replay: a hosted model answers what it answered then, and an injected fault comes again."""
+    """The models of a replay: hosted models answer from the recorded replies, recorded injected faults happen again."""
     replies = tuple(replies)
     if is_replayed(station.perception.model, replies):
         return Models(RecordedModel(replies), *_local(station))
@@ -101,9 +114,9 @@ def _imaginer(station: Station, environ: Mapping[str, str], folder: Path) -> Goa
 
 
 def key_of(station: Station, variable: str, environ: Mapping[str, str]) -> str:
-    """The hosted model's key: from the file, if one is named, else from the environment. It is known as a secret then.
+    """The hosted model's key: from the configured file, else from the environment. It is registered for redaction.
 
-    Raises: ConfigError, never with the key, when there is none, no header can carry it, or a setting holds it.
+    Raises: ConfigError, never with the key, when there is no key, it does not fit a header, or a setting contains it.
     """
     key = _found_key(station.perception.model, station.perception.hosted, variable, environ)
     keep_secret(key)

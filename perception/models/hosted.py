@@ -1,4 +1,4 @@
-"""Every hosted model: one deadline, bounded retries, a purse, the window it is shown. Providers differ in calls."""
+"""The goal-image model behind any provider's API: one deadline, bounded retries, a budget, the window shown."""
 
 from __future__ import annotations
 
@@ -29,18 +29,22 @@ Ask = Callable[[float], Answer]
 
 
 class Provider(Protocol):
-    """One provider's API. Each call keeps within ``timeout_s`` and raises ModelFault for every failure."""
+    """One provider's API. Each call ends within ``timeout_s``, and raises ModelError for every failure."""
 
     name: str
 
     def complete(self, prompt: str, image_png: bytes | None, timeout_s: float) -> Answer:
-        """Words."""
+        """The model's text for a prompt and, optionally, an image, within ``timeout_s``."""
 
     def edit(self, image_png: bytes, keep_png: bytes, prompt: str, timeout_s: float) -> Answer:
-        """The image redrawn. ``keep_png``: RGBA of the image's size, opaque where it must stay as it is."""
+        """The image redrawn, within ``timeout_s``.
+
+        Args:
+            keep_png: RGBA of the image's size, opaque where it must not change.
+        """
 
     def close(self) -> None:
-        """Let go of connections."""
+        """Release connections."""
 
 
 class HostedModel:
@@ -58,21 +62,26 @@ class HostedModel:
         self._left_behind: list[Call[Answer]] = []
 
     def begin(self) -> None:
+        """Begin a cycle; its cost is counted from zero."""
         self._budget.begin()
 
     def locate(self, color: npt.NDArray[np.uint8], prompt: str, cancel: Cancel) -> Answer:
+        """The place of the target, as text, in the image (H, W, 3) padded to a square. Raises: CycleFailure."""
         side = max(color.shape[:2])
         png = encode_png(Window(0, 0, side).cut(color, 0), self._settings.size_px)
         return self._call(lambda timeout_s: self._provider.complete(prompt, png, timeout_s), cancel)
 
     def reason(self, observed_object: ObservedObject, prompt: str, cancel: Cancel) -> Answer:
+        """Place and direction of a grasp, as text. Raises: CycleFailure."""
         png = self._shown(observed_object)
         return self._call(lambda timeout_s: self._provider.complete(prompt, png, timeout_s), cancel)
 
     def direct(self, observed_object: ObservedObject, prompt: str, cancel: Cancel) -> Answer:
+        """One self-contained editing instruction. Raises: CycleFailure."""
         return self._call(lambda timeout_s: self._provider.complete(prompt, None, timeout_s), cancel)
 
     def render(self, observed_object: ObservedObject, prompt: str, cancel: Cancel) -> Answer:
+        """The goal image as a picture of the window. Raises: CycleFailure."""
         window = Window.around(observed_object.scene.object_mask)
         kept = window.cut(observed_object.scene.object_mask.astype(np.uint8) * 255, 0)
         keep_png = encode_png(np.dstack([kept, kept, kept, kept]), self._settings.size_px)
@@ -80,6 +89,7 @@ class HostedModel:
         return self._call(lambda timeout_s: self._provider.edit(png, keep_png, prompt, timeout_s), cancel)
 
     def close(self) -> None:
+        """Close the provider; warn of calls that are still running, because their cost is unknown."""
         open_calls = sum(not call.is_over for call in self._left_behind)
         if open_calls:
             _log.warning(
@@ -94,8 +104,11 @@ class HostedModel:
     # --- asking -------------------------------------------------------------------------------------------------------
 
     def _call(self, ask: Ask, cancel: Cancel) -> Answer:
-        """Ask until there is an answer, the attempts are used up, or the deadline is too near."""
-        # The cycle before the look at the stop: the next one begins only after a stop of this one.
+        """Ask until there is an answer, the attempts are used up, or the deadline is too near.
+
+        Raises: CycleFailure: SPEND_LIMIT, STOPPED, or the last attempt's code.
+        """
+        # Read the cycle before checking for a stop: the next cycle begins only after this one was stopped.
         cycle, settings = self._budget.cycle, self._settings
         cancel.raise_if_set("detect")
         end_s = self._clock() + settings.deadline_s
@@ -114,7 +127,10 @@ class HostedModel:
         raise AssertionError("at least one attempt is made")
 
     def _attempt(self, ask: Ask, end_s: float, cycle: int, cancel: Cancel) -> Answer:
-        """Raises: ModelFault; CycleFailure(STOPPED) after a stop, while the call goes on to its own end."""
+        """Make one request. After a stop the request runs on to its end.
+
+        Raises: ModelError; CycleFailure(STOPPED).
+        """
         left_s, began = end_s - self._clock(), self._budget.now()
 
         def work() -> Answer:
@@ -147,7 +163,7 @@ class HostedModel:
         return tokens / 1e6 + pictures * price.usd_per_image
 
     def _tell_late(self, outcome: Answer | BaseException) -> None:
-        """Of a call that was given up: what it cost is booked, in its own cycle."""
+        """Log the outcome of a request that was given up; its cost is already charged to its cycle."""
         if isinstance(outcome, Answer):
             _log.warning("%s: a call that was given up has cost %.4f USD.", self.name, outcome.usage.cost_usd)
         else:

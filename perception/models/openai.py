@@ -1,4 +1,4 @@
-"""OpenAI's API, and every server that speaks it (``base_url``): words by Responses or chat, edits with a mask."""
+"""OpenAI's API, and every compatible server (``base_url``): text by Responses or chat, image edits with a mask."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ SERVER = "https://api.openai.com/v1"
 
 
 class OpenAIProvider:
-    """The official ``openai`` package; its own retries are off, the cell's deadline holds."""
+    """The official ``openai`` package, with its own retries off; the cell's deadline applies."""
 
     def __init__(self, settings: HostedSettings, key: str, line: Line) -> None:
         self.name = f"{settings.text_model}+{settings.image_model}"
@@ -41,6 +41,7 @@ class OpenAIProvider:
         )
 
     def complete(self, prompt: str, image_png: bytes | None, timeout_s: float) -> Answer:
+        """The model's text for a prompt and, optionally, an image, within ``timeout_s``. Raises: ModelError."""
         client, model = self._client.with_options(timeout=timeout_s), self._settings.text_model
         if self._settings.text_api == "chat":
             chat = client.chat.completions.with_raw_response
@@ -51,6 +52,7 @@ class OpenAIProvider:
         return _responded(self._line.exchange(timeout_s, lambda: respond.create(model=model, input=content)))  # type: ignore[arg-type]
 
     def edit(self, image_png: bytes, keep_png: bytes, prompt: str, timeout_s: float) -> Answer:
+        """The redrawn image, within ``timeout_s``; ``keep_png`` is the mask. Raises: ModelError."""
         size: Any = f"{self._settings.size_px}x{self._settings.size_px}"
         images = self._client.with_options(timeout=timeout_s).images.with_raw_response
         reply = self._line.exchange(
@@ -66,10 +68,11 @@ class OpenAIProvider:
         return _edited(reply)
 
     def close(self) -> None:
+        """Close the connection."""
         self._line.close()
 
 
-# --- what is asked ----------------------------------------------------------------------------------------------------
+# --- requests ---------------------------------------------------------------------------------------------------------
 
 
 def _content(prompt: str, image_png: bytes | None) -> list[Any]:
@@ -90,7 +93,7 @@ def _data_url(png: bytes) -> str:
     return "data:image/png;base64," + base64.b64encode(png).decode("ascii")
 
 
-# --- what is answered -------------------------------------------------------------------------------------------------
+# --- replies ----------------------------------------------------------------------------------------------------------
 
 
 def _responded(reply: Reply) -> Answer:

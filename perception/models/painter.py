@@ -1,4 +1,4 @@
-"""Paints a rod into an observed image: a shaded cylinder, hidden where the object is nearer."""
+"""Paints a rod into an observed image: a shaded cylinder, hidden where the object is nearer. In the ``color`` frame."""
 
 from __future__ import annotations
 
@@ -10,14 +10,18 @@ from perception.geometry.lift import project
 from perception.subject import GoalImage, ObservedObject
 
 _HIDING_M = 0.003
-"""A surface hides the rod also when it seems to lie this little behind it: depth is noisy."""
+"""Tolerance: a surface hides the rod also when measured this far behind it, because depth is noisy."""
 _LIGHT = np.array([-0.35, -0.45, -0.82])  # towards the light, camera frame
 
 Array = npt.NDArray[np.float64]
 
 
 def paint(observed_object: ObservedObject, ends: Array, radius_m: float) -> GoalImage:
-    """The masked image with a rod between ``ends`` (2, 3) [m, camera frame], z-buffered against the object."""
+    """The masked image with a rod, z-buffered with the object.
+
+    Args:
+        ends: (2, 3) [m] of the rod, in the camera frame.
+    """
     observed_m = _filled(observed_object)
     depth_m, normals = _cylinder(ends, radius_m, observed_object)
     visible = np.isfinite(depth_m) & ~(observed_m < depth_m + _HIDING_M)
@@ -30,7 +34,7 @@ def paint(observed_object: ObservedObject, ends: Array, radius_m: float) -> Goal
 
 
 def _filled(observed_object: ObservedObject) -> npt.NDArray[np.float32]:
-    """Observed depth of the object with its pinholes closed by the nearest surface beside them; NaN elsewhere."""
+    """Observed depth (H, W) of the object with pinholes filled from the nearest surface beside them; NaN elsewhere."""
     observed = np.where(observed_object.scene.object_mask, observed_object.rgbd.depth_m, np.inf).astype(np.float32)
     closed = cv2.erode(cv2.dilate(-observed, np.ones((5, 5))), np.ones((5, 5)))
     return np.where(np.isinf(closed), np.nan, -closed).astype(np.float32)

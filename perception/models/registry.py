@@ -21,7 +21,7 @@ GROUP = "vlad_cell.models"
 
 
 class Provider(NamedTuple):
-    """Where a provider's class is. Its package is imported only when it is used."""
+    """The module and class of a provider, imported only when used."""
 
     module: str
     name: str

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
 import pytest
 
@@ -16,7 +16,7 @@ from bus.frozen import Message
 from bus.injected import FaultyBus, answer_faults
 from bus.injection import Fault, FaultRequest
 from bus.messages import HandState
-from bus.sample import Sample
+from bus.sample import Asked, Sample
 from bus.session import Bus
 
 HAND = HandState(stamp_ns=1, width_m=0.04, is_moving=False, is_homed=True)
@@ -34,7 +34,7 @@ class Bench:
         node.answer(topics.ARM_STOP, self._stop, worker="arm-stop")
         answer_faults(node, {"bus": node}, lambda topic, message: self.said.append(message))
 
-    def _stop(self, payload: bytes, _: Mapping[str, str]) -> Message:
+    def _stop(self, payload: bytes, _: Asked) -> Message:
         self.stops.release()
         return Nothing()
 

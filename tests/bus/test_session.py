@@ -81,7 +81,7 @@ def test_an_error_travels_as_its_own_type(cell: Bus, client: Bus, error: CellErr
         cell.ask(topics.HAND_HOME, Nothing(), timeout_s=5)
     assert (caught.value.text, caught.value.advice, caught.value.code) == (error.text, error.advice, error.code)
     if isinstance(error, Refused):
-        assert caught.value.available == ("reset",)
+        assert isinstance(caught.value, Refused) and caught.value.available == ("reset",)
 
 
 def test_a_defect_in_a_handler_reaches_the_asker(cell: Bus, client: Bus) -> None:

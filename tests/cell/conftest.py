@@ -84,7 +84,9 @@ def in_process(
 
 
 def _options(endpoint: str, folder: Path) -> list[str]:
-    return ["--set", f"bus.endpoint={endpoint}", "--set", f"recording.folder={folder / 'recordings'}"]
+    """A loopback endpoint, a folder; and no object is held for longer than the tests need."""
+    settings = (f"bus.endpoint={endpoint}", f"recording.folder={folder / 'recordings'}", "verify.hold_s=0.5")
+    return [word for setting in settings for word in ("--set", setting)]
 
 
 @contextmanager

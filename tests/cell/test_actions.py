@@ -18,6 +18,7 @@ from bus.errors import CycleFailure, DriverError, MotionRefused
 from bus.messages import ArmMode, CycleResult
 from bus.trajectory import Trajectory
 from cell.daemon.actions import Actions
+from cell.machine import standstill
 from cell.machine.gate import Gate
 from cell.pick.cycle import Equipment
 from config.load import load_station
@@ -234,10 +235,9 @@ def test_a_motion_that_was_over_as_the_hold_came_needs_no_resume(bench: Bench, m
     assert not bench.gate.is_moving
 
 
-def test_a_motion_that_neither_goes_on_nor_ends_is_an_error(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cell.machine.standstill._ENDING_S", 0.01)
+def test_a_motion_that_neither_goes_on_nor_ends_is_an_error(bench: Bench) -> None:
     with bench.gate.motion(), pytest.raises(MotionRefused):
-        bench.actions.unhold()
+        standstill.unhold(bench.arm, bench.gate, ending_s=0.01)
 
 
 def test_an_object_that_cannot_be_presented_is_the_reason_of_its_cycle(make_bench: Callable[..., Bench]) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -38,12 +37,13 @@ mounting_error_deg = 3.0
     return path
 
 
-def calibrate(verb: str, file: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "cell", "calibrate", verb, "--config", str(file), *arguments]
-    return subprocess.run(command, capture_output=True, text=True, timeout=200, check=False)
+Run = Callable[..., subprocess.CompletedProcess[str]]
 
 
-def test_check_finds_it_wrong_hand_eye_sets_it_right_and_check_is_content(station_file: Path) -> None:
+def test_check_finds_it_wrong_hand_eye_sets_it_right_and_check_is_content(station_file: Path, in_process: Run) -> None:
+    def calibrate(verb: str, file: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+        return in_process("calibrate", verb, "--config", str(file), *arguments)
+
     before = calibrate("check", station_file)
     assert before.returncode == 1 and "run `cell calibrate hand-eye`" in before.stdout, before.stderr
     true_pose = hand_from_cameras(load_station(station_file))["color"]
@@ -65,11 +65,8 @@ def test_check_finds_it_wrong_hand_eye_sets_it_right_and_check_is_content(statio
     assert seen["ok"] and seen["off_px"] < 0.5 and abs(seen["depth_off_mm"]) < 15
 
 
-def test_the_board_is_drawn_to_scale(tmp_path: Path) -> None:
+def test_the_board_is_drawn_to_scale(tmp_path: Path, in_process: Run) -> None:
     output = tmp_path / "board.png"
-    drawn = subprocess.run(
-        [sys.executable, "-m", "cell", "calibrate", "board", "-o", str(output)],
-        capture_output=True, text=True, timeout=60, check=False,
-    )  # fmt: skip
+    drawn = in_process("calibrate", "board", "-o", str(output))
     assert drawn.returncode == 0 and "280 x 200 mm" in drawn.stdout
     assert np.asarray(cv2.imread(str(output))).shape == (2000, 2800, 3)

@@ -79,6 +79,7 @@ def test_nobody_waits_for_a_cell_that_is_gone(endpoint: str) -> None:
             client = Client(bus, 5.0)
             client.state()
             cell.close()
+            wait: Callable[[], object]
             for wait in (lambda: client.next_result(600), lambda: client.wait_for_result("1", 600)):
                 with pytest.raises(CellUnreachable, match="is gone"):
                     wait()

@@ -19,7 +19,7 @@ from bus.injection import Fault
 from bus.messages import HandState
 from bus.sample import Sample
 from bus.topics import encoding_of
-from cell.pick.record import CycleLog
+from cell.pick.record import BACKLOG_BYTES, CycleLog
 from logs.mcap.injection import FaultyDisk
 from logs.mcap.recorder import Recorder
 
@@ -34,11 +34,11 @@ HAND = Sample(
 class Bench:
     """A cycle's log on a disk that can be spoiled."""
 
-    def __init__(self, folder: Path, fault: Fault = Fault.NONE) -> None:
+    def __init__(self, folder: Path, fault: Fault = Fault.NONE, backlog_bytes: int = BACKLOG_BYTES) -> None:
         self.path = folder / "cycle.mcap"
         self.part = folder / "cycle.mcap.part"
         self.disk = FaultyDisk(fault, delay_s=0.01)
-        self.log = CycleLog(self._open, self.path, PATIENCE_S)
+        self.log = CycleLog(self._open, self.path, PATIENCE_S, backlog_bytes=backlog_bytes)
 
     def _open(self) -> Recorder:
         return Recorder(self.path, metadata={"cycle_id": "one"}, clock=lambda: 1, under=self.disk.under)
@@ -133,9 +133,8 @@ def test_a_slow_disk_is_waited_for(tmp_path: Path) -> None:
     assert messages(bench.path) == 1
 
 
-def test_what_waits_for_a_slow_disk_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cell.pick.record.BACKLOG_BYTES", 1000)
-    bench = Bench(tmp_path, Fault.STUCK)
+def test_what_waits_for_a_slow_disk_is_bounded(tmp_path: Path) -> None:
+    bench = Bench(tmp_path, Fault.STUCK, backlog_bytes=1000)
     for _ in range(100):
         bench.log.hear(HAND)
     assert "too slow" in bench.refusal(bench.log.check)

@@ -7,7 +7,7 @@ import os
 import threading
 import time
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import pytest
 from mcap.reader import make_reader
@@ -20,7 +20,6 @@ from bus.errors import CycleFailure
 from bus.messages import HandState, ModelReply
 from bus.sample import Sample
 from bus.topics import encoding_of
-from cell.pick import record
 from cell.pick.record import CycleLog
 from logs.mcap.reader import read_cycle
 from logs.mcap.recorder import Recorder
@@ -62,12 +61,12 @@ class Disk(io.BufferedWriter):
 class Bench:
     """A log on such a disk."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, **limits: Any) -> None:
         self.failures: list[CycleFailure] = []
         self.failed = threading.Event()
         self.disk: Disk | None = None
         self._path = path
-        self.log = CycleLog(self._open, path, 30.0, on_failure=self._fail)
+        self.log = CycleLog(self._open, path, 30.0, on_failure=self._fail, **limits)
         self.log.await_open()
         assert self.disk is not None
         self.disk.flushed = threading.Semaphore(0)
@@ -89,8 +88,13 @@ class Bench:
 
 
 @pytest.fixture
-def bench(tmp_path: Path) -> Bench:
-    return Bench(tmp_path / "one.mcap")
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "one.mcap"
+
+
+@pytest.fixture
+def bench(path: Path) -> Bench:
+    return Bench(path)
 
 
 def test_one_message_is_flushed_though_nothing_follows(bench: Bench) -> None:
@@ -100,9 +104,9 @@ def test_one_message_is_flushed_though_nothing_follows(bench: Bench) -> None:
     bench.log.close({})
 
 
-def test_every_state_is_flushed_at_once(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_state_is_flushed_at_once(path: Path) -> None:
+    bench = Bench(path, gather_s=60.0)
     assert bench.disk is not None
-    monkeypatch.setattr(record, "_GATHER_S", 60.0)
     for _ in range(3):
         bench.log.hear(HAND)
         bench.log.hear(STATE)
@@ -128,11 +132,9 @@ def test_a_full_disk_fails_the_cycle_once_and_what_was_flushed_stays(bench: Benc
     assert recover(part).messages == 1 and len(read_cycle(bench.log.path).states) == 1
 
 
-def test_a_disk_that_stands_still_fails_the_cycle_before_memory_does(
-    bench: Bench, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_disk_that_stands_still_fails_the_cycle_before_memory_does(path: Path) -> None:
+    bench = Bench(path, backlog_bytes=10 * len(HAND.payload))
     assert bench.disk is not None
-    monkeypatch.setattr(record, "BACKLOG_BYTES", 10 * len(HAND.payload))
     bench.disk.goes_on.clear()
     for _ in range(12):
         bench.log.hear(HAND)

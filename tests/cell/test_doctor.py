@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 
+from cell.build import running_cell
 from cell.doctor import arm, kernel, machine, network, reach
 from cell.doctor.examine import CHECKS, examine
 from cell.doctor.finding import Finding, Verdict
@@ -298,8 +299,15 @@ def test_a_free_endpoint_and_one_that_another_program_has(listen: Callable[[], s
     is_ok(reach.bus(station), "free")
 
 
-def test_a_running_cell_and_the_nodes_it_waits_for(daemon: tuple[subprocess.Popen[str], Station]) -> None:
-    _, station = daemon
+@pytest.fixture
+def station(options: list[str]) -> Iterator[Station]:
+    """Of a running cell, Stopped."""
+    station = simulated(*options[1::2])
+    with running_cell(station, lambda topic, message: None):
+        yield station
+
+
+def test_a_running_cell_and_the_nodes_it_waits_for(station: Station) -> None:
     is_ok(reach.bus(station), "is running", "Stopped")
     is_skipped(reach.nodes(station))
     own = {"driver": "sim", "serves": ["camera", "arm", "hand"], "run": "elsewhere"}

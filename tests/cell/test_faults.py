@@ -1,9 +1,11 @@
-"""Every row of the fault table, on one running cell: the soak's first cycles walk through them. Who may set a fault."""
+"""Every row of the fault table, on running cells: the soak's first cycles walk through them. Who may set a fault."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 import pytest
 from typer.testing import CliRunner
@@ -35,46 +37,82 @@ def test_the_page_is_what_the_table_says() -> None:
     assert PAGE.read_text() == page(), "run `just docs`"
 
 
-# --- one run over all of them -----------------------------------------------------------------------------------------
+# --- runs over all of them --------------------------------------------------------------------------------------------
+
+
+def _slices() -> dict[str, tuple[Row, ...]]:
+    """What runs on one cell: the first row of every part; and of each part the others."""
+    first: dict[str, Row] = {}
+    for row in ROWS:
+        first.setdefault(row.part, row)
+    others = {part: tuple(row for row in ROWS if row.part == part and row is not first[part]) for part in first}
+    return {"first": tuple(first.values()), **others}
+
+
+SLICES = _slices()
+
+
+def _marks(name: str) -> list[pytest.MarkDecorator]:
+    """Each slice may run beside the others; the gate has the first."""
+    group = pytest.mark.xdist_group(f"faults-{name}")
+    return [group] if name == "first" else [group, pytest.mark.thorough]
+
+
+def _rows(*names: str) -> list[Any]:
+    """Parameters (slice, name of the row): of every row, or of those that are named."""
+    return [
+        pytest.param(slice_, row.name, marks=_marks(slice_), id=row.name)
+        for slice_, rows in SLICES.items()
+        for row in rows
+        if row.name in names or not names
+    ]
 
 
 class Run:
     """The soak's first cycles: one for each row."""
 
-    def __init__(self, folder: Path, endpoint: str) -> None:
-        self.growth = Growth()
+    def __init__(self, rows: tuple[Row, ...], folder: Path, endpoint: str) -> None:
+        self.rows, self.growth = rows, Growth()
         station = soak_station(folder, endpoint, seed=1)
-        series = soak(station, trials(ROWS, 1, 0), self.growth)
-        self.outcomes = [outcome for _, outcome in zip(ROWS, series, strict=False)]
+        series = soak(station, trials(rows, 1, 0), self.growth)
+        self.outcomes = [outcome for _, outcome in zip(rows, series, strict=False)]
         series.close()  # type: ignore[attr-defined]
 
-    def of(self, row: Row) -> Outcome:
-        return next(one for one in self.outcomes if one.fault == row.name)
+    def of(self, name: str) -> Outcome:
+        return next(one for one in self.outcomes if one.fault == name)
 
 
 @pytest.fixture(scope="module")
-def walk(tmp_path_factory: pytest.TempPathFactory, new_endpoint: Callable[[], str]) -> Run:
-    return Run(tmp_path_factory.mktemp("walk"), new_endpoint())
+def walk(tmp_path_factory: pytest.TempPathFactory, new_endpoint: Callable[[], str]) -> Callable[[str], Run]:
+    """The run over a slice, made when it is first asked for."""
+    return cache(lambda name: Run(SLICES[name], tmp_path_factory.mktemp("walk"), new_endpoint()))
+
+
+def test_every_row_is_in_one_slice() -> None:
+    assert sorted(row.name for rows in SLICES.values() for row in rows) == sorted(BY_NAME)
 
 
 @pytest.mark.timeout(900)
-@pytest.mark.parametrize("name", BY_NAME)
-def test_the_cell_does_what_the_table_says_and_is_ready_again(walk: Run, name: str) -> None:
-    row = BY_NAME[name]
-    outcome = walk.of(row)
+@pytest.mark.parametrize(("slice_", "name"), _rows())
+def test_the_cell_does_what_the_table_says_and_is_ready_again(
+    walk: Callable[[str], Run], slice_: str, name: str
+) -> None:
+    row, outcome = BY_NAME[name], walk(slice_).of(name)
     assert (outcome.result, outcome.code) == (row.result, str(row.code or "")), outcome.line()
     assert outcome.is_logged and outcome.is_idle, outcome.line()
 
 
-def test_the_whole_run_is_explained_logged_and_never_stuck(walk: Run) -> None:
-    figures = summary(walk.outcomes, walk.growth)
-    assert figures["cycles"] == len(ROWS)
+@pytest.mark.parametrize("slice_", [pytest.param(name, marks=_marks(name)) for name in SLICES])
+def test_the_whole_run_is_explained_logged_and_never_stuck(walk: Callable[[str], Run], slice_: str) -> None:
+    run = walk(slice_)
+    figures = summary(run.outcomes, run.growth)
+    assert figures["cycles"] == len(run.rows)
     assert (figures["unexplained"], figures["stuck_states"], figures["unlogged_cycles"]) == (0, 0, 0), figures["cases"]
 
 
-@pytest.mark.parametrize("name", ["model off", "model garbage", "bus garbage"])
-def test_a_recording_of_a_fault_replays(walk: Run, name: str) -> None:
-    assert replay_file(Path(walk.of(BY_NAME[name]).recording)).equal
+@pytest.mark.parametrize(("slice_", "name"), _rows("model off", "model garbage", "bus garbage"))
+def test_a_recording_of_a_fault_replays(walk: Callable[[str], Run], slice_: str, name: str) -> None:
+    assert replay_file(Path(walk(slice_).of(name).recording)).equal
 
 
 # --- who may set one --------------------------------------------------------------------------------------------------

@@ -23,7 +23,13 @@ SECRET = "sk-secret-0123456789"
 CONFIG = Path(__file__).parents[2] / "config"
 
 
-@pytest.mark.parametrize(("provider", "fault"), [("openai", Fault.REFUSAL), ("gemini", Fault.TRUNCATED_PNG)])
+@pytest.mark.parametrize(
+    ("provider", "fault"),
+    [
+        ("openai", Fault.REFUSAL),
+        pytest.param("gemini", Fault.TRUNCATED_PNG, marks=pytest.mark.thorough),
+    ],
+)
 def test_a_fault_ends_its_cycle_with_its_code_and_the_next_one_picks(
     provider: str, fault: Fault, tmp_path: Path, endpoint: str
 ) -> None:

@@ -36,7 +36,7 @@ class Bench:
 
     def until(self, wanted: State) -> list[State]:
         """The states passed on the way to ``wanted``."""
-        passed = []
+        passed: list[State] = []
         while not passed or passed[-1] is not wanted:
             passed.append(self.states.get(timeout=5)[0])
         return passed

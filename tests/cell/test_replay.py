@@ -28,6 +28,7 @@ from cell.replay.view import consequence, to_json, verdict
 from config.load import load_station
 from logs.compare import leaves
 from logs.mcap.reader import CycleRecord, read_cycle
+from perception.align import align
 from planning.robot import Robot
 
 PICK = Path(__file__).parents[1] / "golden" / "cycle-schema2.mcap"
@@ -57,8 +58,6 @@ def test_chained_it_decides_the_same_too(record: CycleRecord, robot: Robot) -> N
 def test_a_change_in_align_is_the_first_difference(
     record: CycleRecord, robot: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    align = perception.detector.align
-
     def changed(*arguments: object, **named: object) -> Alignment:
         found = align(*arguments, **named)  # type: ignore[arg-type]
         moved = found.observed_from_goal.copy()

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bus.commands import CellState
+from bus.commands import CellState, CommandRequest
 from bus.messages import Execution
 from bus.session import Bus
 from cell import client
@@ -184,7 +184,7 @@ def test_a_machine_takes_commands_unless_its_thread_hangs() -> None:
     assert takes_commands(machine) and machine.state == "Stopped"
     answers: list[bool] = []
     hanging = threading.Thread(target=lambda: answers.append(takes_commands(machine)))
-    machine.post("reset", client.CommandRequest())
+    machine.post("reset", CommandRequest())
     assert asked.wait(5)
     hanging.start()
     hanging.join(0.3)

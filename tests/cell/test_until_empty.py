@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -24,11 +22,7 @@ from drivers.remote import RemotePresenter
 
 BIN_STATION = DEFAULT_STATION.with_name("bin.toml")
 TWO_OBJECTS = ("sim.clutter=2", "sim.seed=1")
-
-
-def _start(*arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "cell", "start", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+Run = Callable[..., subprocess.CompletedProcess[str]]
 
 
 def _truth(station: Station) -> Presented:
@@ -53,7 +47,7 @@ def cell(
 ) -> Iterator[tuple[Station, client.Client]]:
     """A running cell with two objects in its bin, Stopped."""
     folder = tmp_path_factory.mktemp("recordings")
-    options = [f"bus.endpoint={new_endpoint()}", f"recording.folder={folder}", *TWO_OBJECTS]
+    options = [f"bus.endpoint={new_endpoint()}", f"recording.folder={folder}", "verify.hold_s=0.5", *TWO_OBJECTS]
     station = load_station(BIN_STATION, options)
     with running_cell(station, lambda topic, message: None), client.connect(station) as connection:
         yield station, connection
@@ -109,10 +103,8 @@ def _lines(done: subprocess.CompletedProcess[str]) -> list[dict[str, Any]]:
     return [json.loads(line) for line in done.stdout.splitlines()]
 
 
-def test_results_then_the_summary_and_exit_0_and_a_replay_is_equal(
-    bin_options: list[str], in_process: Callable[..., subprocess.CompletedProcess[str]]
-) -> None:
-    done = _start(*bin_options, "--json", "--seed", "3", "--set", "sim.clutter=1")
+def test_results_then_the_summary_and_exit_0_and_a_replay_is_equal(bin_options: list[str], in_process: Run) -> None:
+    done = in_process("start", *bin_options, "--json", "--seed", "3", "--set", "sim.clutter=1")
     assert done.returncode == 0, done.stderr
     picked, empty, summary = _lines(done)
     assert (picked["result"], empty["result"]) == ("SUCCESS", "EMPTY") and picked["object"] and not empty["object"]
@@ -126,24 +118,27 @@ def test_results_then_the_summary_and_exit_0_and_a_replay_is_equal(
     assert in_process("replay", picked["recording"]).returncode == 0, "it was placed where the recording says"
 
 
-def test_three_failures_in_a_row_end_it_with_exit_1_and_the_last_reason(bin_options: list[str]) -> None:
+def test_three_failures_in_a_row_end_it_with_exit_1_and_the_last_reason(
+    bin_options: list[str], in_process: Run
+) -> None:
     """A hand that takes nothing narrower than its jaw finds no grasp, again and again."""
-    done = _start(*bin_options, "--set", "sim.clutter=1", "--set", "hand.min_width_m=0.079")
+    done = in_process("start", *bin_options, "--set", "sim.clutter=1", "--set", "hand.min_width_m=0.079")
     assert done.returncode == 1 and "Traceback" not in done.stderr
     last = done.stdout.splitlines()[-1]
     assert last.startswith("picked 0, failed 3, objects left: 1. 3 picks in a row failed, the last by NO_GRASP")
 
 
-def test_a_number_of_cycles_and_until_empty_exclude_each_other() -> None:
-    done = _start("--until-empty", "--cycles", "3")
+def test_a_number_of_cycles_and_until_empty_exclude_each_other(in_process: Run) -> None:
+    done = in_process("start", "--until-empty", "--cycles", "3")
     assert done.returncode == 2 and "exclude each other" in done.stderr and "Traceback" not in done.stderr
 
 
-def test_a_table_that_never_empties_is_refused(options: list[str]) -> None:
-    done = _start("--until-empty", *options)
+def test_a_table_that_never_empties_is_refused(options: list[str], in_process: Run) -> None:
+    done = in_process("start", "--until-empty", *options)
     assert done.returncode == 3 and "never empty" in done.stderr and "config/bin.toml" in done.stderr
 
 
-def test_a_reach_into_a_wall_is_a_configuration_error(tmp_path: Path) -> None:
-    done = _start("--config", str(BIN_STATION), "--until-empty", "--set", "scene.pick_region_m=[0.2, 0.6, -0.2, 0.2]")
+def test_a_reach_into_a_wall_is_a_configuration_error(in_process: Run) -> None:
+    region = "scene.pick_region_m=[0.2, 0.6, -0.2, 0.2]"
+    done = in_process("start", "--config", str(BIN_STATION), "--until-empty", "--set", region)
     assert done.returncode == 2 and "bin-front" in done.stderr and "Traceback" not in done.stderr

@@ -72,8 +72,8 @@ def test_a_replay_is_equal(lines: list[dict[str, Any]], in_process: InProcess) -
         assert set(json.loads(done.stdout)["stages"]) == {"detect", "plan", "verify"}
 
 
-def test_a_what_if_names_the_first_difference(lines: list[dict[str, Any]]) -> None:
-    done = _cell("replay", lines[0]["recording"], "--json", "--set", "perception.compliance=1.5")
+def test_a_what_if_names_the_first_difference(lines: list[dict[str, Any]], in_process: InProcess) -> None:
+    done = in_process("replay", lines[0]["recording"], "--json", "--set", "perception.compliance=1.5")
     first = json.loads(done.stdout)["first_difference"]
     assert done.returncode == 1
     assert (first["stage"], first["field"], first["unit"]) == ("detect", "rectangles[0].width_px", "px")

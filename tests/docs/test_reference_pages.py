@@ -12,6 +12,7 @@ from pydantic import Field
 
 from bus.arrays import JointSamples, Mask
 from bus.frozen import Message
+from bus.topics import TOPICS
 from config.load import load_station
 from docs import bus_page, recording_page, settings_page
 from docs.fields import Row, lead, rows
@@ -22,6 +23,11 @@ GOLDEN = Path(__file__).parents[1] / "golden" / "cycle-schema3.mcap"
 @pytest.mark.parametrize("of", [bus_page, settings_page, recording_page], ids=lambda of: of.PAGE.name)
 def test_a_page_is_written_from_the_code(of: ModuleType) -> None:
     assert of.PAGE.read_text() == of.page(), "run: just docs"
+
+
+def test_every_topic_is_on_the_bus_page() -> None:
+    text = bus_page.page()
+    assert all(f"| `{topic.key}` |" in text for topic in TOPICS)
 
 
 def test_every_message_that_is_named_on_the_bus_page_is_explained_there() -> None:

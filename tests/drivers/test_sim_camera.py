@@ -60,7 +60,8 @@ def lens(model: CameraModel) -> tuple[Array, Array]:
 
 def pixels_of(points_m: Array, model: CameraModel) -> Array:
     """(n, 3) points in the camera -> (n, 2) distorted pixels."""
-    return cv2.projectPoints(points_m[:, None], np.zeros(3), np.zeros(3), *lens(model))[0][:, 0]
+    pixels: Array = cv2.projectPoints(points_m[:, None], np.zeros(3), np.zeros(3), *lens(model))[0]
+    return pixels[:, 0]
 
 
 def points_of(depth_m: npt.NDArray[np.float32], model: CameraModel) -> Array:
@@ -72,8 +73,9 @@ def points_of(depth_m: npt.NDArray[np.float32], model: CameraModel) -> Array:
     return np.dstack([rays.reshape(*depth_m.shape, 2), np.ones_like(depth_m)]) * depth_m[..., None]
 
 
-def moved(points_m: Array, transform: Array) -> Array:
-    return points_m @ transform[:3, :3].T + transform[:3, 3]
+def moved(points_m: Array, transform: npt.NDArray[np.floating]) -> Array:
+    there: Array = points_m @ transform[:3, :3].T + transform[:3, 3]
+    return there
 
 
 def seen_in_base(frame: Frame, base_from_color: Array) -> Array:

@@ -51,7 +51,7 @@ def see() -> Iterator[See]:
     camera.close()
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.thorough)])
 @pytest.mark.parametrize(
     ("name", "across_axis", "width_m"),
     [("bottle", 0, 0.060), ("controller", 0, 0.036), ("drone", 0, 0.044), ("spatula", 0, 0.020)],
@@ -68,7 +68,7 @@ def test_long_objects_are_taken_across(see: See, name: str, across_axis: int, wi
     assert best.width_m == pytest.approx(width_m, abs=0.006)
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.thorough)])
 def test_a_cup_is_taken_across_its_middle_or_by_its_wall(see: See, seed: int) -> None:
     observation, base_from_object = see("cup", seed)
     best = detect(observation, STATION).grasps[0]

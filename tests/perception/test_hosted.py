@@ -136,7 +136,7 @@ def test_openai_protects_the_object_by_a_mask_and_gemini_by_a_map(
     assert "second image" in gemini_edit.prompt
 
 
-@pytest.mark.parametrize("provider", PROVIDERS)
+@pytest.mark.parametrize("provider", ["openai", pytest.param("gemini", marks=pytest.mark.thorough)])
 @pytest.mark.parametrize(
     "drift",
     [Drift(rotation_deg=75), Drift(scale=0.8), Drift(shift_px=(60, -40)), Drift(rotation_deg=-40, tilt_deg=15)],

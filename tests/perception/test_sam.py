@@ -6,6 +6,7 @@ import json
 import shutil
 import string
 from collections.abc import Callable
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -138,6 +139,11 @@ def weights(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], str]:
     return of
 
 
+def transformers() -> Any:
+    """The package; imported late, because it takes seconds and is an extra."""
+    return import_module("transformers")
+
+
 @pytest.mark.parametrize(("kind", "prompt"), ASKED)
 def test_every_prompt_gives_one_mask_of_the_images_size(kind: str, prompt: str, weights: Callable[[str], str]) -> None:
     mask = PROMPTS[prompt](Sam(weights(kind)))
@@ -162,18 +168,18 @@ def test_words_are_refused_by_a_model_that_reads_none(kind: str, weights: Callab
 
 
 @pytest.mark.parametrize("prompt", PROMPTS)
-def test_no_instance_is_no_object(prompt: str, weights: Callable[[str], str], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("perception.models.sam._MIN_SCORE", 1.0)
+def test_no_instance_is_no_object(prompt: str, weights: Callable[[str], str]) -> None:
     with pytest.raises(CycleFailure) as failure:
-        PROMPTS[prompt](Sam(weights("sam3")))
+        PROMPTS[prompt](Sam(weights("sam3"), min_score=1.0))
     assert failure.value.failure is Code.TARGET_NOT_FOUND
 
 
 @pytest.mark.parametrize("kind", ["sam", "sam2"])
 def test_an_empty_mask_is_no_object(kind: str, weights: Callable[[str], str], monkeypatch: pytest.MonkeyPatch) -> None:
     sam = Sam(weights(kind))
-    whole = sam._processor.post_process_masks
-    monkeypatch.setattr(sam._processor, "post_process_masks", lambda *given: [mask.zero_() for mask in whole(*given)])
+    processor = {"sam": transformers().SamProcessor, "sam2": transformers().Sam2Processor}[kind]
+    whole = processor.post_process_masks
+    monkeypatch.setattr(processor, "post_process_masks", lambda *given: [mask.zero_() for mask in whole(*given)])
     with pytest.raises(CycleFailure) as failure:
         sam.by_box(IMAGE, (10, 10, 50, 40))
     assert failure.value.failure is Code.TARGET_NOT_FOUND
@@ -283,7 +289,7 @@ def test_sam_3_takes_the_instance_in_the_box_not_the_best_anywhere(
     masks = torch.zeros((2, *IMAGE.shape[:2]), dtype=torch.int64)
     masks[0, 10:40, :30] = masks[1, 10:40, 32:62] = 1
     found = {"masks": masks, "scores": torch.tensor([0.9, 0.6])}
-    monkeypatch.setattr(sam._processor, "post_process_instance_segmentation", lambda *_, **__: [found])
+    monkeypatch.setattr(transformers().Sam3Processor, "post_process_instance_segmentation", lambda *_, **__: [found])
     boxed, pointed = sam.by_box(IMAGE, (left, 10, left + 29, 39)), sam.by_point(IMAGE, (left + 15, 20))
     for mask in (boxed, pointed):
         np.testing.assert_array_equal(mask, masks[int(left > 0)].numpy() > 0)

@@ -18,9 +18,15 @@ TOWER = box("tower", (0.55, 0.20, 0.15), (0.10, 0.06, 0.30))
 BRICK = box("brick", (0.30, -0.25, 0.04), (0.06, 0.12, 0.08))
 
 
-def field_of(*boxes: Box, known: tuple[Box, ...] = (TABLE,), **view: object) -> ObservedHeightField | None:
-    points, target = seen_from_above((TABLE, *boxes), eye_m=EYE_M, **view)
-    return observed_field(points, target, known)
+def field_of(
+    *boxes: Box,
+    known: tuple[Box, ...] = (TABLE,),
+    target: Box | None = None,
+    noise_m: float = 0.0,
+    holes_px: int = 0,
+) -> ObservedHeightField | None:
+    view = seen_from_above((TABLE, *boxes), eye_m=EYE_M, target=target, noise_m=noise_m, holes_px=holes_px)
+    return observed_field(*view, known)
 
 
 def height_at(field: ObservedHeightField, x: float, y: float) -> float:

@@ -79,7 +79,12 @@ def test_what_is_held_hangs_as_it_was_grasped_also_by_the_grasp_turned_by_half_a
     scene = Scene.of(robot, STATION, Sight(*view))
     held_at: list[np.ndarray] = []
     holding = Scene.holding
-    monkeypatch.setattr(Scene, "holding", lambda self, pose: held_at.append(pose) or holding(self, pose))
+
+    def noted(scene: Scene, pose: np.ndarray) -> Scene:
+        held_at.append(pose)
+        return holding(scene, pose)
+
+    monkeypatch.setattr(Scene, "holding", noted)
     plan = plan_pick(scene, [grasp(0.45, 0.05, 0.05, yaw=yaw)], CAPTURE)
     assert held_at and np.allclose(held_at[-1], robot.base_from_tcp(ends(plan)["reach"]), atol=1e-9)
 

@@ -25,7 +25,7 @@ def edges(count: int, seed: int) -> list[np.ndarray]:
 def brute_force(scene: Scene, edge: np.ndarray, step_m: float = BRUTE_M) -> bool:
     """Whether anything is touched by the exact meshes, without margins, checked every half millimetre of movement."""
     steps = int(np.ceil(sweep_m(edge)[-1] / step_m)) + 1
-    return any(scene._exact.collision(q, WIDE_M) is not None for q in np.linspace(*edge, steps))
+    return any(scene._exact.collision(q, WIDE_M) is not None for q in np.linspace(edge[0], edge[1], steps))
 
 
 def plate_in_the_way(robot: Robot, edge: np.ndarray, rng: np.random.Generator) -> Box:
@@ -110,4 +110,4 @@ def test_clutter_that_is_only_seen_is_kept_away_from(robot: Robot) -> None:
     scene = Scene.of(robot, STATION, Sight(points, target))
     ends = np.stack([CAPTURE, ACROSS])
     assert "touches an observed obstacle" in str(scene.first_collision(ends, WIDE_M))
-    assert "touches an observed obstacle" in str(scene.gate(np.linspace(*ends, 1000), WIDE_M))
+    assert "touches an observed obstacle" in str(scene.gate(np.linspace(ends[0], ends[1], 1000), WIDE_M))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -98,6 +99,7 @@ def test_a_stop_ends_every_check_of_a_plan(robot: Robot) -> None:
     scene = among(robot, WALL)
     line = np.stack([CAPTURE, ACROSS])
     scene.empty().cancel.set()  # the same stop for all scenes of a plan
+    check: Callable[[], object]
     for check in (
         lambda: scene.collision(CAPTURE, WIDE_M),
         lambda: scene.first_collision(line, WIDE_M),

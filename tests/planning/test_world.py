@@ -33,7 +33,8 @@ def reach_down(x_m: float, y_m: float, tip_height_m: float) -> np.ndarray:
     pose = np.diag([1.0, -1.0, -1.0, 1.0])
     pose[:3, 3] = x_m, y_m, tip_height_m + FINGER_TIP_M
     solutions = inverse(flange_pose(pose), q7_grid())
-    return solutions[np.argmin(np.abs(solutions - CAPTURE).max(axis=1))]
+    nearest: np.ndarray = solutions[np.argmin(np.abs(solutions - CAPTURE).max(axis=1))]
+    return nearest
 
 
 def alone(robot: Robot, parts: tuple[pin.GeometryObject, ...], margin_m: float = 0.0) -> World:

@@ -12,8 +12,8 @@ from cell.nodes.process import freeze_gc
 
 _THREADS = """
 import ctypes, threading
-from cell.nodes.process import share_arenas
-share_arenas()
+from cell.nodes.process import limit_malloc_arenas
+limit_malloc_arenas()
 done = threading.Barrier(9)
 def allocate():
     ctypes.CDLL(None).malloc(100_000)
