@@ -16,7 +16,7 @@ from mcap.exceptions import McapError
 from mcap.records import McapRecord, Message
 from mcap.stream_reader import StreamReader
 
-from logs.mcap.torn_reader import Salvage
+from logs.mcap.torn_reader import TornReader
 
 _SECTOR_BYTES = 4096
 _ENDS = (McapError, EOFError, zstandard.ZstdError, struct.error, ValueError, KeyError)
@@ -58,7 +58,7 @@ def _salvaged(content: bytes) -> Iterator[McapRecord]:
         path = Path(folder) / "one.mcap"
         path.write_bytes(content)
         with path.open("rb") as file:
-            yield from Salvage(file).records()
+            yield from TornReader(file).records()
 
 
 def messages(records: Iterator[McapRecord]) -> int:

@@ -21,7 +21,7 @@ from bus.messages import CycleResult
 from cell.daemon.fault_table import PICK_CODES, ROWS, Row
 from logs.mcap.reader import read_cycle
 from logs.mcap.recorder import PART
-from logs.mcap.torn_reader import Salvage
+from logs.mcap.torn_reader import TornReader
 
 MOMENTS = ("begin", "capture", "detect", "plan", "execute", "verify", "deliver")
 _WITHOUT_FAULT = 0.25
@@ -119,6 +119,6 @@ def is_logged(result: CycleResult, trial: Trial) -> bool:
         return True
     try:
         with path.with_name(path.name + PART).open("rb") as file:
-            return any(isinstance(record, Attachment) for record in Salvage(file).records())
+            return any(isinstance(record, Attachment) for record in TornReader(file).records())
     except OSError:
         return False

@@ -113,7 +113,7 @@ def _two_answers(text: str) -> TwoAnswers:
     )
 
 
-def heard_in(replies: list[zenoh.Reply], root: str, name: str, timeout_s: float, record: Tap) -> list[Sample]:
+def samples_in(replies: list[zenoh.Reply], root: str, name: str, timeout_s: float, record: Tap) -> list[Sample]:
     """Turn the replies to a query on ``name`` into samples, and record each.
 
     Args:

@@ -22,7 +22,7 @@ import zenoh
 from bus import topics
 from bus.access import asked, is_sealed, refusal, source_of
 from bus.answering import Answers, payload_of, refuse, reply_to
-from bus.asking import Signed, heard_in, replies_to
+from bus.asking import Signed, replies_to, samples_in
 from bus.codec import decode, encode
 from bus.errors import BadPayload, BusError, CellUnreachable, NoReply, PortOccupied, Refused
 from bus.frozen import Message
@@ -224,7 +224,7 @@ class Bus:
             if self._security is not None:
                 advice += f" Or the certificate of {self._security} may not ask this: docs/security.md."
             raise NoReply(f"Nobody answers {name!r}.", advice)
-        return heard_in(replies, self._root, name, timeout_s, record)
+        return samples_in(replies, self._root, name, timeout_s, record)
 
     def request(
         self, topic: Topic, request: Message, answer_type: type[MessageT], *, timeout_s: float, **fields: str

@@ -32,7 +32,7 @@ class Role(StrEnum):
     """The periodic check of the nodes' streams."""
     SUPERVISOR = "supervisor"
     """One node's process: its end and its restart."""
-    WORKER = "lane"
+    WORKER = "worker"
     """Queries of one kind, answered one after the other."""
     LOOP = "loop"
     """One stream of a node, at a fixed rate."""

@@ -59,4 +59,4 @@ class SerialWorker:
             try:
                 act()
             except Exception:  # noqa: BLE001 - the next one in the queue must still run
-                _log.exception("defect in the lane %s", threading.current_thread().name)
+                _log.exception("defect in the worker %s", threading.current_thread().name)

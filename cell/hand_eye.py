@@ -67,7 +67,7 @@ class Surveyor:
 
     def calibrate(self) -> HandEye:
         """Calibrate. Raises: CalibrationError for too few views, or a residual beyond `calibration.max_rms_px`."""
-        sightings, frames = self._look_around(self._vantages())
+        sightings, frames = self._look_around(self._viewpoints())
         found = hand_eye(sightings, frames[0].color_camera)
         most_px = self._station.calibration.max_rms_px
         if found.rms_px > most_px:
@@ -79,7 +79,7 @@ class Surveyor:
 
     def check(self) -> Check:
         """Check the present calibration. Raises: CalibrationError when the board is not seen, or from too few sides."""
-        vantage_q_rad = self._vantages()
+        vantage_q_rad = self._viewpoints()
         chosen = vantage_q_rad[:: max(1, len(vantage_q_rad) // _CHECKED_FROM)]
         sightings, frames = self._look_around(chosen)
         if not sightings:
@@ -100,7 +100,7 @@ class Surveyor:
             depth_off_mm=_depth_off_mm(frames, sightings),
         )
 
-    def _vantages(self) -> list[Joints]:
+    def _viewpoints(self) -> list[Joints]:
         return viewpoints(self._scene, self._station, self._arm.state().q_rad)
 
     def _look_around(self, vantage_q_rad: Sequence[Joints]) -> tuple[list[Sighting], list[Frame]]:

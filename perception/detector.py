@@ -19,7 +19,7 @@ from perception.align import align
 from perception.align.base import Shape
 from perception.geometry.crop import Crop
 from perception.geometry.depth import Rgbd, register
-from perception.geometry.lift import lift, transform, voxel_downsample
+from perception.geometry.lift import lift, subsample_float32, transform
 from perception.geometry.rod import fit_line, lift_run, rectangle, rod_depth, runs
 from perception.goal.depth import carried_depth, scaled_to_observed
 from perception.goal.drift import measure, require_faithful
@@ -190,10 +190,10 @@ def _evidence(
         goal_image=crop.back(proposal.goal.image, background),
         goal_object_mask=crop.back(proposal.parts.object, nothing),
         goal_rod_mask=crop.back(proposal.parts.rod, nothing),
-        observed_points=voxel_downsample(proposal.observed.points, _SHOWN_POINTS),
-        goal_points=voxel_downsample(goal_points, _SHOWN_POINTS),
-        aligned_points=voxel_downsample(transform(observed_from_goal, goal_points), _SHOWN_POINTS),
-        rod_points=voxel_downsample(transform(observed_from_goal, rod_points), _SHOWN_POINTS),
+        observed_points=subsample_float32(proposal.observed.points, _SHOWN_POINTS),
+        goal_points=subsample_float32(goal_points, _SHOWN_POINTS),
+        aligned_points=subsample_float32(transform(observed_from_goal, goal_points), _SHOWN_POINTS),
+        rod_points=subsample_float32(transform(observed_from_goal, rod_points), _SHOWN_POINTS),
         rod_ends=(proposal.ends[0][0], proposal.ends[0][1]),
         alignment=proposal.alignment,
         drift=proposal.drift,

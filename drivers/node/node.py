@@ -93,7 +93,7 @@ class Node:
         if self._devices.hand is not None:
             self._serve_hand(HandGuard(self._devices.hand, self._station))
         if self._devices.presenter is not None:
-            self._serve_feeder(self._devices.presenter)
+            self._serve_presenter(self._devices.presenter)
         if self._station.faults.allowed:
             self._allow_faults()
         self._every(_PULSE, HEALTH_PERIOD_S, self._publish_health)
@@ -261,7 +261,7 @@ class Node:
         self._answer(topics.HAND_NOW, Nothing, lambda _: hand.state(), "state")
         self._every("hand.state", HAND_STATE_PERIOD_S, lambda: self._bus.publish(topics.HAND_STATE, hand.state()))
 
-    def _serve_feeder(self, presenter: ObjectPresenter) -> None:
+    def _serve_presenter(self, presenter: ObjectPresenter) -> None:
         self._answer(topics.SIM_PRESENT, PresentRequest, presenter.present, "arm")
         self._answer(topics.SIM_TRUTH, Nothing, lambda _: presenter.truth(), "state")
 

@@ -92,7 +92,7 @@ class SimArm:
         try:
             self._follow(stream, commanded, measured)
         except Exception:
-            self._coast(commanded)
+            self._brake_without_path(commanded)
             raise
         ticks = list(range(0, len(commanded), _MEASURE_TICKS))
         if len(commanded) - ticks[-1] < _MEASURE_TICKS / 2:  # the state at rest replaces a sample just before it
@@ -134,7 +134,7 @@ class SimArm:
             commanded.append(command)
             self._world.pace(len(commanded))
 
-    def _coast(self, commanded: list[np.ndarray]) -> None:
+    def _brake_without_path(self, commanded: list[np.ndarray]) -> None:
         """After an error in the middle of a motion: brake the joints without a path, from their last three commands."""
         if len(commanded) < 3:
             return

@@ -17,7 +17,7 @@ from bus.errors import RecordingError
 from logs.mcap.names import found_below, is_folder, shown
 from logs.mcap.reader import RECOVERED
 from logs.mcap.recorder import PART
-from logs.mcap.torn_reader import Losses, Salvage
+from logs.mcap.torn_reader import Losses, TornReader
 from logs.mcap.writer import McapFile
 
 _MAX_CHANNELS = (1 << 16) - 1
@@ -122,30 +122,30 @@ def _require_left(source: IO[bytes], path: Path) -> None:
 
 def _copy(source: IO[bytes], path: Path, target: Path) -> Recovered:
     """Copy into a temporary file, which gets its name when it is complete."""
-    salvage = Salvage(source)
+    torn = TornReader(source)
     unfinished = target.with_name(f".{target.name}.recovering")
     try:
         with unfinished.open("wb") as out:
             os.fchmod(out.fileno(), path.stat().st_mode & 0o777)
             writer = _Copy(McapFile(out))
-            for record in salvage.records():
+            for record in torn.records():
                 writer.add(record)
             if not writer.messages and not writer.is_ours:
-                lost = f": {salvage.losses}" if salvage.losses else ""
+                lost = f": {torn.losses}" if torn.losses else ""
                 raise RecordingError(
                     f"{shown(path)} holds nothing that can be recovered{lost}.",
                     "It is no MCAP, or was torn before its first flush.",
                 )
-            salvage.losses.orphans = writer.orphans
-            ended = "finished" if salvage.is_finished else "torn"
-            writer.finish(shown(Path(path.name)), ended, salvage.losses)
+            torn.losses.orphans = writer.orphans
+            ended = "finished" if torn.is_finished else "torn"
+            writer.finish(shown(Path(path.name)), ended, torn.losses)
             out.flush()
             os.fsync(out.fileno())
         unfinished.rename(target)
         sync_folder(target.parent)
     finally:
         unfinished.unlink(missing_ok=True)
-    return Recovered(str(path), str(target), writer.messages, salvage.losses, ended)
+    return Recovered(str(path), str(target), writer.messages, torn.losses, ended)
 
 
 class _Copy:

@@ -66,7 +66,7 @@ class Losses:
         return ", ".join(f"{count} {what}" for count, what in said if count)
 
 
-class Salvage:
+class TornReader:
     """The torn reader: reads ``source`` in order, and continues after damaged chunks.
 
     Attributes:

@@ -53,6 +53,6 @@ def subsample(points: Array, most: int) -> Array:
     return points[:: max(1, -(-len(points) // most))]
 
 
-def voxel_downsample(points: Array, most: int) -> npt.NDArray[np.float32]:
+def subsample_float32(points: Array, most: int) -> npt.NDArray[np.float32]:
     """At most ``most`` of the points (n, 3) as float32, at a constant stride; for display and recording."""
     return np.asarray(subsample(points, most), dtype=np.float32)

@@ -31,7 +31,7 @@ from planning.robot import Robot
 
 
 class Restless:
-    """A feeder whose objects roll away."""
+    """An object presenter whose objects roll away."""
 
     def present(self, request: PresentRequest) -> Presented:
         raise DriverError("The object 'ball' does not come to rest.", "Is it round?")

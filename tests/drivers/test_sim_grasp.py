@@ -125,7 +125,7 @@ class Lift:
 
 
 class Cell:
-    """The simulated arm, hand and feeder, and one scripted pick with them."""
+    """The simulated arm, hand and object presenter, and one scripted pick with them."""
 
     def __init__(self, station: Station) -> None:
         devices: Devices = open_devices(station)
