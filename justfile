@@ -70,8 +70,7 @@ report *args: setup
 
 # Regenerate docs/commands.md from the commands' own help, docs/states.md and docs/faults.md from their tables
 docs: setup
-    uv run typer docs/commands_page.py utils docs --name cell --title "Commands" --output docs/commands.md
-    sed -i -e "s/&#x27;/'/g" -e 's/&gt;/>/g' docs/commands.md
+    uv run python -m docs.commands_page
     uv run python -m docs.states_page
     uv run python -m docs.faults_page
 

@@ -1,4 +1,4 @@
-"""What there is to measure: ``uv run python -m benchmarks NAME --json``. Everything runs on one thread."""
+"""The benchmarks: ``uv run python -m benchmarks NAME --json``. All numeric libraries use one thread."""
 
 import os
 

@@ -1,4 +1,4 @@
-"""``uv run python -m benchmarks NAME``: what there is to measure, and its figures as one JSON object."""
+"""``uv run python -m benchmarks NAME``: runs one benchmark, and prints its figures as one JSON object."""
 
 from __future__ import annotations
 
@@ -212,7 +212,7 @@ def logging_(
     endpoint: Annotated[str, typer.Option(help="Free loopback endpoint for its cell.")] = "tcp/127.0.0.1:7496",
     as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
 ) -> None:
-    """Recording an RGB-D camera at 30 Hz and joints at 100 Hz: CPU, size and losses, beside foxglove-sdk."""
+    """Recording an RGB-D camera at 30 Hz and joints at 100 Hz: CPU, size and losses, by writer."""
     typer.echo(json.dumps(recordings.run(seconds, endpoint, _teller(as_json))))
 
 
@@ -220,12 +220,13 @@ def logging_(
 def torn_(
     kills: Annotated[int, typer.Option(min=1)] = 200,
     cells: Annotated[int, typer.Option(min=0, help="How many of them are of a whole simulated cell.")] = 4,
+    damages: Annotated[int, typer.Option(min=0, help="How often a recorded cycle is damaged in each way.")] = 100,
     seed: int = 0,
     endpoint: Annotated[str, typer.Option(help="Free loopback endpoint for its cells.")] = "tcp/127.0.0.1:7495",
     as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
 ) -> None:
-    """Recordings killed at random moments: messages lost of what was flushed, and files that cannot be read."""
-    typer.echo(json.dumps(torn.run(kills, min(cells, kills), seed, endpoint, _teller(as_json))))
+    """Recordings killed at random moments, or damaged: messages lost of what was flushed, and unreadable files."""
+    typer.echo(json.dumps(torn.run(kills, min(cells, kills), damages, seed, endpoint, _teller(as_json))))
 
 
 @app.command(name="fleet")

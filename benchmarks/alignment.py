@@ -1,4 +1,4 @@
-"""How well each alignment method carries the rod back, how close its clouds lie, and what it costs [ms of CPU]."""
+"""Accuracy of each alignment method for the rod, the distance of its clouds, and its cost [ms of CPU]."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""A cell whose daemon is a process of its own, so that what is measured of it is its own and no benchmark's.
+"""A cell whose daemon is a process of its own, so that its resources are measured without those of the benchmark.
 
-Its benchmark commands it over a pipe, and hears its results over another. At a moment that was named before (a stage
-that begins) the thread of the daemon that says so waits, until what is due then is in place.
+The benchmark commands it over a pipe, and receives its results over another. At a named moment (a stage that begins)
+the daemon's publishing thread waits until the action due at that moment has been taken.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""Modules below a checkout, read by ``ast`` and never imported, and the arrows between them: who imports whom.
+"""The imports between the modules below a checkout, read by ``ast`` and never imported.
 
-An arrow is a pair of modules, however often the one names the other. ``from a.b import c`` points to the module
-``a.b.c`` where there is one, otherwise to ``a.b``; that ``a`` is imported on the way does not count. There are three
-kinds: a plain import; one that only type checkers follow; and a module's dotted name in a string, which is how it is
-imported late or run as a process. Names that are put together at run time are not seen.
+An arrow is a pair of modules (importing, imported), counted once. ``from a.b import c`` points to the module ``a.b.c``
+if that exists, otherwise to ``a.b``; the implicit import of ``a`` does not count. There are three kinds: a plain
+import; one for type checkers only; and a module's dotted name in a string, which is how it is imported late or run as a
+process. Names that are composed at run time are not seen.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ class Arrows:
         plain: imports that run.
         for_types: imports that only type checkers follow.
         by_string: dotted module names in strings.
-        room_of: the room of every module, by the module's name.
+        room_of: the room that every module counts to, by the module's name.
     """
 
     plain: set[Arrow] = field(default_factory=set)
@@ -95,7 +95,7 @@ class Arrows:
 def arrows(modules: Iterable[Module]) -> Arrows:
     """All arrows between ``modules``; an import from elsewhere makes none."""
     by_name = {module.name: module for module in modules}
-    found = Arrows(room_of={name: module.room for name, module in by_name.items()})
+    found = Arrows(room_of=_rooms(by_name.values()))
     for module in by_name.values():
         for source, name, is_for_types in imports(module):
             imported = f"{source}.{name}" if f"{source}.{name}" in by_name else source
@@ -107,6 +107,15 @@ def arrows(modules: Iterable[Module]) -> Arrows:
     found.for_types -= found.plain
     found.by_string -= found.plain | found.for_types
     return found
+
+
+def _rooms(modules: Iterable[Module]) -> dict[str, str]:
+    """The room that each module counts to. Beside folders, a file of the package itself is a room of its own."""
+    modules = list(modules)
+    with_folders = {module.package for module in modules if "/" in module.room}
+    return {
+        module.name: module.name.replace(".", "/") if module.room in with_folders else module.room for module in modules
+    }
 
 
 def between_rooms(pairs: Iterable[Arrow], room_of: dict[str, str]) -> set[Arrow]:

@@ -1,4 +1,4 @@
-"""The cell that an intruder is in: what is true of it, what a client of it is told, and its way back to Idle."""
+"""A cell with an intruder on its bus: its true state, the state its clients receive, and its recovery to Idle."""
 
 from __future__ import annotations
 
@@ -108,9 +108,11 @@ class Attacked:
     def make_idle(self) -> None:
         """Clear, stop and reset as an operator would; what moves meanwhile is no intruder's."""
         give_up_s = time.monotonic() + _PATIENCE_S
-        while not (self.state == self.daemon.voice.state.state == "Idle"):  # it is so, and was said
+        while not (self.state == self.daemon.publisher.state.state == "Idle"):  # it is so, and was said
             if time.monotonic() > give_up_s:
-                self.tally.crash(f"the cell does not become Idle again: {self.state}, {self.daemon.voice.state.reason}")
+                self.tally.crash(
+                    f"the cell does not become Idle again: {self.state}, {self.daemon.publisher.state.reason}"
+                )
                 raise BusError("The attacked cell is beyond recovery.")
             verb = _NEXT_COMMAND.get(self.state)
             if verb is not None:
@@ -121,7 +123,7 @@ class Attacked:
     def require_idle(self, what: str) -> None:
         """After what must not disturb it: a crash when it did."""
         if self.state != "Idle":
-            self.tally.crash(f"{what}: {self.state}, {self.daemon.voice.state.reason}")
+            self.tally.crash(f"{what}: {self.state}, {self.daemon.publisher.state.reason}")
             self.make_idle()
 
     def restarts(self) -> int:

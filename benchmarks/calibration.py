@@ -1,4 +1,4 @@
-"""Hand-eye calibration in the simulated cell, whose camera sits elsewhere than its station says."""
+"""Hand-eye calibration in the simulated cell, with a camera mounted differently from its station file."""
 
 from __future__ import annotations
 

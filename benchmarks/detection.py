@@ -1,4 +1,4 @@
-"""Offline detection of a 640 x 576 frame: time, memory, and whether the imagined rod comes back as it was meant."""
+"""Offline detection of a 640 x 576 frame: time, memory, and the error of the recovered rod."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Seeded trials for alignment: an object on a table as a camera sees it, and as a drifting model imagines it.
 
-The imagined image is rendered anew, so the surface it shows changes; then its depth is spoilt as monocular depth is.
+The imagined image is rendered anew, so its visible surface changes; then its depth is distorted as monocular depth is.
 """
 
 from __future__ import annotations

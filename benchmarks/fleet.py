@@ -1,4 +1,4 @@
-"""Many light cells on one router, and a viewer that hears and asks as `cell fleet` does: how old what it sees is."""
+"""Many light cells on one router, and a viewer that subscribes and asks as `cell fleet` does: the age of its data."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import zenoh
 from bus import topics
 from bus.codec import decode
 from bus.commands import CellHealth, CellState, Nothing
-from bus.sample import Heard
+from bus.sample import Sample
 from bus.secured import session_config
 from bus.session import Bus
 
@@ -28,9 +28,9 @@ class _Cell:
 
     def __init__(self, cell_id: str, endpoint: str) -> None:
         self._bus = Bus.join(cell_id, endpoint)
-        self._bus.answer(topics.STATE_NOW, lambda _payload, _fields: _state(), lane="state")
+        self._bus.answer(topics.STATE_NOW, lambda _payload, _fields: _state(), worker="state")
         self._bus.answer(
-            topics.HEALTH_NOW, lambda _payload, _fields: CellHealth(is_healthy=True, nodes={}), lane="state"
+            topics.HEALTH_NOW, lambda _payload, _fields: CellHealth(is_healthy=True, nodes={}), worker="state"
         )
 
     def say(self) -> None:
@@ -41,7 +41,7 @@ class _Cell:
 
 
 def _state() -> CellState:
-    """``since_ns`` is when it was said, so that whoever hears it knows its age."""
+    """``since_ns`` is when it was said, so that the receiver knows its age."""
     return CellState(
         state="Execute", stage="detect", cycle_id="0", since_ns=time.time_ns(), available=("stop",), reason=""
     )
@@ -87,7 +87,7 @@ def _watch(cells: int, seconds: float, endpoint: str) -> dict[str, Any]:
     ages_ms: list[float] = []
     hearing = threading.Event()
 
-    def hear(heard: Heard) -> None:
+    def hear(heard: Sample) -> None:
         if hearing.is_set():
             ages_ms.append((time.time_ns() - decode(CellState, heard.payload).since_ns) * 1e-6)
 

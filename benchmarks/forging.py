@@ -1,7 +1,7 @@
-"""Forged samples on every published key: from nobody, from the intruder, or with the source of who speaks there.
+"""Forged samples on every published key: without a source, from the intruder, or with the source of the real publisher.
 
-A lie is believed when `cell.client.Client` returns it (as a state, a health, or something that was said), or when a
-recording holds it as something else than a stranger's.
+A forged sample is believed when `cell.client.Client` returns it (as a state, a health, or a message), or when a
+recording holds it other than as a stranger's.
 """
 
 from __future__ import annotations

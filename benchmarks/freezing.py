@@ -1,10 +1,10 @@
-"""How soon the arm rests when who commands its motion is frozen (SIGSTOP) in the middle of a real pick.
+"""Time until the arm rests when the commander of its motion is frozen (SIGSTOP) during a real pick.
 
-Frozen is the daemon (``cell start``, a process of its own), or the client that holds the lease: a plain Zenoh program
-with Zenoh's own transport lease of 10 s, which says every 0.2 s that it is there, as docs/states.md has it. Rest: the
-first state of the arm, measured and stamped by its node, after which no joint is faster than `REST_RAD_S`. A frozen
-daemon hears and passes on nothing, so these states come over a pipe of the node (`benchmarks.traced`). An arm that came
-to rest where its motion ends by plan tells of no brake: such a pick is tried again.
+The frozen process is the daemon (``cell start``, a process of its own), or the client that holds the lease: a plain
+Zenoh program with Zenoh's own transport lease of 10 s and a heartbeat every 0.2 s (docs/states.md). Rest: the first
+state of the arm, measured and stamped by its node, after which no joint is faster than `REST_RAD_S`. A frozen daemon
+receives and forwards nothing, so these states come over a pipe of the node (`benchmarks.traced`). An arm that rests at
+the planned end of its motion does not show a brake: such a pick is repeated.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks.baselines.color_only import segment_by_color
-from benchmarks.baselines.flat import flat_rectangle, flat_subject
+from benchmarks.baselines.flat import flat_object, flat_rectangle
 from benchmarks.datasets.cornell import read_cornell
 from benchmarks.datasets.jacquard import read_jacquard
 from benchmarks.datasets.sample import Sample
@@ -21,7 +21,7 @@ from bus.errors import CycleFailure
 from bus.messages import Rectangle
 from config.load import load_station
 from config.schema import Station
-from perception.detector import grasps_of, propose, unsaid
+from perception.detector import grasps_of, ignore_reply, propose
 from perception.goal.imagine import Conversation
 from perception.models import open_models
 from perception.rectangles.metric import MAX_APART_RAD, MIN_IOU, angle_apart_rad, any_match, corners, iou
@@ -93,15 +93,15 @@ def _detector(name: str, station: Station, m_per_px: float) -> Detector:
 
     def vlad(sample: Sample) -> Rectangle:
         models.imaginer.begin()
-        subject = flat_subject(sample.color, _mask(sample), m_per_px)
-        proposal = propose(Conversation(models.imaginer, unsaid), subject, models, station)
+        observed_object = flat_object(sample.color, _mask(sample), m_per_px)
+        proposal = propose(Conversation(models.imaginer, ignore_reply), observed_object, models, station)
         try:
-            return proposal.rectangles[grasps_of(proposal, subject, station)[0].rectangle]
+            return proposal.rectangles[grasps_of(proposal, observed_object, station)[0].rectangle]
         except CycleFailure:  # the made-up height forbids it; the rectangle is the paper's all the same
             return proposal.rectangles[-1]
 
     def antipodal(sample: Sample) -> Rectangle:
-        return flat_rectangle(flat_subject(sample.color, _mask(sample), m_per_px), station)
+        return flat_rectangle(flat_object(sample.color, _mask(sample), m_per_px), station)
 
     return {"vlad": vlad, "antipodal": antipodal}[name]
 

@@ -1,7 +1,7 @@
-"""Whether memory and open files of a cell's processes grow.
+"""Growth of memory and open files of a cell's processes.
 
-A process that works is now and then larger by what its garbage collector has not yet taken: it has grown by what the
-median of its last looks is above that of the first ones after its warm-up.
+The size of a working process varies with its uncollected garbage. Its growth is the median of its last samples minus
+the median of the first ones after its warm-up.
 """
 
 from __future__ import annotations

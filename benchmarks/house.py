@@ -1,9 +1,10 @@
-"""The structure of the code in figures: rooms, arrows, circles, lengths, docstrings. The code is read, never imported.
+"""The structure of the code in figures: rooms, imports, circles, lengths, docstrings. The code is read, never imported.
 
-A room is a folder; the files that lie directly in a package are the room of the package itself. Lines of a module are
-all of its lines. Lines of a function are those from its ``def`` to its end, without the lines of its docstring;
-decorators do not count, functions within it do, and are counted once more by themselves. ``p90`` is the smallest length
-that 90 % do not exceed. A kLOC is a thousand lines of modules.
+A room is a folder; the files directly in a package are the room of the package itself; for the imports between rooms
+each of them is a room of its own where the package has folders. Lines of a module are all of its lines. Lines of a
+function are those from its ``def`` to its end, without the lines of its docstring; decorators do not count; nested
+functions count, and are counted once more by themselves. ``p90`` is the smallest length that 90 % do not exceed. A kLOC
+is a thousand lines of modules.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""What a program on the bus can do that should not be there: it speaks plain Zenoh, and holds no lease.
+"""The capabilities of an unauthorised program on the bus: it speaks plain Zenoh, and holds no lease.
 
-Each try asks for something (`benchmarks.questions`), forges what others say (`benchmarks.forging`), pretends to be
-somebody (`benchmarks.rogues`), or is a process that should not be there or stands still (`benchmarks.peers`). It is
-accepted when an act was carried out or a lie was believed.
+Each try sends a query (`benchmarks.questions`), forges samples (`benchmarks.forging`), impersonates a participant
+(`benchmarks.rogues`), or is an unauthorised or frozen process (`benchmarks.peers`). It is accepted when a command was
+executed or a forged sample was believed.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Judges trajectories without the planner's code: exact shapes, true boxes, the least possible time, and stops."""
+"""Checks trajectories without the planner's code: exact shapes, true boxes, the least possible time, and stops."""
 
 from __future__ import annotations
 

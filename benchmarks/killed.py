@@ -1,6 +1,6 @@
-"""A whole simulated cell whose daemon is killed at any moment: what its recordings hold, and whether it comes back.
+"""A whole simulated cell whose daemon is killed at any moment: the content of its recordings, and its recovery.
 
-The truth is what a client on the bus heard of its stages before the kill.
+The reference is the list of stages that a client on the bus received before the kill.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from benchmarks.openness import trouble
 from benchmarks.started import cell_started
 from benchmarks.stopping import make_idle
 from bus.errors import BusError, RecordingError, Refused
-from bus.sample import Heard
+from bus.sample import Sample
 from bus.session import Bus
 from cell import client
 from cell.replay.stages import STAGES
@@ -71,7 +71,7 @@ def kill_cell(folder: Path, endpoint: str, rng: random.Random) -> Left:
 def _picks_until_killed(overrides: list[str], after_s: float) -> tuple[Stages, str]:
     """What was heard long enough before the kill; and where the cell was then, as far as it had said so."""
     station = load_station(None, overrides)
-    heard: list[tuple[float, Heard]] = []
+    heard: list[tuple[float, Sample]] = []
     with cell_started(overrides) as process, Bus.join(station.cell_id, station.bus.endpoint) as bus:
         for key in ("cycle/*", "state"):
             bus.subscribe(key, lambda said: heard.append((time.monotonic(), said)))

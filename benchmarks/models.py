@@ -1,8 +1,8 @@
-"""Hosted models against the loopback server: does the carried rectangle survive the model's drift?
+"""Hosted models against the loopback server: does the recovered rectangle survive the model's drift?
 
-Each scene is imagined by a real provider's client through the server, once without drift and then with it; a drifted
+Each scene is imagined by a real provider's client through the server, once without drift and then with it. A drifted
 answer is right when the best grasp's rectangle matches the undrifted one's (Jiang et al. 2011), whose axis may be any
-that the object's outline cannot tell from it: every one of a round object, the two of a cube.
+equivalent one of the object's outline: all axes of a round object, the two of a cube.
 """
 
 from __future__ import annotations

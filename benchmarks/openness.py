@@ -1,4 +1,4 @@
-"""A recording as others see it: read by the plain ``mcap`` package, and shown by what knows Foxglove's schemas."""
+"""A recording read by other tools: by the plain ``mcap`` package, and by viewers of Foxglove's schemas."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Processes that should not be there, or that stand still: a second node, a frozen client, a frozen intruder."""
+"""Unauthorised or frozen processes: a second node, a frozen client, a frozen intruder."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class Peers:
         with _process(command) as holder:
             is_moving = wait_until(lambda: cell.speed_rad_s() > _MOVING_RAD_S, _START_S)
             if not is_moving:
-                cell.tally.crash(f"{kind}: the pick does not begin: {cell.state}, {cell.daemon.voice.state.reason}")
+                cell.tally.crash(f"{kind}: the pick does not begin: {cell.state}, {cell.daemon.publisher.state.reason}")
                 cell.make_idle()
                 return
             holder.send_signal(signal.SIGSTOP)

@@ -1,4 +1,4 @@
-"""Seeded pick problems: a table, a bin with walls, five boxes, an object in the bin; known, or only seen."""
+"""Seeded pick problems: a table, a bin with walls, five boxes, an object in the bin; either known, or only observed."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def _boxes(robot: Robot, rng: np.random.Generator) -> tuple[Box, ...]:
     capture_q = np.array(robot.station.arm.capture_q_rad)
     while True:
         boxes = (TABLE, *_bin(), *(_box(f"box-{i}", rng) for i in range(5)))
-        if Scene(robot, robot.station, boxes).touch(capture_q, robot.station.hand.max_width_m) is None:
+        if Scene(robot, robot.station, boxes).collision(capture_q, robot.station.hand.max_width_m) is None:
             return boxes
 
 
@@ -142,12 +142,12 @@ def _feasible(scene: Scene, approach: Approach) -> bool:
     back_m, up_m = -plan.approach_m * pose[:3, 2], np.array([0.0, 0.0, plan.lift_m])
     for twin in twins(pose):
         for q in inverse(flange_pose(twin), q7_grid()):
-            if limit_distance_rad(q) < LIMIT_MARGIN_RAD or scene.touch(q, grasp.opening_m) is not None:
+            if limit_distance_rad(q) < LIMIT_MARGIN_RAD or scene.collision(q, grasp.opening_m) is not None:
                 continue
             away, lift = tcp_line(q, twin, back_m), tcp_line(q, twin, up_m)
-            if away is None or lift is None or scene.first_touch(away, grasp.opening_m) is not None:
+            if away is None or lift is None or scene.first_collision(away, grasp.opening_m) is not None:
                 continue
-            if empty.first_touch(lift, grasp.width_m) is None:
+            if empty.first_collision(lift, grasp.width_m) is None:
                 return True
     return False
 

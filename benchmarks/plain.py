@@ -1,6 +1,6 @@
-"""The plain library pipeline, as their tutorials have it: OMPL, its simplifier, a spline, and toppra with its defaults.
+"""A plain pipeline of the libraries, as in their tutorials: OMPL, its simplifier, a spline, and toppra's defaults.
 
-The peer that `planning` is compared with: no straight line first, no rounded corners, no filter, no gate.
+It is the peer of `planning`: without a straight line first, rounded corners, a filter or a gate.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ def reach(scene: Scene, base_from_tcp: Transform, opening_m: float, q_now_rad: J
     lines = [
         line
         for q, pose in islice(configurations(befores, q_now_rad), _EXAMINED)
-        if scene.touch(q, opening_m) is None
+        if scene.collision(q, opening_m) is None
         and (line := tcp_line(q, pose, -back_m)) is not None
-        and scene.touch(line[-1], opening_m) is None
+        and scene.collision(line[-1], opening_m) is None
     ][:_GOALS]
     if not lines:
         return None
-    path = search(lambda q: scene.touch(q, opening_m) is None, q_now_rad, [line[0] for line in lines], seed=0)
+    path = search(lambda q: scene.collision(q, opening_m) is None, q_now_rad, [line[0] for line in lines], seed=0)
     if path is None:
         return None
     landing = lines[int(np.argmin([np.abs(line[0] - path[-1]).max() for line in lines]))]

@@ -1,4 +1,4 @@
-"""Picks in random scenes: are they solved, how long that takes, and whether any command breaks a limit or touches."""
+"""Picks in random scenes: success rate, planning time, and violations of limits or collisions by any command."""
 
 from __future__ import annotations
 

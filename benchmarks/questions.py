@@ -1,4 +1,4 @@
-"""Questions that should move nothing: malformed, unauthorised, stale, out of limits, replayed, patterns, strangers'."""
+"""Queries that must not move anything: malformed, unauthorised, stale, out of limits, replayed, patterns, foreign."""
 
 from __future__ import annotations
 

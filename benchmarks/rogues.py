@@ -1,6 +1,6 @@
-"""Who answers beside the cell and its nodes, holds their tokens, or connects with their ids.
+"""Intruders that answer beside the cell and its nodes, hold their tokens, or connect with their ids.
 
-A lie is believed when `cell.client.Client` returns it, or when the cell asked, was lied to, and went on.
+A false answer is believed when `cell.client.Client` returns it, or when the cell asked for it and went on.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _ASKED = (topics.STATE_NOW, topics.HEALTH_NOW, topics.RESULT_NOW)
 _WAYS = ("lie", "error", "silence")
 _DEVICES = (*(topic for topic in topics.TOPICS if topic.acts == "cell"), topics.ARM_NOW, topics.HAND_NOW)
 _NOT_BELIEVED_ANYWAY = {topics.ARM_STOP.key, topics.ARM_HOLD.key, topics.HAND_STOP.key}
-"""Whoever stops or holds confirms it by the measured velocity, never by an answer."""
+"""A stop or hold is confirmed by the measured velocity, never by an answer."""
 _TOKENS = ("lease/cell", f"node/{NODE}", "node/other", "lease/bench", "lease/operator")
 
 
@@ -81,7 +81,7 @@ class Rogues:
             if outcome == "Idle" and not asked:
                 outcome = self._pick()
             has_failed = cell.state == "Aborted" or outcome == "FAILED"
-            reason = cell.daemon.voice.state.reason
+            reason = cell.daemon.publisher.state.reason
         if not asked:
             self._code("NOT_ASKED")
         elif has_failed or topic.key in _NOT_BELIEVED_ANYWAY:
@@ -127,7 +127,7 @@ class Rogues:
                 query.drop()  # type: ignore[no-untyped-call]
 
     def _token(self, kind: str) -> None:
-        """A token of the cell, of its node, or of somebody else comes and goes."""
+        """A token of the cell, of its node, or of another client comes and goes."""
         cell, key = self._cell, str(self._one_of(_TOKENS))
         token = self._session.liveliness().declare_token(f"{cell.root}/{key}")
         await_arrival(cell, self._session)

@@ -1,4 +1,4 @@
-"""An object at rest on a table before a camera, a rod a jaw could close along, and depth pictures of them."""
+"""An object at rest on a table before a camera, a rod that a jaw could close along, and depth images of them."""
 
 from __future__ import annotations
 

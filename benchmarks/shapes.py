@@ -1,4 +1,4 @@
-"""Objects with known symmetries, as unions of analytic solids, and the rays cast at them. Metres throughout."""
+"""Objects with known symmetries, as unions of analytic solids, and ray casting at them. In metres."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A contact sheet: many small pictures on one, to be looked at."""
+"""A contact sheet: many small images in one, for visual inspection."""
 
 from __future__ import annotations
 

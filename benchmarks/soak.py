@@ -1,8 +1,8 @@
-"""Cycle after cycle with injected faults: was each outcome one the fault table allows, and was the cell ready again?
+"""Cycle after cycle with injected faults: was each outcome allowed by the fault table, and was the cell ready again?
 
-What is tried, and what may come of it, is in `benchmarks.trials`. After each trial the faults end and the cell is
-cleared and reset as an operator would. The daemon is a process of its own (`benchmarks.apart`): what it grows by is not
-what reads the recordings here.
+`benchmarks.trials` defines the faults and the allowed outcomes. After each trial the faults end and the cell is cleared
+and reset as an operator would. The daemon is a process of its own (`benchmarks.apart`), so its growth is measured
+without that of reading the recordings here.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def soak_station(folder: Path, endpoint: str, seed: int, overrides: tuple[str, .
 
 
 class Soak:
-    """One running cell, its operator, and whoever injects. Use `tried` after setting `cell` and `operator`."""
+    """One running cell, its operator, and the fault injector. Use `tried` after setting `cell` and `operator`."""
 
     def __init__(self, station: Station) -> None:
         self.station = station

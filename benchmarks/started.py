@@ -1,12 +1,14 @@
-"""``cell start`` as a process of its own, as an operator has it."""
+"""``cell start`` as a process of its own, as an operator runs it."""
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 from bus.errors import BusError, CellUnreachable
 from cell import client
@@ -14,6 +16,7 @@ from config.load import load_station
 from config.schema import Station
 
 _PATIENCE_S = 90.0
+_LONGEST_S = 300.0
 
 
 @contextmanager
@@ -45,3 +48,21 @@ def _await_answer(station: Station, process: subprocess.Popen[bytes]) -> None:
             if process.poll() is not None or time.monotonic() > give_up_s:
                 raise CellUnreachable(f"The cell did not start: {error}", "See its own message above.") from error
             time.sleep(0.1)
+
+
+def recorded_cycle(folder: Path, endpoint: str) -> Path:
+    """The recording of one simulated cycle. Raises: CellUnreachable when the cell ended without one."""
+    settings = (f"recording.folder={folder}", f"bus.endpoint={endpoint}")
+    command = [sys.executable, "-m", "cell", "start", "--cycles", "1", "--json", "--no-report"]
+    done = subprocess.run(
+        [*command, *(part for setting in settings for part in ("--set", setting))],
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=_LONGEST_S,
+    )
+    lines = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
+    recordings = [Path(line["recording"]) for line in lines if "recording" in line]
+    if not recordings:
+        raise CellUnreachable(f"The cell recorded no cycle: {done.stderr.strip()[-500:]}", "See its own message.")
+    return recordings[-1]

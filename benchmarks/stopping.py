@@ -1,14 +1,14 @@
-"""How soon the arm brakes, and rests, after a command, a lost lease or a frozen node - in the middle of a real pick.
+"""Time until the arm brakes, and rests, after a command, a lost lease or a frozen node, during a real pick.
 
 Brake: the first control tick (1 kHz) whose command departs from the planned motion. Its wall time comes from the arm's
 published states, matched with the motion's own samples: the simulated arm plays ten ticks at a time, so a figure may be
-up to 10 ms too long, or its instant that much too early. An arm that slows down by plan may already brake as hard as it
-can, and depart from nothing: such a pick is tried again. Rest: the first published state after which no joint is faster
+up to 10 ms too long, or its instant that much too early. An arm that slows down by plan may already brake at its limit
+without departing from the plan: such a pick is repeated. Rest: the first published state after which no joint is faster
 than `REST_RAD_S`. The lease is lost by the SIGKILL of the process that holds it.
 
-A node that is frozen (SIGSTOP) cannot brake its arm, nor can anything here measure it: in simulation the frozen arm
-does not move at all. What is measured: ``noticed_ms``, SIGSTOP until the cell aborts, and, when the node goes on
-(SIGCONT, right after that), ``rest_s`` until its arm rests. The daemon and the client frozen: `benchmarks.freezing`.
+A node that is frozen (SIGSTOP) cannot brake its arm, and cannot be measured: in simulation the frozen arm does not
+move. Measured are ``noticed_ms``, from SIGSTOP until the cell aborts, and, after the node continues (SIGCONT, right
+after that), ``rest_s`` until its arm rests. For a frozen daemon or client see `benchmarks.freezing`.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from benchmarks.openness import trouble
 from bus import topics
 from bus.frozen import Message
 from bus.messages import CycleResult, Execution, PickPlan, StageRecord
-from bus.sample import Heard
+from bus.sample import Sample
 from bus.session import Bus
 from bus.topics import Topic
 from bus.trajectory import TICK_S
@@ -97,7 +97,7 @@ class Witness:
         elif isinstance(message, CycleResult):
             self.result = message
 
-    def hear(self, heard: Heard) -> None:
+    def hear(self, heard: Sample) -> None:
         said = JointStates.FromString(heard.payload)
         q_rad, dq_rad_s = (np.array([getattr(one, name) for one in said.joints]) for name in ("position", "velocity"))
         self.states.append(Moment(said.timestamp.ToNanoseconds(), q_rad, dq_rad_s))

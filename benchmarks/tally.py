@@ -1,4 +1,4 @@
-"""What came of an intruder's tries."""
+"""The tally of an intruder's tries."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""What a process killed at any moment leaves of its cycle: everything up to its last flush, in a file that can be read.
+"""The recording of a process killed at any moment: everything up to its last flush, in a readable file.
 
-Most kills hit a process that only records, as fast as its disk takes it; the truth is what it reported over a pipe
-after each flush. Some hit a whole simulated cell (`benchmarks.killed`).
+Most kills hit a process that only records, as fast as its disk allows; the reference is the count it reported over a
+pipe after each flush. Some hit a whole simulated cell (`benchmarks.killed`).
 """
 
 from __future__ import annotations
@@ -18,13 +18,15 @@ from typing import Any
 
 from mcap.reader import make_reader
 
+from benchmarks import damaged
 from benchmarks.killed import kill_cell
+from benchmarks.started import recorded_cycle
 from bus import topics
 from bus.codec import encode
 from bus.commands import CellState
 from bus.errors import RecordingError
 from bus.messages import HandState
-from bus.sample import Heard
+from bus.sample import Sample
 from bus.topics import encoding_of
 from cell.pick.record import CycleLog
 from logs.mcap.recorder import Recorder
@@ -35,8 +37,8 @@ _LONGEST_S = 0.5
 """A recording lives for this long at most before it is killed: five periods of flushing."""
 
 
-def run(kills: int, cells: int, seed: int, endpoint: str, tell: Callable[[str], None]) -> dict[str, Any]:
-    """``kills`` in all, ``cells`` of them of a whole cell."""
+def run(kills: int, cells: int, damages: int, seed: int, endpoint: str, tell: Callable[[str], None]) -> dict[str, Any]:
+    """``kills`` in all, ``cells`` of them of a whole cell; and one recorded cycle, damaged ``damages`` times."""
     rng = random.Random(seed)
     lost = unreadable = flushed = not_ready = 0
     with TemporaryDirectory() as name:
@@ -56,8 +58,10 @@ def run(kills: int, cells: int, seed: int, endpoint: str, tell: Callable[[str], 
             lost += left.lost
             unreadable += not left.is_readable
             not_ready += not left.is_ready
+        damage = damaged.run(recorded_cycle(Path(name) / "whole", endpoint), damages, seed) if damages else {}
     figures = {"kills": kills, "lost": lost, "unreadable": unreadable, "flushed": flushed}
-    return {**figures, "of_cells": cells, "cells_not_ready_again": not_ready}
+    figures |= {"of_cells": cells, "cells_not_ready_again": not_ready}
+    return {**figures, "damaged_percent_kept": damage}
 
 
 def _recovered(path: Path) -> int | None:
@@ -122,9 +126,9 @@ def _record(path: Path, told: Connection, seed: float) -> None:
     state = CellState(state="Execute", stage="", cycle_id="", since_ns=1, available=(), reason="")
     noise = rng.randbytes(200_000)
     says = (
-        Heard(topics.HAND_STATE.key, encoding_of(HandState), encode(hand)),
-        Heard(topics.STATE.key, encoding_of(CellState), encode(state)),
-        Heard(topics.CAMERA_DEPTH.key, encoding_of(topics.CAMERA_DEPTH.says), noise),
+        Sample(topics.HAND_STATE.key, encoding_of(HandState), encode(hand)),
+        Sample(topics.STATE.key, encoding_of(CellState), encode(state)),
+        Sample(topics.CAMERA_DEPTH.key, encoding_of(topics.CAMERA_DEPTH.says), noise),
     )
     while True:
         log.hear(rng.choices(says, (20, 1, 4))[0])

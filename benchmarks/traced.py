@@ -1,4 +1,4 @@
-"""A node of a simulated cell whose arm's states come over a pipe as well: no frozen hub keeps them back.
+"""A node of a simulated cell whose arm's states also come over a pipe, which a frozen daemon cannot delay.
 
 It is a `drivers.node.node.Node` like any other; its cell has ``nodes.NAME.run = "elsewhere"``.
 """
@@ -16,7 +16,7 @@ import numpy as np
 
 from benchmarks.stopping import Moment
 from bus.session import Bus
-from cell.nodes.process import settled, share_arenas
+from cell.nodes.process import freeze_gc, limit_malloc_arenas
 from config.load import load_station
 from drivers.node.node import Node
 from drivers.node.registry import open_devices
@@ -53,7 +53,7 @@ def node_traced(name: str, overrides: list[str], hear: Callable[[Moment], None])
 
 def _serve(name: str, overrides: list[str]) -> None:
     """Until stdin closes."""
-    share_arenas()
+    limit_malloc_arenas()
     station = load_station(None, overrides)
     ended = threading.Event()
     with Bus.join(station.cell_id, station.bus.endpoint) as bus:
@@ -63,7 +63,7 @@ def _serve(name: str, overrides: list[str]) -> None:
         assert devices.arm is not None
         sys.stdout.write(_READY)
         threading.Thread(target=_await_end, args=(ended,)).start()
-        with settled():
+        with freeze_gc():
             while not ended.wait(_PERIOD_S):
                 state = devices.arm.state()
                 said = [state.stamp_ns, state.q_rad.tolist(), state.dq_rad_s.tolist()]

@@ -1,7 +1,7 @@
-"""What our bus adds to plain Zenoh: the round trip of a camera frame (2.7 MB) and of a command, between two processes.
+"""Overhead of our bus over plain Zenoh: round trips of a camera frame (2.7 MB) and a command between two processes.
 
-Both sides ask a second process for the same bytes: ours through `Bus.ask` and `Bus.answer` (typed errors, lanes, the
-recorder's tap), the plain one with ``get`` and a queryable that replies in its callback. They take turns, one question
+Both sides ask a second process for the same bytes: ours through `Bus.ask` and `Bus.answer` (typed errors, workers, the
+recorder's tap), the plain one with ``get`` and a queryable that replies in its callback. They take turns, one query
 each, over sessions with the same settings. Encoding and decoding of the frame are figures of their own.
 """
 
@@ -23,7 +23,7 @@ from bus import topics
 from bus.codec import decode, encode
 from bus.commands import CommandReply, CommandRequest, Nothing
 from bus.messages import CameraModel, Frame
-from bus.sample import Heard
+from bus.sample import Sample
 from bus.secured import session_config
 from bus.session import Bus
 from bus.topics import encoding_of
@@ -46,7 +46,7 @@ def run(rounds: int, seed: int, endpoint: str, plain_endpoint: str, tell: Callab
         zenoh.open(session_config("peer", listen=[plain_endpoint], connect=[], file=None)) as plain,
         _other_process(str(seed), endpoint, plain_endpoint),
     ):
-        bus.tap = lambda heard: None
+        bus.tap = lambda sample: None
         ask: dict[str, Callable[[], object]] = {
             "frame": lambda: bus.ask(topics.CAMERA_CAPTURE, Nothing(), timeout_s=_TIMEOUT_S),
             "plain_frame": lambda: _get(plain, _FRAME, b"{}"),
@@ -132,7 +132,7 @@ def _other_process(*arguments: str) -> Any:
 def _serve(seed: str, endpoint: str, plain_endpoint: str) -> None:
     parts = frame_to_wire(_frame(int(seed)))
     parts[topics.CAMERA_COLOR.key] += bytes(_FRAME_BYTES - sum(len(part) for part in parts.values()))
-    heard = [Heard(topic.key, encoding_of(topic.says), parts[topic.key]) for topic in topics.FRAME_PARTS]
+    frame = [Sample(topic.key, encoding_of(topic.says), parts[topic.key]) for topic in topics.FRAME_PARTS]
     reply = encode(_REPLY)
 
     def command(payload: bytes, _fields: object) -> CommandReply:
@@ -141,7 +141,7 @@ def _serve(seed: str, endpoint: str, plain_endpoint: str) -> None:
 
     def plain_frame(query: zenoh.Query) -> None:
         with query:
-            for part in heard:
+            for part in frame:
                 query.reply(_FRAME, part.payload, encoding=part.encoding)
 
     def plain_command(query: zenoh.Query) -> None:
@@ -152,8 +152,8 @@ def _serve(seed: str, endpoint: str, plain_endpoint: str) -> None:
         Bus.join(_CELL, endpoint) as bus,
         zenoh.open(session_config("client", listen=[], connect=[plain_endpoint], file=None)) as plain,
     ):
-        bus.answer(topics.CAMERA_CAPTURE, lambda _payload, _fields: heard, lane="camera")
-        bus.answer(topics.COMMAND, command, lane="command", verb="*")
+        bus.answer(topics.CAMERA_CAPTURE, lambda _payload, _fields: frame, worker="camera")
+        bus.answer(topics.COMMAND, command, worker="command", verb="*")
         plain.declare_queryable(_FRAME, plain_frame)
         plain.declare_queryable(_COMMAND, plain_command)
         sys.stdout.write("ready\n")

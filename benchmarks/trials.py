@@ -1,7 +1,8 @@
-"""What the soak tries, and what may come of it.
+"""The trials of the soak, and their allowed outcomes.
 
-The first trials walk through every row of `cell.daemon.fault_table`; then parts, words and moments are drawn at
-random, and every fourth has no fault.
+The first trials use every row of `cell.daemon.fault_table`; then parts, kinds and moments are drawn at random, and
+every
+fourth trial has no fault.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from bus.messages import CycleResult
 from cell.daemon.fault_table import PICK_CODES, ROWS, Row
 from logs.mcap.reader import read_cycle
 from logs.mcap.recorder import PART
-from logs.mcap.torn_reader import Salvage
+from logs.mcap.torn_reader import TornReader
 
 MOMENTS = ("begin", "capture", "detect", "plan", "execute", "verify", "deliver")
 _WITHOUT_FAULT = 0.25
@@ -118,6 +119,6 @@ def is_logged(result: CycleResult, trial: Trial) -> bool:
         return True
     try:
         with path.with_name(path.name + PART).open("rb") as file:
-            return any(isinstance(record, Attachment) for record in Salvage(file).records())
+            return any(isinstance(record, Attachment) for record in TornReader(file).records())
     except OSError:
         return False

@@ -1,4 +1,4 @@
-"""How code is described: the docstrings of what is public, and single words in docstrings and comments.
+"""The documentation of the code in figures: docstrings of public definitions, words in docstrings and comments.
 
 A class, function or method is public when its name has no leading underscore and it stands at the top of a module or in
 a public class. Setters, overloads and definitions within functions do not count. The text that describes it is its

@@ -1,1 +1,1 @@
-"""What is said in the cell, and how it travels (Eclipse Zenoh). Imports nothing of ours."""
+"""The cell's messages and their transport over Eclipse Zenoh. This package imports none of our others."""

@@ -1,4 +1,4 @@
-"""Whom a question may move: what acts answers its exact key, with its own payload, and only who may ask for it."""
+"""Access rules for queries: a topic that acts answers only its exact key, its own payload type and allowed clients."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from bus.seal import Seal
 from bus.topics import Topic, encoding_of
 
 _UNTYPED = frozenset({"zenoh/bytes", "zenoh/string", "zenoh/serialized", "application/json", "text/json", "text/plain"})
-"""What programs send that set no encoding of ours: the payload itself must then be what is asked."""
+"""Encodings of programs that set none of ours; only the payload itself is then checked."""
 
 
 def source_of(said: zenoh.Query | zenoh.Sample) -> str:
-    """The session that a question or a sample names as its own; "" when it names none."""
+    """Return the session id that a query or sample names as its source; "" when it names none."""
     return str(said.source_info.source_id.zid) if said.source_info is not None else ""
 
 
 def is_sealed(said: zenoh.Query | zenoh.Sample, seal: Seal | None) -> bool:
-    """Whether the session that a question or a sample names holds our secret."""
+    """Whether the query or sample carries a valid seal: its session holds our secret (`bus.seal`)."""
     source, attached = said.source_info, said.attachment
     if seal is None or source is None or attached is None:
         return False
@@ -30,7 +30,11 @@ def is_sealed(said: zenoh.Query | zenoh.Sample, seal: Seal | None) -> bool:
 
 
 def asked(query: zenoh.Query, seal: Seal | None) -> Asked:
-    """What is known of ``query``; ``seal``: of the secret that we share with the cell, if we do."""
+    """Collect the facts about ``query`` that access and answering need.
+
+    Args:
+        seal: checks the query's seal; None where this process shares no secret with the cell.
+    """
     source = query.source_info
     key = str(query.key_expr)
     return Asked(
@@ -47,11 +51,11 @@ def asked(query: zenoh.Query, seal: Seal | None) -> Asked:
 
 
 def refusal(topic: Topic, question: Asked, cell: str | None, *, needs_seal: bool = False) -> Refused | None:
-    """Why ``question`` may not be answered on a topic that acts; None when it may.
+    """Return why ``question`` may not be answered on ``topic``; None when it may, and for a topic that only reads.
 
     Args:
-        cell: the cell's own session; None where only certificates tell who asks (behind a router).
-        needs_seal: we share a secret with the cell.
+        cell: session id of the cell; None behind a router, where only certificates identify a client.
+        needs_seal: this process shares a secret with the cell, so the cell's queries must be sealed.
     """
     if not topic.acts:
         return None
@@ -70,6 +74,7 @@ def refusal(topic: Topic, question: Asked, cell: str | None, *, needs_seal: bool
 
 
 def _refusal_of_stranger(topic: Topic, question: Asked, cell: str | None, needs_seal: bool) -> Refused | None:
+    """Refuse a query on a topic for the cell only, unless it is typed and comes, sealed where needed, from the cell."""
     is_typed = question.has_payload and question.encoding == encoding_of(topic.asks)
     is_cell = question.source != "" and cell in (None, question.source) and question.is_sealed >= needs_seal
     if is_typed and is_cell:

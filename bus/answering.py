@@ -1,4 +1,4 @@
-"""Answers one question: with what its handler returns, or with the error it raised. No question stays unanswered."""
+"""Answers one query with its handler's result, or with the error the handler raised. Every query gets an answer."""
 
 from __future__ import annotations
 
@@ -13,34 +13,35 @@ from bus.commands import ErrorReply
 from bus.errors import BadPayload, CellError, Refused
 from bus.frozen import Message
 from bus.remote_errors import error_reply
-from bus.sample import Asked, Handler, Heard, Tap
+from bus.sample import Asked, Handler, Sample, Tap
 from bus.secured import MAX_PAYLOAD_BYTES
 from bus.topics import Topic, encoding_of
 
 MAX_RECORDED_QUESTION_BYTES = 64 * 1024
-"""Longer questions to a cell that records are a stranger's; its commands have some hundred bytes."""
+"""Longer queries are answered but not recorded; the cell's own commands have some hundred bytes."""
 
 _REMEMBERED, _NUMBERS = 4, 1024
-"""Answers may be large, numbers are not."""
+"""How many answers and how many query numbers are kept: answers may be large, numbers are small."""
 
 
 class Answers:
-    """What a device answered on one topic: a question that is asked again is answered again, and acts once."""
+    """The recent answers of one topic: a query that is sent again gets the same answer, and acts once."""
 
     def __init__(self) -> None:
-        self._by_question: OrderedDict[tuple[str, int], Sequence[Heard]] = OrderedDict()
+        self._by_question: OrderedDict[tuple[str, int], Sequence[Sample]] = OrderedDict()
         self._acted: deque[tuple[str, int]] = deque(maxlen=_NUMBERS)
 
-    def known(self, question: Asked) -> Sequence[Heard] | None:
-        """The answer to this very question, if it was given lately."""
+    def known(self, question: Asked) -> Sequence[Sample] | None:
+        """Return the kept answer to this query; None when it is new, too old, or names no source session."""
         return self._by_question.get((question.source, question.number)) if question.source else None
 
     def is_old(self, question: Asked) -> bool:
-        """Whether it was acted on some time ago: a copy of it, not the question asked again at once."""
+        """Whether the query was acted on already; when `known` has no answer either, it is a late copy."""
         return question.source != "" and (question.source, question.number) in self._acted
 
-    def keep(self, question: Asked, answer: Sequence[Heard]) -> None:
-        if not question.source:  # it names no number: its handler must tell by the payload (command_id)
+    def keep(self, question: Asked, answer: Sequence[Sample]) -> None:
+        """Remember the answer by the query's session and number; the oldest answer beyond four is dropped."""
+        if not question.source:  # without a source there is no number; the handler goes by the payload's command_id
             return
         self._acted.append((question.source, question.number))
         self._by_question[question.source, question.number] = answer
@@ -51,16 +52,20 @@ class Answers:
 def reply_to(
     query: zenoh.Query, question: Asked, topic: Topic, key: str, handler: Handler, record: Tap, answers: Answers
 ) -> None:
-    """Ask ``handler`` and reply; the question and what was said are recorded together, then.
+    """Call ``handler`` and reply with its result; query and answer are recorded together.
+
+    A `CellError` is sent as a typed error. Any other exception is a defect: it is sent as ``INTERNAL`` and raised.
 
     Args:
-        key: what is served, a whole key; its last chunk may be ``*``, and is then the question's.
-
-    A defect of the handler is answered too, and raised on.
+        query: the Zenoh query that gets the reply.
+        question: the facts about it (`bus.access.asked`).
+        key: the served key, complete; a final chunk ``*`` stands for the query's last chunk.
+        record: receives the query and every part of the answer, where the topic is logged.
+        answers: the recent answers of this topic; used for topics that only the cell may ask.
     """
-    key = key.removesuffix("*") + question.verb if key.endswith("*") else key  # the question's may be a pattern
+    key = key.removesuffix("*") + question.verb if key.endswith("*") else key  # the query's own key may be a pattern
     root, name = key[: -len(_short(key))], _short(key)
-    is_kept = topic.acts == "cell"  # a command has an id of its own
+    is_kept = topic.acts == "cell"  # a client's command is told apart by its command_id instead
     known = answers.known(question) if is_kept else None
     if known is not None:
         _send(query, root, known)
@@ -72,7 +77,7 @@ def reply_to(
     try:
         answer = _answer(handler, payload, question, name)
     except CellError as error:
-        answer = [Heard(f"{name}/error", AS_ERROR, encode(error_reply(error)))]
+        answer = [Sample(f"{name}/error", AS_ERROR, encode(error_reply(error)))]
     except Exception as defect:
         query.reply_err(encode(_defect(defect)), encoding=AS_ERROR)
         raise
@@ -83,28 +88,31 @@ def reply_to(
 
 
 def payload_of(query: zenoh.Query) -> bytes:
-    """What a question brings; a question without content means an empty object."""
+    """Return the query's payload as bytes; a query without content means an empty JSON object."""
     return (query.payload.to_bytes() if query.payload is not None else b"") or b"{}"
 
 
 def refuse(query: zenoh.Query, why: Refused) -> None:
-    """Answer with a refusal, and record nothing: it asked for nothing that this cell does."""
+    """Answer with a refusal and record nothing, because the cell does nothing for this query."""
     query.reply_err(encode(error_reply(why)), encoding=AS_ERROR)
 
 
-def _answer(handler: Handler, payload: bytes, question: Asked, name: str) -> list[Heard]:
-    """Raises: BadPayload for a question too large, or whose asker cannot take the answer; what the handler raises."""
+def _answer(handler: Handler, payload: bytes, question: Asked, name: str) -> list[Sample]:
+    """Call the handler and return the payloads to reply with.
+
+    Raises: BadPayload when the payload is too large or the client cannot take several keys; what the handler raises.
+    """
     if len(payload) > MAX_PAYLOAD_BYTES:
         raise BadPayload(f"The payload has {len(payload)} bytes; at most {MAX_PAYLOAD_BYTES} are accepted.")
     answer = handler(payload, question)
     if isinstance(answer, Message):
-        return [Heard(name, encoding_of(type(answer)), encode(answer))]
+        return [Sample(name, encoding_of(type(answer)), encode(answer))]
     if not question.takes_any_key:
         raise BadPayload(f"{name!r} is answered on several keys.", "Ask with accept_replies = ANY.")
     return answer
 
 
-def _send(query: zenoh.Query, root: str, answer: Sequence[Heard]) -> None:
+def _send(query: zenoh.Query, root: str, answer: Sequence[Sample]) -> None:
     for part in answer:
         if part.encoding == AS_ERROR:
             query.reply_err(part.payload, encoding=AS_ERROR)
@@ -113,14 +121,14 @@ def _send(query: zenoh.Query, root: str, answer: Sequence[Heard]) -> None:
 
 
 def _short(key: str) -> str:
-    """Below the cell's root: ``cell/{cell_id}/``."""
+    """Return the key without the cell's root ``cell/{cell_id}/``."""
     return key.split("/", 2)[2]
 
 
-def _record(record: Tap, topic: Topic, name: str, question: bytes, answer: Sequence[Heard]) -> None:
-    """What we were asked and said. What is far too long is not kept."""
+def _record(record: Tap, topic: Topic, name: str, question: bytes, answer: Sequence[Sample]) -> None:
+    """Record the query and its answer, where the topic is logged; an overlong query is not kept."""
     if topic.logged and len(question) <= MAX_RECORDED_QUESTION_BYTES:
-        record(Heard(f"{name}/query", encoding_of(topic.asks), question))
+        record(Sample(f"{name}/query", encoding_of(topic.asks), question))
         for part in answer:
             record(part._replace(key=f"{name}/reply") if part.key == name else part)
 

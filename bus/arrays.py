@@ -1,8 +1,8 @@
 """NumPy arrays as fields of messages: exact in JSON, read-only in memory.
 
 An array of fewer than 64 finite numbers travels as lists, ``[0.1, -0.7]``, nested by its shape; any other as
-``{"dtype": "<f8", "shape": [n, 7], "base64": "..."}``; both forms are read whatever the size. An image travels as
-``{"png": "<base64>"}``. All come back bit for bit.
+``{"dtype": "<f8", "shape": [n, 7], "base64": "..."}``; both forms are accepted at any size. An image travels as
+``{"png": "<base64>"}``. All come back bit for bit. Frames and units: docs/frames.md.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _IMAGE_SCHEMA = {
 
 
 def _frozen(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """A read-only, contiguous array that shares no memory with a writeable one."""
+    """Return a read-only, contiguous array that shares no memory with a writeable one."""
     if not array.flags.writeable and array.flags.c_contiguous:
         return array
     copy = np.array(array, order="C", copy=True)
@@ -47,7 +47,7 @@ def _frozen(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
 
 
 def _schema(shape: Shape) -> dict[str, Any]:
-    """Of both forms in which an array travels."""
+    """Return the JSON schema of both forms in which an array of ``shape`` travels."""
     lists: dict[str, Any] = {"type": "number"}
     for length in reversed(shape):
         lists = {"type": "array", "items": lists}
@@ -56,12 +56,12 @@ def _schema(shape: Shape) -> dict[str, Any]:
 
 
 def _field(parse: Callable[[Any], Any], pack: Callable[[Any], Any], schema: dict[str, Any]) -> Any:
-    # Any, not an array's type: that would import NumPy; what `parse` gives is one
+    # typed as Any, because naming the array type would import NumPy; `parse` returns an array
     return Annotated[Any, BeforeValidator(parse), PlainSerializer(pack, when_used="json"), WithJsonSchema(schema)]
 
 
 def array_of(dtype: str, *shape: int | None) -> Any:
-    """The field type of an array of ``dtype`` and ``shape``; ``None`` stands for any length."""
+    """Return the pydantic field type of an array of ``dtype`` and ``shape``; ``None`` stands for any length."""
     return _field(lambda value: _frozen(unpack_array(value, dtype, shape)), pack_array, _schema(shape))
 
 
@@ -83,7 +83,7 @@ if TYPE_CHECKING:
     Mask = npt.NDArray[np.bool_]
 else:
     Joints = array_of("float64", 7)  # [rad] or [rad/s] or [Nm], base to wrist
-    JointSamples = array_of("float64", None, 7)  # one row a sample
+    JointSamples = array_of("float64", None, 7)  # (n, 7), one row per sample
     Samples = array_of("float64", None)
     Transform = array_of("float64", 4, 4)  # homogeneous; a_from_b maps b-coordinates to a
     Vector3 = array_of("float64", 3)
@@ -96,4 +96,4 @@ else:
         BeforeValidator(unpack_blob),
         PlainSerializer(pack_blob, when_used="json"),
         WithJsonSchema({"type": "string", "contentEncoding": "base64"}),
-    ]  # a file's bytes, as they came
+    ]  # a file's bytes, unchanged

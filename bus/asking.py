@@ -1,4 +1,4 @@
-"""A question and what comes back: the replies, or why there is none."""
+"""Sends one query and collects its replies, or raises the error that says why there is none."""
 
 from __future__ import annotations
 
@@ -12,17 +12,22 @@ from bus.codec import decode
 from bus.commands import ErrorReply
 from bus.errors import BusError, CellError, ReplyTimeout, TwoAnswers
 from bus.remote_errors import error_from_reply
-from bus.sample import Heard, Tap
+from bus.sample import Sample, Tap
 from bus.topics import encoding_of
 
-AS_ERROR = encoding_of(ErrorReply)  # a timeout is not: Zenoh itself says it
+AS_ERROR = encoding_of(ErrorReply)  # a timeout has another encoding: Zenoh itself reports it
 _ROUTES_S, _AGAIN_S = 1.0, 0.002
 _OTHERS_S = 2.0
-"""Who serves a key alone ends its replies with the last; one that is frozen just then is gone after its lease (1 s)."""
+"""Wait for other repliers [s]. A lone replier ends with its last reply; a frozen one is gone after its lease (1 s)."""
 
 
 class Signed(NamedTuple):
-    """Who says or asks something, with a number that its session gives but once, and its seal (`bus.seal`)."""
+    """Identifies the sender of a sample or query: its session, a number used once, and its seal (`bus.seal`).
+
+    Attributes:
+        source: Zenoh session and number.
+        seal: None where this process shares no secret with the cell.
+    """
 
     source: zenoh.SourceInfo
     seal: bytes | None
@@ -37,23 +42,32 @@ def replies_to(
     signed: Signed,
     others_s: float = _OTHERS_S,
 ) -> list[zenoh.Reply]:
-    """Zenoh's replies to a question on the whole ``key``: those of every session that serves it.
+    """Send one query on the complete ``key`` and return the replies of every session that serves it.
 
-    A queryable that is not yet in the routing table of a new session is asked again for a moment: often, a stop may be
-    waiting. It is the same question then, with the same number: whatever acts, acts once.
+    A queryable may be missing from the routing table of a new session, so the query is repeated for up to 1 s, every
+    2 ms because a stop may be waiting. The repeats keep the same number, so a topic that acts, acts once.
 
     Args:
-        others_s: how long after the first reply everybody else may take.
+        question: the encoded payload.
+        encoding: its Zenoh encoding.
+        timeout_s: how long Zenoh waits for each reply [s].
+        signed: the sender, sent along with the query.
+        others_s: how long further repliers may take after the first reply [s].
 
-    Raises: BusError after close; TwoAnswers when somebody else serves the key too, and lets the question wait.
+    Returns:
+        The replies, errors included; empty when no session serves the key.
+
+    Raises:
+        BusError: the session is closed.
+        TwoAnswers: another session serves the key too, and does not answer within ``others_s``.
     """
     give_up_s = time.monotonic() + min(_ROUTES_S, timeout_s)
     while True:
-        arriving: queue.SimpleQueue[zenoh.Reply | None] = queue.SimpleQueue()  # None: nobody replies any more
+        arriving: queue.SimpleQueue[zenoh.Reply | None] = queue.SimpleQueue()  # None ends the replies
         try:
             session.get(
                 key,
-                zenoh.handlers.Callback(arriving.put, lambda: arriving.put(None)),  # noqa: B023 - of this very round
+                zenoh.handlers.Callback(arriving.put, lambda: arriving.put(None)),  # noqa: B023 - used in this round only
                 payload=question,
                 encoding=encoding,
                 timeout=timeout_s,
@@ -72,7 +86,7 @@ def replies_to(
 
 
 def _collected(arriving: queue.SimpleQueue[zenoh.Reply | None], key: str, others_s: float) -> list[zenoh.Reply]:
-    """Raises: TwoAnswers when the replies do not end ``others_s`` after the first."""
+    """Return the replies up to their end. Raises: TwoAnswers when they do not end ``others_s`` after the first."""
     replies: list[zenoh.Reply] = []
     while True:
         try:
@@ -85,7 +99,7 @@ def _collected(arriving: queue.SimpleQueue[zenoh.Reply | None], key: str, others
 
 
 def replier_of(replies: list[zenoh.Reply], name: str) -> str:
-    """The one session that ``replies`` came from; "" when Zenoh itself gave up waiting. Raises: TwoAnswers."""
+    """Return the one session that ``replies`` came from; "" when Zenoh itself timed out. Raises: TwoAnswers."""
     sessions = sorted({str(reply.replier_id.zid) for reply in replies if reply.replier_id is not None})
     if len(sessions) > 1:
         raise _two_answers(f"{len(sessions)} sessions answer {name!r}: {', '.join(one[:8] for one in sessions)}.")
@@ -99,24 +113,33 @@ def _two_answers(text: str) -> TwoAnswers:
     )
 
 
-def heard_in(replies: list[zenoh.Reply], root: str, name: str, timeout_s: float, record: Tap) -> list[Heard]:
-    """The replies to a question on ``name`` below ``root``, each also recorded.
+def samples_in(replies: list[zenoh.Reply], root: str, name: str, timeout_s: float, record: Tap) -> list[Sample]:
+    """Turn the replies to a query on ``name`` into samples, and record each.
 
-    Raises: the error that one of them is, as its own type; ReplyTimeout; TwoAnswers when two sessions answered.
+    Args:
+        root: prefix of every key of the cell, ``cell/{cell_id}/``.
+        name: the query's key below ``root``.
+        timeout_s: the query's timeout [s], for the error text.
+        record: receives every sample, and the error if one came.
+
+    Raises:
+        CellError: the error that a reply carries, as its own type.
+        ReplyTimeout: a reply says that the time is over.
+        TwoAnswers: two sessions answered.
     """
     replier = replier_of(replies, name)
-    heard = []
+    samples = []
     for reply in replies:
         if reply.ok is None:
             if reply.err is not None and str(reply.err.encoding) == AS_ERROR:
-                record(Heard(f"{name}/error", AS_ERROR, reply.err.payload.to_bytes()))
+                record(Sample(f"{name}/error", AS_ERROR, reply.err.payload.to_bytes()))
             raise _error_from(reply.err, f"{name!r} got no answer within {timeout_s:.1f} s.")
         key = str(reply.ok.key_expr).removeprefix(root)
         key = f"{key}/reply" if key == name else key
-        heard.append(Heard(key, str(reply.ok.encoding), reply.ok.payload.to_bytes(), replier))
-    for one in heard:
+        samples.append(Sample(key, str(reply.ok.encoding), reply.ok.payload.to_bytes(), replier))
+    for one in samples:
         record(one)
-    return heard
+    return samples
 
 
 def _error_from(failure: zenoh.ReplyError | None, timeout_text: str) -> CellError:

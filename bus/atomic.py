@@ -1,4 +1,4 @@
-"""Writes a whole file at once or not at all, so that a power cut leaves the old one or the new one."""
+"""Writes a file atomically: after a power cut either the old or the new content is there, complete."""
 
 from __future__ import annotations
 
@@ -13,16 +13,17 @@ _NEW_MODE = 0o644
 
 
 def write_atomically(path: Path, data: bytes, *, mode: int | None = None) -> None:
-    """Make ``data`` the content of ``path``; a symbolic link stays one, and its target is written.
+    """Replace the content of ``path`` with ``data``; a symbolic link stays, and its target is written.
 
     Args:
-        mode: of the file, whatever the umask; None keeps that of the file it replaces (0644 for a new one).
+        mode: permission bits, independent of the umask; None keeps those of the replaced file (0644 for a new one).
 
-    Raises: OSError; then the file is as it was, and nothing else is left.
+    Raises:
+        OSError: the file is unchanged, and no temporary file is left.
     """
     target = os.path.realpath(path)
     folder = os.path.dirname(target)
-    file, part = tempfile.mkstemp(prefix=".write-", dir=folder)  # not path + ".part": that may be somebody's
+    file, part = tempfile.mkstemp(prefix=".write-", dir=folder)  # a fixed name (path + ".part") may exist already
     try:
         with os.fdopen(file, "wb") as output:
             output.write(data)
@@ -37,12 +38,12 @@ def write_atomically(path: Path, data: bytes, *, mode: int | None = None) -> Non
 
 
 def sync_folder(folder: Path) -> None:
-    """Make the names in ``folder`` last: a rename is lost in a power cut until then. Raises: OSError."""
+    """Make the names in ``folder`` durable: until then a power cut may undo a rename. Raises: OSError."""
     listing = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(listing)
     except OSError as error:
-        if error.errno not in (errno.EINVAL, errno.ENOTSUP):  # a network file system that has no such thing
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP):  # a network file system that cannot sync a folder
             raise
     finally:
         os.close(listing)
@@ -54,6 +55,6 @@ def _keep_owner_and_mode(file: int, target: str, mode: int | None) -> None:
     except FileNotFoundError:
         os.fchmod(file, _NEW_MODE if mode is None else mode)
         return
-    with suppress(PermissionError):  # only root gives files away; everybody else's new file is their own
+    with suppress(PermissionError):  # only root may change a file's owner; other users keep the new file
         os.fchown(file, before.st_uid, before.st_gid)
     os.fchmod(file, stat.S_IMODE(before.st_mode) if mode is None else mode)

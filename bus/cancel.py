@@ -1,4 +1,4 @@
-"""A stop, handed down to whatever computes: long work looks at it between its steps, and ends."""
+"""A stop signal that is passed down to long computations, which check it between their steps."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from bus.errors import CycleFailure
 
 
 class Cancel:
-    """One stop of one piece of work; every thread may look at it. Once set it stays set."""
+    """One stop signal of one piece of work. Any thread may set or read it; once set it stays set."""
 
     def __init__(self) -> None:
         self._event = threading.Event()
@@ -20,10 +20,11 @@ class Cancel:
 
     @property
     def is_set(self) -> bool:
+        """Whether the stop was given."""
         return self._event.is_set()
 
     def wait(self, timeout_s: float) -> bool:
-        """Pause for ``timeout_s``, or until the stop comes; whether it came."""
+        """Wait for the stop, at most ``timeout_s``. Returns whether it was given."""
         return self._event.wait(timeout_s)
 
     def raise_if_set(self, during: str) -> None:

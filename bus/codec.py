@@ -1,4 +1,4 @@
-"""Our own messages to JSON and back, and the schemas of whatever travels; sensor data: `bus.wire`."""
+"""Encodes our own messages as JSON, decodes them, and gives the schema of every payload. Sensor data: `bus.wire`."""
 
 from __future__ import annotations
 
@@ -15,6 +15,8 @@ from bus.frozen import Message
 from bus.lazy import LazyModule
 
 MessageT = TypeVar("MessageT", bound=Message)
+Json = dict[str, Any]
+"""A JSON object."""
 _MAX_SAID = 200
 mcap_schema: Any = LazyModule("mcap_protobuf.schema")
 
@@ -28,17 +30,17 @@ class Schema(NamedTuple):
 
 
 def encode(message: Message) -> bytes:
-    """One of our messages as JSON."""
+    """Return one of our messages as JSON bytes."""
     return message.model_dump_json().encode()
 
 
 def decode(payload_type: type[MessageT], payload: bytes) -> MessageT:
-    """One of our messages from JSON. Raises: BadPayload, naming the first field that does not fit."""
+    """Parse one of our messages from JSON. Raises: BadPayload, naming the first field that does not fit."""
     try:
         return payload_type.model_validate_json(payload)
     except ValidationError as error:
         why = _first_of(error)
-    except Exception as error:  # noqa: BLE001 - arrays and images are read by libraries that raise what they like
+    except Exception as error:  # noqa: BLE001 - NumPy and OpenCV may raise any type on foreign bytes
         why = f"payload: {type(error).__name__}: {error}"
     raise BadPayload(f"Not a valid {payload_type.__name__}: {_line(why)}.")
 
@@ -50,14 +52,14 @@ def _first_of(error: ValidationError) -> str:
 
 
 def _line(text: str) -> str:
-    """Foreign words as one printable line that is not too long."""
+    """Return foreign text as one printable line of limited length."""
     line = "".join(character if character.isprintable() else " " for character in text)
     return line if len(line) <= _MAX_SAID else f"{line[:_MAX_SAID]}..."
 
 
 @functools.cache
 def schema_of(encoding: str) -> Schema:
-    """The schema behind a Zenoh encoding of the topic table. Raises: BadPayload for an unknown one."""
+    """Return the schema behind a Zenoh encoding of the topic table. Raises: BadPayload for an unknown encoding."""
     payload_type = topics.types_by_encoding().get(encoding)
     if payload_type is None:
         raise BadPayload(f"No topic carries the encoding {encoding!r}.")
@@ -68,7 +70,7 @@ def schema_of(encoding: str) -> Schema:
 
 
 def process_in_words(health: bytes) -> str:
-    """Which process a node's encoded health is of, for a person."""
+    """Name the process that an encoded `Health` comes from, for a person."""
     try:
         return f"process {decode(Health, health).pid}"
     except BadPayload:
@@ -76,7 +78,7 @@ def process_in_words(health: bytes) -> str:
 
 
 def bus_schema() -> BusSchema:
-    """Every topic, and the JSON schema of everything that travels as JSON."""
+    """Return every topic, and the JSON schema of every JSON payload."""
     rows = tuple(
         TopicSchema(key=one.key, kind=one.kind, acts=one.acts, asks=_encoding(one.asks), says=_encoding(one.says))
         for one in topics.TOPICS

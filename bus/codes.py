@@ -1,4 +1,4 @@
-"""Why a cycle ended as it did: a closed list, each code with advice for the operator."""
+"""The reasons a cycle can end without success: a closed list, each code with advice for the operator."""
 
 from enum import StrEnum
 

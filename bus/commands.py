@@ -1,4 +1,4 @@
-"""What is asked of the cell and its nodes, and what they answer and report about themselves."""
+"""Requests to the cell and its nodes, their replies, and their reports about themselves. Units: SI (docs/frames.md)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from bus.arrays import Blob, Transform
 from bus.frozen import Message
 
 MAX_CYCLES = 1_000_000
-"""Of one ``start``."""
+"""The most picks of one ``start``."""
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 
@@ -20,9 +20,9 @@ class CommandRequest(Message):
 
     Attributes:
         command_id: chosen by the client; the same id sent twice acts once.
-        client_id: who asks: a chunk of a Zenoh key; what moves the arm needs its liveliness token ``lease/{client_id}``
-            (`cell.machine.leases`).
-        cycles: ``start`` only: how many picks.
+        client_id: name of the client, one chunk of a Zenoh key. A command that moves the arm needs the client's
+            liveliness token ``lease/{client_id}`` (`cell.machine.leases`).
+        cycles: ``start`` only: the number of picks.
         until_empty: ``start`` only, instead of ``cycles``: until a pick finds nothing, or three in a row failed.
         object: ``pick`` in simulation only: name of the object to present; None = the next one.
     """
@@ -41,10 +41,12 @@ class CommandRequest(Message):
 
 
 class CommandReply(Message):
-    """The cell accepted a command. What it refuses, or cannot read, is answered with an `ErrorReply`.
+    """The cell accepted a command. A refused or unreadable command is answered with an `ErrorReply`.
 
-    The fields that both have mean the same in both. ``cycle_id`` names the cycle that an accepted ``pick`` or ``start``
-    begins; ``lease`` the client that holds the lease now: when that is lost, the cell holds.
+    Attributes:
+        ok, state, code, reason, advice, available: as in `ErrorReply`.
+        cycle_id: the cycle that an accepted ``pick`` or ``start`` begins.
+        lease: the client that now holds the lease; when it is lost, the cell holds.
     """
 
     ok: bool
@@ -58,7 +60,16 @@ class CommandReply(Message):
 
 
 class CellState(Message):
-    """The machine's state (PackML names), published at every change and answered on ``state``."""
+    """The machine's state (PackML names), published at every change and answered on ``state``.
+
+    Attributes:
+        state: PackML name, e.g. ``Execute``.
+        stage: the stage of the running cycle; "" where none runs.
+        cycle_id: the open cycle.
+        since_ns: when this state or stage began, UTC.
+        available: the commands accepted now.
+        reason: why the machine is in this state.
+    """
 
     state: str
     stage: str
@@ -69,7 +80,7 @@ class CellState(Message):
 
 
 class Event(Message):
-    """Something a person should know; ``code`` is of `bus.codes.Code` or a short upper-case word."""
+    """A report for the operator; ``code`` is one of `bus.codes.Code` or a short upper-case word."""
 
     code: str
     severity: Literal["info", "warning", "error"]
@@ -78,9 +89,13 @@ class Event(Message):
 
 
 class LoopHealth(Message):
-    """A loop of a node: how often it really runs (over the last 2 s), and how many of its rounds it has left out.
+    """The health of one loop of a node.
 
-    ``fault``: the error its last round ended with, "" when it went well.
+    Attributes:
+        rate_hz: measured over the last 2 s.
+        target_hz: configured.
+        missed: rounds left out since the start.
+        fault: the error that ended its last round; "" when that succeeded.
     """
 
     rate_hz: float
@@ -90,13 +105,13 @@ class LoopHealth(Message):
 
 
 class Health(Message):
-    """A node about itself, once a second.
+    """A node's report about itself, once a second.
 
     Attributes:
-        answered, failed: questions since its start. ``last_fault``: the newest error, "" without any.
+        answered, failed: queries since its start. ``last_fault``: the newest error; "" without any.
         loops: by name, e.g. ``arm.state``.
-        readings: what its devices report, e.g. ``camera.ir_temperature_c``.
-        defects: owned threads that ended by an exception nobody foresaw.
+        readings: device readings by name, e.g. ``camera.ir_temperature_c``.
+        defects: owned threads that ended by an unforeseen exception.
     """
 
     name: str
@@ -111,11 +126,11 @@ class Health(Message):
 
 
 class NodeHealth(Message):
-    """A node as the cell sees it.
+    """The daemon's view of a node.
 
     Attributes:
         is_alive: its liveliness token is there. ``problems``: of this node; empty = healthy.
-        restarts: how often its supervisor brought it back. ``said``: its newest word about itself.
+        restarts: how often its supervisor restarted it. ``said``: its newest `Health`.
     """
 
     is_alive: bool
@@ -127,7 +142,9 @@ class NodeHealth(Message):
 class CellHealth(Message):
     """The health of the whole cell, derived by the daemon: healthy when neither a node nor the daemon has a problem.
 
-    ``defects``: threads of the daemon that ended by an exception nobody foresaw, each in a few words.
+    Attributes:
+        nodes: by node name.
+        defects: threads of the daemon that ended by an unforeseen exception, each in a few words.
     """
 
     is_healthy: bool
@@ -136,11 +153,11 @@ class CellHealth(Message):
 
 
 class ErrorReply(Message):
-    """Why not: a refusal, or an error of `bus.errors`, as it travels in Zenoh's ``reply_err``.
+    """A refusal, or an error of `bus.errors`, as it travels in Zenoh's ``reply_err``.
 
     Attributes:
-        ok: always false, so that one look at an answer of either kind tells.
-        state: of the cell, where a command was refused. ``available``: what it would accept now.
+        ok: always false, so that one field tells an error from an accepted command.
+        state: of the cell, where a command was refused. ``available``: the commands it would accept now.
         code: short reason, e.g. ``WRONG_STATE``. ``error``: the class of the error.
         reason: what happened. ``advice``: what to do about it.
     """
@@ -155,21 +172,21 @@ class ErrorReply(Message):
 
 
 class Nothing(Message):
-    """A request or answer without content."""
+    """A request or reply without content."""
 
 
 class Heartbeat(Message):
-    """I am there: the cell to its nodes, and a client that holds the lease to the cell (every 0.2 s)."""
+    """A sign of life, every 0.2 s: from the cell to its nodes, and from the client that holds the lease to the cell."""
 
 
 class ResultRequest(Message):
-    """Asks for the result of one cycle."""
+    """Request for the result of one cycle."""
 
     cycle_id: Annotated[str, Field(max_length=100)]
 
 
 class TopicSchema(Message):
-    """One row of `bus.topics`. ``asks``, ``says``: the encodings of its question and of its payload or answer."""
+    """One row of `bus.topics`. ``asks``, ``says``: the encodings of its query and of its payload or answer."""
 
     key: str
     kind: str
@@ -191,7 +208,12 @@ class BusSchema(Message):
 
 
 class Stranger(Message):
-    """What a session that is not the cell's put on one of its keys; ``payload`` is cut after 64 KiB."""
+    """A payload that a session other than the topic's publisher put on a key of the cell; cut after 64 KiB.
+
+    Attributes:
+        key, encoding: as it was published.
+        source: the session that published it.
+    """
 
     key: str
     encoding: str
@@ -200,23 +222,36 @@ class Stranger(Message):
 
 
 class HandMove(Message):
-    """Open or close the fingers, without force."""
+    """Open or close the fingers to a width, without force control.
+
+    Attributes:
+        width_m: distance between the finger pads.
+        speed_m_s: rate of the width, both fingers together.
+    """
 
     width_m: Finite
     speed_m_s: Finite
 
 
 class HandGrasp(Message):
-    """Close until something is felt, and keep pressing."""
+    """Close the fingers until they touch an object, and keep pressing.
+
+    Attributes:
+        force_n: grasping force.
+        speed_m_s: rate of the width, both fingers together.
+    """
 
     force_n: Finite
     speed_m_s: Finite
 
 
 class PresentRequest(Message):
-    """Simulation only: put one object on the table. ``object`` None = the ``cycle``-th of a seeded order.
+    """Simulation only: put one object on the table.
 
     Where the table was filled at the start (``sim.clutter``), it stays as it is, and an object by name is refused.
+
+    Attributes:
+        object: its name; None = the ``cycle``-th of the order that ``seed`` gives.
     """
 
     object: Annotated[str, Field(max_length=100)] | None
@@ -225,17 +260,21 @@ class PresentRequest(Message):
 
 
 class PresentedObject(Message):
-    """Simulation only: one object, and where it really is, wherever that is."""
+    """Simulation only: one object and its true pose.
+
+    Attributes:
+        base_from_object: (4, 4) pose of the object's own origin in ``base`` [m].
+    """
 
     name: str
     base_from_object: Transform
 
 
 class Presented(Message):
-    """Simulation only: every object of the cell - also what was delivered - and where it really is.
+    """Simulation only: every object of the cell, delivered ones included, and its true pose.
 
-    `object` and `base_from_object` are those of the only one; ValueError where there are several.
-    ``names``: of what could be presented; empty where that is not known.
+    Attributes:
+        names: of the objects that can be presented; empty where that is not known.
     """
 
     objects: tuple[PresentedObject, ...]
@@ -243,10 +282,12 @@ class Presented(Message):
 
     @property
     def object(self) -> str:
+        """Name of the only object. Raises: ValueError where there are several or none."""
         return self._only.name
 
     @property
     def base_from_object(self) -> Transform:
+        """Pose (4, 4) of the only object in ``base`` [m]. Raises: ValueError where there are several or none."""
         return self._only.base_from_object
 
     @property

@@ -1,22 +1,22 @@
-"""Every error this project raises, split by what the caller can do about it.
+"""Every error this project raises, grouped by how the caller can react to it.
 
 ::
 
     CellError                 .exit_code  .code  .advice
     ├── ConfigError           2  the station file, an option or an argument is wrong: correct it
-    ├── RecordingError        2  a recording cannot be read, or not replayed
-    ├── BusError              4  the other side cannot be reached
+    ├── RecordingError        2  a recording cannot be read or replayed
+    ├── BusError              4  the other process cannot be reached
     │   ├── PortOccupied         another program listens on our endpoint
     │   ├── CellUnreachable      no cell at this endpoint
-    │   ├── NoReply              nobody answers this key (node down, or it refused silently)
-    │   ├── ReplyTimeout         somebody listens, but did not answer in time
-    │   ├── TwoAnswers           two sessions answer for the same thing: neither is believed
-    │   └── BadPayload           an answer or message that does not fit its schema
-    ├── Refused               3  the cell understood, and said no: see .code, .available
+    │   ├── NoReply              no process serves this key (node down, or refused silently)
+    │   ├── ReplyTimeout         a process serves the key, but did not answer in time
+    │   ├── TwoAnswers           two sessions serve the same key: neither answer is used
+    │   └── BadPayload           a payload does not fit its schema
+    ├── Refused               3  the cell refused a command: see .code, .available
     ├── DriverError           1  a device failed
     │   ├── DriverUnavailable    cannot be started here (package, display, address)
     │   ├── NotConnected         used before connect() or after close()
-    │   ├── DeviceLost           it answered, and does no longer; recover() or the next use connects anew
+    │   ├── DeviceLost           the device no longer answers; recover() or the next use connects anew
     │   ├── MotionRefused        the guard's check failed; nothing moved
     │   ├── ArmReflex            the arm stopped itself; needs recover()
     │   ├── HandFault            the hand did not do what was asked
@@ -54,50 +54,68 @@ class CellError(Exception):
 
 
 class ConfigError(CellError):
+    """The station file, an option or an argument is wrong."""
+
     exit_code = 2
     code = "CONFIG"
 
 
 class RecordingError(CellError):
+    """A recording cannot be read or replayed."""
+
     exit_code = 2
     code = "RECORDING"
 
 
 class BusError(CellError):
+    """The other process cannot be reached, or this session is closed."""
+
     exit_code = 4
     code = "BUS"
 
 
 class PortOccupied(BusError):
+    """Another program listens on the cell's endpoint."""
+
     code = "PORT_OCCUPIED"
 
 
 class CellUnreachable(BusError):
+    """No cell answers at the endpoint."""
+
     code = "UNREACHABLE_CELL"
 
 
 class NoReply(BusError):
+    """No process serves the key: its node is down, or access control refused silently."""
+
     code = "NO_REPLY"
 
 
 class ReplyTimeout(BusError):
+    """A process serves the key, but did not answer in time."""
+
     code = "REPLY_TIMEOUT"
 
 
 class TwoAnswers(BusError):
+    """Two sessions serve the same key; neither answer is used."""
+
     code = "TWO_ANSWERS"
 
 
 class BadPayload(BusError):
+    """A payload does not fit its schema."""
+
     code = "BAD_PAYLOAD"
 
 
 class Refused(CellError):
-    """The cell answered a command with no.
+    """The cell, or a node, refused a command or query.
 
     Args:
         code: short reason, e.g. ``WRONG_STATE``.
-        available: commands that would be accepted now. ``state``: of the cell, where it is a command's refusal.
+        available: commands that would be accepted now. ``state``: of the cell, where it refused a command.
     """
 
     exit_code = 3
@@ -112,47 +130,65 @@ class Refused(CellError):
 
 
 class DriverError(CellError):
+    """A device failed."""
+
     code = "DRIVER"
 
 
 class DriverUnavailable(DriverError):
+    """The driver cannot be started here: a package, display or address is missing."""
+
     exit_code = 2
     code = "DRIVER_UNAVAILABLE"
 
 
 class NotConnected(DriverError):
+    """The driver was used before ``connect()`` or after ``close()``."""
+
     code = "NOT_CONNECTED"
 
 
 class DeviceLost(DriverError):
+    """The device no longer answers; ``recover()`` or the next use connects anew."""
+
     code = "DEVICE_LOST"
 
 
 class MotionRefused(DriverError):
+    """The guard's check failed, or the robot refused the motion; nothing moved."""
+
     code = "MOTION_REFUSED"
 
 
 class ArmReflex(DriverError):
+    """The arm stopped itself and needs ``recover()``."""
+
     code = "ARM_REFLEX"
 
 
 class HandFault(DriverError):
+    """The hand did not do what was asked."""
+
     code = "HAND_FAULT"
 
 
 class StaleFrame(DriverError):
+    """The camera gave no fresh frame."""
+
     code = "STALE_FRAME"
 
 
 class CalibrationError(CellError):
+    """A calibration has no good result."""
+
     code = "CALIBRATION"
 
 
 class CycleFailure(CellError):
-    """A stage found that the pick cannot go on, and says which of the closed list of codes it is.
+    """A stage ended the cycle, with one of the closed list of codes.
 
     Args:
-        rejected: by plan, every way to grasp that is not feasible.
+        rejected: from the plan stage, every way to grasp that is not feasible.
     """
 
     def __init__(self, code: Code, text: str, rejected: Sequence[Rejection] = ()) -> None:

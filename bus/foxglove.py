@@ -1,4 +1,4 @@
-"""Foxglove's protobuf messages by name, imported when one is first made or read: most programs only say JSON."""
+"""Foxglove's protobuf messages by name, imported at first use, because most programs only send JSON."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from typing import Any
 
 
 class FoxgloveType:
-    """Stands for a message class of ``foxglove_schemas_protobuf``: make one, or use what the class has."""
+    """Proxy of a message class of ``foxglove_schemas_protobuf``: call it to make a message, or use its attributes."""
 
     def __init__(self, name: str) -> None:
         self._name = name
 
     @property
     def full_name(self) -> str:
-        """As the schema names it."""
+        """Name of the schema, e.g. ``foxglove.RawImage``."""
         return f"foxglove.{self._name}"
 
     def __call__(self, **fields: Any) -> Any:

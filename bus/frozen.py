@@ -4,6 +4,6 @@ from pydantic import BaseModel, ConfigDict
 
 
 class Message(BaseModel):
-    """Frozen, no unknown fields, NaN and infinity survive JSON."""
+    """Frozen; unknown fields are refused; NaN and infinity survive JSON."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=True, ser_json_inf_nan="strings")

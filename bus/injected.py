@@ -1,4 +1,4 @@
-"""A node's link that misbehaves on demand; and who answers ``fault/{part}`` where faults are allowed."""
+"""A node's bus with injected faults, and the answer to ``fault/{part}`` where the station allows faults."""
 
 from __future__ import annotations
 
@@ -17,27 +17,32 @@ from bus.commands import Event, Nothing
 from bus.errors import BadPayload
 from bus.frozen import Message
 from bus.injection import Fault, FaultRequest, Faulty
-from bus.sample import Asked, Handler, Heard
+from bus.sample import Asked, Handler, Sample
 from bus.session import Bus
 from bus.topics import Topic, encoding_of
 
 _ALWAYS_DONE = (topics.ARM_STOP, topics.ARM_HOLD, topics.HAND_STOP)
-"""Carried out whatever the fault, as long as there is a link: only their answers suffer."""
+"""Stops are carried out under every fault while there is a link; a fault only affects their answers."""
 _GARBAGE_BYTES = 64
 
 
 class Spoilable(Protocol):
-    """What can be told to misbehave; both may be set at any time, from any thread."""
+    """A part that accepts injected faults; both members may be set at any time, from any thread.
+
+    Attributes:
+        fault: the fault from now on.
+        delay_s: how late answers come under ``slow`` [s].
+    """
 
     fault: Fault
     delay_s: float
 
 
 class FaultyBus(Faulty, Bus):
-    """A `Bus` whose link is ``fault``. What others publish is heard all the same, but with ``off``.
+    """A `Bus` whose own link has the fault ``fault``. Samples of other sessions still arrive, except under ``off``.
 
     ``off``: the session is closed, for good. ``stuck``: nothing is answered or published. ``garbage``: random bytes
-    are. ``wrong``: another type's message is. ``slow``: all of it comes ``delay_s`` late.
+    are sent. ``wrong``: a message of another type is sent. ``slow``: everything is sent ``delay_s`` late.
     """
 
     def __init__(
@@ -56,6 +61,7 @@ class FaultyBus(Faulty, Bus):
             query.drop()  # type: ignore[no-untyped-call]
 
     def publish(self, topic: Topic, message: Message | bytes, **fields: str) -> None:
+        """Publish as `Bus.publish`, changed as the fault says. Raises: BusError after close."""
         match self._fault:
             case Fault.STUCK:
                 return
@@ -68,7 +74,8 @@ class FaultyBus(Faulty, Bus):
         super().publish(topic, message, **fields)
 
     def close(self) -> None:
-        self.fault = Fault.NONE  # whoever waits in an answer ends
+        """End the fault, so that delayed answers return, then close the session."""
+        self.fault = Fault.NONE  # ends the answers that wait in `_spoiled` and `_tarry`
         super().close()
 
     def _reply(
@@ -88,19 +95,19 @@ class FaultyBus(Faulty, Bus):
         if topic in _ALWAYS_DONE:
             handler(b"{}", question)
 
-    def _spoiled(self, topic: Topic, answer: Message | list[Heard]) -> Message | list[Heard]:
-        """What is sent in the place of ``answer``."""
-        if topic not in _ALWAYS_DONE:  # their lane stays free for the next stop
+    def _spoiled(self, topic: Topic, answer: Message | list[Sample]) -> Message | list[Sample]:
+        """Return the payload that is sent instead of ``answer``."""
+        if topic not in _ALWAYS_DONE:  # a stop does not wait, so its worker stays free for the next stop
             with self._turn:
                 self._turn.wait_for(lambda: self._fault is not Fault.STUCK)
         self._tarry()
         if self._fault not in (Fault.GARBAGE, Fault.WRONG):
             return answer
-        parts = answer if isinstance(answer, list) else [Heard(topic.key, encoding_of(type(answer)), b"")]
+        parts = answer if isinstance(answer, list) else [Sample(topic.key, encoding_of(type(answer)), b"")]
         if self._fault is Fault.GARBAGE:
             return [part._replace(payload=os.urandom(_GARBAGE_BYTES)) for part in parts]
         other = FaultRequest(fault=Fault.WRONG)
-        return [Heard(part.key, encoding_of(FaultRequest), encode(other)) for part in parts]
+        return [Sample(part.key, encoding_of(FaultRequest), encode(other)) for part in parts]
 
     def _tarry(self) -> None:
         with self._turn:
@@ -108,21 +115,26 @@ class FaultyBus(Faulty, Bus):
                 self._turn.wait_for(lambda: self._fault is not Fault.SLOW, self.delay_s)
 
 
-def answer_faults(bus: Bus, parts: Mapping[str, Spoilable], say: Callable[[Topic, Message], None]) -> None:
-    """Answer ``fault/{part}`` for ``parts``, each by setting its fault, and say so."""
+def answer_faults(bus: Bus, parts: Mapping[str, Spoilable], publish: Callable[[Topic, Message], None]) -> None:
+    """Answer ``fault/{part}`` for every part: set its fault, and publish an event about it.
+
+    Args:
+        parts: the parts by name.
+        publish: sends the event.
+    """
     for part, spoilable in parts.items():
-        bus.answer(topics.FAULT, _setter(part, spoilable, say), lane="fault", part=part)
+        bus.answer(topics.FAULT, _setter(part, spoilable, publish), worker="fault", part=part)
 
 
-def _setter(part: str, spoilable: Spoilable, say: Callable[[Topic, Message], None]) -> Handler:
+def _setter(part: str, spoilable: Spoilable, publish: Callable[[Topic, Message], None]) -> Handler:
     def set_fault(payload: bytes, _asked: Asked) -> Message:
         request = decode(FaultRequest, payload)
         if request.delay_s is not None:
-            if not 0.0 <= request.delay_s <= 3600.0:  # nan is nowhere
+            if not 0.0 <= request.delay_s <= 3600.0:  # written so that NaN fails
                 raise BadPayload(f"delay_s = {request.delay_s} is no time between 0 and an hour.")
             spoilable.delay_s = request.delay_s
         text = f"Injected fault of the {part}: {request.fault}."
-        say(
+        publish(
             topics.EVENT,
             Event(code="FAULT_SET", severity="warning", text=text, advice=f"End it: cell fault {part} none"),
         )

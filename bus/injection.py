@@ -1,4 +1,4 @@
-"""The words for how a part of the cell misbehaves on demand, and the request that sets one."""
+"""The kinds of injected fault, the parts that accept them, and the request that sets one."""
 
 from __future__ import annotations
 
@@ -13,35 +13,39 @@ class Fault(StrEnum):
     """How a part misbehaves."""
 
     NONE = "none"
-    """Not at all."""
+    """No fault."""
     OFF = "off"
-    """It is not there: nothing is answered any more."""
+    """The part is gone and answers nothing."""
     STUCK = "stuck"
-    """It is there, and nothing comes of what is asked."""
+    """The part is present, but requests have no effect and get no answer."""
     GARBAGE = "garbage"
-    """What it gives cannot be."""
+    """Impossible values, e.g. random bytes or NaN."""
     WRONG = "wrong"
-    """What it gives could be, and is not so."""
+    """Plausible but wrong values."""
     SLOW = "slow"
-    """It does everything as it should; each answer comes late."""
+    """Correct behaviour, but every answer comes late."""
 
 
 Part = Literal["camera", "arm", "hand", "model", "bus", "disk"]
 PARTS: tuple[Part, ...] = get_args(Part)
-"""What can be spoiled: the three devices, the goal-image model, a node's link, and where recordings are written."""
+"""The parts that accept faults: three devices, the goal-image model, a node's link, and the recordings' disk."""
 
 
 class FaultRequest(Message):
-    """What a part is to do from now on. ``delay_s``: how late a slow one is; None = as it was."""
+    """Sets the fault of a part. ``delay_s``: the delay under ``slow`` [s]; None = unchanged."""
 
     fault: Fault
     delay_s: float | None = None
 
 
 class Faulty:
-    """What can be spoiled at any time, from any thread: ``fault`` is how, ``delay_s`` how late when slow.
+    """Base of every part that accepts injected faults, at any time and from any thread.
 
-    Whoever waits for another fault waits on ``_turn``.
+    Subclasses wait on ``_turn`` for a change of the fault.
+
+    Attributes:
+        fault: the fault now.
+        delay_s: how late answers come under ``slow`` [s].
     """
 
     def __init__(self, fault: Fault, delay_s: float) -> None:
@@ -51,6 +55,7 @@ class Faulty:
 
     @property
     def fault(self) -> Fault:
+        """The fault now; setting it wakes every waiting call."""
         return self._fault
 
     @fault.setter
@@ -61,4 +66,4 @@ class Faulty:
         self._on_fault(fault)
 
     def _on_fault(self, fault: Fault) -> None:
-        """What a part does by itself with a new fault."""
+        """Hook for subclasses, called after the fault was set."""

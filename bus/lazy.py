@@ -1,4 +1,4 @@
-"""Modules that are imported when they are first used: what only says "stop" must not wait for OpenCV."""
+"""Modules that are imported at first use, so that a program that only sends "stop" does not wait for OpenCV."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 
 class LazyModule:
-    """Stands for a module; whoever asks it for something imports it."""
+    """Proxy of a module, which is imported when the first attribute is read."""
 
     def __init__(self, name: str) -> None:
         self._name = name

@@ -1,8 +1,8 @@
-"""Frozen types of everything that is said in the cell.
+"""Frozen types of every message in the cell.
 
 SI units and radians; frames are named in the fields (``a_from_b`` maps b-coordinates to a); times are integer
 nanoseconds UTC. Frames: ``base``, ``flange``, ``hand``, ``tcp`` (z = approach, y = closing axis), ``color`` (the colour
-camera, optical: x right, y down, z forward), ``depth``.
+camera, optical: x right, y down, z forward), ``depth``. Definitions: docs/frames.md.
 """
 
 from __future__ import annotations
@@ -21,9 +21,10 @@ from bus.trajectory import Trajectory
 
 
 class CameraModel(Message):
-    """A pinhole with OpenCV's rational distortion (Brown-Conrady K6 on the Femto Mega).
+    """A pinhole camera with OpenCV's rational distortion (Brown-Conrady K6 on the Femto Mega; docs/frames.md).
 
     Attributes:
+        width, height: image size [px].
         fx, fy, cx, cy: intrinsics [px], pixel centres at integers.
         distortion: (k1, k2, p1, p2, k3, k4, k5, k6), or empty for none.
     """
@@ -38,13 +39,13 @@ class CameraModel(Message):
 
 
 class Frame(Message):
-    """One synchronised RGB-D capture, raw as the device gave it (depth not registered to colour).
+    """One synchronised RGB-D capture, raw from the device (depth not registered to colour).
 
     Attributes:
         stamp_ns: middle of the exposure, UTC.
         color: (H, W, 3) RGB, distorted by ``color_camera``.
         depth_m: (h, w) z-depth in the depth camera, NaN = invalid, distorted by ``depth_camera``.
-        color_from_depth: pose of the depth camera in the colour camera.
+        color_from_depth: (4, 4) pose of the depth camera in the colour camera [m].
     """
 
     stamp_ns: int
@@ -59,7 +60,7 @@ class Frame(Message):
 
 
 class ArmMode(StrEnum):
-    """What the arm says it is doing (libfranka RobotMode, the ones we act on)."""
+    """The arm's operating mode: those of libfranka's RobotMode that the cell reacts to."""
 
     IDLE = "idle"
     MOVE = "move"
@@ -69,7 +70,12 @@ class ArmMode(StrEnum):
 
 
 class ArmState(Message):
-    """Measured state; ``tau_ext_nm`` is the torque that the outside world puts on the joints (gravity-free)."""
+    """Measured state of the arm.
+
+    Attributes:
+        q_rad, dq_rad_s: (7,) joint positions and velocities, base to wrist.
+        tau_ext_nm: (7,) external torque on the joints, without gravity.
+    """
 
     stamp_ns: int
     mode: ArmMode
@@ -79,12 +85,12 @@ class ArmState(Message):
 
 
 class Motion(Message):
-    """What became of one executed trajectory.
+    """Outcome of one executed trajectory.
 
     Attributes:
-        finished: played to its end; False = braked on its path by a stop.
-        commanded_q_rad: (n, 7) what was really sent, at 1 kHz.
-        t_s, q_rad, dq_rad_s, tau_ext_nm: measured, every 10 ms of robot time from the start of the motion.
+        finished: played to its end; False = a stop braked it on its path.
+        commanded_q_rad: (n, 7) joint positions as sent to the arm, at 1 kHz.
+        t_s, q_rad, dq_rad_s, tau_ext_nm: measured (m,) and (m, 7), every 10 ms of robot time from the motion's start.
     """
 
     finished: bool
@@ -108,7 +114,13 @@ class HandState(Message):
 
 
 class View(Message):
-    """From where a frame was taken; the frame itself travels and is recorded as images, found by its stamp."""
+    """The camera pose of one frame. The frame itself travels and is recorded as images, found by its stamp.
+
+    Attributes:
+        stamp_ns: of the frame, UTC.
+        arm: the arm's state at the capture.
+        base_from_color: (4, 4) pose of the colour camera in ``base`` [m].
+    """
 
     stamp_ns: int
     arm: ArmState
@@ -116,7 +128,7 @@ class View(Message):
 
 
 class Observation(Message):
-    """capture: what was seen, and from where. ``view.stamp_ns == frame.stamp_ns``."""
+    """capture: the frame and its camera pose. ``view.stamp_ns == frame.stamp_ns``."""
 
     view: View
     frame: Frame
@@ -142,11 +154,11 @@ class Grasp(Message):
     """A 6-DoF grasp for a parallel hand.
 
     Attributes:
-        base_from_tcp: tcp z = approach direction, tcp y = closing axis, origin between the pads.
+        base_from_tcp: (4, 4) [m]: tcp z = approach direction, tcp y = closing axis, origin between the pads.
         width_m: object width between the pads; ``opening_m``: hand width to approach with.
         score: higher is better; the weighted mean of ``terms``, each named and between 0 and 1.
         rectangle: index of the rectangle it came from.
-        imagined_base_from_tcp: the same grasp exactly where the carried rod put it, before the snap to the surface.
+        imagined_base_from_tcp: (4, 4), the same grasp as the transferred rod gives it, before the snap to the surface.
     """
 
     base_from_tcp: Transform
@@ -159,10 +171,11 @@ class Grasp(Message):
 
 
 class Usage(Message):
-    """What one call of a hosted model took: tokens as its provider counts them, and their price.
+    """Token use of one call of a hosted model, as its provider counts it, and its price.
 
     Attributes:
-        is_complete: whether it told them all; else tokens and price are what is known, at least.
+        cost_usd: price of the call.
+        is_complete: the provider reported every figure; else tokens and price are lower bounds.
     """
 
     input_tokens: int = 0
@@ -173,14 +186,14 @@ class Usage(Message):
 
 
 class ModelReply(Message):
-    """One call of a goal-image model: what was asked, what came back. Said as it happens, so failed calls are kept too.
+    """One call of a goal-image model: request and reply. Published as it happens, so that failed calls are kept too.
 
     Attributes:
-        step, sample: where in the imagining; ``sample`` counts the proposals from 0.
-        model: the name it was asked by. ``prompt``: all of the text.
-        text: what it said. ``image_png``: what it drew, exactly as it came.
-        failure, text_of_failure: the code and the reason when no usable answer came; then text and image are empty.
-        attempts: how often it was asked. ``latency_s``: from the first attempt to the answer.
+        step, sample: place in the imagination stage; ``sample`` counts the proposals from 0.
+        model: name of the model. ``prompt``: the complete text sent.
+        text: the reply's text. ``image_png``: the reply's image, unchanged.
+        failure, text_of_failure: code and reason when no usable reply came; then text and image are empty.
+        attempts: how often it was called. ``latency_s``: from the first attempt to the reply.
     """
 
     step: Literal["locate", "reason", "direct", "render"]
@@ -197,13 +210,13 @@ class ModelReply(Message):
 
 
 class Drift(Message):
-    """How far the goal image departs from what it should have kept (masks are advisory for every hosted model).
+    """How far the goal image departs from the parts it must keep (hosted models treat masks as advisory).
 
     Attributes:
         changed_outside: share of the background whose colour changed.
-        other_objects: area of what else appeared, as a share of the object's.
-        silhouette_iou: overlap of the imagined object's outline, laid on the observed one.
-        shift_px, turn_rad, scale: how that outline had moved.
+        other_objects: area of new other regions, as a share of the object's.
+        silhouette_iou: overlap of the imagined object's outline with the observed one, after registration.
+        shift_px, turn_rad, scale: that registration.
         color_shift: CIE76 distance of the object's median colours.
     """
 
@@ -217,12 +230,12 @@ class Drift(Message):
 
 
 class Alignment(Message):
-    """How the imagined object was carried back onto the observed one (paper, Algorithm 1, stage 2).
+    """The transform from the imagined object to the observed one (paper, Algorithm 1, stage 2), and its quality.
 
     Attributes:
         method: e.g. ``silhouette_3d``.
-        observed_from_goal: in the colour frame: rotation x scale and translation; where the method allows for it,
-            also a stretch along the goal's optical axis (monocular relief is unreliable).
+        observed_from_goal: (4, 4) in the colour frame: rotation x scale and translation [m]; where the method allows
+            for it, also a stretch along the goal's optical axis (monocular relief is unreliable).
         scale: its scale.
         chamfer_m2: sum of the two mean squared nearest-neighbour distances after alignment.
         goal_to_observed_m, observed_to_goal_m: the one-way Hausdorff distances.
@@ -242,14 +255,14 @@ class Alignment(Message):
 
 
 class Evidence(Message):
-    """Why the grasps are what they are: everything a person wants to look at.
+    """The intermediate results that lead to the grasps, for display and for the report.
 
-    Images are in the undistorted colour image; points in the ``color`` frame. Of several proposals these are the chosen
-    one's.
+    Images are in the undistorted colour image; points in the ``color`` frame [m]. Of several proposals these belong to
+    the chosen one.
 
     Attributes:
         goal_image: I_G on its plain background.
-        sample: which proposal was chosen. ``agreement``: share of the proposals whose rod grasps at the same place
+        sample: index of the chosen proposal. ``agreement``: share of the proposals whose rod grasps at the same place
             (their rectangles match as in Jiang et al. 2011); 1 with a single one.
     """
 
@@ -284,9 +297,9 @@ class Segment(Message):
     """One executable motion of the pick, from rest to rest.
 
     Attributes:
-        name: ``reach`` to before the object and along the approach line, ``carry`` up the lift line and to where it is
-            looked at again, ``place`` above the tray and down, ``home`` up and to the capture pose.
-        route: its free part is a straight joint line, or was searched for around obstacles.
+        name: ``reach`` to the pregrasp and along the approach line, ``carry`` up the lift line and to the viewpoint of
+            the second capture, ``place`` above the tray and down, ``home`` up and to the capture pose.
+        route: whether its free part is a straight joint line, or was searched for around obstacles.
     """
 
     name: SegmentName
@@ -298,7 +311,7 @@ class PickPlan(Message):
     """plan: the chosen grasp and every motion of the pick, each checked against limits and collisions.
 
     Attributes:
-        grasp: its index. ``tilt_rad``: how far its approach was turned about the closing axis (the rod).
+        grasp: index of the chosen grasp. ``tilt_rad``: rotation of its approach about the closing axis (the rod).
     """
 
     grasp: int
@@ -308,7 +321,11 @@ class PickPlan(Message):
 
 
 class SegmentRun(Message):
-    """A segment as it was executed."""
+    """A segment as it was executed.
+
+    Attributes:
+        hand: the hand's state after it.
+    """
 
     name: SegmentName | Literal["hold"]
     motion: Motion
@@ -316,12 +333,12 @@ class SegmentRun(Message):
 
 
 class Execution(Message):
-    """execute: commanded and measured, from the first motion to the end of the hold, and what was seen then.
+    """execute: commanded and measured motion, from the start to the end of the hold, and the second capture.
 
     Attributes:
         runs: the segments in the order they ran, ``hold`` ones included, each with the hand's state after it.
         grasped: the hand's state right after closing; None if it never closed.
-        stopped_in: the segment (or hand action) a stop interrupted or kept from beginning, or None.
+        stopped_in: the segment (or hand action) that a stop interrupted or prevented, or None.
         after: the second capture, taken while holding; None if not reached.
     """
 
@@ -332,18 +349,22 @@ class Execution(Message):
 
 
 class Delivery(Message):
-    """What became of the held object after the verdict: laid into the tray, and the arm back home."""
+    """deliver: the motions after the verdict: the held object laid into the tray, the arm back home.
+
+    Attributes:
+        released: the hand's state after opening; None if not reached.
+    """
 
     runs: tuple[SegmentRun, ...]
     released: HandState | None
 
 
 class Verdict(Message):
-    """verify: was the object really picked, and how do we know.
+    """verify: whether the object was picked, and the measurements behind it.
 
     Attributes:
         held: the answer. ``code``: None when held.
-        hold_s: how long it was watched; ``width_min_m``: smallest hand width meanwhile.
+        hold_s: how long the hold was observed; ``width_min_m``: smallest hand width meanwhile.
         load_n: mean vertical force of the load on the tcp during the hold, relative to just before the grasp.
         cleared_fraction: share of the object's observed height map that the second capture shows empty.
     """
@@ -364,11 +385,11 @@ ResultT = TypeVar("ResultT", bound=Message)
 
 
 class Attempt(Message):
-    """A cycle as it begins: the first try of a pick, or another one after it failed (`cell.daemon.retry`).
+    """The beginning of a cycle: the first try of a pick, or a retry (`cell.daemon.retry`).
 
     Attributes:
         number: 0 = the first. ``retry_of``: id of the cycle before, "" for the first.
-        missed: base_from_tcp of grasps that closed on nothing in the cycles before; planning leaves them out.
+        missed: ``base_from_tcp`` (4, 4) of grasps that closed on nothing in earlier cycles; planning leaves them out.
     """
 
     cycle_id: str
@@ -378,7 +399,7 @@ class Attempt(Message):
 
 
 class Failure(Message):
-    """Why a stage ended the cycle. ``rejected``: by plan, every way to grasp that is not feasible."""
+    """Why a stage ended the cycle. ``rejected``: from the plan stage, every way to grasp that is not feasible."""
 
     code: Code
     text: str
@@ -386,13 +407,18 @@ class Failure(Message):
 
     @classmethod
     def of(cls, error: CycleFailure) -> Failure:
+        """Make the message from the error that a stage raised."""
         return cls(code=error.failure, text=error.text, rejected=tuple(error.rejected))
 
 
 class StageRecord(Message, Generic[ResultT]):
-    """What one stage of one cycle did: published and recorded under ``cycle/{stage}``.
+    """Record of one stage of one cycle, published and recorded under ``cycle/{stage}``.
 
     Exactly one of ``result`` and ``failure`` is set.
+
+    Attributes:
+        started_ns: UTC.
+        duration_s: wall time.
     """
 
     cycle_id: str

@@ -1,6 +1,6 @@
-"""Arrays, images and files' bytes as they travel in JSON, and back; what is none of them is a ValueError.
+"""Packs arrays, images and file bytes for JSON, and unpacks them; a value of another kind is a ValueError.
 
-What arrives is foreign: nothing here trusts a type, a size or a shape that it names.
+Input is foreign: no type, size or shape that it names is trusted.
 """
 
 from __future__ import annotations
@@ -22,21 +22,21 @@ else:
 MAX_LISTED = 64
 """Arrays of fewer numbers travel as plain lists."""
 MAX_PIXELS = 64_000_000
-"""An image that says it has more is not decoded: a file of a few kB may say anything."""
+"""An image whose header names more is not decoded, because a file of a few kB can name any size."""
 _DTYPES = frozenset(f"{order}{kind}" for order in "<>" for kind in ("f4", "f8", "i4", "i8", "u2", "u4", "u8"))
 _PNG = b"\x89PNG\r\n\x1a\n"
 _PNG_SIZE = struct.Struct(">4sII")
-"""Of the first chunk behind its length: its name, the width, the height."""
+"""The start of a PNG's first chunk, after its length: chunk name, width, height."""
 
 Shape = tuple[int | None, ...]
-"""Of a field; None stands for any length."""
+"""Shape of a field; None stands for any length."""
 
 
 # --- arrays -----------------------------------------------------------------------------------------------------------
 
 
 def pack_array(array: npt.NDArray[Any]) -> Any:
-    """A short array of finite numbers as lists, nested by its shape; any other with its bytes in base64."""
+    """Return a short array of finite numbers as lists, nested by its shape; any other with its bytes in base64."""
     if 0 < array.size < MAX_LISTED and np.isfinite(array).all():
         return array.tolist()
     little = array.astype(array.dtype.newbyteorder("<"), copy=False)
@@ -48,9 +48,14 @@ def pack_array(array: npt.NDArray[Any]) -> Any:
 
 
 def unpack_array(value: Any, dtype: str, shape: Shape) -> npt.NDArray[Any]:
-    """The array behind either form, or an array or a sequence of a caller in this process.
+    """Return the array behind either packed form; an array or a sequence of a caller in this process is accepted too.
 
-    Raises: ValueError for what is no array of real numbers, or has another shape.
+    Args:
+        dtype: NumPy type of the result, e.g. ``float64``.
+        shape: required shape; None = any length.
+
+    Raises:
+        ValueError: the value is no array of real numbers, has another shape, or overflows ``dtype``.
     """
     array = _from_bytes(value) if isinstance(value, dict) else np.asarray(value)
     if array.size == 0 and array.ndim == 1:
@@ -87,7 +92,7 @@ def _from_bytes(packed: dict[Any, Any]) -> npt.NDArray[Any]:
 
 
 def from_base64(text: Any) -> bytes:
-    """Bytes from base64. Raises: ValueError."""
+    """Decode base64. Raises: ValueError."""
     if not isinstance(text, str):
         raise ValueError("expected base64")
     return base64.b64decode(text, validate=True)
@@ -97,7 +102,7 @@ def from_base64(text: Any) -> bytes:
 
 
 def pack_image(image: npt.NDArray[Any]) -> dict[str, str]:
-    """An image (H, W, 3), RGB, or a mask (H, W), as a PNG in base64."""
+    """Return an RGB image (H, W, 3) or a mask (H, W) as a PNG in base64. Raises: ValueError if it cannot be encoded."""
     pixels = image.astype(np.uint8) * 255 if image.dtype == np.bool_ else image
     ok, png = cv2.imencode(".png", pixels[..., ::-1] if pixels.ndim == 3 else pixels)
     if not ok:
@@ -106,9 +111,14 @@ def pack_image(image: npt.NDArray[Any]) -> dict[str, str]:
 
 
 def unpack_image(value: Any, channels: int, dtype: str) -> npt.NDArray[Any]:
-    """The image behind a packed one, or an array of a caller in this process; a mask's pixels above 0 are set.
+    """Return the image behind a packed one; an array of a caller in this process is accepted too.
 
-    Raises: ValueError for what is no PNG, is too large, or has other channels.
+    Args:
+        channels: 3 for RGB (H, W, 3), 1 for a mask (H, W).
+        dtype: ``uint8``, or ``bool``: pixels above 0 are set.
+
+    Raises:
+        ValueError: the value is no PNG, is too large, or has other channels.
     """
     array = _from_png(value, channels) if isinstance(value, dict) else value
     if not isinstance(array, np.ndarray) or array.dtype.kind not in "biuf":
@@ -131,7 +141,7 @@ def _from_png(packed: dict[Any, Any], channels: int) -> npt.NDArray[Any]:
 
 
 def _require_size(png: bytes) -> None:
-    """Look at what the PNG says of itself before its pixels are unpacked."""
+    """Check the size in the PNG's header before its pixels are unpacked. Raises: ValueError."""
     start = len(_PNG) + 4
     if not png.startswith(_PNG) or len(png) < start + _PNG_SIZE.size:
         raise ValueError("not a PNG image")
@@ -144,10 +154,10 @@ def _require_size(png: bytes) -> None:
 
 
 def unpack_blob(value: Any) -> bytes:
-    """A file's bytes, from base64 or from bytes. Raises: ValueError."""
+    """Return a file's bytes, from base64 or from bytes. Raises: ValueError."""
     return bytes(value) if isinstance(value, bytes | bytearray | memoryview) else from_base64(value)
 
 
 def pack_blob(value: bytes) -> str:
-    """A file's bytes as base64."""
+    """Return a file's bytes as base64."""
     return base64.b64encode(value).decode("ascii")

@@ -1,4 +1,4 @@
-"""The size of a picture as its file's head says it: what is far too large is known before it is unpacked."""
+"""Reads the size of a picture from its file header, so that an oversized one is refused before it is decoded."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ import struct
 from bus.errors import BadPayload
 
 MAX_PIXELS = 1 << 26
-"""67 million, three times as many as an 8K image has; as RGB they take 200 MB."""
+"""67 million, twice the pixels of an 8K image; as RGB they take 200 MB."""
 _PNG_HEAD = struct.Struct(">8sI4sII")
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _SEGMENT = struct.Struct(">BBH")
 _SIZE = struct.Struct(">BHH")
-_NO_SIZE = (0xC4, 0xC8, 0xCC)  # tables, between the markers that begin a frame
+_NO_SIZE = (0xC4, 0xC8, 0xCC)  # markers of tables, among those that begin a frame
 
 
 def require_picture(data: bytes) -> tuple[int, int]:
-    """(width, height) [px] of a PNG or JPEG file. Raises: BadPayload for another, or one with too many pixels."""
+    """Return (width, height) [px] of a PNG or JPEG file. Raises: BadPayload for another file, or too many pixels."""
     try:
         width, height = _png(data) if data.startswith(_SIGNATURE) else _jpeg(data)
     except (struct.error, IndexError) as error:
@@ -32,7 +32,7 @@ def _png(data: bytes) -> tuple[int, int]:
 
 
 def _jpeg(data: bytes) -> tuple[int, int]:
-    """From the first segment that begins a frame."""
+    """Read the size from the first segment that begins a frame."""
     if data[:2] != b"\xff\xd8":
         raise BadPayload("An image is neither PNG nor JPEG.")
     start = 2
@@ -40,7 +40,7 @@ def _jpeg(data: bytes) -> tuple[int, int]:
         mark, kind, length = _SEGMENT.unpack_from(data, start)
         if mark != 0xFF or length < 2:
             raise BadPayload("A JPEG image is damaged.")
-        if kind == 0xFF:  # filling
+        if kind == 0xFF:  # fill byte
             start += 1
         elif 0xC0 <= kind <= 0xCF and kind not in _NO_SIZE:
             _, height, width = _SIZE.unpack_from(data, start + _SEGMENT.size)

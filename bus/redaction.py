@@ -1,7 +1,7 @@
-"""Secrets out of foreign texts: what a server, a library or a proxy said may hold the key it was given.
+"""Removes secrets from foreign texts: a reply of a server, a library or a proxy may contain the key it was given.
 
-Whoever learns a secret names it once; whatever text of others leaves this process - failures, replies, logs - passes
-`redacted` or `quoted`.
+Code that reads a secret registers it once with `keep_secret`. Every foreign text that leaves this process (failures,
+replies, logs) passes `redacted` or `quoted`.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from urllib.parse import quote, quote_plus, unquote
 
 HIDDEN = "(secret)"
 _MIN_LENGTH = 8
-"""Shorter ones are what a server of one's own takes for a key ("none", "x"): no secrets, but parts of any text."""
+"""Shorter keys ("none", "x") are placeholders for a local server: no secrets, and common in any text."""
 
 _known: dict[str, re.Pattern[str]] = {}
 _changing = threading.Lock()
 
 
 def keep_secret(secret: str) -> None:
-    """From now on `redacted` hides ``secret``, however it is written."""
+    """Register ``secret``: from now on `redacted` hides it in every spelling."""
     if len(secret) < _MIN_LENGTH:
         return
     forms = sorted(_forms(secret), key=len, reverse=True)
@@ -32,7 +32,7 @@ def keep_secret(secret: str) -> None:
 
 
 def keep_secrets_of(url: str) -> None:
-    """The same for user and password in an address, also as a proxy is told them."""
+    """Register the password of an address, alone and together with the user as a proxy receives them."""
     authority = url.rpartition("//")[2].partition("/")[0]
     user, _, password = (unquote(part) for part in authority.rpartition("@")[0].partition(":"))
     keep_secret(password)
@@ -42,7 +42,7 @@ def keep_secrets_of(url: str) -> None:
 
 
 def redacted(text: str) -> str:
-    """``text`` with every known secret replaced."""
+    """Return ``text`` with every registered secret replaced."""
     with _changing:
         longest_first = sorted(_known, key=len, reverse=True)  # one may be a part of another
         patterns = [_known[secret] for secret in longest_first]
@@ -52,20 +52,20 @@ def redacted(text: str) -> str:
 
 
 def quoted(text: str, limit: int = 200) -> str:
-    """A foreign text for a sentence of ours: without secrets, on one line, printable, ``limit`` characters at most."""
+    """Return a foreign text for use in a message: without secrets, one printable line, ``limit`` characters at most."""
     line = " ".join("".join(sign if sign.isprintable() else " " for sign in redacted(text)).split())
     return line if len(line) <= limit else line[:limit].rstrip() + " ..."
 
 
 def holds_secret(data: bytes) -> bool:
-    """Whether a known secret stands in ``data``, e.g. in a picture's comment."""
+    """Whether a registered secret stands in ``data``, e.g. in a picture's comment."""
     with _changing:
         secrets = list(_known)
     return any(secret.encode() in data for secret in secrets)
 
 
 def _forms(secret: str) -> set[str]:
-    """How JSON, an address, a page, Python's repr and a header write it."""
+    """Return the spellings of the secret in JSON, in an address, in HTML, in Python's repr and in a header."""
     in_json, in_python = json.dumps(secret)[1:-1], secret.replace("\\", "\\\\")
     escaped = {in_json, in_json.replace("/", "\\/"), in_python, in_python.replace("'", "\\'")}
     in_address = {quote(secret), quote(secret, safe=""), quote_plus(secret)}

@@ -1,4 +1,4 @@
-"""Why planning did not take a grasp."""
+"""The reason why planning rejected a grasp."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from bus.frozen import Message
 
 
 class Rejection(Message):
-    """A way to grasp that was not chosen, and why. ``tilt_rad``: as in `PickPlan`."""
+    """A way to grasp that was rejected, and why. ``tilt_rad``: as in `PickPlan`."""
 
     grasp: int
     tilt_rad: float

@@ -1,4 +1,4 @@
-"""Errors of the tree across the bus: an error raised in a node is raised again, as its own type, where it was asked."""
+"""Carries errors across the bus: an error raised in a node is raised again, as its own type, in the asking process."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from bus.errors import CellError, CycleFailure, Refused
 
 
 def error_reply(error: CellError) -> ErrorReply:
-    """An error of the tree as it travels."""
+    """Return an error of the tree as a message."""
     return ErrorReply(
         state=getattr(error, "state", ""),
         code=error.code,
@@ -21,7 +21,7 @@ def error_reply(error: CellError) -> ErrorReply:
 
 
 def error_from_reply(reply: ErrorReply) -> CellError:
-    """The error behind an `ErrorReply`, as its own type where that type takes (text, advice)."""
+    """Return the error behind an `ErrorReply`, as its own type where that type takes (text, advice)."""
     kind = getattr(errors, reply.error, CellError)
     if kind is Refused:
         return Refused(reply.reason, reply.advice, code=reply.code, available=reply.available, state=reply.state)

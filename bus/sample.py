@@ -1,4 +1,4 @@
-"""What travels on the bus, as whoever hears, records or answers it gets it."""
+"""A payload of the bus, a query's facts, and the callback types of those that receive, record or answer them."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from typing import NamedTuple
 from bus.frozen import Message
 
 
-class Heard(NamedTuple):
+class Sample(NamedTuple):
     """One payload that travelled.
 
     Attributes:
         key: below ``cell/{cell_id}/``.
-        source: the session it came from, as Zenoh names it (its ZID); "" when it does not say, or it is our own.
-        is_sealed: it really is from who it says, as far as we share a secret with it (`bus.seal`).
+        source: the session it came from (Zenoh's ZID); "" when it names none, or it is our own.
+        is_sealed: the session in ``source`` holds our secret (`bus.seal`).
     """
 
     key: str
@@ -25,15 +25,15 @@ class Heard(NamedTuple):
 
 
 class Asked(NamedTuple):
-    """What is known of a question besides its payload.
+    """The facts about a query besides its payload.
 
     Attributes:
         verb: the last chunk of its key. ``is_exact``: the key is no pattern.
-        encoding: of the payload. ``has_payload``: it brings one.
-        takes_any_key: its asker accepts replies on other keys.
-        source, number: the session that asks, and its number for this question; asked again, it has the same number.
-        is_sealed: as in `Heard`.
-        received_s: when it came (monotonic).
+        encoding: of the payload. ``has_payload``: the payload is not empty.
+        takes_any_key: the client accepts replies on other keys.
+        source, number: the client's session and its number for this query; a repeated query has the same number.
+        is_sealed: as in `Sample`.
+        received_s: arrival time (monotonic).
     """
 
     verb: str
@@ -47,8 +47,8 @@ class Asked(NamedTuple):
     received_s: float
 
 
-Tap = Callable[[Heard], None]
-Handler = Callable[[bytes, Asked], "Message | list[Heard]"]
-"""Answers one question, given its payload and what else is known of it."""
-LaneOf = Callable[[Asked, bytes], str]
-"""In which lane a question waits; asked on Zenoh's thread, it may only look things up."""
+Tap = Callable[[Sample], None]
+Handler = Callable[[bytes, Asked], "Message | list[Sample]"]
+"""Answers one query, given its payload and the facts about it."""
+WorkerOf = Callable[[Asked, bytes], str]
+"""Names the worker that a query waits for; called on Zenoh's thread, so it must not block."""

@@ -1,7 +1,7 @@
-"""Tells what the other holder of a secret said from what anybody else says, who may claim to be any session.
+"""Seals authenticate the cell and the nodes it starts, because any session may claim any source id.
 
-The cell makes a secret at its start, and hands it to the nodes that it starts itself. What these and the cell say and
-ask carries a code over key, session, number and payload (HMAC-SHA256), which nobody else can make.
+The cell makes a secret at its start and hands it to the nodes that it starts itself. Their samples and queries carry
+a code over key, session, number and payload (HMAC-SHA256), which needs the secret.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ _SECRET_BYTES = 32
 
 
 class Seal:
-    """Seals, and looks at seals, with one secret.
+    """Makes and checks seals with one secret.
 
     Attributes:
-        secret: for whoever is to be believed; it goes through a pipe, never over the bus.
+        secret: for the nodes that the cell starts; it goes through a pipe, never over the bus.
     """
 
     def __init__(self, secret: bytes) -> None:
@@ -25,15 +25,21 @@ class Seal:
 
     @classmethod
     def new(cls) -> Seal:
-        """With a secret that nobody knows yet."""
+        """Make a seal with a new random secret."""
         return cls(secrets.token_bytes(_SECRET_BYTES))
 
     def of(self, key: str, source: str, number: int, payload: bytes) -> bytes:
-        """The seal of what session ``source`` says on the whole ``key``, as its ``number``."""
+        """Return the seal of one payload.
+
+        Args:
+            key: the complete Zenoh key.
+            source: the sending session.
+            number: the session's number for this payload.
+        """
         signed = hmac.new(self.secret, f"{key}\n{source}\n{number}\n".encode(), hashlib.sha256)
         signed.update(payload)
         return signed.digest()
 
     def fits(self, seal: bytes, key: str, source: str, number: int, payload: bytes) -> bool:
-        """Whether the holder of the secret has sealed it."""
+        """Whether ``seal`` was made with this secret for exactly this key, session, number and payload."""
         return hmac.compare_digest(seal, self.of(key, source, number, payload))

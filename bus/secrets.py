@@ -1,4 +1,4 @@
-"""Files that hold a secret: private to their owner (and group), and where no commit can take them along."""
+"""Files that hold a secret: readable only by their owner (and group), and outside every git work tree."""
 
 from __future__ import annotations
 
@@ -11,7 +11,11 @@ _PROJECT = Path(__file__).resolve().parent.parent
 
 
 def require_private(path: Path, what: str) -> None:
-    """Raises: ConfigError when others may read ``path``, or when it lies in the project or a git work tree."""
+    """Raises: ConfigError when others may read ``path``, or when it lies in the project or a git work tree.
+
+    Args:
+        what: name of the file's purpose, for the error text.
+    """
     try:
         mode = path.stat().st_mode
     except OSError as error:
@@ -22,7 +26,11 @@ def require_private(path: Path, what: str) -> None:
 
 
 def require_outside(path: Path, what: str) -> None:
-    """Raises: ConfigError when ``path`` lies in the project folder or a git work tree."""
+    """Raises: ConfigError when ``path`` lies in the project folder or a git work tree.
+
+    Args:
+        what: name of the file's purpose, for the error text.
+    """
     for folder in path.resolve().parents:
         if folder == _PROJECT or (folder / ".git").exists():
             raise ConfigError(
@@ -32,7 +40,7 @@ def require_outside(path: Path, what: str) -> None:
 
 
 def read_secret(path: Path, what: str) -> str:
-    """The one line of a private file. Raises: ConfigError, never with what is in it."""
+    """Return the one line of a private file. Raises: ConfigError, whose text never contains the secret."""
     require_private(path, what)
     try:
         secret = path.read_text(encoding="ascii")
@@ -42,12 +50,13 @@ def read_secret(path: Path, what: str) -> str:
 
 
 def checked_secret(text: str, where: str) -> str:
-    """``text`` without the blanks and line ends around it, as a header can carry it.
+    """Return ``text`` stripped of surrounding white space, checked to fit into an HTTP header.
 
     Args:
-        where: what holds it, with its article, at the beginning of a sentence.
+        where: the text's source, with its article, to begin an error's sentence.
 
-    Raises: ConfigError, never with what is in it.
+    Raises:
+        ConfigError: the text never contains the secret.
     """
     secret = text.strip()
     if not secret or not all("!" <= sign <= "~" for sign in secret):

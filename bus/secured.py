@@ -1,7 +1,7 @@
-"""How a session may be opened: on loopback as it is; beyond it only with TLS, certificates and access control.
+"""Rules for opening a session: loopback needs nothing; beyond it TLS, certificates and access control are required.
 
-Whoever reaches the bus moves the arm, so nothing is left to a file alone: the *parsed* configuration is looked at, and
-our own rules are laid over it.
+A client on the bus can move the arm, so a file alone is not trusted: the *parsed* configuration is checked, and our
+own rules override it.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from bus.errors import ConfigError
 from bus.secrets import require_private
 
 LEASE_MS = 1000
-"""A frozen or unplugged peer is noticed after this time."""
+"""A frozen or unplugged peer is noticed after this time [ms]."""
 MAX_PAYLOAD_BYTES = 64 * 1024 * 1024
 _MAX_MESSAGE_BYTES = MAX_PAYLOAD_BYTES + 1024 * 1024
 _LOOPBACK = re.compile(r"tcp/(127\.0\.0\.1|\[::1\]|localhost):\d{1,5}")
@@ -30,16 +30,16 @@ _OUR_RULES: dict[str, Any] = {
     "scouting/gossip/enabled": False,
     "transport/link/tx/lease": LEASE_MS,
     "transport/link/rx/max_message_size": _MAX_MESSAGE_BYTES,
-    # connections that are opened and then say nothing must not keep real clients out
+    # connections that are opened and stay silent must not keep real clients out
     "transport/unicast/accept_timeout": 1000,
     "transport/unicast/accept_pending": 4096,
     "transport/unicast/max_sessions": 4096,
-    # questions get lost in shared memory when the machine is busy, and dead nodes leave their segments open
+    # shared memory loses queries when the machine is busy, and dead nodes leave their segments open
     "transport/shared_memory/enabled": False,
     "adminspace/enabled": False,
 }
 _HUB_RULES: dict[str, Any] = {
-    # a program that takes nothing any more (frozen, with its link full) is let go; else everybody waits for it for 5 s
+    # a frozen program whose link is full is disconnected; otherwise every session waits for it for 5 s
     "transport/link/tx/queue/congestion_control/block/wait_before_close": 500_000,
 }
 _FILES = (
@@ -57,21 +57,22 @@ def is_loopback(endpoint: str) -> bool:
 
 
 def is_encrypted(endpoint: str) -> bool:
-    """Whether what travels over ``endpoint`` cannot be read or changed on the way."""
+    """Whether traffic over ``endpoint`` is protected against reading and changing."""
     return _ENCRYPTED.fullmatch(endpoint) is not None
 
 
 def session_config(
     mode: str, *, listen: Sequence[str] | None, connect: Sequence[str] | None, file: Path | None
 ) -> zenoh.Config:
-    """The configuration of one session.
+    """Return the configuration of one session.
 
     Args:
         mode: of Zenoh: client, peer or router.
-        listen, connect: endpoints instead of the file's; None = the file's.
+        listen, connect: endpoints that replace the file's; None = the file's.
         file: a Zenoh configuration (JSON5); paths in it are relative to its folder. None: loopback only.
 
-    Raises: ConfigError naming everything that is missing.
+    Raises:
+        ConfigError: names everything that is missing for a safe session.
     """
     config = _read(file) if file is not None else zenoh.Config()
     for key, value in (_OUR_RULES | (_HUB_RULES if mode != "client" else {})).items():
@@ -85,7 +86,7 @@ def session_config(
 
 
 def _read(file: Path) -> zenoh.Config:
-    """Raises: ConfigError."""
+    """Read a Zenoh file and make its certificate paths absolute. Raises: ConfigError."""
     try:
         config = zenoh.Config.from_json5(file.read_text())
     except OSError as error:
@@ -100,7 +101,7 @@ def _read(file: Path) -> zenoh.Config:
 
 
 def _require_safe(config: zenoh.Config, file: Path | None) -> None:
-    """Raises: ConfigError for an endpoint that others could reach, or pose as, unchecked."""
+    """Raises: ConfigError for an endpoint beyond loopback without encryption, certificates or access control."""
     listen = _away(config, "listen/endpoints")
     connect = _away(config, "connect/endpoints")
     plain = [endpoint for endpoint in (*listen, *connect) if not is_encrypted(endpoint)]
@@ -149,7 +150,7 @@ def _missing_access(config: zenoh.Config) -> Iterator[str]:
 
 
 def _require_keys(config: zenoh.Config, file: Path) -> None:
-    """Raises: ConfigError unless every certificate can be read and its key is its own and private."""
+    """Raises: ConfigError unless every certificate can be read and its key matches and is private."""
     tls = _get(config, "transport/link/tls")
     try:
         context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
@@ -164,7 +165,7 @@ def _require_keys(config: zenoh.Config, file: Path) -> None:
 
 
 def _away(config: zenoh.Config, key: str) -> list[str]:
-    """The endpoints beyond loopback under ``key``, of whichever mode."""
+    """Return the endpoints beyond loopback under ``key``, of every mode."""
     value = _get(config, key) or []
     groups = value.values() if isinstance(value, dict) else [value]
     entries = [entry for group in groups for entry in (group if isinstance(group, list) else [group]) if entry]
@@ -177,5 +178,5 @@ def _get(config: zenoh.Config, key: str) -> Any:
 
 
 def _first_line(error: Exception) -> str:
-    """Zenoh's words without the file names of its build."""
+    """Return Zenoh's error text without the file names of its build."""
     return re.split(r"\s+at /", str(error))[0].splitlines()[0].rstrip(".! ")

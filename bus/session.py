@@ -1,9 +1,9 @@
-"""One process on the bus: open Zenoh safely, publish, hear, ask, answer, be alive.
+"""One process on the bus: open Zenoh safely, publish, subscribe, ask, answer, announce liveliness.
 
-Rules this file keeps so that nobody else must (measured): loopback only unless `bus.secured` finds the way beyond it
-safe; every question is answered, errors included, because silence, absence and denial look alike; callbacks only
-enqueue; the encoding is always set, and so is the source; the session is closed on every path. What comes back of a
-question is in `bus.asking`, how one is answered in `bus.answering`, and who may ask what acts in `bus.access`.
+Rules that this file keeps for all its users (measured): loopback only, unless `bus.secured` approves the way beyond
+it; every query is answered, errors included, because silence, absence and denial look alike; callbacks only enqueue;
+encoding and source are always set; the session is closed on every path. `bus.asking` handles the replies to a query,
+`bus.answering` the answers, and `bus.access` who may ask a topic that acts.
 """
 
 from __future__ import annotations
@@ -22,36 +22,37 @@ import zenoh
 from bus import topics
 from bus.access import asked, is_sealed, refusal, source_of
 from bus.answering import Answers, payload_of, refuse, reply_to
-from bus.asking import Signed, heard_in, replies_to
+from bus.asking import Signed, replies_to, samples_in
 from bus.codec import decode, encode
 from bus.errors import BadPayload, BusError, CellUnreachable, NoReply, PortOccupied, Refused
 from bus.frozen import Message
-from bus.sample import Asked, Handler, Heard, LaneOf, Tap
+from bus.sample import Asked, Handler, Sample, Tap, WorkerOf
 from bus.seal import Seal
 from bus.secured import MAX_PAYLOAD_BYTES, is_loopback, session_config
 from bus.topics import Topic, encoding_of
-from bus.worker import Lane
+from bus.worker import SerialWorker
 
 _log = logging.getLogger(__name__)
 
 MessageT = TypeVar("MessageT", bound=Message)
 _LATE_S = 1.0
-"""Zenoh's own end of a question may come so late."""
+"""How late Zenoh may report the end of a query [s]."""
 _LAST_NUMBER = 0xFFFFFFFF
-"""Zenoh numbers what a session says with 32 bits."""
+"""Zenoh's sequence numbers have 32 bits."""
 
 
 class Bus:
-    """A Zenoh session that speaks the topic table of one cell.
+    """A Zenoh session that uses the topic table of one cell.
 
     Args:
         session: an open Zenoh session, owned from now on.
         cell_id: the cell's name in every key.
-        is_host: it is the cell's own, which others join.
+        security: the Zenoh file that the session was opened with, for error texts.
+        is_host: it is the cell's own session, which others join.
 
     Attributes:
-        tap: called with everything this process publishes, asks and is answered; set by whoever records.
-        seal: of the secret that the cell shares with the nodes it starts; None for everybody else.
+        tap: receives everything this process publishes, asks and is answered; set by a recorder.
+        seal: of the secret that the cell shares with the nodes it starts; None for every other process.
     """
 
     def __init__(
@@ -62,7 +63,7 @@ class Bus:
         self.tap: Tap | None = None
         self._session = session
         self._security = security
-        self._lanes: dict[str, Lane] = {}
+        self._workers: dict[str, SerialWorker] = {}
         self._making = threading.Lock()
         self._declared: list[Any] = []
         self._tokens: dict[str, Any] = {}  # by their whole key
@@ -83,10 +84,12 @@ class Bus:
 
         Args:
             endpoint: on loopback, for this machine's programs.
-            beyond: another one, for other machines. ``router``: one to join, now or whenever it is up.
+            beyond: another one, for other machines. ``router``: one to join, now or once it is up.
             security: the Zenoh file that makes these two safe.
 
-        Raises: PortOccupied; ConfigError when that file does not make them safe.
+        Raises:
+            PortOccupied: another program listens there.
+            ConfigError: the file does not make the endpoints safe.
         """
         listen = [endpoint, beyond] if beyond else [endpoint]
         security = None if all(is_loopback(one) for one in (*listen, router) if one) else security
@@ -114,19 +117,19 @@ class Bus:
             raise CellUnreachable(f"No cell answers at {endpoint}.", advice) from error
 
     def key(self, topic: Topic, **fields: str) -> str:
-        """The whole Zenoh key of ``topic`` in this cell."""
+        """Return the complete Zenoh key of ``topic`` in this cell; ``fields`` fill its ``{field}``."""
         return f"{self._root}{topic.key.format(**fields)}"
 
     @property
     def source(self) -> str:
-        """This session, as others see where its samples and questions come from."""
+        """Id of this session, as other sessions see it in samples and queries."""
         return str(self._session.zid())
 
     @property
     def cell(self) -> str | None:
-        """The session of the cell: the one that was joined, or this one; None behind a router.
+        """Id of the cell's session: the one that was joined, or this one; None behind a router.
 
-        There it cannot be told, and certificates say who may speak for the cell (docs/security.md).
+        A router hides it; there certificates decide who may publish for the cell (docs/security.md).
         """
         if self._is_host:
             return self.source
@@ -134,7 +137,7 @@ class Bus:
         return str(peers[0]) if len(peers) == 1 else None
 
     def _signed(self, key: str, payload: bytes) -> Signed:
-        """Who says or asks this, and with which number; sealed where we have a secret."""
+        """Return this session with the next number, sealed where there is a secret."""
         number = next(self._numbers) & _LAST_NUMBER
         seal = self.seal.of(key, self.source, number, payload) if self.seal is not None else None
         return Signed(zenoh.SourceInfo(self._session.id, number), seal)
@@ -142,14 +145,14 @@ class Bus:
     def _short(self, key: object) -> str:
         return str(key).removeprefix(self._root)
 
-    def _record(self, heard: Heard) -> None:
+    def _record(self, sample: Sample) -> None:
         if self.tap is not None:
-            self.tap(heard)
+            self.tap(sample)
 
-    # --- publish and hear ---------------------------------------------------------------------------------------------
+    # --- publish and subscribe ----------------------------------------------------------------------------------------
 
     def publish(self, topic: Topic, message: Message | bytes, **fields: str) -> None:
-        """Put one message (or the protobuf bytes of one) on ``topic``. Raises: BusError after close."""
+        """Publish one message, or the protobuf bytes of one, on ``topic``. Raises: BusError after close."""
         payload = message if isinstance(message, bytes) else encode(message)
         encoding, key = encoding_of(topic.says), self.key(topic, **fields)
         signed = self._signed(key, payload)
@@ -158,28 +161,32 @@ class Bus:
         except zenoh.ZError as error:
             raise BusError(f"Cannot publish {topic.key}: the bus is closed.") from error
         if topic.logged:
-            self._record(Heard(topic.key.format(**fields), encoding, payload))
+            self._record(Sample(topic.key.format(**fields), encoding, payload))
 
     def put(self, key: str, payload: bytes, encoding: str) -> None:
-        """Put bytes on a whole Zenoh ``key`` that is none of this cell's. Raises: BusError after close."""
+        """Publish bytes on a complete Zenoh ``key`` outside this cell's table. Raises: BusError after close."""
         try:
             self._session.put(key, payload, encoding=encoding)
         except zenoh.ZError as error:
             raise BusError(f"Cannot publish {key}: the bus is closed.") from error
 
     def is_heard(self, pattern: str) -> bool:
-        """Whether anybody else subscribes to something of ``pattern``, a whole Zenoh key expression."""
+        """Whether another session subscribes to a key that matches ``pattern``, a complete Zenoh key expression."""
         publisher = self._session.declare_publisher(pattern, allowed_destination=zenoh.Locality.REMOTE)
         try:
-            status: Any = publisher.matching_status  # its stub calls it a bool; it is an object, and true
+            status: Any = publisher.matching_status  # the stub says bool; it is an object, which is always truthy
             return bool(status.matching)
         finally:
             publisher.undeclare()  # type: ignore[no-untyped-call]
 
-    def subscribe(self, pattern: str, callback: Callable[[Heard], None], *, own: bool = False) -> None:
-        """Call ``callback`` with what others (or also we: ``own``) publish on ``pattern`` below the cell's root.
+    def subscribe(self, pattern: str, callback: Callable[[Sample], None], *, own: bool = False) -> None:
+        """Call ``callback`` with every sample that others publish on ``pattern`` below the cell's root.
 
-        The callback runs on Zenoh's thread: it may only enqueue.
+        The callback runs on Zenoh's thread: it may only enqueue. Samples above the payload limit are dropped, with a
+        warning.
+
+        Args:
+            own: call it with this session's own samples too.
         """
 
         def hear(sample: zenoh.Sample) -> None:
@@ -187,22 +194,29 @@ class Bus:
                 _log.warning("%s: %d bytes are too many; not heard", sample.key_expr, len(sample.payload))
                 return
             key, payload, sealed = self._short(sample.key_expr), sample.payload.to_bytes(), is_sealed(sample, self.seal)
-            callback(Heard(key, str(sample.encoding), payload, source_of(sample), sealed))
+            callback(Sample(key, str(sample.encoding), payload, source_of(sample), sealed))
 
         origin = zenoh.Locality.ANY if own else zenoh.Locality.REMOTE
         self._declared.append(self._session.declare_subscriber(f"{self._root}{pattern}", hear, allowed_origin=origin))
 
     # --- ask and answer -----------------------------------------------------------------------------------------------
 
-    def ask(self, topic: Topic, request: Message, *, timeout_s: float, **fields: str) -> list[Heard]:
-        """Every reply to one question.
+    def ask(self, topic: Topic, request: Message, *, timeout_s: float, **fields: str) -> list[Sample]:
+        """Send one query and return every reply.
 
-        Raises: NoReply (nobody there), ReplyTimeout, TwoAnswers, or the error the other side answered with, as its own
-        type.
+        Args:
+            timeout_s: how long to wait for a reply [s].
+            fields: fill the ``{field}`` of the topic's key.
+
+        Raises:
+            NoReply: no process serves the key.
+            ReplyTimeout: a process serves it, but did not answer in time.
+            TwoAnswers: several sessions serve it.
+            CellError: the error that the other process answered with, as its own type.
         """
         name, question, encoding = topic.key.format(**fields), encode(request), encoding_of(topic.asks)
         record = self._record if topic.logged else _do_not_record
-        record(Heard(f"{name}/query", encoding, question))
+        record(Sample(f"{name}/query", encoding, question))
         key = f"{self._root}{name}"
         replies = replies_to(self._session, key, question, encoding, timeout_s, self._signed(key, question))
         if not replies:
@@ -210,12 +224,12 @@ class Bus:
             if self._security is not None:
                 advice += f" Or the certificate of {self._security} may not ask this: docs/security.md."
             raise NoReply(f"Nobody answers {name!r}.", advice)
-        return heard_in(replies, self._root, name, timeout_s, record)
+        return samples_in(replies, self._root, name, timeout_s, record)
 
     def request(
         self, topic: Topic, request: Message, answer_type: type[MessageT], *, timeout_s: float, **fields: str
     ) -> MessageT:
-        """The one decoded answer to one question. Raises: as `ask`, and BadPayload."""
+        """Send one query and return its decoded answer within ``timeout_s`` [s]. Raises: as `ask`, and BadPayload."""
         answer = self.ask(topic, request, timeout_s=timeout_s, **fields)[0]
         try:
             return decode(answer_type, answer.payload)
@@ -223,13 +237,15 @@ class Bus:
             key = topic.key.format(**fields)
             raise BadPayload(f"{key!r} was answered with what cannot be read: {error.text}", "See its node.") from error
 
-    def answer(self, topic: Topic, handler: Handler, *, lane: str | LaneOf, **fields: str) -> None:
-        """Answer questions on ``topic`` with ``handler(payload, asked)``, one at a time per ``lane`` (a thread).
+    def answer(self, topic: Topic, handler: Handler, *, worker: str | WorkerOf, **fields: str) -> None:
+        """Answer queries on ``topic`` with ``handler(payload, asked)``, one at a time per ``worker`` (a thread).
 
-        A ``lane`` that depends on the question keeps what is urgent from waiting for what is not. What is refused
-        unseen (`bus.access`) waits for nothing.
+        A query that `bus.access` refuses is answered by a worker of its own and does not wait.
 
-        The handler returns a message, or the payloads to reply with. A `CellError` it raises is sent back typed.
+        Args:
+            handler: returns a message, or the payloads to reply with; a `CellError` it raises is sent back typed.
+            worker: name of the worker, or a function that names it by the query, so that urgent queries do not wait
+                for others.
         """
         key, answers = self.key(topic, **fields), Answers()
 
@@ -237,19 +253,19 @@ class Bus:
             question = asked(query, self.seal)
             why = refusal(topic, question, self.cell, needs_seal=self.seal is not None)
             if why is not None:
-                self.lane("refusals").post(partial(_refuse, query, why))
+                self.worker("refusals").post(partial(_refuse, query, why))
                 return
-            name = lane if isinstance(lane, str) else lane(question, payload_of(query))
-            self.lane(name).post(lambda: self._reply(topic, key, query, question, handler, answers))
+            name = worker if isinstance(worker, str) else worker(question, payload_of(query))
+            self.worker(name).post(lambda: self._reply(topic, key, query, question, handler, answers))
 
         self._declared.append(self._session.declare_queryable(key, receive))
 
-    def lane(self, name: str) -> Lane:
-        """The lane called ``name``; made on first use."""
+    def worker(self, name: str) -> SerialWorker:
+        """Return the worker called ``name``; it is made at first use."""
         with self._making:
-            if name not in self._lanes:
-                self._lanes[name] = Lane(name)
-            return self._lanes[name]
+            if name not in self._workers:
+                self._workers[name] = SerialWorker(name)
+            return self._workers[name]
 
     def _reply(
         self, topic: Topic, key: str, query: zenoh.Query, question: Asked, handler: Handler, answers: Answers
@@ -258,7 +274,11 @@ class Bus:
             reply_to(query, question, topic, key, handler, self._record, answers)
 
     def survey(self, topic: Topic, request: Message, *, timeout_s: float) -> dict[str, bytes]:
-        """What every cell that can be seen answers to one question, by cell id; the bus's ``cell_id`` is ``*``."""
+        """Ask one query of every visible cell and return the answers by cell id; this bus's ``cell_id`` is then ``*``.
+
+        Args:
+            timeout_s: how long to collect answers [s].
+        """
         encoding = encoding_of(topic.asks)
         key, question = f"{self._root}{topic.key}", encode(request)
         replies = replies_to(
@@ -268,7 +288,11 @@ class Bus:
         return {str(answer.key_expr).split("/")[1]: answer.payload.to_bytes() for answer in answers}
 
     def sessions(self, topic: Topic, *, timeout_s: float, **fields: str) -> dict[str, bytes]:
-        """Who answers a question without content on ``topic``, and what: by session; a refusal is an answer, too."""
+        """Ask a query without content on ``topic`` and return the answers by session; a refusal counts, as empty bytes.
+
+        Args:
+            timeout_s: how long to collect answers [s].
+        """
         key, encoding = self.key(topic, **fields), encoding_of(topic.asks)
         signed = self._signed(key, b"{}")
         replies = replies_to(self._session, key, b"{}", encoding, timeout_s, signed, others_s=timeout_s + _LATE_S)
@@ -278,18 +302,18 @@ class Bus:
     # --- be alive -----------------------------------------------------------------------------------------------------
 
     def announce(self, topic: Topic, **fields: str) -> None:
-        """Hold a liveliness token (a node's, a lease) until `withdraw` or close."""
+        """Hold a liveliness token (of a node or a lease) until `withdraw` or close."""
         key = self.key(topic, **fields)
         self._tokens[key] = self._session.liveliness().declare_token(key)
 
     def withdraw(self, topic: Topic, **fields: str) -> None:
-        """Give a token back; nothing when it is not held."""
+        """Give a token back; without effect when it is not held."""
         token = self._tokens.pop(self.key(topic, **fields), None)
         if token is not None:
             token.undeclare()
 
     def alive(self, topic: Topic) -> set[str]:
-        """Who holds a token of ``topic``, a key with one field."""
+        """Return the names whose token of ``topic``, a key with one field, is held now."""
         replies = self._session.liveliness().get(self.key(topic, name="*"), timeout=1.0)
         return {self._short(reply.ok.key_expr).split("/")[1] for reply in replies if reply.ok is not None}
 
@@ -306,8 +330,8 @@ class Bus:
 
     def close(self) -> None:
         """Undeclare everything and close; idempotent."""
-        for lane in self._lanes.values():
-            lane.close()
+        for worker in self._workers.values():
+            worker.close()
         if not self._session.is_closed():
             self._session.close()  # type: ignore[no-untyped-call]
 
@@ -325,4 +349,4 @@ def _refuse(query: zenoh.Query, why: Refused) -> None:
         refuse(query, why)
 
 
-def _do_not_record(_heard: Heard) -> None: ...
+def _do_not_record(_heard: Sample) -> None: ...

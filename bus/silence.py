@@ -1,4 +1,4 @@
-"""Notices that somebody who should be heard has fallen silent."""
+"""Detects that another process, which should publish regularly, has fallen silent."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from collections.abc import Callable
 
 
 class Silence:
-    """The silence of one other side, looked at often; every member may be called from any thread.
+    """The silence of one other process; every method may be called from any thread.
 
-    Time in which this process itself stood still does not count: what was said meanwhile is still on its way.
+    Time in which this process itself stood still does not count, because samples from that time are still on their way.
 
     Args:
-        limit_s: silent for longer, and it is missed. ``look_s``: how often `is_broken` is asked.
+        limit_s: a longer silence is a loss. ``look_s``: the period at which `is_broken` is called.
         clock_s: monotonic.
     """
 
@@ -23,12 +23,12 @@ class Silence:
         self._heard_s = self._looked_s = clock_s()
 
     def hear(self) -> None:
-        """It said something."""
+        """Note that a sample arrived."""
         with self._changing:
             self._heard_s = self._clock_s()
 
     def for_s(self) -> float:
-        """How long it has said nothing; asked every ``look_s``."""
+        """Return how long nothing arrived [s]; call it every ``look_s``."""
         with self._changing:
             now_s = self._clock_s()
             late_s = now_s - self._looked_s - 2 * self._look_s
@@ -38,5 +38,5 @@ class Silence:
             return now_s - self._heard_s
 
     def is_broken(self) -> bool:
-        """Whether it has been silent for too long; asked every ``look_s``."""
+        """Whether the silence is longer than ``limit_s``; call it every ``look_s``."""
         return self.for_s() > self._limit_s

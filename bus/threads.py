@@ -1,7 +1,7 @@
-"""Threads that own something. A thread that ends by an exception nobody foresaw takes with it what it owns, unseen.
+"""Threads that own something. One that dies by an unforeseen exception would silently take with it what it owns.
 
-So no thread of the product is started in any other way (a lint rule sees to it), each has a role of the list below, and
-its unforeseen end is told to whoever keeps this process: the daemon aborts the cell, a node ends with the reason.
+So the product starts no thread in any other way (a lint rule enforces it), each has a role of the list below, and its
+unforeseen end is reported to the process's handler: the daemon aborts the cell, a node ends with the reason.
 """
 
 from __future__ import annotations
@@ -16,24 +16,24 @@ _log = logging.getLogger(__name__)
 
 
 class Role(StrEnum):
-    """What a thread owns; every thread has one of these."""
+    """The thing a thread owns; every thread has one role."""
 
     MACHINE = "machine"
-    """The machine's state: it takes commands and ends of work, one at a time."""
+    """The machine's state: commands and ends of actions, handled one at a time."""
     ACTION = "action"
-    """What one acting state does."""
+    """The action of one acting state."""
     DETECT = "detect"
-    """One detection, which a stop may leave behind."""
+    """One detection; a stop may abandon it."""
     MODEL_CALL = "model-call"
-    """One call of a hosted model, which a stop or its deadline may leave behind."""
+    """One call of a hosted model; a stop or its deadline may abandon it."""
     CYCLE_LOG = "cycle-log"
     """The file of one recording."""
     WATCHDOG = "watchdog"
-    """The looks at the nodes' streams."""
+    """The periodic check of the nodes' streams."""
     SUPERVISOR = "supervisor"
-    """One node's process: its end, and its next start."""
-    LANE = "lane"
-    """Questions of one kind, answered one after the other."""
+    """One node's process: its end and its restart."""
+    WORKER = "worker"
+    """Queries of one kind, answered one after the other."""
     LOOP = "loop"
     """One stream of a node, at a fixed rate."""
     HAND_POLL = "hand-poll"
@@ -41,17 +41,17 @@ class Role(StrEnum):
     CAMERA_READ = "camera-read"
     """The newest frame of a real camera."""
     LIVE_VIEW = "live-view"
-    """What a viewer is still to be sent."""
+    """The queue of messages for a viewer."""
     ROBOT_TF = "robot-tf"
-    """Where the arm's links are, as it is said."""
+    """The published poses of the arm's links."""
     RETENTION = "retention"
-    """The recordings that are kept no longer."""
+    """The deletion of old recordings."""
     PROBE = "probe"
-    """One question of the doctor that may never be answered."""
+    """One check of the doctor, which may never return."""
 
 
 OnDefect = Callable[[str, BaseException], None]
-"""Told the thread's name and what ended it, on that thread."""
+"""Called with the thread's name and the exception that ended it, on that thread."""
 
 _handlers: list[OnDefect] = []
 _changing = threading.Lock()
@@ -59,7 +59,7 @@ _changing = threading.Lock()
 
 @contextmanager
 def handled_by(handler: OnDefect) -> Iterator[None]:
-    """Inside, ``handler`` is told when an owned thread of this process ends by an exception."""
+    """Inside the context, ``handler`` is called when an owned thread of this process ends by an exception."""
     with _changing:
         _handlers.append(handler)
     try:
@@ -70,11 +70,11 @@ def handled_by(handler: OnDefect) -> Iterator[None]:
 
 
 class OwnedThread:
-    """A daemon thread whose unforeseen end is logged, and told to every handler of `handled_by`.
+    """A daemon thread whose unforeseen end is logged and reported to every handler of `handled_by`.
 
     Args:
         role: what it owns. ``of``: which one, where a process has several.
-        run: what it does; every exception that leaves it is a defect.
+        run: its work; every exception that leaves it is a defect.
     """
 
     def __init__(self, role: Role, run: Callable[[], None], *, of: str = "") -> None:
@@ -83,33 +83,33 @@ class OwnedThread:
         self._thread = threading.Thread(target=self._guarded, name=self.name, daemon=True)
 
     def start(self) -> OwnedThread:
-        """Begin; returns itself."""
+        """Start the thread and return itself."""
         self._thread.start()
         return self
 
     def join(self, timeout_s: float | None = None) -> None:
-        """Wait for its end; at once when it never began."""
+        """Wait for its end, at most ``timeout_s`` [s]; return at once when it never started."""
         if self._thread.ident is not None:
             self._thread.join(timeout_s)
 
     def is_alive(self) -> bool:
-        """Whether it has begun, and not ended."""
+        """Whether it has started and not ended."""
         return self._thread.is_alive()
 
     def _guarded(self) -> None:
         try:
             self._run()
-        except BaseException as defect:  # noqa: BLE001 - whatever it is, somebody must know
+        except BaseException as defect:  # noqa: BLE001 - every end must be reported
             report_defect(self.name, defect)
 
 
 def report_defect(name: str, defect: BaseException) -> None:
-    """Log ``defect`` of what is called ``name``, and tell every handler; one that fails keeps none of the others."""
+    """Log ``defect`` of the thread ``name`` and call every handler; one that fails does not keep out the others."""
     _log.critical("defect in %s", name, exc_info=defect)
     with _changing:
         handlers = list(_handlers)
     for handler in handlers:
         try:
             handler(name, defect)
-        except Exception:  # noqa: BLE001 - the next one is told all the same
+        except Exception:  # noqa: BLE001 - the next handler is called all the same
             _log.exception("defect in what handles the defect of %s", name)

@@ -1,8 +1,8 @@
-"""THE table: every key of the cell, what travels on it, who may ask or say it, and whether it is recorded.
+"""THE table: every key of the cell, its payload types, who may ask or publish it, and whether it is recorded.
 
 Keys are below ``cell/{cell_id}/``. A *publish* topic carries ``says``; a *query* topic is asked with ``asks`` and
-answered with ``says``; *alive* topics are liveliness tokens without payload. A query that *acts* answers its exact key
-and its own payload only, and only who is named in its row (`bus.access`); one that reads answers anybody.
+answered with ``says``; *alive* topics are liveliness tokens without payload. A query that *acts* answers only its exact
+key, its own payload and the clients named in its row (`bus.access`); one that reads answers every client.
 """
 
 from __future__ import annotations
@@ -69,11 +69,11 @@ class Topic:
         key: below ``cell/{cell_id}/``; may hold a ``{field}``.
         kind: how it travels.
         says: type of the published payload or of the answer.
-        asks: type of the question.
+        asks: type of the query's payload.
         logged: recorded into the cycle's MCAP.
-        acts: for whom the answer is an act: ``client``, any program that names itself (`cell.machine.leases` says which
-            may), or ``cell``, the cell's own session. Empty: the answer only reads.
-        speaker: who publishes it; what anybody else puts there is a stranger's.
+        acts: who may ask, where the answer is an act: ``client``, any program that names itself (`cell.machine.leases`
+            decides which), or ``cell``, the cell's own session. Empty: the answer only reads.
+        speaker: who publishes it; a payload of any other session is a stranger's.
     """
 
     key: str
@@ -142,7 +142,7 @@ HAND_STOP = Topic("hand/stop", "query", Nothing, Nothing, acts="cell")
 SIM_PRESENT = Topic("sim/present", "query", Presented, PresentRequest, acts="cell")
 SIM_TRUTH = Topic("sim/truth", "query", Presented, Nothing)
 
-# Answered only where the station allows faults, by whoever runs that part.
+# Answered only where the station allows faults, by the process that runs the part.
 FAULT = Topic("fault/{part}", "query", Nothing, FaultRequest, logged=False, acts="client")
 
 NODE_ALIVE = Topic("node/{name}", "alive")
@@ -151,7 +151,7 @@ LEASE_HEARTBEAT = Topic("lease/{name}", "publish", Heartbeat, logged=False, spea
 NODE_HEALTH = Topic("node/{name}/health", "publish", Health, speaker="node")
 NODE_NOW = Topic("node/{name}/health", "query", Health, Nothing, logged=False)
 
-# What somebody else put on a key of this table while a cycle ran: kept, and never taken for what the key carries.
+# A payload that another session put on a key of this table while a cycle ran: recorded, but never used.
 STRANGER = Topic("stranger", "publish", Stranger)
 
 TOPICS: tuple[Topic, ...] = tuple(value for value in dict(globals()).values() if isinstance(value, Topic))
@@ -160,7 +160,7 @@ FRAME_PARTS = (CAMERA_COLOR, CAMERA_DEPTH, CAMERA_COLOR_CALIBRATION, CAMERA_DEPT
 
 
 def encoding_of(payload_type: Any) -> str:
-    """The Zenoh encoding of a payload type: ``application/json;vlad.X`` or ``application/protobuf;foxglove.X``."""
+    """Return the Zenoh encoding of a type: ``application/json;vlad.X`` or ``application/protobuf;foxglove.X``."""
     if isinstance(payload_type, type) and issubclass(payload_type, Message):
         name = payload_type.__name__.replace("[", ".").rstrip("]")
         return f"application/json;vlad.{name}"
@@ -168,6 +168,6 @@ def encoding_of(payload_type: Any) -> str:
 
 
 def types_by_encoding() -> dict[str, Any]:
-    """Every payload type of the table by its encoding, and what any question may be answered with."""
+    """Return every payload type of the table by its encoding, `ErrorReply` included."""
     types = [payload for topic in TOPICS for payload in (topic.says, topic.asks) if payload is not None]
     return {encoding_of(payload): payload for payload in [*types, ErrorReply]}

@@ -1,8 +1,8 @@
-"""A sampled joint trajectory: raw 1 kHz samples and the moving-average filter it is played through.
+"""A sampled joint trajectory: raw 1 kHz samples and the moving-average filter applied when it is played.
 
 The planner makes the raw samples (velocity and acceleration bounded); the moving average turns them into
 jerk-bounded ones (`|jerk| <= 2 a_max / (window dt)`). The player (`drivers.motion.stream`) switches the *raw* stream
-and filters behind the switch, so that a stop or resume is as smooth as the motion itself.
+and filters after the switch, so that a stop or resume is as smooth as the motion itself. Signs: docs/frames.md.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ else:
 TICK_S = 0.001
 """The control period of the arm [s] (FCI, 1 kHz)."""
 MAX_SAMPLES = 300_000
-"""Five minutes: no motion of this arm is longer, and what arrives must not fill the memory."""
+"""Five minutes: no motion of this arm is longer, and an incoming message must not fill the memory."""
 MAX_WINDOW = 1000
 
 
@@ -65,16 +65,19 @@ class Trajectory(Message):
 
     @property
     def start_q_rad(self) -> Joints:
+        """Positions (7,) at the start."""
         return np.asarray(self.raw_q_rad[0])
 
     @property
     def end_q_rad(self) -> Joints:
+        """Positions (7,) at the end."""
         return np.asarray(self.raw_q_rad[-1])
 
     @property
     def duration_s(self) -> float:
+        """Duration of the filtered motion [s]."""
         return (len(self.raw_q_rad) + self.window - 2) * TICK_S
 
     def filtered(self) -> JointSamples:
-        """The positions (m, 7) the arm is commanded to, one every `TICK_S`."""
+        """Return the commanded positions (m, 7), one every `TICK_S`."""
         return moving_average(self.raw_q_rad, self.window)

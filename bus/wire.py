@@ -1,6 +1,6 @@
-"""Sensor data to Foxglove's protobuf messages and back.
+"""Converts sensor data to Foxglove's protobuf messages and back.
 
-What is decoded here is what the stages work on, so a recording of the bytes replays bit for bit.
+The stages work on the decoded data, so a recording of the bytes replays bit for bit. Frames and units: docs/frames.md.
 """
 
 from __future__ import annotations
@@ -30,24 +30,27 @@ _JPEG_QUALITY = 95
 _JOINTS = 7
 _YEAR_10000_S = 253_402_300_800
 _LENSES = (0, 4, 5, 8, 12, 14)
-"""How many distortion coefficients OpenCV takes."""
+"""The numbers of distortion coefficients that OpenCV accepts."""
 _UNIT_TOLERANCE = 1e-3
 
 
 def stamp(stamp_ns: int) -> Timestamp:
-    """Integer nanoseconds UTC as a protobuf timestamp."""
+    """Convert integer nanoseconds UTC to a protobuf timestamp."""
     return Timestamp(seconds=stamp_ns // 1_000_000_000, nanos=stamp_ns % 1_000_000_000)
 
 
 def stamp_ns(timestamp: Timestamp) -> int:
-    """A protobuf timestamp as integer nanoseconds UTC. Raises: BadPayload outside the years 1970 to 9999."""
+    """Convert a protobuf timestamp to integer nanoseconds UTC. Raises: BadPayload outside the years 1970 to 9999."""
     if not (0 <= timestamp.seconds < _YEAR_10000_S and 0 <= timestamp.nanos < 1_000_000_000):
         raise BadPayload(f"A time of {timestamp.seconds} s and {timestamp.nanos} ns is none.")
     return int(timestamp.seconds) * 1_000_000_000 + int(timestamp.nanos)
 
 
 def frame_to_wire(frame: Frame) -> dict[str, bytes]:
-    """A frame as the five payloads of `topics.FRAME_PARTS`, by topic key. Colour becomes JPEG, depth 16-bit mm."""
+    """Return a frame as the five payloads of `topics.FRAME_PARTS`, by topic key.
+
+    Colour becomes JPEG; depth becomes 16-bit millimetres, 0 = invalid. Raises: BadPayload if encoding fails.
+    """
     when = stamp(frame.stamp_ns)
     ok, jpeg = cv2.imencode(".jpg", frame.color[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
     if not ok:
@@ -73,7 +76,7 @@ def frame_to_wire(frame: Frame) -> dict[str, bytes]:
 
 
 def frame_from_wire(parts: Mapping[str, bytes]) -> Frame:
-    """The frame behind the five payloads. Raises: BadPayload for a missing, broken or inconsistent one."""
+    """Return the frame behind the five payloads. Raises: BadPayload for a missing, broken or inconsistent one."""
     missing = [topic.key for topic in topics.FRAME_PARTS if topic.key not in parts]
     if missing:
         raise BadPayload(f"A frame needs {', '.join(missing)}.")
@@ -135,10 +138,10 @@ def _camera_model(message: CameraCalibration) -> CameraModel:
 
 
 def transforms_to_wire(parent_from_child: Mapping[tuple[str, str], npt.NDArray[Any]], at_ns: int) -> FrameTransforms:
-    """Poses {(parent, child): 4x4} as foxglove.FrameTransforms."""
+    """Return poses {(parent, child): parent_from_child (4, 4) [m]} as foxglove.FrameTransforms."""
     message = FrameTransforms()
     turns = Rotation.from_matrix(np.stack([pose[:3, :3] for pose in parent_from_child.values()]))
-    quaternions = turns.as_quat(scalar_first=True).tolist()  # of all at once: each call of SciPy's costs more than that
+    quaternions = turns.as_quat(scalar_first=True).tolist()  # at once: a SciPy call costs more than its work
     for ((parent, child), pose), wxyz in zip(parent_from_child.items(), quaternions, strict=True):
         entry = message.transforms.add(timestamp=stamp(at_ns), parent_frame_id=parent, child_frame_id=child)
         entry.translation.x, entry.translation.y, entry.translation.z = pose[:3, 3].tolist()
@@ -157,7 +160,7 @@ def _matrix(transform: Any) -> npt.NDArray[np.float64]:
 
 
 def arm_state_to_wire(state: ArmState) -> bytes:
-    """An arm state as foxglove.JointStates (effort = external torque)."""
+    """Return an arm state as the bytes of foxglove.JointStates (effort = external torque [Nm])."""
     message = JointStates(timestamp=stamp(state.stamp_ns))
     for index in range(_JOINTS):
         message.joints.add(
@@ -170,12 +173,12 @@ def arm_state_to_wire(state: ArmState) -> bytes:
 
 
 def arm_stamp_ns(payload: bytes) -> int:
-    """When a published arm state was measured. Raises: BadPayload for what is none."""
+    """Return the time of measurement of a published arm state [ns UTC]. Raises: BadPayload when it is none."""
     return stamp_ns(arm_joints(payload).timestamp)
 
 
 def arm_q_rad(payload: bytes) -> Joints:
-    """The measured positions in a published arm state. Raises: BadPayload for what is none."""
+    """Return the measured positions (7,) of a published arm state. Raises: BadPayload when it is none or not finite."""
     q_rad = np.array([joint.position for joint in arm_joints(payload).joints])
     if not np.isfinite(q_rad).all():
         raise BadPayload("An arm state holds a position that is no number.")
@@ -183,7 +186,7 @@ def arm_q_rad(payload: bytes) -> Joints:
 
 
 def arm_joints(payload: bytes) -> JointStates:
-    """A published arm state, as it travels. Raises: BadPayload for what is none."""
+    """Parse a published arm state. Raises: BadPayload when it is none."""
     try:
         said = JointStates.FromString(payload)
     except DecodeError as error:

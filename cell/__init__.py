@@ -1,1 +1,1 @@
-"""The cell: five stages, one cycle, one machine, one command line."""
+"""The cell: the pick, the state machine, the nodes' supervision, the daemon and the command line."""

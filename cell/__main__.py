@@ -1,4 +1,4 @@
-"""``cell``: see ``cell --help``.
+"""The command ``cell``; see ``cell --help``.
 
 Exits: 0 done, 1 robot failed, 2 usage or config, 3 refused, 4 unreachable, 5 a defect of this program.
 """
@@ -17,12 +17,12 @@ from cell.terminal.printing import err, log_plainly, out
 
 _log = logging.getLogger("cell")
 _NOBODY_READS = (errno.EPIPE, errno.EIO)
-"""The pipe was closed (`| head`), or the terminal: that is nobody's mistake."""
+"""The pipe (`| head`) or the terminal was closed: not an error."""
 _USAGE, _DEFECT, _INTERRUPTED = 2, 5, 130
 
 
 def main() -> None:
-    """Entry point: every error becomes one clear line and its exit code; only a defect has a traceback, in the log."""
+    """Entry point: every error becomes one clear line and its exit code; only a defect gets a traceback, in the log."""
     log_plainly()
     code = _carry_out()
     if out.lost is not None and code == 0 and getattr(out.lost, "errno", None) not in _NOBODY_READS:
@@ -32,7 +32,7 @@ def main() -> None:
 
 
 def _carry_out() -> int:
-    """What this process was called with; its exit code."""
+    """Run the command of this process; return its exit code."""
     try:
         return int(typer.main.get_command(command_line()).main(prog_name="cell", standalone_mode=False) or 0)
     except CellError as error:
@@ -41,7 +41,7 @@ def _carry_out() -> int:
         return _usage(error)
     except OSError as error:
         return _defect(error) if error.filename is None else _fail(_of_file(error))
-    except Exception as error:  # noqa: BLE001 - the last net: what nobody foresaw is said to be a defect
+    except Exception as error:  # noqa: BLE001 - the last handler: any other error is reported as a defect
         return _defect(error)
 
 
@@ -56,7 +56,7 @@ def _fail(error: CellError) -> int:
 
 
 def _usage(error: typer.TyperException) -> int:
-    """An option or argument that is not accepted; where there was none at all, the help."""
+    """Report a rejected option or argument; show the help when there were no arguments."""
     text = error.format_message() if hasattr(error, "format_message") else str(error)
     if type(error).__name__ == "NoArgsIsHelpError":
         for line in text.splitlines():
@@ -72,7 +72,7 @@ class _Usage(ConfigError):
 
 
 def _of_file(error: OSError) -> ConfigError:
-    """What the operating system says of a file that somebody named."""
+    """The ConfigError for an operating system error of a given file."""
     return ConfigError(f"{error.filename}: {error.strerror or error}.", "Name another, or see to its rights.")
 
 

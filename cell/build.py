@@ -1,4 +1,4 @@
-"""The composition root: the one place that joins bus, drivers, planning and the daemon."""
+"""The composition root: the only module that connects bus, drivers, planning, perception and the daemon."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cell.daemon.daemon import Daemon
 from cell.daemon.publisher import Observer
 from cell.daemon.retention import Retention
 from cell.daemon.robot_tf import RobotTf
-from cell.nodes.process import settled, share_arenas
+from cell.nodes.process import freeze_gc, limit_malloc_arenas
 from cell.nodes.supervisor import Supervisor
 from config.schema import Station
 from drivers.node import registry
@@ -27,11 +27,11 @@ from planning.robot import Robot
 
 @contextmanager
 def running_cell(station: Station, observer: Observer) -> Iterator[Daemon]:
-    """A whole cell: bus, its local nodes, daemon. Everything is closed again on every path.
+    """A whole cell: bus, its local nodes, daemon. All of it is closed again on every path.
 
-    Raises: ConfigError, PortOccupied, DriverUnavailable and whatever a node could not do.
+    Raises: ConfigError, PortOccupied, DriverUnavailable and the errors of a node that cannot start.
     """
-    share_arenas()
+    limit_malloc_arenas()
     for node in station.nodes.values():
         registry.require(node.driver)
     robot = Robot(station)
@@ -39,7 +39,7 @@ def running_cell(station: Station, observer: Observer) -> Iterator[Daemon]:
         closing(open_models(station, os.environ)) as models,
         _listen(station) as bus,
     ):
-        daemons: list[Daemon] = []  # none before it is built; a node may end earlier
+        daemons: list[Daemon] = []  # empty before the daemon is built; a node may end earlier
 
         def on_exit(name: str, code: int) -> None:
             for daemon in daemons:
@@ -49,11 +49,14 @@ def running_cell(station: Station, observer: Observer) -> Iterator[Daemon]:
             for daemon in daemons:
                 daemon.welcome_node(name)
 
-        def say_event(*said: Any) -> None:
+        def publish_event(*said: Any) -> None:
             for daemon in daemons:
-                daemon.voice.say_event(*said)
+                daemon.publisher.publish_event(*said)
 
-        supervisor, retention = Supervisor(station, on_exit, on_back, bus.seal), Retention(station.recording, say_event)
+        supervisor, retention = (
+            Supervisor(station, on_exit, on_back, bus.seal),
+            Retention(station.recording, publish_event),
+        )
         try:
             supervisor.start()
             devices = remote_devices(bus, station)
@@ -62,9 +65,9 @@ def running_cell(station: Station, observer: Observer) -> Iterator[Daemon]:
             daemons.append(daemon)
             with handled_by(daemon.on_defect):
                 daemon.open()
-                daemon.voice.say_recovered(recover_leftovers(station.recording.folder))
+                daemon.publisher.publish_recovered(recover_leftovers(station.recording.folder))
                 try:
-                    with settled(), closing(retention.start()), closing(RobotTf(bus, robot, daemon.is_ours)):
+                    with freeze_gc(), closing(retention.start()), closing(RobotTf(bus, robot, daemon.is_ours)):
                         yield daemon
                 finally:
                     daemon.close()
@@ -73,7 +76,7 @@ def running_cell(station: Station, observer: Observer) -> Iterator[Daemon]:
 
 
 def _listen(station: Station) -> Bus:
-    """Raises: ConfigError, PortOccupied."""
+    """Open the cell's listening session. Raises: ConfigError, PortOccupied."""
     settings = station.bus
     if not is_loopback(settings.endpoint):
         raise ConfigError(

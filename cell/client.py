@@ -1,4 +1,4 @@
-"""Talks to a running cell from another process: state, commands, results."""
+"""The client of a running cell in another process: state, commands, results."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from bus.commands import CellHealth, CellState, CommandReply, CommandRequest, He
 from bus.errors import BadPayload, BusError, CellUnreachable, NoReply, Refused, ReplyTimeout
 from bus.injection import Fault, FaultRequest, Part
 from bus.messages import CycleResult
-from bus.sample import Heard
+from bus.sample import Sample
 from bus.session import Bus
 from bus.threads import OwnedThread, Role
 from bus.topics import Topic
@@ -28,25 +28,26 @@ from cell.machine.leases import CELL_CLIENT, HEARTBEAT_S, NEEDS_LEASE, NEEDS_TOK
 from config.schema import Station
 
 SETTLED = frozenset({"Stopped", "Idle", "Complete", "Aborted"})
-"""States in which nothing moves, and nothing that was commanded goes on by itself."""
+"""States in which nothing moves, and no commanded action continues."""
 _ASK_AGAIN_S = 0.5
-"""Nothing heard for so long, and the cell is asked: a sample may be lost."""
+"""Time without a message after which the cell is asked, because a sample may have been lost."""
 _NOT_IN_A_NAME = re.compile(r"[^A-Za-z0-9._-]")
 _numbers = itertools.count(1)
 
 
 class Client:
-    """One connection to one cell; use `connect`. Only what the cell itself says is believed.
+    """One connection to one cell; use `connect`. Only messages of the cell's own session are accepted.
 
-    With its first command that moves the arm it declares a lease, and says that it is there every `HEARTBEAT_S`, until
-    it closes or gives the lease back (`release`).
+    With its first motion command it declares a lease, and publishes a heartbeat every `HEARTBEAT_S`, until it closes or
+    gives the lease back (`release`).
 
     Args:
-        also: topics to hear besides states and results.
+        ask_timeout_s: longest wait for a reply.
+        also: topics to subscribe to besides states and results.
         client_id: of `client_name`.
 
     Attributes:
-        client_id: its name; no other connection has it. ``is_gone``: the cell has ended, or the link to it.
+        client_id: its unique name. ``is_gone``: the cell has ended, or the link to it.
     """
 
     def __init__(self, bus: Bus, ask_timeout_s: float, also: tuple[Topic, ...] = (), client_id: str = "") -> None:
@@ -56,29 +57,35 @@ class Client:
         self.is_gone = False
         self._heartbeat: OwnedThread | None = None
         self._given_back = threading.Event()
-        self._heard: queue.SimpleQueue[Heard | None] = queue.SimpleQueue()  # None: the cell is gone
+        self._heard: queue.SimpleQueue[Sample | None] = queue.SimpleQueue()  # None: the cell is gone
         for topic in (topics.STATE, topics.RESULT, *also):
             hear = self._believe if topic.speaker == "cell" else self._heard.put
             bus.subscribe(topic.key.replace("{name}", "*"), hear)
         bus.watch_alive(topics.LEASE, self._notice)
 
-    def _believe(self, heard: Heard) -> None:
-        """Keep what the cell said; what somebody else puts on its keys is none of it."""
-        if self._bus.cell in (None, heard.source):
-            self._heard.put(heard)
+    def _believe(self, sample: Sample) -> None:
+        """Keep a message of the cell; messages of other sessions on its keys are dropped."""
+        if self._bus.cell in (None, sample.source):
+            self._heard.put(sample)
 
     def state(self) -> CellState:
-        """The machine's state now."""
+        """The machine's state now. Raises: BusError."""
         return self._bus.request(topics.STATE_NOW, Nothing(), CellState, timeout_s=self._timeout_s)
 
     def health(self) -> CellHealth:
-        """The cell's health now, node by node."""
+        """The cell's health now, node by node. Raises: BusError."""
         return self._bus.request(topics.HEALTH_NOW, Nothing(), CellHealth, timeout_s=self._timeout_s)
 
     def command(
         self, verb: str, *, cycles: int = 1, until_empty: bool = False, object_name: str | None = None
     ) -> CommandReply:
-        """Send one command. Raises: Refused with code, reason and what is available; NoReply from no cell."""
+        """Send one command.
+
+        Args:
+            cycles, until_empty: the picks of a ``start``. ``object_name``: of the simulated object to present.
+
+        Raises: Refused with code, reason and the available commands; NoReply without a cell.
+        """
         if verb in NEEDS_LEASE | NEEDS_TOKEN:
             self._attend()
         request = CommandRequest(
@@ -91,7 +98,7 @@ class Client:
         try:
             return self._bus.request(topics.COMMAND, request, CommandReply, timeout_s=self._timeout_s, verb=verb)
         except NoReply as error:
-            self.state()  # a cell that answers this answers every command that reaches it
+            self.state()  # a cell that answers this would answer any command that reached it
             raise Refused(
                 f"The cell is there, but {verb!r} does not reach it: this certificate may look, and stop it, no more.",
                 "Use that of an operator (bus.zenoh); the roles: docs/security.md.",
@@ -99,11 +106,11 @@ class Client:
             ) from error
 
     def _attend(self) -> None:
-        """Hold a token, and say on its key that this program runs."""
+        """Declare the liveliness token of the lease, and start the heartbeat on its key."""
         if self._heartbeat is not None:
             return
         self._bus.announce(topics.LEASE, name=self.client_id)
-        self._bus.alive(topics.LEASE)  # answered after the token has arrived
+        self._bus.alive(topics.LEASE)  # answered only after the token has arrived
         self._given_back.clear()
         self._heartbeat = OwnedThread(Role.LOOP, self._beat, of="lease").start()
 
@@ -111,12 +118,12 @@ class Client:
         while not self._given_back.is_set():
             try:
                 self._bus.publish(topics.LEASE_HEARTBEAT, Heartbeat(), name=self.client_id)
-            except BusError:  # closed, and the token with it
+            except BusError:  # the session is closed, which also ends the token
                 return
             self._given_back.wait(HEARTBEAT_S)
 
     def release(self) -> None:
-        """Give the lease back: others may command; what still moves is held. Idempotent."""
+        """Give the lease back: other clients may command; motion that continues is held. Idempotent."""
         self._given_back.set()
         if self._heartbeat is not None:
             self._heartbeat.join()
@@ -124,7 +131,13 @@ class Client:
             self._bus.withdraw(topics.LEASE, name=self.client_id)
 
     def fault(self, part: Part, fault: Fault, delay_s: float | None = None) -> None:
-        """Tell a part of the cell to misbehave, from now on. Raises: Refused where nobody allows it."""
+        """Inject a fault into a part of the cell.
+
+        Args:
+            delay_s: lateness of a slow part; None = its default.
+
+        Raises: Refused when fault injection is not allowed.
+        """
         request = FaultRequest(fault=fault, delay_s=delay_s)
         try:
             self._bus.ask(topics.FAULT, request, timeout_s=self._timeout_s, part=part)
@@ -136,7 +149,10 @@ class Client:
             ) from error
 
     def wait_for_state(self, wanted: set[str], timeout_s: float) -> CellState:
-        """The state now, or the next one, that is of ``wanted``. Raises: ReplyTimeout, CellUnreachable."""
+        """The first state, from now on, that is in ``wanted``, within ``timeout_s``.
+
+        Raises: ReplyTimeout, CellUnreachable.
+        """
         give_up_s = time.monotonic() + timeout_s
         while (state := self.state()).state not in wanted:
             if time.monotonic() > give_up_s:
@@ -145,9 +161,11 @@ class Client:
         return state
 
     def wait_for_result(self, cycle_id: str, timeout_s: float) -> CycleResult:
-        """The result of the pick that began as ``cycle_id``: of its last try. Raises: ReplyTimeout, CellUnreachable.
+        """The result of the pick that began as ``cycle_id``, of its last attempt, within ``timeout_s``.
 
-        What is heard only wakes; the cell is asked for the result itself.
+        Messages only wake the wait; the result itself is requested from the cell.
+
+        Raises: ReplyTimeout, CellUnreachable.
         """
         give_up_s = time.monotonic() + timeout_s
         while True:
@@ -175,50 +193,56 @@ class Client:
             raise
 
     def next_result(self, timeout_s: float) -> CycleResult:
-        """The next result of whichever cycle: of the next one of a ``start``. Raises: ReplyTimeout, CellUnreachable."""
+        """The next result of any cycle, e.g. of a ``start``, within ``timeout_s``.
+
+        Raises: ReplyTimeout, CellUnreachable.
+        """
         give_up_s = time.monotonic() + timeout_s
         while time.monotonic() < give_up_s:
-            heard = self._await((topics.RESULT,), give_up_s)
+            sample = self._await((topics.RESULT,), give_up_s)
             with suppress(BadPayload):
-                if heard is not None:
-                    return decode(CycleResult, heard.payload)
+                if sample is not None:
+                    return decode(CycleResult, sample.payload)
         raise ReplyTimeout(f"The next cycle gave no result within {timeout_s:.0f} s.", "See `cell status`.")
 
     def next_said(self, timeout_s: float) -> CellState | CycleResult:
-        """The next state or result; what cannot be read is none. Raises: ReplyTimeout, CellUnreachable."""
+        """The next state or result within ``timeout_s``; undecodable ones are skipped.
+
+        Raises: ReplyTimeout, CellUnreachable.
+        """
         give_up_s = time.monotonic() + timeout_s
         while time.monotonic() < give_up_s:
-            heard = self._await((topics.STATE, topics.RESULT), give_up_s)
+            sample = self._await((topics.STATE, topics.RESULT), give_up_s)
             with suppress(BadPayload):
-                if heard is not None and heard.key == topics.STATE.key:
-                    return decode(CellState, heard.payload)
-                if heard is not None:
-                    return decode(CycleResult, heard.payload)
+                if sample is not None and sample.key == topics.STATE.key:
+                    return decode(CellState, sample.payload)
+                if sample is not None:
+                    return decode(CycleResult, sample.payload)
         raise ReplyTimeout(f"The cell has said nothing for {timeout_s:.0f} s.", "See `cell status`.")
 
-    def heard(self) -> Iterator[Heard]:
-        """What was said since the last time, oldest first; does not wait."""
+    def heard(self) -> Iterator[Sample]:
+        """The samples received since the last call, oldest first; does not wait."""
         while not self._heard.empty():
-            if (heard := self._heard.get_nowait()) is not None:
-                yield heard
+            if (sample := self._heard.get_nowait()) is not None:
+                yield sample
 
-    def _await(self, of: tuple[Topic, ...], give_up_s: float) -> Heard | None:
-        """What is said next on one of these topics; None when nothing is for a moment. Raises: CellUnreachable."""
+    def _await(self, of: tuple[Topic, ...], give_up_s: float) -> Sample | None:
+        """The next sample on one of these topics; None after a short time without one. Raises: CellUnreachable."""
         give_up_s = min(give_up_s, time.monotonic() + _ASK_AGAIN_S)
         while (left_s := give_up_s - time.monotonic()) > 0:
             try:
-                heard = self._heard.get(timeout=left_s)
+                sample = self._heard.get(timeout=left_s)
             except queue.Empty:
                 return None
             self._require_there()
-            if heard is None:  # it was gone, and is back
+            if sample is None:  # the cell was gone and is back
                 continue
-            if any(heard.key == topic.key for topic in of):
-                return heard
+            if any(sample.key == topic.key for topic in of):
+                return sample
         return None
 
     def _require_there(self) -> None:
-        """Raises: CellUnreachable."""
+        """Refuse to wait for a lost cell. Raises: CellUnreachable."""
         if self.is_gone:
             raise CellUnreachable("The cell is gone: it ended, or the link to it.", "Start it, then see `cell cycles`.")
 
@@ -233,16 +257,16 @@ class Client:
 def connect(station: Station, also: tuple[Topic, ...] = (), *, client_id: str = "") -> Iterator[Client]:
     """A client of the station's running cell; ``client_id``: of `client_name`.
 
-    Raises: CellUnreachable; ConfigError for an unsafe way to the cell.
+    Raises: CellUnreachable; ConfigError for an unsafe connection.
     """
     with Bus.join(station.cell_id, station.bus.endpoint, security=station.bus.zenoh) as bus:
         yield Client(bus, station.bus.ask_timeout_s, also, client_id)
 
 
 def client_name(what: str) -> str:
-    """Who asks, so that another person finds him: program, user, machine and process, ``watch-ann-lab2-4711``.
+    """A client id that identifies its owner: program, user, machine and process, ``watch-ann-lab2-4711``.
 
-    Only what a client id may have, at most 100 letters, digits, ``.``, ``_`` and ``-``; no other of this process.
+    At most 100 characters, letters, digits, ``.``, ``_`` and ``-``; unique in this process.
     """
     parts = (what, _user(), socket.gethostname().partition(".")[0])
     name = "-".join(_NOT_IN_A_NAME.sub("_", part)[:24] for part in parts)

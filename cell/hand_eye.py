@@ -1,4 +1,4 @@
-"""Looks at the calibration board from many sides and finds, or checks, where the camera sits in the hand."""
+"""Views the calibration board from many sides, and finds or checks ``hand_from_color``. Frames: docs/frames.md."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from perception.hand_eye import HandEye, Sighting, corners_in_color, corrected, 
 from planning.motion import move
 from planning.robot import Robot, hand_from_color
 from planning.scene import Scene
-from planning.viewpoints import vantages
+from planning.viewpoints import viewpoints
 
 _CHECKED_FROM = 5
 _AT_RAD = 1e-3
@@ -28,14 +28,14 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Check:
-    """How far corners are from where the present calibration expects them.
+    """The deviation of the board's corners under the present calibration.
 
     Attributes:
         off_px: root mean square; ``worst_px``: of one corner.
-        off_mm: the root mean square at the board.
-        moved_mm, moved_deg: how far the camera sits from the present calibration, by these few views.
-        uncertainty_mm, uncertainty_deg: of that, one standard deviation.
-        depth_off_mm: mean distance of the depth camera's board from where the corners are; NaN = no depth there.
+        off_mm: the root mean square at the board's distance.
+        moved_mm, moved_deg: the camera's offset from the present calibration, estimated from these few views.
+        uncertainty_mm, uncertainty_deg: of that offset, one standard deviation.
+        depth_off_mm: mean difference of measured and expected depth at the board; NaN = no depth there.
     """
 
     off_px: float
@@ -52,7 +52,9 @@ class Surveyor:
     """Moves the arm around the board. All motions are planned among the station's boxes and guarded as in a pick.
 
     Args:
-        say: told what happens, a line at a time.
+        say: called with each line of progress.
+
+    Raises: NotConnected without an arm or a camera.
     """
 
     def __init__(self, devices: Devices, robot: Robot, station: Station, say: Say) -> None:
@@ -64,8 +66,8 @@ class Surveyor:
         self._scene = Scene.of(robot, station)
 
     def calibrate(self) -> HandEye:
-        """Raises: CalibrationError: too few views, or a residual beyond `calibration.max_rms_px`."""
-        sightings, frames = self._look_around(self._vantages())
+        """Calibrate. Raises: CalibrationError for too few views, or a residual beyond `calibration.max_rms_px`."""
+        sightings, frames = self._look_around(self._viewpoints())
         found = hand_eye(sightings, frames[0].color_camera)
         most_px = self._station.calibration.max_rms_px
         if found.rms_px > most_px:
@@ -76,8 +78,8 @@ class Surveyor:
         return found
 
     def check(self) -> Check:
-        """Raises: CalibrationError when the board is not seen, or from too few sides to tell."""
-        vantage_q_rad = self._vantages()
+        """Check the present calibration. Raises: CalibrationError when the board is not seen, or from too few sides."""
+        vantage_q_rad = self._viewpoints()
         chosen = vantage_q_rad[:: max(1, len(vantage_q_rad) // _CHECKED_FROM)]
         sightings, frames = self._look_around(chosen)
         if not sightings:
@@ -98,11 +100,11 @@ class Surveyor:
             depth_off_mm=_depth_off_mm(frames, sightings),
         )
 
-    def _vantages(self) -> list[Joints]:
-        return vantages(self._scene, self._station, self._arm.state().q_rad)
+    def _viewpoints(self) -> list[Joints]:
+        return viewpoints(self._scene, self._station, self._arm.state().q_rad)
 
     def _look_around(self, vantage_q_rad: Sequence[Joints]) -> tuple[list[Sighting], list[Frame]]:
-        """What was seen from each place; home again at the end."""
+        """The sightings and frames of all viewpoints; returns to the start at the end."""
         sightings: list[Sighting] = []
         frames: list[Frame] = []
         for number, q_rad in enumerate(vantage_q_rad, start=1):
@@ -127,7 +129,7 @@ class Surveyor:
 
 
 def moved(old: Transform, new: Transform) -> tuple[float, float]:
-    """How far apart two poses are: [mm] and [deg]."""
+    """Distance between two poses (4, 4): [mm] and [deg]."""
     turn = Rotation.from_matrix(old[:3, :3]).inv() * Rotation.from_matrix(new[:3, :3])
     return float(np.linalg.norm(new[:3, 3] - old[:3, 3]) * 1e3), float(np.rad2deg(turn.magnitude()))
 
@@ -138,7 +140,7 @@ def _distance_m(sightings: Sequence[Sighting], mounting: Transform, station: Sta
 
 
 def _depth_off_mm(frames: Sequence[Frame], sightings: Sequence[Sighting]) -> float:
-    """Measured minus expected depth, over the board's corners in all views; NaN where the camera is too near for it."""
+    """Measured minus expected depth [mm], over the board's corners in all views; NaN where the camera is too close."""
     off_m = []
     for frame, sighting in zip(frames, sightings, strict=True):
         pixels, expected_m = corners_in_color(sighting, frame.color_camera)

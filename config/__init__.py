@@ -1,1 +1,1 @@
-"""What this station is: its schema, its limits, its files."""
+"""The station's configuration: its schema, its limits, its files."""

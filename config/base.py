@@ -1,4 +1,4 @@
-"""What every setting is made of: frozen, unknown keys refused; numbers finite, in their range; paths usable."""
+"""Base types of all settings: frozen, unknown keys refused; numbers finite and in range; paths usable."""
 
 from __future__ import annotations
 
@@ -11,12 +11,15 @@ from bus.transforms import unit_wxyz
 
 
 def is_unicode(text: str) -> bool:
-    """Whether ``text`` was read as the UTF-8 it was: bytes of an argument that are none come as lone surrogates."""
+    """Whether ``text`` is valid Unicode: argument bytes that are not UTF-8 arrive as lone surrogates."""
     return not any("\ud800" <= letter <= "\udfff" for letter in text)
 
 
 def _unit(wxyz: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
-    """As it is written: a station keeps its hash; `bus.transforms.from_wxyz` takes the last digits off."""
+    """Check the quaternion's length but keep its digits, so that the station keeps its hash.
+
+    `bus.transforms.from_wxyz` normalises it.
+    """
     unit_wxyz(wxyz)
     return wxyz
 
@@ -28,7 +31,7 @@ def _not_empty(path: Any) -> Any:
 
 
 def _usable(path: Path) -> Path:
-    """With ``~`` and ``~user`` expanded."""
+    """Return the path with ``~`` and ``~user`` expanded. Raises: ValueError for NUL, non-Unicode or an unknown user."""
     if "\0" in str(path) or not is_unicode(str(path)):
         raise ValueError("a path is Unicode text without NUL")
     try:
@@ -47,18 +50,18 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 Fraction = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
 Seconds = Annotated[float, Field(gt=0, le=86_400, allow_inf_nan=False)]
 Metres = Annotated[float, Field(ge=-10, le=10, allow_inf_nan=False)]
-"""A coordinate. Nothing around an arm is farther: whoever writes 450 means millimetres."""
+"""A coordinate [m]. Nothing around an arm is farther: a value of 450 means millimetres."""
 Size = Annotated[float, Field(gt=0, le=10, allow_inf_nan=False)]
 """A length [m]."""
 SizeOrNone = Annotated[float, Field(ge=0, le=10, allow_inf_nan=False)]
 Vector = tuple[Metres, Metres, Metres]
 JointVector = tuple[Finite, Finite, Finite, Finite, Finite, Finite, Finite]
 UnitQuaternion = Annotated[tuple[Finite, Finite, Finite, Finite], AfterValidator(_unit)]
-"""A rotation, w first."""
+"""A rotation as a quaternion w, x, y, z."""
 Chunk = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]*$")]
 Address = Annotated[str, Field(min_length=1)]
 SystemPath = Annotated[Path, BeforeValidator(_not_empty), AfterValidator(_usable)]
-"""A file or folder."""
+"""Path of a file or folder; ``~`` is expanded."""
 FolderOrName = Annotated[str, Field(min_length=1), AfterValidator(_usable_or_name)]
 
 

@@ -1,4 +1,4 @@
-"""How the cell's processes talk, and how anything beyond this machine may."""
+"""Settings of the cell's communication, on this machine and beyond it."""
 
 from __future__ import annotations
 
@@ -10,20 +10,21 @@ from config.endpoints import require_endpoint
 
 
 class BusSettings(Settings):
-    """How the cell's processes talk: on loopback, unless a Zenoh file brings certificates and access control.
+    """Communication of the cell's processes: on loopback; beyond it, with certificates and access control.
 
     Attributes:
         endpoint: where programs find the cell. The cell's own is on loopback; another machine's file names the cell's
             `listen`, or the router.
         listen: where the cell listens for other machines, e.g. ``tls/192.168.1.10:7448``.
-        router: a Zenoh router the cell joins, e.g. ``tls/192.168.1.5:7447``; it need not be up yet.
-        zenoh: the Zenoh file that makes what is beyond loopback safe, relative to the station file; what must be in it:
+        router: a Zenoh router that the cell joins, e.g. ``tls/192.168.1.5:7447``; it need not be up yet.
+        zenoh: the Zenoh file that secures endpoints beyond loopback, relative to the station file; it must contain:
             docs/security.md.
-        stale_s: a node whose arm or hand says nothing for so long is lost, whatever else it does.
-        silence_s: while something moves, the cell may say nothing to its arm for so long, and the client that holds the
-            lease nothing to the cell; then the arm brakes on its path. A simulation that runs as fast as it can
+        ask_timeout_s: how long a query waits for its reply.
+        stale_s: a node whose arm or hand publishes nothing for so long is lost, whatever else it does.
+        silence_s: longest silence while something moves, of the cell towards its arm and of the client that holds the
+            lease towards the cell; after it the arm brakes on its path. A simulation that runs as fast as it can
             (``sim.pace = 0``) waits for ``stale_s``.
-        frozen_s: a node of ours that says nothing at all for so long is ended, and started again.
+        frozen_s: a node of this machine that publishes nothing at all for so long is killed and restarted.
     """
 
     endpoint: str = "tcp/127.0.0.1:7447"

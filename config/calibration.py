@@ -1,4 +1,4 @@
-"""How the camera's mounting is calibrated: the board, where it lies, and when the result is good."""
+"""Settings of the camera's mounting calibration: the board, its place, and the accepted error."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ MARKERS = {f"DICT_{bits}X{bits}_{name}": count for bits in (4, 5, 6, 7) for name
     "DICT_APRILTAG_36h10": 2320,
     "DICT_APRILTAG_36h11": 587,
 }
-"""How many markers each of OpenCV's predefined dictionaries holds, by its name."""
+"""Number of markers in each of OpenCV's predefined dictionaries, by name."""
 _LARGEST_M = 1.5
 
 
 def _spelled(dictionary: str) -> str:
-    """OpenCV has those with an H twice."""
+    """Lower the H: OpenCV has the names with an H in both spellings."""
     return dictionary.replace("H", "h")
 
 
@@ -32,9 +32,9 @@ class CalibrationSettings(Settings):
     Attributes:
         squares: (along its x, along its y). ``square_m``, ``marker_m``: sides of a square and of the marker in it.
         dictionary: name of OpenCV's predefined marker dictionary.
-        board_center_m: roughly where its middle lies in ``base``; ``board_yaw_rad``: how it is turned about z.
-        poses: from how many places it is looked at.
-        max_rms_px: a re-projection error beyond it is refused; ``max_off_px``: by how much `check` may be off.
+        board_center_m: rough position of its middle in ``base``; ``board_yaw_rad``: its rotation about z.
+        poses: number of viewpoints.
+        max_rms_px: largest accepted re-projection error; ``max_off_px``: largest accepted deviation of `check`.
     """
 
     squares: tuple[Annotated[int, Field(ge=4, le=30)], Annotated[int, Field(ge=4, le=30)]] = (7, 5)
@@ -64,5 +64,5 @@ class CalibrationSettings(Settings):
 
     @property
     def size_m(self) -> tuple[float, float]:
-        """Of the whole board, along its x and y."""
+        """Size of the whole board along its x and y."""
         return self.squares[0] * self.square_m, self.squares[1] * self.square_m

@@ -1,4 +1,4 @@
-"""What an endpoint of the bus looks like: ``tcp/127.0.0.1:7447``, ``tls/cell.lab:7448``, ``tls/[fe80::1]:7448``."""
+"""The form of a bus endpoint: ``tcp/127.0.0.1:7447``, ``tls/cell.lab:7448``, ``tls/[fe80::1]:7448``."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _FORM = "PROTOCOL/ADDRESS:PORT, like tcp/127.0.0.1:7447 or tls/192.168.1.10:7448
 
 
 def require_endpoint(endpoint: str) -> None:
-    """Raises: ValueError unless ``endpoint`` names a protocol, an address that can be one, and a port."""
+    """Raises: ValueError unless ``endpoint`` names a protocol, a possible address, and a port."""
     found = _ENDPOINT.fullmatch(endpoint)
     if found is None:
         raise ValueError(f"an endpoint is {_FORM}")

@@ -1,4 +1,4 @@
-"""The real devices: where they are, and how they are set. Read by the drivers of the same names."""
+"""Settings of the real devices, read by the drivers of the same names."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ PositiveJoints = tuple[Positive, Positive, Positive, Positive, Positive, Positiv
 
 
 class LoadSettings(Settings):
-    """What is mounted on the flange besides the hand that Desk knows: the camera, its bracket, cables.
+    """The load on the flange besides the hand that Desk knows: the camera, its bracket, cables.
 
     Attributes:
-        mass_kg: weigh it: the arm feels what it is not told as an external force.
+        mass_kg: weigh it: an undeclared mass reads as an external force.
         flange_from_center_m: its centre of mass in ``flange``.
         inertia_kg_m2: diagonal of its inertia about that centre.
     """
@@ -49,11 +49,11 @@ class Fr3Settings(Settings):
 
 
 class PandaHandSettings(Settings):
-    """A Franka hand; it hangs on the arm and answers at the arm's address.
+    """A Franka hand, mounted on the arm and reached at the arm's address.
 
     Attributes:
         address: of the robot's control box.
-        poll_s: how often its width is asked for; each question takes the hand 30 to 100 ms.
+        poll_s: period of reading its width; each reading takes the hand 30 to 100 ms.
     """
 
     address: Address = "172.16.0.2"
@@ -66,7 +66,7 @@ class FemtoMegaSettings(Settings):
     Attributes:
         address: its fixed IP address (as delivered 192.168.1.10); None = find it by ``serial``.
         serial: its serial number; with an address it is checked.
-        settle_frames: so many frames pass, at least, before the first one is used (auto-exposure).
+        settle_frames: number of frames, at least, before the first one is used (auto-exposure).
         fixed_exposure: keep the exposure that auto-exposure found.
         extensions: folder of the SDK's extension libraries, whose licence is for Orbbec's cameras only; None = its own.
         lost_after_s: without a frame for so long the camera counts as lost, and is connected anew.

@@ -1,4 +1,4 @@
-"""Settings of the faults that may be set on demand, to see what the cell does about them."""
+"""Settings of injected faults, which test the cell's reactions."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from config.base import Seconds, Settings
 
 
 class FaultSettings(Settings):
-    """Off by default: nothing is wrapped, and nobody answers ``fault/{part}``.
+    """Off by default: no device is wrapped, and no process answers ``fault/{part}``.
 
     Attributes:
-        allowed: parts may be told to misbehave (`cell fault`). An arm that is ``wrong`` moves elsewhere than planned.
-        camera, arm, hand, model, bus, disk: how each misbehaves from the start.
-        delay_s: how late a slow one is.
+        allowed: parts accept injected faults (`cell fault`). An arm with ``wrong`` moves elsewhere than planned.
+        camera, arm, hand, model, bus, disk: the fault of each from the start.
+        delay_s: the delay of every answer under ``slow``.
     """
 
     allowed: bool = False

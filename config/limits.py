@@ -1,11 +1,11 @@
-"""Joint limits of the Franka Research 3, and the 1 kHz oracle that judges a commanded motion by them.
+"""Joint limits of the Franka Research 3, and the 1 kHz check of a commanded motion against them.
 
-Two official sets exist and neither contains the other, so we obey both:
+Two official sets exist and neither contains the other, so both are kept:
 
 * A: libfranka ``rate_limiting.h`` (velocity) and franka_description ``fr3/joint_limits.yaml`` 1.0 (position);
 * B: Franka's ``control-parameters-joint-fr3.csv``, for system images from 5.9 on.
 
-Like libfranka, we stay 1e-3 inside every limit (`MARGIN`).
+Like libfranka, every limit is reduced by 1e-3 (`MARGIN`).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from bus.trajectory import TICK_S
 Array = npt.NDArray[np.float64]
 
 MARGIN = 1e-3
-"""What libfranka subtracts from each limit (``kLimitEps``), in the limit's own unit."""
+"""Reduction of each limit, as in libfranka (``kLimitEps``), in the limit's own unit."""
 
 _LOWER_A = np.array([-2.7437, -1.7837, -2.9007, -3.0421, -2.8065, 0.5445, -3.0159])
 _UPPER_A = np.array([2.7437, 1.7837, 2.9007, -0.1518, 2.8065, 4.5169, 3.0159])
@@ -61,7 +61,7 @@ _VELOCITY_SETS = (
 
 
 def velocity_bounds(q_rad: Array) -> tuple[Array, Array]:
-    """The velocities (lower <= 0, upper >= 0) [rad/s] allowed at ``q_rad`` (..., 7); they shrink to 0 at the limits."""
+    """Return the velocities (lower <= 0, upper >= 0) [rad/s] allowed at ``q_rad`` (..., 7); 0 at the limits."""
     lower, upper = -_SPEED_CAP, _SPEED_CAP
     for s in _VELOCITY_SETS:
         upper = np.minimum(upper, np.sqrt(np.maximum(0.0, _BRAKING * (s.upper - q_rad))) - s.offset)
@@ -70,7 +70,7 @@ def velocity_bounds(q_rad: Array) -> tuple[Array, Array]:
 
 
 def outside(q_rad: Array) -> str | None:
-    """Which joint of ``q_rad`` (n, 7) or (7,) leaves its position range, in words; None if none does."""
+    """Name the joint of ``q_rad`` (n, 7) or (7,) that is farthest outside its position range; None if none is."""
     beyond = np.atleast_2d(np.maximum(LOWER_RAD - q_rad, q_rad - UPPER_RAD))
     row, joint = np.unravel_index(int(np.argmax(beyond)), beyond.shape)
     if beyond[row, joint] <= 0:
@@ -80,7 +80,7 @@ def outside(q_rad: Array) -> str | None:
 
 
 def stuck(q_rad: Joints) -> str | None:
-    """Which joint of ``q_rad`` (7,) is so near its limit that no speed is allowed towards it, in words; or None."""
+    """Name the joint of ``q_rad`` (7,) so near its limit that no speed is allowed towards it; None if none is."""
     room_rad_s = np.minimum(*np.abs(velocity_bounds(q_rad)))
     joint = int(np.argmin(room_rad_s))
     if room_rad_s[joint] > 0:
@@ -95,7 +95,7 @@ class Peak:
     Attributes:
         ratio: value / limit; 1 = at the limit, inf = not finite.
         joint: 1..7.
-        t_s: when, from the first sample.
+        t_s: time from the first sample.
     """
 
     ratio: float
@@ -105,7 +105,7 @@ class Peak:
 
 @dataclass(frozen=True)
 class LimitReport:
-    """How near a motion comes to each limit."""
+    """The peak of a motion for each kind of limit."""
 
     position: Peak
     velocity: Peak
@@ -114,7 +114,7 @@ class LimitReport:
 
     @property
     def worst(self) -> tuple[str, Peak]:
-        """The most used kind of limit."""
+        """The kind of limit with the highest ratio, and its peak."""
         kinds = {k: getattr(self, k) for k in ("position", "velocity", "acceleration", "jerk")}
         return max(kinds.items(), key=lambda kind: kind[1].ratio)
 
@@ -124,7 +124,7 @@ class LimitReport:
         return self.worst[1].ratio <= 1.0
 
     def describe(self) -> str:
-        """One sentence for a person."""
+        """Return one sentence for a person."""
         kind, peak = self.worst
         where = f"joint {peak.joint} at {peak.t_s:.3f} s"
         if not np.isfinite(peak.ratio):
@@ -134,7 +134,7 @@ class LimitReport:
 
 
 def check(q_rad: JointSamples) -> LimitReport:
-    """Judge commanded positions at 1 kHz as libfranka does: by backward differences, from rest and back to rest.
+    """Check commanded positions at 1 kHz as libfranka does: by backward differences, from rest and back to rest.
 
     Args:
         q_rad: (n, 7), n >= 1, one row every `TICK_S`.
@@ -146,7 +146,7 @@ def check(q_rad: JointSamples) -> LimitReport:
     middle, half = (UPPER_RAD + LOWER_RAD) / 2, (UPPER_RAD - LOWER_RAD) / 2
     lower, upper = velocity_bounds(padded[1:])
     bound = np.where(velocity > 0, upper, -lower)
-    with np.errstate(divide="ignore", invalid="ignore"):  # far outside the joint's range its bound is nan: too fast
+    with np.errstate(divide="ignore", invalid="ignore"):  # far outside the range the bound is NaN: too fast
         velocity_ratio = np.where(velocity == 0, 0.0, np.abs(velocity) / bound)
     return LimitReport(
         position=_peak(np.abs(padded - middle) / half, 3),
@@ -157,7 +157,7 @@ def check(q_rad: JointSamples) -> LimitReport:
 
 
 def _peak(ratio: Array, lead: int) -> Peak:
-    """The largest of ``ratio`` (m, 7), whose row ``lead`` belongs to the motion's first sample."""
+    """Return the largest of ``ratio`` (m, 7), whose row ``lead`` belongs to the motion's first sample."""
     ratio = np.where(np.isnan(ratio), np.inf, ratio)
     row, column = np.unravel_index(int(np.argmax(ratio)), ratio.shape)
     return Peak(float(ratio[row, column]), int(column) + 1, max(0, int(row) - lead) * TICK_S)

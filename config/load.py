@@ -1,4 +1,4 @@
-"""Reads a station: defaults < station file < ``--set key=value``; and its hash, which every recording carries."""
+"""Reads a station (defaults < station file < ``--set key=value``) and computes its hash, stored in every recording."""
 
 from __future__ import annotations
 
@@ -22,9 +22,10 @@ DEFAULT_STATION = Path(__file__).with_name("sim.toml")
 
 
 def load_station(path: Path | None = None, overrides: Iterable[str] = ()) -> Station:
-    """The station described by ``path`` (default: the simulated cell) with ``overrides`` like ``sim.pace=1``.
+    """Return the station of the file ``path`` (default: the simulated cell) with ``overrides`` like ``sim.pace=1``.
 
-    Raises: ConfigError naming the key and what is accepted.
+    Raises:
+        ConfigError: names the key and the accepted values.
     """
     file = path or DEFAULT_STATION
     tree = parsed(read_text(file), str(file))
@@ -33,7 +34,14 @@ def load_station(path: Path | None = None, overrides: Iterable[str] = ()) -> Sta
 
 
 def station_from(tree: dict[str, Any], overrides: Iterable[str] = (), *, source: str = "the station") -> Station:
-    """The station of a parsed tree (a TOML file's, or a recording's) with ``overrides`` applied."""
+    """Return the station of a parsed tree (of a TOML file, or of a recording) with ``overrides`` applied.
+
+    Args:
+        source: name of the tree's origin, for error texts.
+
+    Raises:
+        ConfigError: names the key and the accepted values.
+    """
     for override in overrides:
         _apply(tree, override)
     try:
@@ -43,12 +51,12 @@ def station_from(tree: dict[str, Any], overrides: Iterable[str] = (), *, source:
 
 
 def station_hash(station: Station) -> str:
-    """SHA-256 of the station's canonical JSON, first 16 hex digits."""
+    """Return the first 16 hex digits of the SHA-256 of the station's canonical JSON."""
     return hashlib.sha256(station.model_dump_json().encode()).hexdigest()[:16]
 
 
 def _place(tree: dict[str, Any], folder: Path) -> None:
-    """Paths of the Zenoh and key files are relative to the station file, or to a home, wherever the command runs."""
+    """Make the paths of the Zenoh and key files absolute: they are relative to the station file, or to a home."""
     for *path, leaf in (("bus", "zenoh"), ("perception", "hosted", "key_file")):
         node: Any = tree
         for part in path:
@@ -75,7 +83,7 @@ def _apply(tree: dict[str, Any], override: str) -> None:
 
 
 def _value(text: str, takes_text: bool) -> Any:
-    """A TOML value; the text itself where it is none, or where text is wanted (so that neither needs quotes)."""
+    """Parse a TOML value; keep the text where it is none, or where text is wanted (so that neither needs quotes)."""
     try:
         tree = tomllib.loads(f"value = {text}")
     except (ValueError, RecursionError):
@@ -93,14 +101,14 @@ def _takes_text(path: Sequence[str]) -> bool:
 
 
 def _below(kind: Any, part: str) -> list[Any]:
-    """What may stand under ``part`` of a table of this ``kind``: the types of the setting."""
+    """Return the types of the setting ``part`` in a table of this ``kind``; empty when there is none."""
     if isinstance(kind, type) and issubclass(kind, BaseModel):
         return _plain(kind.model_fields[part].annotation) if part in kind.model_fields else []
     return _plain(get_args(kind)[1]) if get_origin(kind) is dict else []
 
 
 def _plain(annotation: Any) -> list[Any]:
-    """The types behind an annotation, of each of its alternatives."""
+    """Return the types behind an annotation, of each of its alternatives."""
     origin, arguments = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
         return _plain(arguments[0])
@@ -110,7 +118,7 @@ def _plain(annotation: Any) -> list[Any]:
 
 
 def _explain(error: ValidationError, source: str) -> tuple[str, str]:
-    """The first thing wrong, and what to do, for a person."""
+    """Return the first error and the advice for it, for a person."""
     first = error.errors()[0]
     where = ".".join(str(part) for part in first["loc"])
     if first["type"] == "extra_forbidden":

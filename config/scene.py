@@ -1,4 +1,4 @@
-"""The fixed boxes around the arm, from the station's settings: what the planner avoids and the simulation builds."""
+"""The fixed boxes around the arm from the station's settings: obstacles of the planner, geometry of the simulation."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ TRAY_WALL_M = 0.010
 
 
 def scene_boxes(scene: SceneSettings) -> tuple[Box, ...]:
-    """Everything that stands still: table, tray floor, tray walls, bins' walls, obstacles. All in ``base``."""
+    """Return every fixed box in ``base``: table, tray floor, tray walls, bins' walls, obstacles."""
     walls = tuple(wall for one in scene.bins for wall in one.walls)
     return (scene.table, scene.tray, *_tray_walls(scene), *walls, *scene.obstacles)
 
 
 def placing_at(station: Station, number: int) -> Station:
-    """The station whose ``place_m`` is the ``number``-th of its place pattern; the pattern itself is then spent."""
+    """Return the station whose ``place_m`` is the ``number``-th of its place pattern; its own pattern is one zero."""
     scene = station.scene
     (dx, dy), (x, y, z) = scene.place_pattern_m[number % len(scene.place_pattern_m)], scene.place_m
     placed = scene.model_copy(update={"place_m": (x + dx, y + dy, z), "place_pattern_m": ((0.0, 0.0),)})
@@ -23,7 +23,7 @@ def placing_at(station: Station, number: int) -> Station:
 
 
 def _tray_walls(scene: SceneSettings) -> tuple[Box, ...]:
-    """Four walls that stand on the tray's rim."""
+    """Return the four walls on the tray's rim; none where their height is 0."""
     if scene.tray_wall_height_m == 0:
         return ()
     (x, y, z), (length, width, thickness) = scene.tray.center_m, scene.tray.size_m

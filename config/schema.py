@@ -1,4 +1,4 @@
-"""What a station is: every setting, its unit in its name, its default, and why.
+"""The station's schema: every setting with its unit in its name, its default, and its reason.
 
 Unknown keys are errors. Values come from defaults < station file < ``--set key=value`` (see `config.load`).
 """
@@ -37,20 +37,21 @@ from config.calibration import CalibrationSettings
 from config.hardware import FemtoMegaSettings, Fr3Settings, PandaHandSettings
 from config.injection import FaultSettings
 
-# Imported when a value is checked with them: what only says "stop" must not wait for them.
+# Imported when a value is checked with them, so that a program that only sends "stop" does not wait for them.
 numpy: Any = LazyModule("numpy")
 limits: Any = LazyModule("config.limits")
 
 
 class RecordingSettings(Settings):
-    """Where cycles are logged, and for how long.
+    """Folder and retention of the cycles' recordings.
 
     Attributes:
-        patience_s: a disk that takes longer to take one message or the end of a file is lost (RECORDING).
-        keep_gb: the recordings may take so much room; 0 = the whole disk, until `min_free_mb` refuses the next cycle. A
-            cell that picks all day records tens of GB. Beyond it the oldest successes are deleted, and failures, oldest
-            first too, only when no success is left: those are what somebody still wants to look at.
-        keep_days: a success is deleted when it is older; 0 = never. Failures are not: only `keep_gb` bounds them.
+        min_free_mb: below this free space the next cycle is refused.
+        patience_s: a disk that takes longer for one message or the end of a file counts as lost (RECORDING).
+        keep_gb: space for the recordings; 0 = the whole disk, until `min_free_mb` refuses the next cycle. A cell that
+            picks all day records tens of GB. Beyond it the oldest successes are deleted; failures, oldest first too,
+            only when no success is left, because they are the ones still worth studying.
+        keep_days: a success is deleted when it is older; 0 = never. Failures are bounded by `keep_gb` only.
     """
 
     folder: SystemPath = Path("recordings")
@@ -61,7 +62,7 @@ class RecordingSettings(Settings):
 
 
 class NodeSettings(Settings):
-    """A driver node: which driver, which devices it serves, and whether the daemon runs it."""
+    """A driver node: its driver, the devices it serves, and whether the daemon runs it."""
 
     driver: str
     run: Literal["here", "elsewhere"] = "here"
@@ -72,6 +73,9 @@ class CameraSettings(Settings):
     """Mounting of the wrist camera: pose of the colour camera (optical) in the hand frame.
 
     Rotation as unit quaternion wxyz. The default looks along the hand's approach axis, image down = hand -x.
+
+    Attributes:
+        max_age_s: a frame older than this is refused (STALE_FRAME).
     """
 
     hand_from_color_position_m: Vector = (0.065, 0.0, 0.02)
@@ -80,10 +84,12 @@ class CameraSettings(Settings):
 
 
 class ArmSettings(Settings):
-    """Named joint configurations [rad] and the load's motion limits.
+    """Named joint configurations [rad] and the arm's motion limits.
 
     Attributes:
-        rest_s: how long a stopped or held arm, and the cycle that moved it, may take to come to rest.
+        speed: share of the allowed joint speed, in 0..1.
+        start_tolerance_rad: largest distance of a trajectory's start from the measured position.
+        rest_s: longest time for a stopped or held arm, and the cycle that moved it, to come to rest.
     """
 
     capture_q_rad: JointVector = (0.0, -0.45383069, 0.0, -1.83384904, 0.0, 1.38001835, 0.7853981633974483)
@@ -102,7 +108,7 @@ class ArmSettings(Settings):
 
 
 class HandSettings(Settings):
-    """The Panda hand, and how hard it grasps.
+    """The Panda hand, and its grasp force.
 
     Finger geometry is that of the collision mesh: pads `finger_width_m` wide (across the closing axis),
     `finger_thickness_m` thick (along it).
@@ -110,9 +116,9 @@ class HandSettings(Settings):
 
     max_width_m: Size = 0.08
     max_speed_m_s: Positive = 0.1
-    """Of the width: 50 mm/s for each finger (Franka Hand product manual)."""
+    """Highest rate of the width: 50 mm/s for each finger (Franka Hand product manual)."""
     max_force_n: Positive = 70.0
-    """What it may press with continuously (Franka Hand product manual)."""
+    """Highest continuous grasping force (Franka Hand product manual)."""
     speed_m_s: Positive = 0.05
     grasp_force_n: Positive = 30.0
     finger_width_m: Size = 0.020
@@ -137,7 +143,7 @@ class Box(Settings):
 
 
 class Bin(Settings):
-    """Four walls that stand on the table, axis-aligned in ``base``; the table is the floor.
+    """Four walls on the table, axis-aligned in ``base``; the table is the floor.
 
     Attributes:
         center_m: (x, y) of its middle. ``size_m``: of its inside, along x and y.
@@ -160,7 +166,12 @@ class Bin(Settings):
 def walls_on(
     name: str, foot_m: Vector, outline_m: tuple[float, float], thickness_m: float, height_m: float
 ) -> tuple[Box, ...]:
-    """Four walls that stand centred on a rectangle's outline around ``foot_m``."""
+    """Return four walls centred on a rectangle's outline around ``foot_m``.
+
+    Args:
+        foot_m: (x, y, z) middle of the walls' feet.
+        outline_m: (along x, along y).
+    """
     (x, y, z), (length, width) = foot_m, outline_m
     middle = z + height_m / 2
     along_x, along_y = (length + thickness_m, thickness_m, height_m), (thickness_m, width + thickness_m, height_m)
@@ -179,13 +190,13 @@ _LEAST_REGION_M = 0.02
 
 
 class SceneSettings(Settings):
-    """What stands around the arm. The table's top is the plane z = 0 of ``base``.
+    """The fixed surroundings of the arm. The table's top is the plane z = 0 of ``base``.
 
     Attributes:
-        pick_region_m: (x_min, x_max, y_min, y_max) in ``base`` where objects are looked for.
-        place_m: where the tcp lets the object go, above the tray's floor.
-        place_pattern_m: where from there, along x and y of ``base``, one cycle after the other: not on one heap.
-        bins: what objects are picked from; the pick region lies inside of one, or outside of all.
+        pick_region_m: (x_min, x_max, y_min, y_max) in ``base``: the region searched for objects.
+        place_m: tcp position at which the object is released, above the tray's floor.
+        place_pattern_m: offsets from it along x and y of ``base``, one per cycle, so that objects do not pile up.
+        bins: bins with objects to pick; the pick region lies inside one, or outside all.
     """
 
     table: Box = Box(name="table", center_m=(0.45, 0.0, -0.02), size_m=(0.9, 1.4, 0.04))
@@ -228,16 +239,16 @@ class SceneSettings(Settings):
 
 
 class ImagineSettings(Settings):
-    """How the goal image is asked for (paper, section III-A)."""
+    """Request of the goal image (paper, section III-A)."""
 
     steps: Literal[1, 3] = 3
     """3 = reason, direct, render; 1 = render at once (the paper's ablation)."""
     samples: Annotated[int, Field(ge=1, le=8)] = 1
-    """Proposals; the one with the best grasp is kept, and how far they agree is reported."""
+    """Number of proposals; the one with the best grasp is kept, and their agreement is reported."""
 
 
 class PriceSettings(Settings):
-    """The provider's list prices [USD], as you pay them: what `cost_usd` is reckoned from."""
+    """The provider's list prices [USD], as you pay them; `cost_usd` is computed from them."""
 
     usd_per_million_input_tokens: NonNegative = 0.0
     usd_per_million_output_tokens: NonNegative = 0.0
@@ -248,15 +259,15 @@ class HostedSettings(Settings):
     """A hosted model. Keys come from the environment, or from a file outside the project.
 
     Attributes:
-        text_model, image_model: the provider's ids; they rot within a year, so they have no defaults.
-        base_url: another server that speaks the same API; None = the provider's own.
-        text_api: `responses` (OpenAI) or `chat` (what most OpenAI-compatible servers speak).
-        key_variable: the environment variable that holds the key. ``key_file``: a file that does, one line, not
-            readable by others, outside of this folder and of every git work tree; it counts where both are there.
-        size_px: side of the square window around the object as it is sent.
-        deadline_s: of one call, all attempts included. ``attempts``: how often one call is tried at most.
-        backoff_s: before the second attempt; doubled for each further one; a server's Retry-After counts if longer.
-        max_cycle_usd, max_day_usd: no call is made once so much was spent in this cycle, or since midnight UTC.
+        text_model, image_model: the provider's ids; they expire within a year, so they have no defaults.
+        base_url: another server with the same API; None = the provider's own.
+        text_api: `responses` (OpenAI) or `chat` (supported by most OpenAI-compatible servers).
+        key_variable: the environment variable that holds the key. ``key_file``: a file with the key, one line, not
+            readable by others, outside of this folder and of every git work tree; it takes precedence.
+        size_px: side of the square window around the object that is sent.
+        deadline_s: of one call, all attempts included. ``attempts``: most attempts of one call.
+        backoff_s: wait before the second attempt, doubled for each further one; a server's longer Retry-After counts.
+        max_cycle_usd, max_day_usd: no call is made after so much was spent in this cycle, or since midnight UTC.
     """
 
     text_model: str = ""
@@ -308,7 +319,7 @@ def _is_http(url: str) -> bool:
 
 
 class DriftSettings(Settings):
-    """What a goal image may change at most; beyond it the cycle ends with MODEL_DRIFT. See `bus.messages.Drift`."""
+    """Largest accepted changes of a goal image; beyond them a cycle ends with MODEL_DRIFT. See `bus.messages.Drift`."""
 
     max_changed_outside: Fraction = 0.05
     max_other_objects: NonNegative = 0.2
@@ -317,14 +328,14 @@ class DriftSettings(Settings):
 
 
 class SamSettings(Settings):
-    """SAM, SAM 2 or SAM 3: a folder or a hub id, and where it runs. Needs the extra ``vlad-cell[models]``."""
+    """SAM, SAM 2 or SAM 3: a folder or a hub id, and its device. Needs the extra ``vlad-cell[models]``."""
 
     weights: FolderOrName = "facebook/sam2.1-hiera-small"
     device: str = "cpu"
 
 
 class DepthProSettings(Settings):
-    """Depth Pro: a folder or a hub id, and where it runs. Needs the extra ``vlad-cell[models]``."""
+    """Depth Pro: a folder or a hub id, and its device. Needs the extra ``vlad-cell[models]``."""
 
     weights: FolderOrName = "apple/DepthPro-hf"
     device: str = "cpu"
@@ -337,10 +348,10 @@ class OnnxSettings(Settings):
 
 
 class TargetSettings(Settings):
-    """Which object to take when several stand in the pick region; at most one of the two.
+    """The object to take when several stand in the pick region; at most one of the two is set.
 
     Attributes:
-        text: in words: the hosted model, or SAM 3 if that segments, points at it.
+        text: in words; the hosted model, or SAM 3 if it segments, locates it.
         pixel: (u, v) in the undistorted colour image. Neither = the one with the best grasp.
     """
 
@@ -355,7 +366,7 @@ class TargetSettings(Settings):
 
 
 class PerceptionSettings(Settings):
-    """VLAD-Grasp (paper, Algorithm 1) and the models that play its roles."""
+    """VLAD-Grasp (paper, Algorithm 1) and the models for its roles."""
 
     model: Literal["geometric", "openai", "gemini", "onnx"] = "geometric"
     """Imagines the rod: ``geometric`` is embedded and needs no network; ``onnx`` paints a grasp network's rectangle."""
@@ -370,12 +381,12 @@ class PerceptionSettings(Settings):
     depth_pro: DepthProSettings = DepthProSettings()
     align: Literal["silhouette_3d", "pca_cfopt", "pca_cfopt_printed", "icp", "teaser"] = "silhouette_3d"
     max_residual: Positive = 0.20
-    """Of the alignment, in rms radii: beyond it the goal shows another object (0.20 lets 95 % of true pairs pass)."""
+    """Alignment residual in rms radii: beyond it the goal shows another object (0.20 lets 95 % of true pairs pass)."""
     drift: DriftSettings = DriftSettings()
     compliance: Positive = 1.0
     """lambda: jaw opening of the rectangle = lambda x run length + 2 x margin."""
     rectangle_margin_m: SizeOrNone = 0.0
-    """What the opening leaves free on each side; 0 as in the paper."""
+    """Free space of the opening on each side; 0 as in the paper."""
     min_object_height_m: Size = 0.006
     min_table_seen: Fraction = 0.5
     """Nothing on the table counts as an empty table only when this share of the pick region was seen."""
@@ -389,15 +400,15 @@ Tilt = Annotated[float, Field(ge=-90, le=90)]
 
 
 class PlanningSettings(Settings):
-    """How motions are made.
+    """Settings of motion planning.
 
     Attributes:
         window_ms: moving average behind the time-optimal profile; 64 keeps the FR3's recommended torque rate.
         approach_m, lift_m: straight lines before the grasp and after it.
-        clearance_m: how near anything may come to anything; the fingers may come within 2 mm.
+        clearance_m: smallest distance between any two things; the fingers may come within 2 mm.
         tilts_deg: approach directions tried, about the rod, as turns from the one perception proposes.
-        max_approaches: how many ways to grasp are tried, over all grasps and directions.
-        searches: how often a path around obstacles is looked for before a goal counts as unreachable.
+        max_approaches: most ways to grasp that are tried, over all grasps and directions.
+        searches: number of path searches around obstacles before a goal counts as unreachable.
     """
 
     window_ms: Annotated[int, Field(ge=16, le=200)] = 64
@@ -410,7 +421,7 @@ class PlanningSettings(Settings):
 
 
 class VerifySettings(Settings):
-    """When a pick counts: the object is held for `hold_s`, weighs something, and left the table."""
+    """Conditions of a successful pick: the object is held for `hold_s`, has weight, and left the table."""
 
     hold_s: Annotated[float, Field(gt=0, le=60)] = 3.0
     samples: Annotated[int, Field(ge=2, le=100)] = 10
@@ -419,18 +430,18 @@ class VerifySettings(Settings):
     min_load_n: NonNegative = 0.15
     min_cleared_fraction: Fraction = 0.7
     look_aside_m: tuple[tuple[Metres, Metres], ...] = ((-0.28, -0.25), (0.05, -0.45), (-0.15, -0.25), (0.0, -0.3))
-    """Where the camera goes for the second look, from above the object's place, along x and y of ``base``; the first
-    that the arm reaches. What the hand holds hides most of the near field: these keep the place in the free part of the
-    depth image (measured on the paper's five objects: the first two see at least 90 % of it)."""
+    """Offsets of the camera for the second capture from above the object's place, along x and y of ``base``; the first
+    that the arm reaches is used. The held object hides most of the near field: these keep the place in the free part of
+    the depth image (measured on the paper's five objects: the first two see at least 90 % of it)."""
 
 
 class RetrySettings(Settings):
-    """What follows a pick that failed; each further try is a cycle of its own. 0 everywhere: nothing does.
+    """Retries after a failed pick; each is a cycle of its own. 0 everywhere: no retries.
 
     Attributes:
-        grasps: tries with the next ranked grasp, after fingers that closed on nothing.
-        looks: tries after anything else that may be better the next time: with a new capture, all grasps again.
-        hold_after: of one `start`: so many picks in a row that failed for good, and the cell holds (0 = never).
+        grasps: retries with the next ranked grasp, after the fingers closed on nothing.
+        looks: retries after any other failure that may not repeat: with a new capture, all grasps again.
+        hold_after: the cell holds after so many picks of one `start` in a row failed for good (0 = never).
     """
 
     grasps: Annotated[int, Field(ge=0, le=10)] = 0
@@ -446,7 +457,8 @@ class SimSettings(Settings):
         friction: sliding friction of the finger pads on objects.
         objects: folder of ``<name>/object.xml`` MJCF objects; None = the paper's five, built in.
         board: the calibration board lies on the table, and no object does.
-        mounting_error_mm, mounting_error_deg: how far the camera really sits from where the station says, somewhere.
+        mounting_error_mm, mounting_error_deg: distance and angle of the true camera pose from the station's, in a
+            seeded direction.
         clutter: 0 = every cycle brings one object; n = the pick region is filled once, with n.
     """
 
@@ -463,7 +475,7 @@ class SimSettings(Settings):
 
 
 class Station(Settings):
-    """One cell: the whole of its configuration."""
+    """The complete configuration of one cell."""
 
     cell_id: Chunk = "sim"
     bus: BusSettings = BusSettings()
@@ -498,6 +510,6 @@ class Station(Settings):
 
     @property
     def silence_s(self) -> float:
-        """How long who commands a motion may be silent (``bus.silence_s``); longer where no time is kept."""
+        """Longest silence of the sender of motions (``bus.silence_s``); longer where simulated time is not real."""
         is_timeless = self.simulated and self.sim.pace == 0
         return max(self.bus.silence_s, self.bus.stale_s) if is_timeless else self.bus.silence_s

@@ -1,4 +1,4 @@
-"""Writes a new camera mounting into a station file, and leaves every other byte of it as it is."""
+"""Writes a new camera mounting into a station file, and leaves every other byte unchanged."""
 
 from __future__ import annotations
 
@@ -23,21 +23,30 @@ _Body = list[tuple[Key | None, Item]]
 
 
 def mounting_lines(position_m: Sequence[float], wxyz: Sequence[float]) -> dict[str, str]:
-    """The two settings as lines of TOML, by key."""
+    """Return the two settings of ``hand_from_color`` as lines of TOML, by key.
+
+    Args:
+        position_m: (3,). ``wxyz``: unit quaternion (4,).
+    """
     values = (", ".join(f"{value:.7f}" for value in position_m), ", ".join(f"{value:.9f}" for value in wxyz))
     return {key: f"{key} = [{value}]" for key, value in zip(_KEYS, values, strict=True)}
 
 
 def with_mounting(text: str, position_m: Sequence[float], wxyz: Sequence[float], note: str) -> str:
-    """``text`` of a station file with another camera mounting; the old one is kept as a comment.
+    """Return the station file's ``text`` with another camera mounting; the old one is kept as a comment.
 
-    Raises: ConfigError when the file is written in a way this cannot change safely.
+    Args:
+        position_m, wxyz: of ``hand_from_color``: (3,) [m] and a unit quaternion (4,).
+        note: comment line above the new settings.
+
+    Raises:
+        ConfigError: the file's form does not allow a safe change.
     """
     new = mounting_lines(position_m, wxyz)
     plain = text.removeprefix(BYTE_ORDER_MARK)
     before = parsed(plain, "The station file")
     line_end = "\r\n" if "\r\n" in plain else "\n"
-    added = "" if plain.endswith("\n") else line_end  # so that every line has its end; taken off again below
+    added = "" if plain.endswith("\n") else line_end  # every line needs its end; removed again below
     try:
         document = tomlkit.parse(plain + added)
         _set(document.body, new, f"# {note}", line_end)
@@ -51,9 +60,10 @@ def with_mounting(text: str, position_m: Sequence[float], wxyz: Sequence[float],
 
 
 def write_mounting(path: Path, position_m: Sequence[float], wxyz: Sequence[float], note: str) -> None:
-    """Change the file at once or not at all; a symbolic link stays one, the mode and the owner stay.
+    """Change the file atomically; a symbolic link stays one, mode and owner stay. Arguments: see `with_mounting`.
 
-    Raises: ConfigError, saying why not, with the lines to copy.
+    Raises:
+        ConfigError: says why not, with the lines to copy (position [m], quaternion wxyz).
     """
     try:
         require_writable(path)
@@ -65,9 +75,10 @@ def write_mounting(path: Path, position_m: Sequence[float], wxyz: Sequence[float
 
 
 def require_writable(path: Path) -> None:
-    """Find out, without changing anything, whether `write_mounting` will be able to.
+    """Check, without changing anything, that `write_mounting` can succeed.
 
-    Raises: ConfigError.
+    Raises:
+        ConfigError: it cannot.
     """
     target = os.path.realpath(path)
     try:
@@ -90,7 +101,7 @@ def require_writable(path: Path) -> None:
 def _why_not(target: str, found: os.stat_result) -> str | None:
     if not stat.S_ISREG(found.st_mode):
         return "it is no regular file"
-    if not found.st_mode & 0o222 or not os.access(target, os.W_OK):  # root, too, leaves alone what is read-only
+    if not found.st_mode & 0o222 or not os.access(target, os.W_OK):  # a read-only file stays unchanged for root, too
         return "it is read-only"
     if found.st_nlink > 1:
         return f"it has {found.st_nlink} names (hard links), and only one of them would get the new content"
@@ -104,7 +115,7 @@ def _why_not(target: str, found: os.stat_result) -> str | None:
 
 @dataclass(frozen=True)
 class _Place:
-    """What of the file sets something of the camera: entry ``index`` of ``body``.
+    """One entry of the file that sets something of the camera: entry ``index`` of ``body``.
 
     Attributes:
         settings: the keys that it sets; all of them, if ``is_inline``: ``camera = { ... }``.
@@ -119,7 +130,7 @@ class _Place:
 
 
 def _set(body: _Body, new: dict[str, str], note: str, line_end: str) -> None:
-    """Put the lines of ``new`` where the old ones are, or else below ``[camera]``, wherever that is."""
+    """Put the lines of ``new`` in place of the old ones, or else below ``[camera]``, wherever that is."""
     places = list(_places(body))
     old = [place for place in places if place.is_inline or place.settings[0] in new]
     missing = [line for key, line in new.items() if not any(place.is_inline or key in place.settings for place in old)]
@@ -130,7 +141,7 @@ def _set(body: _Body, new: dict[str, str], note: str, line_end: str) -> None:
 
 
 def _places(body: _Body) -> Iterator[_Place]:
-    """Whatever sets something of ``camera``, in the order of the file."""
+    """Yield every entry that sets something of ``camera``, in the order of the file."""
     for index, (key, item) in enumerate(body):
         if key is None or key.key != "camera":
             continue
@@ -144,7 +155,7 @@ def _places(body: _Body) -> Iterator[_Place]:
 
 
 def _replace(place: _Place, new: dict[str, str], note: str | None, line_end: str) -> None:
-    """The new line, and the old ones below it as comments; indented as the old ones, and ended like them."""
+    """Write the new line, and the old ones below it as comments; indented as the old ones, and ended like them."""
     key, item = place.body[place.index]
     assert key is not None
     if place.prefix:
@@ -161,7 +172,7 @@ def _replace(place: _Place, new: dict[str, str], note: str | None, line_end: str
 
 
 def _inline(item: Item, new: dict[str, str]) -> str:
-    """The inline table with other values."""
+    """Return the inline table with other values."""
     assert isinstance(item, InlineTable)
     for key, line in new.items():
         item[key] = tomlkit.value(line.partition("=")[2].strip())
@@ -169,7 +180,7 @@ def _inline(item: Item, new: dict[str, str]) -> str:
 
 
 def _insert(body: _Body, places: list[_Place], lines: list[str], line_end: str) -> None:
-    """Lines for what was not set yet: right below ``[camera]``, beside its dotted keys, or in a table of their own."""
+    """Insert settings that were missing: below ``[camera]``, beside its dotted keys, or in a table of their own."""
     for key, item in body:
         if key is not None and key.key == "camera" and isinstance(item, Table) and not key.is_dotted():
             item.value.body[:0] = _entries(_text(lines, line_end))
@@ -190,7 +201,7 @@ def _entries(text: str) -> _Body:
 
 
 def _only_the_mounting_changed(old: dict[str, Any], new: dict[str, Any], lines: dict[str, str]) -> bool:
-    """Whether the mounting is now what ``lines`` say, and the rest what it was."""
+    """Whether the mounting is now as ``lines`` say, and the rest unchanged."""
     wanted = parsed("\n".join(lines.values()), "The mounting")
     got = {key: new.get("camera", {}).pop(key, None) for key in _KEYS}
     for key in _KEYS:

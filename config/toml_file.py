@@ -1,4 +1,4 @@
-"""Reads TOML as people's editors leave it: UTF-8, with or without a byte order mark."""
+"""Reads TOML files as editors save them: UTF-8, with or without a byte order mark."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ BYTE_ORDER_MARK = "\ufeff"
 
 
 def read_text(file: Path) -> str:
-    """All of the file, its line ends as they are. Raises: ConfigError unless it can be read and is UTF-8."""
+    """Return the file's text with its line ends unchanged. Raises: ConfigError unless it can be read and is UTF-8."""
     try:
         raw = file.read_bytes()
     except FileNotFoundError as error:
@@ -27,7 +27,7 @@ def read_text(file: Path) -> str:
 
 
 def parsed(text: str, name: str) -> dict[str, Any]:
-    """The tree of a TOML text. Raises: ConfigError naming ``name``, and where in it the mistake is."""
+    """Return the tree of a TOML text. Raises: ConfigError naming ``name`` and the place of the mistake."""
     try:
         return tomllib.loads(text.removeprefix(BYTE_ORDER_MARK))
     except (ValueError, RecursionError) as error:  # a TOMLDecodeError is a ValueError; so is a number of 5000 digits

@@ -1,4 +1,7 @@
-"""Draws the pictures of docs/method.md from a recording made with a hosted model: ``method_pictures.py FILE.mcap``."""
+"""Draws the figures of docs/method.md from a recording made with a hosted model.
+
+``uv run python -m docs.method_pictures FILE.mcap``
+"""
 
 from __future__ import annotations
 
@@ -12,11 +15,12 @@ import numpy.typing as npt
 from bus.messages import Detections
 from config.load import station_from
 from logs.mcap.reader import read_cycle
-from logs.report.figures import annotated
-from perception.geometry.depth import register
+from logs.report.evidence import choice
+from logs.report.images import annotated
+from perception.geometry.depth import Rgbd, register
 from perception.geometry.lift import project
 from perception.geometry.window import Window, decode_picture
-from perception.goal.imagine import subject_of
+from perception.goal.imagine import observed_object_of
 from perception.scene.segment import segment
 
 TILE_PX = 300
@@ -34,7 +38,7 @@ def main(recording: Path) -> None:
     rgbd = register(observation.frame)
     scene = segment(rgbd, base_from_color, station)[0]
     window = Window.around(scene.object_mask)
-    subject = subject_of(rgbd, scene, base_from_color)
+    subject = observed_object_of(rgbd, scene, base_from_color)
     drawn = decode_picture(record.replies[-1].image_png or b"", window)
     observed, imagined = (_overlay(rgbd.color, points, rgbd, window) for points in (
         evidence.goal_points, evidence.aligned_points))  # fmt: skip
@@ -50,13 +54,13 @@ def main(recording: Path) -> None:
     _write("carry.jpg", {
         "imagined object (blue) where it was drawn": observed,
         "the same, carried back": imagined,
-        "the rod's runs as rectangles": window.cut(annotated(found), 0),
+        "the rod's runs as rectangles": window.cut(annotated(found, *choice(record, found)), 0),
     })  # fmt: skip
 
 
-def _overlay(color: Image, points: npt.NDArray[np.float32], rgbd: object, window: Window) -> Image:
+def _overlay(color: Image, points: npt.NDArray[np.float32], rgbd: Rgbd, window: Window) -> Image:
     image = np.ascontiguousarray(color // 2 + 60)
-    for u, v in np.rint(project(points.astype(float), rgbd.camera)).astype(int)[::2]:  # type: ignore[attr-defined]
+    for u, v in np.rint(project(points.astype(float), rgbd.camera)).astype(int)[::2]:
         cv2.circle(image, (int(u), int(v)), 1, (40, 90, 255), -1)
     return window.cut(image, 0)
 

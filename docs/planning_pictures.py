@@ -1,35 +1,40 @@
-"""Draws the pictures of docs/planning.md from a recorded cycle: ``planning_pictures.py FILE.mcap``."""
+"""Draws the figures of docs/planning.md from a recording: ``uv run python -m docs.planning_pictures FILE.mcap``."""
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 
 import cv2
-import matplotlib
-import mujoco
 import numpy as np
 
+os.environ.setdefault("MUJOCO_GL", "egl")  # headless; MuJoCo reads it when it is first imported
+import mujoco
+
+from bus.arrays import JointSamples
 from bus.messages import Detections, PickPlan
 from bus.trajectory import TICK_S, Trajectory
 from config.limits import ACCELERATION_RAD_S2, velocity_bounds
 from config.load import station_from
-from config.schema import Station
+from config.schema import Box, Station
+from docs.chart import FAINT, Array, Chart, Image, Rgb, blank
 from drivers.motion.stream import Stream
 from drivers.sim.optics import FOVY_DEG, hand_from_cameras
 from drivers.sim.scene import ARM_JOINTS, compose
 from logs.mcap.reader import CycleRecord, read_cycle
+from logs.report.figures import JOINT_COLORS
 from perception.scene.surroundings import surroundings
 from planning.height_field import CELL_M
 from planning.robot import Robot
 from planning.scene import Scene, Sight
 
-matplotlib.use("agg")
-from matplotlib import pyplot as plt
-
 FOLDER = Path(__file__).parent / "planning"
 SIZE_PX = (640, 480)
+WIDE_PX = 900
 COLORS = {"reach": (47, 111, 222), "carry": (224, 99, 45), "place": (44, 156, 105), "home": (150, 150, 160)}
+BOX_RGB, TARGET_RGB = (93, 107, 122), (196, 61, 92)
+UNDISTURBED_RGB, HELD_RGB = (224, 99, 45), (47, 111, 222)
 
 
 def main(recording: Path) -> None:
@@ -45,7 +50,7 @@ def main(recording: Path) -> None:
     _hold(plan)
 
 
-def _motions(plan: PickPlan, robot: Robot, station: Station) -> np.ndarray:
+def _motions(plan: PickPlan, robot: Robot, station: Station) -> Image:
     """The cell from aside, with the way of the tcp through all four motions."""
     model = compose(station, {}, hand_from_cameras(station), FOVY_DEG).compile()
     data = mujoco.MjData(model)
@@ -59,10 +64,11 @@ def _motions(plan: PickPlan, robot: Robot, station: Station) -> np.ndarray:
         renderer.update_scene(data, camera)
         for segment in plan.segments:
             _trace(renderer.scene, robot, segment.trajectory, COLORS[segment.name])
-        return renderer.render()
+        image: Image = renderer.render()
+        return image
 
 
-def _trace(scene: mujoco.MjvScene, robot: Robot, trajectory: Trajectory, rgb: tuple[int, int, int]) -> None:
+def _trace(scene: mujoco.MjvScene, robot: Robot, trajectory: Trajectory, rgb: Rgb) -> None:
     rgba = np.array([*(part / 255 for part in rgb), 1.0], dtype=np.float32)
     for q in trajectory.filtered()[::15]:
         geom = scene.geoms[scene.ngeom]
@@ -71,78 +77,109 @@ def _trace(scene: mujoco.MjvScene, robot: Robot, trajectory: Trajectory, rgb: tu
         scene.ngeom += 1
 
 
-def _field(record: CycleRecord, robot: Robot, station: Station) -> np.ndarray:
+def _field(record: CycleRecord, robot: Robot, station: Station) -> Image:
     """What planning takes for solid: the heights it saw besides the boxes it knows and the target."""
     found, observation = record.stages["detect"].result, record.observation
     assert isinstance(found, Detections) and observation is not None
     points, target = surroundings(observation, found.evidence.object_mask)
     scene = Scene.of(robot, station, Sight(points, target))
-    figure, axes = plt.subplots(figsize=(SIZE_PX[0] / 100, SIZE_PX[1] / 100), dpi=100)
+    image = blank(*SIZE_PX)
+    chart = Chart(image, (50, 120, 550, 375), x=(0.70, -0.32), y=(0.20, 0.72))
     if scene.field is not None:
-        heights = np.where(scene.field.height_m > 0, scene.field.height_m * 1e3, np.nan)
-        (x, y), (rows, columns) = scene.field.origin_m, heights.shape
-        extent = (y, y + rows * CELL_M, x, x + columns * CELL_M)
-        shown = axes.imshow(heights.T, origin="lower", extent=extent, cmap="viridis")
-        figure.colorbar(shown, label="seen, solid up to here [mm]", shrink=0.8)
+        (x, y), (rows, columns) = scene.field.origin_m, scene.field.height_m.shape
+        colors = _colored(scene.field.height_m, float(scene.field.height_m.max()))
+        chart.cells(colors, (y, y + rows * CELL_M), (x, x + columns * CELL_M))
+        _height_bar(image, float(scene.field.height_m.max()))
     for box in scene.boxes[1:]:
-        (cx, cy, _), (length, width, _) = box.center_m, box.size_m
-        axes.add_patch(plt.Rectangle((cy - width / 2, cx - length / 2), width, length, fill=False, ec="#5d6b7a", lw=1))
+        _outline(chart, box)
     if scene.target is not None:
-        axes.scatter(scene.target[:, 1], scene.target[:, 0], s=3, c="#c43d5c", label="the target")
-        axes.legend(loc="lower left")
-    axes.set(xlim=(0.70, -0.32), ylim=(0.2, 0.72), xlabel="y of base [m]", ylabel="x of base [m]", aspect="equal")
-    figure.tight_layout()
-    figure.canvas.draw()
-    picture = np.asarray(figure.canvas.buffer_rgba())[..., :3].copy()
-    plt.close(figure)
-    return picture
+        chart.points(scene.target[:, 1], scene.target[:, 0], TARGET_RGB)
+        chart.legend({"the target": TARGET_RGB}, (300, 112))
+    chart.axes("y of base [m]", "x of base [m]")
+    return image
+
+
+def _outline(chart: Chart, box: Box) -> None:
+    (x, y, _), (length, width, _) = box.center_m, box.size_m
+    around = np.array([[-1, -1], [-1, 1], [1, 1], [1, -1], [-1, -1]]) / 2
+    chart.curve(y + around[:, 1] * width, x + around[:, 0] * length, BOX_RGB)
+
+
+def _colored(height_m: Array, highest_m: float) -> Image:
+    """(n, m) heights in colour, white where nothing is."""
+    shades = np.clip(height_m / highest_m * 255, 0, 255).astype(np.uint8)
+    colors = cv2.applyColorMap(shades, cv2.COLORMAP_VIRIDIS)[..., ::-1]
+    return np.where((height_m > 0)[..., None], colors, 255).astype(np.uint8)
+
+
+def _height_bar(image: Image, highest_m: float) -> None:
+    heights_m = np.linspace(highest_m / 256, highest_m, 256)[None]
+    bar = Chart(image, (580, 120, 596, 375), x=(0.0, 1.0), y=(0.0, highest_m * 1e3))
+    bar.cells(_colored(heights_m, highest_m), (0.0, 1.0), (0.0, highest_m * 1e3))
+    bar.axes("", "solid up to [mm]", y_right=True)
 
 
 def _limits(plan: PickPlan) -> None:
     """Velocity and acceleration of the reach, as shares of what is allowed where the arm is."""
-    q = plan.segments[0].trajectory.filtered()
-    t = np.arange(1, len(q)) * TICK_S
-    velocity = np.diff(q, axis=0) / TICK_S
-    lower, upper = velocity_bounds(q[1:])
-    share = velocity / np.where(velocity > 0, upper, -lower)
-    acceleration = np.diff(velocity, axis=0) / TICK_S / ACCELERATION_RAD_S2
-    figure, (top, bottom) = plt.subplots(2, 1, figsize=(9, 4.6), dpi=100, sharex=True)
-    for joint in range(7):
-        top.plot(t, share[:, joint], lw=1.2, label=f"joint {joint + 1}")
-        bottom.plot(t[1:], acceleration[:, joint], lw=1.2)
-    for axes, name in ((top, "velocity / limit here"), (bottom, "acceleration / limit")):
-        axes.axhline(1, c="k", lw=0.6, ls=":")
-        axes.axhline(-1, c="k", lw=0.6, ls=":")
-        axes.set_ylabel(name)
-    top.legend(ncol=7, fontsize=7, loc="upper center", bbox_to_anchor=(0.5, 1.22), frameon=False)
-    bottom.set_xlabel("time [s]")
-    figure.tight_layout()
-    figure.savefig(FOLDER / "limits.png")
-    plt.close(figure)
+    velocity, acceleration = _shares(plan.segments[0].trajectory.filtered())
+    t = np.arange(1, len(velocity) + 1) * TICK_S
+    image, colors = blank(WIDE_PX, 460), {f"joint {n + 1}": _rgb(color) for n, color in enumerate(JOINT_COLORS)}
+    for top_px, name, x_name, times_s, values in (
+        (45, "velocity / limit here", "", t, velocity),
+        (245, "acceleration / limit", "time [s]", t[1:], acceleration),
+    ):
+        chart = Chart(image, (50, top_px, WIDE_PX - 15, top_px + 170), x=(0.0, float(t[-1])), y=(-1.1, 1.1))
+        for limit in (-1.0, 1.0):
+            chart.curve(np.array([0.0, t[-1]]), limit, FAINT)
+        for joint, rgb in enumerate(colors.values()):
+            chart.curve(times_s, values[:, joint], rgb)
+        chart.axes(x_name, name)
+        if not x_name:
+            chart.legend(colors, (260, top_px - 8))
+    cv2.imwrite(str(FOLDER / "limits.png"), image[..., ::-1])
+
+
+def _shares(q_rad: JointSamples) -> tuple[Array, Array]:
+    """Velocity (n - 1, 7) and acceleration (n - 2, 7) of commands (n, 7) over their limits."""
+    velocity = np.diff(q_rad, axis=0) / TICK_S
+    lower, upper = velocity_bounds(q_rad[1:])
+    return velocity / np.where(velocity > 0, upper, -lower), np.diff(velocity, axis=0) / TICK_S / ACCELERATION_RAD_S2
+
+
+def _rgb(color: str) -> Rgb:
+    red, green, blue = bytes.fromhex(color.removeprefix("#"))
+    return red, green, blue
 
 
 def _hold(plan: PickPlan) -> None:
     """A hold in the middle of the carry, and its resume: the same path, later."""
     trajectory = max(plan.segments, key=lambda segment: segment.trajectory.duration_s).trajectory
-    stream, commands = Stream(trajectory), []
+    fastest = int(np.ptp(trajectory.raw_q_rad, axis=0).argmax())
+    undisturbed, held = (np.diff(q[:, fastest]) / TICK_S for q in (trajectory.filtered(), _held(trajectory)))
+    image, lowest, highest = blank(WIDE_PX, 280), min(undisturbed.min(), 0.0), max(undisturbed.max(), 0.0)
+    room = 0.06 * (highest - lowest)
+    chart = Chart(image, (50, 35, WIDE_PX - 15, 235), x=(0.0, len(held) * TICK_S), y=(lowest - room, highest + room))
+    chart.dotted(np.arange(1, len(undisturbed) + 1) * TICK_S, undisturbed, UNDISTURBED_RGB)
+    chart.curve(np.arange(1, len(held) + 1) * TICK_S, held, HELD_RGB)
+    chart.axes("time [s]", f"joint {fastest + 1} [rad/s]")
+    chart.legend({"undisturbed": UNDISTURBED_RGB, "held and resumed": HELD_RGB}, (620, 27))
+    cv2.imwrite(str(FOLDER / "hold.png"), image[..., ::-1])
+
+
+def _held(trajectory: Trajectory) -> Array:
+    """The commands (n, 7) of a stream that is held at 40 % of the way and resumed 0.7 s later."""
+    stream = Stream(trajectory)
+    commands: list[Array] = []
+    at = int(0.4 * len(trajectory.raw_q_rad))
     while True:
-        if len(commands) == int(0.4 * len(trajectory.raw_q_rad)):
+        if len(commands) == at:
             stream.hold()
-        if len(commands) == int(0.4 * len(trajectory.raw_q_rad)) + 700:
+        if len(commands) == at + 700:
             stream.resume()
         command = stream.next()
         if command is None:
-            break
+            return np.array(commands)
         commands.append(command)
-    figure, axes = plt.subplots(figsize=(9, 2.8), dpi=100)
-    fastest = int(np.ptp(trajectory.raw_q_rad, axis=0).argmax())
-    for q, style, name in ((trajectory.filtered(), ":", "undisturbed"), (np.array(commands), "-", "held and resumed")):
-        axes.plot(np.arange(1, len(q)) * TICK_S, np.diff(q[:, fastest]) / TICK_S, style, label=name, c="#2f6fde")
-    axes.set(xlabel="time [s]", ylabel=f"joint {fastest + 1} [rad/s]")
-    axes.legend(frameon=False)
-    figure.tight_layout()
-    figure.savefig(FOLDER / "hold.png")
-    plt.close(figure)
 
 
 if __name__ == "__main__":

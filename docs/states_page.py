@@ -8,7 +8,7 @@ from cell.machine.states import COMMANDS, NEXT, State, available
 
 PAGE = Path(__file__).with_name("states.md")
 _ALMOST_EVERYWHERE = 6
-"""A command from more states than this is told in words: its arrows would hide all others."""
+"""Commands accepted in more states than this are listed in words, because their arrows would hide the others."""
 
 
 def page() -> str:

@@ -1,1 +1,1 @@
-"""The devices of the cell: three protocols, their drivers, and the node that serves them on the bus."""
+"""The devices of the cell: their protocols, their drivers, and the node that serves them on the bus."""

@@ -1,9 +1,9 @@
-"""The three protocols every driver implements: the simulated, the real and the remote one alike.
+"""The protocols that every driver implements: simulated, real and remote. Frames, units and signs: docs/frames.md.
 
 Life cycle: ``connect`` opens everything or nothing; ``close`` is always allowed and idempotent; every other
 member raises `bus.errors.NotConnected` before ``connect`` and after ``close``. ``stop`` and ``hold`` never raise
-and may be called from any thread, also while another call is under way. A ``stop`` ends every motion that was asked for
-before it, also one that still waits to begin, which then never does. All errors are of `bus.errors.DriverError`.
+and may be called from any thread, also while another call runs. A ``stop`` ends every motion that was requested
+before it; one that still waits to begin never begins. All errors are of `bus.errors.DriverError`.
 """
 
 from __future__ import annotations
@@ -20,90 +20,114 @@ from bus.trajectory import Trajectory
 class Camera(Protocol):
     """An RGB-D camera."""
 
-    def connect(self) -> None: ...
+    def connect(self) -> None:
+        """Open the camera. Raises: DriverUnavailable."""
 
     def capture(self) -> Frame:
-        """One fresh frame, exposed after the call. Raises: StaleFrame."""
+        """Return one fresh frame, exposed after the call. Raises: StaleFrame, DeviceLost."""
 
-    def close(self) -> None: ...
+    def close(self) -> None:
+        """Close the camera; idempotent."""
 
 
 @runtime_checkable
 class Arm(Protocol):
     """A seven-joint arm that plays sampled trajectories."""
 
-    def connect(self) -> None: ...
+    def connect(self) -> None:
+        """Open the arm. Raises: DriverUnavailable."""
 
-    def state(self) -> ArmState: ...
+    def state(self) -> ArmState:
+        """Return the measured state. Raises: DeviceLost."""
 
     def execute(self, trajectory: Trajectory) -> Motion:
-        """Play ``trajectory`` and return when the arm rests. Raises: MotionRefused (nothing moved), ArmReflex."""
+        """Play ``trajectory`` and return when the arm rests.
+
+        Raises:
+            MotionRefused: nothing moved.
+            ArmReflex: the arm stopped itself.
+            DeviceLost: the arm no longer answers.
+        """
 
     def stop(self) -> None:
         """Brake on the path, now. The running ``execute`` returns with ``finished = False``, also out of a hold."""
 
     def hold(self) -> None:
-        """Brake on the path and wait there: the running ``execute`` goes on waiting, the mode stays MOVE.
+        """Brake on the path and wait there: the running ``execute`` does not return, the mode stays MOVE.
 
-        Without a motion nothing happens. Whoever holds confirms it by the measured velocity.
+        Without a motion nothing happens. The caller confirms the hold by the measured velocity.
         """
 
     def resume(self) -> None:
-        """Go on along the held path to its end. Raises: MotionRefused when nothing is held or about to be."""
+        """Continue along the held path to its end. Raises: MotionRefused when no motion is held or about to be."""
 
     def recover(self) -> None:
-        """Clear a reflex. Nothing moves."""
+        """Clear a reflex. Nothing moves. Raises: MotionRefused when the operator has to act first."""
 
-    def close(self) -> None: ...
+    def close(self) -> None:
+        """Stop the arm and close it; idempotent."""
 
 
 @runtime_checkable
 class Hand(Protocol):
     """A two-finger parallel hand."""
 
-    def connect(self) -> None: ...
+    def connect(self) -> None:
+        """Open the hand. Raises: DriverUnavailable."""
 
-    def state(self) -> HandState: ...
+    def state(self) -> HandState:
+        """Return the measured state. Raises: DeviceLost."""
 
     def move(self, width_m: float, speed_m_s: float) -> HandState:
-        """Open or close to ``width_m``, without force. Raises: HandFault."""
+        """Open or close to ``width_m`` without force control, at the width's rate ``speed_m_s``. Raises: HandFault."""
 
     def grasp(self, force_n: float, speed_m_s: float) -> HandState:
-        """Close until the fingers meet something (or each other), and keep pressing with ``force_n``."""
+        """Close until the fingers meet an object (or each other), and keep pressing.
+
+        Args:
+            force_n: grasping force.
+            speed_m_s: rate of the width.
+
+        Raises: HandFault.
+        """
 
     def home(self) -> HandState:
-        """Find the finger's zero once after power-on; ends open."""
+        """Find the fingers' zero once after power-on; the hand ends open. Raises: HandFault."""
 
     def stop(self) -> None:
-        """Stop the fingers where they are; a grasp keeps its force (never drops what it holds)."""
+        """Stop the fingers where they are; a grasp keeps its force and so the object."""
 
-    def close(self) -> None: ...
+    def close(self) -> None:
+        """Close the connection; idempotent."""
 
 
 @runtime_checkable
 class Reporting(Protocol):
-    """What a device adds that has something to say about its own health."""
+    """Addition of a device that reports its own health."""
 
     def readings(self) -> dict[str, float]:
-        """Figures by name, units in the names, e.g. ``ir_temperature_c``; empty while not connected. Never raises."""
+        """Return figures by name, units in the names, e.g. ``ir_temperature_c``; empty while not connected.
+
+        Never raises.
+        """
 
 
 @runtime_checkable
-class Feeder(Protocol):
-    """Simulation only: what puts objects on the table, and knows where they really are."""
+class ObjectPresenter(Protocol):
+    """Simulation only: puts objects on the table, and knows their true poses."""
 
     def present(self, request: PresentRequest) -> Presented:
         """Replace the object on the table. Raises: ConfigError for an unknown object."""
 
     def truth(self) -> Presented:
-        """Name and true pose of the object now, and the names of those that could be presented."""
+        """Return name and true pose of every object now, and the names of those that can be presented."""
 
 
 @dataclass(frozen=True)
 class Devices:
-    """What one driver brings; None = it does not serve that device."""
+    """The devices of one driver; None = it does not serve that device."""
 
     camera: Camera | None = None
     arm: Arm | None = None
     hand: Hand | None = None
-    feeder: Feeder | None = None
+    presenter: ObjectPresenter | None = None

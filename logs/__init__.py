@@ -1,1 +1,1 @@
-"""The cell's memory: one MCAP a cycle, read back, compared, and shown."""
+"""The recordings of the cell: one MCAP a cycle; reading, comparing and displaying them."""

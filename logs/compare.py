@@ -1,7 +1,7 @@
-"""Compares two messages field by field, in the units a person thinks in.
+"""Compares two messages field by field, in the units that people use.
 
-NaN equals NaN; text, numbers without tolerance, enums and booleans must be equal; poses differ in mm and degrees;
-images by their differing pixels.
+NaN equals NaN. Text, numbers without tolerance, enums and booleans must be equal; poses differ in mm and degrees;
+images by the number of differing pixels.
 """
 
 from __future__ import annotations
@@ -15,8 +15,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from bus.codec import Json
 from bus.frozen import Message
 
+Array = npt.NDArray[Any]
 POSE = "mm|deg"
 _UNIT_BY_SUFFIX = {
     "px": "px",
@@ -30,12 +32,17 @@ _UNIT_BY_SUFFIX = {
     "m2": "m2",
 }
 _IGNORED = {"latency_s", "took_s"}
-"""Fields that measure the machine, not the stage."""
+"""Fields that depend on the machine, not on the stage."""
 
 
 @dataclass(frozen=True)
 class Tolerance:
-    """How much a value may differ, and its unit. A pose (`POSE`) may differ by ``value`` mm and ``value`` degrees."""
+    """The allowed difference of a value.
+
+    Attributes:
+        value: in ``unit``. For a pose (`POSE`): mm and degrees.
+        unit: one of `_UNIT_BY_SUFFIX`, `POSE` or "".
+    """
 
     value: float
     unit: str
@@ -43,16 +50,23 @@ class Tolerance:
 
 @dataclass(frozen=True)
 class Difference:
-    """One field that differs: both values, by how much, and how much was allowed."""
+    """One field that differs.
+
+    Attributes:
+        field: dotted path. ``recorded``, ``replayed``: both values.
+        difference, tolerance: in ``unit``; ``difference`` is None where there is no number, e.g. for text or NaN.
+        unit: e.g. "m", "mm", "deg" or "px"; "" for none.
+    """
 
     field: str
-    recorded: Any
-    replayed: Any
+    recorded: object
+    replayed: object
     difference: float | None
     tolerance: float
     unit: str
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
+        """The fields as a JSON object."""
         return asdict(self)
 
     def describe(self) -> str:
@@ -62,11 +76,11 @@ class Difference:
 
 
 def compare(recorded: Message, replayed: Message, tolerances: Mapping[str, Tolerance]) -> list[Difference]:
-    """Every difference between two messages, in the order of their fields.
+    """All differences between two messages, in the order of their fields.
 
     Args:
-        tolerances: field pattern -> tolerance; ``*`` stands for anything, so ``a[*].b`` is field b of any a. The first
-            pattern that fits counts; without one the values must be equal.
+        tolerances: field pattern -> tolerance; ``*`` matches any text, so ``a[*].b`` is field b of any a. The first
+            matching pattern counts; without one the values must be equal.
     """
     rules = [(re.compile(re.escape(pattern).replace(r"\*", ".*")), rule) for pattern, rule in tolerances.items()]
 
@@ -84,13 +98,13 @@ def compare(recorded: Message, replayed: Message, tolerances: Mapping[str, Toler
 
 
 def unit_of(path: str) -> str:
-    """The unit a field's name ends in, or ""."""
+    """The unit at the end of a field's name, or ""."""
     name = re.sub(r"\[\d+\]", "", path).rpartition(".")[2]
     return _UNIT_BY_SUFFIX.get(name.rpartition("_")[2], "") if "_" in name else ""
 
 
-def leaves(path: str, a: Any, b: Any) -> Iterator[tuple[str, Any, Any]]:
-    """Pairs of values that have no parts, with their path; a differing count ends its branch."""
+def leaves(path: str, a: object, b: object) -> Iterator[tuple[str, object, object]]:
+    """Pairs of values without parts, with their path; a differing count ends its branch."""
     if isinstance(a, Message) and type(a) is type(b):
         for name in type(a).model_fields:
             if name not in _IGNORED:
@@ -107,7 +121,7 @@ def leaves(path: str, a: Any, b: Any) -> Iterator[tuple[str, Any, Any]]:
         yield path, a, b
 
 
-def _compare_leaf(path: str, a: Any, b: Any, rule: Tolerance) -> list[Difference]:
+def _compare_leaf(path: str, a: object, b: object, rule: Tolerance) -> list[Difference]:
     if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
         return _compare_arrays(path, a, b, rule)
     if isinstance(a, float) and isinstance(b, float):
@@ -117,10 +131,10 @@ def _compare_leaf(path: str, a: Any, b: Any, rule: Tolerance) -> list[Difference
     return [] if a == b and type(a) is type(b) else [_plain(path, _value(a), _value(b), rule.unit)]
 
 
-def _compare_arrays(path: str, a: npt.NDArray[Any], b: npt.NDArray[Any], rule: Tolerance) -> list[Difference]:
+def _compare_arrays(path: str, a: Array, b: Array, rule: Tolerance) -> list[Difference]:
     if a.shape != b.shape:
         shape = _plain(f"{path}.shape", list(a.shape), list(b.shape))
-        common = min(len(a), len(b))  # of two trajectories the samples that both have
+        common = min(len(a), len(b))  # for two trajectories: the samples that both have
         is_series = rule.value > 0 and a.shape[1:] == b.shape[1:] and common > 0
         return [shape, *(_compare_arrays(path, a[:common], b[:common], rule) if is_series else [])]
     if a.dtype in (np.uint8, np.bool_):
@@ -132,7 +146,7 @@ def _compare_arrays(path: str, a: npt.NDArray[Any], b: npt.NDArray[Any], rule: T
         return []
     if rule.unit == POSE:
         return _compare_poses(path, a, b, rule)
-    with np.errstate(invalid="ignore"):  # infinity less infinity
+    with np.errstate(invalid="ignore"):  # infinity minus infinity
         deviation = np.where(same, 0.0, np.abs(np.asarray(a, float) - b))
     deviation = np.nan_to_num(deviation, nan=np.inf, posinf=np.inf)
     if float(deviation.max()) <= rule.value:
@@ -142,7 +156,7 @@ def _compare_arrays(path: str, a: npt.NDArray[Any], b: npt.NDArray[Any], rule: T
     return [Difference(label, _number(a[where]), _number(b[where]), _finite(deviation[where]), rule.value, rule.unit)]
 
 
-def _compare_poses(path: str, a: npt.NDArray[Any], b: npt.NDArray[Any], rule: Tolerance) -> list[Difference]:
+def _compare_poses(path: str, a: Array, b: Array, rule: Tolerance) -> list[Difference]:
     found = []
     moved_mm = float(np.linalg.norm(a[:3, 3] - b[:3, 3])) * 1e3
     if not moved_mm <= rule.value:
@@ -156,27 +170,27 @@ def _compare_poses(path: str, a: npt.NDArray[Any], b: npt.NDArray[Any], rule: To
     return found
 
 
-def _plain(path: str, recorded: Any, replayed: Any, unit: str = "") -> Difference:
+def _plain(path: str, recorded: object, replayed: object, unit: str = "") -> Difference:
     return Difference(path, recorded, replayed, None, 0.0, unit)
 
 
-def _number(value: Any) -> float | str:
-    """A float JSON can hold; NaN and infinity as text."""
+def _number(value: float) -> float | str:
+    """A float that JSON can hold; NaN and infinity as text."""
     number = float(value)
     return number if math.isfinite(number) else str(number)
 
 
-def _finite(value: Any) -> float | None:
-    """A difference, or None where there is none to tell (NaN against a number)."""
+def _finite(value: float) -> float | None:
+    """A difference, or None when it is not finite (NaN against a number)."""
     return float(value) if math.isfinite(value) else None
 
 
-def _value(value: Any) -> Any:
+def _value(value: object) -> object:
     if isinstance(value, float):
         return _number(value)
     return value if value is None or isinstance(value, (str, int, bool)) else str(value)
 
 
-def _short(value: Any) -> str:
+def _short(value: object) -> str:
     text = f"{value:.6g}" if isinstance(value, float) else str(value)
     return text if len(text) <= 80 else text[:77] + "..."

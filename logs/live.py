@@ -1,6 +1,6 @@
-"""The bus as a live view: what is published travels on, byte for byte, to Foxglove or Lichtblick over a WebSocket.
+"""The live view: forwards published messages unchanged to Foxglove or Lichtblick over a WebSocket.
 
-Strictly one way: the server takes no messages, parameters or calls, and only programs of this machine reach it.
+Strictly one way: the server accepts no messages, parameters or calls, and only programs of this machine can connect.
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from typing import Any, NamedTuple
+from types import ModuleType
+from typing import TYPE_CHECKING, NamedTuple
 
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from google.protobuf.message import DecodeError
@@ -21,72 +22,78 @@ from google.protobuf.message import DecodeError
 from bus import topics
 from bus.codec import schema_of
 from bus.errors import ConfigError
-from bus.sample import Heard
+from bus.sample import Sample
 from bus.session import Bus
 from bus.threads import OwnedThread, Role
 from bus.topics import encoding_of
+
+if TYPE_CHECKING:
+    import foxglove.websocket
 
 _log = logging.getLogger(__name__)
 
 HOST = "127.0.0.1"
 DEFAULT_PORT = 8765
 _WAITING = 2000
-"""Messages between the bus and the server; what does not fit is left out of the view, never held back on the bus."""
+"""Most messages queued between the bus and the server; further ones are left out, so the bus is never delayed."""
 _NOT_AGAIN = (topics.EVENT.key, topics.VIEW_LOG.key)
-"""All others are said again to a viewer that comes later: the last state, picture, transform, stage result."""
+"""Topics that are not repeated. Of all others a new viewer receives the last message: state, image, transform, result.
+"""
 _LOOK_S, _CLOSE_PATIENCE_S = 0.1, 2.0
 _MOST_WARNED = 100
 _TF_PARTS = ("color", "fr3_link0")
-"""The first frame of each message on `topics.TF`."""
+"""The first child frame of each kind of message on `topics.TF`."""
 _JSON = {"jsonschema": "json"}
 
 
 class _Said(NamedTuple):
-    heard: Heard
+    sample: Sample
     fits: bool
 
 
 class LiveView:
-    """Serves what is published on ``bus`` until closed. Raises: ConfigError without foxglove-sdk, or for a port in use.
+    """Serves the messages published on ``bus`` until closed.
 
     Args:
-        bus: a session of its own or the cell's; stays the caller's.
-        port: 0 = any that is free.
+        bus: a separate session or the cell's; it remains the caller's to close.
+        port: 0 = any free port.
 
     Attributes:
-        port: where it listens. ``left_out``: messages that did not fit. ``unknown``: those in another encoding than
-            their topic's.
+        port: the port in use. ``left_out``: number of messages that did not fit into the queue.
+        unknown: number of messages in another encoding than their topic's.
+
+    Raises: ConfigError without foxglove-sdk, or for a port in use.
     """
 
     def __init__(self, bus: Bus, port: int = DEFAULT_PORT) -> None:
         self._sdk = sdk()
         self._context = self._sdk.Context()
-        self._channels: dict[str, Any] = {}
-        self._last: dict[str, dict[str, Heard]] = {}
+        self._channels: dict[str, foxglove.Channel] = {}
+        self._last: dict[str, dict[str, Sample]] = {}
         self._queue: queue.Queue[_Said | str] = queue.Queue(_WAITING)
         self.left_out = self.unknown = 0
         self._warned: set[str] = set()
         self._is_closing = threading.Event()
         self._server = self._start(bus.cell_id, port)
         self.port = int(self._server.port)
-        self._feeder = OwnedThread(Role.LIVE_VIEW, self._feed).start()
+        self._presenter = OwnedThread(Role.LIVE_VIEW, self._feed).start()
         for topic in topics.TOPICS:
             if topic.kind == "publish":
                 hear = functools.partial(self._hear, encoding_of(topic.says))
                 bus.subscribe(topic.key.replace("{name}", "*"), hear, own=True)
 
     def close(self) -> None:
-        """End the server, within moments whatever waits to be shown; idempotent."""
+        """End the server promptly, dropping queued messages; idempotent."""
         if not self._is_closing.is_set():
             self._is_closing.set()
-            self._feeder.join(_CLOSE_PATIENCE_S)
+            self._presenter.join(_CLOSE_PATIENCE_S)
             self._server.stop()
 
-    def _start(self, name: str, port: int) -> Any:
+    def _start(self, name: str, port: int) -> foxglove.websocket.WebSocketServer:
         view = self
 
         class Listener(self._sdk.websocket.ServerListener):  # type: ignore[misc, name-defined]
-            def on_subscribe(self, _client: Any, channel: Any) -> None:
+            def on_subscribe(self, _client: foxglove.websocket.Client, channel: foxglove.websocket.ChannelView) -> None:
                 view._enqueue(str(channel.topic))
 
         try:
@@ -98,11 +105,11 @@ class LiveView:
                 f"The live view cannot listen on {HOST}:{port}: {error}.", "Choose another: --foxglove-port."
             ) from error
 
-    def _hear(self, encoding: str, heard: Heard) -> None:
-        self._enqueue(_Said(heard, fits=heard.encoding == encoding))
+    def _hear(self, encoding: str, sample: Sample) -> None:
+        self._enqueue(_Said(sample, fits=sample.encoding == encoding))
 
     def _enqueue(self, said: _Said | str) -> None:
-        """Called on others' threads: a payload, or the topic that a viewer just began to look at."""
+        """Queue a payload, or the topic that a viewer just subscribed to; called on other threads."""
         try:
             self._queue.put_nowait(said)
         except queue.Full:
@@ -117,44 +124,44 @@ class LiveView:
             if isinstance(said, str):
                 self._repeat(said.removeprefix("/"))
             elif said.fits:
-                self._show(said.heard)
+                self._show(said.sample)
             else:
-                self._skip(said.heard)
+                self._skip(said.sample)
 
-    def _show(self, heard: Heard) -> None:
-        self._channel(heard).log(heard.payload, log_time=time.time_ns())
-        if heard.key not in _NOT_AGAIN:
-            self._last.setdefault(heard.key, {})[_part(heard)] = heard
+    def _show(self, sample: Sample) -> None:
+        self._channel(sample).log(sample.payload, log_time=time.time_ns())
+        if sample.key not in _NOT_AGAIN:
+            self._last.setdefault(sample.key, {})[_part(sample)] = sample
 
     def _repeat(self, key: str) -> None:
         for last in self._last.get(key, {}).values():
             self._channel(last).log(last.payload, log_time=time.time_ns())
 
-    def _skip(self, heard: Heard) -> None:
-        """Any program may put what it likes under our names: no viewer could read it."""
+    def _skip(self, sample: Sample) -> None:
+        """Count and log a message in a foreign encoding, which no viewer can read; any program may publish here."""
         self.unknown += 1
-        if heard.key not in self._warned and len(self._warned) < _MOST_WARNED:
-            self._warned.add(heard.key)
-            _log.warning("not shown, now and later: what travels on %s as %.80r", heard.key, heard.encoding)
+        if sample.key not in self._warned and len(self._warned) < _MOST_WARNED:
+            self._warned.add(sample.key)
+            _log.warning("not shown, now and later: what travels on %s as %.80r", sample.key, sample.encoding)
 
-    def _channel(self, heard: Heard) -> Any:
-        if heard.key not in self._channels:
-            schema = schema_of(heard.encoding)
-            self._channels[heard.key] = self._sdk.Channel(
-                f"/{heard.key}",
+    def _channel(self, sample: Sample) -> foxglove.Channel:
+        if sample.key not in self._channels:
+            schema = schema_of(sample.encoding)
+            self._channels[sample.key] = self._sdk.Channel(
+                f"/{sample.key}",
                 message_encoding=_JSON.get(schema.encoding, schema.encoding),
                 schema=self._sdk.Schema(name=schema.name, encoding=schema.encoding, data=schema.data),
                 context=self._context,
             )
-        return self._channels[heard.key]
+        return self._channels[sample.key]
 
 
-def _part(heard: Heard) -> str:
-    """Of a topic that is said in parts, which this is: transforms of the arm's links, or of the capture."""
-    if heard.key != topics.TF.key:
+def _part(sample: Sample) -> str:
+    """The part of a topic that is published in parts: the transforms of the arm's links, or of the capture; else ""."""
+    if sample.key != topics.TF.key:
         return ""
     try:
-        transforms = FrameTransforms.FromString(heard.payload).transforms
+        transforms = FrameTransforms.FromString(sample.payload).transforms
     except DecodeError:
         return ""
     return str(transforms[0].child_frame_id) if transforms and transforms[0].child_frame_id in _TF_PARTS else ""
@@ -168,8 +175,8 @@ def watching(cell_id: str, endpoint: str, port: int) -> Iterator[LiveView]:
 
 
 @functools.cache
-def sdk() -> Any:
-    """The optional package, loaded only where it is asked for. Raises: ConfigError."""
+def sdk() -> ModuleType:
+    """The optional package foxglove-sdk, imported on demand. Raises: ConfigError."""
     try:
         importlib.import_module("foxglove.websocket")
         return importlib.import_module("foxglove")

@@ -1,7 +1,7 @@
-"""The cycle as pictures: what the stages found and did, in Foxglove's own messages.
+"""Visualisation of a cycle: the results of its stages in Foxglove's message types. Frames: docs/frames.md.
 
-They are published on the bus right after the result they are drawn from, and so recorded like everything else that
-travels: a live viewer and one that opens the recording show the same, without a plug-in.
+The messages are published right after the result they show, and recorded like everything else on the bus: a live
+viewer and a viewer of the recording show the same, without a plug-in.
 """
 
 from __future__ import annotations
@@ -41,17 +41,17 @@ Array = npt.NDArray[Any]
 Drawn = tuple[Topic, bytes]
 
 _GREEN, _ORANGE, _BLUE, _GREY = (0.2, 0.9, 0.3), (1.0, 0.6, 0.1), (0.3, 0.6, 1.0), (0.7, 0.7, 0.7)
-_FINGER_M, _PALM_M = (0.02, 0.01, 0.045), (0.03, 0.12, 0.02)  # a sketch of the hand, in its tcp's axes
+_FINGER_M, _PALM_M = (0.02, 0.01, 0.045), (0.03, 0.12, 0.02)  # a simplified hand, in the tcp's axes
 _PATH_STEP = 40  # of the 1 kHz samples
 _LEVEL = {"info": Log.INFO, "warning": Log.WARNING, "error": Log.ERROR}
 
 
 def pictures(of: Callable[[Message | bytes], Iterable[Drawn]], message: Message | bytes) -> list[Drawn]:
-    """What ``of`` draws of a message; where it cannot, a warning in the log's place: nobody who speaks shall fail."""
+    """The messages that ``of`` draws of a message; after an error a warning, so that the publisher never fails."""
     drawn: list[Drawn] = []
     try:
         drawn.extend(of(message))
-    except Exception as error:  # drawing takes any value that was found, and what the libraries raise for it
+    except Exception as error:  # a result may hold any value, and the libraries raise any error for it
         name = type(message).__name__
         _logger.warning("cannot draw a %s", name, exc_info=error)
         drawn.append(_log("warning", "VIEW", f"A picture of {name} cannot be drawn: {type(error).__name__}: {error}"))
@@ -59,7 +59,11 @@ def pictures(of: Callable[[Message | bytes], Iterable[Drawn]], message: Message 
 
 
 class Views:
-    """Draws what is said. ``base_from_tcp``: the arm's forward kinematics."""
+    """Draws results as Foxglove messages.
+
+    Args:
+        base_from_tcp: the arm's forward kinematics: (7,) [rad] to (4, 4).
+    """
 
     def __init__(self, base_from_tcp: Callable[[Joints], Transform]) -> None:
         self._base_from_tcp = base_from_tcp
@@ -67,7 +71,7 @@ class Views:
         self._found: Detections | None = None
 
     def of(self, message: Message | bytes) -> Iterator[Drawn]:
-        """The pictures of one message; none of most."""
+        """The Foxglove messages of one message; none for most kinds."""
         if isinstance(message, Event):
             yield _log(message.severity, message.code, f"{message.text} {message.advice}".strip())
         if not isinstance(message, StageRecord):
@@ -110,7 +114,7 @@ class Views:
         return scene
 
     def _tcp_path(self, segment: Segment) -> Array:
-        """(n, 3) in ``base``."""
+        """Path (n, 3) [m] of the tcp in ``base``."""
         q_rad = segment.trajectory.raw_q_rad
         return np.array([self._base_from_tcp(q)[:3, 3] for q in (*q_rad[::_PATH_STEP], q_rad[-1])])
 
@@ -126,7 +130,7 @@ class Views:
         return bytes(image.SerializeToString())
 
     def _annotations(self, found: Detections) -> ImageAnnotations:
-        """Rectangles, the best grasp's first and green, and outlines of the masks, in the undistorted image."""
+        """Rectangles, the best grasp's first and green, and outlines of the masks, in the undistorted colour image."""
         message = ImageAnnotations()
         best = found.grasps[0].rectangle if found.grasps else None
         for index, rectangle in enumerate(found.rectangles):
@@ -148,7 +152,7 @@ class Views:
             annotation.points.add(x=float(u), y=float(v))
 
     def _cloud(self, points: Array) -> PointCloud:
-        """(n, 3) [m] in ``color``."""
+        """A point cloud of points (n, 3) [m] in ``color``."""
         packed = np.ascontiguousarray(points, "<f4")
         cloud = PointCloud(timestamp=stamp(self._seen_ns), frame_id="color", point_stride=12, data=packed.tobytes())
         cloud.pose.orientation.w = 1.0
@@ -164,7 +168,7 @@ def _log(severity: str, name: str, text: str) -> Drawn:
 
 
 def _corners(rectangle: Rectangle) -> Array:
-    """(4, 2) [px]."""
+    """Corners (4, 2) [px] of a rectangle."""
     closing = np.array([np.cos(rectangle.angle_rad), np.sin(rectangle.angle_rad)])
     along, across = 0.5 * rectangle.width_px * closing, 0.5 * rectangle.height_px * np.array([-closing[1], closing[0]])
     signs = ((1, 1), (1, -1), (-1, -1), (-1, 1))
@@ -196,7 +200,7 @@ def _line(
 
 
 def _gripper(entity: SceneEntity, grasp: Grasp) -> None:
-    """Palm and two fingers, opened as they approach."""
+    """Add the palm and the two fingers, opened as for the approach."""
     apart = 0.5 * (grasp.opening_m + _FINGER_M[1])
     behind = -0.5 * _FINGER_M[2]
     palm = (0.0, 0.0, -_FINGER_M[2] - 0.5 * _PALM_M[2])

@@ -1,1 +1,4 @@
-"""VLAD-Grasp: a model imagines a rod through the object; geometry carries it back and makes grasps. No training."""
+"""VLAD-Grasp: a model imagines a rod through the object; geometry derives grasps from it. No training.
+
+Frames and units: docs/frames.md.
+"""

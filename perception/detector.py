@@ -1,4 +1,7 @@
-"""VLAD-Grasp (paper, Algorithm 1) on one screen: imagine a rod, carry it back, make grasps of it."""
+"""VLAD-Grasp (paper, Algorithm 1) on one screen: imagine a rod, align it to the object, derive grasps.
+
+Images and points are in the ``color`` frame, grasps in ``base``; see docs/frames.md.
+"""
 
 from __future__ import annotations
 
@@ -16,12 +19,12 @@ from perception.align import align
 from perception.align.base import Shape
 from perception.geometry.crop import Crop
 from perception.geometry.depth import Rgbd, register
-from perception.geometry.lift import lift, thin, transform
+from perception.geometry.lift import lift, subsample_float32, transform
 from perception.geometry.rod import fit_line, lift_run, rectangle, rod_depth, runs
 from perception.goal.depth import carried_depth, scaled_to_observed
 from perception.goal.drift import measure, require_faithful
 from perception.goal.drift import register as register_outlines
-from perception.goal.imagine import Conversation, Say, imagine, subject_of
+from perception.goal.imagine import Conversation, OnReply, imagine, observed_object_of
 from perception.goal.parts import GoalParts, take_apart
 from perception.goal.target import choose
 from perception.grasps.rank import grasps_of_rod, rank
@@ -29,21 +32,24 @@ from perception.models import Models
 from perception.rectangles.metric import matches
 from perception.scene.heightmap import MARGIN_M
 from perception.scene.segment import Scene, segment
-from perception.subject import GoalImage, Subject
+from perception.subject import GoalImage, ObservedObject
 
 Array = npt.NDArray[np.float64]
 
 _SHOWN_POINTS = 3000
+"""Most points of a cloud in the evidence."""
 
 
 @dataclass(frozen=True)
 class Proposal:
-    """One imagined rod, carried back.
+    """One imagined rod, aligned to the observed object.
 
     Attributes:
-        goal, parts, drift: the goal image, taken apart, and how far it strayed. ``depth_m``: its depth.
-        observed, imagined: the object, seen and imagined. ``alignment``: between them.
-        ends: per run of the rod through the object, its ends (2, 3) [m] in the colour frame, the widest first.
+        goal, parts, drift: the goal image, its segmentation, and its deviation from the observed image.
+        depth_m: (H, W) z-depth of the goal image.
+        observed, imagined: the object in the observed image and in the goal image. ``alignment``: between the two.
+        ends: ends (2, 3) [m] of each run of the rod through the object, in the ``color`` frame, the widest first.
+        rectangles: the runs as grasp rectangles, in the order of ``ends``.
     """
 
     goal: GoalImage
@@ -58,33 +64,35 @@ class Proposal:
 
 
 def detect(
-    observation: Observation, station: Station, models: Models, say: Say, cancel: Cancel | None = None
+    observation: Observation, station: Station, models: Models, on_reply: OnReply, cancel: Cancel | None = None
 ) -> Detections:
-    """Ranked grasps of the target in the pick region, and the evidence for them. Pure but for the models.
+    """Detect ranked grasps of the target in the pick region, with their evidence. Pure, except for the models.
 
     Args:
-        say: told every call to the goal-image model as it happens. ``cancel``: a stop, looked at before each of them.
+        on_reply: called with the record of every call to the goal-image model, as soon as the call ends.
+        cancel: a stop request; checked before each proposal and each call.
 
     Raises:
-        CycleFailure: NO_OBJECT, NO_GRASP, MODEL_*, SPEND_LIMIT, STOPPED. Of several proposals one that holds is enough.
+        CycleFailure: NO_OBJECT, NOT_SEEN, TARGET_NOT_FOUND, NO_GRASP, MODEL_*, SPEND_LIMIT or STOPPED. With several
+            proposals, one that succeeds is enough.
     """
     cancel, base_from_color = cancel or Cancel(), observation.view.base_from_color
     cancel.raise_if_set("detect")
     models.imaginer.begin()
     rgbd = register(observation.frame)
-    talk = Conversation(models.imaginer, say, cancel=cancel)
+    talk = Conversation(models.imaginer, on_reply, cancel=cancel)
     scene = choose(segment(rgbd, base_from_color, station), rgbd.color, talk, station, models.sam)
     scene = models.refined(scene, rgbd.color)
     _require_depth(rgbd, scene)
     crop = Crop.around(scene.object_mask, _margin_px(rgbd, scene))
-    subject = subject_of(crop.rgbd(rgbd), scene.within(crop), base_from_color)
+    observed_object = observed_object_of(crop.rgbd(rgbd), scene.within(crop), base_from_color)
     found: list[tuple[tuple[Grasp, ...], Proposal, int]] = []
     failures: list[CycleFailure] = []
     for sample in range(station.perception.imagine.samples):
         cancel.raise_if_set("detect")
         try:
-            proposal = propose(replace(talk, sample=sample), subject, models, station)
-            found.append((grasps_of(proposal, subject, station), proposal, sample))
+            proposal = propose(replace(talk, sample=sample), observed_object, models, station)
+            found.append((grasps_of(proposal, observed_object, station), proposal, sample))
         except CycleFailure as failure:
             if failure.failure is Code.STOPPED:
                 raise
@@ -95,34 +103,34 @@ def detect(
     agree = [_same_place(proposal, other) for _, other, _ in found]
     rectangles = tuple(rectangle(ends, rgbd.camera, station) for ends in proposal.ends)
     agreement = sum(agree) / station.perception.imagine.samples
-    evidence = _evidence(rgbd, crop, subject, proposal, sample, agreement)
+    evidence = _evidence(rgbd, crop, observed_object, proposal, sample, agreement)
     return Detections(rectangles=rectangles, grasps=grasps, evidence=evidence)
 
 
-def propose(talk: Conversation, subject: Subject, models: Models, station: Station) -> Proposal:
-    """Imagine one rod and carry it back onto the observed object. Raises: CycleFailure, as `detect`."""
-    rgbd, settings = subject.rgbd, station.perception
+def propose(talk: Conversation, observed_object: ObservedObject, models: Models, station: Station) -> Proposal:
+    """Imagine one rod and align it to the observed object (stages 1 to 3). Raises: CycleFailure, as `detect`."""
+    rgbd, settings = observed_object.rgbd, station.perception
 
-    # Stage 1: the goal image; how far it strayed from the observed object.
-    goal = imagine(talk, subject, station)
-    parts = take_apart(goal.image, subject)
+    # Stage 1: the goal image, and its drift from the observed object.
+    goal = imagine(talk, observed_object, station)
+    parts = take_apart(goal.image, observed_object)
     line = fit_line(parts.rod)
-    observed = Shape(subject.scene.object_mask, np.zeros_like(parts.rod), rgbd.depth_m, rgbd.camera)
+    observed = Shape(observed_object.scene.object_mask, np.zeros_like(parts.rod), rgbd.depth_m, rgbd.camera)
     outline_fit, overlap = register_outlines(Shape(parts.object, parts.rod, rgbd.depth_m, rgbd.camera), observed.mask)
-    drift = measure(goal.image, parts, subject, outline_fit, overlap)
+    drift = measure(goal.image, parts, observed_object, outline_fit, overlap)
     require_faithful(drift, settings.drift)
 
-    # Stage 2: lift both, and align the imagined object to the observed one.
+    # Stage 2: lift both objects, and align the imagined one to the observed one.
     if goal.depth_m is not None:
         depth_m = goal.depth_m
     elif models.depth is not None:
-        depth_m = scaled_to_observed(models.depth.estimate(goal.image, rgbd.camera.fx).depth_m, parts, subject)
+        depth_m = scaled_to_observed(models.depth.estimate(goal.image, rgbd.camera.fx).depth_m, parts, observed_object)
     else:
-        depth_m = carried_depth(parts, subject, outline_fit)
+        depth_m = carried_depth(parts, observed_object, outline_fit)
     imagined = Shape(parts.object, parts.rod, depth_m, rgbd.camera)
     alignment = align(settings.align, imagined, observed, max_residual=settings.max_residual)
 
-    # Stage 3: the rod's runs through the object, carried over, as rectangles.
+    # Stage 3: the aligned runs of the rod through the object, as rectangles.
     inverse_depth = rod_depth(line, parts.rod, depth_m)
     ends = tuple(
         transform(alignment.observed_from_goal, lift_run(line, run, inverse_depth, rgbd.camera))
@@ -134,12 +142,12 @@ def propose(talk: Conversation, subject: Subject, models: Models, station: Stati
     return Proposal(goal, parts, drift, depth_m, observed, imagined, alignment, ends, rectangles)
 
 
-def grasps_of(proposal: Proposal, subject: Subject, station: Station) -> tuple[Grasp, ...]:
-    """Every run's grasps, ranked. Raises: CycleFailure(NO_GRASP), with the runs' widths."""
+def grasps_of(proposal: Proposal, observed_object: ObservedObject, station: Station) -> tuple[Grasp, ...]:
+    """The ranked grasps of every run. Raises: CycleFailure(NO_GRASP), with the runs' widths [mm]."""
     grasps: list[Grasp] = []
     for index, run_ends in enumerate(proposal.ends):
-        ends_base = transform(subject.base_from_color, run_ends)
-        grasps += grasps_of_rod(ends_base, index, subject, station)
+        ends_base = transform(observed_object.base_from_color, run_ends)
+        grasps += grasps_of_rod(ends_base, index, observed_object, station)
     if not grasps:
         widths = ", ".join(f"{np.linalg.norm(ends[1] - ends[0]) * 1e3:.0f}" for ends in proposal.ends)
         raise CycleFailure(
@@ -153,7 +161,7 @@ def _same_place(chosen: Proposal, other: Proposal) -> bool:
 
 
 def _require_depth(rgbd: Rgbd, scene: Scene) -> None:
-    """Raises: CycleFailure(NOT_SEEN) for an outline - a segmenter's own - without a single measured point."""
+    """Raises: CycleFailure(NOT_SEEN) when no pixel of the outline, which a segmenter may have redrawn, has depth."""
     if not np.isfinite(rgbd.depth_m[scene.object_mask]).any():
         pixels = int(scene.object_mask.sum())
         raise CycleFailure(
@@ -162,28 +170,30 @@ def _require_depth(rgbd: Rgbd, scene: Scene) -> None:
 
 
 def _margin_px(rgbd: Rgbd, scene: Scene) -> int:
-    """Room around the object for what the hand might touch, in pixels."""
+    """Margin around the object [px] that contains everything the hand may collide with."""
     nearest_m = float(np.nanmin(rgbd.depth_m[scene.object_mask]))
     return int(np.ceil(MARGIN_M * rgbd.camera.fx / nearest_m))
 
 
-def _evidence(rgbd: Rgbd, crop: Crop, subject: Subject, proposal: Proposal, sample: int, agreement: float) -> Evidence:
-    """All there is to look at, in the whole image."""
+def _evidence(
+    rgbd: Rgbd, crop: Crop, observed_object: ObservedObject, proposal: Proposal, sample: int, agreement: float
+) -> Evidence:
+    """The evidence of the chosen proposal, in the whole undistorted colour image and the ``color`` frame."""
     observed_from_goal, goal_points = proposal.alignment.observed_from_goal, proposal.imagined.points
-    rod_points = lift(proposal.parts.rod, proposal.depth_m, subject.rgbd.camera)
+    rod_points = lift(proposal.parts.rod, proposal.depth_m, observed_object.rgbd.camera)
     nothing = np.zeros(rgbd.depth_m.shape, dtype=bool)
     background = np.empty_like(rgbd.color)
-    background[:] = subject.background
+    background[:] = observed_object.background
     return Evidence(
         color=rgbd.color,
-        object_mask=crop.back(subject.scene.object_mask, nothing),
+        object_mask=crop.back(observed_object.scene.object_mask, nothing),
         goal_image=crop.back(proposal.goal.image, background),
         goal_object_mask=crop.back(proposal.parts.object, nothing),
         goal_rod_mask=crop.back(proposal.parts.rod, nothing),
-        observed_points=thin(proposal.observed.points, _SHOWN_POINTS),
-        goal_points=thin(goal_points, _SHOWN_POINTS),
-        aligned_points=thin(transform(observed_from_goal, goal_points), _SHOWN_POINTS),
-        rod_points=thin(transform(observed_from_goal, rod_points), _SHOWN_POINTS),
+        observed_points=subsample_float32(proposal.observed.points, _SHOWN_POINTS),
+        goal_points=subsample_float32(goal_points, _SHOWN_POINTS),
+        aligned_points=subsample_float32(transform(observed_from_goal, goal_points), _SHOWN_POINTS),
+        rod_points=subsample_float32(transform(observed_from_goal, rod_points), _SHOWN_POINTS),
         rod_ends=(proposal.ends[0][0], proposal.ends[0][1]),
         alignment=proposal.alignment,
         drift=proposal.drift,
@@ -192,5 +202,5 @@ def _evidence(rgbd: Rgbd, crop: Crop, subject: Subject, proposal: Proposal, samp
     )
 
 
-def unsaid(_reply: ModelReply) -> None:
-    """For a `say` when nobody listens."""
+def ignore_reply(_reply: ModelReply) -> None:
+    """Discard a reply: an ``on_reply`` for callers that record nothing."""

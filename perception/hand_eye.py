@@ -1,7 +1,8 @@
-"""Hand-eye calibration: from views of a ChArUco board to where the camera sits in the hand. Pure.
+"""Hand-eye calibration: ``hand_from_color`` from views of a ChArUco board. Pure. Frames: docs/frames.md.
 
-A closed form from the motions between the views starts it; then the re-projection error of all corners in all views is
-minimised over both unknown poses, ``hand_from_color`` and ``base_from_board``. (OpenCV 5 has no ``calibrateHandEye``.)
+A closed form from the motions between the views is the start; then the re-projection error of all corners in all views
+is minimised over the two unknown poses, ``hand_from_color`` and ``base_from_board``. (OpenCV 5 has no
+``calibrateHandEye``.)
 """
 
 from __future__ import annotations
@@ -26,12 +27,13 @@ Array = npt.NDArray[np.float64]
 FEWEST_CORNERS = 8
 FEWEST_VIEWS = 8
 _LEAST_TURN_RAD = np.deg2rad(5.0)
-"""What the hand must turn between the views about a second axis (root mean square over all pairs). About one axis alone
-the camera's place along it has no effect on any picture; with little more, half a pixel is millimetres."""
+"""Least turn of the hand about a second axis between the views (root mean square over all pairs). With turns about one
+axis only, the camera's position along it is unobservable; just above that, half a pixel corresponds to millimetres."""
 _HALF_TURN_RAD = np.deg2rad(175.0)
-"""Nearly half a turn is the same about either end of its axis: it tells nothing, and could turn the camera around."""
+"""Turns of nearly 180 degrees are left out: their axis has no definite sign, and a wrong one would reverse the camera.
+"""
 _WORST_MM, _WORST_DEG = 1.5, 0.3
-"""A less certain mounting is refused: at arm's length 0.3 degrees are 2.5 mm."""
+"""A mounting that is less certain is refused: at arm's length 0.3 degrees are 2.5 mm."""
 _STEP = 1e-6
 _ADVICE = "Look at the board from more sides, with all of it in the picture and well lit."
 
@@ -41,7 +43,8 @@ class Sighting:
     """The board in one image.
 
     Attributes:
-        base_from_hand: where the hand was. ``board_m``: (n, 3) corners on the board. ``pixels``: (n, 2), distorted.
+        base_from_hand: (4, 4) pose of the hand at the exposure.
+        board_m: (n, 3) corners in the board's frame. ``pixels``: (n, 2) = (u, v), distorted.
     """
 
     base_from_hand: Transform
@@ -51,11 +54,12 @@ class Sighting:
 
 @dataclass(frozen=True)
 class HandEye:
-    """A calibration and how good it is.
+    """A calibration and its quality.
 
     Attributes:
+        hand_from_color, base_from_board: (4, 4).
         rms_px: re-projection error over all corners; ``views_px``: of each view.
-        spread_mm, spread_deg: how far the board seems to wander between views (root mean square).
+        spread_mm, spread_deg: scatter of the board's pose between views (root mean square).
         uncertainty_mm, uncertainty_deg: of ``hand_from_color``, one standard deviation over all directions.
     """
 
@@ -70,19 +74,23 @@ class HandEye:
 
 
 def charuco_board(settings: CalibrationSettings) -> cv2.aruco.CharucoBoard:
-    """The board of these settings."""
+    """The ChArUco board of these settings."""
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, settings.dictionary))
     return cv2.aruco.CharucoBoard(settings.squares, settings.square_m, settings.marker_m, dictionary)
 
 
 def board_image(settings: CalibrationSettings, pixels_per_m: float) -> npt.NDArray[np.uint8]:
-    """The board as it is printed, without a margin (H, W) grey."""
+    """The board as printed, without a margin: (H, W) grey, at ``pixels_per_m`` [px/m]."""
     width, height = (round(side * pixels_per_m) for side in settings.size_m)
     return np.asarray(charuco_board(settings).generateImage((width, height)))
 
 
 def sight(color: ColorImage, base_from_hand: Transform, settings: CalibrationSettings) -> Sighting | None:
-    """The board's corners in an image as the camera gave it; None when too little of it is seen."""
+    """Find the board's corners in a raw, distorted image; None for fewer than 8 corners.
+
+    Args:
+        color: (H, W, 3) RGB. ``base_from_hand``: (4, 4) pose of the hand at the exposure.
+    """
     board = charuco_board(settings)
     grey = cv2.cvtColor(np.asarray(color), cv2.COLOR_RGB2GRAY)
     corners, numbers, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(grey)
@@ -93,16 +101,19 @@ def sight(color: ColorImage, base_from_hand: Transform, settings: CalibrationSet
 
 
 def hand_eye(sightings: Sequence[Sighting], camera: CameraModel) -> HandEye:
-    """Solve. Raises: CalibrationError: too few views, from too similar directions, or with too uncertain a result."""
+    """Solve for the mounting of the camera.
+
+    Raises: CalibrationError for fewer than 8 views, views from too similar directions, or too uncertain a result.
+    """
     if len(sightings) < FEWEST_VIEWS:
         raise CalibrationError(f"The board was seen in {len(sightings)} views; {FEWEST_VIEWS} are needed.", _ADVICE)
     return _solved(sightings, camera, None)
 
 
 def corrected(sightings: Sequence[Sighting], camera: CameraModel, hand_from_color: Transform) -> HandEye:
-    """The mounting that these views, which may be few, say instead of ``hand_from_color``, which is nearly right.
+    """Solve for the mounting from possibly few views, starting at ``hand_from_color`` (4, 4), which is nearly right.
 
-    Raises: CalibrationError: from too similar directions to say anything.
+    Raises: CalibrationError for views from too similar directions, or too uncertain a result.
     """
     return _solved(sightings, camera, hand_from_color)
 
@@ -132,7 +143,7 @@ def _require_turns(sightings: Sequence[Sighting]) -> None:
 
 
 def off_px(sightings: Sequence[Sighting], camera: CameraModel, hand_from_color: Transform) -> Array:
-    """How far (n,) [px] the corners are from where this calibration expects them, the board's place fitted."""
+    """Distance (n,) [px] of the corners from their expected pixels under this calibration, the board's pose fitted."""
     in_color = [_color_from_board(sighting, camera) for sighting in sightings]
     board = _vector(sightings[0].base_from_hand @ hand_from_color @ in_color[0])
 
@@ -156,8 +167,10 @@ def corners_in_color(sighting: Sighting, camera: CameraModel) -> tuple[Array, Ar
 
 
 def _closed_form(sightings: Sequence[Sighting], in_color: Sequence[Transform]) -> Transform:
-    """``hand_from_color`` from the motions between views, AX = XB (Park and Martin 1994): the rotation that carries the
-    camera's turns onto the hand's, then the translation by least squares."""
+    """``hand_from_color`` from the motions between views, AX = XB (Park and Martin 1994).
+
+    The rotation maps the camera's turns onto the hand's; the translation follows by least squares.
+    """
     hands, boards = [s.base_from_hand for s in sightings], list(in_color)
     pairs = [(i, j) for i in range(len(hands)) for j in range(i + 1, len(hands))]
     hand_moves = np.array([inverse(hands[j]) @ hands[i] for i, j in pairs])
@@ -211,16 +224,18 @@ def _require_certain(found: HandEye) -> None:
 def _uncertainty(
     sightings: Sequence[Sighting], camera: CameraModel, hand_from_color: Transform, base_from_board: Transform
 ) -> tuple[float, float]:
-    """Standard deviations [m] and [rad] of ``hand_from_color``, from how far each view alone carries it (jackknife).
+    """Standard deviations [m] and [rad] of ``hand_from_color``: the change when one view is left out (jackknife).
 
-    The corners of one view err together where the arm is not quite where it says. That they err at all is the least.
+    Corner errors within a view are correlated when the arm's pose is inaccurate, so a corner-wise estimate is too
+    small; it
+    serves as the lower bound.
     """
 
     def errors(vector: Array) -> Array:
         return _errors_px(sightings, camera, hand_from_color @ _pose(vector[:6]), base_from_board @ _pose(vector[6:]))
 
     left_px, slope = errors(np.zeros(12)), approx_fprime(np.zeros(12), errors, _STEP)
-    trust = (1.0 + left_px**2) ** -0.25  # of the robust fit
+    trust = (1.0 + left_px**2) ** -0.25  # weights of the robust fit
     left_px, slope = left_px * trust, slope * trust[:, None]
     normal = slope.T @ slope
     rows = np.cumsum([2 * len(sighting.pixels) for sighting in sightings])[:-1]
@@ -238,7 +253,7 @@ def _uncertainty(
 def _errors_px(
     sightings: Sequence[Sighting], camera: CameraModel, hand_from_color: Transform, base_from_board: Transform
 ) -> Array:
-    """(2 n,) of all corners."""
+    """Re-projection errors (2 n,) [px] of all corners."""
     errors = []
     for sighting in sightings:
         color_from_board = inverse(sighting.base_from_hand @ hand_from_color) @ base_from_board
@@ -251,7 +266,7 @@ def _errors_px(
 def _board_spread(
     sightings: Sequence[Sighting], in_color: Sequence[Transform], hand_from_color: Transform
 ) -> tuple[float, float]:
-    """How far the board wanders between views, [m] and [rad]."""
+    """Scatter of the board's pose between views, [m] and [rad]."""
     boards = [s.base_from_hand @ hand_from_color @ pose for s, pose in zip(sightings, in_color, strict=True)]
     places = np.array([board[:3, 3] for board in boards])
     turns = Rotation.from_matrix(np.array([board[:3, :3] for board in boards]))
@@ -272,7 +287,7 @@ def _lens(camera: CameraModel) -> tuple[Array, Array]:
 
 
 def _pose(vector: Array) -> Transform:
-    """From a rotation vector and a position (6,)."""
+    """The pose (4, 4) of a rotation vector and a position, (6,)."""
     return from_rotation(Rotation.from_rotvec(vector[:3]).as_matrix(), vector[3:])
 
 

@@ -1,4 +1,4 @@
-"""The words between segmentation and the models: what a model is shown, and what it answers."""
+"""The types between segmentation and the models: a model's input and its answer. Frames: docs/frames.md."""
 
 from __future__ import annotations
 
@@ -17,21 +17,27 @@ from perception.scene.segment import Scene
 
 @dataclass(frozen=True)
 class RodColor:
-    """The colour a rod is asked for, and found again by."""
+    """The colour of a rod, used in the prompt and to segment the rod.
+
+    Attributes:
+        name: in the prompt. ``rgb``: 0 to 255.
+    """
 
     name: str
     rgb: tuple[int, int, int]
 
 
 @dataclass(frozen=True)
-class Subject:
-    """What a model is shown: the image with its object, and - for models that can use it - the depth.
+class ObservedObject:
+    """The model's input: the image with its object and, for models that use it, the depth.
 
     Attributes:
-        heights: the scene from above. ``masked``: the colour image with the background taken out (I_S of the paper).
-        background: the colour it was replaced by, far from the object's own colours.
-        base_from_color: where the camera stands.
-        rod: the colour to draw the rod in; nothing else in the image has it.
+        rgbd, scene: the crop around the object.
+        heights: the height map around the object. ``masked``: (H, W, 3) the object on the plain background (I_S of the
+            paper).
+        background: colour of that background, far from the object's own colours.
+        base_from_color: (4, 4) pose of the colour camera.
+        rod: the colour to draw the rod in; the object does not have it.
     """
 
     rgbd: Rgbd
@@ -54,10 +60,10 @@ class Subject:
 
 @dataclass(frozen=True)
 class GoalImage:
-    """An imagined goal: the image, and its depth where the model knows it.
+    """An imagined goal: the image, and its depth if the model provides it.
 
     Attributes:
-        image: (H, W, 3) RGB, in the observed image's frame.
+        image: (H, W, 3) RGB, aligned with the observed image.
         depth_m: (H, W) z-depth, rod included; None = it must be estimated.
     """
 
@@ -70,12 +76,12 @@ _NOTHING = Usage()
 
 @dataclass(frozen=True)
 class Answer:
-    """What a model gave for one step: words, or a picture.
+    """A model's answer to one step: text, or a picture.
 
     Attributes:
-        image_png: a picture of the window it was shown (`perception.geometry.window`), as it came; hosted models.
-        goal: the picture in the observed image's frame; embedded models.
-        attempts: how often it was asked.
+        image_png: a picture of the window it was shown (`perception.geometry.window`), unchanged; hosted models.
+        goal: the goal image, aligned with the observed image; embedded models.
+        attempts: number of requests that were made.
     """
 
     text: str = ""

@@ -1,8 +1,8 @@
 """Rounds the corners of a joint path: straight lines and tcp lines become one curve with continuous acceleration.
 
 The curve at arc length s is the average of the path over [s - w, s + w] with triangular weights (two boxes), so each
-corner is cut inside its own triangle and never overshot. The half width w(s) grows smoothly from 0 at the ends, so that
-these are exact, to its largest value at each corner.
+corner is cut inside its own triangle and never overshot. The half width w(s) grows smoothly from 0 at the ends, so
+that these are exact, to its largest value at each corner.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from bus.arrays import JointSamples
 Array = npt.NDArray[np.float64]
 
 CORNER_SHARE = 0.45
-"""How much of the shorter neighbour a corner may take; below 0.5, so that neighbouring corners stay apart."""
+"""Share of the shorter neighbour that a corner may take; below 0.5, so that neighbouring corners stay apart."""
 _DENSE_RAD = 0.002
 _SAMPLES = 301
 _SHORT_RAD = 1e-9
@@ -40,12 +40,12 @@ class Curve:
 
 
 def blended(pieces: Sequence[JointSamples], share: float = CORNER_SHARE) -> Curve:
-    """The path through ``pieces`` with its corners rounded.
+    """Return the path through ``pieces`` with its corners rounded.
 
     Args:
         pieces: each (m, 7), beginning where the one before ends; 2 rows are a straight joint line, more lie on a
             smooth curve.
-        share: of the shorter neighbour of each corner; 0 leaves the corners as they are.
+        share: of the shorter neighbour of each corner; 0 leaves the corners unchanged.
     """
     curves = [_dense(piece) for piece in pieces]
     lengths = np.array([curve[0][-1] for curve in curves])
@@ -65,7 +65,7 @@ def blended(pieces: Sequence[JointSamples], share: float = CORNER_SHARE) -> Curv
 
 
 def _dense(piece: JointSamples) -> tuple[Array, JointSamples]:
-    """Arc lengths and points along one piece, close enough to integrate."""
+    """Return arc lengths and points along one piece, close enough to integrate."""
     at = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(piece, axis=0), axis=1))])
     if len(piece) == 2 or at[-1] <= _SHORT_RAD:
         return at[[0, -1]], piece[[0, -1]]
@@ -74,7 +74,7 @@ def _dense(piece: JointSamples) -> tuple[Array, JointSamples]:
 
 
 def _half_width(at: Array, ends: Array, share: float) -> Array:
-    """w(s) (n,): ``share`` of the shorter neighbour at each corner, 0 at both ends, a smooth step between."""
+    """Return w(s) (n,): ``share`` of the shorter neighbour at each corner, 0 at both ends, a smooth step between."""
     lengths = np.diff(ends)
     at_ends = np.concatenate([[0.0], share * np.minimum(lengths[:-1], lengths[1:]), [0.0]])
     piece = np.clip(np.searchsorted(ends, at, side="right") - 1, 0, len(lengths) - 1)
@@ -84,7 +84,7 @@ def _half_width(at: Array, ends: Array, share: float) -> Array:
 
 
 def _averaged(s: Array, q: JointSamples, at: Array, width: Array) -> JointSamples:
-    """Triangular averages of the polyline ``q(s)`` over ``at`` +- ``width``, from its second antiderivative."""
+    """Return triangular averages of the polyline ``q(s)`` over ``at`` +- ``width``, from its second antiderivative."""
     ds = np.diff(s)[:, None]
     first = np.concatenate([np.zeros((1, 7)), np.cumsum(ds * (q[1:] + q[:-1]) / 2, axis=0)])
     second = np.concatenate([np.zeros((1, 7)), np.cumsum(ds * first[:-1] + ds**2 * (2 * q[:-1] + q[1:]) / 6, axis=0)])

@@ -1,4 +1,4 @@
-"""Ways to grasp, best first, and the arm configurations that can do them."""
+"""The grasp candidates, best first, and the arm configurations that reach them. Frames: docs/frames.md."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from planning.scene import FINGER_CLEARANCE_M
 from planning.search import LIMIT_MARGIN_RAD
 
 MAX_RAISE_M = 0.015
-"""How far a grasp may be raised to keep the finger tips off the table; more would miss the object."""
+"""Largest raise of a grasp that keeps the finger tips off the table; more would miss the object."""
 LIKE_M, LIKE_RAD = 0.012, 0.35
-"""Grasps nearer to each other, and with closing axes nearer to each other, are the same grasp once more."""
+"""Two grasps whose positions and closing axes differ by less are the same grasp."""
 _HALF_TURN = np.diag([-1.0, -1.0, 1.0, 1.0])
 
 
@@ -38,12 +38,15 @@ class Approach:
 
     @property
     def score(self) -> float:
-        """A tilted approach counts as its grasp seen from that far aside."""
+        """The grasp's score times the cosine of the tilt."""
         return self.grasp.score * float(np.cos(self.tilt_rad))
 
 
 def approaches(grasps: Sequence[Grasp], station: Station, left_out: Collection[int] = ()) -> list[Approach]:
-    """Every grasp from every direction, best first, but those ``left_out``."""
+    """Return every grasp from every direction, best first, without the indices in ``left_out``.
+
+    At most ``planning.max_approaches`` are returned.
+    """
     tilts_rad = np.radians(station.planning.tilts_deg)
     kept = [(i, grasp) for i, grasp in enumerate(grasps) if i not in left_out]
     every = [Approach(i, grasp, float(tilt)) for i, grasp in kept for tilt in tilts_rad]
@@ -51,15 +54,16 @@ def approaches(grasps: Sequence[Grasp], station: Station, left_out: Collection[i
 
 
 def is_like(base_from_tcp: Transform, other: Transform) -> bool:
-    """Whether two grasps close on the same place along the same axis; from where they approach does not matter."""
+    """Whether two grasps (4, 4) close at the same place along the same axis, whatever their approach direction."""
     away_m = float(np.linalg.norm(base_from_tcp[:3, 3] - other[:3, 3]))
     return away_m < LIKE_M and abs(float(base_from_tcp[:3, 1] @ other[:3, 1])) > np.cos(LIKE_RAD)
 
 
 def grasp_pose(approach: Approach, station: Station) -> Transform:
-    """base_from_tcp of an approach, raised as far as its finger tips need to clear the table.
+    """Return ``base_from_tcp`` (4, 4) of an approach, raised as far as its finger tips need to clear the table.
 
-    Raises: Infeasible: not a pose, wider than the jaw, or too low.
+    Raises:
+        Infeasible: the grasp is not a pose, wider than the jaw, or too low.
     """
     grasp = approach.grasp
     _require_pose(grasp)
@@ -74,7 +78,14 @@ def grasp_pose(approach: Approach, station: Station) -> Transform:
 
 
 def configurations(poses: Sequence[Transform], q_from_rad: Joints) -> Iterator[tuple[Joints, Transform]]:
-    """Arm configurations that bring the tcp to any of ``poses``, off the limits, the cheapest from here first."""
+    """Yield (q_rad (7,), pose) for every arm configuration that brings the tcp to one of ``poses``, cheapest first.
+
+    Configurations near a joint limit are left out.
+
+    Args:
+        poses: ``base_from_tcp``, each (4, 4).
+        q_from_rad: (7,) start, from which the cost counts.
+    """
     every = branches(flange_pose(np.stack(poses))[:, None], q7_grid())
     kept = limit_distance_rad(every) >= LIMIT_MARGIN_RAD
     q, owner = every[kept], np.nonzero(kept)[0]
@@ -83,7 +94,7 @@ def configurations(poses: Sequence[Transform], q_from_rad: Joints) -> Iterator[t
 
 
 def twins(base_from_tcp: Transform) -> list[Transform]:
-    """The pose and the one turned by half a turn about the approach: a parallel jaw does not mind."""
+    """Return the pose (4, 4) and the one half a turn about the approach axis away: a parallel hand has no front."""
     return [base_from_tcp, base_from_tcp @ _HALF_TURN]
 
 

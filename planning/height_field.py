@@ -1,8 +1,8 @@
-"""What the camera sees besides the target, as a height field: each cell is solid up to the highest point in it.
+"""Observed obstacles besides the target, as a height field: each cell is solid up to the highest point in it.
 
 A camera that looks down sees tops, not sides, and nothing behind an edge. So every column is filled from below, and
-between neighbouring pixels that lie apart in depth the line that joins them counts as seen: what an edge hides is
-taken for solid.
+the line between neighbouring pixels that lie apart in depth counts as observed: the space that an edge hides is taken
+for solid. Frames: docs/frames.md.
 """
 
 from __future__ import annotations
@@ -25,23 +25,23 @@ Mask = npt.NDArray[np.bool_]
 
 CELL_M = 0.005
 KNOWN_M = 0.012
-"""What is seen so near to a box of the station file is that box (depth noise, edges)."""
+"""Points so near to a box of the station file belong to that box (depth noise, edges)."""
 _NAME = "an observed obstacle"
 _BELOW_M = 0.05
 _MAX_SHEET_M = 1.0
 _ENOUGH_POINTS = 300
 _BESIDE_M = 0.002 * np.array([[-1, -1, 0], [-1, 1, 0], [1, -1, 0], [1, 1, 0]])
 _BESIDE_TARGET_PX = 2
-"""Depth at the target's outline mixes with what is behind it."""
+"""Depth at the target's outline mixes with the background's."""
 
 
 @dataclass(frozen=True, eq=False)
-class Field:
+class ObservedHeightField:
     """Heights over a grid of ``base`` x and y.
 
     Attributes:
         origin_m: (x, y) of node [0, 0]. ``height_m``: (ny, nx) [m] in ``base``; below the table where nothing is.
-        points: (n, 3) what was seen there, as it was seen, for a check of another kind.
+        points: (n, 3) the observed points [m] in ``base``, for the independent check of the gate.
     """
 
     origin_m: Array
@@ -50,7 +50,7 @@ class Field:
 
     @cached_property
     def thing(self) -> Thing:
-        """As an obstacle, filled down to the table."""
+        """The field as an obstacle, filled down to the table."""
         ny, nx = self.height_m.shape
         size = np.array([nx - 1, ny - 1]) * CELL_M
         pose = np.eye(4)
@@ -61,17 +61,17 @@ class Field:
 
     @cached_property
     def points_thing(self) -> Thing:
-        """The points alone, as an obstacle: each is a cube that reaches at most half its size above the point."""
+        """The points alone as an obstacle: each is a cube that reaches at most half its size above the point."""
         return Thing(_NAME, coal.makeOctree(self.points - [0.0, 0.0, CELL_M / 2], CELL_M))
 
 
-def observed_field(points_base: Points, target: Mask, boxes: Sequence[Box]) -> Field | None:
-    """The obstacles in one depth image; None when there is nothing but known boxes and the target.
+def observed_field(points_base: Points, target: Mask, boxes: Sequence[Box]) -> ObservedHeightField | None:
+    """Return the obstacles in one depth image; None when it shows only known boxes and the target.
 
     Args:
-        points_base: (H, W, 3) [m] in ``base``, NaN = no depth; neighbours that belong together are nearer than a cell.
+        points_base: (H, W, 3) [m] in ``base``, NaN = no depth; neighbours on one surface are nearer than a cell.
         target: (H, W) the object to be grasped.
-        boxes: what is known to stand there; the first is the table.
+        boxes: the known boxes; the first is the table.
     """
     around = ndimage.binary_dilation(target, iterations=_BESIDE_TARGET_PX)
     points = np.where(around[..., None], np.float32(np.inf), points_base)
@@ -86,13 +86,14 @@ def observed_field(points_base: Points, target: Mask, boxes: Sequence[Box]) -> F
     height_m = np.full((row.max() + 3, column.max() + 3), boxes[0].center_m[2] - boxes[0].size_m[2] / 2)
     for dr, dc in ((0, 0), (0, 1), (1, 0), (1, 1)):  # the corners of the point's cell
         np.maximum.at(height_m, (row + dr, column + dc), seen[:, 2])
-    return Field(low * CELL_M, height_m, seen)
+    return ObservedHeightField(low * CELL_M, height_m, seen)
 
 
 def _sheets(points: Points, table_m: float) -> Points:
-    """The points (n, 3) that join neighbours in a row of an image (H, W, 3) which lie apart and not both on the table.
+    """Return points (n, 3) on the lines between row neighbours of an image (H, W, 3) that lie apart.
 
-    A neighbour is the next pixel with depth; infinite points are the target, which joins nothing.
+    Pairs with both points on the table are left out. A neighbour is the next pixel with depth; infinite points are the
+    target, which joins nothing.
     """
     nothing = np.isnan(points[..., 2])
     last = np.maximum.accumulate(np.where(nothing, -1, np.arange(points.shape[1])), axis=1)
@@ -113,7 +114,7 @@ def _sheets(points: Points, table_m: float) -> Points:
 
 
 def _unknown(points: Array, boxes: Sequence[Box]) -> Array:
-    """Those that no known box explains."""
+    """Return the points outside every known box."""
     known = np.zeros(len(points), dtype=bool)
     for box in boxes:
         known |= (np.abs(points - box.center_m) <= np.array(box.size_m) / 2 + KNOWN_M).all(axis=1)
@@ -121,7 +122,7 @@ def _unknown(points: Array, boxes: Sequence[Box]) -> Array:
 
 
 def solid(points_base: Array, floor_m: float) -> coal.CollisionGeometry:
-    """The convex hull of points (n, 3) in ``base`` and of what is below them, down to the height ``floor_m``.
+    """Return the convex hull of points (n, 3) in ``base`` and of their projections onto the height ``floor_m``.
 
     It reaches 2 mm beyond the points on each side: depth pixels miss edges, and a single row of them is no solid.
     """
@@ -137,6 +138,6 @@ def solid(points_base: Array, floor_m: float) -> coal.CollisionGeometry:
     return mesh.convex
 
 
-def few(points: Array) -> Array:
-    """Some hundred of the points, evenly picked."""
+def subsample(points: Array) -> Array:
+    """Return about 300 of the points (n, 3), evenly picked."""
     return points[:: max(1, len(points) // _ENOUGH_POINTS)]

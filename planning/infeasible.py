@@ -1,4 +1,4 @@
-"""Why one way to do it does not work, while another may."""
+"""The error of one way to grasp that is not feasible, while another may be."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from bus.codes import Code
 
 
 class Infeasible(Exception):
-    """One way to do it does not work. ``code`` and ``reason`` go into the log.
+    """One way to grasp is not feasible. ``code`` and ``reason`` go into the log.
 
     Attributes:
-        by_hand: nor does any other way that brings the hand there.
+        by_hand: every other arm configuration with the same hand pose fails too.
     """
 
     def __init__(self, code: Code, reason: str, *, by_hand: bool = False) -> None:
@@ -23,7 +23,11 @@ class Infeasible(Exception):
 
 
 def summary(failures: Sequence[Infeasible], nothing: str) -> Infeasible:
-    """The most frequent of the reasons; what collides tells more than what cannot be reached."""
+    """Return the most frequent of the failures; collisions count before unreachable poses, since they tell more.
+
+    Args:
+        nothing: the reason when there are no failures.
+    """
     collisions = [f for f in failures if f.code is Code.COLLISION]
     if not failures:
         return Infeasible(Code.UNREACHABLE, nothing)

@@ -1,4 +1,4 @@
-"""Closed-form inverse kinematics of the FR3 over its one free joint, q7.
+"""Closed-form inverse kinematics of the FR3 over its one free joint, q7. Frames: docs/frames.md.
 
 Geometry after He & Liu, "Analytical Inverse Kinematics for Franka Emika Panda - a Geometrical Solver for 7-DOF
 Manipulators with Unconventional Design", ICCMA 2021. Shoulder S (joints 1-3 meet nearly there), elbow and wrist W lie
@@ -30,19 +30,24 @@ _DH = (
     (0, _RIGHT, 0),
     (A7, _RIGHT, 0),
 )
-"""(a, alpha, d) of each joint."""
+"""(a [m], alpha [rad], d [m]) of each joint."""
 
 _BEND = np.arctan2(D3, A4) + np.arctan2(D5, A4)  # angle S-elbow-W of the straight arm (q4 = 0)
 _UPPER_ARM, _FOREARM = np.hypot(D3, A4), np.hypot(D5, A4)
 
 
 def q7_grid(count: int = 61) -> Array:
-    """Evenly spaced values of q7 (count,) inside its limits."""
+    """Return evenly spaced values of q7 (count,) [rad] inside its limits."""
     return np.linspace(LOWER_RAD[6], UPPER_RAD[6], count)
 
 
 def inverse(base_from_flange: Transform, q7_rad: Array) -> JointSamples:
-    """All solutions (k, 7) inside the position limits, for the given values (n,) of q7."""
+    """Return all solutions (k, 7) inside the position limits.
+
+    Args:
+        base_from_flange: (4, 4).
+        q7_rad: (n,) values of q7 to solve for.
+    """
     q = branches(base_from_flange, q7_rad).reshape(-1, 7)
     with np.errstate(invalid="ignore"):
         inside = ((q >= LOWER_RAD) & (q <= UPPER_RAD)).all(axis=1)
@@ -50,7 +55,7 @@ def inverse(base_from_flange: Transform, q7_rad: Array) -> JointSamples:
 
 
 def branches(base_from_flange: Array, q7_rad: Array) -> Array:
-    """The four solutions of each pose, whether inside the limits or not.
+    """Return the four solutions of each pose, inside the position limits or not.
 
     Args:
         base_from_flange: (..., 4, 4).
@@ -83,7 +88,7 @@ def _dot(a: Array, b: Array) -> Array:
 
 
 def _wrist(base_from_flange: Array, q7_rad: Array) -> tuple[Array, Array, Array, Array]:
-    """q7, the x axis of link 6, the flange's z axis, and W - S; all broadcast."""
+    """Return q7, the x axis of link 6, the flange's z axis, and W - S; all broadcast."""
     shape = np.broadcast_shapes(base_from_flange.shape[:-2], q7_rad.shape)
     pose = np.broadcast_to(base_from_flange, (*shape, 4, 4))
     q7 = np.broadcast_to(q7_rad, shape)
@@ -94,7 +99,7 @@ def _wrist(base_from_flange: Array, q7_rad: Array) -> tuple[Array, Array, Array,
 
 
 def _elbow(wrist: Array) -> tuple[Array, Array, Array]:
-    """q4, and S in the x-y plane of the forearm frame, from W - S (..., 3)."""
+    """Return q4, and S in the x-y plane of the forearm frame, from W - S (..., 3)."""
     cosine = (_UPPER_ARM**2 + _FOREARM**2 - _dot(wrist, wrist)) / (2 * _UPPER_ARM * _FOREARM)
     q4 = np.arccos(np.where(np.abs(cosine) <= 1.0, cosine, np.nan)) + _BEND - 2 * np.pi
     sin4, cos4 = np.sin(q4), np.cos(q4)
@@ -102,7 +107,7 @@ def _elbow(wrist: Array) -> tuple[Array, Array, Array]:
 
 
 def _wrist_bend(x: Array, z: Array, wrist: Array, along_forearm: Array) -> Array:
-    """Both q6 (..., 2) that give S - W the component ``along_forearm`` along the forearm, ``sin q6 x - cos q6 z``."""
+    """Return both q6 (..., 2) that give S - W the component ``along_forearm`` on the forearm, sin q6 x - cos q6 z."""
     a, b = -_dot(x, wrist), _dot(z, wrist)
     cosine = along_forearm / np.hypot(a, b)
     half = np.arccos(np.where(np.abs(cosine) <= 1.0, cosine, np.nan))
@@ -111,7 +116,7 @@ def _wrist_bend(x: Array, z: Array, wrist: Array, along_forearm: Array) -> Array
 
 
 def _shoulder(x4: Array, y4: Array, z4: Array, q4: Array) -> tuple[Array, Array, Array]:
-    """Both (q1, q2, q3), each (..., 2, 2), from the forearm frame (..., 2, 3)."""
+    """Return both (q1, q2, q3), each (..., 2, 2), from the forearm frame (..., 2, 3)."""
     sin4, cos4 = np.sin(q4)[..., None], np.cos(q4)[..., None]
     x3, z3 = cos4 * x4 - sin4 * y4, sin4 * x4 + cos4 * y4
     up = np.arctan2(np.hypot(z3[..., 0], z3[..., 1]), z3[..., 2])
@@ -126,7 +131,7 @@ def _shoulder(x4: Array, y4: Array, z4: Array, q4: Array) -> tuple[Array, Array,
 
 
 def rest_to_rest_s(q_from_rad: Array, q_to_rad: Array) -> Array:
-    """Shortest time (...) of a joint motion (..., 7) from rest to rest at the limits of speed and acceleration."""
+    """Return the shortest time (...) [s] of a joint motion (..., 7) from rest to rest within speed and acceleration."""
     distance = np.abs(q_to_rad - q_from_rad)
     speed = velocity_bounds((LOWER_RAD + UPPER_RAD) / 2)[1]
     ramp = speed**2 / ACCELERATION_RAD_S2
@@ -135,19 +140,25 @@ def rest_to_rest_s(q_from_rad: Array, q_to_rad: Array) -> Array:
 
 
 def limit_distance_rad(q_rad: Array) -> Array:
-    """Distance (...) of the nearest joint of (..., 7) to its position limit; negative outside, NaN where q is."""
+    """Return the distance (...) of the nearest joint of (..., 7) to its position limit; negative outside.
+
+    It is NaN where ``q_rad`` is.
+    """
     return np.asarray(np.minimum(q_rad - LOWER_RAD, UPPER_RAD - q_rad).min(axis=-1))
 
 
 def cost(q_from_rad: Joints, q_rad: JointSamples) -> Array:
-    """Cost (k,) of solutions (k, 7), lower is better: time to get there, nearness of singularities and limits."""
+    """Return the cost (k,) of solutions (k, 7), lower is better.
+
+    It is the shortest travel time [s] plus penalties near singularities and near position limits.
+    """
     singular = np.maximum(0.0, 0.06 - manipulability(q_rad)) / 0.06
     near_limit = np.maximum(0.0, 0.1 - limit_distance_rad(q_rad)) / 0.1
     return np.asarray(rest_to_rest_s(q_from_rad, q_rad) + 0.3 * singular + 0.3 * near_limit)
 
 
 def manipulability(q_rad: JointSamples) -> Array:
-    """Yoshikawa's measure ``sqrt(det(J Jt))`` (n,) of the flange; 0 = singular. The tcp's is the same."""
+    """Return Yoshikawa's measure ``sqrt(det(J Jt))`` (n,) of the flange; 0 = singular. The tcp's is the same."""
     base_from_joint, flange_m = _chain(q_rad)
     axes, origins = base_from_joint[..., :3, 2], base_from_joint[..., :3, 3]
     jacobian = np.concatenate([np.cross(axes, flange_m[:, None] - origins), axes], axis=-1)
@@ -155,7 +166,7 @@ def manipulability(q_rad: JointSamples) -> Array:
 
 
 def _chain(q_rad: JointSamples) -> tuple[Array, Array]:
-    """Poses (n, 7, 4, 4) of the joint frames and positions (n, 3) of the flange."""
+    """Return poses (n, 7, 4, 4) of the joint frames and positions (n, 3) of the flange."""
     pose = np.broadcast_to(np.eye(4), (len(q_rad), 4, 4))
     frames = []
     for (a_m, alpha_rad, d_m), q in zip(_DH, q_rad.T, strict=True):

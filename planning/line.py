@@ -1,4 +1,4 @@
-"""Straight lines of the tcp, in joint space."""
+"""Straight lines of the tcp, in joint space. Frames: docs/frames.md."""
 
 from __future__ import annotations
 
@@ -14,13 +14,15 @@ _MAX_LINE_STEP_RAD = 0.25
 
 
 def tcp_line(q_from_rad: Joints, base_from_tcp: Transform, shift_m: Vector3) -> JointSamples | None:
-    """Joint path (n, 7) that moves the tcp straight by ``shift_m`` (3,) in ``base`` without turning it.
+    """Return the joint path (n, 7) that moves the tcp straight by ``shift_m`` (3,) in ``base`` without turning it.
 
-    q7 stays, and each step takes the nearest branch; None when the line leaves the reach or the limits, or when the
-    branch flips (a step above 0.25 rad).
+    q7 stays, and each step takes the nearest branch.
 
     Args:
-        q_from_rad: start; its tcp is at ``base_from_tcp``.
+        q_from_rad: (7,) start; its tcp is at ``base_from_tcp`` (4, 4).
+
+    Returns:
+        None when the line leaves the reach or the limits, or when the branch flips (a step above 0.25 rad).
     """
     count = int(np.ceil(np.linalg.norm(shift_m) / _LINE_STEP_M)) + 1
     poses = np.repeat(base_from_tcp[None], max(count, 5), axis=0)

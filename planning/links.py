@@ -1,4 +1,4 @@
-"""Where every part of the arm is, in its parent's frame: the tree of the robot's URDF, and the camera on its hand."""
+"""Poses of every part of the arm in its parent's frame: the URDF tree, and the camera on the hand (docs/frames.md)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from bus.arrays import Joints, Transform
 from planning.robot import Robot, hand_from_color
 
 CAMERA = "camera"
-"""Where the colour camera is now; ``color`` is where it was at the capture."""
+"""Frame of the colour camera now; ``color`` is its frame at the capture."""
 _TREE = (
     ("base", "fr3_link0"),
     *((f"fr3_link{n}", f"fr3_link{n + 1}") for n in range(8)),
@@ -29,7 +29,12 @@ class Links:
         self._hand_from_camera = hand_from_color(robot.station.camera)
 
     def at(self, q_rad: Joints, width_m: float) -> dict[tuple[str, str], Transform]:
-        """{(parent, child): parent_from_child (4, 4)} with the arm at ``q_rad`` and the fingers ``width_m`` apart."""
+        """Return {(parent, child): parent_from_child (4, 4) [m]}.
+
+        Args:
+            q_rad: (7,) of the arm.
+            width_m: distance between the finger pads.
+        """
         pin.forwardKinematics(self._model, self._data, np.concatenate([q_rad, [width_m / 2, width_m / 2]]))
         pin.updateFramePlacements(self._model, self._data)
         placed = {name: self._data.oMf[frame] for name, frame in self._frames.items()}

@@ -1,6 +1,6 @@
-"""One motion from rest to rest: find its way, round its corners, time it, and judge the commands before they leave.
+"""Plans one motion from rest to rest: find a path, round its corners, time it, and check its commands.
 
-Nothing else in `planning` makes a `Trajectory` that an arm will play.
+No other module of `planning` makes a `Trajectory` for an arm.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from planning.infeasible import Infeasible
 from planning.scene import Scene
 from planning.search import search
 from planning.timing import rest_to_rest, timed
-from planning.world import Touch
+from planning.world import Collision
 
 _CORNER_SHARES = (CORNER_SHARE, 0.25, 0.1, 0.02)
-"""Corners are cut less and less until nothing is touched."""
+"""Tried in this order: corners are cut less and less until the motion is free of collisions."""
 
 Allowed = Callable[[Joints], bool]
 
@@ -34,7 +34,8 @@ class Way:
     """A free joint path to one of several goals.
 
     Attributes:
-        goal: which. ``route``: how it was found. ``points_rad``: its vertices (n, 7), corners not yet rounded.
+        goal: index of the goal. ``route``: how the path was found.
+        points_rad: its vertices (n, 7), corners not yet rounded.
     """
 
     goal: int
@@ -42,38 +43,41 @@ class Way:
     points_rad: JointSamples
 
     def lines(self) -> list[JointSamples]:
-        """Its straight joint lines."""
+        """Return its straight joint lines, each (2, 7)."""
         return [self.points_rad[i : i + 2] for i in range(len(self.points_rad) - 1)]
 
 
 def connect(
     scene: Scene, q_from_rad: Joints, goals_rad: Sequence[Joints], width_m: float, allowed: Allowed | None = None
 ) -> Way:
-    """A free way to the first goal that a straight joint line reaches, else to any of them around the obstacles.
+    """Return a free path to the first goal that a straight joint line reaches, else around obstacles to any of them.
 
     Args:
+        q_from_rad: (7,) start.
+        goals_rad: goals, each (7,), the preferred one first.
         width_m: opening of the hand.
-        allowed: what else a searched path must keep to.
+        allowed: a further condition for configurations of a searched path.
 
-    Raises: Infeasible, naming what is in the way.
+    Raises:
+        Infeasible: COLLISION, naming the obstacle.
     """
-    touch: Touch | str = "no goal can be reached"
+    collision: Collision | str = "no goal can be reached"
     for index, goal in enumerate(goals_rad):
         line = np.stack([q_from_rad, goal])
-        blocked = scene.first_touch(line, width_m)
+        blocked = scene.first_collision(line, width_m)
         if blocked is None:
             return Way(index, "straight", line)
-        touch = blocked if index == 0 else touch
+        collision = blocked if index == 0 else collision
 
     def free(q: Joints) -> bool:
-        return (allowed is None or allowed(q)) and scene.touch(q, width_m) is None
+        return (allowed is None or allowed(q)) and scene.collision(q, width_m) is None
 
     for seed in range(scene.station.planning.searches):
         path = search(free, q_from_rad, goals_rad, seed)
-        if path is not None and scene.first_touch(path, width_m) is None:
+        if path is not None and scene.first_collision(path, width_m) is None:
             reached = int(np.argmin([np.abs(goal - path[-1]).max() for goal in goals_rad]))
             return Way(reached, "searched", np.concatenate([path[:-1], goals_rad[reached][None]]))
-    raise Infeasible(Code.COLLISION, f"no way around: {touch}")
+    raise Infeasible(Code.COLLISION, f"no way around: {collision}")
 
 
 def motion(
@@ -85,38 +89,47 @@ def motion(
     *,
     leaving: Scene | None = None,
 ) -> Segment:
-    """The motion along ``pieces``, which hold ``way`` and the tcp lines before or after it, each of them free.
+    """Return the motion along ``pieces``: the lines of ``way`` and the tcp lines before or after it, each of them free.
 
     Args:
-        leaving: the scene that counts instead on the first piece, until its corner.
+        pieces: each (m, 7), beginning where the one before ends.
+        width_m: opening of the hand.
+        leaving: the scene that applies on the first piece instead, until its corner.
 
-    Raises: Infeasible: a limit, or what would be touched.
+    Raises:
+        Infeasible: UNREACHABLE names the limit, COLLISION the pair that would touch.
     """
-    touch: Touch | None = None
+    collision: Collision | None = None
     for share in _CORNER_SHARES:
         curve = blended(pieces, share)
-        touch = _bends_touch(curve, scene, width_m)
-        if touch is None:
+        collision = _bends_touch(curve, scene, width_m)
+        if collision is None:
             trajectory = _timed(name, scene, curve)
-            touch = _gate(trajectory, curve, scene, leaving, width_m)
-            if touch is None:
+            collision = _gate(trajectory, curve, scene, leaving, width_m)
+            if collision is None:
                 return Segment(name=name, route=way.route, trajectory=trajectory)
-    raise Infeasible(Code.COLLISION, f"{name}: {touch}")
+    raise Infeasible(Code.COLLISION, f"{name}: {collision}")
 
 
 def move(scene: Scene, q_from_rad: Joints, q_to_rad: Joints) -> Trajectory:
-    """From rest to rest with the hand as wide as it may be: a straight joint line, or else around what is in the way.
+    """Return a motion from rest to rest between two configurations (7,) with the hand fully open.
 
-    Raises: CycleFailure: COLLISION, naming what is touched; MOTION_REFUSED outside the limits.
+    It is a straight joint line, or else a path around the obstacles.
+
+    Raises:
+        CycleFailure: COLLISION, naming the obstacle; MOTION_REFUSED or UNREACHABLE outside the limits.
     """
     width_m = scene.station.hand.max_width_m
     trajectory = rest_to_rest(scene.station, q_from_rad, q_to_rad)
-    if scene.gate(trajectory.filtered(), width_m) is None and scene.first_touch(trajectory.raw_q_rad, width_m) is None:
+    if (
+        scene.gate(trajectory.filtered(), width_m) is None
+        and scene.first_collision(trajectory.raw_q_rad, width_m) is None
+    ):
         return trajectory
     for q_rad, which in ((q_from_rad, "cannot start"), (q_to_rad, "cannot end")):
-        touch = scene.touch(q_rad, width_m)
-        if touch is not None:
-            raise CycleFailure(Code.COLLISION, f"The move {which} where it is told to: {touch}.")
+        collision = scene.collision(q_rad, width_m)
+        if collision is not None:
+            raise CycleFailure(Code.COLLISION, f"The move {which} where it is told to: {collision}.")
     try:
         way = connect(scene, q_from_rad, [q_to_rad], width_m)
         return motion("home", way, way.lines(), scene, width_m).trajectory
@@ -124,16 +137,18 @@ def move(scene: Scene, q_from_rad: Joints, q_to_rad: Joints) -> Trajectory:
         raise CycleFailure(why.code, f"There is no way from here: {why.reason}.") from why
 
 
-def _bends_touch(curve: Curve, scene: Scene, width_m: float) -> Touch | None:
+def _bends_touch(curve: Curve, scene: Scene, width_m: float) -> Collision | None:
     for begin, end in curve.bends:
-        touch = scene.first_touch(curve.points_rad[begin : end + 1], width_m)
-        if touch is not None:
-            return touch
+        collision = scene.first_collision(curve.points_rad[begin : end + 1], width_m)
+        if collision is not None:
+            return collision
     return None
 
 
-def _gate(trajectory: Trajectory, curve: Curve, scene: Scene, leaving: Scene | None, width_m: float) -> Touch | None:
-    """The independent judgement of the very commands that will be sent."""
+def _gate(
+    trajectory: Trajectory, curve: Curve, scene: Scene, leaving: Scene | None, width_m: float
+) -> Collision | None:
+    """Check the very commands that will be sent, with the scene's independent shapes."""
     commands = trajectory.filtered()
     if leaving is None:
         return scene.gate(commands, width_m)

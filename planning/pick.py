@@ -1,8 +1,9 @@
-"""From ranked grasps to every motion of one pick.
+"""Plans every motion of one pick from ranked grasps.
 
-``reach`` the object along the approach line, ``carry`` it up the lift line to where it is looked at again, ``place`` it
-above the tray and down, and ``home``. The first way to grasp for which all four are free and within the limits is
-taken; every way before it keeps the reason why not. Same inputs, same bits.
+``reach`` goes to the object along the approach line, ``carry`` up the lift line to the viewpoint of the second
+capture, ``place`` above the tray and down, and ``home`` back. The first way to grasp for which all four are free and
+within the limits is taken; every earlier one keeps the reason of its rejection. Same inputs, same bits.
+Explanation: docs/planning.md; frames: docs/frames.md.
 """
 
 from __future__ import annotations
@@ -21,27 +22,28 @@ from bus.messages import Grasp, PickPlan, Segment
 from bus.rejection import Rejection
 from config.limits import outside
 from planning.candidates import Approach, approaches, configurations, grasp_pose, is_like
-from planning.carry import steady, upright
+from planning.carry import keeps_level, within_max_tilt
 from planning.infeasible import Infeasible
 from planning.motion import Way, connect, motion
-from planning.pregrasp import Landing, above_tray, before_grasp, first_that_works, opening_m, shifted, ways
+from planning.pregrasp import Pregrasp, first_that_works, opening_m, pregrasps_of, preplaces, shifted, ways
 from planning.scene import Scene
 
 Array = npt.NDArray[np.float64]
 
-_EXAMINED = 16  # arm configurations tried for a place to look from
+_EXAMINED = 16  # arm configurations tried for a viewpoint
 
 
 def plan_pick(scene: Scene, grasps: Sequence[Grasp], q_now_rad: Joints, missed: Sequence[Transform] = ()) -> PickPlan:
     """Choose the first feasible of ``grasps`` (best first) and plan every motion of its pick.
 
     Args:
-        q_now_rad: where the arm rests now.
-        missed: base_from_tcp of grasps that closed on nothing before: whatever is like one of them is left out.
+        scene: the obstacles, the robot and its station.
+        q_now_rad: (7,) the arm's position at rest.
+        missed: ``base_from_tcp`` (4, 4) of grasps that closed on nothing before; grasps like them are left out.
 
     Raises:
-        CycleFailure: NO_GRASP without grasps, or when all have missed; MOTION_REFUSED or COLLISION when the arm cannot
-            start from here; UNREACHABLE or COLLISION when no grasp is feasible. It lists what was rejected.
+        CycleFailure: NO_GRASP without grasps, or when all are like a missed one; MOTION_REFUSED or COLLISION when the
+            arm cannot start from here; UNREACHABLE or COLLISION when no grasp is feasible, with the rejected ones.
     """
     _check_start(scene, q_now_rad)
     if not grasps:
@@ -68,7 +70,7 @@ def plan_pick(scene: Scene, grasps: Sequence[Grasp], q_now_rad: Joints, missed: 
 
 
 def plan_approach(scene: Scene, approach: Approach, q_now_rad: Joints) -> tuple[Segment, ...]:
-    """Every motion of the pick by one approach. Raises: Infeasible."""
+    """Plan every motion of the pick by one approach, from ``q_now_rad`` (7,). Raises: Infeasible."""
     base_from_tcp = grasp_pose(approach, scene.station)
     view_q = _view_configuration(scene.empty(), base_from_tcp[:3, 3])
     reach, carry, grasped_at = _reach_and_carry(scene, approach.grasp, base_from_tcp, q_now_rad, view_q)
@@ -77,10 +79,10 @@ def plan_approach(scene: Scene, approach: Approach, q_now_rad: Joints) -> tuple[
 
 
 def plan_reach(scene: Scene, approach: Approach, q_now_rad: Joints) -> Segment:
-    """Only the first motion. Raises: Infeasible."""
+    """Plan only the first motion, from ``q_now_rad`` (7,). Raises: Infeasible."""
     grasp, base_from_tcp = approach.grasp, grasp_pose(approach, scene.station)
     ways_to_grasp = _ways_to_grasp(scene, grasp, base_from_tcp, q_now_rad, lambda _: True)
-    return first_that_works(ways_to_grasp, lambda way, landing: _reach(scene, grasp, way, landing))
+    return first_that_works(ways_to_grasp, lambda way, pregrasp: _reach(scene, grasp, way, pregrasp))
 
 
 def _check_start(scene: Scene, q_now_rad: Joints) -> None:
@@ -89,9 +91,9 @@ def _check_start(scene: Scene, q_now_rad: Joints) -> None:
     beyond = outside(q_now_rad)
     if beyond is not None:
         raise CycleFailure(Code.MOTION_REFUSED, f"The arm cannot start from where it is: {beyond}.")
-    touch = scene.touch(q_now_rad, scene.station.hand.max_width_m)
-    if touch is not None:
-        raise CycleFailure(Code.COLLISION, f"The arm cannot start from where it is: {touch}.")
+    collision = scene.collision(q_now_rad, scene.station.hand.max_width_m)
+    if collision is not None:
+        raise CycleFailure(Code.COLLISION, f"The arm cannot start from where it is: {collision}.")
 
 
 def _none_feasible(rejected: Sequence[Rejection]) -> CycleFailure:
@@ -107,39 +109,39 @@ def _none_feasible(rejected: Sequence[Rejection]) -> CycleFailure:
 def _reach_and_carry(
     scene: Scene, grasp: Grasp, base_from_tcp: Transform, q_now_rad: Joints, view_q: Joints
 ) -> tuple[Segment, Segment, Transform]:
-    """The first two motions, and where the tcp really grasps: at the pose asked for, or half a turn from it."""
+    """Plan the first two motions; also return ``base_from_tcp`` of the grasp: as given, or half a turn from it."""
 
-    def calm(landing: Landing) -> bool:
-        return steady(scene.robot, landing.leave_rad[-1], view_q)
+    def calm(pregrasp: Pregrasp) -> bool:
+        return keeps_level(scene.robot, pregrasp.leave_rad[-1], view_q)
 
-    def make(way: Way, landing: Landing) -> tuple[Segment, Segment, Transform]:
-        grasped_at = scene.robot.base_from_tcp(landing.line_rad[-1])
-        reach = _reach(scene, grasp, way, landing)
-        return reach, _carry(scene, scene.holding(grasped_at), grasp, landing, view_q), grasped_at
+    def make(way: Way, pregrasp: Pregrasp) -> tuple[Segment, Segment, Transform]:
+        grasped_at = scene.robot.base_from_tcp(pregrasp.line_rad[-1])
+        reach = _reach(scene, grasp, way, pregrasp)
+        return reach, _carry(scene, scene.holding(grasped_at), grasp, pregrasp, view_q), grasped_at
 
     return first_that_works(_ways_to_grasp(scene, grasp, base_from_tcp, q_now_rad, calm), make)
 
 
 def _ways_to_grasp(
-    scene: Scene, grasp: Grasp, base_from_tcp: Transform, q_now_rad: Joints, calm: Callable[[Landing], bool]
-) -> Iterator[tuple[Way, Landing]]:
-    landings = before_grasp(scene, grasp, base_from_tcp, q_now_rad)
-    return ways(scene, q_now_rad, landings, opening_m(grasp, scene.station), calm)
+    scene: Scene, grasp: Grasp, base_from_tcp: Transform, q_now_rad: Joints, calm: Callable[[Pregrasp], bool]
+) -> Iterator[tuple[Way, Pregrasp]]:
+    pregrasps = pregrasps_of(scene, grasp, base_from_tcp, q_now_rad)
+    return ways(scene, q_now_rad, pregrasps, opening_m(grasp, scene.station), calm)
 
 
-def _reach(scene: Scene, grasp: Grasp, way: Way, landing: Landing) -> Segment:
-    return motion("reach", way, [*way.lines(), landing.line_rad], scene, opening_m(grasp, scene.station))
+def _reach(scene: Scene, grasp: Grasp, way: Way, pregrasp: Pregrasp) -> Segment:
+    return motion("reach", way, [*way.lines(), pregrasp.line_rad], scene, opening_m(grasp, scene.station))
 
 
-def _carry(scene: Scene, holding: Scene, grasp: Grasp, landing: Landing, view_q: Joints) -> Segment:
-    lift = landing.leave_rad
-    may = upright(scene.robot, lift[-1], view_q)
+def _carry(scene: Scene, holding: Scene, grasp: Grasp, pregrasp: Pregrasp, view_q: Joints) -> Segment:
+    lift = pregrasp.leave_rad
+    may = within_max_tilt(scene.robot, lift[-1], view_q)
     way = connect(holding, lift[-1], [view_q], grasp.width_m, may)
     return motion("carry", way, [lift, *way.lines()], holding, grasp.width_m, leaving=scene.empty())
 
 
 def _view_configuration(scene: Scene, object_m: Array) -> Joints:
-    """From where to look again: the capture pose moved aside, the first way the arm reaches; else the pose itself."""
+    """Return the viewpoint of the second capture: the first reachable pose aside of the capture pose, else that one."""
     robot, station = scene.robot, scene.station
     capture_q = np.array(station.arm.capture_q_rad)
     camera_m = robot.base_from_color(capture_q)[:2, 3]
@@ -147,7 +149,7 @@ def _view_configuration(scene: Scene, object_m: Array) -> Joints:
         shift_m = np.append(object_m[:2] + aside_m - camera_m, 0.0)
         pose = shifted(robot.base_from_tcp(capture_q), shift_m)
         for q, _ in islice(configurations([pose], capture_q), _EXAMINED):
-            if scene.touch(q, station.hand.max_width_m) is None:
+            if scene.collision(q, station.hand.max_width_m) is None:
                 return q
     return capture_q
 
@@ -161,14 +163,14 @@ def _place_and_home(
     station, empty, robot = holding.station, holding.empty(), holding.robot
     capture_q, wide_m = np.array(station.arm.capture_q_rad), station.hand.max_width_m
 
-    def calm(landing: Landing) -> bool:
-        return steady(robot, view_q, landing.q_rad)
+    def calm(pregrasp: Pregrasp) -> bool:
+        return keeps_level(robot, view_q, pregrasp.q_rad)
 
-    def make(way: Way, landing: Landing) -> tuple[Segment, Segment]:
-        place = motion("place", way, [*way.lines(), landing.line_rad], holding, grasp.width_m)
-        back = connect(empty, landing.leave_rad[-1], [capture_q], wide_m)
-        return place, motion("home", back, [landing.leave_rad, *back.lines()], empty, wide_m)
+    def make(way: Way, pregrasp: Pregrasp) -> tuple[Segment, Segment]:
+        place = motion("place", way, [*way.lines(), pregrasp.line_rad], holding, grasp.width_m)
+        back = connect(empty, pregrasp.leave_rad[-1], [capture_q], wide_m)
+        return place, motion("home", back, [pregrasp.leave_rad, *back.lines()], empty, wide_m)
 
-    landings = above_tray(holding, grasp, base_from_tcp_rotation, view_q)
-    may = upright(robot, view_q, view_q)
-    return first_that_works(ways(holding, view_q, landings, grasp.width_m, calm, may), make)
+    pregrasps = preplaces(holding, grasp, base_from_tcp_rotation, view_q)
+    may = within_max_tilt(robot, view_q, view_q)
+    return first_that_works(ways(holding, view_q, pregrasps, grasp.width_m, calm, may), make)

@@ -1,4 +1,7 @@
-"""Where free paths may end: arm configurations from which a straight line of the tcp is free, down and up again."""
+"""Pregrasps: arm configurations at the end of a free path, from which a straight tcp line down and up again is free.
+
+Frames: docs/frames.md.
+"""
 
 from __future__ import annotations
 
@@ -25,16 +28,16 @@ MadeT = TypeVar("MadeT")
 LOWER_M = 0.05
 """Height above the place point from which the object is lowered, and to which the hand retreats."""
 _KEPT = 4
-"""So many landings are collected before a path around the obstacles is looked for."""
+"""Number of pregrasps collected before a path around the obstacles is searched."""
 _PLACE_YAWS_RAD = np.arange(12) * np.pi / 6
 
 
 @dataclass(frozen=True)
-class Landing:
+class Pregrasp:
     """An arm configuration from which a tcp line is free.
 
     Attributes:
-        q_rad: where the free path may end. ``line_rad``: the line (n, 7) from there.
+        q_rad: (7,) end of the free path. ``line_rad``: the line (n, 7) from there.
         leave_rad: the line (m, 7) by which the hand leaves again.
     """
 
@@ -44,14 +47,19 @@ class Landing:
 
 
 def opening_m(grasp: Grasp, station: Station) -> float:
-    """How wide the hand is while it reaches."""
+    """Return the opening of the hand while it reaches [m]."""
     return min(grasp.opening_m, station.hand.max_width_m)
 
 
-def before_grasp(
+def pregrasps_of(
     scene: Scene, grasp: Grasp, base_from_tcp: Transform, q_now_rad: Joints
-) -> Iterator[Landing | Infeasible]:
-    """Where the free path may end: before the grasp, with a free approach line and a free lift line."""
+) -> Iterator[Pregrasp | Infeasible]:
+    """Yield pregrasps before the grasp, with a free approach line and a free lift line, or the reason against one.
+
+    Args:
+        base_from_tcp: (4, 4) of the grasp.
+        q_now_rad: (7,) start; the cheapest configurations from there come first.
+    """
     station = scene.station
     back_m = -station.planning.approach_m * base_from_tcp[:3, 2]
     up_m = np.array([0.0, 0.0, station.planning.lift_m])
@@ -72,13 +80,18 @@ def before_grasp(
                 jammed[id(before)] = why
             yield why
         else:
-            yield Landing(q, approach, lift)
+            yield Pregrasp(q, approach, lift)
 
 
-def above_tray(
+def preplaces(
     holding: Scene, grasp: Grasp, base_from_tcp_rotation: Array, view_q: Joints
-) -> Iterator[Landing | Infeasible]:
-    """Above the tray, with a free line down and up again; the object keeps its tilt, its yaw is free."""
+) -> Iterator[Pregrasp | Infeasible]:
+    """Yield pregrasps above the tray, with a free line down and up again, or the reason against one.
+
+    Args:
+        base_from_tcp_rotation: (3, 3) of the grasp: the object keeps its tilt, its yaw is free.
+        view_q: (7,) start; the cheapest configurations from there come first.
+    """
     station = holding.station
     down_m = np.array([0.0, 0.0, -LOWER_M])
     above_m = np.array(station.scene.place_m) - down_m
@@ -92,16 +105,20 @@ def above_tray(
         except Infeasible as why:
             yield why
         else:
-            yield Landing(q, lower, lower[::-1])
+            yield Pregrasp(q, lower, lower[::-1])
 
 
-def first_that_works(ways: Iterator[tuple[Way, Landing]], make: Callable[[Way, Landing], MadeT]) -> MadeT:
-    """What ``make`` makes of the first way of which it can. Raises: Infeasible, with the most frequent reason."""
+def first_that_works(ways: Iterator[tuple[Way, Pregrasp]], make: Callable[[Way, Pregrasp], MadeT]) -> MadeT:
+    """Return ``make(way, pregrasp)`` of the first pair for which it succeeds.
+
+    Raises:
+        Infeasible: none succeeds; with the most frequent reason.
+    """
     failures: list[Infeasible] = []
     try:
-        for way, landing in ways:
+        for way, pregrasp in ways:
             try:
-                return make(way, landing)
+                return make(way, pregrasp)
             except Infeasible as why:
                 failures.append(why)
     except Infeasible as why:
@@ -112,25 +129,32 @@ def first_that_works(ways: Iterator[tuple[Way, Landing]], make: Callable[[Way, L
 def ways(
     scene: Scene,
     q_from_rad: Joints,
-    landings: Iterator[Landing | Infeasible],
+    pregrasps: Iterator[Pregrasp | Infeasible],
     width_m: float,
-    calm: Callable[[Landing], bool],
+    calm: Callable[[Pregrasp], bool],
     allowed: Allowed | None = None,
-) -> Iterator[tuple[Way, Landing]]:
-    """Straight ways to calm landings; then ways around the obstacles to one; then any way to any landing.
+) -> Iterator[tuple[Way, Pregrasp]]:
+    """Yield straight paths to calm pregrasps; then a path around the obstacles to a calm one; then any path to any.
 
-    Raises: Infeasible at the end, when there was none.
+    Args:
+        q_from_rad: (7,) start.
+        width_m: opening of the hand.
+        calm: whether the motion after a pregrasp keeps the held object level.
+        allowed: a further condition for configurations of a searched path.
+
+    Raises:
+        Infeasible: at the end, with the most frequent reason.
     """
     failures: list[Infeasible] = []
-    kept: list[tuple[Landing, bool]] = []
-    for landing in landings:
-        if isinstance(landing, Infeasible):
-            failures.append(landing)
+    kept: list[tuple[Pregrasp, bool]] = []
+    for pregrasp in pregrasps:
+        if isinstance(pregrasp, Infeasible):
+            failures.append(pregrasp)
             continue
-        kept.append((landing, calm(landing)))
-        line = np.stack([q_from_rad, landing.q_rad])
-        if kept[-1][1] and scene.first_touch(line, width_m) is None:
-            yield Way(0, "straight", line), landing
+        kept.append((pregrasp, calm(pregrasp)))
+        line = np.stack([q_from_rad, pregrasp.q_rad])
+        if kept[-1][1] and scene.first_collision(line, width_m) is None:
+            yield Way(0, "straight", line), pregrasp
         if len(kept) == _KEPT:
             break
     calm_ones, every = [one for one, is_calm in kept if is_calm], [one for one, _ in kept]
@@ -152,18 +176,19 @@ def _line(name: str, q_from_rad: Joints, base_from_tcp: Transform, shift_m: Arra
 
 
 def _require_untouched(name: str, scene: Scene, q_rad: Joints, width_m: float) -> None:
-    touch = scene.touch(q_rad, width_m)
-    if touch is not None:
-        raise Infeasible(Code.COLLISION, f"{name}: {touch}", by_hand=touch.by_hand)
+    collision = scene.collision(q_rad, width_m)
+    if collision is not None:
+        raise Infeasible(Code.COLLISION, f"{name}: {collision}", by_hand=collision.by_hand)
 
 
 def _require_free(name: str, scene: Scene, points_rad: JointSamples, width_m: float) -> None:
-    touch = scene.first_touch(points_rad, width_m)
-    if touch is not None:
-        raise Infeasible(Code.COLLISION, f"{name}: {touch}", by_hand=touch.by_hand)
+    collision = scene.first_collision(points_rad, width_m)
+    if collision is not None:
+        raise Infeasible(Code.COLLISION, f"{name}: {collision}", by_hand=collision.by_hand)
 
 
 def shifted(pose: Transform, shift_m: Array) -> Transform:
+    """Return the pose (4, 4) moved by ``shift_m`` (3,) in its parent's frame."""
     return _posed(pose[:3, :3], pose[:3, 3] + shift_m)
 
 

@@ -1,4 +1,4 @@
-"""The arm with its hand and wrist camera: forward kinematics, forces, and the shapes of its parts.
+"""The arm with its hand and wrist camera: forward kinematics, forces, and the shapes of its parts (docs/frames.md).
 
 Model: franka_description's FR3 with the Franka Hand (the ``franky_sim`` wheel's URDF and collision meshes).
 """
@@ -22,11 +22,11 @@ from config.schema import CameraSettings, Station
 Array = npt.NDArray[np.float64]
 
 HAND_FROM_TCP_M = 0.1034
-"""From the hand's origin to the tcp, along the approach axis (Franka Hand manual; URDF frame ``fr3_hand_tcp``)."""
+"""Distance from the hand's origin to the tcp along the approach axis (Franka Hand manual; URDF ``fr3_hand_tcp``)."""
 FINGER_TIP_M = 0.0095
-"""How far the finger tips reach beyond the tcp (URDF: 0.0584 + 0.0545 - 0.1034 m)."""
+"""Distance of the finger tips beyond the tcp (URDF: 0.0584 + 0.0545 - 0.1034 m)."""
 FINGER_TIP_SIZE_M = (0.0175, 0.0152)
-"""Finger tip across and along the closing axis, outward from the pad (URDF)."""
+"""Size of a finger tip across and along the closing axis, outward from the pad (URDF)."""
 CAMERA_SIZE_M = (0.095, 0.030, 0.032)
 """Housing of the wrist camera in its colour frame; its front is 5 mm before the frame's origin."""
 _TCP_FROM_FLANGE = np.array(
@@ -36,13 +36,13 @@ _TCP_FROM_FLANGE = np.array(
 
 
 class Robot:
-    """The FR3 of one station. Not thread-safe: queries share their working memory.
+    """The FR3 of one station. Not thread-safe: its methods share working memory.
 
     Args:
-        station: the camera's pose and the hand's width are read from it.
+        station: gives the camera's pose and the hand's width.
 
     Attributes:
-        model: Pinocchio's, seven arm joints and two finger joints.
+        model: of Pinocchio, with seven arm joints and two finger joints.
     """
 
     def __init__(self, station: Station) -> None:
@@ -60,30 +60,30 @@ class Robot:
     # --- kinematics -------------------------------------------------------------------------------------------------
 
     def base_from_flange(self, q_rad: Joints) -> Transform:
-        """Pose (4, 4) of the flange (URDF ``fr3_link8``)."""
+        """Return the pose (4, 4) [m] of the flange (URDF ``fr3_link8``)."""
         return self._frame(q_rad, self._flange)
 
     def base_from_hand(self, q_rad: Joints) -> Transform:
-        """Pose (4, 4) of the hand; z = approach, y = closing axis."""
+        """Return the pose (4, 4) [m] of the hand; z = approach, y = closing axis."""
         return self._frame(q_rad, self.hand_frame)
 
     def base_from_tcp(self, q_rad: Joints) -> Transform:
-        """Pose (4, 4) of the tcp, between the finger pads."""
+        """Return the pose (4, 4) [m] of the tcp, between the finger pads."""
         return self._frame(q_rad, self._tcp)
 
     def base_from_color(self, q_rad: Joints) -> Transform:
-        """Pose of the wrist camera's colour (optical) frame."""
+        """Return the pose (4, 4) [m] of the wrist camera's colour (optical) frame."""
         return np.asarray(self.base_from_hand(q_rad) @ self._hand_from_color)
 
     def jacobian(self, q_rad: Joints) -> Array:
-        """(6, 7): tcp velocity (linear, then angular) in ``base`` axes, from joint velocities."""
+        """Return the Jacobian (6, 7): joint velocities to tcp velocity (linear, then angular) in ``base`` axes."""
         full = pin.computeFrameJacobian(
             self.model, self._data, self._with_fingers(q_rad), self._tcp, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         )
         return np.array(full[:, :7])
 
     def tcp_force_n(self, q_rad: Joints, tau_ext_nm: Joints) -> Vector3:
-        """The force (3,) in ``base`` that acts on the tcp, from the joint torques it causes (least squares)."""
+        """Return the force (3,) [N] in ``base`` on the tcp that explains external joint torques (7,), least squares."""
         wrench, *_ = np.linalg.lstsq(self.jacobian(q_rad).T, np.asarray(tau_ext_nm), rcond=None)
         return np.asarray(wrench[:3])
 
@@ -103,7 +103,7 @@ class Robot:
 
     @cached_property
     def hulls(self) -> tuple[pin.GeometryObject, ...]:
-        """The same as convex hulls: they contain the meshes, and are faster to keep away from."""
+        """The same parts as convex hulls: they contain the meshes, and distances to them are faster to check."""
         hulls = []
         for part in self.meshes:
             hull = part.copy()
@@ -114,7 +114,7 @@ class Robot:
         return tuple(hulls)
 
     def on_hand(self, name: str, shape: coal.CollisionGeometry, hand_from_shape: Transform) -> pin.GeometryObject:
-        """A shape that moves with the hand."""
+        """Return a shape that moves with the hand, at ``hand_from_shape`` (4, 4)."""
         frame = self.model.frames[self.hand_frame]
         placement = frame.placement * pin.SE3(hand_from_shape)
         return pin.GeometryObject(name, frame.parentJoint, self.hand_frame, placement, shape)
@@ -126,16 +126,16 @@ class Robot:
 
 
 def flange_pose(base_from_tcp: Array) -> Array:
-    """Flange poses (..., 4, 4) that bring the tcp to ``base_from_tcp`` (..., 4, 4)."""
+    """Return the flange poses (..., 4, 4) that bring the tcp to ``base_from_tcp`` (..., 4, 4)."""
     return np.asarray(base_from_tcp @ _TCP_FROM_FLANGE)
 
 
 def hand_from_color(camera: CameraSettings) -> Transform:
-    """Pose of the colour camera in the hand frame."""
+    """Return the pose (4, 4) [m] of the colour camera in the hand frame."""
     return from_wxyz(camera.hand_from_color_wxyz, camera.hand_from_color_position_m)
 
 
 def part_name(geometry: str) -> str:
-    """``fr3_rightfinger_2`` -> ``right finger``, ``fr3_link4_0`` -> ``link 4``."""
+    """Return the readable name of a part: ``fr3_rightfinger_2`` -> ``right finger``, ``fr3_link4_0`` -> ``link 4``."""
     stem = re.sub(r"^fr3_|_\d+$", "", geometry)
     return re.sub(r"(link)(\d)", r"\1 \2", re.sub(r"(left|right)(finger)", r"\1 \2", stem))

@@ -1,7 +1,7 @@
-"""What stands around the arm during one pick, and whether a path through it is free.
+"""The obstacles of one pick, and collision checks of paths among them. Frames: docs/frames.md.
 
-Known boxes come from the station, other obstacles from the camera, and once something is held it moves along. Plans
-are made with the convex hulls of the robot's parts; `Scene.gate` is built from other shapes to judge them.
+Known boxes come from the station, other obstacles from the camera; a held object moves with the hand. Plans are made
+with the convex hulls of the robot's parts; `Scene.gate` checks them with other shapes.
 """
 
 from __future__ import annotations
@@ -19,28 +19,28 @@ from bus.arrays import Joints, JointSamples, Points, Transform
 from bus.cancel import Cancel
 from config.scene import scene_boxes
 from config.schema import Box, Station
-from planning.height_field import Field, few, observed_field, solid
+from planning.height_field import ObservedHeightField, observed_field, solid, subsample
 from planning.robot import HAND_FROM_TCP_M, Robot
-from planning.world import FINGERS, Thing, Touch, World, held_thing
+from planning.world import FINGERS, Collision, Thing, World, held_thing
 
 Array = npt.NDArray[np.float64]
 
 FINGER_CLEARANCE_M = 0.002
-"""How near the fingers may come to things: they work where objects lie."""
+"""Clearance of the fingers: smaller than the rest's, because they work between objects."""
 _CHECK_STEP_M = 0.003
 _RESIDUAL_M = 0.0025
 _FEWEST_POINTS = 20
 _COARSE_M = 0.025
-"""Nothing within this: no finer check is needed as far as no point of the robot moves farther."""
+"""Where nothing is within this distance, no finer check is needed until a point of the robot has moved so far."""
 _GATE_TICKS = 8
 _GATE_MARGIN_M = 0.001
 _LEVER_M = np.array([1.15, 1.15, 0.95, 0.85, 0.45, 0.40, 0.20])
-"""Farthest that a point of arm, hand or camera can be from each joint's axis."""
+"""Largest distance of any point of arm, hand or camera from each joint's axis."""
 
 
 @dataclass(frozen=True)
 class Sight:
-    """What the camera saw.
+    """The camera's view of the scene.
 
     Attributes:
         points_base: (H, W, 3) [m] in ``base``, NaN = no depth.
@@ -56,18 +56,18 @@ class Scene:
     """The obstacles of one pick.
 
     Attributes:
-        station: clearance, hand and motion settings are read from it.
-        boxes: what is known to stand there; the first is the table.
-        field: what was seen besides; None = nothing.
-        target: the points (n, 3) of the object to be grasped in ``base``; only the fingers may touch it.
+        station: gives clearance, hand and motion settings.
+        boxes: the known boxes; the first is the table.
+        field: the observed obstacles besides; None = none.
+        target: the points (n, 3) [m] of the object to be grasped in ``base``; only the fingers may touch it.
         held: the object in the hand.
-        cancel: ends every check with CycleFailure(STOPPED), and so whatever plans with this scene.
+        cancel: once set, every check raises CycleFailure(STOPPED), which ends all planning with this scene.
     """
 
     robot: Robot
     station: Station
     boxes: tuple[Box, ...]
-    field: Field | None = None
+    field: ObservedHeightField | None = None
     target: Array | None = None
     held: Thing | None = None
     cancel: Cancel = dataclass_field(default_factory=Cancel)
@@ -81,19 +81,19 @@ class Scene:
         boxes: Sequence[Box] | None = None,
         cancel: Cancel | None = None,
     ) -> Scene:
-        """The station's boxes (or others), and what was seen among them."""
+        """Make a scene of the station's boxes (or of ``boxes``) and of the obstacles observed among them."""
         known = scene_boxes(station.scene) if boxes is None else tuple(boxes)
         cancel = cancel or Cancel()
         if sight is None:
             return cls(robot, station, known, cancel=cancel)
         target = sight.points_base[sight.target].astype(float)
-        target = few(target[np.isfinite(target[:, 2])])
+        target = subsample(target[np.isfinite(target[:, 2])])
         field = observed_field(sight.points_base, sight.target, known)
         seen = target if len(target) >= _FEWEST_POINTS else None
         return cls(robot, station, known, field, seen, cancel=cancel)
 
     def holding(self, base_from_tcp: Transform) -> Scene:
-        """The scene in which the target hangs in the hand, as it lay when the tcp was at ``base_from_tcp``."""
+        """Return the scene with the target hanging in the hand, as it lay with the tcp at ``base_from_tcp`` (4, 4)."""
         if self.target is None:
             return self
         hand_from_tcp = np.eye(4)
@@ -102,23 +102,36 @@ class Scene:
         return replace(self, target=None, held=held)
 
     def empty(self) -> Scene:
-        """The scene without the target, in the hand or on the table."""
+        """Return the scene without the target, neither in the hand nor on the table."""
         return self._without_target
 
     @cached_property
     def _without_target(self) -> Scene:
         return self if self.target is None and self.held is None else replace(self, target=None, held=None)
 
-    def touch(self, q_rad: Joints, width_m: float) -> Touch | None:
-        """What comes nearer than the clearance in one configuration, or None."""
-        self.cancel.raise_if_set("plan")
-        return self._planned.touch(q_rad, width_m)
+    def collision(self, q_rad: Joints, width_m: float) -> Collision | None:
+        """Return a pair that is nearer than its clearance in one configuration (7,), or None.
 
-    def first_touch(self, path_rad: JointSamples, width_m: float) -> Touch | None:
-        """What the robot touches first on the polyline ``path_rad`` (n, 7), or None.
+        Args:
+            width_m: opening of the hand.
+
+        Raises:
+            CycleFailure: STOPPED once `cancel` is set.
+        """
+        self.cancel.raise_if_set("plan")
+        return self._planned.collision(q_rad, width_m)
+
+    def first_collision(self, path_rad: JointSamples, width_m: float) -> Collision | None:
+        """Return the first collision on the polyline ``path_rad`` (n, 7), or None.
 
         Between checks no point of the robot moves farther than the margin that the checks found free, so that 2.5 mm
         remain everywhere on the way (0.5 mm below the fingers).
+
+        Args:
+            width_m: opening of the hand.
+
+        Raises:
+            CycleFailure: STOPPED once `cancel` is set.
         """
         travel_m = sweep_m(path_rad)
         blocks = max(1, int(np.ceil(travel_m[-1] / (2 * (_COARSE_M - _RESIDUAL_M)))))
@@ -126,25 +139,34 @@ class Scene:
         middles = _at(path_rad, travel_m, (edges[1:] + edges[:-1]) / 2)
         for begin, end, middle in zip(edges[:-1], edges[1:], middles, strict=True):
             self.cancel.raise_if_set("plan")
-            if self._planned.touch(middle, width_m, coarse=True) is None:
+            if self._planned.collision(middle, width_m, coarse=True) is None:
                 continue
             checks = int(np.ceil((end - begin) / _CHECK_STEP_M)) + 1
             for q in _at(path_rad, travel_m, np.linspace(begin, end, checks)):
-                touch = self._planned.touch(q, width_m)
-                if touch is not None:
-                    return touch
+                collision = self._planned.collision(q, width_m)
+                if collision is not None:
+                    return collision
         return None
 
-    def gate(self, commands_rad: JointSamples, width_m: float) -> Touch | None:
-        """The last judgement on 1 kHz commands, by other shapes than they were planned with.
+    def gate(self, commands_rad: JointSamples, width_m: float) -> Collision | None:
+        """Check 1 kHz commands (n, 7) last of all, with other shapes than they were planned with.
 
-        The exact meshes instead of their hulls, the observed points instead of the field, every 8 ms.
+        It uses the exact meshes instead of their hulls and the observed points instead of the field, every 8 ms.
+
+        Args:
+            width_m: opening of the hand.
+
+        Returns:
+            The first collision, or None.
+
+        Raises:
+            CycleFailure: STOPPED once `cancel` is set.
         """
         for q in np.concatenate([commands_rad[::_GATE_TICKS], commands_rad[-1:]]):
             self.cancel.raise_if_set("plan")
-            touch = self._exact.touch(q, width_m)
-            if touch is not None:
-                return touch
+            collision = self._exact.collision(q, width_m)
+            if collision is not None:
+                return collision
         return None
 
     # --- worlds -------------------------------------------------------------------------------------------------------
@@ -192,7 +214,7 @@ class Scene:
 
     @cached_property
     def _target_solid(self) -> coal.CollisionGeometry:
-        """The target down to just above the table, on which it stood."""
+        """The target, extended down to just above the table on which it stood."""
         assert self.target is not None
         table = self.boxes[0]
         floor_m = table.center_m[2] + table.size_m[2] / 2 + self.station.planning.clearance_m + 1e-3
@@ -200,7 +222,7 @@ class Scene:
 
 
 def sweep_m(path_rad: JointSamples) -> Array:
-    """How far (n,) any point of the robot may have moved along the polyline ``path_rad`` (n, 7), at most."""
+    """Return an upper bound (n,) of how far any point of the robot has moved along the polyline ``path_rad`` (n, 7)."""
     return np.concatenate([[0.0], np.cumsum(np.abs(np.diff(path_rad, axis=0)) @ _LEVER_M)])
 
 

@@ -1,4 +1,4 @@
-"""A collision-free joint path where the straight line is blocked: RRT-Connect and simplification, of OMPL."""
+"""Searches a collision-free joint path where the straight line is blocked: OMPL's RRT-Connect and simplification."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from config.limits import LOWER_RAD, UPPER_RAD
 Free = Callable[[Joints], bool]
 
 LIMIT_MARGIN_RAD = 0.08
-"""Paths keep away from the position limits, where the allowed velocity goes to 0."""
+"""Distance that paths keep from the position limits, where the allowed velocity goes to 0."""
 _STEP_RAD = 0.03
 _RANGE_RAD = 0.8
 _MAX_CHECKS = 20_000
@@ -24,19 +24,23 @@ _SIMPLIFYING_CHECKS = 800
 def search(
     free: Free, q_from_rad: Joints, goals_rad: Sequence[Joints], seed: int, *, simplify: bool = True
 ) -> JointSamples | None:
-    """The vertices (n, 7) of a path from ``q_from_rad`` to one of the goals; None if none was found.
+    """Return the vertices (n, 7) of a path from ``q_from_rad`` (7,) to one of the goals; None if none was found.
 
     Deterministic: effort is counted in checks, not in time.
 
     Args:
-        free: whether a configuration may be passed. It is asked every 0.03 rad: check the result more finely.
+        free: whether a configuration is allowed. It is called every 0.03 rad: check the result more finely.
+        goals_rad: goals, each (7,).
+        seed: of OMPL's random numbers.
+        simplify: shorten the path that was found.
 
-    Raises: the CycleFailure with which ``free`` ends the search.
+    Raises:
+        CycleFailure: the one that ``free`` raised.
     """
     util.setLogLevel(util.LogLevel.LOG_NONE)
     util.RNG.setSeed(seed + 1)  # 0 would mean the clock
     count = 0
-    ended: list[CycleFailure] = []  # no exception goes through the library
+    ended: list[CycleFailure] = []  # an exception must not pass through OMPL's C++ code
 
     def counted(state: base.State) -> bool:
         nonlocal count
@@ -78,7 +82,7 @@ def search(
 
 
 def _space(inside: Sequence[Joints]) -> base.RealVectorStateSpace:
-    """All configurations off the limits; start and goals may lie nearer to them."""
+    """Return all configurations off the limits; start and goals may lie nearer to them."""
     space = base.RealVectorStateSpace(7)
     bounds = base.RealVectorBounds(7)
     lows = np.minimum(LOWER_RAD + LIMIT_MARGIN_RAD, np.min(inside, axis=0))

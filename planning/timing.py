@@ -1,4 +1,4 @@
-"""From a joint path to a trajectory: as fast as the limits allow and jerk-bounded.
+"""Times a joint path: makes the fastest trajectory that keeps every limit and bounds jerk.
 
 Time-optimal parametrisation (toppra: Pham & Pham, "A New Approach to Time-Optimal Path Parameterization Based on
 Reachability Analysis", T-RO 2018) bounds velocity and acceleration; the moving average that the trajectory is played
@@ -35,14 +35,14 @@ _TINY_RAD = 1e-5
 _TINY_TICKS = 20
 _STRETCH_ROUNDS = 8
 _LONGEST_STRETCH = 20.0
-"""A profile that must be so much slower than it was made is none: more would only cost time and memory."""
+"""A profile that must be stretched by more is given up: it would only cost time and memory."""
 _UNEVEN = 0.7
-"""Where a joint may go only so much of what it may at most places of a line, its speed must follow the place."""
+"""Where a joint's allowed velocity falls below this share of its median on the line, one constant speed is too slow."""
 _STILL_RAD = 1e-12
 
 
 def timed(station: Station, curve: Curve) -> Trajectory:
-    """The fastest trajectory within the limits along ``curve``.
+    """Return the fastest trajectory within the limits along ``curve``.
 
     Raises:
         CycleFailure: MOTION_REFUSED when the path leaves the position limits or cannot be timed within the others.
@@ -58,9 +58,10 @@ def timed(station: Station, curve: Curve) -> Trajectory:
 
 
 def rest_to_rest(station: Station, q_from_rad: Joints, q_to_rad: Joints) -> Trajectory:
-    """A straight joint line, all joints in phase: to the capture pose, and after a recovery.
+    """Return a straight joint line between two configurations (7,), all joints in phase.
 
-    By ruckig, at one speed, unless the line is slow at one place only: near a joint's limit.
+    It serves the move to the capture pose, and the one after a recovery. Ruckig times it at one speed, unless the line
+    is slow at one place only: near a joint's limit.
 
     Raises:
         CycleFailure: MOTION_REFUSED outside the limits, or where no speed is allowed.
@@ -93,7 +94,7 @@ def rest_to_rest(station: Station, q_from_rad: Joints, q_to_rad: Joints) -> Traj
 
 
 def hold(q_rad: Joints, duration_s: float) -> Trajectory:
-    """Stay at ``q_rad`` for ``duration_s``."""
+    """Return a trajectory that stays at ``q_rad`` (7,) for ``duration_s``."""
     samples = max(1, round(duration_s / TICK_S) + 1)
     return Trajectory(raw_q_rad=np.repeat(np.asarray(q_rad, dtype=float)[None], samples, axis=0), window=1)
 
@@ -109,7 +110,7 @@ def _require_inside(points_rad: JointSamples) -> None:
 
 
 def _require_passable(points_rad: JointSamples) -> None:
-    """Raises: CycleFailure: MOTION_REFUSED where a joint is to move and no speed is allowed."""
+    """Raises: CycleFailure: MOTION_REFUSED where a joint has to move and its allowed speed is 0."""
     step_rad = np.diff(points_rad, axis=0)
     lower, upper = velocity_bounds(points_rad[1:])
     barred = ((step_rad > _STILL_RAD) & (upper <= 0)) | ((step_rad < -_STILL_RAD) & (lower >= 0))
@@ -123,7 +124,7 @@ def _require_passable(points_rad: JointSamples) -> None:
 
 
 def _tiny(q_from_rad: Joints, q_to_rad: Joints, window: int) -> Trajectory:
-    """A goal already reached is one sample; one that is hardly away is gone to evenly."""
+    """Return one sample for a goal already reached, and an even motion to one that is hardly away."""
     if np.array_equal(q_from_rad, q_to_rad):
         return Trajectory(raw_q_rad=q_from_rad[None], window=window)
     share = np.linspace(0.0, 1.0, _TINY_TICKS)[:, None]
@@ -135,10 +136,17 @@ def _tiny(q_from_rad: Joints, q_to_rad: Joints, window: int) -> Trajectory:
 
 
 def within_limits(sampler: Sampler, duration_s: float, ends: tuple[Joints, Joints], window: int) -> Trajectory:
-    """The profile at 1 kHz, slowed until its raw and its filtered samples keep every limit.
+    """Return the profile at 1 kHz, slowed until its raw and its filtered samples keep every limit.
 
-    Raises: CycleFailure: MOTION_REFUSED when that takes too long: never more than `MAX_SAMPLES` are made at a time, nor
-        `_LONGEST_STRETCH` times as many as the profile has.
+    Args:
+        sampler: positions of the profile at given times.
+        duration_s: of the profile.
+        ends: first and last position (7,), kept exactly.
+        window: length of the moving average [samples].
+
+    Raises:
+        CycleFailure: MOTION_REFUSED when that takes too long: never more than `MAX_SAMPLES` are made at a time, nor
+            `_LONGEST_STRETCH` times as many as the profile has.
     """
     stretch, why = 1.0, ""
     for _ in range(_STRETCH_ROUNDS):
@@ -160,7 +168,7 @@ def within_limits(sampler: Sampler, duration_s: float, ends: tuple[Joints, Joint
 
 
 def _excess(report: LimitReport, *, jerk: bool) -> float:
-    """The factor by which time must be stretched to bring velocity, acceleration (and jerk) within their limits."""
+    """Return the factor by which time must be stretched to keep velocity, acceleration (and jerk) within limits."""
     return max(
         report.velocity.ratio,
         float(np.sqrt(report.acceleration.ratio)),
@@ -169,7 +177,10 @@ def _excess(report: LimitReport, *, jerk: bool) -> float:
 
 
 def _fastest(path: Any, length_rad: float, speed: float) -> tuple[Sampler, float]:
-    """The time-optimal profile along ``path`` and its duration [s]; ``speed`` < 1 scales its time by 1 / speed."""
+    """Return the time-optimal profile along ``path`` and its duration [s].
+
+    ``speed`` < 1 scales its time by 1 / speed. Raises: CycleFailure: MOTION_REFUSED when the limits allow none.
+    """
     limit = (_ACCELERATION_SHARE * speed**2 * ACCELERATION_RAD_S2)[:, None] * np.array([-1.0, 1.0])
     acceleration = JointAccelerationConstraint(limit, discretization_scheme=DiscretizationType.Interpolation)
     velocity = PositionDependentVelocity(_VELOCITY_SHARE * speed)
@@ -192,7 +203,7 @@ def _fastest(path: Any, length_rad: float, speed: float) -> tuple[Sampler, float
 
 
 def _grid(path: Any, length_rad: float) -> Array:
-    """Grid points, denser where the path bends: half as many as an even grid needs for the same accuracy."""
+    """Return grid points, denser where the path bends: half as many as an even grid needs for the same accuracy."""
     s = np.linspace(0.0, length_rad, 10 * _GRID)
     bend = np.sqrt(np.linalg.norm(path(s, 2), axis=1))
     density = bend / max(float(bend.mean()), 1e-12) + 0.3
@@ -201,7 +212,10 @@ def _grid(path: Any, length_rad: float) -> Array:
 
 
 class PositionDependentVelocity(LinearConstraint):  # type: ignore[misc]
-    """`config.limits.velocity_bounds`, times ``share``, as a bound on the squared path speed at each grid point."""
+    """`config.limits.velocity_bounds`, times ``share``, as a bound on the squared path speed at each grid point.
+
+    The methods override those of toppra's ``LinearConstraint``.
+    """
 
     def __init__(self, share: float) -> None:
         super().__init__()
@@ -209,9 +223,16 @@ class PositionDependentVelocity(LinearConstraint):  # type: ignore[misc]
         self.identical = True
 
     def get_dof(self) -> int:
+        """Return the number of joints."""
         return 7
 
     def compute_constraint_params(self, path: Any, gridpoints: Array, *_: Any) -> tuple[Any, ...]:
+        """Return toppra's (a, b, c, F, g, ubound, xbound); only xbound is set: (n, 2) bounds of the squared path speed.
+
+        Args:
+            path: joint positions and derivatives by arc length.
+            gridpoints: (n,) arc lengths [rad].
+        """
         lower, upper = velocity_bounds(path(gridpoints))
         slope = path(gridpoints, 1)
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -1,4 +1,4 @@
-"""Where to look at a calibration board from: many directions, each reached without touching anything."""
+"""Viewpoints of a calibration board: many directions, each reached without collision. Frames: docs/frames.md."""
 
 from __future__ import annotations
 
@@ -22,10 +22,14 @@ _ROLLS_DEG = (0.0, 35.0, -35.0)
 _EXAMINED = 12
 
 
-def vantages(scene: Scene, station: Station, q_from_rad: Joints) -> list[Joints]:
-    """As many arm configurations as `calibration.poses`, each looking at the board's middle from another direction.
+def viewpoints(scene: Scene, station: Station, q_from_rad: Joints) -> list[Joints]:
+    """Return ``calibration.poses`` arm configurations (7,), each looking at the board's middle from another direction.
 
-    Raises: CalibrationError when fewer than 12 can be reached.
+    Args:
+        q_from_rad: (7,) start; each viewpoint is reached from the one before.
+
+    Raises:
+        CalibrationError: fewer than 12 can be reached.
     """
     wanted, found = station.calibration.poses, []
     q_rad = q_from_rad
@@ -45,7 +49,7 @@ def vantages(scene: Scene, station: Station, q_from_rad: Joints) -> list[Joints]
 
 
 def _looks(station: Station) -> Iterator[Transform]:
-    """Poses of the colour camera, spread over directions, distances and turns about the view."""
+    """Yield poses (4, 4) of the colour camera, spread over directions, distances and turns about the optical axis."""
     settings = station.calibration
     center_m = np.array(settings.board_center_m)
     turn = 0
@@ -70,6 +74,6 @@ def _reached(scene: Scene, station: Station, base_from_color: Transform, q_from_
     hand_from_tcp[2, 3] = HAND_FROM_TCP_M
     base_from_tcp = base_from_color @ np.linalg.inv(hand_from_color(station.camera)) @ hand_from_tcp
     for q_rad, _ in islice(configurations([base_from_tcp], q_from_rad), _EXAMINED):
-        if scene.touch(q_rad, station.hand.max_width_m) is None:
+        if scene.collision(q_rad, station.hand.max_width_m) is None:
             return q_rad
     return None

@@ -1,4 +1,4 @@
-"""One collision world: the robot's parts, what stands around it, and how near each pair may come (Pinocchio, coal)."""
+"""One collision world: the robot's parts, the things around it, and the clearance of each pair (Pinocchio, coal)."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Mask = npt.NDArray[np.bool_]
 FINGERS = frozenset({"left finger", "right finger"})
 _HAND = FINGERS | {"hand", "camera", "link 7"}
 _RIGID = FINGERS | {"hand", "camera"}
-"""Parts whose place is known with the tcp's."""
+"""Parts whose pose follows from the tcp's alone."""
 _NEIGHBOURS = {
     frozenset(pair)
     for pair in (
@@ -35,10 +35,10 @@ _NEIGHBOURS = {
 
 @dataclass(frozen=True)
 class Thing:
-    """Something that is not the robot.
+    """A collision object that is not part of the robot.
 
     Attributes:
-        name: in people's words. ``shape``: its geometry; ``pose``: in ``base``, or in the hand if it is ``held``.
+        name: for people. ``shape``: its geometry; ``pose``: (4, 4) in ``base``, or in the hand if it is ``held``.
         near: parts of the robot that may touch it.
     """
 
@@ -49,11 +49,11 @@ class Thing:
     held: bool = False
 
 
-class Touch(NamedTuple):
-    """Two that come nearer than they may, e.g. ``right finger touches table``.
+class Collision(NamedTuple):
+    """A pair that comes nearer than its margin, e.g. ``right finger touches table``.
 
     Attributes:
-        by_hand: a part of the hand and something that stands: any arm that brings the hand there has them touch.
+        by_hand: a part of the hand touches a fixed thing: every arm configuration with this hand pose collides.
     """
 
     part: str
@@ -65,18 +65,18 @@ class Touch(NamedTuple):
 
 
 def held_thing(shape: coal.CollisionGeometry, hand_from_shape: Transform) -> Thing:
-    """What the hand holds: it moves along, and touches the hand."""
+    """Return the held object: it moves with the hand at ``hand_from_shape`` (4, 4), and touches it."""
     return Thing("held object", shape, hand_from_shape, _HAND, held=True)
 
 
 class World:
-    """Answers what touches what in one configuration. Not thread-safe.
+    """Checks single configurations for collisions. Not thread-safe.
 
     Args:
         parts: the robot's, `Robot.hulls` or `Robot.meshes`.
-        margin_m: how near anything may come to anything.
-        finger_margin_m: how near the fingers may come to things, among which they work.
-        coarse_m: a second, larger margin for everything, to ask for with ``touch(coarse=True)``.
+        margin_m: smallest allowed distance of every pair.
+        finger_margin_m: the same between the fingers and things.
+        coarse_m: a second, larger margin for every pair, used by ``collision(coarse=True)``.
     """
 
     def __init__(
@@ -107,11 +107,12 @@ class World:
         self._fine = self._level(margins)
         self._coarse = self._fine if coarse_m is None else self._level(np.full_like(margins, coarse_m))
 
-    def touch(self, q_rad: Joints, width_m: float, *, coarse: bool = False) -> Touch | None:
-        """What comes nearer than its margin; None if nothing does.
+    def collision(self, q_rad: Joints, width_m: float, *, coarse: bool = False) -> Collision | None:
+        """Return a pair nearer than its margin in the configuration ``q_rad`` (7,); None if there is none.
 
         Args:
             width_m: opening of the hand.
+            coarse: use the margin ``coarse_m``.
         """
         geometry, manager = self._coarse if coarse else self._fine
         self._full[:7], self._full[7:] = q_rad, width_m / 2
@@ -124,10 +125,10 @@ class World:
         pair = self._model.collisionPairs[callback.collisionPairIndex]
         part, other = self._names[pair.first], self._names[pair.second]
         stands = pair.second >= self._robot_parts and not self._things[pair.second - self._robot_parts].held
-        return Touch(part, other, by_hand=stands and part in _RIGID)
+        return Collision(part, other, by_hand=stands and part in _RIGID)
 
     def own_pairs(self) -> frozenset[frozenset[str]]:
-        """The checked pairs of the robot's own parts."""
+        """Return the checked pairs of the robot's own parts."""
         pairs = self._model.collisionPairs
         return frozenset(
             frozenset((self._names[p.first], self._names[p.second])) for p in pairs if p.second < self._robot_parts
@@ -144,7 +145,7 @@ class World:
         return pin.GeometryObject(name, 0, 0, pin.SE3(thing.pose), thing.shape)
 
     def _pairs(self) -> Mask:
-        """Part against part, part against thing, and what is held against the other things (upper triangle)."""
+        """Return the checked pairs (upper triangle): part and part, part and thing, held object and other things."""
         parts, every = self._robot_parts, len(self._names)
         pairs = np.zeros((every, every), dtype=bool)
         pairs[:parts, :parts] = _own_pairs(tuple(self._names[:parts]))

@@ -1,1 +1,1 @@
-"""Stands in for what tests and demos cannot have: hosted models that answer over HTTP."""
+"""Stand-ins for devices and hosted models that tests and demos cannot use."""

@@ -1,4 +1,4 @@
-"""What a stand-in is asked and answers, whichever API it speaks."""
+"""Requests to a stand-in of a hosted model and its answers, independent of the API."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The official clients, pointed at the stand-in, and one question each."""
+"""The official client packages, connected to the stand-in, with one request each."""
 
 from __future__ import annotations
 

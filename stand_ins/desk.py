@@ -1,6 +1,6 @@
-"""An operator's program: each line on stdin is a verb; each line on stdout how the cell then is, or why it refused.
+"""An operator's program: each line on stdin is a command; each line on stdout is the cell's state or the refusal.
 
-``fleet`` looks with the viewer's certificate.
+``fleet`` uses the viewer's certificate.
 
 Usage: python -m stand_ins.desk --set key=value ...
 """

@@ -1,4 +1,4 @@
-"""What image models do besides what they are asked for: the object turned, tilted, stretched, recoloured, doubled."""
+"""Unwanted changes by image models: the object turned, tilted, stretched, recoloured, doubled."""
 
 from __future__ import annotations
 

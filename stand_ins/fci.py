@@ -1,4 +1,4 @@
-"""The package ``pylibfranka`` as far as the control loop uses it: a robot that is where it is told to be, at once."""
+"""The package ``pylibfranka`` as far as the control loop uses it: a robot that follows every command immediately."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""``python -m stand_ins.fr3_driver ADDRESS``: an FR3's driver alone in a process, to be frozen in mid-motion.
+"""``python -m stand_ins.fr3_driver ADDRESS``: an FR3's driver alone in a process, to be frozen during a motion.
 
-It says ``moving`` once the arm does, and what became of that motion, and of a short one after it.
+It prints ``moving`` once the arm moves, and the outcome of that motion, and of a short one after it.
 """
 
 import sys

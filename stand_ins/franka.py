@@ -1,6 +1,6 @@
 """An FR3 with its hand, simulated by franka-sim in strict mode: every limit and the 1 kHz deadline are enforced.
 
-``python -m stand_ins.franka`` runs one until Ctrl-C. It listens where libfranka looks: 1337 (arm), 1338 (hand).
+``python -m stand_ins.franka`` runs one until Ctrl-C. It listens on libfranka's ports: 1337 (arm), 1338 (hand).
 """
 
 from __future__ import annotations

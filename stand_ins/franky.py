@@ -1,4 +1,4 @@
-"""The package ``franky`` as far as the hand's driver uses it: a hand whose every answer a test can change."""
+"""The package ``franky`` as far as the hand's driver uses it: a hand whose every answer a test can set."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class FakeHand:
 
     width_m: float = 0.04
     answers: Callable[[FakeHand], Any] = lambda hand: SimpleNamespace(width=hand.width_m, max_width=0.08)
-    during: Callable[[], None] = lambda: None
+    during: Callable[[], object] = lambda: None
     done: bool = True
     deaf_stops: int = 0
     connections: int = 0

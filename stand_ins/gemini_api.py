@@ -1,4 +1,4 @@
-"""Google's Gemini API: one method for words and pictures, and no mask."""
+"""Google's Gemini API: one method for text and images, without a mask."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A Femto Mega stand-in whose pictures are of the simulated table, with the arm where a running cell's arm is.
+"""A Femto Mega stand-in that shows the simulated table, with the arm at the pose of a running cell's arm.
 
 ``python -m stand_ins.mirror HOST ENDPOINT CELL_ID``
 """
@@ -21,7 +21,7 @@ from bus import topics
 from bus.codec import decode
 from bus.errors import BusError
 from bus.messages import HandState
-from bus.sample import Heard
+from bus.sample import Sample
 from bus.session import Bus
 from config.load import load_station
 from drivers.sim.camera import SimCamera
@@ -42,11 +42,11 @@ class Mirror:
         self.q_rad = np.array(station.arm.capture_q_rad)
         self.width_m = station.hand.max_width_m
 
-    def hear_arm(self, heard: Heard) -> None:
+    def hear_arm(self, heard: Sample) -> None:
         joints = JointStates.FromString(heard.payload).joints
         self.q_rad = np.array([joint.position for joint in joints])
 
-    def hear_hand(self, heard: Heard) -> None:
+    def hear_hand(self, heard: Sample) -> None:
         self.width_m = decode(HandState, heard.payload).width_m
 
 

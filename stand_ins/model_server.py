@@ -1,4 +1,4 @@
-"""A loopback server that speaks OpenAI's and Google's APIs: the official clients work, or fail, against it."""
+"""A loopback server with OpenAI's and Google's APIs, for the official clients, with injectable faults."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class ModelServer:
         self._http.server_close()
 
     def wait(self) -> None:
-        """Serve until somebody interrupts."""
+        """Serve until interrupted."""
         self._thread.join()
 
     def answer(self, api: ModuleType, path: str, headers: Any, body: bytes) -> Reply | None:
@@ -164,7 +164,7 @@ class _Server(ThreadingHTTPServer):
         super().shutdown_request(request)
 
     def hang_up(self) -> None:
-        """End every connection: whoever reads from one finds its end."""
+        """End every connection; a client that reads from one gets its end."""
         with self._guard:
             for connection in self._open:
                 try:

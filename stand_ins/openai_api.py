@@ -1,4 +1,4 @@
-"""OpenAI's API: Responses and chat for words, image edits for pictures."""
+"""OpenAI's API: Responses and chat for text, image edits for images."""
 
 from __future__ import annotations
 

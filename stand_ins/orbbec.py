@@ -1,4 +1,4 @@
-"""Sessions with a Femto Mega as its reader uses them: small pictures as fast as they are wanted, faults at will."""
+"""Sessions with a Femto Mega, as its reader uses them: small images at any rate, with injectable faults."""
 
 from __future__ import annotations
 

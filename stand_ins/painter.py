@@ -1,6 +1,6 @@
-"""The hand and eye of the model server: finds an axis in the picture it is shown, speaks of it in pixels, paints it.
+"""The image model of the model server: finds an axis in the image, describes it in pixels, and paints a rod.
 
-It sees what a hosted model sees - a picture and a prompt - and nothing of the cell.
+Its input is that of a hosted model, an image and a prompt; it knows nothing of the cell.
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from benchmarks.baselines.flat import flat_subject
+from benchmarks.baselines.flat import flat_object
 from config.load import load_station
 from perception.geometry.lift import inverse, project, transform
 from perception.goal.imagine import ROD_COLORS
 from perception.grasps import antipodal
 from perception.models.painter import paint as paint_rod
-from perception.subject import RodColor, Subject
+from perception.subject import ObservedObject, RodColor
 from stand_ins.model_server import Picture
 
 _STATION = load_station()
@@ -47,13 +47,15 @@ def say(prompt: str, image: Image | None) -> str:
 
 def paint(picture: Picture) -> Image:
     """The picture with a rod along the axis of the prompt, or along one of its own choice."""
-    subject = _subject(picture.image, picture.prompt)
+    observed_object = _subject(picture.image, picture.prompt)
     known = _AXIS.search(picture.prompt)
-    ends_px = np.array([float(number) for number in known.groups()]).reshape(2, 2) if known else _axis_px(subject)
-    camera, depth_m = subject.rgbd.camera, subject.base_from_color[2, 3] - _LEVEL_M
+    ends_px = (
+        np.array([float(number) for number in known.groups()]).reshape(2, 2) if known else _axis_px(observed_object)
+    )
+    camera, depth_m = observed_object.rgbd.camera, observed_object.base_from_color[2, 3] - _LEVEL_M
     rays = np.column_stack([(ends_px - [camera.cx, camera.cy]) / camera.fx, np.ones(2)])
-    goal = paint_rod(subject, rays * depth_m, _STATION.perception.rod_radius_m)
-    rod = (goal.image != subject.masked).any(axis=2)
+    goal = paint_rod(observed_object, rays * depth_m, _STATION.perception.rod_radius_m)
+    rod = (goal.image != observed_object.masked).any(axis=2)
     return np.where(rod[..., None], goal.image, picture.image)
 
 
@@ -64,33 +66,34 @@ def object_mask(image: Image) -> npt.NDArray[np.bool_]:
     return np.asarray(cv2.morphologyEx((apart > _STANDS_OUT).astype(np.uint8), cv2.MORPH_OPEN, np.ones((5, 5))) > 0)
 
 
-def _subject(image: Image, prompt: str) -> Subject:
+def _subject(image: Image, prompt: str) -> ObservedObject:
     """The picture as a flat scene at the prompt's scale, its rod in the prompt's colour."""
     scale = _SCALE.search(prompt)
     m_per_px = 1e-3 / float(scale.group(1)) if scale else 0.15 / image.shape[0]
-    subject = flat_subject(image, object_mask(image), m_per_px)
+    observed_object = flat_object(image, object_mask(image), m_per_px)
     color = next((color for color in ROD_COLORS if color.name in prompt), ROD_COLORS[0])
-    return replace(subject, masked=image, rod=RodColor(color.name, color.rgb))
+    return replace(observed_object, masked=image, rod=RodColor(color.name, color.rgb))
 
 
-def _axis_px(subject: Subject) -> np.ndarray:
+def _axis_px(observed_object: ObservedObject) -> np.ndarray:
     """Ends (2, 2) of the best antipodal axis, sticking out."""
-    closings = antipodal.propose(subject.heights, _STATION)
+    closings = antipodal.propose(observed_object.heights, _STATION)
     best = closings.distinct(1)
     if not best:
-        return _minor_axis_px(subject)
+        return _minor_axis_px(observed_object)
     heading = closings.heading_rad[best[0]]
     half = (closings.width_m[best[0]] / 2 + _STICK_OUT_M) * np.array([np.cos(heading), np.sin(heading), 0.0])
     center = np.append(closings.center_m[best[0]], _LEVEL_M)
     return project(
-        transform(inverse(subject.base_from_color), np.stack([center - half, center + half])), subject.rgbd.camera
+        transform(inverse(observed_object.base_from_color), np.stack([center - half, center + half])),
+        observed_object.rgbd.camera,
     )
 
 
-def _minor_axis_px(subject: Subject) -> np.ndarray:
+def _minor_axis_px(observed_object: ObservedObject) -> np.ndarray:
     """Ends (2, 2) of the shortest way through the middle, for what is wider than the jaw."""
-    rows, columns = np.nonzero(subject.scene.object_mask)
+    rows, columns = np.nonzero(observed_object.scene.object_mask)
     pixels = np.stack([columns, rows], axis=1).astype(float)
     values, axes = np.linalg.eigh(np.cov(pixels.T))
-    half = axes[:, 0] * (2 * np.sqrt(values[0]) + 0.12 * subject.rgbd.camera.width)
+    half = axes[:, 0] * (2 * np.sqrt(values[0]) + 0.12 * observed_object.rgbd.camera.width)
     return np.asarray(pixels.mean(axis=0) + np.stack([-half, half]))

@@ -1,4 +1,4 @@
-"""Pictures of things moved: colours carried past their own rim, poses, and a flat mask turned as a rounded body."""
+"""Images of moved objects: colours extended beyond their rim, poses, and a flat mask rendered as a rounded body."""
 
 from __future__ import annotations
 

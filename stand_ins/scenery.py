@@ -1,4 +1,4 @@
-"""A picture's object and its background."""
+"""Separates the object of an image from its background."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ signal.signal(signal.SIGHUP, signal.SIG_DFL)  # whoever runs the tests under noh
 os.environ.setdefault("MUJOCO_GL", "egl")  # for files that import MuJoCo before `drivers.sim` does
 
 
-class FilesOrGroups(LoadGroupScheduling):
+class FilesOrGroups(LoadGroupScheduling):  # type: ignore[misc]  # xdist ships no types
     """One process runs a file's tests, which share its fixtures, or those of an ``xdist_group``."""
 
     def _split_scope(self, nodeid: str) -> str:
@@ -66,12 +66,12 @@ def frame() -> Frame:
     angle = np.deg2rad(6.0)
     color_from_depth[1:3, 1:3] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
     color_from_depth[:3, 3] = 0.032, 0.002, -0.004
-    lens = {"fx": 93.0, "fy": 93.0, "distortion": (0.08, -0.1, 0.0, 0.0, 0.04, 0.0, 0.0, 0.0)}
+    distortion = (0.08, -0.1, 0.0, 0.0, 0.04, 0.0, 0.0, 0.0)
     return Frame(
         stamp_ns=1_700_000_000_123_456_789,
         color=color,
         depth_m=depth_m,
-        color_camera=CameraModel(width=160, height=90, cx=80.0, cy=45.0, **lens),
-        depth_camera=CameraModel(width=80, height=72, cx=40.0, cy=36.0, **lens),
+        color_camera=CameraModel(width=160, height=90, fx=93.0, fy=93.0, cx=80.0, cy=45.0, distortion=distortion),
+        depth_camera=CameraModel(width=80, height=72, fx=93.0, fy=93.0, cx=40.0, cy=36.0, distortion=distortion),
         color_from_depth=color_from_depth,
     )

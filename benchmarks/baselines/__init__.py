@@ -1,1 +1,1 @@
-"""What detection is compared with: images without depth."""
+"""Baselines of detection, for images without depth."""

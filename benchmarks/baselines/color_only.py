@@ -1,4 +1,4 @@
-"""The segmenter for images without depth: what stands out from a plain surface around the middle."""
+"""The segmenter for images without depth: the region that differs from a plain surface around the middle."""
 
 from __future__ import annotations
 

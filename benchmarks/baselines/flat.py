@@ -1,6 +1,6 @@
-"""An image without usable depth, as a scene: its object a prism of its own outline, seen from straight above.
+"""A scene from an image without usable depth: the object is a prism of its own outline, seen from straight above.
 
-What is found in it is right in the image; lengths along the line of sight are made up, so it never moves an arm.
+Results are valid in the image; lengths along the line of sight are invented, so it never moves an arm.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ from config.schema import Station
 from perception.geometry.depth import Rgbd
 from perception.geometry.lift import inverse, transform
 from perception.geometry.rod import rectangle
-from perception.goal.imagine import subject_of
+from perception.goal.imagine import observed_object_of
 from perception.grasps import antipodal
 from perception.scene.segment import Mask, Scene, image_points
-from perception.subject import Subject
+from perception.subject import ObservedObject
 
 _FOCAL_PX = 1000.0
 _HEIGHT_M = 0.04
 
 
-def flat_subject(color: npt.NDArray[np.uint8], object_mask: Mask, m_per_px: float) -> Subject:
+def flat_object(color: npt.NDArray[np.uint8], object_mask: Mask, m_per_px: float) -> ObservedObject:
     """The subject of an imagining, at the scale of ``m_per_px`` on the object's upper side."""
     height, width = object_mask.shape
     camera = CameraModel(
@@ -36,17 +36,17 @@ def flat_subject(color: npt.NDArray[np.uint8], object_mask: Mask, m_per_px: floa
     depth_m = np.where(object_mask, top_m, top_m + _HEIGHT_M).astype(np.float32)
     rgbd = Rgbd(color, depth_m, camera)
     points_base = image_points(rgbd, base_from_color)
-    return subject_of(rgbd, Scene(points_base, points_base[..., 2], object_mask), base_from_color)
+    return observed_object_of(rgbd, Scene(points_base, points_base[..., 2], object_mask), base_from_color)
 
 
-def flat_rectangle(subject: Subject, station: Station) -> Rectangle:
+def flat_rectangle(observed_object: ObservedObject, station: Station) -> Rectangle:
     """The antipodal search alone: its best closing as a rectangle. Raises: CycleFailure(NO_GRASP)."""
-    closings = antipodal.propose(subject.heights, station)
+    closings = antipodal.propose(observed_object.heights, station)
     best = closings.distinct(1)
     if not best:
         raise CycleFailure(Code.NO_GRASP, "No two opposite faces fit the jaw.")
     heading, width_m = closings.heading_rad[best[0]], closings.width_m[best[0]]
     half = width_m / 2 * np.array([np.cos(heading), np.sin(heading), 0.0])
     center = np.append(closings.center_m[best[0]], _HEIGHT_M)
-    ends = transform(inverse(subject.base_from_color), np.stack([center - half, center + half]))
-    return rectangle(ends, subject.rgbd.camera, station)
+    ends = transform(inverse(observed_object.base_from_color), np.stack([center - half, center + half]))
+    return rectangle(ends, observed_object.rgbd.camera, station)

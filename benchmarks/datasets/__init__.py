@@ -1,1 +1,1 @@
-"""Labelled images of two grasp datasets, as they lie in their own folders."""
+"""Labelled images of two grasp datasets, read from their original folders."""

@@ -1,7 +1,7 @@
 """The Cornell grasp dataset: ``pcdNNNNr.png``, ``pcdNNNNd.tiff`` and ``pcdNNNNcpos.txt``.
 
-A label is four corner lines ``x y``; the edge from the first to the second corner is the closing axis. The depth is a
-hole-filled distance in a frame that is not the camera's: good as an input channel, not for 3-D.
+A label is four corner lines ``x y`` [px]; the edge from the first to the second corner is the closing axis. The depth
+is a hole-filled distance in a frame other than the camera's: usable as an input channel, not for 3-D.
 """
 
 from __future__ import annotations

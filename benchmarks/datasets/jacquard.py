@@ -1,7 +1,7 @@
-"""The Jacquard dataset: ``*_RGB.png``, ``*_mask.png``, ``*_perfect_depth.tiff``, ``*_grasps.txt`` a folder an object.
+"""The Jacquard dataset: ``*_RGB.png``, ``*_mask.png``, ``*_perfect_depth.tiff``, ``*_grasps.txt``, a folder per object.
 
-A label line is ``x;y;theta_deg;opening_px;jaw_px``; theta turns from u towards v, as our ``angle_rad``. (So
-read, both ends of 79 % of the closing axes lie beside the object; the other way round, of 45 %.)
+A label line is ``x;y;theta_deg;opening_px;jaw_px``; theta turns from u towards v, as our ``angle_rad``. (Read in this
+way, both ends of 79 % of the closing axes lie beside the object; read the other way round, of 45 %.)
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""``cell calibrate``: where the camera sits in the hand - find it, check it, print the board for it."""
+"""``cell calibrate``: find or check the camera's mounting in the hand, and print the board for it."""
 
 from __future__ import annotations
 
@@ -40,12 +40,15 @@ _HEARTBEAT_S = 0.1
 
 
 def _unheard(_error: CellError) -> None:
-    """A heartbeat that could not be said: the arm's node notices."""
+    """Ignore a heartbeat that could not be published; the arm's node notices its absence."""
 
 
 @contextmanager
 def _surveyor(station: Station, quiet: bool) -> Iterator[Surveyor]:
-    """The station's nodes, without a daemon; Ctrl-C stops the arm. Raises: PortOccupied when a cell is running."""
+    """A surveyor on the station's nodes, without a daemon; Ctrl-C stops the arm.
+
+    Raises: PortOccupied while a cell runs.
+    """
 
     def say(line: str) -> None:
         if not quiet:
@@ -105,7 +108,7 @@ def find(
 
 
 def _require_writable(config: Path) -> None:
-    """Raises: ConfigError."""
+    """Raises: ConfigError when the station file cannot be written."""
     if config.samefile(DEFAULT_STATION):
         raise ConfigError(
             f"{config} is every simulated cell's, not yours to change.",

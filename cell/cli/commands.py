@@ -1,4 +1,4 @@
-"""The command line: which command is in which module. Only what is asked for is imported: `cell stop` must not wait."""
+"""The table of commands and their modules. Only the requested command is imported, so that `cell stop` starts fast."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ metadata: Any = LazyModule("importlib.metadata")
 
 
 class Row(NamedTuple):
-    """One command: the module of this room that holds it, as a function or a Typer of its name, and its help in short.
+    """One command: the module of this package that holds it, as a function or a Typer of its name, and its short help.
 
-    The help is the first paragraph of the command's own (a test looks): to show it, nothing is imported.
+    The help is the first paragraph of the command's own (checked by a test); showing it imports nothing.
     """
 
     module: str
@@ -94,13 +94,13 @@ COMMANDS = {
         'Serve one driver node on the bus (for nodes with run = "elsewhere"; the daemon runs the others).',
     ),
 }
-"""In the order in which they are shown."""
+"""The commands in the order in which they are shown."""
 
 _FACE: dict[str, Any] = {"add_completion": False, "pretty_exceptions_enable": False, "rich_markup_mode": None}
 
 
 class Commands(TyperGroup):
-    """The commands of the table, each imported when it is asked for."""
+    """The commands of the table; each is imported on request."""
 
     _only_named = False
 
@@ -109,20 +109,23 @@ class Commands(TyperGroup):
         super().__init__(**{**attributes, "commands": named})
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """The command of that name, imported; only its name and short help while listing. None for an unknown name."""
         named = super().get_command(ctx, cmd_name)
         return named if named is None or self._only_named else command(cmd_name)
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Write the help from the table, without importing the commands."""
         with self._named_only():
             super().format_help(ctx, formatter)
 
     def shell_complete(self, ctx: Any, incomplete: str) -> Any:
+        """Complete from the table, without importing the commands."""
         with self._named_only():
             return super().shell_complete(ctx, incomplete)
 
     @contextmanager
     def _named_only(self) -> Iterator[None]:
-        """Within this, a command is its name and its help in short."""
+        """Context in which a command consists of its name and short help."""
         self._only_named = True
         try:
             yield
@@ -172,7 +175,7 @@ def _say_version(wanted: bool) -> None:
 
 
 def _commit() -> str:
-    """`` (commit 0123abc)`` in a checkout, with a + where it has changes; nothing elsewhere, or without git."""
+    """`` (commit 0123abc)`` in a checkout, with a + for local changes; "" elsewhere, or without git."""
     root = Path(__file__).parents[2]
     if not (root / ".git").exists():
         return ""

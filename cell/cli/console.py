@@ -1,4 +1,4 @@
-"""What an operator sees while cycles run: one line a stage, then the verdict; or one JSON object a cycle."""
+"""The operator's screen while cycles run: one line per stage, then the verdict; or one JSON object per cycle."""
 
 from __future__ import annotations
 
@@ -25,9 +25,11 @@ _RESULT_STYLE = {"SUCCESS": "bold green", "EMPTY": "bold yellow"}
 
 
 class Screen:
-    """Prints what the daemon says. `observe` is called on the daemon's threads and only enqueues.
+    """Prints the daemon's messages. `observe` is called on the daemon's threads and only enqueues.
 
-    ``each_turn`` is called by `follow` with everything that was said, and with None several times a second.
+    Args:
+        json_lines: print JSON instead of lines for a person. ``report``: write a page for every cycle.
+        each_turn: called by `follow` with every message, and with None several times a second.
     """
 
     def __init__(
@@ -39,23 +41,23 @@ class Screen:
         self.interrupted = threading.Event()
 
     def observe(self, topic: Topic, message: Message | bytes) -> None:
-        """Queue one thing the daemon said."""
+        """Queue one message of the daemon."""
         self._heard.put((topic, message))
 
     def line(self, text: str, style: str = "") -> None:
-        """One line for a person; nothing in JSON mode."""
+        """Print one line for a person; nothing in JSON mode."""
         if not self._json:
             out.line(text, style=style)
 
     def summary(self, summary: Summary) -> None:
-        """How a batch until empty ended: one line, or one JSON object after the results."""
+        """Print the end of a batch until empty: one line, or one JSON object after the results."""
         if self._json:
             out.json(summary.model_dump_json())
         else:
             out.line(summary.line(), style="bold green" if summary.is_empty else "bold red")
 
     def follow(self, *, quiet: bool = False) -> Iterator[CellState | CycleResult]:
-        """Print what is said (unless ``quiet``), and yield states and results, until interrupted."""
+        """Print messages (unless ``quiet``), and yield states and results, until interrupted."""
         while not self.interrupted.is_set():
             try:
                 _, message = self._heard.get(timeout=0.1)
@@ -89,7 +91,7 @@ class Screen:
         why = told(state.state, state.reason)
         is_command = why != state.reason
         out.line("  ", (why if is_command else state.state, "dim"))
-        if state.state in PAUSING and why and not is_command:  # nothing else says why
+        if state.state in PAUSING and why and not is_command:  # no other message gives the reason
             out.line("  ", why)
 
     def _show_result(self, result: CycleResult) -> None:
@@ -109,7 +111,7 @@ class Screen:
             self._write_report(Path(result.recording))
 
     def _write_report(self, recording: Path) -> None:
-        """A page beside the recording; the cell goes on when the disk does not."""
+        """Write the page beside the recording; disk errors are reported, and the cell goes on."""
         started_s = time.monotonic()
         try:
             page = write_report(read_cycle(recording), recording.with_suffix(".html"))

@@ -1,4 +1,4 @@
-"""``cell reset``, ``stop`` and so on, ``status``, ``fault``: what is asked of a cell that runs."""
+"""Commands to a running cell: ``cell reset``, ``stop`` and so on, ``status``, ``fault``."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from config.load import DEFAULT_STATION, load_station
 _ENDED = frozenset({"Stopped", "Aborted"})
 _HELD = frozenset({"Held"})
 _SUSPENDED = frozenset({"Suspended"})
-_RUNS_AGAIN = frozenset({"Execute", "Completing", "Complete", "Idle"})  # the last two: little of the cycle was left
+_RUNS_AGAIN = frozenset({"Execute", "Completing", "Complete", "Idle"})  # last two: the cycle ended shortly after
 _PATIENCE_S, _ATTENDED_S = 60.0, 600.0
 
 
 def _simple(verb: str, help_text: str, until: AbstractSet[str] = SETTLED) -> Callable[..., None]:
-    """The command without arguments ``verb``: send it, wait for a state of ``until``, or an end; print the state."""
+    """A command without arguments: send ``verb``, wait for a state of ``until``, or an end; print the state."""
 
     def run(config: Config = DEFAULT_STATION, overrides: Set = None, as_json: Json = False) -> None:
         with attended() if verb in NEEDS_LEASE | NEEDS_TOKEN else nullcontext():
@@ -45,7 +45,7 @@ def _simple(verb: str, help_text: str, until: AbstractSet[str] = SETTLED) -> Cal
 def _carry_out(
     verb: str, until: AbstractSet[str], config: Path, overrides: list[str] | None
 ) -> tuple[CellState, AbstractSet[str]]:
-    """The state that it ended in, and those that would be its success."""
+    """The state that was reached, and the set of states that count as success."""
     with connected(verb, config, overrides) as cell:
         reply = cell.command(verb)
         state = cell.wait_for_state({*until, *_ENDED}, _PATIENCE_S)

@@ -1,4 +1,4 @@
-"""``cell fleet``: every cell that can be seen from here, and how it is; ``cell router``: where they meet."""
+"""``cell fleet``: all reachable cells and their states; ``cell router``: the Zenoh router that connects them."""
 
 from __future__ import annotations
 
@@ -20,12 +20,16 @@ from cell.terminal.signals import on_end
 from config.schema import Station
 
 _EVERY = "*"
-_LONGEST_NS = 10**18  # a stamp may be foreign, and as large as it likes
+_LONGEST_NS = 10**18  # the stamp of another program may have any size
 MessageT = TypeVar("MessageT", bound=Message)
 
 
 class Member(NamedTuple):
-    """One cell of the fleet; ``state`` None: it answered, but not in our words. ``health`` None: it did not say."""
+    """One cell of the fleet.
+
+    Attributes:
+        state: None = its answer could not be decoded. ``health``: None = it gave no answer.
+    """
 
     cell_id: str
     state: CellState | None
@@ -33,13 +37,13 @@ class Member(NamedTuple):
 
     @property
     def problems(self) -> list[str]:
-        """Every problem of every node."""
+        """All problems of all nodes."""
         if self.health is None:
             return ["health unknown"]
         return [f"{name}: {problem}" for name, node in self.health.nodes.items() for problem in node.problems]
 
     def line(self, now_ns: int) -> str:
-        """Name, state and stage, for how long, and what is wrong."""
+        """One line for a person: name, state, stage, duration and problems. ``now_ns``: UTC."""
         if self.state is None:
             return f"{self.cell_id:<16} ?            it speaks another version"
         state = self.state
@@ -48,6 +52,7 @@ class Member(NamedTuple):
         return f"{self.cell_id:<16} {state.state:<12} {state.stage:<8} {since:>6}  {said}"
 
     def to_json(self) -> dict[str, object]:
+        """The fields as a JSON object."""
         return {
             "cell_id": self.cell_id,
             "state": self.state.model_dump(mode="json") if self.state else None,
@@ -57,7 +62,7 @@ class Member(NamedTuple):
 
 
 def fleet(station: Station) -> list[Member]:
-    """Every cell that answers at the station's ``bus.endpoint``, by name. Raises: CellUnreachable; ConfigError."""
+    """All cells that answer at the station's ``bus.endpoint``, by name. Raises: CellUnreachable; ConfigError."""
     settings = station.bus
     with Bus.join(_EVERY, settings.endpoint, security=settings.zenoh) as bus:
         states = bus.survey(topics.STATE_NOW, Nothing(), timeout_s=settings.ask_timeout_s)
@@ -69,7 +74,13 @@ def fleet(station: Station) -> list[Member]:
 
 
 def route(file: Path, tell: Callable[[str], None]) -> None:
-    """A Zenoh router in this process, until it is asked to end. Raises: ConfigError when ``file`` is not safe."""
+    """Run a Zenoh router in this process until it is asked to end.
+
+    Args:
+        tell: called with a line for the operator.
+
+    Raises: ConfigError when ``file`` is not safe; PortOccupied.
+    """
     config = session_config("router", listen=None, connect=None, file=file)
     ended = threading.Event()
     on_end(ended.set)

@@ -1,4 +1,4 @@
-"""``cell keys``: an authority of one's own, a certificate for every role, and the Zenoh files that use them."""
+"""``cell keys``: a private certificate authority, a certificate for every role, and the Zenoh files that use them."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from config.load import DEFAULT_STATION
 
 ROLES = ("cell", "router", "node", "operator", "viewer")
 LISTENING = ("cell", "router")
-"""Others connect to these, and check that the certificate names the address they asked for."""
+"""Roles that others connect to; clients check that the certificate names the requested address."""
 _FILES = DEFAULT_STATION.parent / "zenoh"
 _VALID = timedelta(days=2 * 365)
 _CA_VALID = timedelta(days=10 * 365)
@@ -35,13 +35,15 @@ _CA_VALID = timedelta(days=10 * 365)
 def make_keys(folder: Path, hosts: Sequence[str]) -> list[Path]:
     """Write ``ROLE.pem``, ``ROLE.key`` and ``ROLE.json5`` for every role into ``folder``.
 
-    The authority (``ca.pem``, ``ca.key``) is made where there is none, and used again where there is one: what it
-    signed before stays valid.
+    An existing authority (``ca.pem``, ``ca.key``) is reused, so earlier certificates stay valid; otherwise it is
+    created.
 
     Args:
         hosts: addresses and names under which the cell and the router are reached.
 
-    Returns: what was written. Raises: ConfigError.
+    Returns: the written files.
+
+    Raises: ConfigError for an invalid host, or a folder that cannot be written.
     """
     require_outside(folder / "ca.key", "TLS key")
     try:
@@ -60,7 +62,7 @@ def make_keys(folder: Path, hosts: Sequence[str]) -> list[Path]:
 
 
 def _authority(folder: Path) -> tuple[x509.Certificate, EllipticCurvePrivateKey, list[Path]]:
-    """The folder's authority, made if it has none, and what was written for it."""
+    """The folder's authority, created if there is none, and the files written for it."""
     pem, secret = folder / "ca.pem", folder / "ca.key"
     if pem.exists() and secret.exists():
         require_private(secret, "TLS key")
@@ -84,7 +86,7 @@ def _certificate(
     authority: x509.Certificate,
     authority_key: EllipticCurvePrivateKey,
 ) -> x509.Certificate:
-    """One that says who its holder is (the common name is the role), and for which addresses it may answer."""
+    """A certificate with the role as common name, valid for the addresses ``names``."""
     usages = [ExtendedKeyUsageOID.CLIENT_AUTH]
     usages += [ExtendedKeyUsageOID.SERVER_AUTH] if names else []
     return (
@@ -133,7 +135,7 @@ def _write(path: Path, certificate: x509.Certificate) -> Path:
 
 
 def _write_key(path: Path, key: EllipticCurvePrivateKey) -> Path:
-    """Private from its first byte."""
+    """Write a key, readable by the owner only from its creation."""
     path.unlink(missing_ok=True)
     with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
         file.write(key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()))

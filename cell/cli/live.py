@@ -1,4 +1,4 @@
-"""``cell watch``: the running cell on one screen, and its commands one key each."""
+"""``cell watch``: the running cell on one screen, with one key per command."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from bus.commands import CellState, CommandReply, Event, Health
 from bus.errors import BadPayload, BusError, CellError
 from bus.frozen import Message
 from bus.messages import CycleResult
-from bus.sample import Heard
+from bus.sample import Sample
 from bus.topics import encoding_of
 from cell import client
 from cell.cli.live_view import HISTORY, KEYS, QUIT, Model, view
@@ -42,11 +42,11 @@ from logs.mcap.index import read_result
 
 _TURN_S = 0.1
 _WIDTH = 120
-"""Where no terminal says its own."""
+"""Columns when no terminal reports its width."""
 _REDRAW_S = 0.5
 _ASK_STATE_S = 1.0
 _SILENCE_S = 2.0
-"""A cell answers at once; after this the view says that it does not, while the question still waits."""
+"""A cell answers immediately; after this time the view reports it as silent, while the request is still pending."""
 _NODES_PATIENCE_S = 2.5
 _ENDED = "The cell has ended, or the link to it. It is shown again once it is back."
 _UNKNOWN_NS = 2**63
@@ -57,13 +57,13 @@ _TYPES: dict[str, type[Message]] = {
 }
 _NODE_HEALTH = re.compile(topics.NODE_HEALTH.key.format(name="[^/]+"))
 _ESCAPE_SEQUENCE = re.compile(rb"\x1b(\[[0-?]*[ -/]*[@-~]|O.|.)?", re.DOTALL)
-_NO_CHARACTER = b"\0"  # POSIX: this control character is switched off
+_NO_CHARACTER = b"\0"  # POSIX: this control character is disabled
 
 
 class Keyboard:
-    """Key presses, unbuffered and unechoed while entered, where ``stdin`` is a terminal; otherwise none ever.
+    """Key presses, unbuffered and unechoed while entered, when ``stdin`` is a terminal; otherwise none.
 
-    Ctrl-C stays a signal; Ctrl-Z does nothing, so that no other program meets the terminal in this mode.
+    Ctrl-C remains a signal; Ctrl-Z is disabled, so that no other program gets the terminal in this mode.
     """
 
     def __init__(self, stdin: IO[str]) -> None:
@@ -72,6 +72,7 @@ class Keyboard:
 
     @property
     def is_there(self) -> bool:
+        """True when stdin is a terminal."""
         return self._fd is not None
 
     def __enter__(self) -> Keyboard:
@@ -90,7 +91,7 @@ class Keyboard:
             termios.tcsetattr(self._fd, termios.TCSADRAIN, self._before)
 
     def pressed(self, timeout_s: float) -> list[str]:
-        """The keys pressed within ``timeout_s``, a held-down one once; not those that send a sequence (arrows).
+        """The keys pressed within ``timeout_s``, a held-down one once; keys that send a sequence (arrows) are dropped.
 
         Raises: EOFError when the terminal is gone.
         """
@@ -106,10 +107,10 @@ class Keyboard:
 
 
 class Commander:
-    """Sends the view's commands. It holds the lease from the first that moves the arm until what it commanded is over.
+    """Sends the view's commands. It holds the lease from the first motion command until that motion is over.
 
     Args:
-        connect: a new connection to the cell, closed with its context; with it ends the lease.
+        connect: opens a new connection to the cell; leaving its context closes it and ends the lease.
     """
 
     def __init__(self, connect: Callable[[], AbstractContextManager[Client]]) -> None:
@@ -126,24 +127,24 @@ class Commander:
                 self._client = self._open.enter_context(self._connect())
             reply = self._client.command(verb)
             self._since_ns = _UNKNOWN_NS
-            self._since_ns = self._client.state().since_ns  # of the state that it led to, or of a later one
+            self._since_ns = self._client.state().since_ns  # of the state it led to, or of a later one
             return reply
 
     def is_over(self, state: CellState | None, *, is_gone: bool) -> bool:
-        """Whether there is a connection to close: ``state`` is the end of what was commanded, or the cell is gone."""
+        """True when an open connection can be closed: ``state`` ends what was commanded, or the cell is gone."""
         if self._alone.locked() or self._client is None:
             return False
         return is_gone or (state is not None and state.state in SETTLED and state.since_ns >= self._since_ns)
 
     def release(self) -> None:
-        """Close the connection, and with it give the lease back; the next command opens another."""
+        """Close the connection, which gives the lease back; the next command opens another one."""
         with self._alone:
             self._open.close()
             self._client = None
 
 
 class Watcher:
-    """Keeps a `Model` up to date, and sends commands. Asking happens in threads: a silent cell never stops the view."""
+    """Keeps a `Model` up to date and sends commands. Requests run in threads: a silent cell never blocks the view."""
 
     def __init__(
         self, cell: Client, commander: Commander, station: Station, pool: ThreadPoolExecutor, *, takes_keys: bool
@@ -158,30 +159,30 @@ class Watcher:
         self._releasing: Future[None] | None = None
 
     def press(self, key: str) -> None:
-        """Send the key's command, also one that will be refused: the answer says why."""
+        """Send the key's command, even if it will be refused: the reply gives the reason."""
         verb = KEYS.get(key)
         if verb is not None:
             self.model = self.model.noting(f"{verb} ...", time.monotonic())
-            # what brings to rest waits for no other command
+            # commands that stop motion do not wait for others
             send = self._cell.command if verb in ENDING else self._commander.command
             self._commands.append((verb, self._pool.submit(send, verb)))
 
     def turn(self) -> None:
-        """Take what was said and answered since the last turn. Raises: nothing a cell does."""
-        for heard in self._cell.heard():
-            self.hear(heard)
+        """Process all messages and replies since the last turn. Never raises for anything the cell does."""
+        for sample in self._cell.heard():
+            self.hear(sample)
         for verb, future in [command for command in self._commands if command[1].done()]:
             self._commands.remove((verb, future))
             self._take_answer(verb, future)
         self._ask_state()
         self._give_back()
 
-    def hear(self, heard: Heard) -> None:
-        """Take one message; one that cannot be read is counted, and its reason shown."""
+    def hear(self, sample: Sample) -> None:
+        """Process one message; an undecodable one is counted, and its reason shown."""
         try:
-            said = _decoded(heard)
+            said = _decoded(sample)
         except BadPayload as error:
-            self.model = self.model.missing(heard.key, error.text)
+            self.model = self.model.missing(sample.key, error.text)
         else:
             self.model = self.model.hear(said, time.monotonic())
 
@@ -195,7 +196,7 @@ class Watcher:
             self.model = self.model.noting(f"{verb}: accepted{begun}", time.monotonic())
 
     def _ask_state(self) -> None:
-        """Ask for the state, too, once a second: so a cell that fell silent shows, and one that came back."""
+        """Request the state once a second, too, to detect a cell that fell silent or came back."""
         if self._asking is None:
             if time.monotonic() - self._asked_s > _ASK_STATE_S:
                 self._asked_s, self._asking = time.monotonic(), self._pool.submit(self._cell.state)
@@ -211,13 +212,13 @@ class Watcher:
             self.model = replace(self.model, lost=f"The cell has not answered for {_SILENCE_S:.0f} s.")
 
     def _give_back(self) -> None:
-        """The lease, once nothing moves for it any more: another client may command."""
+        """Release the lease when its motion is over, so that another client may command."""
         is_due = not self._commands and self._commander.is_over(self.model.state, is_gone=self._cell.is_gone)
         if is_due and (self._releasing is None or self._releasing.done()):
             self._releasing = self._pool.submit(self._commander.release)
 
     def wait_for_nodes(self) -> None:
-        """Until every node was heard, or `_NODES_PATIENCE_S`."""
+        """Wait until all nodes were received, or for `_NODES_PATIENCE_S`."""
         give_up_s = time.monotonic() + _NODES_PATIENCE_S
         while set(self.model.nodes) - self.model.beats.keys() and time.monotonic() < give_up_s:
             time.sleep(_TURN_S)
@@ -225,9 +226,9 @@ class Watcher:
 
 
 def watch(station: Station, *, once: bool) -> None:
-    """Show the station's cell until q or Ctrl-C; once, where asked for or where there is no terminal to draw on.
+    """Show the station's cell until q or Ctrl-C; only once if asked for, or without a terminal to draw on.
 
-    Raises: CellUnreachable when no cell runs at the beginning; one that goes away later is shown, and waited for.
+    Raises: CellUnreachable when no cell runs at the beginning; a cell that disappears later is shown as lost.
     """
     canvas = console(out, None if out.isatty() else _WIDTH)
     once = once or not out.isatty()
@@ -245,7 +246,7 @@ def watch(station: Station, *, once: bool) -> None:
 
 
 def _loop(watcher: Watcher, keyboard: Keyboard, canvas: Console, ended: threading.Event) -> None:
-    """Until q, ``ended``, or the terminal is gone: only its own input and output raise what is caught here."""
+    """Draw until q, ``ended``, or the terminal is gone; only errors of the terminal are caught here."""
     try:
         with keyboard, Live(_draw(watcher), console=canvas, screen=True, auto_refresh=False) as live:
             drawn_s, drawn = 0.0, watcher.model
@@ -264,16 +265,16 @@ def _draw(watcher: Watcher) -> RenderableType:
     return view(watcher.model, time.monotonic(), time.time_ns())
 
 
-def _decoded(heard: Heard) -> Message:
-    """What was said, in the type of its key. Raises: BadPayload."""
-    kind = Health if _NODE_HEALTH.fullmatch(heard.key) else _TYPES.get(heard.key)
-    if kind is None or heard.encoding != encoding_of(kind):
-        raise BadPayload(f"{heard.key!r} does not carry {heard.encoding!r}.")
-    return decode(kind, heard.payload)
+def _decoded(sample: Sample) -> Message:
+    """The message of a sample, in the type of its key. Raises: BadPayload."""
+    kind = Health if _NODE_HEALTH.fullmatch(sample.key) else _TYPES.get(sample.key)
+    if kind is None or sample.encoding != encoding_of(kind):
+        raise BadPayload(f"{sample.key!r} does not carry {sample.encoding!r}.")
+    return decode(kind, sample.payload)
 
 
 def _end_on_signals() -> threading.Event:
-    """Set by Ctrl-C, SIGTERM and a closed terminal; none of them may interrupt a line that is being drawn."""
+    """An event set by Ctrl-C, SIGTERM and a closed terminal; none of them interrupts a line that is being drawn."""
     ended = threading.Event()
     on_end(ended.set)
     return ended
@@ -281,7 +282,7 @@ def _end_on_signals() -> threading.Event:
 
 @contextmanager
 def _released_last(commander: Commander) -> Iterator[None]:
-    """What it commanded is no longer attended once the view has ended: the cell holds it."""
+    """Context that releases the lease at the end of the view: unattended motion is then held by the cell."""
     try:
         yield
     finally:
@@ -290,7 +291,7 @@ def _released_last(commander: Commander) -> Iterator[None]:
 
 @contextmanager
 def _asking() -> Iterator[ThreadPoolExecutor]:
-    """Threads for questions; leaving does not wait for their answers."""
+    """A pool of threads for requests; leaving the context does not wait for replies."""
     pool = ThreadPoolExecutor(max_workers=4, thread_name_prefix="asking")
     try:
         yield pool
@@ -299,9 +300,9 @@ def _asking() -> Iterator[ThreadPoolExecutor]:
 
 
 def recorded_results(folder: Path) -> Iterator[CycleResult]:
-    """Results of the closed recordings below ``folder``, newest first; those that cannot be read are left out.
+    """Results of the closed recordings below ``folder``, newest first; unreadable ones are left out.
 
-    `cell cycles` lists those too, with what is wrong.
+    `cell cycles` lists unreadable recordings, too, with the reason.
     """
     for path in sorted(folder.rglob("*.mcap"), key=lambda path: path.name, reverse=True):
         try:

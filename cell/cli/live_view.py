@@ -1,4 +1,4 @@
-"""What ``cell watch`` shows: one view of the cell, drawn from what was heard of it and nothing else."""
+"""The view of ``cell watch``, drawn only from the messages that were received."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from cell.terminal.drawing import table, words
 from cell.terminal.printing import Part
 
 HISTORY = 8
-"""How many cycles are shown."""
+"""Number of cycles shown."""
 STALE_S = 3.0
-"""A node says how it is once a second; after this silence it is shown in red."""
+"""A node publishes its health once a second; after this silence it is shown in red."""
 KEYS = {"r": "reset", "p": "pick", "s": "stop", "h": "hold", "u": "unhold", "a": "abort", "c": "clear"}
 QUIT = "q"
 
@@ -37,7 +37,11 @@ _LONGEST_NS = 10**18
 
 @dataclass(frozen=True)
 class Heartbeat:
-    """What a node last said of itself, and when that was heard [s, monotonic]."""
+    """The last health message of a node.
+
+    Attributes:
+        heard_s: time of its arrival, monotonic.
+    """
 
     health: Health
     heard_s: float
@@ -45,14 +49,15 @@ class Heartbeat:
 
 @dataclass(frozen=True)
 class Model:
-    """Everything the view shows.
+    """The content of the view.
 
     Attributes:
-        cell_id, nodes: of the station file. ``takes_keys``: False shows no keys.
+        cell_id, nodes: of the station file. ``takes_keys``: False hides the keys.
         beats: by node name. ``results``: newest first.
         lost: why the cell does not answer, "" while it does; ``state`` is then its last one.
-        note: the last answer, refusal or event, of ``noted_s`` [monotonic]. ``is_bad``: it was no acceptance.
-        unread: how many messages could not be read. ``last_unread``: the key of the last one, and why.
+        note: the last reply, refusal or event, received at ``noted_s`` (monotonic). ``is_bad``: it was not an
+            acceptance.
+        unread: number of undecodable messages. ``last_unread``: key and reason of the last one.
     """
 
     cell_id: str
@@ -69,7 +74,10 @@ class Model:
     last_unread: str = ""
 
     def hear(self, said: Message, now_s: float) -> Model:
-        """The model after ``said``; a state older than the present one changes nothing, unless the cell was away."""
+        """The model after message ``said`` at ``now_s`` (monotonic).
+
+        A state older than the present one changes nothing, unless the cell was lost.
+        """
         if isinstance(said, CellState):
             is_old = self.state is not None and said.since_ns < self.state.since_ns
             return self if is_old and not self.lost else replace(self, state=self._with_cause(said), lost="")
@@ -84,18 +92,18 @@ class Model:
         return self
 
     def _with_cause(self, said: CellState) -> CellState:
-        """What is Stopped keeps the reason that it was stopping for."""
+        """The Stopped state with the reason of the preceding Stopping."""
         before = self.state
         if before is None or said.reason or said.state != "Stopped" or before.state not in ("Stopping", "Stopped"):
             return said
         return said.model_copy(update={"reason": before.reason})
 
     def missing(self, key: str, why: str) -> Model:
-        """The model after a message on ``key`` that could not be read."""
+        """The model after an undecodable message on ``key``."""
         return replace(self, unread=self.unread + 1, last_unread=f"{key}: {why}")
 
     def noting(self, note: str, now_s: float, *, is_bad: bool = False) -> Model:
-        """The model with another note."""
+        """The model with another note, received at ``now_s`` (monotonic)."""
         return replace(self, note=note, noted_s=now_s, is_bad=is_bad)
 
 
@@ -162,7 +170,7 @@ def _nodes(model: Model, now_s: float) -> Table:
 
 
 def _keys(model: Model) -> Text:
-    """The available commands lit, the others dim; none at all where no keys can be pressed."""
+    """The keys, those of available commands highlighted; only the available commands when keys are not accepted."""
     lit = model.state.available if model.state is not None and not model.lost else ()
     if not model.takes_keys:
         return words(f"available: {', '.join(lit) or '-'}", style="dim")
@@ -173,12 +181,12 @@ def _keys(model: Model) -> Text:
 
 
 def seconds_between(earlier_ns: int, later_ns: int) -> float:
-    """From the one stamp to the other, 0 if that came first; stamps may be foreign, and as large as they like."""
+    """Time between two stamps [s], 0 if the second is earlier; stamps of other programs may have any size."""
     return min(max(0, later_ns - earlier_ns), _LONGEST_NS) / 1e9
 
 
 def duration(seconds: float) -> str:
-    """For a person: ``7 s``, ``3 min``, ``26 h``."""
+    """A duration for a person: ``7 s``, ``3 min``, ``26 h``."""
     if seconds < 120:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.0f} h"

@@ -1,4 +1,4 @@
-"""``cell fleet``, ``router``, ``keys``: cells, and those who look after them, on other machines."""
+"""``cell fleet``, ``router``, ``keys``: cells and operators on other machines."""
 
 from __future__ import annotations
 

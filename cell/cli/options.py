@@ -1,4 +1,4 @@
-"""The options that the commands share, and what is checked of a value before anything is done with it."""
+"""Options shared by the commands, and the checks of their values before anything is done."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from typing import Annotated
 import typer
 
 _LONGEST_NAME = 100
-"""Of an object, as the bus carries it (`bus.commands.CommandRequest`)."""
+"""Longest object name on the bus (`bus.commands.CommandRequest`)."""
 
 
 def object_name_of(name: str | None) -> str | None:
-    """An object's name that a command can carry."""
+    """An object's name that fits into a command. Raises: typer.BadParameter."""
     if name is not None:
         try:
             name.encode()
@@ -25,7 +25,7 @@ def object_name_of(name: str | None) -> str | None:
 
 
 def finite(number: float | None) -> float | None:
-    """A number that is one."""
+    """A finite number, or None; its unit is the option's. Raises: typer.BadParameter for NaN and infinity."""
     if number is not None and not math.isfinite(number):
         raise typer.BadParameter(f"{number} is no finite number.")
     return number

@@ -1,4 +1,4 @@
-"""``cell pick`` and ``cell run``: picks of a cell that runs, commanded and attended from here until they are over."""
+"""``cell pick`` and ``cell run``: picks on a running cell, commanded and attended by this process to their end."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from config.load import DEFAULT_STATION, load_station
 
 _PATIENCE_S = 600.0
 _INTERRUPTED = 130
-"""As a shell says of what Ctrl-C ended."""
+"""Exit code of a process that Ctrl-C ended, as a shell reports it."""
 _ENDED = ("Stopped", "Aborted")
 _FINE = ("SUCCESS", "EMPTY")
 
@@ -73,7 +73,7 @@ def run(
 
 
 def _follow(cell: Client, batch: Batch, shown: _Shown) -> None:
-    """Show what is said until no other pick follows: also when the cell is stopped, or aborts."""
+    """Show messages until no further pick follows, including when the cell stops or aborts."""
     while not batch.is_over:
         said = cell.next_said(_PATIENCE_S)
         if isinstance(said, CycleResult):
@@ -86,7 +86,7 @@ def _follow(cell: Client, batch: Batch, shown: _Shown) -> None:
 
 
 def _result_of(cell: Client, cycle_id: str, hear: Callable[[CellState], None]) -> CycleResult:
-    """The result of the pick that began as ``cycle_id``: of its last try."""
+    """The result of the pick that began as ``cycle_id``, of its last attempt."""
     while True:
         said = cell.next_said(_PATIENCE_S)
         if isinstance(said, CellState):
@@ -98,10 +98,10 @@ def _result_of(cell: Client, cycle_id: str, hear: Callable[[CellState], None]) -
 
 
 class _Shown:
-    """Shows results, and who or what brought the cell to rest meanwhile.
+    """Shows results, and the cause when the cell is brought to rest meanwhile.
 
     Attributes:
-        cause: the last such, "" before there was one.
+        cause: the last such cause, "" for none.
     """
 
     def __init__(self, as_json: bool) -> None:
@@ -110,7 +110,7 @@ class _Shown:
         self.cause = ""
 
     def state(self, state: CellState) -> None:
-        """A state; shown where somebody, or the cell itself, holds, stops or aborts what was going on."""
+        """Process a state; it is shown when a client or the cell itself holds, stops or aborts the pick."""
         is_new, self._state = state.state != self._state, state.state
         if is_new and state.reason and state.state in ("Holding", "Suspending", "Stopping", "Aborting"):
             self.cause = told(state.state, state.reason)
@@ -118,7 +118,7 @@ class _Shown:
                 out.line(f"  {self.cause}")
 
     def result(self, result: CycleResult) -> None:
-        """A cycle's result, and its recording."""
+        """Show a cycle's result, and its recording."""
         if self._as_json:
             out.json(result.model_dump_json())
             return
@@ -127,14 +127,17 @@ class _Shown:
         out.line(f"  {result.recording}")
 
     def summary(self, batch: Batch) -> None:
-        """How a batch ended; what is left on the table only the cell's own terminal knows."""
+        """Show the end of a batch; the objects left on the table are known only to the cell's own terminal."""
         summary = batch.summary(None)
         out.json(summary.model_dump_json()) if self._as_json else out.line(summary.line())
 
 
 @contextmanager
 def attended() -> Iterator[None]:
-    """Around what keeps a client that the arm moves for: Ctrl-C ends that client, and says what it leaves behind."""
+    """Context of a client that attends motion: Ctrl-C ends the client, and the message says what it leaves behind.
+
+    Raises: typer.Exit(130) after Ctrl-C.
+    """
     try:
         yield
     except KeyboardInterrupt:
@@ -145,7 +148,7 @@ def attended() -> Iterator[None]:
 
 @contextmanager
 def connected(verb: str, config: Path, overrides: list[str] | None) -> Iterator[Client]:
-    """A client that is named after what it asks for."""
+    """A client named after its command."""
     station = load_station(config, overrides or [])
     with client.connect(station, client_id=client.client_name(verb)) as cell:
         yield cell

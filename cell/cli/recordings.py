@@ -1,4 +1,4 @@
-"""``cell cycles``, ``show``, ``report``, ``recover``: what was recorded, listed, told, as pages, and made whole."""
+"""``cell cycles``, ``show``, ``report``, ``recover``: list, explain, report and recover recordings."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from logs.mcap.reader import CycleRecord, read_cycle
 from logs.mcap.recover import recover as recover_file
 from logs.report.cycle_report import configuration_changes, write_report
 from logs.report.day_report import days, outdated, write_cycle, write_day
-from logs.report.timeline import Story, tell
+from logs.report.timeline import Timeline, summarize
 
 _STYLE = {"SUCCESS": "green", "EMPTY": "yellow", "UNFINISHED": "yellow", "INTERRUPTED": "yellow", "TORN": "yellow"}
 _BAD = "bold red"
 _WIDTH = 1000
-"""Where no terminal says its own: nothing is cut."""
+"""Columns when no terminal reports its width: nothing is cut."""
 
 Cycle = Annotated[
     str, typer.Argument(metavar="FILE|CYCLE", help="A recording (.mcap), or a cycle's id or a part of it.")
@@ -32,7 +32,7 @@ Cycle = Annotated[
 
 
 def find_cycle(name: str, config: Path) -> Path:
-    """The recording that a command's FILE|CYCLE means. Raises: RecordingError, ConfigError."""
+    """The recording named by a command's FILE|CYCLE. Raises: RecordingError, ConfigError."""
     return find_recording(name, load_station(config).recording.folder)
 
 
@@ -79,17 +79,17 @@ def show(cycle: Cycle, config: Config = DEFAULT_STATION, as_json: Json = False) 
     """Why a cycle ended so: its result, what to do, its stages, what was changed for it."""
     path = find_cycle(cycle, config)
     record = read_cycle(path)
-    story = tell(record)
+    timeline = summarize(record)
     if as_json:
-        out.json(_told(record, story))
+        out.json(_told(record, timeline))
         return
-    out.line((story.title, _STYLE.get(story.outcome, _BAD)), f": {story.why}")
-    if story.advice:
-        out.line(("  what to do  ", "bold"), story.advice)
-    for line in story.stages:
+    out.line((timeline.title, _STYLE.get(timeline.outcome, _BAD)), f": {timeline.why}")
+    if timeline.advice:
+        out.line(("  what to do  ", "bold"), timeline.advice)
+    for line in timeline.stages:
         text = f"  {line.name:<8} {line.took_s:6.2f} s  {line.said}".rstrip()
         out.line(text, style="red" if line.failed else "")
-    out.line(f"  machine     {' -> '.join(span.name for span in story.states) or 'said nothing'}")
+    out.line(f"  machine     {' -> '.join(span.name for span in timeline.states) or 'said nothing'}")
     for key, here, default in configuration_changes(record.station):
         out.line(f"  changed     {key} = {here} (default {default})", style="dim")
     attempt = record.attempt
@@ -101,14 +101,14 @@ def show(cycle: Cycle, config: Config = DEFAULT_STATION, as_json: Json = False) 
     out.line(f"  recording   {path}, made by {made_by}", style="dim")
 
 
-def _told(record: CycleRecord, story: Story) -> dict[str, Any]:
+def _told(record: CycleRecord, timeline: Timeline) -> dict[str, Any]:
     return {
         "result": record.result.model_dump(mode="json") if record.result is not None else None,
-        "why": story.why,
-        "advice": story.advice,
-        "stages": {line.name: line.took_s for line in story.stages},
-        "said": {line.name: line.said for line in story.stages},
-        "states": [span.name for span in story.states],
+        "why": timeline.why,
+        "advice": timeline.advice,
+        "stages": {line.name: line.took_s for line in timeline.stages},
+        "said": {line.name: line.said for line in timeline.stages},
+        "states": [span.name for span in timeline.states],
         "changed": {key: here for key, here, _ in configuration_changes(record.station)},
         "metadata": record.metadata,
     }
@@ -148,7 +148,7 @@ def report(
 
 
 def _report_folder(folder: Path) -> tuple[list[Path], dict[Path, str]]:
-    """Write what is missing or outdated; the pages of the days, newest first, and what has none, with the reason."""
+    """Write missing and outdated pages; return the days' pages, newest first, and the failed recordings' reasons."""
     todo = outdated(folder)
     written = {path: write_cycle(path) for path in tracked(todo, len(todo), "writing pages", err)}
     damaged = {path: why for path, why in written.items() if why}
@@ -170,7 +170,7 @@ def recover(
     for file in files:
         try:
             done = recover_file(file)
-        except RecordingError as error:  # the others are recovered all the same
+        except RecordingError as error:  # the others are still recovered
             err.line(f"{error.code}: {error}")
             failed = error
             continue

@@ -1,4 +1,4 @@
-"""``cell replay``: a recorded cycle, or a folder of them, run again and compared; or put on the bus again."""
+"""``cell replay``: rerun a recorded cycle, or a folder of them, and compare; or publish it again."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def _publish(file: Path, rate: float, endpoint: str, wait_s: float) -> None:
 
 
 def _interrupt() -> None:
-    """Any end that is asked for is Ctrl-C's."""
+    """Handle every request to end as Ctrl-C. Raises: KeyboardInterrupt."""
     raise KeyboardInterrupt
 
 

@@ -1,4 +1,4 @@
-"""``cell config``, ``doctor``, ``watch``, ``node``: one station, looked at and served."""
+"""``cell config``, ``doctor``, ``watch``, ``node``: inspect and serve one station."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``cell start``: the daemon and its nodes in this process, until its picks are done or somebody ends it."""
+"""``cell start``: the daemon and its nodes in this process, until its picks are done or it is asked to end."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from config.schema import RetrySettings, Station
 from logs import live
 
 _TERMINAL = "terminal"
-"""``client_id`` of what `cell start` itself commands; it needs no lease: with it the daemon ends."""
+"""``client_id`` of the commands of `cell start` itself; it needs no lease, because the daemon ends with it."""
 
 
 def start(
@@ -58,7 +58,7 @@ def start(
     extra += [f"sim.objects={objects}"] if objects is not None else []
     station = load_station(config, [*(overrides or []), *extra])
     if foxglove:
-        live.sdk()  # missing? then before anything starts
+        live.sdk()  # fails before anything starts if it is missing
     wanted = CommandRequest(client_id=_TERMINAL, cycles=cycles or 1, until_empty=until_empty)
     picks = wanted if cycles is not None or until_empty else None
     service = Service(os.environ)
@@ -71,7 +71,7 @@ def start(
     if batch is None:
         return
     if as_json and cycles is not None and batch.done < cycles:
-        err.line(batch.reason)  # a cell that aborts between cycles gives no result that says why
+        err.line(batch.reason)  # a cell that aborts between cycles publishes no result with the reason
     if screen.interrupted.is_set() or not (batch.is_empty if until_empty else batch.picked == cycles):
         raise typer.Exit(1)
 
@@ -79,7 +79,7 @@ def start(
 def _run(
     station: Station, picks: CommandRequest | None, screen: Screen, service: Service, view_port: int | None
 ) -> Batch | None:
-    """Run the cell for these ``picks``; without any, for whatever is commanded, until interrupted."""
+    """Run the cell for these ``picks``; without any, for commands of other clients, until interrupted."""
     screen.line(f"cell {station.cell_id} on {station.bus.endpoint}: starting {', '.join(station.nodes)} ...")
     with (
         running_cell(station, screen.observe) as daemon,
@@ -98,7 +98,7 @@ def _run(
 
 
 def _occupied(station: Station, error: PortOccupied) -> PortOccupied:
-    """Who is there instead: this very cell, or another program."""
+    """The error with the program that uses the port: this very cell, or another program."""
     try:
         with client.connect(station) as cell:
             cell.state()
@@ -111,19 +111,19 @@ def _occupied(station: Station, error: PortOccupied) -> PortOccupied:
 
 
 def _live_view(station: Station, port: int | None) -> AbstractContextManager[live.LiveView | None]:
-    """Around the cell: what Foxglove connects to; nothing without a ``port``."""
+    """Context with the live view for Foxglove; empty without a ``port``."""
     return nullcontext() if port is None else live.watching(station.cell_id, station.bus.endpoint, port)
 
 
 def _stay(screen: Screen) -> None:
-    """Show what happens, until interrupted."""
+    """Show all messages until interrupted."""
     screen.line("ready. From another terminal: cell reset, cell pick, cell status. Ctrl-C ends.")
     for _ in screen.follow():
         pass
 
 
 def _run_batch(daemon: Daemon, screen: Screen, operator: CommandRequest, retry: RetrySettings) -> Batch:
-    """Reset, then all picks of one ``start``; over also when the cell aborts, is stopped, or Ctrl-C was pressed."""
+    """Reset, then run all picks of one ``start``; also over when the cell aborts, is stopped, or Ctrl-C is pressed."""
     batch = Batch(operator, retry)
     begun = False
     refuse(daemon.command("reset", operator))

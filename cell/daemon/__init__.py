@@ -1,1 +1,1 @@
-"""The daemon: joins the machine, the pick and the nodes, and answers on the bus."""
+"""The daemon: connects the machine, the pick and the nodes, and answers on the bus."""

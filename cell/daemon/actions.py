@@ -1,4 +1,4 @@
-"""What the machine does in its acting states: self-check, begin, pick, complete, hold, unhold, stop, clear."""
+"""The actions of the machine's acting states: self-check, begin, pick, complete, hold, unhold, stop, clear."""
 
 from __future__ import annotations
 
@@ -11,70 +11,68 @@ from bus.codec import encode
 from bus.codes import Code
 from bus.errors import BusError, ConfigError, CycleFailure, DriverError
 from bus.messages import Attempt, CycleResult
-from bus.sample import Heard
+from bus.sample import Sample
 from bus.topics import encoding_of
-from cell.daemon.presenter import Feed
 from cell.daemon.resetting import reset
 from cell.daemon.retry import Retries
 from cell.daemon.runinfo import open_recorder
+from cell.daemon.simulated_table import SimulatedTable
 from cell.machine import standstill
 from cell.machine.gate import Gate
-from cell.pick.cycle import FAULTS, Cycle, Equipment, Say
+from cell.pick.cycle import FAULTS, Cycle, Equipment, Publish
 from cell.pick.record import CycleLog
 from config.scene import placing_at
 from config.schema import Station
-from drivers.interface import Feeder
+from drivers.interface import ObjectPresenter
 from logs.mcap.recorder import Under, ensure_space, plain
 
 
 def new_cycle_id() -> str:
-    """The UTC time to the millisecond: unique in one cell, and sorted by age."""
+    """A cycle id: the UTC time to the millisecond, unique in one cell and sorted by age."""
     return f"{datetime.now(UTC):%Y%m%dT%H%M%S%f}"[:-3]
 
 
-class Works:
-    """The works of one cell, each run in a thread of its own by the `Machine`; at most one cycle is open.
+class Actions:
+    """The actions of one cell, each run in a thread of its own by the `Machine`; at most one cycle is open.
 
     Args:
-        feeder: puts objects on the simulated table; None on hardware.
-        nodes_alive: names of the nodes that are up.
-        say, on_stage: publish a message; tell that a stage began.
-        on_result: told every cycle's result, after its recording is closed.
-        on_fault: told what ends the cycle from outside its stages, on any thread: its recording failed.
-        under: of every recording's file (`logs.mcap.recorder.Recorder`).
+        gate: every motion passes it (`cell.machine.holding`).
+        presenter: puts objects on the simulated table; None on hardware.
+        nodes_alive: returns the names of the nodes that are up.
+        publish, on_stage: publish a message; called when a stage begins.
+        on_result: called with every cycle's result, after its recording is closed.
+        on_fault: called, on any thread, with what ends the cycle from outside its stages: its recording failed.
+        under: wraps every recording's file (`logs.mcap.recorder.Recorder`).
 
     Attributes:
-        gate: halted by whoever wants everything to stop, shut by a hold; every motion passes it.
-        next, object: the attempt that begins next, and its object; None = a new one, the feeder's next.
-        gave_up: why the cell should hold at the end of this pick, or "".
         log: the open cycle's record, or None.
-        feed: what lies on the simulated table.
+        table: the objects on the simulated table.
     """
 
     def __init__(
         self,
         equipment: Equipment,
-        feeder: Feeder | None,
+        gate: Gate,
+        presenter: ObjectPresenter | None,
         nodes_alive: Callable[[], set[str]],
-        say: Say,
+        publish: Publish,
         on_stage: Callable[[str], None],
         on_result: Callable[[CycleResult], None],
         on_fault: Callable[[CycleFailure], None] = lambda _: None,
         under: Under = plain,
     ) -> None:
-        self._under = under
+        self._under, self._gate = under, gate
         self._equipment, self._nodes_alive = equipment, nodes_alive
         self._station = equipment.station
-        self.feed = Feed(feeder, equipment.station)
-        self._say, self._on_stage, self._on_result, self._on_fault = say, on_stage, on_result, on_fault
-        self._number = -1  # of the pick, however often it is tried
+        self.table = SimulatedTable(presenter, equipment.station)
+        self._publish, self._on_stage, self._on_result, self._on_fault = publish, on_stage, on_result, on_fault
+        self._number = -1  # number of the pick, the same for all its attempts
         self._cycle: Cycle | None = None
-        self.gate = Gate()
         self._retries = Retries(self._station.retry)
         self._retry: Attempt | None = None
-        self.gave_up = ""
-        self.next: Attempt | None = None
-        self.object: str | None = None
+        self._hold_after_failures = ""
+        self._next: Attempt | None = None
+        self._object: str | None = None
         self.log: CycleLog | None = None
 
     @property
@@ -84,26 +82,28 @@ class Works:
         return cycle.cycle_id if cycle is not None else ""
 
     def reset(self) -> None:
-        """Self-check, then the arm to the capture pose with an open hand. Raises: CycleFailure or DriverError."""
-        reset(self._equipment, self.gate, self._nodes_alive())
-        self.feed.look()
+        """Run the self-check, then move the arm to the capture pose with an open hand. Raises: CycleFailure,
+        DriverError.
+        """
+        reset(self._equipment, self._gate, self._nodes_alive())
+        self.table.look()
 
     def begin(self) -> None:
         """Open the cycle's record; in simulation, put an object on the table. Raises: CycleFailure, RecordingError."""
         ensure_space(self._station.recording.folder, self._station.recording.min_free_mb)
-        attempt, self.next = self.next or Attempt(cycle_id=new_cycle_id()), None
+        attempt, self._next = self._next or Attempt(cycle_id=new_cycle_id()), None
         self._retry, self._number = None, self._number + (attempt.number == 0)
         station = placing_at(self._station, self._number)
         log = self.log = self._record(attempt.cycle_id, station)
         equipment = replace(self._equipment, station=station)
-        self._cycle = Cycle(attempt, equipment, self._say, self._on_stage, log, self.gate)
+        self._cycle = Cycle(attempt, equipment, self._publish, self._on_stage, log, self._gate)
         self._on_stage("")
         try:
             log.await_open()
         except CycleFailure as failure:
             raise self._cycle.fail(failure) from failure
-        self._say(topics.ATTEMPT, attempt)
-        self._name_object(self._cycle, lambda: self.feed.present(self._number, self.object, again=attempt.number > 0))
+        self._publish(topics.ATTEMPT, attempt)
+        self._name_object(self._cycle, lambda: self.table.present(self._number, self._object, again=attempt.number > 0))
 
     def _record(self, cycle_id: str, station: Station) -> CycleLog:
         path = station.recording.folder / datetime.now(UTC).strftime("%Y-%m-%d") / f"{cycle_id}.mcap"
@@ -115,16 +115,16 @@ class Works:
         )
 
     def _name_object(self, cycle: Cycle, ask: Callable[[], str]) -> None:
-        """What the feeder says of the cycle's object. Raises: CycleFailure, kept in the cycle."""
+        """Take the object's name from the presenter. Raises: CycleFailure, also kept in the cycle."""
         try:
             cycle.object = ask()
         except (DriverError, BusError) as error:
             raise cycle.fail(error) from error
-        except ConfigError as error:  # no object can be presented, or not this one
+        except ConfigError as error:  # this object, or any object, cannot be presented
             raise cycle.fail(CycleFailure(Code.NO_OBJECT, str(error))) from error
 
     def pick(self) -> None:
-        """The five stages. A pick that failed goes on to Completing; a fault of a device does not."""
+        """Run the five stages. A failed pick goes on to Completing. Raises: CycleFailure for a fault of a device."""
         cycle = self._cycle
         assert cycle is not None
         try:
@@ -133,51 +133,69 @@ class Works:
             if failure.failure in FAULTS or failure.failure is Code.STOPPED:
                 raise
         self._retry = self._retries.after(cycle.attempt, cycle.code, cycle.grasp, new_cycle_id())
-        self.gave_up = self._retries.holds()
+        self._hold_after_failures = self._retries.holds()
 
-    def renew(self, attempt: Attempt | None = None) -> None:
-        """Somebody commands anew: ``attempt`` begins next, and what failed before no longer counts."""
-        self.next, self._retries, self.gave_up = attempt, Retries(self._station.retry), ""
+    def restart_attempts(self, attempt: Attempt | None = None, object_name: str | None = None) -> None:
+        """Forget earlier failures, because a client gives a new command.
+
+        Args:
+            attempt: the one that begins next; None = a new one.
+            object_name: its object on the simulated table; None = the presenter's next.
+        """
+        self._next, self._object = attempt, object_name
+        self._retries, self._hold_after_failures = Retries(self._station.retry), ""
+
+    def take_hold_after_failures(self) -> str:
+        """The reason to hold at the end of this pick, or ""; called once a pick."""
+        why, self._hold_after_failures = self._hold_after_failures, ""
+        return why
 
     def complete(self) -> None:
-        """Deliver, and close the record."""
+        """Deliver the object, and close the record. Raises: CycleFailure."""
         cycle = self._cycle
         assert cycle is not None
         cycle.deliver()
-        self._name_object(cycle, lambda: self.feed.taken(cycle.object))
-        self.next = self._retry
+        self._name_object(cycle, lambda: self.table.taken(cycle.object))
+        self._next = self._retry
         self._finish(self._retry.cycle_id if self._retry is not None else "")
 
     def hold(self) -> None:
-        """Hold what moves, until the arm rests. Raises: CycleFailure when it does not."""
-        standstill.hold(self._equipment.arm, self.gate, self._station.arm.rest_s)
+        """Hold all motion until the arm rests. Raises: CycleFailure when it does not."""
+        standstill.hold(self._equipment.arm, self._gate, self._station.arm.rest_s)
 
     def unhold(self) -> None:
-        """Let go on what was held. Raises: MotionRefused, BusError."""
-        standstill.unhold(self._equipment.arm, self.gate)
+        """Resume the held motion. Raises: MotionRefused, BusError."""
+        standstill.unhold(self._equipment.arm, self._gate)
 
-    def stop(self, is_quiet: Callable[[float], bool]) -> None:
-        """Stop until ``is_quiet`` (no work runs) and the arm rests; the open cycle ends here. Raises: CycleFailure."""
+    def stop(self, no_action_running: Callable[[float], bool]) -> None:
+        """Stop until no action runs and the arm rests; the open cycle ends. Raises: CycleFailure.
+
+        Args:
+            no_action_running: waits up to a time [s]; True when no other action runs.
+        """
         try:
-            standstill.stop(self._equipment.arm, self._equipment.hand, self.gate, is_quiet, self._station.arm.rest_s)
+            standstill.stop(
+                self._equipment.arm, self._equipment.hand, self._gate, no_action_running, self._station.arm.rest_s
+            )
         finally:
             if self._cycle is not None:
                 self._cycle.interrupt()
             self._finish()
 
     def clear(self) -> None:
+        """Recover the arm after an abort. Raises: DriverError, BusError."""
         self._equipment.arm.recover()
 
     def halt_devices(self) -> None:
-        """Stop what moves without waiting for anything. Never raises."""
-        self.gate.halt()
+        """Stop all motion without waiting. Never raises."""
+        self._gate.halt()
         self._equipment.arm.stop()
         self._equipment.hand.stop()
 
     def _finish(self, retried_as: str = "") -> None:
-        """Close the cycle's record, if one is open, then say the result: whoever hears it finds the file.
+        """Close the cycle's record, if one is open, then publish the result, so that receivers find the file.
 
-        Raises: CycleFailure(RECORDING), after saying so as the result.
+        Raises: CycleFailure(RECORDING), after publishing it as the result.
         """
         cycle, log = self._cycle, self.log
         if cycle is None or log is None:
@@ -185,7 +203,7 @@ class Works:
         result = cycle.result(retried_as)
         self._cycle = self.log = None
         failure: CycleFailure | None = None
-        log.hear(Heard(topics.RESULT.key, encoding_of(CycleResult), encode(result)))
+        log.hear(Sample(topics.RESULT.key, encoding_of(CycleResult), encode(result)))
         try:
             log.close({"result": result.result, "code": result.code or "", "reason": result.reason})
         except CycleFailure as error:
@@ -193,6 +211,6 @@ class Works:
             lost = {"result": "ABORTED", "code": error.failure, "reason": error.text}
             result = result.model_copy(update=lost)
         self._on_result(result)
-        self._say(topics.RESULT, result)
+        self._publish(topics.RESULT, result)
         if failure is not None:
             raise failure

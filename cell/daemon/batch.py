@@ -1,4 +1,4 @@
-"""The picks of one ``start``: so many, or until the table is empty; and when to give up."""
+"""The picks of one ``start``: a number of them, or until the table is empty; and when to give up."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from bus.messages import CycleResult
 from config.schema import RetrySettings
 
 MAX_FAILED_IN_A_ROW = 3
-"""Of picks until empty: the next one would meet the same."""
+"""Limit of consecutive failures in picks until empty: the next pick would fail the same way."""
 
 _NO_RETRY = RetrySettings()
 
 
 class Summary(Message):
-    """How a batch until empty ended.
+    """The end of a batch until empty.
 
     Attributes:
-        picked, failed: picks that ended in SUCCESS, and in FAILED or ABORTED, retries and all.
-        objects_left: really in the pick region; None where nobody knows (on hardware, or when the node is gone).
-        is_empty: whether the last pick found nothing more.
-        reason: why it ended.
+        picked, failed: picks that ended in SUCCESS, and in FAILED or ABORTED; all attempts of a pick count as one.
+        objects_left: objects really in the pick region; None = unknown (on hardware, or without the node).
+        is_empty: the last pick found no further object.
+        reason: why the batch ended.
     """
 
     picked: int
@@ -30,26 +30,26 @@ class Summary(Message):
     reason: str
 
     def line(self) -> str:
-        """For a person."""
+        """One line for a person."""
         left = "unknown" if self.objects_left is None else str(self.objects_left)
         return f"picked {self.picked}, failed {self.failed}, objects left: {left}. {self.reason}"
 
 
 class Batch:
-    """Hears every result and knows whether another pick follows.
+    """Counts results, and decides whether another pick follows.
 
     Args:
-        retry: with ``hold_after`` the cell holds, where a batch until empty would give up.
+        retry: with ``hold_after`` the cell holds, where a batch until empty would otherwise give up.
 
     Attributes:
-        picked, failed: as in `Summary`. ``done``: picks heard of.
-        is_over: no other pick follows. ``is_empty``: because the last one found nothing.
+        picked, failed: as in `Summary`. ``done``: number of counted picks.
+        is_over: no further pick follows. ``is_empty``: because the last one found no object.
         reason: why it is over, "" before that.
         gave_up: it is over because too many failed in a row.
     """
 
     def __init__(self, request: CommandRequest, retry: RetrySettings = _NO_RETRY) -> None:
-        self._gives_up = retry.hold_after == 0  # else the cell holds instead
+        self._gives_up = retry.hold_after == 0  # otherwise the cell holds instead
         self._cycles = None if request.until_empty else request.cycles
         self._failed_in_a_row = 0
         self.picked = self.failed = self.done = 0
@@ -57,7 +57,7 @@ class Batch:
         self.reason = ""
 
     def hear(self, result: CycleResult) -> None:
-        """Count one result; an empty table or a fault ends every batch. One that is tried again is not yet a pick's."""
+        """Count one result; an empty table or a fault ends every batch. A result that is retried does not count."""
         if result.retried_as:
             return
         self.done += 1
@@ -78,11 +78,12 @@ class Batch:
             self.end("All picks are done.")
 
     def end(self, reason: str) -> None:
-        """No other pick follows; the first reason counts."""
+        """End the batch: no further pick follows. The first reason is kept."""
         if not self.is_over:
             self.is_over, self.reason = True, reason
 
     def summary(self, objects_left: int | None) -> Summary:
+        """The summary of the batch; ``objects_left``: None = unknown."""
         return Summary(
             picked=self.picked,
             failed=self.failed,

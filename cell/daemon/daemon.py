@@ -1,4 +1,4 @@
-"""The daemon: answers commands, and owns the machine, the works and what is said of them on the bus."""
+"""The daemon: answers commands; it owns the machine, the actions and the publisher."""
 
 from __future__ import annotations
 
@@ -17,15 +17,16 @@ from bus.errors import BadPayload, BusError, CycleFailure, DriverError, Refused
 from bus.frozen import Message
 from bus.injected import answer_faults
 from bus.messages import CycleResult
-from bus.sample import Asked, Heard
+from bus.sample import Asked, Sample
 from bus.session import Bus
-from cell.daemon.actions import Works
-from cell.daemon.control import Control
-from cell.daemon.publisher import Observer, Voice
+from cell.daemon.actions import Actions
+from cell.daemon.batch_control import BatchControl
+from cell.daemon.publisher import Observer, Publisher
+from cell.machine.holding import Holding
 from cell.machine.leases import CELL_CLIENT, Leases
-from cell.machine.owner import TURN_S, Machine, Work, refuse
+from cell.machine.owner import TURN_S, Action, Machine, refuse
 from cell.machine.states import State, available
-from cell.nodes.health import LOOK_PERIOD_S, Watch
+from cell.nodes.health import LOOK_PERIOD_S, NodeMonitor
 from cell.nodes.speakers import Speakers, strange
 from cell.nodes.watchdog import Watchdog
 from cell.pick.cycle import Equipment
@@ -53,11 +54,13 @@ class Daemon:
 
     Args:
         station: its configuration.
-        bus: the cell's own (listening) session; stays the caller's to close.
+        bus: the cell's own (listening) session; remains the caller's to close.
         devices: connected devices, usually `drivers.remote`.
         robot: the planning model. ``models``: perception's.
-        observer: told everything the daemon says, on the thread that says it; it may only enqueue.
-        restarts, end_frozen: of the nodes' supervisor: how often a node was brought back; end one that hangs.
+        observer: called with every message of the daemon, on the publishing thread; it may only enqueue.
+        restarts: gives the number of restarts of a node. ``end_frozen``: kills a frozen node.
+
+    Raises: DriverError when a camera, an arm or a hand is missing.
     """
 
     def __init__(
@@ -78,77 +81,88 @@ class Daemon:
         faults = station.faults
         self._disk = FaultyDisk(faults.disk, delay_s=faults.delay_s) if faults.allowed else None
         self._imaginer = models.imaginer
-        self.voice = Voice(bus, Views(robot.base_from_tcp), observer, lambda: self._works.cycle_id)
-        self._works = Works(
+        self.publisher = Publisher(bus, Views(robot.base_from_tcp), observer, lambda: self._actions.cycle_id)
+        holding = Holding()
+        self._actions = Actions(
             Equipment(camera, arm, hand, robot, station, models),
-            devices.feeder,
+            holding.gate,
+            devices.presenter,
             lambda: bus.alive(topics.NODE_ALIVE),
-            self.voice.say,
-            self.voice.say_stage,
+            self.publisher.publish,
+            self.publisher.publish_stage,
             self._on_result,
             self._on_fault,
             self._disk.under if self._disk is not None else plain,
         )
-        self._watch = Watch(station, self._on_lost, restarts)
-        self._control = Control(self._works, self.voice, station.retry)
-        self._leases = Leases(self._control.lose_lease, station.silence_s, LOOK_PERIOD_S)
+        self._monitor = NodeMonitor(station, self._on_lost, restarts)
+        self._batches = BatchControl(self._actions, self.publisher, station.retry)
+        self._leases = Leases(self._batches.lose_lease, station.silence_s, LOOK_PERIOD_S)
         self._watchdog = Watchdog(
-            station, self._watch, partial(self.voice.say, topics.HEALTH), end_frozen, self._leases.look, self.health
+            station,
+            self._monitor,
+            partial(self.publisher.publish, topics.HEALTH),
+            end_frozen,
+            self._leases.look,
+            self.health,
         )
         ours = [name for name, node in station.nodes.items() if node.run == "here"]
         self._speakers = Speakers(bus, set(station.nodes), self._on_node_twice, self._on_stranger, sealed=ours)
         self._results: OrderedDict[str, CycleResult] = OrderedDict()
         self._defects: tuple[str, ...] = ()
-        self._said_s = -TURN_S
+        self._published_s = -TURN_S
         self.machine = Machine(
-            self._works_by_state(), self._control.enter, self._control.accept, on_turn=self._say_heartbeat
+            self._actions_by_state(),
+            holding,
+            self._batches.enter,
+            self._batches.accept,
+            on_turn=self._publish_heartbeat,
         )
-        self._control.drive(self.machine)
+        self._batches.drive(self.machine)
 
-    def _works_by_state(self) -> dict[State, Work]:
-        works = self._works
+    def _actions_by_state(self) -> dict[State, Action]:
+        actions = self._actions
         return {
             State.RESETTING: self._reset,
-            State.STARTING: works.begin,
-            State.EXECUTE: works.pick,
-            State.COMPLETING: works.complete,
-            State.HOLDING: works.hold,
-            State.UNHOLDING: works.unhold,
-            State.SUSPENDING: works.hold,
-            State.UNSUSPENDING: works.unhold,
-            State.STOPPING: lambda: works.stop(self.machine.wait_quiet),
-            State.ABORTING: lambda: works.stop(self.machine.wait_quiet),
-            State.CLEARING: works.clear,
+            State.STARTING: actions.begin,
+            State.EXECUTE: actions.pick,
+            State.COMPLETING: actions.complete,
+            State.HOLDING: actions.hold,
+            State.UNHOLDING: actions.unhold,
+            State.SUSPENDING: actions.hold,
+            State.UNSUSPENDING: actions.unhold,
+            State.STOPPING: lambda: actions.stop(self.machine.wait_no_action),
+            State.ABORTING: lambda: actions.stop(self.machine.wait_no_action),
+            State.CLEARING: actions.clear,
         }
 
     def _reset(self) -> None:
-        """Raises: CycleFailure when this process is not whole any more, and as `Works.reset`."""
+        """Reset. Raises: CycleFailure when the watchdog has ended, and as `Actions.reset`."""
         if not self._watchdog.is_alive():
             raise CycleFailure(Code.INTERNAL, "Nobody watches the nodes any more: end this cell and start it again.")
-        self._works.reset()
+        self._actions.reset()
 
     def open(self) -> None:
-        """Answer commands; the machine begins in Stopped."""
+        """Begin to answer commands; the machine begins in Stopped."""
         self._bus.tap = self._record
         for topic in topics.TOPICS:
             if topic.kind == "publish" and topic.logged:
                 self._bus.subscribe(topic.key.replace("{name}", "*"), self._hear)
         self._speakers.listen()
-        self._watch.listen(self._bus)
+        self._monitor.listen(self._bus)
         self._leases.listen(self._bus)
-        self._bus.answer(topics.STATE_NOW, lambda _payload, _asked: self.voice.state, lane="state")
-        self._bus.answer(topics.HEALTH_NOW, lambda _payload, _asked: self.health(), lane="state")
-        self._bus.answer(topics.RESULT_NOW, self._on_result_asked, lane="state")
-        self._bus.answer(topics.SCHEMA_NOW, lambda _payload, _asked: bus_schema(), lane="schema")
-        self._bus.answer(topics.COMMAND, self._on_command, lane=self._lane_of, verb="*")
+        self._bus.answer(topics.STATE_NOW, lambda _payload, _asked: self.publisher.state, worker="state")
+        self._bus.answer(topics.HEALTH_NOW, lambda _payload, _asked: self.health(), worker="state")
+        self._bus.answer(topics.RESULT_NOW, self._on_result_asked, worker="state")
+        self._bus.answer(topics.SCHEMA_NOW, lambda _payload, _asked: bus_schema(), worker="schema")
+        self._bus.answer(topics.COMMAND, self._on_command, worker=self._worker_of, verb="*")
         if self._disk is not None and isinstance(self._imaginer, FaultyModel):
-            answer_faults(self._bus, {"disk": self._disk, "model": self._imaginer}, self.voice.say)
+            answer_faults(self._bus, {"disk": self._disk, "model": self._imaginer}, self.publisher.publish)
         self._bus.announce(topics.LEASE, name=CELL_CLIENT)
         self.machine.start()
         self._watchdog.start()
 
     def close(self) -> None:
-        """Stop what runs, then end the machine; idempotent."""
+        """Stop all actions, then end the machine; idempotent."""
         if "stop" in available(self.machine.state):
             self.command("stop", CommandRequest(client_id=CELL_CLIENT))
         give_up_s = time.monotonic() + _CLOSE_PATIENCE_S
@@ -158,22 +172,22 @@ class Daemon:
         self.machine.close()
 
     def command(self, verb: str, request: CommandRequest) -> CommandReply:
-        """A command from inside this process; the same as one over the bus."""
+        """Send a command from inside this process; equivalent to one over the bus."""
         return self.machine.command(verb, request)
 
     def health(self) -> CellHealth:
-        """The cell's health now, node by node, and what ended unforeseen in this process."""
-        health, defects = self._watch.health(), self._defects
+        """The cell's health now, node by node, and the defects of this process."""
+        health, defects = self._monitor.health(), self._defects
         return health.model_copy(update={"defects": defects, "is_healthy": health.is_healthy and not defects})
 
-    def is_ours(self, heard: Heard) -> bool:
-        """Whether a sample from outside this process is one of the cell's own nodes'."""
-        return self._speakers.is_ours(heard)
+    def is_ours(self, sample: Sample) -> bool:
+        """True for a sample of one of the cell's own nodes."""
+        return self._speakers.is_ours(sample)
 
     def objects_left(self) -> int | None:
-        """Simulation: how many objects really are in the pick region; None where nobody knows."""
+        """Simulation: number of objects really in the pick region; None when unknown."""
         try:
-            return self._works.feed.left()
+            return self._actions.table.left()
         except (DriverError, BusError) as error:
             _log.warning("%s", error)
             return None
@@ -181,36 +195,35 @@ class Daemon:
     # --- the nodes ----------------------------------------------------------------------------------------------------
 
     def lose_node(self, name: str, text: str) -> None:
-        """A node's process ended: everything stops, and the machine aborts with its name."""
+        """Handle the end of a node's process: all motion stops, and the machine aborts with the node's name."""
         self._on_lost(name, CycleFailure(Code.NODE_LOST, text))
 
     def welcome_node(self, name: str) -> None:
-        """A node is back; nothing moves by itself."""
-        self.voice.say_event("NODE_BACK", "info", f"The node {name!r} was started again.", ADVICE[Code.NODE_LOST])
+        """Publish that a node is back; nothing moves by itself."""
+        self.publisher.publish_event(
+            "NODE_BACK", "info", f"The node {name!r} was started again.", ADVICE[Code.NODE_LOST]
+        )
 
     def _on_lost(self, _name: str, failure: CycleFailure) -> None:
         self._on_fault(failure)
 
     def _on_fault(self, failure: CycleFailure) -> None:
-        """Something outside any stage failed: whatever moves stops, and the machine aborts with its reason."""
-        self.machine.fault(failure)  # before what it interrupts can end by itself
-        self._works.gate.halt(failure)
+        """Handle a failure outside any stage: all motion stops, and the machine aborts with its reason."""
+        self.machine.fault(failure)
 
     def on_defect(self, name: str, defect: BaseException) -> None:
-        """An owned thread of this process ended by an exception nobody foresaw: the cell aborts."""
+        """Handle an unforeseen exception that ended an owned thread of this process: the cell aborts."""
         text = f"{name} ended: {type(defect).__name__}: {defect}."
         self._defects = (*self._defects, text)[-_KEPT_DEFECTS:]
-        failure = CycleFailure(Code.INTERNAL, text)
-        self.machine.defect(failure)
-        self._works.gate.halt(failure)
-        if not self.machine.is_owned:  # nobody is there to abort: the least that can be done
-            self._works.halt_devices()
+        self.machine.defect(CycleFailure(Code.INTERNAL, text))
+        if not self.machine.is_owned:  # no owner thread can abort any more: at least stop the devices
+            self._actions.halt_devices()
 
     def _on_node_twice(self, name: str, who: str) -> None:
         text = f"Two nodes are called {name!r}: {who}. Both would carry out every motion."
         self._on_fault(CycleFailure(Code.NODE_LOST, text))
 
-    # --- what others say ----------------------------------------------------------------------------------------------
+    # --- messages of others -------------------------------------------------------------------------------------------
 
     def _on_command(self, payload: bytes, asked: Asked) -> Message:
         request, verb = decode(CommandRequest, payload), asked.verb
@@ -221,8 +234,11 @@ class Daemon:
         refuse(reply)
         return reply.model_copy(update={"lease": self._leases.take(verb, request.client_id, asked.source)})
 
-    def _lane_of(self, asked: Asked, payload: bytes) -> str:
-        """What stops the arm waits behind no other command, and no command behind one whose token is awaited."""
+    def _worker_of(self, asked: Asked, payload: bytes) -> str:
+        """The worker for a command, so that a stop waits for no other command.
+
+        Commands whose token is still awaited have a worker of their own, so that no other command waits for them.
+        """
         if asked.verb in _ANYONES:
             return "command-stop"
         try:
@@ -239,40 +255,40 @@ class Daemon:
             raise Refused(text, "Recorded ones: `cell cycles`.", code="NO_RESULT")
         return result
 
-    def _record(self, heard: Heard) -> None:
-        """What this process says, asks and is answered."""
-        log = self._works.log
+    def _record(self, sample: Sample) -> None:
+        """Record a message of this process, or a reply to it."""
+        log = self._actions.log
         if log is not None:
-            log.hear(heard)
+            log.hear(sample)
 
-    def _hear(self, heard: Heard) -> None:
-        """What others publish on the cell's keys."""
-        if self._speakers.is_ours(heard):
-            self._record(heard)
-            self._watch.hear(heard)
+    def _hear(self, sample: Sample) -> None:
+        """Process a message that another process published on the cell's keys."""
+        if self._speakers.is_ours(sample):
+            self._record(sample)
+            self._monitor.hear(sample)
         else:
-            self._record(strange(heard))
+            self._record(strange(sample))
 
-    def _on_stranger(self, heard: Heard) -> None:
-        who = f"session {heard.source[:8]}" if heard.source else "a program that does not say who it is"
-        self.voice.say_event(
+    def _on_stranger(self, sample: Sample) -> None:
+        who = f"session {sample.source[:8]}" if sample.source else "a program that does not say who it is"
+        self.publisher.publish_event(
             "STRANGER",
             "warning",
-            f"{who} put something on {heard.key!r}, which is not its to say: it is recorded apart, and not believed.",
+            f"{who} put something on {sample.key!r}, which is not its to say: it is recorded apart, and not believed.",
             "Find the program; only the cell and its nodes publish below cell/CELL_ID.",
         )
 
-    # --- what the works tell ------------------------------------------------------------------------------------------
+    # --- callbacks of the actions -------------------------------------------------------------------------------------
 
     def _on_result(self, result: CycleResult) -> None:
         self._results[result.cycle_id] = result
         while len(self._results) > _KEPT_RESULTS:
             self._results.popitem(last=False)
-        self._control.count(result)
+        self._batches.count(result)
 
-    def _say_heartbeat(self) -> None:
-        """By the machine's owner: who hears it knows that a stop would be answered."""
-        if time.monotonic() - self._said_s >= TURN_S / 2:
-            self._said_s = time.monotonic()
+    def _publish_heartbeat(self) -> None:
+        """Publish the heartbeat, on the machine's owner thread: it proves that a stop would be answered."""
+        if time.monotonic() - self._published_s >= TURN_S / 2:
+            self._published_s = time.monotonic()
             with suppress(BusError):  # closing
                 self._bus.publish(topics.HEARTBEAT, Heartbeat())

@@ -1,7 +1,7 @@
-"""THE table of injected faults: what the cell makes of every part that misbehaves in every way.
+"""THE table of injected faults: the outcome for each part and each kind of fault.
 
-`benchmarks.soak` injects each of them, and the tests compare what came of it with this table; docs/faults.md is
-written from it.
+`benchmarks.soak` injects all of them, and the tests compare the outcomes with this table; docs/faults.md is generated
+from it.
 """
 
 from __future__ import annotations
@@ -16,20 +16,20 @@ Result = Literal["SUCCESS", "FAILED", "ABORTED"]
 _LOST = (Code.DEVICE_LOST, Code.NODE_LOST)
 PICK_CODES = (Code.NO_OBJECT, Code.TARGET_NOT_FOUND, Code.NOT_SEEN, Code.NO_GRASP, Code.UNREACHABLE, Code.COLLISION,
          Code.MODEL_NO_ROD, Code.MODEL_DRIFT, Code.GRASP_MISSED, Code.DROPPED, Code.NOT_CLEARED)  # fmt: skip
-"""How a pick may fail that was planned on what is not so."""
+"""Failures of a pick that was planned on wrong observations."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """One part in one way.
+    """One kind of fault in one part.
 
     Attributes:
         part: of `bus.injection.PARTS`, or ``node``: a node's process.
         word: of `bus.injection.Fault`, or the signal's.
-        sets_in: the moment of the cycle, as ``result`` and ``code`` have it; ``begin`` is before its first stage.
+        sets_in: the moment of the cycle for which ``result`` and ``code`` hold; ``begin`` is before its first stage.
         result, code: of that cycle.
-        does: what the cell notices and does. ``then``: what else brings it back besides clear and reset.
-        also: how the cycle may end when the fault sets in at another moment; in SUCCESS, when it came too late for it.
+        does: what the cell detects and does. ``then``: what is needed to recover besides clear and reset.
+        also: codes of the cycle when the fault sets in at another moment; SUCCESS when it came too late to matter.
     """
 
     part: str
@@ -43,16 +43,17 @@ class Row:
 
     @property
     def name(self) -> str:
+        """Part and kind of fault, e.g. ``camera off``."""
         return f"{self.part} {self.word}"
 
     @property
     def advice(self) -> str:
-        """For the operator."""
+        """The advice for the operator."""
         return "" if self.code is None else ADVICE[self.code]
 
     @property
     def allowed(self) -> set[Code | None]:
-        """Every code such a cycle may end with, whenever the fault sets in."""
+        """All codes with which such a cycle may end, whenever the fault sets in."""
         return {self.code, None, *self.also}
 
 

@@ -1,4 +1,4 @@
-"""What the daemon says, on the bus and to whoever observes it; and the machine's state, as it was said last."""
+"""Publishes the daemon's messages on the bus and to an observer, and keeps the last published state."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ _log = logging.getLogger(__name__)
 Observer = Callable[[Topic, "Message | bytes"], None]
 
 
-class Voice:
-    """Every member may be called from any thread.
+class Publisher:
+    """The publisher of the daemon. Every member may be called from any thread.
 
     Args:
-        views: draw the pictures that go with what is said.
-        observer: told everything, on the thread that says it; it may only enqueue.
-        cycle_id: the open cycle's id now, or "".
+        views: draws the visualisation of a message.
+        observer: called with every message, on the publishing thread; it may only enqueue.
+        cycle_id: gives the open cycle's id now, or "".
 
     Attributes:
-        state: as it was said last.
+        state: as last published.
     """
 
     def __init__(self, bus: Bus, views: Views, observer: Observer, cycle_id: Callable[[], str]) -> None:
@@ -40,33 +40,35 @@ class Voice:
         self._saying = threading.Lock()
         self.state = CellState(state="", stage="", cycle_id="", since_ns=0, available=(), reason="")
 
-    def say(self, topic: Topic, message: Message | bytes) -> None:
-        """Publish it, with its pictures."""
+    def publish(self, topic: Topic, message: Message | bytes) -> None:
+        """Publish a message, with its visualisation."""
         try:
             self._bus.publish(topic, message)
             for view, picture in pictures(self._views.of, message):
                 self._bus.publish(view, picture)
-        except BusError as error:  # closing: the observer below still hears it
+        except BusError as error:  # closing: the observer below still receives it
             _log.warning("%s", error)
         self._observer(topic, message)
 
-    def say_event(self, code: str, severity: Literal["info", "warning", "error"], text: str, advice: str = "") -> None:
-        """Something a person should know."""
-        self.say(topics.EVENT, Event(code=code, severity=severity, text=text, advice=advice))
+    def publish_event(
+        self, code: str, severity: Literal["info", "warning", "error"], text: str, advice: str = ""
+    ) -> None:
+        """Publish an event for the operator."""
+        self.publish(topics.EVENT, Event(code=code, severity=severity, text=text, advice=advice))
 
-    def say_state(self, state: State, reason: str) -> None:
-        """The machine's new state. A hold, and the way back from it, keep the cycle's stage."""
+    def publish_state(self, state: State, reason: str) -> None:
+        """Publish the machine's new state. Hold states, and the way back from them, keep the cycle's stage."""
         with self._saying:
             was_held = self.state.state in PAUSES and state in COMMANDS["hold"]
             stage = self.state.stage if was_held or state in PAUSES else ""
-            self._say_state(state, stage, reason)
+            self._publish_state(state, stage, reason)
 
-    def say_stage(self, stage: str) -> None:
-        """A stage of the open cycle began."""
-        with self._saying:  # the owner of the machine may be saying another state
-            self._say_state(State(self.state.state), stage, "")
+    def publish_stage(self, stage: str) -> None:
+        """Publish that a stage of the open cycle began."""
+        with self._saying:  # the machine's owner thread may be publishing another state
+            self._publish_state(State(self.state.state), stage, "")
 
-    def _say_state(self, state: State, stage: str, reason: str) -> None:
+    def _publish_state(self, state: State, stage: str, reason: str) -> None:
         self.state = CellState(
             state=state,
             stage=stage,
@@ -75,12 +77,12 @@ class Voice:
             available=available(state),
             reason=reason,
         )
-        self.say(topics.STATE, self.state)
+        self.publish(topics.STATE, self.state)
 
-    def say_recovered(self, leftovers: Iterable[Recovered | RecordingError]) -> None:
-        """What became of the recordings that an earlier process left unfinished."""
+    def publish_recovered(self, leftovers: Iterable[Recovered | RecordingError]) -> None:
+        """Publish the outcome for the recordings that an earlier process left unfinished."""
         for leftover in leftovers:
             if isinstance(leftover, RecordingError):
-                self.say_event("NOT_RECOVERED", "warning", leftover.text, leftover.advice)
+                self.publish_event("NOT_RECOVERED", "warning", leftover.text, leftover.advice)
             else:
-                self.say_event("RECOVERED", "warning" if leftover.lost else "info", f"{leftover.line()}.")
+                self.publish_event("RECOVERED", "warning" if leftover.lost else "info", f"{leftover.line()}.")

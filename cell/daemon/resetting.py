@@ -1,4 +1,4 @@
-"""Resetting: a self-check, then the arm to the capture pose with an open hand."""
+"""The resetting action: a self-check, then the arm to the capture pose with an open hand."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ DoneT = TypeVar("DoneT")
 
 
 def reset(e: Equipment, gate: Gate, nodes_alive: set[str]) -> None:
-    """Make the cell ready for a cycle, or say why it is not.
+    """Prepare the cell for a cycle: self-check, open the hand, move to the capture pose.
 
     Args:
         gate: every motion passes it.

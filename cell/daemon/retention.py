@@ -1,4 +1,4 @@
-"""Keeps the recordings within `recording.keep_gb` and `keep_days`, beside the cycles, and says so a day ahead."""
+"""Keeps the recordings within `recording.keep_gb` and `keep_days`, and announces deletions a day ahead."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ _PERIOD_S = 60.0
 _LONGEST_S = 3600.0
 _SAID_AGAIN_S = 24 * 3600.0
 _REST_S = 0.002
-"""Between two recordings that are looked into: a thousand cost two seconds, and the cycle nothing."""
+"""Pause between two recordings that are read: a thousand take two seconds, and the cycle is not slowed."""
 _ADVICE = "Copy what you want to keep, pin it with an empty CYCLE.keep beside CYCLE.mcap, or raise that setting."
 
 
-class SayEvent(Protocol):
-    """`cell.daemon.publisher.Voice.say_event`."""
+class PublishEvent(Protocol):
+    """The signature of `cell.daemon.publisher.Publisher.publish_event`."""
 
     def __call__(
         self, code: str, severity: Literal["info", "warning", "error"], text: str, advice: str = "", /
@@ -34,33 +34,40 @@ class SayEvent(Protocol):
 
 
 class Retention:
-    """A thread from `start` to `close`, where the settings ask for one: a pass at the start, and after cycles.
+    """A thread from `start` to `close`, if the settings limit recordings: a pass at the start and after cycles.
 
     Args:
-        period_s: between two passes at least.
+        settings: limits in GB and days.
+        clock_ns: UTC clock.
+        period_s: least time between two passes.
     """
 
     def __init__(
         self,
         settings: RecordingSettings,
-        say_event: SayEvent,
+        publish_event: PublishEvent,
         clock_ns: Callable[[], int] = time.time_ns,
         period_s: float = _PERIOD_S,
     ) -> None:
-        self._settings, self._say_event, self._clock_ns, self._period_s = settings, say_event, clock_ns, period_s
+        self._settings, self._publish_event, self._clock_ns, self._period_s = (
+            settings,
+            publish_event,
+            clock_ns,
+            period_s,
+        )
         self._closing, self._due = threading.Event(), threading.Event()
         self._shelf = Shelf(settings.folder, read_metadata, lambda: time.sleep(_REST_S))
         self._said_ahead_s = -_SAID_AGAIN_S
         self._thread = OwnedThread(Role.RETENTION, self._run)
 
     def start(self) -> Retention:
-        """Begin, if anything is ever to be deleted; returns itself."""
+        """Start the thread if the settings ever delete anything; return itself."""
         if self._settings.keep_gb or self._settings.keep_days:
             self._thread.start()
         return self
 
     def after_cycles(self, observer: Observer) -> Observer:
-        """An observer that also tells of every cycle that ended."""
+        """An observer that wraps ``observer`` and triggers a pass after every cycle."""
 
         def hear(topic: Topic, message: Message | bytes) -> None:
             if topic is topics.RESULT:
@@ -76,24 +83,24 @@ class Retention:
         self._thread.join()
 
     def tidy(self) -> None:
-        """One pass. What cannot be deleted is an event, and tried again in the next one."""
+        """Make one pass. A recording that cannot be deleted is published as an event, and retried in the next pass."""
         try:
             plan = self._shelf.plan(self._clock_ns(), self._settings)
         except RecordingError as error:
-            self._say_event("RETENTION_FAILED", "warning", error.text, error.advice)
+            self._publish_event("RETENTION_FAILED", "warning", error.text, error.advice)
             return
         gone = []
         for one in delete(plan.delete):
             if isinstance(one, RecordingError):
-                self._say_event("RETENTION_FAILED", "warning", one.text, one.advice)
+                self._publish_event("RETENTION_FAILED", "warning", one.text, one.advice)
             else:
                 gone.append(one)
         if gone:
-            self._say_event("RETENTION", "info", f"Deleted {in_words(gone)}: {self._rule}.")
+            self._publish_event("RETENTION", "info", f"Deleted {in_words(gone)}: {self._rule}.")
         if plan.soon and time.monotonic() - self._said_ahead_s >= _SAID_AGAIN_S:
             self._said_ahead_s = time.monotonic()
             text = f"Within a day {in_words(plan.soon)} will be deleted: {self._rule}."
-            self._say_event("RETENTION_AHEAD", "info", text, _ADVICE)
+            self._publish_event("RETENTION_AHEAD", "info", text, _ADVICE)
 
     @property
     def _rule(self) -> str:

@@ -1,7 +1,7 @@
-"""What follows a pick that failed: the next ranked grasp, then a new look, and after too many failures a hold.
+"""The retry policy of a failed pick: the next ranked grasp, then a new capture, and after too many failures a hold.
 
-Each try is a cycle of its own, with its own recording: it captures and detects anew - whatever failed may have moved
-the object - and leaves out the grasps that have missed before. A fault of a device is never tried again.
+Each attempt is a cycle of its own, with its own recording: it captures and detects anew, because the failure may have
+moved the object, and leaves out the grasps that missed before. A fault of a device is never retried.
 """
 
 from __future__ import annotations
@@ -29,11 +29,12 @@ WITH_A_NEW_LOOK = frozenset(
         Code.MODEL_DRIFT,
     }
 )
-"""What may be better the next time. Not among them: what only a person can change (a key, a quota, a spend limit)."""
+"""Codes for which a new capture may help. Causes that only a person can remove (key, quota, spend limit) are left out.
+"""
 
 
 class Retries:
-    """How often the object at hand may still be tried, and how many objects failed one after the other."""
+    """The attempts left for the current object, and the number of objects that failed in a row."""
 
     def __init__(self, settings: RetrySettings) -> None:
         self._settings = settings
@@ -41,10 +42,11 @@ class Retries:
         self._failed_in_a_row = 0
 
     def after(self, attempt: Attempt, code: Code | None, grasp: Transform | None, next_id: str) -> Attempt | None:
-        """The attempt ``next_id`` that follows one which ended with ``code`` (None: well); None when none does.
+        """The attempt ``next_id`` that follows ``attempt``; None for no further one.
 
         Args:
-            grasp: base_from_tcp of the grasp that was carried out, if one was.
+            code: of the end of ``attempt``; None = success.
+            grasp: base_from_tcp (4, 4) of the executed grasp, if any.
         """
         if code in WITH_ANOTHER_GRASP and self._grasps > 0 and grasp is not None:
             self._grasps -= 1
@@ -59,7 +61,7 @@ class Retries:
         return Attempt(cycle_id=next_id, number=attempt.number + 1, retry_of=attempt.cycle_id, missed=missed)
 
     def holds(self) -> str:
-        """Why the cell should hold now, and the count begins anew; "" when it should not."""
+        """The reason to hold now, which restarts the count; "" for none."""
         count = self._failed_in_a_row
         if not 0 < self._settings.hold_after <= count:
             return ""

@@ -1,4 +1,4 @@
-"""What a recording must name so that its cycle can be run again: versions, commit, seed, hashes, settings."""
+"""The information in a recording that is needed to rerun its cycle: versions, commit, seed, hashes, settings."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from logs.mcap.migrate import SCHEMA_VERSION
 from logs.mcap.recorder import Recorder, Under
 
 _GIT_TIMEOUT_S = 1.0
-"""A cycle waits for it, once."""
+"""Longest wait for git; it delays the first cycle."""
 _PACKAGES = ("vlad-cell", "mujoco", "numpy", "opencv-python-headless", "pin", "coal", "toppra", "eclipse-zenoh", "mcap")
 
 
 def run_info(station: Station, cycle_id: str) -> dict[str, str]:
-    """The metadata of one cycle's recording."""
+    """The metadata of one cycle's recording: ids, versions, commit, seed and hashes."""
     return {
         "schema": str(SCHEMA_VERSION),
         "cycle_id": cycle_id,
@@ -38,12 +38,12 @@ def run_info(station: Station, cycle_id: str) -> dict[str, str]:
 
 
 def attachments(station: Station) -> dict[str, str]:
-    """The JSON documents that a recording keeps whole: the station, and where its camera is calibrated to be."""
+    """The JSON documents attached to a recording: the station, and the camera's calibration."""
     return {"station.json": station.model_dump_json(), "calibration.json": station.camera.model_dump_json()}
 
 
 def open_recorder(path: Path, station: Station, cycle_id: str, under: Under) -> Recorder:
-    """A cycle's recording, begun with all of that, on the disk. Raises: RecordingError."""
+    """Open a cycle's recording with its metadata and attachments, flushed to the disk. Raises: RecordingError."""
     recorder = Recorder(path, metadata=run_info(station, cycle_id), clock=time.time_ns, under=under)
     try:
         for name, text in attachments(station).items():
@@ -57,7 +57,7 @@ def open_recorder(path: Path, station: Station, cycle_id: str, under: Under) -> 
 
 
 def _version(package: str) -> str:
-    """Of an installed package; "unknown" where another one brings its modules (opencv has four names)."""
+    """The version of an installed package; "unknown" for modules of another package (opencv has four names)."""
     try:
         return version(package)
     except PackageNotFoundError:
@@ -66,7 +66,7 @@ def _version(package: str) -> str:
 
 @cache
 def robot_description() -> bytes:
-    """The robot's URDF, whose links are the frames of `topics.TF`; its meshes (80 MB) lie in the franky-sim package."""
+    """The robot's URDF, whose links are the frames of `topics.TF`; its meshes (80 MB) are in the franky-sim package."""
     return (_assets() / "fr3.urdf").read_bytes()
 
 
@@ -76,7 +76,7 @@ def _assets() -> Path:
 
 @cache
 def _robot_model() -> str:
-    """Over the robot's description and its collision meshes, which the plan depends on."""
+    """Hash of the robot's description and its collision meshes, which the plan depends on."""
     digest = hashlib.sha256(robot_description())
     for mesh in sorted((_assets() / "meshes").glob("*_coll.stl")):
         digest.update(mesh.read_bytes())
@@ -85,7 +85,7 @@ def _robot_model() -> str:
 
 @cache
 def _commit() -> dict[str, str]:
-    """The checkout's commit, and whether it has changes; "unknown" where git does not say so soon."""
+    """The checkout's commit, and whether it has changes; "unknown" when git does not answer in time."""
     root = Path(__file__).parents[2]
     try:
         commit = _git(root, "rev-parse", "--short=12", "HEAD")

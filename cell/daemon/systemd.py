@@ -1,4 +1,4 @@
-"""Tells systemd how the cell is, over the socket it names in NOTIFY_SOCKET (sd_notify); nothing where there is none."""
+"""Reports the cell's state to systemd, over the socket in NOTIFY_SOCKET (sd_notify); does nothing without one."""
 
 from __future__ import annotations
 
@@ -19,10 +19,11 @@ _SEND_TIMEOUT_S = 1.0
 
 
 class Service:
-    """One process's side of ``Type=notify``; every member does nothing where no socket was named.
+    """The service side of ``Type=notify``; every member does nothing when no socket is named.
 
     Args:
-        environment: its NOTIFY_SOCKET, WATCHDOG_USEC and WATCHDOG_PID are taken out: they are not for child processes.
+        environment: NOTIFY_SOCKET, WATCHDOG_USEC and WATCHDOG_PID are removed from it: child processes must not use
+            them.
     """
 
     def __init__(self, environment: MutableMapping[str, str]) -> None:
@@ -35,20 +36,20 @@ class Service:
 
     @contextmanager
     def around(self, is_alive: Callable[[], bool]) -> Iterator[None]:
-        """Around the loop that follows a running cell: ready, and in the end stopping.
+        """Context around the loop that follows a running cell: reports ready, and at the end stopping.
 
-        In between `turn` strokes the watchdog, while ``is_alive``; not at all while that does not return.
+        In between, `turn` resets the watchdog while ``is_alive``; the watchdog expires while that call does not return.
         """
         self._is_alive = is_alive
         self._send("READY=1")
         try:
             yield
         finally:
-            # with a last stroke, because the controlled stop that follows may take a while
+            # with a last watchdog reset, because the controlled stop that follows may take a while
             self._send("STOPPING=1\nSTATUS=controlled stop" + "\nWATCHDOG=1" * (self.stroke_period_s > 0.0))
 
     def turn(self, said: Message | bytes | None) -> None:
-        """One turn of the loop that follows the daemon, with what was said, if anything was."""
+        """One turn of the loop that follows the daemon, with its message, if any."""
         if isinstance(said, CellState):
             self._send(f"STATUS={_status(said)}")
         elif isinstance(said, CycleResult):
@@ -59,7 +60,7 @@ class Service:
             self._send("WATCHDOG=1")
 
     def _send(self, lines: str) -> None:
-        """A cell goes on where its service manager does not listen."""
+        """Send to the service manager; errors are ignored, because the cell works without it."""
         if not self._address:
             return
         address = "\0" + self._address[1:] if self._address.startswith("@") else self._address
@@ -72,9 +73,9 @@ class Service:
 
 
 def takes_commands(machine: Machine) -> bool:
-    """Whether the thread that owns the machine still answers; while it hangs, this does not return.
+    """True when the machine's owner thread answers; while that hangs, this call does not return.
 
-    It is asked for a command that does not exist, which it refuses in every state, and which leaves nothing behind.
+    It sends an unknown command, which is refused in every state and has no effect.
     """
     return machine.command("watchdog", CommandRequest(client_id="watchdog")).code == "UNKNOWN_COMMAND"
 

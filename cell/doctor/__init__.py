@@ -1,1 +1,1 @@
-"""``cell doctor``: what is missing on this machine, or around it, before a station is started for the first time."""
+"""``cell doctor``: checks of this machine and the station's devices before the first start."""

@@ -1,8 +1,8 @@
-"""Checks of the arm and its hand: the network between, their ports, and how long a round trip takes.
+"""Checks of the arm and its hand: the network to them, their ports, and the round-trip time.
 
-They take one client each, and a simulator of them takes a probe for that client. So nobody is asked where a program of
-this machine is connected already; on loopback it is only looked whether somebody listens; and a real robot sees one
-connection, closed at once.
+The arm and the hand accept one client each, and a simulator of them takes a probe for that client. So the port is not
+probed while a program of this machine is connected; on loopback only the listening socket is looked up; and a real
+robot sees one connection, closed immediately.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ _SLOWEST_S = 1e-3
 
 
 def network(station: Station, routes: Path = ROUTES) -> Finding:
+    """Check that the arm is on a network of this machine, without a router in between."""
     name, address = "arm network", station.fr3.address
     if not uses(station, "fr3"):
         return skip(name, "No node uses the driver fr3.")
@@ -45,7 +46,7 @@ def _own_address(ip: str) -> str:
 
 
 def _one_client(name: str, address: str, port: int, advice: str) -> Finding:
-    """Whether a server that takes one client is there; see the module."""
+    """Check that a server that accepts one client is there; see the module."""
     ip, where = ip_of(address), f"{address}, port {port}"
     if ip is None:
         return fix(name, f"Nobody knows the address {address!r}.", "Set it in the station file.")
@@ -67,6 +68,7 @@ def _is_elsewhere(ip: str) -> bool:
 
 
 def control(station: Station, port: int = FCI_PORT) -> Finding:
+    """Check that the arm's control port answers."""
     name, address = "arm control (FCI)", station.fr3.address
     if not uses(station, "fr3"):
         return skip(name, "No node uses the driver fr3.")
@@ -75,7 +77,7 @@ def control(station: Station, port: int = FCI_PORT) -> Finding:
 
 
 def latency(station: Station, port: int = DESK_PORT, slowest_s: float = _SLOWEST_S) -> Finding:
-    """Round trips of TCP handshakes with Desk's port; a refusal comes back just as fast."""
+    """Measure round trips of TCP handshakes with Desk's port against ``slowest_s``; a refusal is just as fast."""
     name, ip = "arm latency", ip_of(station.fr3.address)
     if not uses(station, "fr3"):
         return skip(name, "No node uses the driver fr3.")
@@ -99,7 +101,7 @@ def latency(station: Station, port: int = DESK_PORT, slowest_s: float = _SLOWEST
 
 
 def _round_trips_s(ip: str, port: int) -> list[float]:
-    """Durations of some TCP handshakes; the first is left out (it looks for the neighbour). Empty without an answer."""
+    """Durations of some TCP handshakes; the first, which includes ARP, is left out. Empty without an answer."""
     trips_s: list[float] = []
     for _ in range(_ROUND_TRIPS + 1):
         started_s = time.monotonic()
@@ -110,6 +112,7 @@ def _round_trips_s(ip: str, port: int) -> list[float]:
 
 
 def hand(station: Station, port: int = HAND_PORT) -> Finding:
+    """Check that the hand's port answers."""
     name, address = "hand", station.panda_hand.address
     if not uses(station, "panda_hand"):
         return skip(name, "No node uses the driver panda_hand.")

@@ -1,4 +1,4 @@
-"""Draws one small picture as the simulated camera does, and says how long it took. Fails where that cannot be done."""
+"""Draws one small picture as the simulated camera does, and prints how long it took. Fails where drawing fails."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ _WHITE_BALL = "<mujoco><worldbody><camera name='eye' pos='0 0 1'/><geom size='.2
 
 
 def main() -> int:
+    """Draw, and return the exit code: 0 when the picture is right, else 1."""
     model = mujoco.MjModel.from_xml_string(_WHITE_BALL)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)

@@ -1,4 +1,4 @@
-"""The table of checks, in the order in which they are shown, and how an operator sees them."""
+"""The table of checks, in the order in which they are shown, and their display."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ _STYLE = {Verdict.OK: "green", Verdict.FIX: "bold red", Verdict.SKIP: "dim"}
 
 
 def examine(station: Station) -> Iterator[Finding]:
-    """One finding after the other, each as soon as it is known; at most a second or two apart."""
+    """Run the checks; yield each finding as soon as it is known, at most a second or two apart."""
     for check in CHECKS:
         yield check(station)
 
 
 def report(station: Station, out: Printer, *, as_json: bool) -> bool:
-    """Print the findings, as JSON one object a line; whether nothing is to fix."""
+    """Print the findings, as JSON one object a line; return True when there is nothing to fix."""
     to_fix = 0
     for finding in examine(station):
         to_fix += finding.verdict is Verdict.FIX

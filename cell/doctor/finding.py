@@ -1,4 +1,4 @@
-"""What one check of the doctor says."""
+"""The finding of one check of the doctor."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from config.schema import Station
 
 
 class Verdict(StrEnum):
-    """``skip``: does not apply to this station, or cannot be told now."""
+    """The verdict of a check. ``skip``: it does not apply to this station, or cannot be decided now."""
 
     OK = "ok"
     FIX = "fix"
@@ -22,8 +22,8 @@ class Finding:
     """The outcome of one check.
 
     Attributes:
-        name: of what was checked, in an operator's words.
-        found: what is so. ``advice``: what to do about it; only of ``fix``.
+        name: of the checked item, in an operator's words.
+        found: the observation. ``advice``: what to do about it; only of ``fix``.
     """
 
     name: str
@@ -32,6 +32,7 @@ class Finding:
     advice: str = ""
 
     def to_json(self) -> dict[str, str]:
+        """The fields as a JSON object."""
         return {"name": self.name, "verdict": self.verdict, "found": self.found, "advice": self.advice}
 
 
@@ -39,17 +40,20 @@ Check = Callable[[Station], Finding]
 
 
 def ok(name: str, found: str) -> Finding:
+    """The finding of a passed check."""
     return Finding(name, Verdict.OK, found)
 
 
 def fix(name: str, found: str, advice: str) -> Finding:
+    """The finding of a failed check, with advice."""
     return Finding(name, Verdict.FIX, found, advice)
 
 
 def skip(name: str, why: str) -> Finding:
+    """The finding of a check that does not apply."""
     return Finding(name, Verdict.SKIP, why)
 
 
 def uses(station: Station, driver: str) -> bool:
-    """Whether a node of the station has this driver."""
+    """True when a node of the station has this driver."""
     return any(node.driver == driver for node in station.nodes.values())

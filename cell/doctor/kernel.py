@@ -1,4 +1,4 @@
-"""Checks of what the arm's 1 kHz loop asks of the kernel."""
+"""Checks of the kernel's real-time features that the arm's 1 kHz loop needs."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cell.doctor.finding import Finding, fix, ok, skip, uses
 from config.schema import Station
 
 _MEMLOCK_BYTES = 102_400 * 1024
-"""What Franka asks for."""
+"""Lockable memory that Franka requires."""
 _LIMITS_ADVICE = (
     "Add '@realtime - rtprio 99' and '@realtime - memlock unlimited' to /etc/security/limits.conf, then"
     " `sudo groupadd -f realtime && sudo usermod -aG realtime $USER`, and log in again."
@@ -20,13 +20,14 @@ _LIMITS_ADVICE = (
 
 
 def _no_loop(station: Station) -> str:
-    """Why this station asks nothing of the kernel, or ""."""
+    """Why this station needs no real-time kernel, or ""."""
     if not uses(station, "fr3"):
         return "Only the driver fr3 needs it."
     return "" if station.fr3.realtime == "enforce" else 'Not needed with fr3.realtime = "ignore".'
 
 
 def realtime(station: Station, flag: Path = Path("/sys/kernel/realtime")) -> Finding:
+    """Check for a PREEMPT_RT kernel."""
     name = "real-time kernel"
     if why := _no_loop(station):
         return skip(name, why)
@@ -40,7 +41,7 @@ def realtime(station: Station, flag: Path = Path("/sys/kernel/realtime")) -> Fin
 
 
 def _can_be_fifo() -> bool:
-    """Whether the kernel gives this thread the highest real-time priority; it is given back at once."""
+    """True when the kernel grants this thread the highest real-time priority; it is given back immediately."""
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(os.sched_get_priority_max(os.SCHED_FIFO)))
     except PermissionError:
@@ -50,6 +51,7 @@ def _can_be_fifo() -> bool:
 
 
 def priority(station: Station, allowed: Callable[[], bool] = _can_be_fifo) -> Finding:
+    """Check that this user may use real-time priorities."""
     name = "real-time priority"
     if why := _no_loop(station):
         return skip(name, why)
@@ -59,12 +61,13 @@ def priority(station: Station, allowed: Callable[[], bool] = _can_be_fifo) -> Fi
 
 
 def _lockable_bytes() -> float:
-    """How much memory this user may lock."""
+    """Memory that this user may lock."""
     soft, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
     return float("inf") if soft == resource.RLIM_INFINITY or os.geteuid() == 0 else float(soft)
 
 
 def memory(station: Station, lockable: Callable[[], float] = _lockable_bytes) -> Finding:
+    """Check that this user may lock enough memory; ``lockable`` gives it in bytes."""
     name = "locked memory"
     if why := _no_loop(station):
         return skip(name, why)
@@ -75,6 +78,7 @@ def memory(station: Station, lockable: Callable[[], float] = _lockable_bytes) ->
 
 
 def governor(station: Station, cpus: Path = Path("/sys/devices/system/cpu")) -> Finding:
+    """Check that all cores run at full speed."""
     name = "CPU frequency"
     if why := _no_loop(station):
         return skip(name, why)

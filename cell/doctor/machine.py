@@ -31,13 +31,14 @@ SDKS: dict[str, tuple[str, str, tuple[int, int] | None]] = {
     "panda_hand": ("franky", "fr3", None),
     "femto_mega": ("pyorbbecsdk", "femto", (3, 14)),
 }
-"""Driver -> the vendor's module, our extra that installs it, and the first Python version it has no wheel for."""
+"""Driver -> the vendor's module, our extra that installs it, and the first Python version without a wheel for it."""
 
 
 # --- packages ---------------------------------------------------------------------------------------------------------
 
 
 def packages(_station: Station, distribution: str = _DISTRIBUTION) -> Finding:
+    """Check that all required packages are installed."""
     name, missing, versions = "packages", [], {}
     try:
         wanted = [one for one in requires(distribution) or [] if "extra ==" not in one]
@@ -61,7 +62,11 @@ def drivers(
     sdks: dict[str, tuple[str, str, tuple[int, int] | None]] = SDKS,
     python: tuple[int, int] | None = None,
 ) -> Finding:
-    """Whether each node's driver and the vendor's module behind it are installed; nothing is imported."""
+    """Check that each node's driver and its vendor module are installed; nothing is imported.
+
+    Args:
+        python: major and minor version; None = this one's.
+    """
     name, used = "drivers", sorted({node.driver for node in station.nodes.values()})
     unknown = [one for one in used if one not in registry.names()]
     if unknown:
@@ -92,7 +97,7 @@ def _install(missing: list[tuple[str, str, tuple[int, int] | None]], python: tup
 
 
 def rendering(station: Station) -> Finding:
-    """Draws in a process of its own, because graphics drivers crash."""
+    """Check that MuJoCo can draw, in a separate process, because graphics drivers crash."""
     name = "rendering"
     if not station.simulated:
         return skip(name, "Only a simulated camera draws.")
@@ -112,6 +117,7 @@ def rendering(station: Station) -> Finding:
 
 
 def disk(station: Station) -> Finding:
+    """Check that recordings can be written, and report what retention would delete."""
     name, folder, needed_mb = "disk", station.recording.folder.absolute(), station.recording.min_free_mb
     there = next(one for one in (folder, *folder.parents) if one.exists())
     try:
@@ -133,7 +139,7 @@ def disk(station: Station) -> Finding:
 
 
 def _what_goes(station: Station) -> str:
-    """What retention would do next. Raises: RecordingError."""
+    """The recordings that retention would delete next, in words. Raises: RecordingError."""
     settings = station.recording
     if not (settings.keep_gb or settings.keep_days):
         return "recordings are never deleted (recording.keep_gb = 0)"
@@ -157,7 +163,7 @@ class _Timex(ctypes.Structure):
 
 
 def _kernel_clock() -> tuple[bool, float]:
-    """Whether the kernel's clock is kept in step by a time server, and its error at most [s]."""
+    """True when a time server keeps the kernel's clock, and the clock's largest error [s]."""
     clock = _Timex()
     if ctypes.CDLL(None, use_errno=True).adjtimex(ctypes.byref(clock)) < 0:
         return False, float("inf")
@@ -165,6 +171,7 @@ def _kernel_clock() -> tuple[bool, float]:
 
 
 def clock(station: Station, ask: Callable[[], tuple[bool, float]] = _kernel_clock) -> Finding:
+    """Check that a time server keeps this machine's clock; ``ask`` gives that, and the clock's largest error [s]."""
     name = "clock"
     in_step, error_s = ask()
     if in_step:

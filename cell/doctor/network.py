@@ -1,4 +1,4 @@
-"""How the doctor asks the network: never for long, and leaving nothing open."""
+"""Network probes of the doctor, with short timeouts; they leave no connection open."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from bus.threads import OwnedThread, Role
 AnswerT = TypeVar("AnswerT")
 
 REACH_S = 1.0
-"""What has not answered a TCP connection by then counts as not there."""
+"""Timeout of a TCP connection; a later answer counts as none."""
 CONNECTIONS, ROUTES = Path("/proc/net/tcp"), Path("/proc/net/route")
 _ESTABLISHED, _LISTEN = "01", "0A"
 
 
 def answer_within(seconds: float, ask: Callable[[], AnswerT]) -> AnswerT | None:
-    """What ``ask`` returns; None when it has not by then (it then ends by itself) or raised an OSError."""
+    """The result of ``ask`` within ``seconds`` [s]; None after that (``ask`` then ends by itself) or for an OSError."""
     answers: queue.SimpleQueue[AnswerT | None] = queue.SimpleQueue()
 
     def work() -> None:
@@ -38,17 +38,17 @@ def answer_within(seconds: float, ask: Callable[[], AnswerT]) -> AnswerT | None:
 
 
 def ip_of(address: str) -> str | None:
-    """The IPv4 address behind a name, or None when nobody knows it."""
+    """The IPv4 address of a name, or None when it cannot be resolved."""
     return answer_within(REACH_S, lambda: socket.gethostbyname(address))
 
 
 def is_this_machine(ip: str) -> bool:
-    """Whether it is a loopback address: of a simulator."""
+    """True for a loopback address, which belongs to a simulator."""
     return ipaddress.ip_address(ip).is_loopback
 
 
 def obstacle(address: str, port: int) -> str:
-    """Why no TCP connection opens, or "" when one does; it is closed again at once."""
+    """Why no TCP connection can be opened, or "" when one can; it is closed immediately."""
     try:
         with socket.create_connection((address, port), REACH_S):
             return ""
@@ -61,12 +61,12 @@ def obstacle(address: str, port: int) -> str:
 
 
 def is_connected(ip: str, port: int, table: Path = CONNECTIONS) -> bool:
-    """Whether some program of this machine has a TCP connection to there."""
+    """True when a program of this machine has a TCP connection to this address."""
     return (_hex(ip, port), _ESTABLISHED) in {(row[2], row[3]) for row in _rows(table)}
 
 
 def is_listening(ip: str, port: int, table: Path = CONNECTIONS) -> bool:
-    """Whether some program of this machine accepts TCP connections there."""
+    """True when a program of this machine accepts TCP connections at this address."""
     local = {(row[1], row[3]) for row in _rows(table)}
     return any((_hex(one, port), _LISTEN) in local for one in (ip, "0.0.0.0"))
 
@@ -80,7 +80,7 @@ def _hex(ip: str, port: int) -> str:
 
 
 def way_to(ip: str, routes: Path = ROUTES) -> tuple[str, bool] | None:
-    """The interface that leads there, and whether through a router: the most specific of the kernel's routes."""
+    """The interface that leads there, and True for a router in between: the most specific of the kernel's routes."""
     if is_this_machine(ip):
         return "lo", False
     there = struct.unpack("<I", socket.inet_aton(ip))[0]

@@ -1,4 +1,4 @@
-"""Checks of what else must be reached: camera, hosted model, the bus, and nodes that run elsewhere."""
+"""Checks of the other connections: camera, hosted model, the bus, and nodes that run elsewhere."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ _SERVERS = {"openai": "https://api.openai.com", "gemini": "https://generativelan
 
 
 def camera(station: Station, port: int = CAMERA_PORT) -> Finding:
+    """Check that the camera's port answers."""
     name, address = "camera", station.femto_mega.address
     if not uses(station, "femto_mega"):
         return skip(name, "No node uses the driver femto_mega.")
@@ -48,7 +49,7 @@ def camera(station: Station, port: int = CAMERA_PORT) -> Finding:
 
 
 def model_key(station: Station, environ: Mapping[str, str] = os.environ) -> Finding:
-    """Whether the key is set; it is never shown."""
+    """Check that the model's key is set; the key is never shown."""
     name, model, hosted = "model key", station.perception.model, station.perception.hosted
     if model not in _SERVERS:
         return skip(name, f"The model {model!r} runs on this machine and needs none.")
@@ -73,6 +74,7 @@ def model_key(station: Station, environ: Mapping[str, str] = os.environ) -> Find
 
 
 def model_server(station: Station, proxies: Mapping[str, str] | None = None) -> Finding:
+    """Check that the hosted model's server answers."""
     name, model = "model server", station.perception.model
     if model not in _SERVERS:
         return skip(name, f"The model {model!r} runs on this machine.")
@@ -87,11 +89,11 @@ def model_server(station: Station, proxies: Mapping[str, str] | None = None) -> 
     return ok(name, f"{host}, port {port}: answers")
 
 
-# --- the bus, and who is on it ----------------------------------------------------------------------------------------
+# --- the bus and its participants -------------------------------------------------------------------------------------
 
 
 def _running(station: Station) -> tuple[str, list[str]] | None:
-    """The state and the live nodes of the cell that runs at the station's endpoint; None when no cell answers."""
+    """The state and the live nodes of the cell at the station's endpoint; None when no cell answers."""
 
     def ask() -> tuple[str, list[str]] | None:
         try:
@@ -105,7 +107,7 @@ def _running(station: Station) -> tuple[str, list[str]] | None:
 
 
 def _is_free(endpoint: str) -> str:
-    """Why nothing can listen at ``endpoint``, or ""."""
+    """Why no socket can listen at ``endpoint``, or ""."""
     host, _, port = endpoint.removeprefix("tcp/").rpartition(":")
     host = host.strip("[]")
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
@@ -119,6 +121,7 @@ def _is_free(endpoint: str) -> str:
 
 
 def bus(station: Station) -> Finding:
+    """Check that the endpoint is free, or used by this very cell."""
     name, endpoint = "bus", station.bus.endpoint
     taken = _is_free(endpoint)
     if not taken:
@@ -131,6 +134,7 @@ def bus(station: Station) -> Finding:
 
 
 def nodes(station: Station) -> Finding:
+    """Check that the nodes that run elsewhere are up."""
     name, outside = "nodes elsewhere", [one for one, node in station.nodes.items() if node.run == "elsewhere"]
     if not outside:
         return skip(name, "All nodes are started by the cell itself.")

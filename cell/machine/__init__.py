@@ -1,1 +1,1 @@
-"""The PackML state machine, who may command it, and the gate that every motion passes."""
+"""The PackML state machine, the leases of its clients, and the gate that every motion passes."""

@@ -1,4 +1,4 @@
-"""The gate every motion of arm and hand passes: shut while held, and for good once halted."""
+"""The gate that every motion of arm and hand passes: closed while held, and permanently once halted."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from bus.errors import CycleFailure
 
 
 class Gate:
-    """Every member may be called from any thread."""
+    """The gate. Every member may be called from any thread."""
 
     def __init__(self) -> None:
         self._change = threading.Condition()
@@ -21,59 +21,59 @@ class Gate:
         self._passed = 0
 
     def halt(self, cause: CycleFailure | None = None) -> None:
-        """Let nothing through any more, and turn away whoever waits; ``cause``: what failed, if no command it was."""
+        """Refuse all motions from now on, including those that wait; ``cause``: the failure, None for a command."""
         with self._change:
             self._cancel.set()
             self._cause = self._cause or cause
             self._change.notify_all()
 
     def hold(self) -> None:
-        """Let nothing begin until `let_go`: whoever comes waits."""
+        """Let no motion begin until `release`; motions wait."""
         with self._change:
             self._held = True
 
-    def let_go(self) -> None:
-        """End a hold; after a halt that changes nothing."""
+    def release(self) -> None:
+        """End a hold; no effect after a halt."""
         with self._change:
             self._held = False
             self._change.notify_all()
 
     def clear(self) -> None:
-        """Open again, after a halt or a hold."""
+        """Open the gate after a halt or a hold."""
         with self._change:
             self._held = False
-            self._cancel = Cancel()  # what a halt left behind keeps the old one, and stays stopped
+            self._cancel = Cancel()  # computations of before the halt keep the old one, and stay cancelled
             self._cause = None
             self._change.notify_all()
 
     @property
     def cause(self) -> CycleFailure | None:
-        """What failed, first, since the gate was last opened; None when it was halted by command or not at all."""
+        """The first failure since the gate was last opened; None when it was halted by a command, or not halted."""
         return self._cause
 
     @property
     def halted(self) -> bool:
-        """Whether somebody asked the cell to stop."""
+        """True when the cell was asked to stop."""
         return self._cancel.is_set
 
     @property
     def held(self) -> bool:
-        """Whether nothing may begin until `let_go`."""
+        """True when no motion may begin until `release`."""
         return self._held
 
     @property
     def cancel(self) -> Cancel:
-        """For whatever computes between motions: set by the halt that turns these away."""
+        """The cancel flag for computations between motions: set by the halt."""
         return self._cancel
 
     @property
     def is_moving(self) -> bool:
-        """Whether a motion was let through that is not over: under way, on its way to its device, or held by it."""
+        """True for a motion that passed and is not over: under way, on its way to its device, or held by it."""
         return self._passed > 0
 
     @contextmanager
     def motion(self) -> Iterator[bool]:
-        """Around every motion: waits while held, then says whether it may begin; False once halted."""
+        """Context around every motion: waits while held, then yields True when it may begin, False once halted."""
         with self._change:
             cancel = self._cancel
             self._change.wait_for(lambda: cancel.is_set or not self._held)
@@ -87,6 +87,6 @@ class Gate:
                 self._change.notify_all()
 
     def wait_still(self, timeout_s: float) -> bool:
-        """Wait until no motion is under way; False when one still is."""
+        """Wait up to ``timeout_s`` until no motion is under way; False when one still is."""
         with self._change:
             return self._change.wait_for(lambda: self._passed == 0, timeout_s)

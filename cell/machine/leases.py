@@ -1,8 +1,8 @@
-"""Who may make the arm move: the client whose lease the motion runs under.
+"""Decides which client may move the arm: the one that holds the lease.
 
-The first motion command takes the lease. It ends with the client's liveliness token, and when the client's own
-heartbeat on the token's key falls silent: a program that hangs keeps its token while its transport allows, up to 10 s.
-Whoever commands motion must hold a token; anyone may stop, hold, suspend, abort or clear.
+The first motion command takes the lease. It ends with the client's liveliness token, and when the client's heartbeat
+on the token's key is missing: a hanging program keeps its token as long as its transport allows, up to 10 s. A client
+that commands motion must hold a token; any client may stop, hold, suspend, abort or clear.
 """
 
 from __future__ import annotations
@@ -14,33 +14,34 @@ from functools import partial
 
 from bus import topics
 from bus.errors import Refused
-from bus.sample import Heard
+from bus.sample import Sample
 from bus.session import Bus
 from bus.silence import Silence
 
 NEEDS_LEASE = frozenset({"reset", "start", "pick"})
-"""These need the lease: one holder at a time."""
+"""Commands that need the lease: one holder at a time."""
 NEEDS_TOKEN = frozenset({"unhold", "unsuspend"})
-"""These let the holder's motion go on: any client with a token may, and becomes the holder if there is none."""
+"""Commands that resume the holder's motion: any client with a token may send them, and takes a free lease."""
 CELL_CLIENT = "cell"
-"""``client_id`` of the cell itself: of what it commands between cycles, and of the token that says it is there."""
+"""``client_id`` of the cell itself: of its commands between cycles, and of the token that shows its presence."""
 HEARTBEAT_S = 0.2
-"""How often a client that holds the lease says so."""
+"""Heartbeat period of a client that holds the lease."""
 ARRIVAL_S = 0.5
-"""How long a token may arrive after the command that needs it."""
+"""Longest delay of a token after the command that needs it."""
 
 Lost = Callable[[str, str], None]
-"""Told the client whose lease was lost, and why."""
+"""Called with the client whose lease was lost, and the reason."""
 
 
 class Leases:
-    """The tokens that are there, and who holds the lease.
+    """The present tokens, and the holder of the lease.
 
     Args:
-        on_lost: told on any thread; it may only enqueue.
-        silence_s: the holder's heartbeat may be missing for so long.
-        look_s: how often `look` is called.
-        arrival_s: how long a token may arrive after the command that needs it, was received.
+        on_lost: called on any thread; it may only enqueue.
+        silence_s: longest gap in the holder's heartbeat.
+        look_s: period of `look`.
+        arrival_s: longest delay of a token after the command that needs it was received.
+        clock_s: monotonic clock.
     """
 
     def __init__(
@@ -55,17 +56,17 @@ class Leases:
         self._new_silence = partial(Silence, silence_s, look_s, clock_s)
         self._alive: set[str] = set()
         self._change = threading.Condition()
-        self._silence = self._new_silence()  # the holder's
-        self._source = ""  # its session, as far as it says
+        self._silence = self._new_silence()  # of the holder's heartbeat
+        self._source = ""  # the holder's session, "" when unknown
         self.holder = ""
 
     def listen(self, bus: Bus) -> None:
-        """Hear tokens, and the heartbeats on their keys."""
+        """Subscribe to tokens, and to the heartbeats on their keys."""
         bus.watch_alive(topics.LEASE, self.change)
         bus.subscribe(topics.LEASE_HEARTBEAT.key.format(name="*"), self.hear)
 
     def change(self, client_id: str, is_alive: bool) -> None:
-        """A client's token came or went."""
+        """Process the arrival or the end of a client's token."""
         with self._change:
             (self._alive.add if is_alive else self._alive.discard)(client_id)
             is_lost = not is_alive and client_id == self.holder
@@ -75,13 +76,13 @@ class Leases:
         if is_lost:
             self._on_lost(client_id, "its token is gone")
 
-    def hear(self, heard: Heard) -> None:
-        """A client's heartbeat; it counts from the session that the holder commands by."""
-        if heard.key.rpartition("/")[2] == self.holder and heard.source == self._source:
+    def hear(self, sample: Sample) -> None:
+        """Process a client's heartbeat; it counts only from the session of the holder's commands."""
+        if sample.key.rpartition("/")[2] == self.holder and sample.source == self._source:
             self._silence.hear()
 
     def look(self) -> None:
-        """Take the lease from a holder that has fallen silent; to be called every ``look_s``."""
+        """Take the lease from a holder whose heartbeat is missing; called every ``look_s``."""
         with self._change:
             holder = self.holder
             if not self._silence.is_broken() or not holder:
@@ -90,14 +91,16 @@ class Leases:
         self._on_lost(holder, f"no heartbeat for {self._silence_s:.1f} s")
 
     def must_wait(self, verb: str, client_id: str) -> bool:
-        """Whether ``require`` would wait for the client's token."""
+        """True when `require` would wait for the client's token."""
         return verb in NEEDS_LEASE | NEEDS_TOKEN and client_id not in self._alive
 
     def require(self, verb: str, client_id: str, received_s: float) -> None:
-        """Raises: Refused (NO_LEASE, LEASE_HELD) when ``client_id`` may not command ``verb``.
+        """Refuse ``verb`` to a client that may not command it. Waits for its token.
 
         Args:
-            received_s: when the command came (monotonic): many that wait for a token wait together.
+            received_s: arrival of the command (monotonic); waiting commands share the waiting time.
+
+        Raises: Refused (NO_LEASE, LEASE_HELD).
         """
         if verb not in NEEDS_LEASE | NEEDS_TOKEN:
             return
@@ -120,10 +123,10 @@ class Leases:
             )
 
     def take(self, verb: str, client_id: str, source: str = "") -> str:
-        """After an accepted command: who holds the lease now. The command is the holder's first heartbeat.
+        """Update the lease after an accepted command; return its holder. The command is the holder's first heartbeat.
 
         Args:
-            source: the session that commands, as far as it says.
+            source: the session of the command, "" when unknown.
         """
         if verb not in NEEDS_LEASE | NEEDS_TOKEN:
             return self.holder
@@ -134,6 +137,6 @@ class Leases:
             is_lost = self.holder not in self._alive
             if is_lost:
                 self.holder = ""
-        if is_lost:  # it went in the very moment of the command
+        if is_lost:  # the token ended at the moment of the command
             self._on_lost(client_id, "its token is gone")
         return self.holder

@@ -1,8 +1,8 @@
-"""The owner of the machine: one thread takes commands and ends of work, one at a time, and moves the states.
+"""The owner of the machine: one thread processes commands and ends of actions one at a time, and changes the state.
 
-What an acting state does is a `Work`, run in a thread of its own; what it must not do is decide where to go next.
-Every run of a work has a number: the end of one that a stop has left behind is never taken for the end of another, and
-nothing begins while one still runs.
+An acting state runs an `Action` in a thread of its own; an action never decides the next state. Every run of an action
+has a number: the end of a run that a stop left behind is not taken for the end of another, and nothing begins while
+one still runs. `Holding` knows whether the cell is held, and why; only this thread changes it.
 """
 
 from __future__ import annotations
@@ -20,17 +20,33 @@ from bus.codes import Code
 from bus.commands import CommandReply, CommandRequest
 from bus.errors import CellError, CycleFailure, Refused
 from bus.threads import OwnedThread, Role, report_defect
-from cell.machine.states import BEGINNING, ENDING, GOING_ON, NEXT, PAUSES, PAUSING, State, after_command, available
+from cell.machine.holding import Holding
+from cell.machine.leases import CELL_CLIENT
+from cell.machine.states import (
+    BEGINNING,
+    COMMANDS,
+    ENDING,
+    GOING_ON,
+    NEXT,
+    PAUSES,
+    PAUSING,
+    State,
+    after_command,
+    available,
+)
 
 _log = logging.getLogger(__name__)
 _REMEMBERED_COMMANDS = 256
 _STOPPING = (State.STOPPING, State.ABORTING)
+_NOT_YET = GOING_ON | {State.STARTING}
+"""States in which nothing can be held, and which a state that can be held follows."""
+_OWN = CommandRequest(client_id=CELL_CLIENT)
 TURN_S = 0.1
-"""The owner does nothing for no longer than this."""
+"""Longest time without a turn of the owner thread."""
 _LOOK_S = 0.5
 
-Work = Callable[[], None]
-"""What an acting state does. A `CycleFailure` or other `CellError` it raises aborts the machine."""
+Action = Callable[[], None]
+"""The action of an acting state. A `CycleFailure` or other `CellError` that it raises aborts the machine."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +59,7 @@ class _Command:
 
 @dataclass(frozen=True)
 class _Run:
-    """One run of the work of an acting state."""
+    """One run of an acting state's action."""
 
     number: int
     state: State
@@ -57,13 +73,13 @@ class _Done:
 
 @dataclass(frozen=True)
 class _Fault:
-    error: CellError
+    failure: CycleFailure
     is_defect: bool = False
 
 
 @dataclass(frozen=True)
 class _Act:
-    """Something to be decided on the owner thread, between two commands."""
+    """A decision for the owner thread, between two commands."""
 
     act: Callable[[], None]
 
@@ -72,45 +88,47 @@ _Item = _Command | _Done | _Fault | _Act
 
 
 class Machine:
-    """States, commands and works of one cell.
+    """States, commands and actions of one cell.
 
     Args:
-        works: what each acting state does.
+        actions: each acting state's action.
+        holding: whether the cell is held, and why.
         on_state: called by the owner thread at every change, with the state and the reason.
-        on_accept: called by the owner thread with every accepted command, before the state changes; returns the id of
-            the cycle it begins, or "".
-        on_turn: called by the owner thread at least every `TURN_S`: while it is, commands are answered.
+        on_accept: called by the owner thread with every command that the state allows, before the state changes; it
+            returns the id of the cycle that the command begins, or "", and may raise Refused.
+        on_turn: called by the owner thread at least every `TURN_S`; as long as it is called, commands are answered.
     """
 
     def __init__(
         self,
-        works: Mapping[State, Work],
+        actions: Mapping[State, Action],
+        holding: Holding,
         on_state: Callable[[State, str], None],
         on_accept: Callable[[str, CommandRequest], str],
         on_turn: Callable[[], None] = lambda: None,
     ) -> None:
-        self._works = works
+        self._actions, self.holding = actions, holding
         self._on_state, self._on_accept, self._on_turn = on_state, on_accept, on_turn
         self._inbox: queue.SimpleQueue[_Item | None] = queue.SimpleQueue()
         self._answered: dict[tuple[str, str, str], CommandReply] = {}
         self.state = State.STOPPED
         self._why = self._why_aborted = ""
         self._numbers = itertools.count(1)
-        self._run = self._held = _Run(0, State.STOPPED)  # the state's own, and that of the held state
-        self._ended_held: _Done | None = None  # the held state's work, when it ended by itself meanwhile
+        self._run = self._held = _Run(0, State.STOPPED)  # the run of the state, and that of the held state
+        self._ended_held: _Done | None = None  # the end of the held state's action during the pause
         self._thread = OwnedThread(Role.MACHINE, self._own)
         self._ended = threading.Event()
-        self._open: set[_Run] = set()  # runs whose end was not yet taken; the owner thread's
+        self._open: set[_Run] = set()  # runs whose end was not yet processed; used by the owner thread
         self._runs_change = threading.Condition()
-        self._running: set[_Run] = set()  # runs that are under way; guarded by it
+        self._running: set[_Run] = set()  # runs under way; guarded by `_runs_change`
 
     def start(self) -> None:
-        """Begin in Stopped: nothing moves until somebody commands it."""
+        """Start the owner thread in Stopped: nothing moves before a command."""
         self._on_state(self.state, "")
         self._thread.start()
 
     def command(self, verb: str, request: CommandRequest) -> CommandReply:
-        """Ask for a command, from any thread; the answer says whether it was accepted."""
+        """Request a command, from any thread, and wait for the reply, which says whether it was accepted."""
         reply: Future[CommandReply] = Future()
         reason = f"command {verb!r} from {request.client_id or 'a client'}"
         self._inbox.put(_Command(verb, request, reply, reason))
@@ -122,33 +140,52 @@ class Machine:
                     return self._refusal(CycleFailure(Code.INTERNAL, "The thread that owns the machine has ended."))
 
     def post(self, verb: str, request: CommandRequest, reason: str = "") -> None:
-        """Ask for a command without waiting for the answer: for the owner thread itself, and for callbacks."""
+        """Request a command without waiting for the reply: for the owner thread itself, and for callbacks."""
         self._inbox.put(_Command(verb, request, Future(), reason))
 
     def decide(self, act: Callable[[], None]) -> None:
-        """Have ``act`` done by the owner thread, after what is queued; does not wait."""
+        """Let the owner thread run ``act``, after the queued items; does not wait."""
         self._inbox.put(_Act(act))
 
-    def fault(self, error: CellError) -> None:
-        """Report that something failed outside any work (a node died): the machine aborts, unless it is Stopped."""
-        self._inbox.put(_Fault(error))
+    def fault(self, failure: CycleFailure) -> None:
+        """Report a failure outside any action (e.g. a lost node): all motion ends, and the machine aborts.
 
-    def defect(self, error: CellError) -> None:
-        """Report that the cell itself is not whole any more: the machine aborts, from every state."""
-        self._inbox.put(_Fault(error, is_defect=True))
+        A Stopped machine stays Stopped.
+        """
+        self._inbox.put(_Fault(failure))  # queued before the action that the gate interrupts can end
+        self.holding.gate.halt(failure)
+
+    def defect(self, failure: CycleFailure) -> None:
+        """Report a defect of the cell itself: as `fault`, but from every state."""
+        self._inbox.put(_Fault(failure, is_defect=True))
+        self.holding.gate.halt(failure)
+
+    def hold(self, reason: str) -> None:
+        """Hold before the next motion begins. Called by the owner thread, in a state that can be held."""
+        self.holding.close(reason)
+        self.post("hold", _OWN, reason)
+
+    def hold_soon(self, reason: str) -> None:
+        """Hold as soon as the state allows it; a reset cannot be held and is stopped. Called by the owner thread."""
+        if self.state in COMMANDS["hold"]:
+            self.post("hold", _OWN, reason)
+        elif self.state is State.RESETTING:
+            self.post("stop", _OWN, reason)
+        elif self.state in _NOT_YET:
+            self.holding.reason = reason
 
     @property
     def is_owned(self) -> bool:
-        """Whether its owner thread answers commands, or will once it is started."""
+        """True when the owner thread answers commands, or will do so once started."""
         return not self._ended.is_set()
 
-    def wait_quiet(self, timeout_s: float) -> bool:
-        """Wait until no work other than the stopping ones runs; used by these."""
+    def wait_no_action(self, timeout_s: float) -> bool:
+        """Wait up to ``timeout_s`` until no action runs, except the stopping ones, which call this."""
         with self._runs_change:
             return self._runs_change.wait_for(lambda: all(run.state in _STOPPING for run in self._running), timeout_s)
 
     def close(self) -> None:
-        """End the owner thread after what is queued."""
+        """End the owner thread after the queued items."""
         self._inbox.put(None)
         self._thread.join()
 
@@ -159,7 +196,7 @@ class Machine:
             while (item := self._next()) is not None:
                 try:
                     self._take(item)
-                except Exception as defect:  # noqa: BLE001 - without an owner nobody could stop the cell
+                except Exception as defect:  # noqa: BLE001 - without the owner thread the cell could not be stopped
                     self._survive(item, defect)
         finally:
             self._ended.set()
@@ -183,10 +220,10 @@ class Machine:
         elif isinstance(item, _Act):
             item.act()
         elif self.state not in (State.ABORTING, State.ABORTED) and (item.is_defect or self.state is not State.STOPPED):
-            self._enter(State.ABORTING, str(item.error))
+            self._enter(State.ABORTING, str(item.failure))
 
     def _survive(self, item: _Item, defect: Exception) -> None:
-        """A defect in what was just taken: its asker is answered, and the machine aborts."""
+        """Handle a defect while processing an item: its client gets a reply, and the machine aborts."""
         failure = CycleFailure(Code.INTERNAL, f"{type(defect).__name__}: {defect}.")
         report_defect(str(Role.MACHINE), defect)
         if isinstance(item, _Command) and not item.reply.done():
@@ -205,9 +242,9 @@ class Machine:
         )
 
     def _decide(self, command: _Command) -> CommandReply:
-        """Accept or refuse; the same client's same command id gets the same answer without acting twice.
+        """Accept or refuse; a repeated command id of the same client gets the same reply without acting twice.
 
-        But what stops something that moves stops it, whatever its id: counters begin anew.
+        Commands that stop present motion always act, whatever their id, because a client's counter may restart.
         """
         request = command.request
         key = (command.verb, request.client_id, request.command_id)
@@ -220,6 +257,7 @@ class Machine:
             cycle_id = self._on_accept(command.verb, request)
         except CellError as refusal:
             return self._refusal(refusal)
+        self.holding.accept(command.verb, command.reason, is_own=request.client_id == CELL_CLIENT)
         if target in PAUSING:
             self._held, self._ended_held = self._run, None
         self._enter(target, command.reason)
@@ -231,7 +269,7 @@ class Machine:
         return reply
 
     def _require_quiet(self, verb: str, target: State) -> None:
-        """Raises: Refused when something is to begin while a work that was stopped still runs."""
+        """Refuse to begin while a stopped action still runs. Raises: Refused."""
         if target in BEGINNING and self._open:
             still = ", ".join(sorted({run.state for run in self._open}))
             raise Refused(
@@ -245,11 +283,11 @@ class Machine:
         if done.run == self._held and self.state in PAUSES:
             self._finish_held(done)
         elif done.run != self._run:
-            pass  # a stop or abort came first; its own work goes on
+            pass  # a stop or abort came first, whose own action continues
         elif done.run.state is State.ABORTING:
             if done.error is not None:
                 _log.warning("while aborting: %s", done.error)
-            self._enter(State.ABORTED, self._why_aborted)  # the cause, not what else went wrong on the way
+            self._enter(State.ABORTED, self._why_aborted)  # the original cause, not later errors
         elif done.error is not None:
             self._fail(done.error)
         elif done.run.state in GOING_ON:
@@ -258,14 +296,14 @@ class Machine:
             self._enter(NEXT[done.run.state], self._why if done.run.state in PAUSING else "")
 
     def _finish_held(self, done: _Done) -> None:
-        """The held work ended by itself, its last motion was just over: its success waits until the pause is over."""
+        """Handle the end of the held action, whose last motion was just over: a success waits for the pause's end."""
         if done.error is None:
             self._ended_held = done
         else:
             self._fail(done.error)
 
     def _go_on(self) -> None:
-        """Back to the held state, whose work still runs, or ended meanwhile."""
+        """Return to the held state, whose action still runs or has ended meanwhile."""
         self._run = self._held
         self._change(self._held.state, "")
         if self._ended_held is not None:
@@ -281,19 +319,23 @@ class Machine:
             self._why_aborted = reason
         try:
             self._on_state(state, reason)
-        except Exception as defect:  # noqa: BLE001 - the state is what it is, whether it could be said or not
+        except Exception as defect:  # noqa: BLE001 - the state holds, published or not
             report_defect(str(Role.MACHINE), defect)
             if state not in (State.ABORTING, State.ABORTED):
                 self.fault(CycleFailure(Code.INTERNAL, f"{type(defect).__name__}: {defect}."))
+        if self.holding.is_due(state):
+            self.post("hold", _OWN, self.holding.reason)
 
     def _enter(self, state: State, reason: str) -> None:
+        if state in _STOPPING:
+            self.holding.reason = ""
         run = self._run = _Run(next(self._numbers), state)
-        if state in self._works:
+        if state in self._actions:
             self._open.add(run)
             with self._runs_change:
-                self._running.add(run)  # here and not in the thread: a stop may come before that runs
+                self._running.add(run)  # here and not in the thread: a stop may come before the thread runs
         self._change(state, reason)
-        if state in self._works:
+        if state in self._actions:
             OwnedThread(Role.ACTION, lambda: self._work(run), of=str(state)).start()
         elif state in NEXT:
             self._inbox.put(_Done(run, None))
@@ -301,15 +343,15 @@ class Machine:
     def _work(self, run: _Run) -> None:
         error: CellError | None = CycleFailure(Code.INTERNAL, f"What {run.state} does ended without a word.")
         try:
-            self._works[run.state]()
+            self._actions[run.state]()
             error = None
         except CellError as caught:
             error = caught
-        except Exception as defect:  # noqa: BLE001 - a defect in a work must abort the machine, not leave it hanging
+        except Exception as defect:  # noqa: BLE001 - a defect in an action must abort the machine, not leave it hanging
             _log.exception("defect in %s", run.state)
             error = CycleFailure(Code.INTERNAL, f"{type(defect).__name__}: {defect}.")
         finally:
-            self._inbox.put(_Done(run, error))  # before it is over: no later state's end may overtake it
+            self._inbox.put(_Done(run, error))  # before the run is over: no later end may overtake it
             with self._runs_change:
                 self._running.discard(run)
                 self._runs_change.notify_all()

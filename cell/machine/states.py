@@ -1,10 +1,9 @@
-"""The machine: PackML's 17 states and 9 commands (ISA-TR88.00.02) as one table, and nothing else.
+"""The state machine as one table: PackML's 17 states and 9 commands (ISA-TR88.00.02).
 
-It departs from the standard in two places. A hold is possible not from Execute only but also from Completing, because
-the delivery is motion too, and Unholding leads back to whichever of the two it came from. And there is a tenth command,
-``pick``: a start of one cycle.
+It departs from the standard in two places. A hold is possible from Completing, too, because the delivery is motion, and
+Unholding leads back to the state of the hold. And there is a tenth command, ``pick``: a start of one cycle.
 
-An invalid command is refused with its reason and what is available - never ignored. One thread owns the machine.
+An invalid command is refused with its reason and the available commands, never ignored. One thread owns the machine.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from bus.errors import Refused
 
 
 class State(StrEnum):
-    """PackML state names; *acting* states do something and end by themselves, the others wait."""
+    """PackML state names; *acting* states run an action and end by themselves, the others wait."""
 
     STOPPED = "Stopped"
     RESETTING = "Resetting"
@@ -50,18 +49,18 @@ NEXT: dict[State, State] = {
     State.ABORTING: State.ABORTED,
     State.CLEARING: State.STOPPED,
 }
-"""Where an acting state goes when it is done; from Unholding, Completing where the hold came from that."""
+"""The state that follows an acting state; from Unholding it is Completing when the hold came from there."""
 
 PAUSING = frozenset({State.HOLDING, State.SUSPENDING})
 GOING_ON = frozenset({State.UNHOLDING, State.UNSUSPENDING})
 PAUSES = PAUSING | {State.HELD, State.SUSPENDED} | GOING_ON
-"""While one of these lasts, the work of the state that was held or suspended is still open."""
+"""States of a pause, in which the action of the held or suspended state is still open."""
 
 BEGINNING = frozenset({State.RESETTING, State.STARTING, State.CLEARING})
-"""What begins anew: not while something that was stopped still runs."""
+"""States that begin something new; not entered while a stopped action still runs."""
 
 ENDING = frozenset({"stop", "abort", "hold", "suspend"})
-"""Commands that bring to rest what moves."""
+"""Commands that bring motion to rest."""
 
 _UNSTOPPABLE = {State.STOPPING, State.STOPPED, State.CLEARING, State.ABORTING, State.ABORTED}
 _ABORT_FROM = set(State) - {State.ABORTING, State.ABORTED}
@@ -78,8 +77,9 @@ COMMANDS: dict[str, dict[State, State]] = {
     "unsuspend": {State.SUSPENDED: State.UNSUSPENDING},
     "clear": {State.ABORTED: State.CLEARING},
 }
-"""Command -> {from: to}. ``pick`` after a completed cycle resets first. Hold is for the operator's or the cell's own
-reason, Suspend for one outside of it; both brake on the path and wait."""
+"""Command -> {from: to}. ``pick`` after a completed cycle resets first. Hold is for a reason of the operator or the
+cell,
+Suspend for one outside of the cell; both brake on the path and wait."""
 
 _NEEDLESS = {
     "stop": "Nothing moves any more.",
@@ -90,7 +90,7 @@ _NEEDLESS = {
     "unsuspend": "No cycle is suspended.",
     "clear": "Only an aborted cell is cleared.",
 }
-"""Why a command is not accepted that would not make anything ready."""
+"""Refusals of commands that have nothing to act on."""
 _HOW_TO_GET_READY = {
     State.STOPPED: "Reset the cell first: `cell reset`.",
     State.ABORTED: "Three deliberate acts: `cell clear`, `cell reset`, then start.",
@@ -106,7 +106,7 @@ def available(state: State) -> tuple[str, ...]:
 
 
 def after_command(state: State, command: str) -> State:
-    """The state that ``command`` leads to from ``state``. Raises: Refused."""
+    """The state that ``command`` leads to from ``state``. Raises: Refused for an unknown or unavailable command."""
     arrows = COMMANDS.get(command)
     if arrows is None:
         raise Refused(
@@ -131,6 +131,6 @@ _COMMAND = re.compile(r"command '(?:stop|abort|hold|suspend)' from (.+)")
 
 
 def told(state: str, reason: str) -> str:
-    """Why the cell is in ``state``, for a person; who it was that brought it to rest: ``Stopped by ann-4711``."""
+    """The state for a person, with the client that brought it to rest: ``Stopped by ann-4711``."""
     found = _COMMAND.fullmatch(reason)
     return f"{state} by {found[1]}" if found else reason

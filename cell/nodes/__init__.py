@@ -1,1 +1,1 @@
-"""The nodes' processes: started, watched, and heard."""
+"""The node processes: supervision, health and identity."""

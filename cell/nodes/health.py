@@ -1,6 +1,6 @@
-"""Two watchdogs over the nodes: one for tokens that go (dead, killed), one for streams that fall silent (frozen).
+"""Monitors the nodes: their liveliness tokens (dead, killed) and their streams (frozen).
 
-A stream counts as heard only while what it says can be read and is new.
+A stream counts as alive only while its messages are decodable and new.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from bus.codes import Code
 from bus.commands import CellHealth, Health, NodeHealth
 from bus.errors import BadPayload, CycleFailure
 from bus.messages import HandState
-from bus.sample import Heard
+from bus.sample import Sample
 from bus.session import Bus
 from bus.wire import arm_stamp_ns
 from config.schema import Station
@@ -25,14 +25,14 @@ from config.schema import Station
 _log = logging.getLogger(__name__)
 LOOK_PERIOD_S = 0.05
 _YOUNG_S = 3.0
-"""A node's loops have not run long enough yet to know their rates."""
+"""Time until a node's loops have run long enough to know their rates."""
 _LATE_S = 2 * LOOK_PERIOD_S
-"""A look later than this: this process stood still, and has not yet heard what was said meanwhile."""
+"""A look later than this: this process was suspended, and has not yet received the messages of that time."""
 _SLOW = 0.6
-"""A loop below this share of its rate is alive, answers everything, and is badly broken."""
+"""A loop below this share of its rate answers everything, but is broken."""
 
 _BUSY = 1.5
-"""Runnable processes for each core: from here on a process may wait longer than a stream may be silent."""
+"""Runnable processes per core from which on a process may wait longer than a stream may be silent."""
 _UNREADABLE, _REPEATED = "unreadable", "repeated"
 
 
@@ -41,13 +41,13 @@ def load_now() -> tuple[float, int]:
     return os.getloadavg()[0], os.cpu_count() or 1
 
 
-class Watch:
-    """What is known of every node. All members may be called from any thread; none blocks.
+class NodeMonitor:
+    """The node monitor: the known state of every node. All members may be called from any thread; none blocks.
 
     Args:
-        on_lost: told (node, failure) once when a node is lost: its token is gone, or a stream of it is silent.
-        restarts: how often a node was brought back.
-        load: runnable processes of this machine, averaged over a minute, and its cores.
+        on_lost: called with (node, failure) once when a node is lost: its token is gone, or a stream of it is silent.
+        restarts: gives the number of restarts of a node.
+        load: gives the runnable processes of this machine, averaged over 1 min, and its cores.
     """
 
     def __init__(
@@ -65,19 +65,19 @@ class Watch:
         self._changing = threading.Lock()
         self._alive: set[str] = set()
         self._gone_since_s: dict[str, float] = {}
-        self._heard_s: dict[str, float] = {}  # by key, of the streams of living nodes
-        self._stamps_ns: dict[str, int] = {}  # of the newest state heard there
-        self._useless: dict[str, str] = {}  # what is wrong with what is said there instead
+        self._heard_s: dict[str, float] = {}  # monotonic, by key, of the streams of living nodes
+        self._stamps_ns: dict[str, int] = {}  # of the newest state received there
+        self._useless: dict[str, str] = {}  # the error of messages received there instead
         self._said: dict[str, Health] = {}
         self._silent: set[str] = set()
         self._looked_s = time.monotonic()
 
     def listen(self, bus: Bus) -> None:
-        """Listen for tokens; streams are handed to `hear` once `cell.nodes.speakers` knows them as the nodes'."""
+        """Subscribe to tokens; samples of streams go to `hear` once `cell.nodes.speakers` has identified their node."""
         bus.watch_alive(topics.NODE_ALIVE, self.change)
 
     def change(self, name: str, is_alive: bool) -> None:
-        """A node's token came or went."""
+        """Process the arrival or the end of a node's token."""
         if name not in self._nodes:
             return
         with self._changing:
@@ -90,45 +90,45 @@ class Watch:
             if is_alive:
                 self._alive.add(name)
                 self._gone_since_s.pop(name, None)
-                self._said.pop(name, None)  # that was another process
+                self._said.pop(name, None)  # health of an earlier process
             else:
                 self._alive.discard(name)
                 self._gone_since_s.setdefault(name, time.monotonic())
         if not is_alive:
             self._on_lost(name, CycleFailure(Code.NODE_LOST, f"The node {name!r} is gone."))
 
-    def hear(self, heard: Heard) -> None:
-        """A stream said something; it counts when that can be read, and is not what it said before."""
-        if heard.key not in self._known:  # a stranger's
+    def hear(self, sample: Sample) -> None:
+        """Process a sample of a stream; it counts when it is decodable and differs from the last one."""
+        if sample.key not in self._known:  # not of a node
             return
         try:
-            stamp_ns = self._read(heard)
+            stamp_ns = self._read(sample)
         except BadPayload as error:
             stamp_ns = None
-            if heard.key not in self._useless:  # once, and not a hundred times a second
-                _log.warning("%s: %s", heard.key, error)
+            if sample.key not in self._useless:  # log once, not a hundred times a second
+                _log.warning("%s: %s", sample.key, error)
         with self._changing:
             if stamp_ns is None:
-                self._useless[heard.key] = _UNREADABLE
-            elif stamp_ns == self._stamps_ns.get(heard.key):
-                self._useless[heard.key] = _REPEATED
+                self._useless[sample.key] = _UNREADABLE
+            elif stamp_ns == self._stamps_ns.get(sample.key):
+                self._useless[sample.key] = _REPEATED
             else:
-                self._stamps_ns[heard.key] = stamp_ns
-                self._heard_s[heard.key] = time.monotonic()
-                self._useless.pop(heard.key, None)
-                self._silent.discard(heard.key)
+                self._stamps_ns[sample.key] = stamp_ns
+                self._heard_s[sample.key] = time.monotonic()
+                self._useless.pop(sample.key, None)
+                self._silent.discard(sample.key)
 
-    def _read(self, heard: Heard) -> int:
-        """The stamp of a state; anything new for a node's health, which is kept. Raises: BadPayload."""
-        if heard.key == topics.ARM_STATE.key:
-            return arm_stamp_ns(heard.payload)
-        if heard.key == topics.HAND_STATE.key:
-            return decode(HandState, heard.payload).stamp_ns
-        self._said[heard.key.split("/")[1]] = decode(Health, heard.payload)
+    def _read(self, sample: Sample) -> int:
+        """The stamp of a state; the arrival time of a node's health, which is kept. Raises: BadPayload."""
+        if sample.key == topics.ARM_STATE.key:
+            return arm_stamp_ns(sample.payload)
+        if sample.key == topics.HAND_STATE.key:
+            return decode(HandState, sample.payload).stamp_ns
+        self._said[sample.key.split("/")[1]] = decode(Health, sample.payload)
         return time.monotonic_ns()
 
     def look(self) -> None:
-        """Tell of every stream that has just fallen silent; time in which this process stood still does not count."""
+        """Report every stream that has just fallen silent; time in which this process was suspended does not count."""
         now_s = time.monotonic()
         self._forgive(now_s)
         for name in self._nodes:
@@ -142,7 +142,7 @@ class Watch:
                     self._on_lost(name, self._loss(name, key, age_s))
 
     def _loss(self, name: str, key: str, age_s: float) -> CycleFailure:
-        """Why a stream is silent: its device, when the node says so or it repeats itself; else the node."""
+        """The failure for a silent stream: its device, when the node reports it or repeats itself; else the node."""
         useless, said = self._useless.get(key), self._said.get(name)
         loop = said.loops.get(key.replace("/", ".")) if said is not None else None
         if loop is not None and loop.fault:
@@ -154,7 +154,7 @@ class Watch:
         return CycleFailure(Code.NODE_LOST, f"The node {name!r} {fault}.{'' if useless else self._starved(said)}")
 
     def _starved(self, said: Health | None) -> str:
-        """That this machine is too busy, where it is: a starved node is not to blame; else ""."""
+        """A note that this machine is too busy, if it is: a starved node is not at fault; else ""."""
         load, cores = self._load()
         missed = {name: loop.missed for name, loop in (said.loops if said is not None else {}).items() if loop.missed}
         if load <= _BUSY * cores:
@@ -170,7 +170,7 @@ class Watch:
                 self._heard_s[key] = min(now_s, heard_s + late_s)
 
     def unheard_for_s(self, name: str) -> float:
-        """How long the node's token has been gone, or it has said nothing of its health; 0 if it has never been up."""
+        """Time since the node's token ended, or since its last health message; 0 if it has never been up."""
         with self._changing:
             health_key = topics.NODE_HEALTH.key.format(name=name)
             since_s = self._gone_since_s.get(name, self._heard_s.get(health_key))
@@ -203,7 +203,7 @@ class Watch:
         return problems
 
     def _streams(self, name: str) -> dict[str, float]:
-        """What the node must be heard on, and how old that may get [s]."""
+        """The streams that the node must publish, and their largest age [s]."""
         serves = self._nodes[name].serves
         streams = {topics.NODE_HEALTH.key.format(name=name): self._frozen_s}
         streams |= {topics.ARM_STATE.key: self._stale_s} if "arm" in serves else {}

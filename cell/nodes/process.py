@@ -1,4 +1,4 @@
-"""What keeps a process that runs for months, and that must answer within milliseconds, as it was at its start."""
+"""Settings that keep a long-running process responsive within milliseconds and its memory constant."""
 
 from __future__ import annotations
 
@@ -13,22 +13,23 @@ _M_ARENA_MAX = -8
 _ARENAS = 2
 
 
-def share_arenas() -> None:
-    """Let all threads share two heaps; to be called before they start. Does nothing with another C library than glibc.
+def limit_malloc_arenas() -> None:
+    """Let all threads share two heaps; call before they start. Does nothing with a C library other than glibc.
 
-    glibc gives every new thread an arena of its own, up to eight for each core, and what a cycle's threads leave in
-    them is hardly ever given back: a daemon grew by 600 MB in 400 cycles without any leak (``benchmarks soak``). The
-    same as ``MALLOC_ARENA_MAX=2``, which only counts when it is set before the process starts.
+    glibc gives every new thread an arena of its own, up to eight per core, and hardly ever returns the memory that a
+    cycle's threads leave in them: a daemon grew by 600 MB in 400 cycles without any leak (``benchmarks soak``).
+    Equivalent
+    to ``MALLOC_ARENA_MAX=2``, which has an effect only when set before the process starts.
     """
     if platform.libc_ver()[0] == "glibc":
         ctypes.CDLL(None).mallopt(_M_ARENA_MAX, _ARENAS)
 
 
 @contextmanager
-def settled() -> Iterator[None]:
-    """Inside, Python's garbage collector leaves alone what is there now: modules, models, schemas.
+def freeze_gc() -> Iterator[None]:
+    """Context in which Python's garbage collector ignores the present objects: modules, models, schemas.
 
-    To look through all of it took 60 to 90 ms, in which no stop went out (``benchmarks stop``).
+    Traversing all of them took 60 to 90 ms, during which no stop was sent (``benchmarks stop``).
     """
     gc.collect()
     gc.freeze()

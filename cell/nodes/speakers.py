@@ -1,6 +1,6 @@
-"""Who speaks on the bus: the cell itself, its nodes, or a stranger. A stranger's sample is never taken for theirs.
+"""Identifies the sender of a sample: the cell itself, one of its nodes, or a stranger, which is never taken for them.
 
-A node's session is learned by asking for the node's health when its token comes: exactly one session may answer.
+A node's session is learned by requesting the node's health when its token arrives: exactly one session may answer.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from bus import topics
 from bus.codec import encode, process_in_words
 from bus.commands import Stranger
 from bus.errors import BusError
-from bus.sample import Heard
+from bus.sample import Sample
 from bus.session import Bus
 from bus.topics import Topic, encoding_of
 
@@ -23,7 +23,7 @@ _ASK_S = 1.0
 _AGAIN_S = 0.5
 _KEPT_BYTES = 64 * 1024
 _KEPT_SOURCES = 64
-_LANE = "speakers"
+_WORKER = "speakers"
 _PATTERNS = tuple(
     (re.compile(re.sub(r"\\{\w+\\}", "[^/]+", re.escape(topic.key))), topic)
     for topic in topics.TOPICS
@@ -31,16 +31,16 @@ _PATTERNS = tuple(
 )
 
 Twice = Callable[[str, str], None]
-"""Told the name that two nodes have, and who they are."""
+"""Called with the name that two nodes share, and their identities."""
 
 
 class Speakers:
-    """Tells the samples of the cell's nodes from strangers'.
+    """Separates samples of the cell's nodes from those of strangers.
 
     Args:
-        bus: the cell's own session. ``names``: of its nodes. ``sealed``: those of them that hold the cell's secret.
-        on_twice: told when two sessions answer as one node; on a thread of the bus.
-        on_stranger: told once of every session and key: what it put there.
+        bus: the cell's own session. ``names``: of its nodes. ``sealed``: the nodes that hold the cell's secret.
+        on_twice: called when two sessions answer as one node, on a thread of the bus.
+        on_stranger: called with the first sample of each strange session and key.
     """
 
     def __init__(
@@ -48,7 +48,7 @@ class Speakers:
         bus: Bus,
         names: set[str],
         on_twice: Twice,
-        on_stranger: Callable[[Heard], None],
+        on_stranger: Callable[[Sample], None],
         sealed: Collection[str] = (),
     ) -> None:
         self._bus, self._names, self._sealed = bus, names, frozenset(sealed)
@@ -63,18 +63,18 @@ class Speakers:
         self._bus.watch_alive(topics.NODE_ALIVE, self.change)
 
     def change(self, name: str, is_alive: bool) -> None:
-        """A node's token came or went."""
+        """Process the arrival or the end of a node's token."""
         if name not in self._names:
             return
         with self._changing:
             self._sessions.pop(name, None)
         if is_alive:
-            self._bus.lane(_LANE).post(partial(self._learn, name))
+            self._bus.worker(_WORKER).post(partial(self._learn, name))
 
     def _learn(self, name: str) -> None:
         try:
             answers = self._bus.sessions(topics.NODE_NOW, timeout_s=_ASK_S, name=name)
-        except BusError:  # closing, or nobody answers: asked again when it speaks
+        except BusError:  # closing, or no answer: requested again at its next sample
             return
         if len(answers) > 1:
             self._on_twice(name, " and ".join(process_in_words(said) for said in answers.values()))
@@ -82,47 +82,49 @@ class Speakers:
             with self._changing:
                 self._sessions[name] = next(iter(answers))
 
-    def is_ours(self, heard: Heard) -> bool:
-        """Whether a sample from outside this process was said by one of the cell's nodes, on a key that nodes speak on.
+    def is_ours(self, sample: Sample) -> bool:
+        """True for a sample of one of the cell's nodes, on a key that nodes publish on.
 
-        One that was not is told of, the first time that its session puts something on its key.
+        The first sample of a strange session on a key is reported to ``on_stranger``.
         """
-        topic = topic_of(heard.key)
-        if topic is not None and topic.speaker in ("node", "both") and self._is_nodes(heard):
+        topic = topic_of(sample.key)
+        if topic is not None and topic.speaker in ("node", "both") and self._is_nodes(sample):
             return True
         self._look_again()
         with self._changing:
-            is_new = (heard.source, heard.key) not in self._strangers and len(self._strangers) < _KEPT_SOURCES
-            is_known = set(self._sessions) == self._names  # else it may be a node that was not asked yet
+            is_new = (sample.source, sample.key) not in self._strangers and len(self._strangers) < _KEPT_SOURCES
+            is_known = set(self._sessions) == self._names  # otherwise it may be a node that was not identified yet
             if is_new and is_known:
-                self._strangers.add((heard.source, heard.key))
+                self._strangers.add((sample.source, sample.key))
         if is_new and is_known:
-            self._bus.lane(_LANE).post(partial(self._on_stranger, heard))
+            self._bus.worker(_WORKER).post(partial(self._on_stranger, sample))
         return False
 
-    def _is_nodes(self, heard: Heard) -> bool:
+    def _is_nodes(self, sample: Sample) -> bool:
         with self._changing:
-            names = [name for name, session in self._sessions.items() if session == heard.source]
-        return any(heard.is_sealed or name not in self._sealed for name in names)
+            names = [name for name, session in self._sessions.items() if session == sample.source]
+        return any(sample.is_sealed or name not in self._sealed for name in names)
 
     def _look_again(self) -> None:
-        """Somebody unknown speaks: it may be a node that did not answer yet, or a second one of a name."""
+        """Identify the nodes again: an unknown session may be a node that did not answer yet, or a second one."""
         with self._changing:
             is_due = time.monotonic() - self._asked_s > _AGAIN_S
             if is_due:
                 self._asked_s = time.monotonic()
-        if is_due and self._bus.lane(_LANE).is_idle():
+        if is_due and self._bus.worker(_WORKER).is_idle():
             for name in self._names:
-                self._bus.lane(_LANE).post(partial(self._learn, name))
+                self._bus.worker(_WORKER).post(partial(self._learn, name))
 
 
 @lru_cache(maxsize=256)
 def topic_of(key: str) -> Topic | None:
-    """The published topic of a key below the cell's root; None for one that is not of the table."""
+    """The published topic of a key below the cell's root; None for a key that is not in the table."""
     return next((topic for pattern, topic in _PATTERNS if pattern.fullmatch(key)), None)
 
 
-def strange(heard: Heard) -> Heard:
-    """A stranger's sample as it is recorded: on a channel of its own."""
-    kept = Stranger(key=heard.key, encoding=heard.encoding, source=heard.source, payload=heard.payload[:_KEPT_BYTES])
-    return Heard(topics.STRANGER.key, encoding_of(Stranger), encode(kept))
+def strange(sample: Sample) -> Sample:
+    """A stranger's sample as it is recorded: on a separate channel."""
+    kept = Stranger(
+        key=sample.key, encoding=sample.encoding, source=sample.source, payload=sample.payload[:_KEPT_BYTES]
+    )
+    return Sample(topics.STRANGER.key, encoding_of(Stranger), encode(kept))

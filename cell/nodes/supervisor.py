@@ -1,8 +1,8 @@
-"""Runs driver nodes as child processes: crash isolation, because vendor SDKs segfault and hold the GIL.
+"""Supervises driver nodes as child processes: vendor SDKs crash and hold the GIL, so each node is isolated.
 
-The child gets its station as one JSON line on stdin, and in another the secret it shares with the cell. It answers with
-one line on stdout when it serves (or why it cannot), and ends when its stdin closes - so it never outlives the daemon,
-however that died.
+The child gets its station as one JSON line on stdin, and in another line the secret that it shares with the cell. It
+answers with one line on stdout when it serves (or why it cannot), and ends when its stdin closes, so it never outlives
+the daemon.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from bus.seal import Seal
 from bus.session import Bus
 from bus.threads import OwnedThread, Role, handled_by
 from cell.machine.leases import CELL_CLIENT
-from cell.nodes.process import settled, share_arenas
+from cell.nodes.process import freeze_gc, limit_malloc_arenas
 from cell.terminal.printing import log_plainly
 from cell.terminal.signals import on_end
 from config.load import station_from
@@ -51,7 +51,7 @@ _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.5, 30.0
 
 
 class Ready(Message):
-    """The child's first line: it serves, or why it cannot."""
+    """The child's first line: ready, or the error that prevents it."""
 
     node: str
     pid: int = Field(ge=0)
@@ -59,12 +59,12 @@ class Ready(Message):
 
 
 class Supervisor:
-    """The child processes of one daemon; one that ends unasked is brought back, ever more slowly.
+    """The child processes of one daemon; a child that ends unasked is restarted, with growing pauses.
 
     Args:
-        on_exit: called with (node name, exit code) from a watching thread when a child ends unasked.
+        on_exit: called with (node name, exit code) from a monitoring thread when a child ends unasked.
         on_back: called with the node's name when it serves again.
-        seal: of the secret that the nodes are handed.
+        seal: of the secret that the nodes receive.
         spawn: starts a node's process.
     """
 
@@ -83,10 +83,10 @@ class Supervisor:
         self._serving: set[str] = set()
         self._watchers: list[OwnedThread] = []
         self._closing = threading.Event()
-        self._spawning = threading.Lock()  # nothing is spawned once closing is set
+        self._spawning = threading.Lock()  # no process is spawned once closing is set
 
     def start(self) -> None:
-        """Start every node that runs here and wait until all serve. Raises: what the child could not do, typed."""
+        """Start every node that runs here and wait until all serve. Raises: the typed error of a child that cannot."""
         for name, node in self._station.nodes.items():
             if node.run == "here":
                 self._spawn(name)
@@ -94,10 +94,10 @@ class Supervisor:
             _await_ready(name, child)
             self._serving.add(name)
         for name in self._children:
-            self._watchers.append(OwnedThread(Role.SUPERVISOR, partial(self._watch, name), of=name).start())
+            self._watchers.append(OwnedThread(Role.SUPERVISOR, partial(self._monitor, name), of=name).start())
 
     def close(self) -> None:
-        """End all children: ask by closing their stdin, then insist; idempotent."""
+        """End all children: first by closing their stdin, then by force; idempotent."""
         with self._spawning:
             self._closing.set()
         for child in self._children.values():
@@ -116,13 +116,13 @@ class Supervisor:
             _close_pipes(child)
 
     def restarts(self, name: str) -> int:
-        """How often the node was brought back."""
+        """Number of restarts of the node."""
         return self._restarts.get(name, 0)
 
     def end_frozen(self, name: str) -> None:
-        """Kill a node that served, no longer says anything, and still runs; its watcher brings it back.
+        """Kill a node that served, is silent and still runs; its monitoring thread restarts it.
 
-        One that is none of ours, or still starting, is left alone.
+        A node that is not a child, or is still starting, is left alone.
         """
         child = self._children.get(name)
         if child is not None and name in self._serving and child.poll() is None:
@@ -136,8 +136,8 @@ class Supervisor:
                 self._children[name] = self._start_child(name, self._station)
             return not self._closing.is_set()
 
-    def _watch(self, name: str) -> None:
-        """Bring the node back whenever it ends, until close."""
+    def _monitor(self, name: str) -> None:
+        """Restart the node whenever it ends, until close."""
         while True:
             child = self._children[name]
             code = child.wait()
@@ -152,7 +152,7 @@ class Supervisor:
             self._on_back(name)
 
     def _bring_back(self, name: str) -> bool:
-        """Try until the node serves; False when the supervisor closes first."""
+        """Retry until the node serves; False when the supervisor closes first."""
         pause_s = _FIRST_PAUSE_S
         while not self._closing.wait(pause_s) and self._spawn(name):
             try:
@@ -168,11 +168,11 @@ class Supervisor:
 
 def _child(name: str, station: Station, seal: Seal | None = None) -> subprocess.Popen[str]:
     child = subprocess.Popen(
-        [sys.executable, "-P", "-m", "cell.nodes.supervisor", name],  # -P: the working folder hides no module of ours
+        [sys.executable, "-P", "-m", "cell.nodes.supervisor", name],  # -P: the working folder must not hide our modules
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
-        encoding="utf-8",  # whatever the terminal's is
-        start_new_session=True,  # Ctrl-C in the terminal is the daemon's to handle, in order
+        encoding="utf-8",  # independent of the terminal's
+        start_new_session=True,  # Ctrl-C in the terminal reaches the daemon only, which ends the children in order
     )
     assert child.stdin is not None
     try:
@@ -185,7 +185,7 @@ def _child(name: str, station: Station, seal: Seal | None = None) -> subprocess.
 
 
 def _await_ready(name: str, child: subprocess.Popen[str]) -> None:
-    """Raises: DriverUnavailable, or what the child could not do; the child is over then."""
+    """Wait for the child's first line. Raises: DriverUnavailable, or the child's error; the child has ended then."""
     assert child.stdout is not None
     line = _line_within(child.stdout, START_TIMEOUT_S)
     try:
@@ -203,7 +203,7 @@ def _await_ready(name: str, child: subprocess.Popen[str]) -> None:
 def _close_pipes(child: subprocess.Popen[str]) -> None:
     for pipe in (child.stdin, child.stdout):
         if pipe is not None:
-            with suppress(BrokenPipeError):  # what was still to be written went with the child
+            with suppress(BrokenPipeError):  # the unwritten rest is lost with the child
                 pipe.close()
 
 
@@ -215,7 +215,7 @@ def _line_within(stream: IO[str], timeout_s: float) -> str:
 
 
 def _own_stdout() -> IO[str]:
-    """This process's stdout for our own lines only: what vendors' libraries print there goes to stderr from now on."""
+    """This process's stdout, reserved for our lines: output of vendor libraries goes to stderr from now on."""
     ours = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
     return ours
@@ -223,7 +223,7 @@ def _own_stdout() -> IO[str]:
 
 def _serve_supervised(name: str, stdin: IO[str], stdout: IO[str]) -> int:
     """The child's side: read the station, serve node ``name``, end when stdin closes. Returns the exit code."""
-    share_arenas()
+    limit_malloc_arenas()
     station, secret = station_from(json.loads(stdin.readline())), bytes.fromhex(stdin.readline())
     try:
         with _link(station) as bus:
@@ -232,7 +232,7 @@ def _serve_supervised(name: str, stdin: IO[str], stdout: IO[str]) -> int:
             with handled_by(partial(_end_by_defect, node)):
                 node.open()
                 _say(stdout, Ready(node=name, pid=os.getpid()))
-                with settled():
+                with freeze_gc():
                     stdin.read()
                 node.close()
     except CellError as error:
@@ -242,7 +242,7 @@ def _serve_supervised(name: str, stdin: IO[str], stdout: IO[str]) -> int:
 
 
 def _end_by_defect(node: Node, name: str, defect: BaseException) -> None:
-    """End this process: it is not whole any more. The arm stops first, and the cell is told why."""
+    """End this process after a defect. The arm stops first, and the cell receives the reason."""
     try:
         node.end_by_defect(name, defect)
     finally:
@@ -251,11 +251,11 @@ def _end_by_defect(node: Node, name: str, defect: BaseException) -> None:
 
 
 def serve_until_interrupted(name: str, station: Station) -> None:
-    """A node in a terminal of its own (``run = "elsewhere"``): serve until Ctrl-C, SIGTERM or SIGHUP.
+    """Serve a node in a terminal of its own (``run = "elsewhere"``) until Ctrl-C, SIGTERM or SIGHUP.
 
-    When the cell goes, or the link to it, the arm stops: no stop of the cell could reach it any more.
+    When the cell or the link to it is lost, the arm stops, because no stop of the cell could reach it.
     """
-    share_arenas()
+    limit_malloc_arenas()
     ended = threading.Event()
     on_end(ended.set)
     with ExitStack() as stack:
@@ -267,18 +267,18 @@ def serve_until_interrupted(name: str, station: Station) -> None:
         def change(client_id: str, is_alive: bool) -> None:
             if client_id == CELL_CLIENT and not is_alive:
                 _log.warning("the cell, or the link to it, is gone")
-                bus.lane("arm-stop").submit(node.halt)
+                bus.worker("arm-stop").submit(node.halt)
 
         bus.watch_alive(topics.LEASE, change)
         try:
-            with settled():
+            with freeze_gc():
                 ended.wait()
         finally:
             node.close()
 
 
 def _link(station: Station, security: Path | None = None) -> Bus:
-    """The node's session; one that can be spoiled where the station allows it."""
+    """The node's session; with fault injection where the station allows it."""
     kind = FaultyBus if station.faults.allowed else Bus
     return kind.join(station.cell_id, station.bus.endpoint, security=security)
 
@@ -288,9 +288,9 @@ def _say(stdout: IO[str], ready: Ready) -> None:
     stdout.flush()
 
 
-if __name__ == "__main__":  # the child: spared the imports of the command line
+if __name__ == "__main__":  # the child, without the imports of the command line
     log_plainly()
     stdin = io.TextIOWrapper(sys.stdin.buffer, encoding="utf-8")
     code = _serve_supervised(sys.argv[1], stdin, _own_stdout())
     logging.shutdown()
-    os._exit(code)  # at once: a thread that is still inside MuJoCo or an SDK would end in an abort of the interpreter
+    os._exit(code)  # immediately: a thread inside MuJoCo or an SDK would abort the interpreter

@@ -1,4 +1,4 @@
-"""The daemon's watchdog: looks at nodes and lease often, says the cell's health, and ends a node that is frozen."""
+"""The daemon's watchdog thread: checks nodes and lease, publishes the cell's health, and ends frozen nodes."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 from bus.commands import CellHealth
 from bus.threads import OwnedThread, Role
-from cell.nodes.health import LOOK_PERIOD_S, Watch
+from cell.nodes.health import LOOK_PERIOD_S, NodeMonitor
 from config.schema import Station
 
 _HEALTH_PERIOD_S = 1.0
@@ -18,22 +18,21 @@ class Watchdog:
     """A thread from `start` to `close`.
 
     Args:
-        say_health: told the cell's health once a second.
-        end_frozen: told, once each time, the name of a node that has not been heard for `bus.frozen_s`.
-        look_at_lease: takes it from a client that has fallen silent.
-        health: of the whole cell.
+        monitor: of the nodes. ``look_at_lease``: takes the lease from a silent client.
+        say_health: called with the cell's health once a second. ``health``: gives it.
+        end_frozen: called once with the name of a node that has been silent for `bus.frozen_s`.
     """
 
     def __init__(
         self,
         station: Station,
-        watch: Watch,
+        monitor: NodeMonitor,
         say_health: Callable[[CellHealth], None],
         end_frozen: Callable[[str], None],
         look_at_lease: Callable[[], None],
         health: Callable[[], CellHealth],
     ) -> None:
-        self._station, self._watch = station, watch
+        self._station, self._monitor = station, monitor
         self._say_health, self._end_frozen = say_health, end_frozen
         self._look_at_lease, self._health = look_at_lease, health
         self._ended: set[str] = set()
@@ -41,22 +40,22 @@ class Watchdog:
         self._thread = OwnedThread(Role.WATCHDOG, self._run)
 
     def start(self) -> None:
-        """Begin to look."""
+        """Start the thread."""
         self._thread.start()
 
     def close(self) -> None:
-        """Look no more; idempotent."""
+        """End the thread; idempotent."""
         self._closing.set()
         self._thread.join()
 
     def is_alive(self) -> bool:
-        """Whether it looks."""
+        """True while the thread runs."""
         return self._thread.is_alive()
 
     def _run(self) -> None:
         said_s = 0.0
         while not self._closing.wait(LOOK_PERIOD_S):
-            self._watch.look()
+            self._monitor.look()
             self._look_at_lease()
             for name in self._station.nodes:
                 self._end_if_frozen(name)
@@ -65,7 +64,7 @@ class Watchdog:
                 self._say_health(self._health())
 
     def _end_if_frozen(self, name: str) -> None:
-        is_frozen = self._watch.unheard_for_s(name) > self._station.bus.frozen_s
+        is_frozen = self._monitor.unheard_for_s(name) > self._station.bus.frozen_s
         if is_frozen and name not in self._ended:
             self._end_frozen(name)
         self._ended = self._ended | {name} if is_frozen else self._ended - {name}

@@ -1,4 +1,4 @@
-"""Stage 1, capture: one frame, and the pose it was taken from."""
+"""Stage 1, capture: one frame, and the camera pose at its exposure. Frames: docs/frames.md."""
 
 from __future__ import annotations
 
@@ -11,15 +11,18 @@ from planning.robot import Robot
 
 _REST_RAD = 2e-3
 _MIN_SEEN = 0.05
-"""Of the depth image: any scene of a pick shows more."""
+"""Least share of valid depth pixels; every scene of a pick has more."""
 
 
 def capture(camera: Camera, arm: Arm, robot: Robot, newer_than_ns: int = 0) -> Observation:
-    """A frame and the pose of the colour camera in ``base`` when it was exposed.
+    """A frame and the pose of the colour camera in ``base`` at its exposure.
+
+    Args:
+        newer_than_ns: least stamp of the frame, UTC.
 
     Raises:
-        StaleFrame: the arm moved meanwhile (the pose would be wrong), or the frame is not ``newer_than_ns``.
-        DeviceLost: the arm does not know where it is. And whatever else the devices raise.
+        StaleFrame: the arm moved during the exposure (the pose would be wrong), or the frame is too old.
+        DeviceLost: the arm's position is not finite. Also the other errors of the devices.
     """
     before = arm.state()
     frame = camera.capture()
@@ -37,7 +40,7 @@ def capture(camera: Camera, arm: Arm, robot: Robot, newer_than_ns: int = 0) -> O
 
 
 def require_sight(frame: Frame) -> None:
-    """Raises: DeviceLost when the depth camera sees nothing, which is not the same as an empty table."""
-    seen = float((frame.depth_m > 0).mean())  # nan is none
+    """Raises: DeviceLost when the depth camera measures nothing, which is different from an empty table."""
+    seen = float((frame.depth_m > 0).mean())  # NaN compares false
     if seen < _MIN_SEEN:
         raise DeviceLost(f"The camera is blind: it measured {seen:.1%} of its depth pixels.", "Is its lens covered?")

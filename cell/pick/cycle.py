@@ -1,4 +1,4 @@
-"""One cycle: capture -> detect -> plan -> execute -> verify, then deliver. Each stage is timed, said and recorded."""
+"""One cycle: capture -> detect -> plan -> execute -> verify, then deliver. Stages are timed, published and recorded."""
 
 from __future__ import annotations
 
@@ -50,11 +50,11 @@ from perception.models import Models
 from planning.robot import Robot
 
 ResultT = TypeVar("ResultT", bound=Message)
-Say = Callable[[Topic, "Message | bytes"], None]
+Publish = Callable[[Topic, "Message | bytes"], None]
 
 FAULTS = {Code.ARM_REFLEX, Code.MOTION_REFUSED, Code.HAND_FAULT, Code.STALE_FRAME, Code.DEVICE_LOST, Code.NODE_LOST,
           Code.RECORDING, Code.INTERNAL}  # fmt: skip
-"""Codes after which the machine goes to Aborted: a device or the cell itself failed, not the pick."""
+"""Codes that abort the machine: a device or the cell itself failed, not the pick."""
 
 _CODE_OF_ERROR: tuple[tuple[type[Exception], Code], ...] = (
     (ArmReflex, Code.ARM_REFLEX),
@@ -70,7 +70,7 @@ _CODE_OF_ERROR: tuple[tuple[type[Exception], Code], ...] = (
 
 @dataclass(frozen=True)
 class Equipment:
-    """What a cycle works with."""
+    """The devices, models and settings of a cycle."""
 
     camera: Camera
     arm: Arm
@@ -85,17 +85,17 @@ class Cycle:
     """The state of one pick, from its start to its result.
 
     Attributes:
-        attempt: which try of the pick it is.
+        attempt: the attempt of the pick that it is.
         object: name of the presented object in simulation, "" on hardware.
         stages: wall time of every stage that ran [s].
         failure: why it ended early, or None.
-        verdict: what verify said, or None.
-        grasp: base_from_tcp of the grasp that was planned, or None.
+        verdict: the result of verify, or None.
+        grasp: base_from_tcp (4, 4) of the planned grasp, or None.
     """
 
     attempt: Attempt
     equipment: Equipment
-    say: Say
+    publish: Publish
     on_stage: Callable[[str], None]
     log: CycleLog
     gate: Gate
@@ -111,18 +111,19 @@ class Cycle:
 
     @property
     def cycle_id(self) -> str:
+        """The id of the cycle."""
         return self.attempt.cycle_id
 
     @property
     def code(self) -> Code | None:
-        """Why it failed, so far; None when it did not."""
+        """The code of its failure so far; None for none."""
         return self._outcome()[1]
 
     def run(self) -> None:
-        """The five stages. Raises: CycleFailure, already said and kept in `failure`."""
+        """Run the five stages. Raises: CycleFailure, already published and kept in `failure`."""
         e = self.equipment
         before = self._look()
-        self.say(topics.TF, transforms_to_wire(
+        self.publish(topics.TF, transforms_to_wire(
             {("base", "color"): before.view.base_from_color}, before.view.stamp_ns).SerializeToString())  # fmt: skip
         found = self._stage(
             "detect",
@@ -154,7 +155,7 @@ class Cycle:
         )
 
     def interrupt(self) -> None:
-        """A stop or abort ended the cycle before its delivery, whatever its verdict was; its cause is the reason."""
+        """End the cycle before its delivery, after a stop or abort, whatever its verdict; its cause is the reason."""
         cause, ended_by = self.gate.cause, self.failure.code if self.failure is not None else None
         if cause is not None and ended_by in (None, Code.STOPPED, Code.NODE_LOST):
             self.fail(cause)
@@ -162,9 +163,9 @@ class Cycle:
             self.fail(CycleFailure(Code.STOPPED, "The cycle was stopped before it was over."))
 
     def deliver(self) -> None:
-        """After the verdict: bring what the hand holds into the tray; or only open an empty hand.
+        """Lay the held object into the tray after the verdict; or only open an empty hand.
 
-        What was held and is not in the hand any more when it is to be laid down, was dropped.
+        An object that was held, but is not in the hand before the release, counts as dropped.
         """
         e, chosen = self.equipment, self._plan
         if chosen is None or self.verdict is None:
@@ -177,7 +178,7 @@ class Cycle:
                 self.fail(CycleFailure(Code.DROPPED, lost))
 
     def result(self, retried_as: str) -> CycleResult:
-        """How it ended, said and recorded by the caller as the last message of the cycle."""
+        """The result of the cycle; the caller publishes it as the last message of the cycle."""
         outcome, code, reason = self._outcome()
         return CycleResult(
             cycle_id=self.cycle_id,
@@ -203,10 +204,10 @@ class Cycle:
     # --- stages -------------------------------------------------------------------------------------------------------
 
     def _say_reply(self, reply: ModelReply) -> None:
-        self.say(topics.MODEL_REPLY, reply)
+        self.publish(topics.MODEL_REPLY, reply)
 
     def _observe(self) -> Observation:
-        """What the camera sees now, and not what it showed before. Raises: StaleFrame."""
+        """Capture a frame newer than the last one. Raises: StaleFrame."""
         e = self.equipment
         oldest_ns = time.time_ns() - round(e.station.camera.max_age_s * 1e9)
         seen = capture(e.camera, e.arm, e.robot, max(oldest_ns, self._seen_ns))
@@ -215,7 +216,7 @@ class Cycle:
         return seen
 
     def _look(self) -> Observation:
-        """The capture stage; its record holds the view, the frame travels as images."""
+        """Run the capture stage; its record holds the view, the frame travels as images."""
         seen: Observation | None = None
 
         def look() -> View:
@@ -228,7 +229,7 @@ class Cycle:
         return seen
 
     def _stage(self, name: StageName, topic: Topic, work: Callable[[], ResultT]) -> ResultT:
-        """Run one stage and say what came of it. Raises: CycleFailure for everything that ends the cycle."""
+        """Run one stage and publish its outcome. Raises: CycleFailure for everything that ends the cycle."""
         self.log.check()
         if self.gate.halted:
             raise self.fail(CycleFailure(Code.STOPPED, f"Stopped before {name!r}."))
@@ -240,7 +241,7 @@ class Cycle:
             result = work()
         except (CycleFailure, DriverError, BusError, RecordingError) as error:
             failure = self.fail(error)
-        except Exception as defect:  # the machine logs it and aborts; the result is to say why
+        except Exception as defect:  # the machine logs it and aborts; the result must name it
             self.fail(CycleFailure(Code.INTERNAL, f"{type(defect).__name__}: {defect}."))
             raise
         self.stages[name] = time.monotonic() - started_s
@@ -252,13 +253,13 @@ class Cycle:
             result=result,
             failure=self.failure,
         )
-        self.say(topic, record)
+        self.publish(topic, record)
         if failure is not None or result is None:
             raise failure or AssertionError(f"stage {name!r} returned nothing")
         return result
 
     def fail(self, error: CycleFailure | DriverError | BusError | RecordingError) -> CycleFailure:
-        """Keep ``error`` as the cycle's failure and give it back as a CycleFailure."""
+        """Keep ``error`` as the cycle's failure and return it as a CycleFailure."""
         if isinstance(error, CycleFailure):
             failure = error
         else:

@@ -1,4 +1,4 @@
-"""Stage 2, detect: VLAD-Grasp (`perception.detector`). Pure, given what the models answer."""
+"""Stage 2, detect: VLAD-Grasp (`perception.detector`). Pure, given the models' replies."""
 
 from __future__ import annotations
 
@@ -13,48 +13,60 @@ from bus.messages import Detections, ModelReply, Observation
 from bus.threads import OwnedThread, Role
 from config.schema import Station
 from perception.detector import detect as vlad_grasp
-from perception.detector import unsaid
-from perception.goal.imagine import Say
+from perception.detector import ignore_reply
+from perception.goal.imagine import OnReply
 from perception.models import Models
 
 _Outcome = queue.SimpleQueue[Detections | BaseException]
 _LOOK_S = 0.02
 _GRACE_S = 0.3
-"""A stop waits so long for the detection to end by itself: it then has said which call it gave up."""
+"""Time that a stop waits for the detection to end by itself, so that it records the call it gave up."""
 
 
 def detect(
-    observation: Observation, station: Station, models: Models, say: Say = unsaid, cancel: Cancel | None = None
+    observation: Observation,
+    station: Station,
+    models: Models,
+    on_reply: OnReply = ignore_reply,
+    cancel: Cancel | None = None,
 ) -> Detections:
-    """Ranked grasps and their evidence. Raises: CycleFailure (NO_OBJECT, NO_GRASP, MODEL_*, SPEND_LIMIT, STOPPED)."""
-    return vlad_grasp(observation, station, models, say, cancel)
+    """Ranked grasps and their evidence.
+
+    Args:
+        on_reply: called with the record of every call to the goal-image model. ``cancel``: a stop request.
+
+    Raises: CycleFailure, as `perception.detector.detect`.
+    """
+    return vlad_grasp(observation, station, models, on_reply, cancel)
 
 
 def detect_unless_halted(
     observation: Observation,
     station: Station,
     models: Models,
-    say: Say,
+    on_reply: OnReply,
     halted: Callable[[], bool],
 ) -> Detections:
-    """`detect`, given up at once on a stop: a hosted model may take minutes, and nothing can call it back.
+    """`detect`, abandoned immediately on a stop: a hosted model may take minutes, and its call cannot be cancelled.
 
-    After it no further call begins, and the one under way is said as given up. A computation that is left behind ends
-    at its next look at the stop; it says nothing any more. Raises: CycleFailure(STOPPED).
+    After a stop no further call begins, and the one under way is recorded as given up. An abandoned computation ends at
+    its next check of the stop, and publishes nothing any more.
+
+    Raises: CycleFailure, as `detect`; STOPPED.
     """
     outcome: _Outcome = queue.SimpleQueue()
-    cancel, mouth = Cancel(), _Mouth(say)
+    cancel, replies = Cancel(), _ReplyGate(on_reply)
 
     def work() -> None:
         try:
-            outcome.put(detect(observation, station, models, mouth.say, cancel))
-        except BaseException as error:  # noqa: BLE001 - handed over to the waiting thread, which raises it
+            outcome.put(detect(observation, station, models, replies.on_reply, cancel))
+        except BaseException as error:  # noqa: BLE001 - handed to the waiting thread, which raises it
             outcome.put(error)
 
     OwnedThread(Role.DETECT, work).start()
     result = _awaited(outcome, cancel, halted)
     if cancel.is_set and (result is None or isinstance(result, (Detections, CycleFailure))):
-        mouth.shut()
+        replies.close()
         raise CycleFailure(Code.STOPPED, "Stopped during 'detect'.")
     if isinstance(result, BaseException):
         raise result
@@ -63,7 +75,7 @@ def detect_unless_halted(
 
 
 def _awaited(outcome: _Outcome, cancel: Cancel, halted: Callable[[], bool]) -> Detections | BaseException | None:
-    """How the detection ended; None when a stop came - ``cancel`` is then set - and it did not end soon."""
+    """The outcome of the detection; None after a stop (``cancel`` is then set) if it does not end soon."""
     while not cancel.is_set:
         try:
             return outcome.get(timeout=_LOOK_S)
@@ -76,17 +88,17 @@ def _awaited(outcome: _Outcome, cancel: Cancel, halted: Callable[[], bool]) -> D
         return None
 
 
-class _Mouth:
-    """Says what it is given, until it is shut: nothing comes out in the next cycle's time."""
+class _ReplyGate:
+    """Forwards replies until it is closed, so that none is published during the next cycle."""
 
-    def __init__(self, say: Say) -> None:
-        self._say, self._turn, self._is_shut = say, threading.Lock(), False
+    def __init__(self, on_reply: OnReply) -> None:
+        self._on_reply, self._turn, self._is_closed = on_reply, threading.Lock(), False
 
-    def say(self, reply: ModelReply) -> None:
+    def on_reply(self, reply: ModelReply) -> None:
         with self._turn:
-            if not self._is_shut:
-                self._say(reply)
+            if not self._is_closed:
+                self._on_reply(reply)
 
-    def shut(self) -> None:
+    def close(self) -> None:
         with self._turn:
-            self._is_shut = True
+            self._is_closed = True

@@ -1,4 +1,4 @@
-"""Stage 4, execute: run the plan, grasp, lift, look again while holding. And afterwards: deliver."""
+"""Stage 4, execute: run the plan, grasp, lift, capture again while holding. And afterwards: deliver."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ DoneT = TypeVar("DoneT")
 
 
 class _Runner:
-    """Runs motions one after the other, each through the gate, until one is stopped; keeps what was measured."""
+    """Runs motions one after the other, each through the gate, until one is stopped; keeps the measurements."""
 
     def __init__(self, arm: Arm, hand: Hand, gate: Gate, widest_m: float) -> None:
         self._arm, self._hand, self._gate, self._widest_m = arm, hand, gate, widest_m
@@ -28,7 +28,7 @@ class _Runner:
         self.stopped_in: str | None = None
 
     def move(self, name: str, motion: Callable[[], DoneT]) -> DoneT | None:
-        """One motion of arm or hand, called ``name``, when the gate lets it through; a stop before it is kept."""
+        """Run one motion of arm or hand, called ``name``, when the gate lets it pass; a stop before it is kept."""
         if self.stopped_in is not None:
             return None
         with self._gate.motion() as may_begin:
@@ -38,7 +38,7 @@ class _Runner:
         return None
 
     def run(self, name: str, trajectory: Trajectory) -> bool:
-        """Play one segment; False when it was stopped, or must not begin."""
+        """Play one segment; False when it was stopped, or may not begin."""
         motion = self.move(name, lambda: self._arm.execute(trajectory))
         if motion is None:
             return False
@@ -49,14 +49,14 @@ class _Runner:
         return motion.finished
 
     def open(self, name: str, width_m: float, speed_m_s: float) -> HandState | None:
-        """Open the free fingers. Raises: HandFault when they are not there then."""
+        """Open the free fingers. Raises: HandFault when they do not reach the width."""
         state = self.move(name, lambda: self._hand.move(width_m, speed_m_s))
         if state is not None and not self._gate.halted:
             require_at(state, width_m)
         return state
 
     def grasp(self, force_n: float, speed_m_s: float) -> HandState | None:
-        """Close on what is there. Raises: HandFault when nothing came of it."""
+        """Close on the object. Raises: HandFault when the hand did not act."""
         before = self._read_hand()
         state = self.move("grasp", lambda: self._hand.grasp(force_n, speed_m_s))
         if state is not None:
@@ -65,7 +65,7 @@ class _Runner:
         return state
 
     def _read_hand(self) -> HandState:
-        """Raises: HandFault for a width that no hand has."""
+        """The hand's state. Raises: HandFault for an impossible width."""
         state = self._hand.state()
         require_possible(state, self._widest_m)
         return state
@@ -82,10 +82,14 @@ def execute(
     station: Station,
     gate: Gate,
 ) -> tuple[Execution, Observation | None]:
-    """Open, approach, close, lift, hold, and look again from aside.
+    """Open, approach, close, lift, hold, and capture again from the side.
+
+    Args:
+        look: captures the second observation.
+        gate: every motion passes it.
 
     Returns:
-        What happened, and the second observation (None when stopped before it).
+        The execution, and the second observation (None when stopped before it).
     """
     arm, hand = devices
     runner = _Runner(arm, hand, gate, station.hand.max_width_m)
@@ -106,13 +110,13 @@ def execute(
 
 
 def _require_measured(motion: Motion) -> None:
-    """Raises: DeviceLost when the arm cannot tell what it did."""
+    """Raises: DeviceLost when the arm's measurements are not finite."""
     if not all(np.isfinite(measured).all() for measured in (motion.q_rad, motion.dq_rad_s, motion.tau_ext_nm)):
         raise DeviceLost("The arm measured what is not a finite number.", "Restart its node.")
 
 
 def _hold(runner: _Runner, plan: PickPlan, station: Station) -> bool:
-    """Stand still for ``verify.hold_s``, in ``verify.samples`` pieces, the hand read after each."""
+    """Stand still for ``verify.hold_s``, in ``verify.samples`` pieces; the hand is read after each."""
     ticks = max(1, round(station.verify.hold_s / station.verify.samples / TICK_S))
     still = Trajectory(raw_q_rad=np.repeat(_part(plan, "carry").end_q_rad[None], ticks, axis=0), window=1)
     return all(runner.run("hold", still) for _ in range(station.verify.samples))
@@ -124,7 +128,7 @@ def _part(plan: PickPlan, name: SegmentName) -> Trajectory:
 
 
 def deliver(plan: PickPlan, devices: tuple[Arm, Hand], station: Station, gate: Gate) -> Delivery:
-    """Lay what the hand holds into the tray and come back to the capture pose.
+    """Lay the held object into the tray and return to the capture pose.
 
     Raises: CycleFailure(STOPPED) when a stop interrupted it.
     """

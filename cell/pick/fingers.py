@@ -1,4 +1,4 @@
-"""What a hand says of its fingers: whether that can be, is new, and is what it was told."""
+"""Checks of the hand's reported width: possible, new, and as commanded."""
 
 from __future__ import annotations
 
@@ -6,28 +6,28 @@ from bus.errors import HandFault
 from bus.messages import HandState
 
 _SLACK_M = 0.005
-"""A measured width may lie so far outside the hand's range, or from where the fingers were told to be."""
+"""Tolerance of a measured width, relative to the hand's range and to the commanded width."""
 
 
 def require_possible(state: HandState, widest_m: float) -> None:
-    """Raises: HandFault for a width that no hand has."""
-    if not -_SLACK_M <= state.width_m <= widest_m + _SLACK_M:  # nan is nowhere
+    """Raises: HandFault for a width outside 0 to ``widest_m``."""
+    if not -_SLACK_M <= state.width_m <= widest_m + _SLACK_M:  # written so that NaN fails
         raise HandFault(
             f"The hand reports a width of {state.width_m * 1e3:.1f} mm; it opens to {widest_m * 1e3:.0f} mm.",
             "Home it, or correct hand.max_width_m.",
         )
 
 
-def require_at(state: HandState, told_m: float) -> None:
-    """Raises: HandFault when free fingers are not where they were told to be."""
-    if not abs(state.width_m - told_m) <= _SLACK_M:
+def require_at(state: HandState, commanded_m: float) -> None:
+    """Raises: HandFault when free fingers are not at ``commanded_m``."""
+    if not abs(state.width_m - commanded_m) <= _SLACK_M:
         raise HandFault(
-            f"The hand was told to open to {told_m * 1e3:.1f} mm and stands at {state.width_m * 1e3:.1f} mm.",
+            f"The hand was told to open to {commanded_m * 1e3:.1f} mm and stands at {state.width_m * 1e3:.1f} mm.",
             "Is something between its fingers? Home it again.",
         )
 
 
 def require_new(state: HandState, before: HandState) -> None:
-    """Raises: HandFault when a hand that acted since says again what it said ``before``."""
+    """Raises: HandFault when a hand that acted since reports the same state as ``before``."""
     if state.stamp_ns == before.stamp_ns:
         raise HandFault("The hand says the same as before it was told to act: it is stuck.", "Restart its node.")

@@ -1,4 +1,4 @@
-"""Stage 3, plan: from ranked grasps to motions that may be executed (`planning.pick`). Pure."""
+"""Stage 3, plan: from ranked grasps to executable motions (`planning.pick`). Pure."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ def plan(
     missed: tuple[Transform, ...] = (),
     cancel: Cancel | None = None,
 ) -> PickPlan:
-    """The first feasible way to grasp and its motions, through what stands there and what was seen there.
+    """The first feasible way to grasp and its motions, among the known boxes and the observed points.
 
     Args:
-        missed: base_from_tcp of grasps to leave out: they closed on nothing before.
+        missed: base_from_tcp (4, 4) of grasps to leave out, because they closed on nothing before.
         cancel: ends the planning.
 
     Raises: CycleFailure (NO_GRASP, UNREACHABLE, COLLISION, MOTION_REFUSED; STOPPED by ``cancel``).

@@ -1,9 +1,9 @@
-"""The record of one cycle: whatever travels on the bus while it runs, written by a thread of its own.
+"""The record of one cycle: all messages on the bus while it runs, written by a thread of its own.
 
-Everything is queued at once and written in order; the file is flushed after every stage and state, and 100 ms after
-anything else was queued at the latest, so that a killed daemon loses no more than that. Only that thread touches the
-file: a disk that blocks keeps nobody else waiting for longer than the recording's patience. Nothing is ever left out:
-when the disk takes less than what is said, until `BACKLOG_BYTES` wait, the recording has failed, and so has the cycle.
+Messages are queued immediately and written in order. The file is flushed after every stage and state, and at most 100
+ms after any other message was queued, so a killed daemon loses no more than that. Only the writing thread touches the
+file: a blocked disk delays no other thread for longer than the recording's patience. No message is ever left out: when
+the disk is so slow that `BACKLOG_BYTES` wait, the recording has failed, and so has the cycle.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from bus.codec import decode
 from bus.codes import Code
 from bus.errors import BadPayload, CycleFailure, RecordingError
 from bus.messages import ModelReply
-from bus.sample import Heard
+from bus.sample import Sample
 from bus.threads import OwnedThread, Role, report_defect
 from logs.mcap.recorder import Recorder
 
 _log = logging.getLogger(__name__)
 _GATHER_S = 0.08
-"""What comes within this time is written and flushed together: 20 ms are left of the 100 for doing so."""
+"""Messages within this time are written and flushed together, which leaves 20 of the 100 ms for the writing."""
 BACKLOG_BYTES = 256 * 1024 * 1024
-"""What may wait for the disk: ten seconds of an RGB-D camera at 30 Hz."""
+"""Largest backlog for the disk: ten seconds of an RGB-D camera at 30 Hz."""
 _URGENT_BYTES = 8 * 1024 * 1024
 _FLUSH_AFTER = ("cycle/", "state")
 _LOOK_S = 0.02
@@ -37,7 +37,7 @@ Open = Callable[[], Recorder]
 
 
 class _Stamped(NamedTuple):
-    heard: Heard
+    sample: Sample
     log_time_ns: int
 
 
@@ -47,9 +47,9 @@ class CycleLog:
     Args:
         open_recorder: opens the file; called in the writing thread.
         path: the final ``.mcap``.
-        patience_s: a disk that takes longer for one step is lost.
-        gather_s: what comes within this time is written and flushed together.
-        backlog_bytes: what may wait for the disk.
+        patience_s: longest duration of one step of the disk.
+        gather_s: samples that come within this time are written and flushed together.
+        backlog_bytes: how much may wait for the disk.
         clock_ns: UTC clock.
         on_failure: called once, on any thread, as soon as the recording has failed: the cycle must stop.
     """
@@ -67,31 +67,31 @@ class CycleLog:
         self.path = path
         self._clock_ns, self._patience_s, self._on_failure = clock_ns, patience_s, on_failure
         self._gather_s, self._backlog_bytes = gather_s, backlog_bytes
-        self._change = threading.Condition()  # guards the six below
+        self._change = threading.Condition()  # guards the six attributes below
         self._queue: list[_Stamped] = []
         self._waiting_bytes = 0
         self._urgent = self._ending = False
         self._result: dict[str, str] | None = None
         self._error: RecordingError | None = None
         self._replies = 0
-        self._step_began_s: float | None = time.monotonic()  # None between steps: the disk owes nothing
+        self._step_began_s: float | None = time.monotonic()  # None between steps
         self._opened = threading.Event()
         self._writer = OwnedThread(Role.CYCLE_LOG, lambda: self._run(open_recorder)).start()
 
     def await_open(self) -> None:
-        """Until the file is open. Raises: CycleFailure(RECORDING) when it cannot be."""
+        """Wait until the file is open. Raises: CycleFailure(RECORDING) when it cannot be opened."""
         self._await(self._opened.wait)
 
-    def hear(self, heard: Heard) -> None:
-        """Queue one payload; called from any thread, never blocks. Nothing is queued any more after an error."""
-        with self._change:  # queued in the order of their stamps
+    def hear(self, sample: Sample) -> None:
+        """Queue one payload; called from any thread, never blocks. After an error nothing is queued."""
+        with self._change:  # queue in the order of the stamps
             if self._error is not None:
                 return
-            waiting_bytes = self._waiting_bytes + len(heard.payload)
+            waiting_bytes = self._waiting_bytes + len(sample.payload)
             if waiting_bytes <= self._backlog_bytes:
                 self._waiting_bytes = waiting_bytes
-                self._queue.append(_Stamped(heard, self._clock_ns()))
-                urgent = heard.key.startswith(_FLUSH_AFTER) or waiting_bytes > _URGENT_BYTES
+                self._queue.append(_Stamped(sample, self._clock_ns()))
+                urgent = sample.key.startswith(_FLUSH_AFTER) or waiting_bytes > _URGENT_BYTES
                 self._urgent = self._urgent or urgent
                 if urgent or len(self._queue) == 1:
                     self._change.notify()
@@ -101,11 +101,11 @@ class CycleLog:
 
     @property
     def is_writing(self) -> bool:
-        """Whether the file is still held: until it is closed, and after an error until the disk lets it go."""
+        """True while the file is held: until it is closed, or after an error until the disk operation ends."""
         return self._writer.is_alive()
 
     def check(self) -> None:
-        """Raises: CycleFailure(RECORDING) when writing failed since the start, or the disk has been taking too long."""
+        """Raises: CycleFailure(RECORDING) when writing has failed, or the disk is taking too long."""
         began_s = self._step_began_s
         if self._error is None and began_s is not None and time.monotonic() - began_s > self._patience_s:
             self._fail(RecordingError(f"The disk of {self.path} blocks: nothing for {self._patience_s:.1f} s."))
@@ -113,9 +113,9 @@ class CycleLog:
             raise CycleFailure(Code.RECORDING, self._error.text) from self._error
 
     def close(self, result: Mapping[str, str]) -> None:
-        """Write what is queued, finish the file and give it its final name. Raises: CycleFailure(RECORDING).
+        """Write the queue, finish the file and give it its final name. After an error the file remains a ``.part``.
 
-        After an error the file stays the ``.part`` it is.
+        Raises: CycleFailure(RECORDING).
         """
         self._end(dict(result))
         self._await(self._closed)
@@ -130,7 +130,7 @@ class CycleLog:
             self._change.notify()
 
     def _await(self, is_done: Callable[[float], bool]) -> None:
-        """Raises: CycleFailure(RECORDING); the writing thread ends then as soon as the disk lets it."""
+        """Raises: CycleFailure(RECORDING); the writing thread then ends as soon as the disk operation does."""
         try:
             while not is_done(_LOOK_S):
                 self.check()
@@ -141,7 +141,7 @@ class CycleLog:
 
     def _fail(self, error: RecordingError) -> None:
         with self._change:
-            if self._error is not None:  # said already
+            if self._error is not None:  # reported already
                 return
             self._error = error
             self._change.notify()
@@ -150,7 +150,7 @@ class CycleLog:
     # --- the writing thread -------------------------------------------------------------------------------------------
 
     def _run(self, open_recorder: Open) -> None:
-        """Whatever ends this thread fails the recording: else the cycle would go on, and nobody would write."""
+        """Write until the end; any error fails the recording, because the cycle must not go on without a writer."""
         recorder: Recorder | None = None
         try:
             recorder = open_recorder()
@@ -159,7 +159,7 @@ class CycleLog:
             self._write(recorder)
         except RecordingError as error:
             self._fail(error)
-        except Exception as defect:  # noqa: BLE001 - as said above
+        except Exception as defect:  # noqa: BLE001 - see the docstring
             report_defect(str(Role.CYCLE_LOG), defect)
             self._fail(RecordingError(f"{type(defect).__name__}: {defect}.", "This is a defect: please report it."))
         finally:
@@ -169,7 +169,7 @@ class CycleLog:
                 recorder.abandon()
 
     def _write(self, recorder: Recorder) -> None:
-        """Batch by batch, each written and flushed; at the end a result closes the file. Raises: RecordingError."""
+        """Write and flush batch by batch; at the end the result closes the file. Raises: RecordingError."""
         while (batch := self._next_batch()) and self._error is None:
             for item in batch:
                 self._step_began_s = time.monotonic()
@@ -181,7 +181,7 @@ class CycleLog:
             recorder.close(self._result)
 
     def _next_batch(self) -> list[_Stamped]:
-        """What was heard until something urgent, or the period from the first of it, is over; [] = the end.
+        """The messages up to an urgent one, or until the period since the first one is over; [] = the end.
 
         Waking for every message would cost more than writing it.
         """
@@ -192,18 +192,18 @@ class CycleLog:
             return batch
 
     def _put(self, recorder: Recorder, item: _Stamped) -> None:
-        heard = item.heard
+        sample = item.sample
         try:
-            recorder.write(heard.key, heard.encoding, heard.payload, log_time_ns=item.log_time_ns)
-            if heard.key == topics.MODEL_REPLY.key:
-                self._attach_reply(recorder, decode(ModelReply, heard.payload))
-        except BadPayload as error:  # no type of ours, so there is no schema to record it with
-            _log.warning("not recorded on %s: %s", heard.key, error.text)
+            recorder.write(sample.key, sample.encoding, sample.payload, log_time_ns=item.log_time_ns)
+            if sample.key == topics.MODEL_REPLY.key:
+                self._attach_reply(recorder, decode(ModelReply, sample.payload))
+        except BadPayload as error:  # an unknown type has no schema to record it with
+            _log.warning("not recorded on %s: %s", sample.key, error.text)
         with self._change:
-            self._waiting_bytes -= len(heard.payload)
+            self._waiting_bytes -= len(sample.payload)
 
     def _attach_reply(self, recorder: Recorder, reply: ModelReply) -> None:
-        """Prompt, answer and picture of one call as files of their own, for whoever takes the recording apart."""
+        """Attach prompt, answer and picture of one call as separate files, for readers of the recording."""
         name = f"{self._replies:02d}-{reply.step}"
         self._replies += 1
         recorder.attach(f"prompts/{name}.txt", "text/plain", reply.prompt.encode())

@@ -1,4 +1,4 @@
-"""Stage 5, verify: is the object really in the hand? Measured width, measured load, and a second look. Pure."""
+"""Stage 5, verify: is the object in the hand? By measured width, measured load, and a second capture. Pure."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from perception.scene.change import cleared_fraction
 from planning.robot import Robot
 
 _HEAD, _TAIL = 10, 20
-"""Measured samples (10 ms each) that weigh the empty hand, as it sets out, and the held object."""
+"""Number of measured samples (10 ms each) for the load of the empty hand at the start, and of the held object."""
 
 
 def verify(
@@ -24,7 +24,9 @@ def verify(
 ) -> Verdict:
     """The verdict on a finished execution (``execution.stopped_in`` is None).
 
-    Every criterion must hold all along the hold: width, load, and the object gone from where it lay.
+    Every criterion must hold during the whole hold: width, load, and the object gone from its place.
+
+    Raises: ValueError for an execution that did not reach its hold.
     """
     grasped = execution.grasped
     if grasped is None:
@@ -49,7 +51,7 @@ def verify(
 def _judge(
     grasped: HandState, widths_m: list[float], load_n: float, cleared: float, station: Station
 ) -> tuple[Code | None, str]:
-    """The first criterion that fails, or None."""
+    """Code and text of the first criterion that fails; None as the code when all hold."""
     need, width_min_m = station.verify, min(widths_m)
     if grasped.width_m < need.min_width_m:
         return Code.GRASP_MISSED, f"The fingers closed to {grasped.width_m * 1e3:.1f} mm: nothing between them."
@@ -80,7 +82,7 @@ def _weight_n(motions: list[Motion], samples: slice, robot: Robot) -> float:
 
 
 def opened_by_another(grasped: HandState, width_m: float, station: Station) -> str:
-    """Why a hand that still should hold what it ``grasped`` does not, or "": fingers that press open for no object."""
+    """Why a hand at ``width_m`` does not hold what it ``grasped``, or "": closing fingers never open for an object."""
     if width_m <= grasped.width_m + station.verify.max_width_loss_m:
         return ""
     return (
@@ -90,7 +92,7 @@ def opened_by_another(grasped: HandState, width_m: float, station: Station) -> s
 
 
 def lost_on_the_way(grasped: HandState, before_release: HandState, station: Station) -> str:
-    """Why the object was not in the hand any more when it was to be laid down, or ""."""
+    """Why the object was not in the hand before the release, or ""."""
     if before_release.width_m < station.verify.min_width_m:
         return f"The fingers were closed ({before_release.width_m * 1e3:.1f} mm) before the object was laid down."
     return opened_by_another(grasped, before_release.width_m, station)

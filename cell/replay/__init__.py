@@ -1,1 +1,1 @@
-"""Runs the pure stages of a recording again, and compares."""
+"""Reruns the pure stages of a recording, and compares."""

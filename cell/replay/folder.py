@@ -1,4 +1,4 @@
-"""Replays every recording below a folder, and sums up: how many are equal, which differ first, and where."""
+"""Replays all recordings below a folder, and summarizes: how many are equal, and the others' first differences."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from planning.robot import Robot
 
 
 class Tally:
-    """What came of the recordings of one folder."""
+    """The outcomes of the recordings of one folder."""
 
     def __init__(self) -> None:
         self.verdicts: Counter[str] = Counter()
@@ -28,7 +28,7 @@ class Tally:
         self.unreadable: dict[str, str] = {}
 
     def add(self, path: Path, outcome: Replay | CellError) -> str:
-        """Count one recording; its verdict."""
+        """Count one recording; return its verdict."""
         if isinstance(outcome, CellError):
             self.unreadable[shown(path)] = str(outcome)
             return "unreadable"
@@ -44,13 +44,13 @@ class Tally:
 
     @property
     def exit_code(self) -> int:
-        """0 equal, 1 different, 2 cannot: something is unreadable, or no recording holds a grasp to compare."""
+        """0 equal, 1 different, 2 inconclusive: a recording is unreadable, or none holds a grasp to compare."""
         if self.verdicts["different"]:
             return 1
         return 2 if self.unreadable or not self.verdicts["equal"] else 0
 
     def to_json(self) -> dict[str, Any]:
-        """For a program: how many recordings, and in how many each stage and each field differs."""
+        """The counts as a JSON object: recordings, and those in which each stage and each field differs."""
         return {
             "cycles": self.verdicts.total() + len(self.unreadable),
             **{said: self.verdicts[said] for said in ("equal", "different", "empty")},
@@ -62,7 +62,7 @@ class Tally:
 
 
 def replay_folder(folder: Path, request: Request, tell: Callable[[Path, str], None]) -> Tally:
-    """Replay every closed recording below ``folder``; ``tell`` hears of each, with its verdict.
+    """Replay every closed recording below ``folder``; ``tell`` is called with each path and verdict.
 
     Raises: RecordingError when there is none.
     """

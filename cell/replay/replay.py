@@ -1,7 +1,7 @@
-"""Runs the pure stages of a recorded cycle again and names the first difference, in the order of cause and effect.
+"""Reruns the pure stages of a recorded cycle and reports the first difference, in the order of cause and effect.
 
-*Isolated*, every stage works on what was recorded: the stage that changed is the one that differs. *Chained*, what a
-stage gives is what the next one takes: the consequence of a change, down to the chosen grasp and the verdict.
+*Isolated*: every stage gets its recorded inputs, so the stage that changed is the one that differs. *Chained*: the
+output of a stage is the input of the next, which shows the consequence of a change, up to the verdict.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ ModelsOf = Callable[[Station, CycleRecord], Models]
 
 @dataclass(frozen=True)
 class StageReplay:
-    """One stage, run again.
+    """One stage, rerun.
 
     Attributes:
-        recorded: what it gave then; None when the cycle ended before it. ``replayed``: what it gives now.
+        recorded: its recorded output; None when the cycle ended before it. ``replayed``: its output now.
         differences: in the order of cause and effect, each with the step of the stage it belongs to.
     """
 
@@ -45,11 +45,11 @@ class StageReplay:
 
 @dataclass(frozen=True)
 class Replay:
-    """A cycle, run again.
+    """A cycle, rerun.
 
     Attributes:
-        stages: those that were run again, in order. ``not_reached``: stage -> why it was not.
-        chained: outputs flowed on.
+        stages: those that were rerun, in order. ``not_reached``: stage -> the reason.
+        chained: the output of a stage was the input of the next.
     """
 
     record: CycleRecord
@@ -59,24 +59,25 @@ class Replay:
 
     @property
     def equal(self) -> bool:
-        """Nothing differs - which proves nothing when there was nothing to compare: see `grasps`."""
+        """True when no stage differs; without grasps to compare this proves nothing, see `grasps`."""
         return not any(stage.differences for stage in self.stages)
 
     @property
     def grasps(self) -> int:
-        """How many grasps the recording holds; without any its replay proves nothing."""
+        """Number of grasps in the recording; without any, its replay proves nothing."""
         detect = self.record.stages.get("detect")
         return len(detect.result.grasps) if detect is not None and isinstance(detect.result, Detections) else 0
 
 
 @dataclass(frozen=True)
 class Request:
-    """Which stages to run again, and how.
+    """The stages to rerun, and how.
 
     Attributes:
-        start: chained, from this stage on. ``only``: this one alone. Neither: all, isolated - or chained from the first
+        start: chained, from this stage on. ``only``: this stage alone. Neither: all, isolated - or chained from the
+            first
             when ``overrides`` change the settings ("what if?").
-        models: opens the models; by default they answer what was recorded.
+        models: opens the models; by default they answer with the recorded replies.
     """
 
     overrides: tuple[str, ...] = ()
@@ -86,7 +87,7 @@ class Request:
 
     @classmethod
     def of(cls, overrides: Iterable[str], start: str | None, only: str | None, *, live_models: bool = False) -> Request:
-        """From the words of a command line. Raises: ConfigError for what is no pure stage."""
+        """The request of a command line. Raises: ConfigError for a stage that is not pure."""
         for name in (start, only):
             if name is not None and name not in PURE:
                 raise ConfigError(f"The stage {name!r} cannot be run again.", f"Pure stages: {', '.join(PURE)}.")
@@ -96,11 +97,15 @@ class Request:
 
     @property
     def chained(self) -> bool:
+        """True when the output of a stage is the input of the next."""
         return self.only is None and (self.start is not None or bool(self.overrides))
 
 
 def replay_file(path: Path, overrides: Iterable[str] = ()) -> Replay:
-    """`replay` of the recording at ``path``, with settings changed by ``overrides``."""
+    """`replay` of the recording at ``path``, with settings changed by ``overrides``.
+
+    Raises: RecordingError, ConfigError.
+    """
     return replay(read_cycle(path), Request(tuple(overrides)))
 
 
@@ -108,9 +113,9 @@ def replay(record: CycleRecord, request: Request, robot_of: Callable[[Station], 
     """Replay one recording.
 
     Args:
-        robot_of: the planning model of a station; it takes a second to make, and may be kept for many recordings.
+        robot_of: builds the planning model of a station, which takes a second; it may cache it for many recordings.
 
-    Raises: RecordingError when it holds no pure stage that was asked for; ConfigError for a bad override.
+    Raises: RecordingError when it holds none of the requested pure stages; ConfigError for a bad override.
     """
     station = station_from(dict(record.station), request.overrides, source="the recorded station")
     robot, models = robot_of(station), request.models(station, record)
@@ -145,7 +150,7 @@ def _isolated(wanted: list[Stage], record: CycleRecord, _: dict[str, str], made_
 
 
 def _was_stopped(recorded: StageRecord[Any]) -> bool:
-    """A stop is no outcome of the stage's inputs: it would not come again."""
+    """True when a stop ended the stage; that is no outcome of its inputs, so a rerun cannot reproduce it."""
     return recorded.failure is not None and recorded.failure.code is Code.STOPPED
 
 
@@ -165,7 +170,7 @@ def _chained(
 
 
 def _unreachable(stage: Stage, record: CycleRecord, flowing: CycleRecord) -> str:
-    """Why ``stage`` cannot follow: it works on what was carried out, and that was another plan."""
+    """Why ``stage`` cannot be chained: its input is an execution, and that was of another plan."""
     if stage.name != "verify":
         return ""
     if "execute" not in record.stages:
@@ -177,7 +182,7 @@ def _unreachable(stage: Stage, record: CycleRecord, flowing: CycleRecord) -> str
 
 
 def _with(record: CycleRecord, stage: Stage, outcome: Message) -> CycleRecord:
-    """The record as if ``stage`` had given ``outcome``."""
+    """The record with ``outcome`` as the output of ``stage``."""
     failed = isinstance(outcome, Failure)
     said = stage.topic.says(
         cycle_id=record.cycle_id,
@@ -205,7 +210,7 @@ def _compared(stage: Stage, record: CycleRecord, outcome: Message) -> StageRepla
 
 
 def _rerun(stage: Stage, record: CycleRecord, station: Station, robot: Robot, models: Models) -> Message:
-    """The stage's result, or the failure it ends with: both are outcomes to compare."""
+    """The stage's result, or the failure it ends with: both are compared."""
     assert stage.rerun is not None
     try:
         return stage.rerun(record, station, robot, models)

@@ -1,4 +1,4 @@
-"""Puts a recorded cycle on the bus again, at its own pace, below ``replay/{cycle_id}/``: never on a live cell's."""
+"""Publishes a recorded cycle again, at its own pace, below ``replay/{cycle_id}/``, never on the keys of a live cell."""
 
 from __future__ import annotations
 
@@ -27,7 +27,11 @@ _NO_KEY = re.compile(r"//|[*$#?\0]")
 
 
 class Payload(NamedTuple):
-    """One recorded payload, as it travelled."""
+    """One recorded payload, unchanged.
+
+    Attributes:
+        log_time_ns: UTC. ``key``, ``encoding``: as published. ``data``: the bytes.
+    """
 
     log_time_ns: int
     key: str
@@ -36,7 +40,7 @@ class Payload(NamedTuple):
 
 
 def payloads(path: Path) -> Iterator[Payload]:
-    """Everything that was recorded, in the order of the file. Raises: RecordingError."""
+    """All recorded payloads, in the order of the file. Raises: RecordingError."""
     require_finished(path)
     with reading(path), path.open("rb") as file:
         yield from _payloads(file)
@@ -61,7 +65,7 @@ def _payloads(file: IO[bytes]) -> Iterator[Payload]:
 
 
 def require_no_live_cell(station: Station) -> None:
-    """Raises: Refused when the cell that was recorded is running: nobody shall take the one for the other."""
+    """Refuse while the recorded cell is running, to avoid confusion with it. Raises: Refused."""
     try:
         with Bus.join(station.cell_id, station.bus.endpoint) as bus:
             bus.request(topics.STATE_NOW, Nothing(), CellState, timeout_s=_LIVE_TIMEOUT_S)
@@ -75,7 +79,7 @@ def require_no_live_cell(station: Station) -> None:
 
 
 def await_listener(bus: Bus, cycle_id: str, patience_s: float) -> None:
-    """Wait until somebody subscribes to the replay. Raises: NoReply when nobody does."""
+    """Wait up to ``patience_s`` for a subscriber of the replay. Raises: NoReply when there is none."""
     pattern = f"{ROOT}/{cycle_id}/**"
     give_up_s = time.monotonic() + patience_s
     while not bus.is_heard(pattern):
@@ -89,7 +93,11 @@ def await_listener(bus: Bus, cycle_id: str, patience_s: float) -> None:
 def republish(
     bus: Bus, cycle_id: str, said: list[Payload], rate: float, sleep: Callable[[float], None] = time.sleep
 ) -> Iterator[Payload]:
-    """Put every payload at its time, ``rate`` times as fast as it was; yields each when it is on its way."""
+    """Publish every payload at its time, ``rate`` times as fast as recorded; yield each after publishing it.
+
+    Args:
+        rate: factor, dimensionless. ``sleep``: waits for a duration [s].
+    """
     started_s = time.monotonic()
     for payload in said:
         due_s = started_s + (payload.log_time_ns - said[0].log_time_ns) / 1e9 / rate

@@ -1,7 +1,7 @@
-"""THE table of the cycle's stages: what each takes, gives, may take, and how its replay is compared.
+"""THE table of the cycle's stages: inputs, output, deadline, and how a replay is compared.
 
 A *pure* stage gives the same output for the same inputs, configuration and recorded model replies, bit for bit on one
-machine; the tolerances allow for another processor's floating point.
+machine; the tolerances allow for the floating point of another processor.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ class Stage:
     """One row.
 
     Attributes:
-        inputs: what it works on, in words of the table.
-        deadline_s: longest it may take before an operator should wonder.
-        rerun: computes its output again from a recording; None = its output is recorded, not recomputed.
-        tolerances: field pattern -> how much a replayed value may differ.
-        steps: (step, the fields it makes), in the order of cause and effect.
+        inputs: names of its inputs.
+        deadline_s: longest normal duration.
+        rerun: computes its output again from a recording; None = the output is recorded, not recomputed.
+        tolerances: field pattern -> tolerance of a replayed value.
+        steps: (step, the fields it produces), in the order of cause and effect.
     """
 
     name: StageName
@@ -48,10 +48,11 @@ class Stage:
 
     @property
     def pure(self) -> bool:
+        """True when the stage can be rerun."""
         return self.rerun is not None
 
     def step_of(self, path: str) -> str:
-        """The step that makes the field at ``path``; the stage itself for none of them."""
+        """The step that produces the field at ``path``; the stage itself if none does."""
         return next((step for step, fields in self.steps if path.startswith(fields)), self.name)
 
 
@@ -92,7 +93,7 @@ _PIXELS = Tolerance(0.05, "px")
 _LENGTH = Tolerance(5e-5, "m")
 _ANGLE = Tolerance(1e-3, "rad")
 _JOINT = Tolerance(1e-4, "rad")
-"""0.1 mm at the tcp. Time-optimal timing carries the rounding of another processor into samples: up to 1e-5 rad."""
+"""Corresponds to 0.1 mm at the tcp. Time-optimal timing amplifies rounding of another processor to up to 1e-5 rad."""
 _EXACT_ENOUGH = Tolerance(1e-9, "")
 
 STAGES: tuple[Stage, ...] = (

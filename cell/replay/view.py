@@ -1,4 +1,4 @@
-"""A replay as a person reads it, and as a program does."""
+"""The output of a replay, for a person and for a program."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def verdict(replay: Replay) -> str:
 
 
 def to_json(replay: Replay) -> dict[str, Any]:
-    """For a program; ``first_difference`` only where there is one, ``consequence`` only of a chained replay."""
+    """A JSON object; ``first_difference`` only if there is one, ``consequence`` only for a chained replay."""
     said: dict[str, Any] = {
         "equal": replay.equal,
         "verdict": verdict(replay),
@@ -44,7 +44,7 @@ def to_json(replay: Replay) -> dict[str, Any]:
 
 
 def show(replay: Replay, out: Printer) -> None:
-    """For a person."""
+    """Print a replay for a person."""
     for stage in replay.stages:
         count = len(stage.differences)
         found = (f"{count} difference{'s' if count > 1 else ''}", "red") if count else ("equal", "green")
@@ -62,7 +62,7 @@ def show(replay: Replay, out: Printer) -> None:
 
 
 def show_tally(said: dict[str, Any], out: Printer) -> None:
-    """A folder's sum, for a person: what differs first, failures before figures."""
+    """Print a folder's summary for a person: first differences first, failures before figures."""
     for path, why in said["unreadable"].items():
         out.line(("unreadable", "red"), f" {path}: {why}")
     for one in said["differences"]:
@@ -76,7 +76,7 @@ def show_tally(said: dict[str, Any], out: Printer) -> None:
 
 
 def consequence(replay: Replay) -> Iterator[str]:
-    """What the change leads to: one line a stage, "before -> after" where that differs."""
+    """The consequences of the change: one line per stage, "before -> after" where that differs."""
     for stage in replay.stages:
         before, after = _gist(stage.recorded), _gist(stage.replayed)
         moved = _moved(replay) if stage.stage == "plan" else ""
@@ -96,7 +96,7 @@ def _gist(outcome: Message | None) -> str:
 
 
 def _moved(replay: Replay) -> str:
-    """By how much the chosen grasp moved, if it did."""
+    """The distance [mm] between the chosen grasps, in words; "" for none."""
     before, after = (_chosen(replay.stages, name) for name in ("recorded", "replayed"))
     if before is None or after is None or np.array_equal(before, after):
         return ""

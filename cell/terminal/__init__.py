@@ -1,1 +1,1 @@
-"""How a process of ours speaks with who started it: lines, tables, signals."""
+"""The terminal side of our processes: lines, tables, signals."""

@@ -1,4 +1,4 @@
-"""What is more than lines: tables, the live view, a progress bar; their words are as foreign as those of `printing`."""
+"""Tables, the live view and a progress bar; their text is untrusted, as in `cell.terminal.printing`."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ ItemT = TypeVar("ItemT")
 
 
 def words(*parts: Part, style: str = "") -> Text:
-    """Text of all parts, made `plain`; ``style`` is that of those without their own."""
+    """Text of all parts, made `plain`; ``style`` applies to those without their own."""
     texts = [part if isinstance(part, tuple) else (part, style) for part in parts]
     return Text.assemble(*((plain(text), its) for text, its in texts))
 
 
 def console(printer: Printer, width: int | None = None) -> Console:
-    """What draws on ``printer``; a string that is drawn is no markup. ``width`` [columns]: None = the terminal's."""
+    """A rich console on ``printer``; strings are not parsed as markup. ``width`` [columns]: None = the terminal's."""
     return Console(file=printer, markup=False, emoji=False, highlight=False, width=width)  # type: ignore[arg-type]
 
 
 def tracked(items: Iterable[ItemT], total: int, what: str, printer: Printer) -> Iterator[ItemT]:
-    """The items, with a bar that says how far it is, where ``printer`` is a terminal."""
+    """The items, with a progress bar when ``printer`` is a terminal."""
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeRemainingColumn())
     canvas = console(printer)
     with Progress(*columns, console=canvas, transient=True, disable=not canvas.is_terminal) as progress:
@@ -35,7 +35,7 @@ def tracked(items: Iterable[ItemT], total: int, what: str, printer: Printer) -> 
 
 
 def table(columns: Sequence[str], *, expand: bool = False, right: Sequence[str] = ()) -> Table:
-    """An empty table without lines; each row is cut, not wrapped. ``right``: the columns that end flush."""
+    """An empty table without lines; cells are cut, not wrapped. ``right``: the right-aligned columns."""
     made = Table(box=None, pad_edge=False, expand=expand, header_style="dim")
     for name in columns:
         made.add_column(name, no_wrap=True, overflow="ellipsis", justify="right" if name in right else "left")

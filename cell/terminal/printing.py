@@ -1,8 +1,8 @@
-"""How everything is printed: lines for a person, JSON for a program. Whatever the text says, it is only shown.
+"""Prints lines for a person and JSON for a program. Printed text never acts on the terminal.
 
-Much of what is printed is foreign: a model's words, a device's, the name of a file. None of it is markup here, or an
-order to the terminal; what the terminal's encoding lacks is escaped; and an output that goes away (`| head`, a full
-disk) ends nothing that runs.
+Much of the text is untrusted: of a model, a device, or a file name. It is never interpreted as markup or as a terminal
+sequence; characters missing in the terminal's encoding are escaped; and an output that is lost (`| head`, a full disk)
+does not end the program.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from contextlib import suppress
 from typing import Any, TextIO
 
 Part = str | tuple[str, str]
-"""Some text, or text and its style: words of `_CODES`."""
+"""A text, or a text and its style: words of `_CODES`."""
 
 _CODES = {"bold": 1, "dim": 2, "red": 31, "green": 32, "yellow": 33, "magenta": 35, "cyan": 36}
 _SEQUENCES = re.compile(
@@ -27,13 +27,13 @@ _SEQUENCES = re.compile(
 )
 _BREAKS = re.compile(r"[\t-\r\x1c-\x1f\x85\u2028\u2029]+")
 _UNSEEN = re.compile(r"[\x00-\x1f\x7f-\x9f\u061c\u200b\u200e\u200f\u202a-\u202e\u2066-\u2069\ufeff]")
-"""Control characters, and those that turn the direction of the text around them."""
+"""Control characters, and characters that change the direction of the surrounding text."""
 _SURROGATE = re.compile(r"[\ud800-\udfff]")
 _BEYOND_ASCII = re.compile(r"[\x7f-\U0010ffff]")
 
 
 def plain(text: str) -> str:
-    """The text on one line, without what would command a terminal; bytes of names that are not UTF-8 as ``\\xe9``."""
+    r"""The text on one line, without terminal sequences; bytes of names that are not UTF-8 as ``\\xe9``."""
     if text.isascii() and text.isprintable():
         return text
     text = _UNSEEN.sub("", _BREAKS.sub(" ", _SEQUENCES.sub("", text)))
@@ -45,10 +45,10 @@ def _escaped(surrogate: int) -> str:
 
 
 class Printer:
-    """Prints to stdout, or to stderr; never raises. A file, too: `cell.terminal.drawing` draws by `write`.
+    """Prints to stdout, or to stderr; never raises. It is also a file, for `cell.terminal.drawing`.
 
     Attributes:
-        lost: why nothing can be printed any more, once that is so.
+        lost: the error after which nothing can be printed any more, or None.
     """
 
     def __init__(self, *, stderr: bool = False) -> None:
@@ -56,13 +56,13 @@ class Printer:
         self.lost: Exception | None = None
 
     def line(self, *parts: Part, style: str = "") -> None:
-        """One line of all parts, as they stand; ``style`` is that of those without their own."""
+        """Print one line of all parts, unchanged; ``style`` applies to those without their own."""
         texts = [part if isinstance(part, tuple) else (part, style) for part in parts]
         self.write("".join(self._styled(plain(text), its) for text, its in texts) + "\n")
         self.flush()
 
     def json(self, value: Any) -> None:
-        """A value, or what is JSON already, in ASCII: every terminal and every program can take it."""
+        """Print a value, or a JSON text, in ASCII, which every terminal and program accepts."""
         text = value if isinstance(value, str) else json.dumps(_finite(value), allow_nan=False)
         self.write(_BEYOND_ASCII.sub(lambda found: json.dumps(found[0])[1:-1], text) + "\n")
         self.flush()
@@ -76,27 +76,29 @@ class Printer:
 
     @property
     def _stream(self) -> TextIO | None:
-        """The one of now: tests and progress bars put others into its place."""
+        """The current stream: tests and progress bars replace it."""
         stream: TextIO | None = sys.stderr if self._stderr else sys.stdout
         return getattr(stream, "rich_proxied_file", stream)
 
     @property
     def encoding(self) -> str:
+        """The encoding of the stream."""
         return getattr(self._stream, "encoding", None) or "utf-8"
 
     def isatty(self) -> bool:
+        """True for a terminal that can be drawn on."""
         with suppress(OSError, ValueError):
             return self._stream is not None and self._stream.isatty() and os.environ.get("TERM") != "dumb"
         return False
 
     def fileno(self) -> int:
-        """Raises: OSError without one."""
+        """The stream's file descriptor. Raises: OSError without one."""
         if self._stream is None:
             raise OSError("There is no output.")
         return self._stream.fileno()
 
     def write(self, text: str) -> int:
-        """Write what is not foreign, or was made `plain`."""
+        """Write trusted text, or text made `plain`; return its length."""
         stream, encoding = self._stream, self.encoding
         if stream is None or self.lost is not None:
             return len(text)
@@ -107,6 +109,7 @@ class Printer:
         return len(text)
 
     def flush(self) -> None:
+        """Flush the stream; errors only set `lost`."""
         stream = self._stream
         if stream is None or self.lost is not None:
             return
@@ -116,7 +119,7 @@ class Printer:
             self._give_up(stream, error)
 
     def _give_up(self, stream: TextIO, error: Exception) -> None:
-        """What follows, and what Python still writes at its end, goes nowhere."""
+        """Discard all further output, including what Python writes at its end."""
         self.lost = error
         with suppress(OSError, ValueError):
             nowhere = os.open(os.devnull, os.O_WRONLY)
@@ -127,7 +130,7 @@ class Printer:
 
 
 def _finite(value: Any) -> Any:
-    """The value with numbers that JSON lacks as strings, as the bus has them."""
+    """The value with NaN and infinity as strings, as on the bus."""
     if isinstance(value, float) and not math.isfinite(value):
         return "NaN" if math.isnan(value) else "Infinity" if value > 0 else "-Infinity"
     if isinstance(value, dict):
@@ -139,14 +142,15 @@ out, err = Printer(), Printer(stderr=True)
 
 
 class PlainFormatter(logging.Formatter):
-    """A log line with its message made `plain`; a traceback below it stays as it is."""
+    """Formats a log line with its message made `plain`; a traceback below it stays unchanged."""
 
     def formatMessage(self, record: logging.LogRecord) -> str:
+        """The message of the record, made `plain`."""
         return plain(super().formatMessage(record))
 
 
 def log_plainly() -> None:
-    """Warnings and errors of this process go to stderr, each on one line."""
+    """Send warnings and errors of this process to stderr, each on one line."""
     handler = logging.StreamHandler(err)
     handler.setFormatter(PlainFormatter("%(levelname)s %(name)s: %(message)s"))
     logging.basicConfig(level=logging.WARNING, handlers=[handler])

@@ -1,4 +1,4 @@
-"""How a program that serves is asked to end: Ctrl-C, SIGTERM, or its terminal closes."""
+"""Handles requests to end a serving program: Ctrl-C, SIGTERM, or a closed terminal."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 def on_end(end: Callable[[], None], *, insists: bool = False) -> None:
     """Call ``end`` at each of these signals, between any two steps of the main thread.
 
-    A SIGHUP that is ignored (nohup) stays so.
+    A SIGHUP that is ignored (nohup) stays ignored.
 
     Args:
-        insists: a second Ctrl-C or SIGTERM ends at once. A second SIGHUP never: a closed terminal sends several.
+        insists: a second Ctrl-C or SIGTERM ends immediately. A second SIGHUP never does: a closed terminal sends
+            several.
     """
 
     def handle(number: int, _frame: object) -> None:
@@ -30,7 +31,7 @@ def on_end(end: Callable[[], None], *, insists: bool = False) -> None:
 
 @contextmanager
 def ending(end: Callable[[], None]) -> Iterator[None]:
-    """Within this, as `on_end`; what held before holds after it."""
+    """Context with `on_end`; restores the previous handlers afterwards."""
     before = {number: signal.getsignal(number) for number in ENDING}
     on_end(end)
     try:

@@ -1,9 +1,10 @@
-"""Triggers one pick from any program: plain eclipse-zenoh, nothing of ours. Usage: python trigger.py [cell_id]"""
+"""Triggers one pick from any program, with plain eclipse-zenoh only. Usage: python trigger.py [cell_id]"""
 
 import json
 import sys
 import threading
 import time
+from typing import Any
 
 import zenoh
 
@@ -12,12 +13,15 @@ cell = f"cell/{sys.argv[1] if len(sys.argv) > 1 else 'sim'}"
 config = '{mode: "client", connect: {endpoints: ["tcp/127.0.0.1:7447"]}, scouting: {multicast: {enabled: false}}}'
 
 
-def ask(key: str, **fields: str) -> dict:
+def ask(key: str, **fields: str) -> dict[str, Any]:
     reply = session.get(f"{cell}/{key}", payload=json.dumps(fields), timeout=5).recv()
-    return json.loads((reply.ok or reply.err).payload.to_string())
+    said = reply.ok or reply.err
+    assert said is not None  # a reply is one of the two
+    answer: dict[str, Any] = json.loads(said.payload.to_string())
+    return answer
 
 
-def command(verb: str) -> dict:
+def command(verb: str) -> dict[str, Any]:
     answer = ask(f"command/{verb}", client_id=client_id)
     if not answer["ok"]:
         sys.exit(f"{verb}: {answer['code']}: {answer['reason']} {answer['advice']}")

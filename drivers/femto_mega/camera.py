@@ -1,4 +1,4 @@
-"""The Femto Mega as a `Camera`: the newest pair of its reader as a frame."""
+"""The Femto Mega as a `Camera`: turns its reader's newest pair into a frame. Frames: docs/frames.md."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from drivers.femto_mega.session import Pair, Session
 from drivers.interface import Devices
 
 _BEYOND_S = 0.1
-"""How much longer a capture waits than it takes to find the camera lost."""
+"""Extra wait of a capture beyond the time after which the camera counts as lost [s]."""
 _FULL_SCALE = 65535
 _ADVICE = "Check the camera's cable, power and node; it is connected anew by itself."
 _RESTART = "Restart its node; its log has the defect."
 
 
 class FemtoMega:
-    """Depth 640x576 (NFOV unbinned) and colour 1280x720, both at 30 Hz and of one moment.
+    """An Orbbec Femto Mega: depth 640x576 (NFOV unbinned) and colour 1280x720, both at 30 Hz and of one moment.
 
     Args:
         open_session: connects to the camera. Raises: DriverUnavailable.
@@ -37,7 +37,7 @@ class FemtoMega:
         self._reader: Reader | None = None
 
     def connect(self) -> None:
-        """Open, let the exposure settle, learn the camera's clock. Raises: DriverUnavailable, with what to do."""
+        """Open the camera, let its exposure settle and learn its clock; up to 10 s. Raises: DriverUnavailable."""
         if self._reader is not None and self._reader.is_alive():
             return
         self.close()
@@ -51,9 +51,12 @@ class FemtoMega:
         self._reader = reader
 
     def capture(self) -> Frame:
-        """The next pair, exposed after this call.
+        """Return the next pair as a frame, exposed after this call.
 
-        Raises: StaleFrame when none comes until the camera counts as lost; DeviceLost when nobody reads it any more.
+        Raises:
+            NotConnected: before `connect` and after `close`.
+            StaleFrame: no usable pair came until the camera counts as lost.
+            DeviceLost: the reading thread ended.
         """
         asked_ns, patience_s = time.monotonic_ns(), self._settings.lost_after_s + _BEYOND_S
         give_up_ns = asked_ns + round(patience_s * 1e9)
@@ -73,12 +76,13 @@ class FemtoMega:
         raise StaleFrame(f"The camera gave no new picture for {patience_s:.1f} s{why}.", _ADVICE)
 
     def close(self) -> None:
+        """End the reading thread and the session; idempotent."""
         reader, self._reader = self._reader, None
         if reader is not None:
             reader.end()
 
     def readings(self) -> dict[str, float]:
-        """Temperatures, frame rate, counts, and how well its clock is known."""
+        """Return temperatures, frame rate, counts, and the error of the camera's clock."""
         reader = self._reader
         return {} if reader is None else reader.readings()
 
@@ -98,22 +102,22 @@ def _frame(seen: Seen, color: np.ndarray) -> Frame:
 
 
 def depth_m(pair: Pair) -> np.ndarray:
-    """(576, 640) float32 [m], NaN where the camera saw nothing."""
+    """Return the pair's depth (576, 640) float32 [m]; NaN where the camera measured nothing."""
     metres = pair.depth_mm.astype(np.float32) * np.float32(pair.scale_mm / 1000.0)
     metres[(pair.depth_mm == 0) | (pair.depth_mm == _FULL_SCALE)] = np.nan
     return metres
 
 
 def _decoded(seen: Seen) -> np.ndarray | None:
-    """(720, 1280, 3) RGB; None when it does not decode to what the calibration is of."""
+    """Return (720, 1280, 3) RGB; None when the picture does not decode to the calibrated size."""
     lens = seen.session.color_camera
     try:
         color = cv2.imdecode(np.frombuffer(seen.pair.jpeg, np.uint8), cv2.IMREAD_COLOR_RGB)
-    except cv2.error:  # it says that it is larger than any picture
+    except cv2.error:  # the header names a size beyond OpenCV's limit
         return None
     return None if color is None or color.shape != (lens.height, lens.width, 3) else np.asarray(color)
 
 
 def open_devices(station: Station) -> Devices:
-    """What the driver registry loads under the name ``femto_mega``."""
+    """Make the devices of driver ``femto_mega``; entry point of the driver registry."""
     return Devices(camera=FemtoMega(station.femto_mega))

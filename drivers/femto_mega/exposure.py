@@ -1,4 +1,4 @@
-"""Whether a camera's automatic exposure has come to rest."""
+"""Detects when a camera's automatic exposure has settled."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ _STEADY_FRAMES = 5
 
 
 class Settled:
-    """Enough pictures passed, and their size (so their content) is steady.
+    """Settled means: enough pictures passed, and the size of the last five (a measure of content) varies by < 5 %.
 
-    A scene that never is steady counts as settled after three times as many.
+    A scene that never becomes steady counts as settled after three times as many pictures.
 
     Args:
-        frames: how many are enough.
+        frames: number of pictures that are enough.
     """
 
     def __init__(self, frames: int) -> None:
@@ -21,7 +21,7 @@ class Settled:
         self.is_done = False
 
     def after(self, size: int) -> bool:
-        """Whether it has, after one more picture of ``size`` bytes."""
+        """Add one more picture of ``size`` bytes; return whether the exposure has settled."""
         if not self.is_done:
             self._sizes.append(size)
             last = self._sizes[-_STEADY_FRAMES:]

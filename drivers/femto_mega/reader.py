@@ -1,4 +1,4 @@
-"""The thread that reads a Femto Mega, keeps the newest pair, and connects anew when there is none to be used."""
+"""The thread that reads a Femto Mega: keeps the newest usable pair, and reconnects when there is none."""
 
 from __future__ import annotations
 
@@ -21,24 +21,24 @@ from drivers.rate import Rate
 
 _log = logging.getLogger(__name__)
 _HALF_EXPOSURE_NS = 6_400_000
-"""NFOV unbinned: nine pulses in 12.8 ms; the device stamps their beginning."""
+"""Half of NFOV unbinned's nine pulses in 12.8 ms; the device stamps their beginning."""
 READY_S = 10.0
-"""By then the exposure has settled and the clock is known; without a usable frame for so long a camera is lost."""
+"""Time for the exposure to settle and the clock to be learnt; a camera without a usable frame for so long is lost."""
 _READ_S = 0.2
 _AGAIN_S = 0.5
 _FEEL_S = 5.0
 _SAY_S = 10.0
 _END_S = 5.0
 _TORN_RUN = 30
-"""So many frames in a row that cannot be used, a second of them, are no accident."""
+"""So many unusable frames in a row (one second) end the session."""
 
 
 @dataclass(frozen=True)
 class Seen:
-    """A pair that can be used.
+    """A usable pair.
 
     Attributes:
-        session: whose calibration it has. ``exposed_ns``: middle of the exposure by the monotonic clock.
+        session: the session whose calibration applies. ``exposed_ns``: middle of the exposure by the monotonic clock.
         stamp_ns: the same in UTC.
     """
 
@@ -49,16 +49,19 @@ class Seen:
 
 
 class Reader:
-    """Reads from ``session`` on, until ended.
+    """Reads from ``session`` in a thread of its own, until ended.
 
     Args:
         reopen: opens another session. Raises: DriverUnavailable.
+
+    Attributes:
+        trouble: the problem of the newest frame, or the reason why none comes; "" while frames are good.
     """
 
     def __init__(self, session: Session, reopen: Callable[[], Session], settings: FemtoMegaSettings) -> None:
         self._reopen, self._settings = reopen, settings
         self._ending = threading.Event()
-        self._news = threading.Condition()  # guards what follows; never held while the SDK is asked
+        self._news = threading.Condition()  # guards the following fields; never held during an SDK call
         self._session: Session | None = session
         self._seen: Seen | None = None
         self._last: tuple[int, int] | None = None  # number and time of the newest pair of this session
@@ -68,24 +71,31 @@ class Reader:
         self._rate = Rate()
         self._temperatures_c: dict[str, float] = {}
         self.trouble = ""
-        """What was wrong with the newest frame, or kept one from coming; "" while they are good."""
+        """The problem of the newest frame, or the reason why none comes; "" while frames are good."""
         self._said: tuple[str, float] = ("", -math.inf)
         self._thread = OwnedThread(Role.CAMERA_READ, self._run).start()
 
     # --- for other threads --------------------------------------------------------------------------------------------
 
     def is_alive(self) -> bool:
-        """False after `end`, and after an end that nobody foresaw."""
+        """Whether the thread runs; False after `end` and after a defect."""
         return not self._over
 
     def exposed_after(self, asked_ns: int, patience_s: float) -> Seen | None:
-        """The newest pair that was exposed, and came, after ``asked_ns`` by the monotonic clock; None: none in time."""
+        """Wait for a pair that was exposed, and arrived, after ``asked_ns`` of the monotonic clock.
+
+        Args:
+            patience_s: longest wait.
+
+        Returns:
+            The newest such pair; None when none came in time or the thread ended.
+        """
         with self._news:
             self._news.wait_for(lambda: self._is_after(asked_ns) or self._over, patience_s)
             return self._seen if self._is_after(asked_ns) else None
 
     def refuse(self, seen: Seen, why: str) -> None:
-        """Count a pair that turned out to be of no use."""
+        """Count and drop a pair that turned out to be unusable."""
         with self._news:
             self._counts["broken_frames"] += 1
             self.trouble = why
@@ -93,7 +103,7 @@ class Reader:
                 self._seen = None
 
     def readings(self) -> dict[str, float]:
-        """Temperatures, usable frames a second lately, counts, how well the clock is known; empty while it is lost."""
+        """Return temperatures, usable frames per second, counts, and clock error; empty while the camera is lost."""
         with self._news:
             if self._session is None and not self._over:
                 return {}
@@ -103,7 +113,7 @@ class Reader:
             return {"frames_per_s": rate_hz, **counts, **known, **self._temperatures_c}
 
     def end(self) -> None:
-        """A thread that hangs in the SDK is left behind: it ends as soon as it comes back."""
+        """End the thread; one that hangs in the SDK for more than 5 s is abandoned and ends when the SDK returns."""
         self._ending.set()
         self._thread.join(_END_S)
         if self._thread.is_alive():
@@ -117,7 +127,7 @@ class Reader:
     # --- the reading thread -------------------------------------------------------------------------------------------
 
     def _run(self) -> None:
-        """Until the end: read, and open again whenever a session gave nothing to be used for too long."""
+        """Read until `end`, and reopen whenever a session gave no usable frame for too long."""
         session: Session | None = self._session
         try:
             while not self._ending.is_set():
@@ -134,7 +144,7 @@ class Reader:
                 session.close()
 
     def _read_all(self, session: Session) -> None:
-        """One session, to its end."""
+        """Read one session to its end, then close it."""
         try:
             self._read_from(session)
         finally:
@@ -144,7 +154,7 @@ class Reader:
             session.close()
 
     def _read_from(self, session: Session) -> None:
-        """Until the end, or the camera is silent, torn or useless for too long."""
+        """Read until `end`, or until the camera is silent or gives only unusable frames for too long."""
         settled = Settled(self._settings.settle_frames)
         patience = _Patience(self._settings.lost_after_s)
         felt_s = -math.inf
@@ -166,7 +176,7 @@ class Reader:
             self._say(f"{patience.is_over()}; connecting anew")
 
     def _hear(self, session: Session, pair: Pair, settled: Settled) -> bool:
-        """Take one pair; whether it can be used. Raises: TornFrame, and what the SDK raises."""
+        """Take one pair and return whether it is usable. Raises: TornFrame, and the SDK's errors."""
         _require_whole(pair, session)
         with self._news:
             self._count(pair)
@@ -188,7 +198,7 @@ class Reader:
         return True
 
     def _count(self, pair: Pair) -> None:
-        """Raises: TornFrame for one that came before."""
+        """Count the pair. Raises: TornFrame for a repeated one."""
         last = self._last
         if last is not None and (pair.number, pair.device_us) == last:
             raise TornFrame("the camera repeats a frame")
@@ -202,7 +212,7 @@ class Reader:
         self._say(why)
 
     def _say(self, trouble: str) -> None:
-        """Log it; not again for a while, however often it comes."""
+        """Log the trouble; the same text at most every 10 s."""
         self.trouble, now_s = trouble, time.monotonic()
         if trouble != self._said[0] or now_s - self._said[1] > _SAY_S:
             self._said = trouble, now_s
@@ -222,7 +232,7 @@ class Reader:
 
 
 class _Patience:
-    """When a session is given up: after ``lost_after_s`` of silence, a run of torn frames, or `READY_S` without use."""
+    """Decides when a session is given up: `lost_after_s` of silence, a run of torn frames, or `READY_S` without use."""
 
     def __init__(self, lost_after_s: float) -> None:
         self._lost_after_s = lost_after_s
@@ -230,14 +240,14 @@ class _Patience:
         self._torn = 0
 
     def hear(self, *, is_whole: bool, is_used: bool) -> None:
-        """A frame came."""
+        """Note that a frame came."""
         self._heard_s = time.monotonic()
         self._torn = 0 if is_whole else self._torn + 1
         if is_used:
             self._used_s = self._heard_s
 
     def is_over(self) -> str:
-        """Why, or "" as long as it is not."""
+        """Return the reason to give up, or "" while there is none."""
         now_s = time.monotonic()
         if now_s - self._heard_s > self._lost_after_s:
             return "the camera is silent"
@@ -247,7 +257,7 @@ class _Patience:
 
 
 def _require_whole(pair: Pair, session: Session) -> None:
-    """Raises: TornFrame for a pair that is not what the session's calibration is of, or has no time, or no end."""
+    """Raises: TornFrame for a pair without a time or an end, or of another size than the session's calibration."""
     lens, shape = session.depth_camera, np.shape(pair.depth_mm)
     if shape != (lens.height, lens.width) or pair.depth_mm.dtype != np.uint16:
         raise TornFrame(f"a depth image of {shape} {np.asarray(pair.depth_mm).dtype}")

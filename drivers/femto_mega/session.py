@@ -1,8 +1,8 @@
-"""One connection to one camera: everything that touches Orbbec's SDK.
+"""One connection to one camera: the only file that touches Orbbec's SDK.
 
-The SDK crashes the process on a None where it expects an object, holds Python's lock while it connects, and hands back
-a dead device as long as anything of it is still referenced. So nothing of it leaves this file, and `Session.close`
-drops all of it.
+The SDK crashes the process on a None where it expects an object, holds Python's lock while it connects, and returns a
+dead device while any of its objects is still referenced. So no SDK object leaves this file, and `Session.close` drops
+all of them.
 """
 
 from __future__ import annotations
@@ -33,16 +33,16 @@ _PROBE_S = 1.0
 _ORBBEC, _FEMTO_MEGAS = 0x2BC5, (0x0669, 0x06C0)
 _DEPTH, _COLOR = (640, 576, 30), (1280, 720, 30)
 _QUEUED = 10
-"""As many pairs the SDK keeps for us."""
+"""Number of pairs that the SDK queues."""
 _CABLE = "Check its power, the gigabit cable and femto_mega.address; `cell doctor` looks for it."
 
 
 UNREADABLE = (ValueError, TypeError, AttributeError, BufferError, OverflowError)
-"""What it raises to read a buffer, a number or an object of the SDK that is not what it should be."""
+"""Errors of reading a malformed buffer, number or object of the SDK."""
 
 
 class TornFrame(ValueError):
-    """A frame that cannot be used; the next one may be."""
+    """A frame that is unusable; the next one may be good."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,8 @@ class Pair:
     Attributes:
         number: the device's count of depth frames.
         device_us, global_us: start of the exposure by the camera's clock, and as UTC by the SDK's fit (0 = none yet).
-        arrived_ns, heard_ns: the moment of its arrival, in UTC and by the monotonic clock.
+        arrived_ns, heard_ns: time of arrival, in UTC and by the monotonic clock.
+        jpeg: the colour picture.
         depth_mm: (576, 640) uint16, 0 = invalid. ``scale_mm``: of one unit of it.
     """
 
@@ -67,10 +68,18 @@ class Pair:
 
 
 class Session:
-    """Opened and streaming. Raises: DriverUnavailable, with what to do; nothing stays open then.
+    """A camera that is opened and streaming.
 
     Args:
-        open_device: other than by address or serial number, from the SDK's context (a playback, in tests).
+        open_device: replaces opening by address or serial number, given the SDK and its context (a playback, in tests).
+
+    Attributes:
+        faults: the SDK's exception types.
+        depth_camera, color_camera: the lenses' calibration.
+        color_from_depth: (4, 4) pose of the depth camera in the colour camera [m].
+
+    Raises:
+        DriverUnavailable: with what to do; nothing stays open.
     """
 
     def __init__(
@@ -123,9 +132,17 @@ class Session:
             ) from error
 
     def next(self, patience_s: float) -> Pair | None:
-        """The newest pair, or None when none came in time; older ones that had queued up are dropped.
+        """Return the newest pair; older ones in the queue are dropped.
 
-        Raises: TornFrame when it cannot be used; one of `faults` when the connection cannot.
+        Args:
+            patience_s: longest wait.
+
+        Returns:
+            None when none came in time.
+
+        Raises:
+            TornFrame: the pair is unusable.
+            Exception: one of `faults`, when the connection is unusable.
         """
         frames = self._pipeline.wait_for_frames(int(patience_s * 1000))
         for _ in range(_QUEUED):
@@ -136,7 +153,7 @@ class Session:
         return None if frames is None else pair_of(frames)
 
     def fit_clock(self) -> None:
-        """Let the SDK fit the camera's clock to ours, from now on; a playback has no clock."""
+        """Start the SDK's fit of the camera's clock to the host's; a playback has no clock."""
         with suppress(*self.faults):
             self._device.enable_global_timestamp(False)
             self._device.enable_global_timestamp(True)
@@ -148,7 +165,7 @@ class Session:
             self._device.set_bool_property(automatic, False)
 
     def temperatures_c(self) -> dict[str, float]:
-        """By name, e.g. ``ir_temperature_c``; empty when the camera does not answer."""
+        """Return temperatures by name, e.g. ``ir_temperature_c``; empty when the camera does not answer."""
         try:
             felt = self._device.get_temperature()
             named = {"cpu": felt.cpu_temperature, "ir": felt.ir_temperature, "laser": felt.laser_temperature}
@@ -158,7 +175,7 @@ class Session:
             return {}
 
     def close(self) -> None:
-        """Stop and drop every reference; idempotent."""
+        """Stop the stream and drop every SDK reference; idempotent."""
         pipeline, self._pipeline, self._device = self._pipeline, None, None
         if pipeline is not None:
             with suppress(*self.faults):
@@ -168,7 +185,7 @@ class Session:
 
 
 def pair_of(frames: Any) -> Pair | None:
-    """A frame set, copied out; None when it lacks colour or depth. Raises: TornFrame when it is not what it should."""
+    """Copy a frame set out of the SDK; None when it lacks colour or depth. Raises: TornFrame when it is malformed."""
     depth, color = frames.get_depth_frame(), frames.get_color_frame()
     if depth is None or color is None:
         return None
@@ -188,7 +205,7 @@ def pair_of(frames: Any) -> Pair | None:
 
 
 def _utc_us(global_us: int) -> int:
-    """From the SDK's clock (see `_sdk_and_context`); 0 = not known yet."""
+    """Convert the SDK's time (see `_sdk_and_context`) to UTC; 0 = not known yet."""
     if global_us <= 0:
         return 0
     return global_us + (time.time_ns() - time.clock_gettime_ns(time.CLOCK_MONOTONIC_RAW)) // 1000
@@ -199,7 +216,7 @@ def _utc_us(global_us: int) -> int:
 
 @functools.cache
 def _sdk_and_context(extensions: Path | None) -> tuple[Any, Any]:
-    """The SDK and its one context, kept for as long as the process lives."""
+    """Return the SDK and its one context, kept as long as the process lives. Raises: DriverUnavailable."""
     try:
         sdk = importlib.import_module("pyorbbecsdk")
     except ImportError as error:
@@ -212,7 +229,7 @@ def _sdk_and_context(extensions: Path | None) -> tuple[Any, Any]:
     if extensions is not None:
         sdk.Context.set_extensions_directory(str(extensions))
     context = sdk.Context()
-    # the host's clock that the camera's is fitted to: CLOCK_MONOTONIC_RAW, which nobody sets (the other one is UTC)
+    # fit the camera's clock to CLOCK_MONOTONIC_RAW, which cannot be set (the alternative is UTC)
     context.set_timestamp_clock_type(sdk.OBClockType.MONOTONIC)
     return sdk, context
 
@@ -238,7 +255,7 @@ def _open(sdk: Any, context: Any, settings: FemtoMegaSettings) -> Any:
 
 
 def _probe(address: str) -> None:
-    """The SDK would wait 26 s for a camera that is not there, and hold Python's lock meanwhile."""
+    """Check that the camera answers, because the SDK would wait 26 s for it and hold Python's lock meanwhile."""
     try:
         socket.create_connection((address, _PORT), _PROBE_S).close()
     except OSError as error:
@@ -257,7 +274,7 @@ def _camera_model(profile: Any) -> CameraModel:
 
 
 def _pose(extrinsic: Any) -> Transform:
-    """``color_from_depth``; the device's single precision made an exact rotation."""
+    """Return ``color_from_depth``, with the device's single-precision matrix projected onto an exact rotation."""
     u, _, vt = np.linalg.svd(np.asarray(extrinsic.rot, dtype=float).reshape(3, 3))
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = u @ vt, np.asarray(extrinsic.transform, dtype=float).ravel() / 1000.0

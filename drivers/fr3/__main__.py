@@ -4,7 +4,7 @@ import sys
 from multiprocessing.connection import Connection
 
 from drivers.fr3.loop import serve
-from drivers.fr3.shared_state import Block
+from drivers.fr3.shared_state import SharedState
 
 if __name__ == "__main__":
-    sys.exit(serve(Connection(int(sys.argv[1])), Block(int(sys.argv[2]))))
+    sys.exit(serve(Connection(int(sys.argv[1])), SharedState(int(sys.argv[2]))))

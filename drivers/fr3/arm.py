@@ -1,4 +1,4 @@
-"""The Franka Research 3 as an `Arm`: its control process, and what is asked of it."""
+"""The Franka Research 3 as an `Arm`: runs its control process and sends it requests. Signs: docs/frames.md."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from drivers.fr3.errors import advice_of_mode, arm_mode
 from drivers.fr3.loop import Request
 from drivers.fr3.player import Played
 from drivers.fr3.process import ControlProcess
-from drivers.fr3.shared_state import Snapshot, Want
+from drivers.fr3.shared_state import MotionRequest, RobotSnapshot
 from drivers.interface import Devices
 from drivers.motion.unmoved import unmoved
 
@@ -26,16 +26,17 @@ _log = logging.getLogger(__name__)
 
 @dataclass(eq=False)
 class _Asked:
-    """One `execute` that has not returned, and what was asked of its motion since."""
+    """One `execute` that has not returned, and the state wanted for its motion since."""
 
-    want: Want = Want.PLAY
+    want: MotionRequest = MotionRequest.PLAY
     plays: ControlProcess | None = None
 
 
 class Fr3Arm:
-    """Plays trajectories on an FR3, sample by sample at 1 kHz, from a process of its own.
+    """Plays trajectories on an FR3, sample by sample at 1 kHz, in a separate process.
 
     Args:
+        station: ``fr3`` and ``arm.start_tolerance_rad`` are used.
         start: starts that process. Raises: DriverUnavailable.
     """
 
@@ -44,7 +45,7 @@ class Fr3Arm:
         self._tolerance_rad = station.arm.start_tolerance_rad
         self._process: ControlProcess | None = None
         self._one = threading.Lock()  # one request at a time
-        self._turn = threading.Lock()  # guards what follows, and the block's `want`
+        self._turn = threading.Lock()  # guards `_asked`, and the shared state's `want`
         self._asked: list[_Asked] = []
 
     # --- life ---------------------------------------------------------------------------------------------------------
@@ -52,12 +53,14 @@ class Fr3Arm:
     def connect(self) -> None:
         """Start the control process and wait for the robot's first state.
 
-        Raises: DriverUnavailable: no package, no real-time kernel, no robot, or it does not accept us; with what to do.
+        Raises:
+            DriverUnavailable: no package, no real-time kernel, no robot, or it refuses the connection; with what to do.
         """
         if self._process is None:
             self._process = self._start(self._settings)
 
     def close(self) -> None:
+        """Stop the arm and end the control process; idempotent."""
         self.stop()
         with self._one:
             process, self._process = self._process, None
@@ -73,14 +76,19 @@ class Fr3Arm:
     # --- state --------------------------------------------------------------------------------------------------------
 
     def state(self) -> ArmState:
-        """Raises: DeviceLost when the robot has been silent for half a second."""
+        """Return the measured state.
+
+        Raises:
+            NotConnected: before `connect` and after `close`.
+            DeviceLost: the robot has been silent for half a second.
+        """
         now = self._require().snapshot()
         with self._turn:
             is_moving = any(asked.plays is not None for asked in self._asked)
         return _state(now, ArmMode.MOVE if is_moving else arm_mode(now.mode))
 
     def readings(self) -> dict[str, float]:
-        """``success_rate`` of the commands and ``lost_cycles``; empty while there is no connection."""
+        """Return ``success_rate`` of the commands and ``lost_cycles``; empty while there is no connection."""
         process = self._process
         now = process.newest() if process is not None else None
         return {} if now is None else {"success_rate": now.success_rate, "lost_cycles": float(now.lost_cycles)}
@@ -88,11 +96,12 @@ class Fr3Arm:
     # --- motion -------------------------------------------------------------------------------------------------------
 
     def execute(self, trajectory: Trajectory) -> Motion:
-        """Play ``trajectory``, joined to where the robot is commanded to be (see `drivers.fr3.player`).
+        """Play ``trajectory``, joined to the robot's commanded position (see `drivers.fr3.player`).
 
         Raises:
-            MotionRefused: nothing moved: the arm is in a mode in which it must not, or is commanded to be elsewhere.
-            ArmReflex: it stopped itself; the text has the robot's own names.
+            NotConnected: before `connect` and after `close`.
+            MotionRefused: nothing moved: the arm's mode forbids motion, or its commanded position is elsewhere.
+            ArmReflex: the arm stopped itself; the text has the robot's own error names.
             DeviceLost: the robot or its control process fell silent.
         """
         self._require()
@@ -117,7 +126,7 @@ class Fr3Arm:
         if not may_begin:
             return unmoved(_state(now, mode), trajectory)
         assert isinstance(played, Played), "an execute is answered with what was played"
-        if not played.finished and asked.want is not Want.STOP:
+        if not played.finished and asked.want is not MotionRequest.STOP:
             _log.warning("the motion was braked: this process stood still for too long")
         return Motion(
             finished=played.finished,
@@ -130,43 +139,49 @@ class Fr3Arm:
 
     @contextmanager
     def _under_way(self, process: ControlProcess, asked: _Asked) -> Iterator[bool]:
-        """Gives whether the motion may begin: it was not stopped before. After it nothing is to move any more."""
+        """Yield whether the motion may begin, that is, was not stopped before. After the block no motion is wanted."""
         with self._turn:
-            may_begin = asked.want is not Want.STOP
+            may_begin = asked.want is not MotionRequest.STOP
             if may_begin:
-                process.block.ask(asked.want)
+                process.shared.ask(asked.want)
                 asked.plays = process
         try:
             yield may_begin
         finally:
             with self._turn:
                 asked.plays = None
-                process.block.ask(Want.STOP)
+                process.shared.ask(MotionRequest.STOP)
 
     def stop(self) -> None:
+        """Brake every running and waiting motion on its path, for good."""
         with self._turn:
             for asked in self._asked:
-                _want(asked, Want.STOP)
+                _want(asked, MotionRequest.STOP)
 
     def hold(self) -> None:
+        """Brake every running and waiting motion on its path and wait there; without effect on a stopped one."""
         with self._turn:
             for asked in self._asked:
-                if asked.want is not Want.STOP:
-                    _want(asked, Want.HOLD)
+                if asked.want is not MotionRequest.STOP:
+                    _want(asked, MotionRequest.HOLD)
 
     def resume(self) -> None:
+        """Continue every held motion. Raises: MotionRefused when none is held; NotConnected."""
         self._require()
         with self._turn:
-            held = [asked for asked in self._asked if asked.want is Want.HOLD]
+            held = [asked for asked in self._asked if asked.want is MotionRequest.HOLD]
             if not held:
                 raise MotionRefused("No motion of the arm is held.", "Only a held motion goes on; plan a new one.")
             for asked in held:
-                _want(asked, Want.PLAY)
+                _want(asked, MotionRequest.PLAY)
 
     def recover(self) -> None:
-        """Clear a reflex; when the robot was lost, connect to it anew first. Nothing moves.
+        """Clear a reflex; when the robot was lost, reconnect first. Nothing moves.
 
-        Raises: DriverUnavailable when it is not back; MotionRefused when Desk has to be used first.
+        Raises:
+            NotConnected: before `connect` and after `close`.
+            DriverUnavailable: the robot is not back.
+            MotionRefused: Desk has to be used first.
         """
         self._require()
         with self._one:
@@ -183,13 +198,13 @@ class Fr3Arm:
                                     advice_of_mode(number))  # fmt: skip
 
 
-def _want(asked: _Asked, want: Want) -> None:
+def _want(asked: _Asked, want: MotionRequest) -> None:
     asked.want = want
     if asked.plays is not None:
-        asked.plays.block.ask(want)
+        asked.plays.shared.ask(want)
 
 
-def _state(now: Snapshot, mode: ArmMode) -> ArmState:
+def _state(now: RobotSnapshot, mode: ArmMode) -> ArmState:
     return ArmState(
         stamp_ns=now.stamp_ns,
         mode=mode if not now.busy else ArmMode.OTHER,
@@ -200,5 +215,5 @@ def _state(now: Snapshot, mode: ArmMode) -> ArmState:
 
 
 def open_devices(station: Station) -> Devices:
-    """What the driver registry loads under the name ``fr3``."""
+    """Make the devices of driver ``fr3``; entry point of the driver registry."""
     return Devices(arm=Fr3Arm(station))

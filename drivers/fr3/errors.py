@@ -1,4 +1,4 @@
-"""What libfranka raises, as errors of our tree, with the robot's own error names and what to do in Desk."""
+"""Maps libfranka's exceptions to errors of our tree, with the robot's own error names and the advice for Desk."""
 
 from __future__ import annotations
 
@@ -35,23 +35,23 @@ _RECOVER = "Then `cell clear` and `cell reset`."
 
 
 def arm_mode(mode: int) -> ArmMode:
-    """libfranka's RobotMode as ours."""
+    """Convert libfranka's RobotMode to ours."""
     return _MODES.get(mode, ArmMode.OTHER)
 
 
 def advice_of_mode(mode: int) -> str:
-    """What the operator does so that the arm may move; "" in the modes where it may."""
+    """Return what the operator has to do so that the arm may move; "" in the modes where it may."""
     return _ADVICE_OF_MODE.get(mode, "")
 
 
 def raised_by(franka: Any) -> tuple[type[Exception], ...]:
-    """All that the module ``pylibfranka`` raises; its exceptions have no common base."""
+    """Return every exception type of the module ``pylibfranka``; they have no common base."""
     kinds = ("Command", "Control", "Franka", "InvalidOperation", "Network", "Realtime")
     return tuple(getattr(franka, f"{kind}Exception") for kind in kinds)
 
 
 def connect_error(error: Exception, address: str) -> DriverError:
-    """Why no connection was made."""
+    """Return the error for a failed connection to the robot at ``address``."""
     text = f"The FR3 at {address} cannot be used: {error}."
     kind = type(error).__name__
     if kind == "RealtimeException":
@@ -66,7 +66,7 @@ def connect_error(error: Exception, address: str) -> DriverError:
 
 
 def motion_error(error: Exception) -> DriverError:
-    """What ended a motion, or kept it from beginning."""
+    """Return the error for an exception that ended a motion, or prevented its start."""
     kind, said = type(error).__name__, " ".join(str(error).replace("libfranka:", "").split())
     if kind == "ControlException":
         names = re.findall(r'"([a-z_0-9]+)"', said)
@@ -83,4 +83,4 @@ def motion_error(error: Exception) -> DriverError:
 
 
 _NAMES = {0: "Other", 1: "Idle", 2: "Move", 3: "Guiding", 4: "Reflex", 5: "User stopped", 6: "Automatic error recovery"}
-"""As libfranka writes them."""
+"""The modes' names in libfranka's texts."""

@@ -1,6 +1,6 @@
-"""The arm's control process: answers the robot every millisecond. Nothing else runs here.
+"""The arm's control process: answers the robot every millisecond, and does nothing else.
 
-Started by `drivers.fr3.arm` with two inherited file descriptors: the shared `Block` and a socket for requests.
+`drivers.fr3.arm` starts it with two inherited file descriptors: the memory of `SharedState` and a socket for requests.
 libfranka holds Python's lock in every call, so this cannot be a thread of the driver.
 """
 
@@ -28,13 +28,13 @@ from bus.trajectory import TICK_S, Trajectory
 from config.hardware import Fr3Settings
 from drivers.fr3.errors import connect_error, motion_error, raised_by
 from drivers.fr3.player import Played, Player
-from drivers.fr3.shared_state import Block
+from drivers.fr3.shared_state import SharedState
 
 _LOOK_TICKS = 50
-"""How often a motion looks whether the driver is still there."""
+"""Period of the check during a motion that the driver is still there."""
 SILENT_NS = 500_000_000
-"""A driver that says nothing for so long is frozen, and nobody could stop the arm through it: then the motion brakes. A
-busy machine makes it late by less, and at 3 rad/s the arm is at rest within a second and 2 rad."""
+"""A driver silent for so long is frozen, and the arm could not be stopped through it: then the motion brakes. A busy
+machine delays it by less, and at 3 rad/s the arm is at rest within a second and 2 rad."""
 _PRIORITY = 80
 _NICE = -10
 _MCL_CURRENT_AND_FUTURE = 3
@@ -42,9 +42,12 @@ _MCL_CURRENT_AND_FUTURE = 3
 
 @dataclass(frozen=True)
 class Request:
-    """What the driver asks: play a trajectory, or, without one, recover.
+    """A request of the driver: play a trajectory, or, without one, recover.
 
-    It is answered with a `Played`, an `ErrorReply`, or None when there is nothing to say.
+    The answer is a `Played`, an `ErrorReply`, or None.
+
+    Attributes:
+        tolerance_rad: largest accepted distance between the trajectory's start and the commanded position.
     """
 
     trajectory: Trajectory | None = None
@@ -55,19 +58,19 @@ class ControlLoop:
     """One connection to one robot.
 
     Args:
-        franka: the module ``pylibfranka``. ``gone``: tells that nobody listens any more.
-        clock_ns: the monotonic clock, by which the driver's heart beats.
+        franka: the module ``pylibfranka``. ``gone``: whether the driver has closed its socket.
+        clock_ns: the monotonic clock of the driver's heartbeat.
     """
 
     def __init__(
         self,
         franka: Any,
         settings: Fr3Settings,
-        block: Block,
+        shared: SharedState,
         gone: Callable[[], bool],
         clock_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        self._franka, self._block, self._gone, self._clock_ns = franka, block, gone, clock_ns
+        self._franka, self._shared, self._gone, self._clock_ns = franka, shared, gone, clock_ns
         enforce = settings.realtime == "enforce"
         realtime = franka.RealtimeConfig.kEnforce if enforce else franka.RealtimeConfig.kIgnore
         self._robot = franka.Robot(settings.address, realtime)
@@ -76,21 +79,29 @@ class ControlLoop:
         self.idle()
 
     def idle(self) -> None:
-        """One cycle without a motion: keep the state fresh."""
+        """Run one cycle without a motion, to keep the state fresh."""
         self._publish(self._robot.read_once())
 
     def recover(self) -> None:
         """Clear a reflex; takes 50 ms to some seconds. Nothing moves."""
-        self._block.say_busy(True)
+        self._shared.say_busy(True)
         try:
             self._robot.automatic_error_recovery()
         finally:
             self.idle()
-            self._block.say_busy(False)
+            self._shared.say_busy(False)
 
     def play(self, trajectory: Trajectory, tolerance_rad: float) -> Played:
-        """Stream ``trajectory`` and return when the arm rests. Raises: what libfranka raises; MotionRefused."""
-        player = Player(trajectory, self._block)
+        """Stream ``trajectory`` and return when the arm rests.
+
+        Args:
+            tolerance_rad: largest accepted distance between the trajectory's start and the commanded position.
+
+        Raises:
+            MotionRefused: the start is farther away; nothing moved.
+            Exception: one of `raised_by`, from libfranka.
+        """
+        player = Player(trajectory, self._shared)
         control = self._robot.start_joint_position_control(self._franka.ControllerMode.JointImpedance)
         state, _ = control.readOnce()
         try:
@@ -102,7 +113,7 @@ class ControlLoop:
             control.writeOnce(self._positions(command))
             state, period = control.readOnce()
             self._publish(state)
-            ticks = max(1, round(period.to_sec() / TICK_S))  # by the robot's time, which knows of lost cycles
+            ticks = max(1, round(period.to_sec() / TICK_S))  # robot time, which counts lost cycles too
             self._lost_cycles += ticks - 1
             following = player.advance(ticks, state)
             if following is None:
@@ -115,8 +126,8 @@ class ControlLoop:
         return player.played(self._robot.read_once())
 
     def _is_silent(self) -> bool:
-        """Whether the driver stands still: it is there, and nobody can reach the arm through it."""
-        return self._clock_ns() - self._block.beat_ns > SILENT_NS
+        """Whether the driver process is frozen: it exists, but the arm cannot be stopped through it."""
+        return self._clock_ns() - self._shared.beat_ns > SILENT_NS
 
     def _finish(self, control: Any, command: Any) -> None:
         last = self._positions(command)
@@ -127,7 +138,7 @@ class ControlLoop:
         return self._franka.JointPositions(command.tolist())
 
     def _publish(self, state: Any) -> None:
-        self._block.write(time.time_ns(), self._clock_ns(), state, self._lost_cycles)
+        self._shared.write(time.time_ns(), self._clock_ns(), state, self._lost_cycles)
 
 
 def _configure(robot: Any, settings: Fr3Settings) -> None:
@@ -139,7 +150,7 @@ def _configure(robot: Any, settings: Fr3Settings) -> None:
 
 
 def _be_punctual() -> None:
-    """Run before all others, from memory that is never swapped out. Raises: DriverUnavailable where not allowed."""
+    """Set real-time priority and lock the memory. Raises: DriverUnavailable where that is not allowed."""
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
     except PermissionError as error:
@@ -154,8 +165,8 @@ def _be_punctual() -> None:
         )
 
 
-def open_loop(settings: Fr3Settings, block: Block, gone: Callable[[], bool]) -> ControlLoop:
-    """Connect and configure. Raises: DriverUnavailable, with what to do."""
+def open_loop(settings: Fr3Settings, shared: SharedState, gone: Callable[[], bool]) -> ControlLoop:
+    """Connect to the robot and configure it. Raises: DriverUnavailable, with what to do."""
     try:
         franka = importlib.import_module("pylibfranka")
     except ImportError as error:
@@ -166,20 +177,20 @@ def open_loop(settings: Fr3Settings, block: Block, gone: Callable[[], bool]) -> 
     if settings.realtime == "enforce":
         _be_punctual()
     else:
-        with suppress(PermissionError):  # at least before what is less urgent
+        with suppress(PermissionError):  # without real-time priority at least a higher one
             os.nice(_NICE)
     try:
-        return ControlLoop(franka, settings, block, gone)
+        return ControlLoop(franka, settings, shared, gone)
     except raised_by(franka) as error:
         raise connect_error(error, settings.address) from error
 
 
-def serve(requests: Connection, block: Block) -> int:
-    """Answer requests until the driver is gone, or the robot; returns the exit code."""
+def serve(requests: Connection, shared: SharedState) -> int:
+    """Answer requests until the driver or the robot is gone. Returns the exit code."""
     settings = Fr3Settings.model_validate_json(requests.recv())
 
     try:
-        loop = open_loop(settings, block, gone=requests.poll)  # nothing is asked during a motion: it is the end
+        loop = open_loop(settings, shared, gone=requests.poll)  # no request comes during a motion, only the end
     except CellError as error:
         requests.send(error_reply(error))
         return error.exit_code
@@ -216,5 +227,5 @@ def _answer(loop: ControlLoop, request: Request) -> Played | ErrorReply | None:
         failure = error_reply(motion_error(error))
     else:
         return None
-    loop.idle()  # whoever hears of it sees the mode that came of it
+    loop.idle()  # publish the resulting mode before the driver gets the error
     return failure

@@ -1,4 +1,4 @@
-"""The commands of one motion as the robot's time passes, and what is measured meanwhile."""
+"""Computes the commands of one motion as the robot's time passes, and collects the measured states."""
 
 from __future__ import annotations
 
@@ -10,17 +10,23 @@ import numpy as np
 from bus.arrays import Joints, JointSamples, Samples
 from bus.errors import MotionRefused
 from bus.trajectory import TICK_S, Trajectory
-from drivers.fr3.shared_state import Block, Want
+from drivers.fr3.shared_state import MotionRequest, SharedState
 from drivers.motion.stream import Stream
 
 _MEASURE_TICKS = 10
 _GENTLE_RAD_S2 = 0.05
-"""What the fading of the first difference may add to the motion's acceleration: half a percent of what is allowed."""
+"""Acceleration that fading out the first difference may add to the motion: half a percent of the limit."""
 
 
 @dataclass(frozen=True)
 class Played:
-    """What was commanded, every tick of robot time, and what was measured, every tenth; the arm is at rest again."""
+    """Outcome of one motion; the arm is at rest again.
+
+    Attributes:
+        finished: played to its end.
+        commanded_q_rad: (n, 7), one row per tick (1 ms) of robot time.
+        t_s, q_rad, dq_rad_s, tau_ext_nm: measured (m,) and (m, 7), every 10 ms.
+    """
 
     finished: bool
     commanded_q_rad: JointSamples
@@ -31,14 +37,20 @@ class Played:
 
 
 class Player:
-    """Plays ``trajectory``, joined to where the robot is commanded to be: its first command must be exactly that.
+    """Plays ``trajectory``, joined to the robot's commanded position, which its first command must equal exactly.
 
     Motions are planned from the measured position, some milliradians away. The difference fades out, so that the motion
     ends exactly where it was planned to, if need be a little later.
+
+    Args:
+        shared: gives the wanted state of the motion.
+
+    Attributes:
+        commanded: the commands (7,) so far [rad].
     """
 
-    def __init__(self, trajectory: Trajectory, block: Block) -> None:
-        self._stream, self._block = Stream(trajectory), block
+    def __init__(self, trajectory: Trajectory, shared: SharedState) -> None:
+        self._stream, self._shared = Stream(trajectory), shared
         self._planned_q_rad = trajectory.start_q_rad
         self._away_rad = np.zeros(7)
         self._tick = self._fade_ticks = 0
@@ -46,7 +58,11 @@ class Player:
         self._measured: list[tuple[int, Any]] = []
 
     def begin(self, state: Any, tolerance_rad: float) -> Joints:
-        """The first command, from the first state. Raises: MotionRefused beyond the tolerance."""
+        """Return the first command (7,) [rad], from the robot's first state.
+
+        Raises:
+            MotionRefused: the trajectory starts more than ``tolerance_rad`` from the commanded position.
+        """
         q_d_rad = np.array(state.q_d)
         self._stream.next()
         self._away_rad = q_d_rad - self._planned_q_rad
@@ -64,7 +80,7 @@ class Player:
         return q_d_rad
 
     def advance(self, ticks: int, state: Any) -> Joints | None:
-        """The command ``ticks`` later; None at the end. While the motion is held at rest no tick is kept."""
+        """Return the command (7,) [rad] ``ticks`` (ms) later; None at the end. A motion held at rest keeps no ticks."""
         self._obey()
         command = None
         for _ in range(ticks):
@@ -83,10 +99,10 @@ class Player:
         self._stream.brake()
 
     def played(self, at_rest: Any) -> Played:
-        """What became of it; ``at_rest``: the state after it."""
+        """Return the outcome; ``at_rest``: the robot's state after the motion."""
         measured = [*self._measured, (len(self.commanded), at_rest)]
         if len(measured) > 2 and measured[-1][0] - measured[-2][0] < _MEASURE_TICKS / 2:
-            del measured[-2]  # the end takes its place
+            del measured[-2]  # the state at rest replaces a sample just before it
         states = [state for _, state in measured]
         return Played(
             finished=self._stream.finished,
@@ -94,11 +110,11 @@ class Player:
             t_s=np.array([tick for tick, _ in measured]) * TICK_S,
             q_rad=np.array([state.q for state in states]),
             dq_rad_s=np.array([state.dq for state in states]),
-            tau_ext_nm=-np.array([state.tau_ext_hat_filtered for state in states]),  # see Block.write
+            tau_ext_nm=-np.array([state.tau_ext_hat_filtered for state in states]),  # see SharedState.write
         )
 
     def _still_away_rad(self) -> Joints:
-        """What is left of the first difference, one tick on: a quintic from 1 to 0."""
+        """Return the rest of the first difference, one tick on: a quintic from 1 to 0."""
         self._tick += 1
         if self._tick >= self._fade_ticks:
             return np.zeros(7)
@@ -111,10 +127,10 @@ class Player:
             self._measured.append((len(self.commanded), state))
 
     def _obey(self) -> None:
-        want = self._block.want
-        if want == Want.STOP:
+        want = self._shared.want
+        if want == MotionRequest.STOP:
             self._stream.brake()
-        elif want == Want.HOLD:
+        elif want == MotionRequest.HOLD:
             self._stream.hold()
         else:
             self._stream.resume()

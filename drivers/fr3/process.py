@@ -1,4 +1,4 @@
-"""The arm's control process as its driver sees it: started, asked, listened to, ended."""
+"""The driver's side of the arm's control process: starts it, sends requests, reads its state, ends it."""
 
 from __future__ import annotations
 
@@ -17,29 +17,36 @@ from bus.threads import OwnedThread, Role
 from config.hardware import Fr3Settings
 from drivers.fr3.loop import Request
 from drivers.fr3.player import Played
-from drivers.fr3.shared_state import Block, Snapshot
+from drivers.fr3.shared_state import RobotSnapshot, SharedState
 
 _CONNECT_S = 20.0
 _STALE_S = 0.5
-"""A state so old means that the robot or the control process is gone: both renew it every millisecond."""
+"""An older state means that the robot or the control process is gone: both renew it every millisecond."""
 _END_S = 3.0
 _LOOK_S = 0.05
 _BEAT_S = 0.05
-"""A tenth of the silence that the control process takes for a frozen driver."""
+"""Period of the heartbeat: a tenth of the silence after which the control process takes the driver for frozen."""
 LOST_ADVICE = "Check the arm's power and network; when it is back, `cell clear` and `cell reset`."
 
 
 class ControlProcess:
-    """One control process, connected to the robot. Raises: DriverUnavailable, with what to do."""
+    """One control process, connected to the robot.
+
+    Attributes:
+        shared: memory shared with the process.
+
+    Raises:
+        DriverUnavailable: with what to do.
+    """
 
     def __init__(self, settings: Fr3Settings) -> None:
-        self.block = Block.create()
+        self.shared = SharedState.create()
         self._address = settings.address
         ours, theirs = socket.socketpair()
         with theirs:
             self._child = subprocess.Popen(
-                [sys.executable, "-P", "-m", "drivers.fr3", str(theirs.fileno()), str(self.block.descriptor)],
-                pass_fds=(theirs.fileno(), self.block.descriptor),
+                [sys.executable, "-P", "-m", "drivers.fr3", str(theirs.fileno()), str(self.shared.descriptor)],
+                pass_fds=(theirs.fileno(), self.shared.descriptor),
                 stdin=subprocess.DEVNULL,
             )
         self._requests = Connection(os.dup(ours.fileno()))
@@ -56,24 +63,25 @@ class ControlProcess:
 
     @property
     def is_lost(self) -> bool:
-        """Whether it ended, or the robot fell silent."""
+        """Whether the process ended, or the robot fell silent."""
         if self._lost or self._child.poll() is not None:
             return True
-        now = self.block.read()
+        now = self.shared.read()
         return now is None or (not now.busy and _age_s(now) > _STALE_S)
 
-    def newest(self) -> Snapshot | None:
-        """The newest state, or None when it is lost."""
-        return None if self.is_lost else self.block.read()
+    def newest(self) -> RobotSnapshot | None:
+        """Return the newest state, or None when the robot or the process is lost."""
+        return None if self.is_lost else self.shared.read()
 
-    def snapshot(self) -> Snapshot:
+    def snapshot(self) -> RobotSnapshot:
+        """Return the newest state. Raises: DeviceLost."""
         now = self.newest()
         if now is None:
             raise DeviceLost(f"The FR3 at {self._address} does not answer any more.", LOST_ADVICE)
         return now
 
     def answer(self, request: Request) -> Played | None:
-        """Ask, and wait for the answer as long as the robot is alive. Raises: what the answer says; DeviceLost."""
+        """Send a request and wait for the answer while the robot is alive. Raises: DeviceLost; the answer's error."""
         try:
             self._requests.send(request)
             while not self._requests.poll(_LOOK_S):
@@ -109,12 +117,12 @@ class ControlProcess:
         return received
 
     def _beat(self) -> None:
-        """Say again and again that this process is not frozen, until the end."""
+        """Publish the heartbeat every 50 ms, until the end."""
         while not self._ending.wait(_BEAT_S):
-            self.block.beat(time.monotonic_ns())
+            self.shared.beat(time.monotonic_ns())
 
     def end(self) -> None:
-        """It brakes what moves and ends when nobody listens any more; insist if it does not. Idempotent."""
+        """Close the requests, upon which the process brakes any motion and ends; after 3 s it is killed. Idempotent."""
         self._lost = True
         self._ending.set()
         if self._requests.closed:
@@ -125,8 +133,8 @@ class ControlProcess:
         except subprocess.TimeoutExpired:
             self._child.kill()
             self._child.wait()
-        self.block.close()
+        self.shared.close()
 
 
-def _age_s(now: Snapshot) -> float:
+def _age_s(now: RobotSnapshot) -> float:
     return (time.monotonic_ns() - now.heard_ns) / 1e9

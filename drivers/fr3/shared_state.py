@@ -1,4 +1,4 @@
-"""Memory the arm's driver shares with its control process: the newest state one way, what is wanted the other."""
+"""Memory shared by the arm's driver and its control process: the newest state one way, the wanted motion the other."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ _LAYOUT = np.dtype(
 )
 _TRIES = 10_000
 MOVE = 2
-"""libfranka's RobotMode while it is controlled."""
+"""libfranka's RobotMode while the robot is controlled."""
 
 
-class Want(IntEnum):
-    """What is to become of the motion under way."""
+class MotionRequest(IntEnum):
+    """The state wanted for the running motion."""
 
     PLAY = 0
     HOLD = 1
@@ -42,16 +42,17 @@ class Want(IntEnum):
 
 
 @dataclass(frozen=True)
-class Snapshot:
+class RobotSnapshot:
     """One state of the robot, consistent in itself.
 
     Attributes:
-        stamp_ns, heard_ns: when it arrived here, in UTC and by the monotonic clock, which all processes share.
+        stamp_ns, heard_ns: time of arrival, in UTC and by the monotonic clock, which all processes share.
         mode: libfranka's RobotMode.
-        tau_ext_nm: torque by the outside world on each joint. ``q_d_rad``: commanded position.
+        q_rad, dq_rad_s: (7,) measured. ``q_d_rad``: (7,) commanded position.
+        tau_ext_nm: (7,) external torque on each joint.
         success_rate: share of the last 100 commands of the newest motion that came in time.
         lost_cycles: since the connection was made.
-        busy: the control process does something that takes longer than a cycle; the state may be old.
+        busy: the control process performs a call longer than a cycle; the state may be old.
     """
 
     stamp_ns: int
@@ -66,8 +67,8 @@ class Snapshot:
     q_d_rad: Joints
 
 
-class Block:
-    """One record of shared memory, behind a file descriptor that a child process can inherit; one writer a side."""
+class SharedState:
+    """One record of shared memory, behind a file descriptor that a child process inherits; one writer per field."""
 
     def __init__(self, descriptor: int) -> None:
         self.descriptor = descriptor
@@ -75,19 +76,20 @@ class Block:
         self._record: Any = np.frombuffer(self._map, _LAYOUT)
 
     @classmethod
-    def create(cls) -> Block:
+    def create(cls) -> SharedState:
+        """Make the memory, and the descriptor for a child process."""
         descriptor = os.memfd_create("fr3-state", 0)
         os.truncate(descriptor, _LAYOUT.itemsize)
         return cls(descriptor)
 
     def close(self) -> None:
-        """Let go of the descriptor; what was written can still be read."""
+        """Close the descriptor; the record can still be read."""
         os.close(self.descriptor)
 
     # --- the driver's side --------------------------------------------------------------------------------------------
 
-    def read(self) -> Snapshot | None:
-        """The newest state; None before the first. Raises: DriverError when it is never found whole."""
+    def read(self) -> RobotSnapshot | None:
+        """Return the newest state; None before the first. Raises: DriverError when it stays half-written."""
         for _ in range(_TRIES):
             before = int(self._record["sequence"][0])
             copy = self._record[0].copy()
@@ -95,32 +97,38 @@ class Block:
                 return _snapshot(copy) if before else None
         raise DriverError("The control process died while it wrote the arm's state.", "Recover the arm.")
 
-    def ask(self, want: Want) -> None:
+    def ask(self, want: MotionRequest) -> None:
+        """Set the state wanted for the running motion."""
         self._record["want"][0] = want
 
     def beat(self, now_ns: int) -> None:
-        """Say that the driver was alive at ``now_ns`` of the monotonic clock."""
+        """Set the driver's heartbeat to ``now_ns`` of the monotonic clock."""
         self._record["beat_ns"][0] = now_ns
 
     # --- the control process's side -----------------------------------------------------------------------------------
 
     @property
     def want(self) -> int:
+        """The state wanted for the running motion, a `MotionRequest`."""
         return int(self._record["want"][0])
 
     @property
     def beat_ns(self) -> int:
-        """When the driver was alive last, by the monotonic clock; 0 = it never said so."""
+        """The driver's newest heartbeat by the monotonic clock; 0 = none yet."""
         return int(self._record["beat_ns"][0])
 
     def say_busy(self, busy: bool) -> None:
+        """Mark whether a call longer than a cycle is running."""
         self._record["busy"][0] = busy
 
     def write(self, stamp_ns: int, heard_ns: int, state: Any, lost_cycles: int) -> None:
-        """Publish one libfranka RobotState, heard at one moment by two clocks.
+        """Publish one libfranka RobotState.
 
         Its ``tau_ext_hat_filtered`` is the robot's counter torque (a gripper pulled down reads as an upward force:
-        libfranka issue 26); ours is what the outside world does to the joints.
+        libfranka issue 26); ours is the external torque on the joints (docs/frames.md), so the sign changes.
+
+        Args:
+            stamp_ns, heard_ns: time of arrival, in UTC and by the monotonic clock.
         """
         record = self._record
         record["sequence"][0] += 1
@@ -134,9 +142,9 @@ class Block:
         record["sequence"][0] += 1
 
 
-def _snapshot(record: Any) -> Snapshot:
+def _snapshot(record: Any) -> RobotSnapshot:
     joints = {name: np.array(record[name]) for name in _JOINTS}
-    return Snapshot(
+    return RobotSnapshot(
         stamp_ns=int(record["stamp_ns"]),
         heard_ns=int(record["heard_ns"]),
         mode=int(record["mode"]),

@@ -1,1 +1,1 @@
-"""How a sampled trajectory is played: on its path, held, resumed, braked."""
+"""Playback of a sampled trajectory: on its path, held, resumed, braked."""

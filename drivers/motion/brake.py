@@ -1,4 +1,4 @@
-"""Brings moving joints to rest when there is no path to stay on: after an error in the middle of a motion, say."""
+"""Brings moving joints to rest without a path to stay on, e.g. after an error in the middle of a motion."""
 
 from __future__ import annotations
 
@@ -11,21 +11,22 @@ from bus.trajectory import TICK_S
 from config.limits import ACCELERATION_RAD_S2, JERK_RAD_S3
 
 _SHARE = 0.98
-"""Of the limits; the samples' differences lag the profile by a tick."""
+"""Share of the limits that is used; the samples' differences lag the profile by a tick."""
 _GENTLE_JERK = 0.25
 _BEYOND = "The arm cannot be brought to rest within its limits."
 _ADVICE = "The arm's own controller stops it now; find out what sent these commands."
 
 
-def coast(last_q_rad: JointSamples) -> JointSamples:
-    """1 kHz commands (n, 7) from motion to rest, all joints at rest at the same time (ruckig).
+def brake_without_path(last_q_rad: JointSamples) -> JointSamples:
+    """Return 1 kHz commands (n, 7) [rad] from motion to rest, all joints at rest at the same time (ruckig).
 
-    Not on any checked path: the arm runs on by up to dq^2 / 20. With a trajectory, use `drivers.motion.stream`.
+    They follow no checked path: the arm runs on by up to dq^2 / 20. With a trajectory, use `drivers.motion.stream`.
 
     Args:
         last_q_rad: (3, 7) the last three commands.
 
-    Raises: DriverError when they are not finite, or move faster than can be braked within the limits.
+    Raises:
+        DriverError: the commands are not finite, or too fast to be braked within the limits.
     """
     if not np.isfinite(last_q_rad).all():
         raise DriverError("The last commands are not finite numbers: there is no state to brake from.", _ADVICE)

@@ -1,4 +1,4 @@
-"""How far a motion has come along its samples, and how fast its rate may change.
+"""The progress of a motion along its samples, and the limits on the rate's change.
 
 With q(s) the planned motion (s in ticks) and r = ds/dt the rate of progress, the acceleration is q' dr/dt + q'' r^2 and
 the jerk q' d2r/dt2 + ...: both are kept by bounding dr/dt and its change, joint by joint, around the present tick.
@@ -18,22 +18,22 @@ from config.limits import ACCELERATION_RAD_S2
 Array = npt.NDArray[np.float64]
 
 _ACCELERATION = 0.985 * float(ACCELERATION_RAD_S2.min()) * TICK_S**2
-"""What a change of rate may bring a joint to [rad per tick^2]."""
+"""Largest acceleration of a joint during a change of rate [rad per tick^2]."""
 _ONSET = 1.5
-"""A stop sets in this much harder than the moving average makes the motion itself begin."""
+"""Onset of a stop relative to the onset of the motion itself, which the moving average gives."""
 _SHORTEST_WINDOW = 16
 _AHEAD_TICKS = 128
-"""A stop lasts about so long: how fast its end may set in is known that far ahead."""
+"""Look-ahead, about the duration of a stop: the onset allowed at its end must be known from its start."""
 _STILL = 1e-12
 
 
 class Progress:
-    """A motion's place and rate. Undisturbed, the commands are the samples themselves, bit for bit.
+    """Place and rate of a motion. Undisturbed, the commands are the samples themselves, bit for bit.
 
     Args:
         samples_rad: (n, 7) 1 kHz commands, from rest to rest, within every limit.
-        window: of the moving average they came from: how smoothly a stop sets in. With fewer than 16 samples the curve
-            through them overshoots their acceleration by up to 0.6 %.
+        window: of the moving average they came from; it sets how smoothly a stop begins. With fewer than 16 samples the
+            curve through them overshoots their acceleration by up to 0.6 %.
     """
 
     def __init__(self, samples_rad: JointSamples, window: int) -> None:
@@ -47,23 +47,25 @@ class Progress:
 
     @property
     def at_end(self) -> bool:
+        """Whether the last sample is reached."""
         return self._at >= self._last
 
     @property
     def at_rest(self) -> bool:
+        """Whether the motion rests, at its end or on its path."""
         return self._rate == 0.0 or self.at_end
 
     def q_rad(self) -> Joints:
-        """The command here."""
+        """Return the command (7,) at this place."""
         tick = int(self._at)
         return np.asarray(self._samples[tick] if tick == self._at else self._curve(self._at))
 
     def advance(self, target_rate: float) -> None:
-        """One tick on, the rate brought nearer to ``target_rate`` (0 or 1) as fast as every joint allows."""
+        """Advance one tick (1 ms), and move the rate towards ``target_rate`` (0 or 1) as fast as every joint allows."""
         if self._rate == target_rate:
             self._at = min(self._at + self._rate, float(self._last))
             return
-        if self._at == 0.0 and target_rate == 0.0:  # not under way yet
+        if self._at == 0.0 and target_rate == 0.0:  # not begun yet
             self._rate = 0.0
             return
         gain = self._next_gain(target_rate)
@@ -73,7 +75,7 @@ class Progress:
         self._rate, self._gain = (target_rate, 0.0) if arrived else (rate, gain)
 
     def _next_gain(self, target_rate: float) -> float:
-        """The largest allowed step towards the target that can still fade out when it gets there."""
+        """Return the largest allowed step towards the target that can still fade out before it is reached."""
         tick = int(self._at)
         onset = self._onset[tick]
         away = abs(target_rate - self._rate)
@@ -83,7 +85,7 @@ class Progress:
         return float(np.clip(np.clip(wanted, low, high), -self._rate, 1.0 - self._rate))
 
     def _gains(self, tick: int) -> tuple[float, float]:
-        """The gains (<= 0, >= 0) with which no joint exceeds its acceleration from this tick to the next."""
+        """Return the gains (<= 0, >= 0) with which no joint exceeds its acceleration from this tick to the next."""
         slope, bend = self._slope[tick : tick + 3], self._bend[tick : tick + 3]
         speed = np.maximum(np.abs(slope), 1e-15)
         drive = np.sign(slope) * bend * self._rate**2  # > 0: the path itself speeds this joint up

@@ -1,4 +1,4 @@
-"""Whether a stop came since a motion was asked for: then it does not begin, or ends."""
+"""Counts stops, so that a motion that was requested before a stop does not begin, or ends."""
 
 from __future__ import annotations
 
@@ -7,18 +7,22 @@ from collections.abc import Callable
 
 
 class Stops:
-    """The stops of one device. None is ever taken back: a later motion counts from when it is asked for itself."""
+    """The stops of one device. A stop is never taken back; a later motion counts from its own request."""
 
     def __init__(self) -> None:
         self._count = 0
         self._counting = threading.Lock()
 
     def stop(self) -> None:
-        """End all that was asked for until now."""
+        """End every motion requested until now."""
         with self._counting:
             self._count += 1
 
     def asked(self) -> Callable[[], bool]:
-        """For a motion that is asked for now, before it waits for anything: whether a stop came since."""
+        """Register a motion at its request, before it waits for anything.
+
+        Returns:
+            A function that tells whether a stop came since.
+        """
         before = self._count
         return lambda: self._count != before

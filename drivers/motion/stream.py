@@ -1,7 +1,7 @@
-"""Plays a trajectory tick by tick; stops, holds and resumes on its path. One for every arm.
+"""Plays a trajectory tick by tick; stops, holds and resumes on its path. Every arm uses it.
 
-What is played are the filtered samples, exactly. A hold or stop slows the *progress* along them: at rate r the arm is
-where the planned motion is, only later, so no command ever leaves the path that was checked.
+The filtered samples are played exactly. A hold or stop slows the *progress* along them: at rate r the arm is where the
+planned motion is, only later, so no command leaves the checked path.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class _Want(Enum):
 class Stream:
     """The 1 kHz commands of one trajectory.
 
-    `hold`, `resume` and `brake` may be called from any thread, and more than once; `next` by one.
+    `hold`, `resume` and `brake` may be called from any thread, and repeatedly; `next` from one thread.
     """
 
     def __init__(self, trajectory: Trajectory) -> None:
@@ -40,25 +40,25 @@ class Stream:
 
     @property
     def held(self) -> bool:
-        """Whether it rests on its path and waits for `resume`."""
+        """Whether the motion rests on its path and waits for `resume`."""
         return self._want is _Want.HOLD and self._begun and self._progress.at_rest
 
     @property
     def is_held_or_about_to_be(self) -> bool:
-        """Whether `hold` was the last that was asked."""
+        """Whether `hold` was the last request."""
         return self._want is _Want.HOLD
 
     @property
     def is_braked(self) -> bool:
-        """Whether it was asked to come to rest for good."""
+        """Whether `brake` was called."""
         return self._want is _Want.STOP
 
     def hold(self) -> None:
-        """Come to rest on the path and wait there; `next` goes on giving the same command."""
+        """Come to rest on the path and wait there; `next` repeats the same command."""
         self._ask(_Want.HOLD)
 
     def resume(self) -> None:
-        """Go on to the end, after a `hold`."""
+        """Continue to the end, after a `hold`."""
         self._ask(_Want.PLAY)
 
     def brake(self) -> None:
@@ -66,7 +66,7 @@ class Stream:
         self._ask(_Want.STOP)
 
     def next(self) -> Joints | None:
-        """The next command, one tick after the last; None once at rest, at the end or after a brake."""
+        """Return the next command (7,) [rad], one tick (1 ms) after the last; None once at rest for good."""
         if self._over:
             return None
         if not self._begun:

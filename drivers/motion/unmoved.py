@@ -1,4 +1,4 @@
-"""What is answered for a motion that never began."""
+"""The outcome of a motion that never began."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from bus.trajectory import Trajectory
 
 
 def unmoved(state: ArmState, trajectory: Trajectory) -> Motion:
-    """``trajectory`` stopped before its first step; ``state`` is measured meanwhile."""
+    """Return the outcome of ``trajectory`` stopped before its first step; ``state``: measured meanwhile."""
     return Motion(
         finished=False,
         commanded_q_rad=trajectory.start_q_rad[None],

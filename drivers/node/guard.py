@@ -1,4 +1,4 @@
-"""The last check before arm or hand move. It refuses and never repairs: what it lets through is passed on unchanged."""
+"""The last check before arm or hand move. It refuses and never repairs: an accepted motion is passed on unchanged."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from drivers.motion.unmoved import unmoved
 
 
 class Guard:
-    """An `Arm` that refuses every trajectory which another arm should not play.
+    """An `Arm` that refuses unsafe trajectories for the arm behind it.
 
     Args:
         arm: the arm that moves.
-        station: ``arm.start_tolerance_rad`` is read from it.
+        station: ``arm.start_tolerance_rad`` is used.
     """
 
     def __init__(self, arm: Arm, station: Station) -> None:
@@ -29,13 +29,15 @@ class Guard:
         self._start_tolerance_rad = station.arm.start_tolerance_rad
 
     def connect(self) -> None:
+        """Passed on."""
         self._arm.connect()
 
     def state(self) -> ArmState:
+        """Passed on."""
         return self._arm.state()
 
     def execute(self, trajectory: Trajectory) -> Motion:
-        """Check, then play.
+        """Check the trajectory against every limit and the arm's state, then play it.
 
         Raises:
             MotionRefused: nothing moved; the text names the limit, joint and time, or the joint that is elsewhere.
@@ -48,7 +50,7 @@ class Guard:
         return unmoved(state, trajectory) if stopped() else self._arm.execute(trajectory)
 
     def stop(self) -> None:
-        """Passed on unchecked. An arm that cannot be asked to stop is not moving, so no error is raised."""
+        """Passed on unchecked. An arm that cannot take a stop is not moving, so no error is raised."""
         self._stops.stop()
         with suppress(CellError):
             self._arm.stop()
@@ -59,41 +61,46 @@ class Guard:
             self._arm.hold()
 
     def resume(self) -> None:
-        """Passed on: what goes on is the rest of a trajectory that was checked whole."""
+        """Passed on: the rest of the trajectory was checked with the whole."""
         self._arm.resume()
 
     def recover(self) -> None:
+        """Passed on."""
         self._arm.recover()
 
     def close(self) -> None:
+        """Passed on."""
         self._arm.close()
 
 
 class HandGuard:
-    """A `Hand` that refuses widths, speeds and forces which this hand does not have (``station.hand``)."""
+    """A `Hand` that refuses widths, speeds and forces beyond this hand's limits (``station.hand``)."""
 
     def __init__(self, hand: Hand, station: Station) -> None:
         self._hand, self._limits = hand, station.hand
 
     def connect(self) -> None:
+        """Passed on."""
         self._hand.connect()
 
     def state(self) -> HandState:
+        """Passed on."""
         return self._hand.state()
 
     def move(self, width_m: float, speed_m_s: float) -> HandState:
-        """Raises: HandFault; nothing moved."""
+        """Check ``width_m`` and ``speed_m_s``, then move. Raises: HandFault; nothing moved."""
         _require_within("width_m", width_m, 0.0, self._limits.max_width_m)
         _require_within("speed_m_s", speed_m_s, 0.0, self._limits.max_speed_m_s)
         return self._hand.move(width_m, speed_m_s)
 
     def grasp(self, force_n: float, speed_m_s: float) -> HandState:
-        """Raises: HandFault; nothing moved."""
+        """Check ``force_n`` and ``speed_m_s``, then grasp. Raises: HandFault; nothing moved."""
         _require_within("force_n", force_n, 0.0, self._limits.max_force_n)
         _require_within("speed_m_s", speed_m_s, 0.0, self._limits.max_speed_m_s)
         return self._hand.grasp(force_n, speed_m_s)
 
     def home(self) -> HandState:
+        """Passed on."""
         return self._hand.home()
 
     def stop(self) -> None:
@@ -102,11 +109,12 @@ class HandGuard:
             self._hand.stop()
 
     def close(self) -> None:
+        """Passed on."""
         self._hand.close()
 
 
 def _require_within(name: str, value: float, lowest: float, highest: float) -> None:
-    if not lowest <= value <= highest:  # nan is nowhere
+    if not lowest <= value <= highest:  # written so that NaN fails
         raise HandFault(f"{name} = {value:g} is not between {lowest:g} and {highest:g}.", "See [hand] of the station.")
 
 

@@ -1,9 +1,9 @@
-"""Devices that misbehave on demand: each wraps a Camera, Arm or Hand, so that one can see what the cell does about it.
+"""Devices with injected faults: each wraps a Camera, Arm or Hand, to test the cell's reactions.
 
 The fault may be changed at any time, from any thread (``arm.fault = Fault.OFF``). ``off``: everything but ``close``,
-``stop`` and ``hold`` raises `bus.errors.DeviceLost`, and a moving arm brakes. ``stuck``: it says again what it said
-last, stamp included, and carries nothing out. ``slow``: each answer comes ``delay_s`` late. ``stop``, ``hold`` and
-``close`` reach the wrapped device at once whatever the fault: an injected fault never keeps a stop from a real arm.
+``stop`` and ``hold`` raises `bus.errors.DeviceLost`, and a moving arm brakes. ``stuck``: the device repeats its last
+answer, stamp included, and carries nothing out. ``slow``: each answer comes ``delay_s`` late. ``stop``, ``hold`` and
+``close`` reach the wrapped device at once under every fault: an injected fault never keeps a stop from a real arm.
 ``wrong`` moves the arm elsewhere than planned: for simulators, and for an arm with nothing in its reach.
 """
 
@@ -29,7 +29,7 @@ from drivers.motion.stops import Stops
 from drivers.motion.unmoved import unmoved
 
 WRONG_JOINT_RAD = 0.1
-"""Added to every joint: encoders that lost their zero."""
+"""Offset of every joint: encoders that lost their zero."""
 WRONG_WIDTH_M = 0.01
 ABSURD_WIDTH_M = 5.0
 
@@ -39,11 +39,11 @@ AnswerT = TypeVar("AnswerT")
 
 
 class _Device(Faulty, Generic[DeviceT, SaidT]):
-    """What the three share.
+    """Common base of the three wrappers.
 
     Args:
-        device: what is wrapped; not yet connected.
-        delay_s: how late a slow one answers.
+        device: the wrapped device; not yet connected.
+        delay_s: delay of every answer under ``slow``.
     """
 
     def __init__(self, device: DeviceT, fault: Fault = Fault.NONE, *, delay_s: float = 1.0) -> None:
@@ -57,24 +57,26 @@ class _Device(Faulty, Generic[DeviceT, SaidT]):
             self._lose_power()
 
     def connect(self) -> None:
+        """Connect the wrapped device. Raises: DeviceLost under ``off``."""
         self._ask(self._device.connect)
 
     def close(self) -> None:
+        """Close the wrapped device, and forget its last answer."""
         self._device.close()
         with self._turn:
             self._last = None
 
     def readings(self) -> dict[str, float]:
-        """Those of the wrapped device, if it has any; a lost one has none."""
+        """Return those of the wrapped device, if it has any; none under ``off``."""
         if self._fault is Fault.OFF or not isinstance(self._device, Reporting):
             return {}
         return self._device.readings()
 
     def _lose_power(self) -> None:
-        """What a device does by itself when it goes off."""
+        """Hook for subclasses: the device's reaction to losing power."""
 
     def _ask(self, act: Callable[[], AnswerT]) -> AnswerT:
-        """What the wrapped device answers: late if slow, and never if it is off before or after."""
+        """Return the wrapped device's answer: late under ``slow``. Raises: DeviceLost when off before or after."""
         self._require_on()
         answer = act()
         self._tarry()
@@ -91,7 +93,7 @@ class _Device(Faulty, Generic[DeviceT, SaidT]):
             time.sleep(self.delay_s)
 
     def _unless_stuck(self, said: SaidT) -> SaidT:
-        """``said``, or what was said last when it was stuck since."""
+        """Return ``said``; under ``stuck``, the answer before it."""
         with self._turn:
             if self._last is None or self._fault is not Fault.STUCK:
                 self._last = said
@@ -99,9 +101,13 @@ class _Device(Faulty, Generic[DeviceT, SaidT]):
 
 
 class FaultyCamera(_Device[Camera, Frame]):
-    """``garbage``: in turns a black image with zero depth, and noise with none. ``wrong``: a mirrored colour image."""
+    """A camera with faults.
+
+    ``garbage``: in turns a black image with zero depth, and noise without depth. ``wrong``: a mirrored colour image.
+    """
 
     def capture(self) -> Frame:
+        """Capture as `Camera.capture`, changed as the fault says. Raises: DeviceLost under ``off``."""
         frame = self._unless_stuck(self._ask(self._device.capture))
         if self._fault is Fault.GARBAGE:
             return _garbled(frame, next(self._counter))
@@ -120,8 +126,9 @@ def _garbled(frame: Frame, number: int) -> Frame:
 
 
 class FaultyArm(_Device[Arm, ArmState]):
-    """``garbage``: NaN in every joint. ``wrong``: `WRONG_JOINT_RAD` in what it says and in what it is told.
+    """An arm with faults; the offset of ``wrong`` is 0.1 rad.
 
+    ``garbage``: NaN in every joint. ``wrong``: `WRONG_JOINT_RAD` added to measured positions, subtracted from commands.
     ``stuck``: ``execute`` moves nothing and returns only after a ``stop``, a ``close`` or another fault.
     """
 
@@ -130,6 +137,7 @@ class FaultyArm(_Device[Arm, ArmState]):
         self._stops = Stops()
 
     def state(self) -> ArmState:
+        """Return the state, changed as the fault says. Raises: DeviceLost under ``off``."""
         state = self._unless_stuck(self._ask(self._device.state))
         if self._fault is Fault.GARBAGE:
             none = np.full(7, np.nan)
@@ -139,6 +147,7 @@ class FaultyArm(_Device[Arm, ArmState]):
         return state
 
     def execute(self, trajectory: Trajectory) -> Motion:
+        """Execute as `Arm.execute`, changed as the fault says. Raises: DeviceLost under ``off``."""
         fault, stopped = self._fault, self._stops.asked()
         if fault is Fault.STUCK:
             motion = unmoved(self._device.state(), trajectory)
@@ -164,20 +173,25 @@ class FaultyArm(_Device[Arm, ArmState]):
             self._turn.notify_all()
 
     def stop(self) -> None:
+        """Stop the wrapped arm at once under every fault; return late under ``slow``."""
         self._stop_all()
         self._tarry()
 
     def hold(self) -> None:
+        """Hold the wrapped arm at once under every fault; return late under ``slow``."""
         self._device.hold()
         self._tarry()
 
     def resume(self) -> None:
+        """Resume the wrapped arm. Raises: DeviceLost under ``off``."""
         self._ask(self._device.resume)
 
     def recover(self) -> None:
+        """Recover the wrapped arm. Raises: DeviceLost under ``off``."""
         self._ask(self._device.recover)
 
     def close(self) -> None:
+        """Close the wrapped arm, and end an ``execute`` that is stuck."""
         super().close()
         self._stop_all()
 
@@ -186,7 +200,7 @@ class FaultyArm(_Device[Arm, ArmState]):
 
 
 def _turned(motion: Motion) -> Motion:
-    """As the arm sees it that believes in its wrong zero."""
+    """Return the motion in the joint coordinates of the arm's wrong zero."""
     believed = {name: getattr(motion, name) + WRONG_JOINT_RAD for name in ("commanded_q_rad", "q_rad")}
     return motion.model_copy(update=believed)
 
@@ -197,21 +211,26 @@ def _unreadable(motion: Motion) -> Motion:
 
 
 class FaultyHand(_Device[Hand, HandState]):
-    """``garbage``: in turns a width of NaN and of `ABSURD_WIDTH_M`. ``wrong``: `WRONG_WIDTH_M` too wide."""
+    """A hand with faults. ``garbage``: in turns a width of NaN and of `ABSURD_WIDTH_M`. ``wrong``: 10 mm too wide."""
 
     def state(self) -> HandState:
+        """Return the state, changed as the fault says. Raises: DeviceLost under ``off``."""
         return self._measured(self._device.state)
 
     def move(self, width_m: float, speed_m_s: float) -> HandState:
+        """Move to ``width_m`` as `Hand.move`, changed as the fault says. Raises: DeviceLost under ``off``."""
         return self._measured(lambda: self._device.move(width_m, speed_m_s), moves=True)
 
     def grasp(self, force_n: float, speed_m_s: float) -> HandState:
+        """Grasp with ``force_n`` as `Hand.grasp`, changed as the fault says. Raises: DeviceLost under ``off``."""
         return self._measured(lambda: self._device.grasp(force_n, speed_m_s), moves=True)
 
     def home(self) -> HandState:
+        """Home as `Hand.home`, changed as the fault says. Raises: DeviceLost under ``off``."""
         return self._measured(self._device.home, moves=True)
 
     def stop(self) -> None:
+        """Stop the wrapped hand at once under every fault; return late under ``slow``."""
         self._device.stop()
         self._tarry()
 
@@ -228,7 +247,7 @@ class FaultyHand(_Device[Hand, HandState]):
 
 
 def faulty_devices(devices: Devices, settings: FaultSettings) -> tuple[Devices, dict[str, Spoilable]]:
-    """The devices wrapped, each with its initial fault; and those wrappers by the name of their part."""
+    """Return the devices wrapped, each with its initial fault, and the wrappers by the name of their part."""
     camera, arm, hand = devices.camera, devices.arm, devices.hand
     delay_s = settings.delay_s
     wrapped = replace(

@@ -1,4 +1,4 @@
-"""Loops of a node that publish at a fixed rate, and know whether they keep it."""
+"""Loops of a node that publish at a fixed rate, and measure whether they keep it."""
 
 from __future__ import annotations
 
@@ -15,10 +15,11 @@ from drivers.rate import Rate
 class Loop:
     """Calls ``act`` every ``period_s`` in a thread of its own, until closed.
 
-    A round that begins a whole period late is a missed deadline, and is left out: rounds never pile up.
+    A round that begins a whole period late is a missed deadline and is left out, so that rounds never pile up.
 
     Args:
-        on_fault: told every error of ``act`` but a closed bus, which ends the loop. ``on_end``: told of that.
+        on_fault: called with every error of ``act`` except a closed bus, which ends the loop.
+        on_end: called when a closed bus ended the loop.
     """
 
     def __init__(
@@ -39,12 +40,13 @@ class Loop:
         self._thread = OwnedThread(Role.LOOP, self._run, of=name).start()
 
     def health(self) -> LoopHealth:
-        """Asked from another thread: a loop that hangs reports so by its rate."""
+        """Return the loop's health; called from another thread, so that a hanging loop shows by its rate."""
         with self._changing:
             rate_hz = self._rounds.hz(time.monotonic())
             return LoopHealth(rate_hz=rate_hz, target_hz=1.0 / self._period_s, missed=self._missed, fault=self._fault)
 
     def close(self, patience_s: float = 1.0) -> None:
+        """End the loop, and wait at most ``patience_s`` for its current round."""
         self._closing.set()
         self._thread.join(patience_s)
 
@@ -53,7 +55,7 @@ class Loop:
         while not self._closing.wait(max(0.0, due_s - time.monotonic())):
             try:
                 self._act()
-            except BusError:  # the session closed under us: nobody listens any more
+            except BusError:  # the session is closed
                 self._on_end()
                 return
             except CellError as error:

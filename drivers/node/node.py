@@ -1,7 +1,7 @@
-"""Serves a driver's devices on the bus: one lane (thread) per device, and others for what must not wait for it.
+"""Serves a driver's devices on the bus: one worker (thread) per device, and further ones for urgent queries.
 
-While a motion is under way the cell must be heard: its heartbeat comes from the thread that would answer a stop. When
-it falls silent, nobody could stop the arm, and the arm brakes on its path by itself.
+While a motion runs, the cell's heartbeat must arrive: it comes from the thread that would answer a stop. When it falls
+silent, the arm could not be stopped, so it brakes on its path by itself.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from bus.errors import BusError, CellError, DriverUnavailable
 from bus.frozen import Message
 from bus.injected import FaultyBus, Spoilable, answer_faults
 from bus.messages import Motion
-from bus.sample import Asked, Heard
+from bus.sample import Asked, Sample
 from bus.session import Bus
 from bus.silence import Silence
 from bus.topics import Topic, encoding_of
 from bus.trajectory import Trajectory
 from bus.wire import arm_state_to_wire, frame_to_wire
 from config.schema import Station
-from drivers.interface import Arm, Camera, Devices, Feeder, Hand, Reporting
+from drivers.interface import Arm, Camera, Devices, Hand, ObjectPresenter, Reporting
 from drivers.node.guard import Guard, HandGuard
 from drivers.node.injection import faulty_devices
 from drivers.node.loops import Loop
@@ -37,22 +37,23 @@ HAND_STATE_PERIOD_S = 0.05
 HEALTH_PERIOD_S = 1.0
 _TELL_PERIOD_S = 0.2
 _PULSE = "health"
-"""The loop that tells of the others; whoever does not hear it knows."""
+"""The heartbeat: the loop that publishes the others' health; the health monitor notices its absence."""
 _LISTEN_PERIOD_S = 0.05
 _NAME_TIMEOUT_S = 1.0
 _REST_S = 0.5
-"""How long an arm may take to rest before a process that is not whole ends all the same."""
+"""Longest wait for the arm to rest before a process with a defect ends all the same."""
 
 AskT = TypeVar("AskT", bound=Message)
 
 
 class Node:
-    """Connects the devices, answers for them, and publishes their states until closed.
+    """Connects the devices, answers queries for them, and publishes their states until closed.
 
     Args:
         name: the node's name in the station file.
-        bus: an open session; stays the caller's.
-        devices: what to serve. Arm and hand are wrapped in their guards here: no motion from the bus escapes.
+        bus: an open session; the caller keeps and closes it.
+        devices: the devices to serve. Arm and hand are wrapped in their guards here, so that every motion from the bus
+            is checked.
     """
 
     def __init__(self, name: str, bus: Bus, devices: Devices, station: Station) -> None:
@@ -65,17 +66,19 @@ class Node:
         self._told_s = self._started_s - _TELL_PERIOD_S
         self._answered = self._failed = self._defects = 0
         self._last_fault = ""
-        self._motions = 0  # of the arm, under way; guarded by it
+        self._motions = 0  # running motions of the arm; guarded by the condition below
         self._motion_change = threading.Condition()
         self._cell = Silence(station.silence_s, _LISTEN_PERIOD_S)
-        self._was_heard = False  # a cell that never said anything cannot have fallen silent
-        self._untold = ""  # why the arm braked by itself, until the cell is heard again
+        self._was_heard = False  # a cell that never sent a heartbeat cannot have fallen silent
+        self._untold = ""  # why the arm braked by itself, kept until the cell is heard again
         self._loops: list[Loop] = []
 
     def open(self) -> None:
-        """Connect every device or none, then answer and announce.
+        """Connect every device or none, then answer queries and announce the node.
 
-        Raises: DriverError; DriverUnavailable when another node has this name.
+        Raises:
+            DriverError: a device cannot be connected.
+            DriverUnavailable: another node has this name.
         """
         self._require_free()
         try:
@@ -89,24 +92,24 @@ class Node:
             self._serve_arm(self._arm)
         if self._devices.hand is not None:
             self._serve_hand(HandGuard(self._devices.hand, self._station))
-        if self._devices.feeder is not None:
-            self._serve_feeder(self._devices.feeder)
+        if self._devices.presenter is not None:
+            self._serve_presenter(self._devices.presenter)
         if self._station.faults.allowed:
             self._allow_faults()
         self._every(_PULSE, HEALTH_PERIOD_S, self._publish_health)
-        self._bus.answer(topics.NODE_NOW, lambda _payload, _asked: self._health(), lane="state", name=self._name)
+        self._bus.answer(topics.NODE_NOW, lambda _payload, _asked: self._health(), worker="state", name=self._name)
         self._bus.announce(topics.NODE_ALIVE, name=self._name)
         self._require_alone()
 
     def _require_free(self) -> None:
-        """A name is served once. Raises: DriverUnavailable, naming the other process."""
+        """Check that no other process serves this name. Raises: DriverUnavailable, naming that process."""
         if self._name in self._bus.alive(topics.NODE_ALIVE):
             raise self._taken(self._others())
 
     def _require_alone(self) -> None:
-        """Of those that begin in the same moment at most one stays. Raises: DriverUnavailable.
+        """Check again after the announcement; of nodes that start at once at most one stays. Raises: DriverUnavailable.
 
-        By the answer to the first question the cell knows this node: of two nodes, the later one sees the other.
+        The node answers queries before it announces itself, so the later one of two sees the other.
         """
         self._bus.alive(topics.NODE_ALIVE)
         others = self._others()
@@ -116,7 +119,7 @@ class Node:
             raise self._taken(others)
 
     def _others(self) -> dict[str, bytes]:
-        """The other sessions that serve this name, and their health."""
+        """Return the other sessions that serve this name, and their health."""
         answers = self._bus.sessions(topics.NODE_NOW, timeout_s=_NAME_TIMEOUT_S, name=self._name)
         return {session: health for session, health in answers.items() if session != self._bus.source}
 
@@ -128,12 +131,12 @@ class Node:
         )
 
     def halt(self) -> None:
-        """Stop the arm, if this node has it: nobody is there any more who could. Never raises."""
+        """Stop the arm, if this node has one, because no client can any more. Never raises."""
         if self._arm is not None:
             self._arm.stop()
 
     def end_by_defect(self, name: str, defect: BaseException) -> None:
-        """The thread ``name`` of this process ended unforeseen: stop the arm, and say why. Never raises."""
+        """Stop the arm and publish why: the thread ``name`` of this process ended unforeseen. Never raises."""
         self._defects += 1
         self._last_fault = f"DEFECT: {name} ended: {type(defect).__name__}: {defect}"
         self.halt()
@@ -145,7 +148,7 @@ class Node:
             self._motion_change.wait_for(lambda: self._motions == 0, _REST_S)
 
     def close(self) -> None:
-        """Stop the arm, end the publishers, disconnect; idempotent."""
+        """Stop the arm, end the loops, disconnect; idempotent."""
         if self._arm is not None:
             self._arm.stop()
         for loop in self._loops:
@@ -159,18 +162,18 @@ class Node:
             self._devices.hand.connect()
         if self._devices.camera is not None:
             # The graphics context of a rendered camera belongs to the thread that will capture.
-            self._bus.lane("camera").submit(self._devices.camera.connect).result()
+            self._bus.worker("camera").submit(self._devices.camera.connect).result()
 
     def _disconnect(self) -> None:
         if self._devices.camera is not None:
-            self._bus.lane("camera").submit(self._devices.camera.close).result()
+            self._bus.worker("camera").submit(self._devices.camera.close).result()
         for device in (self._devices.hand, self._arm):
             if device is not None:
                 device.close()
 
-    # --- what is answered ---------------------------------------------------------------------------------------------
+    # --- answers ------------------------------------------------------------------------------------------------------
 
-    def _answer(self, topic: Topic, ask_type: type[AskT], act: Callable[[AskT], Message | None], lane: str) -> None:
+    def _answer(self, topic: Topic, ask_type: type[AskT], act: Callable[[AskT], Message | None], worker: str) -> None:
         def handle(payload: bytes, _: Asked) -> Message:
             try:
                 answer = act(decode(ask_type, payload))
@@ -180,10 +183,10 @@ class Node:
             self._answered += 1
             return Nothing() if answer is None else answer
 
-        self._bus.answer(topic, handle, lane=lane)
+        self._bus.answer(topic, handle, worker=worker)
 
     def _serve_camera(self, camera: Camera) -> None:
-        def capture(payload: bytes, _: Asked) -> list[Heard]:
+        def capture(payload: bytes, _: Asked) -> list[Sample]:
             decode(Nothing, payload)
             try:
                 parts = frame_to_wire(camera.capture())
@@ -193,9 +196,9 @@ class Node:
             self._answered += 1
             for topic in topics.FRAME_PARTS:
                 self._bus.publish(topic, parts[topic.key])
-            return [Heard(topic.key, encoding_of(topic.says), parts[topic.key]) for topic in topics.FRAME_PARTS]
+            return [Sample(topic.key, encoding_of(topic.says), parts[topic.key]) for topic in topics.FRAME_PARTS]
 
-        self._bus.answer(topics.CAMERA_CAPTURE, capture, lane="camera")
+        self._bus.answer(topics.CAMERA_CAPTURE, capture, worker="camera")
 
     def _serve_arm(self, arm: Arm) -> None:
         def execute(trajectory: Trajectory) -> Motion:
@@ -218,7 +221,7 @@ class Node:
 
     @contextmanager
     def _under_way(self) -> Iterator[None]:
-        """Around every motion of the arm."""
+        """Count a motion of the arm while the block runs."""
         with self._motion_change:
             self._motions += 1
         try:
@@ -228,8 +231,8 @@ class Node:
                 self._motions -= 1
                 self._motion_change.notify_all()
 
-    def _hear_cell(self, heard: Heard) -> None:
-        if self._bus.cell in (None, heard.source) and (heard.is_sealed or self._bus.seal is None):
+    def _hear_cell(self, sample: Sample) -> None:
+        if self._bus.cell in (None, sample.source) and (sample.is_sealed or self._bus.seal is None):
             self._cell.hear()
             self._was_heard = True
 
@@ -238,13 +241,13 @@ class Node:
         if silent_s <= self._station.silence_s:
             self._tell_why_it_braked()
         elif self._was_heard and self._motions > 0:
-            self._was_heard = False  # once; it counts again when it is heard again
+            self._was_heard = False  # brake once; armed again by the next heartbeat
             arm.stop()
             text = f"The cell has said nothing for {silent_s:.2f} s while the arm moved: the arm braked on its path."
             self._untold = self._last_fault = text
 
     def _tell_why_it_braked(self) -> None:
-        """Now that the cell is there to hear it."""
+        """Publish why the arm braked, once the cell is there to receive it."""
         text, self._untold = self._untold, ""
         if text:
             advice = "Was its process frozen, or the machine too busy? After `cell reset` it goes on."
@@ -258,18 +261,18 @@ class Node:
         self._answer(topics.HAND_NOW, Nothing, lambda _: hand.state(), "state")
         self._every("hand.state", HAND_STATE_PERIOD_S, lambda: self._bus.publish(topics.HAND_STATE, hand.state()))
 
-    def _serve_feeder(self, feeder: Feeder) -> None:
-        self._answer(topics.SIM_PRESENT, PresentRequest, feeder.present, "arm")
-        self._answer(topics.SIM_TRUTH, Nothing, lambda _: feeder.truth(), "state")
+    def _serve_presenter(self, presenter: ObjectPresenter) -> None:
+        self._answer(topics.SIM_PRESENT, PresentRequest, presenter.present, "arm")
+        self._answer(topics.SIM_TRUTH, Nothing, lambda _: presenter.truth(), "state")
 
     def _allow_faults(self) -> None:
-        """Answer ``fault/{part}`` for what is served here, and for this process's link."""
+        """Answer ``fault/{part}`` for the devices served here, and for this process's link."""
         if isinstance(self._bus, FaultyBus):
             self._bus.delay_s, self._bus.fault = self._station.faults.delay_s, self._station.faults.bus
             self._faults["bus"] = self._bus
         answer_faults(self._bus, self._faults, self._bus.publish)
 
-    # --- what is published --------------------------------------------------------------------------------------------
+    # --- publications -------------------------------------------------------------------------------------------------
 
     def _publish_health(self) -> None:
         self._bus.publish(topics.NODE_HEALTH, self._health(), name=self._name)
@@ -299,15 +302,15 @@ class Node:
         self._loops.append(Loop(name, period_s, act, self._note, self._cut_off))
 
     def _note(self, error: CellError) -> None:
-        """Count it, and say so soon: whoever misses a stream is to know why it is silent."""
+        """Count the error and publish the health soon, so that clients that miss a stream learn why."""
         self._last_fault = f"{error.code}: {error}"
         self._failed += 1
         if time.monotonic() - self._told_s > _TELL_PERIOD_S:
             self._told_s = time.monotonic()
-            with suppress(BusError):  # closed: nobody listens any more
+            with suppress(BusError):  # the session is closed
                 self._publish_health()
 
     def _cut_off(self) -> None:
-        """Nobody can stop the arm any more: it stops itself."""
+        """Stop the arm after the bus closed, because no client can stop it any more."""
         if self._arm is not None:
             self._arm.stop()

@@ -1,4 +1,4 @@
-"""Driver name -> devices. Drivers are entry points of the group ``vlad_cell.drivers``; ours are in pyproject.toml."""
+"""Maps driver names to devices. Drivers are entry points of the group ``vlad_cell.drivers``; ours: pyproject.toml."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ GROUP = "vlad_cell.drivers"
 
 
 def names() -> tuple[str, ...]:
-    """Installed drivers, sorted."""
+    """Return the installed drivers' names, sorted."""
     return tuple(sorted({point.name for point in entry_points(group=GROUP)}))
 
 
 def require(name: str) -> None:
-    """Raises: ConfigError, listing what there is, when no driver is called ``name``."""
+    """Raises: ConfigError, listing the installed drivers, when none is called ``name``."""
     if name not in names():
         raise ConfigError(f"Unknown driver {name!r}.", f"Installed drivers: {', '.join(names())}.")
 
@@ -26,7 +26,9 @@ def require(name: str) -> None:
 def open_devices(name: str, station: Station) -> Devices:
     """Build (not yet connect) the devices of driver ``name``.
 
-    Raises: ConfigError for an unknown driver, DriverUnavailable when its package cannot be imported here.
+    Raises:
+        ConfigError: unknown driver.
+        DriverUnavailable: its package cannot be imported here.
     """
     require(name)
     (point, *_) = entry_points(group=GROUP, name=name)

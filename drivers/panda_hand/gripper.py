@@ -1,4 +1,4 @@
-"""One connection to a Franka hand over franky: everything that touches that package, its errors as ours."""
+"""One connection to a Franka hand over franky: the only file that touches that package; maps its errors to ours."""
 
 from __future__ import annotations
 
@@ -14,17 +14,19 @@ LOST_ADVICE = "Check the arm's power and network; when it is back, `cell clear` 
 
 
 def load_franky() -> Any:
-    """The package. Raises: ImportError."""
+    """Import the package. Raises: ImportError."""
     return importlib.import_module("franky")
 
 
 class Gripper:
-    """A connected hand; speeds are those of one finger. Every call raises: HandFault, DeviceLost.
+    """A connected hand; speeds are those of one finger [m/s]. Every call raises: HandFault, DeviceLost.
 
     Args:
-        load: gives the package.
+        address: of the robot's control box.
+        load: imports the package.
 
-    Raises: DriverUnavailable: no package, or no hand at that address.
+    Raises:
+        DriverUnavailable: no package, or no hand at that address.
     """
 
     def __init__(self, address: str, load: Callable[[], Any]) -> None:
@@ -41,7 +43,7 @@ class Gripper:
             ) from error
 
     def widths_m(self) -> tuple[float, float]:
-        """How far it is open now, and can be (0 before homing)."""
+        """Return the width now and the widest one (0 before homing). Raises: HandFault if not finite; DeviceLost."""
         with self._mapped():
             now = self._hand.state
         width_m, widest_m = _number(now, "width"), _number(now, "max_width")
@@ -50,28 +52,37 @@ class Gripper:
         return width_m, widest_m
 
     def homing(self) -> bool:
+        """Home the hand; return whether it succeeded."""
         with self._mapped():
             return bool(self._hand.homing())
 
     def move(self, width_m: float, finger_m_s: float) -> bool:
+        """Move to ``width_m`` at ``finger_m_s`` of one finger; return whether it succeeded."""
         with self._mapped():
             return bool(self._hand.move(width_m, finger_m_s))
 
     def grasp(self, finger_m_s: float, force_n: float, widest_m: float) -> bool:
-        """Close on whatever is there: every final width counts as grasped, so that the force is kept."""
+        """Close on any object with ``force_n``; return whether it succeeded.
+
+        Every final width up to ``widest_m`` counts as grasped, so that the force is kept.
+
+        Args:
+            finger_m_s: speed of one finger.
+        """
         with self._mapped():
             return bool(self._hand.grasp(0.0, finger_m_s, force_n, widest_m, widest_m))
 
     def stop(self) -> None:
+        """Stop the fingers; this releases a grasped object."""
         with self._mapped():
             self._hand.stop()
 
     @contextmanager
     def _mapped(self) -> Iterator[None]:
-        """libfranka's errors as ours."""
+        """Map libfranka's errors to ours."""
         try:
             yield
-        except (self._franky.NetworkException, RuntimeError) as error:  # a dead one is at times only a "Net Exception"
+        except (self._franky.NetworkException, RuntimeError) as error:  # a lost one may be a RuntimeError
             raise DeviceLost(f"The hand was lost: {' '.join(str(error).split())}.", LOST_ADVICE) from error
         except self._franky.Exception as error:
             said = " ".join(str(error).replace("libfranka gripper:", "").split())
@@ -79,7 +90,7 @@ class Gripper:
 
 
 def _number(state: Any, name: str) -> float:
-    """nan when it is none."""
+    """Return the field as a float; NaN when it is missing or no number."""
     try:
         return float(getattr(state, name, math.nan))
     except (TypeError, ValueError):

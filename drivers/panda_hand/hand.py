@@ -1,8 +1,8 @@
-"""The Franka hand as a `Hand`, over franky (it lets other threads run while the fingers move; pylibfranka does not).
+"""The Franka hand as a `Hand`, over franky (other threads run while the fingers move; with pylibfranka they do not).
 
-What the makers say of it (libfranka issues 18, 52, 105, 111): a move onto something hard may hang for minutes, a stop
-does not reliably interrupt one, and a stop lets go of what is held. So unknown objects are closed on with ``grasp``,
-and nothing is ever stopped while it holds or is about to.
+According to its makers (libfranka issues 18, 52, 105, 111), a move onto something hard may hang for minutes, a stop
+does not reliably interrupt one, and a stop releases a held object. So unknown objects are closed on with ``grasp``, and
+the hand is never stopped while it holds an object or is about to.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ _log = logging.getLogger(__name__)
 _STALE_S = 1.0
 _SLOWEST_M_S = 0.001
 _ROUNDING_M = 0.002
-"""A width so far below zero is zero."""
+"""A measured width down to minus this is zero."""
 _CLOSE_S = 5.0
 _AGAIN_S = 1.0
 _WIDTH_TRIES = 3
 _STOP_TRIES = 3
 _STOP_AGAIN_S = 0.1
-"""A stop that comes before the hand itself has begun is lost on it: it is said again after so long."""
+"""A stop is lost when the hand itself has not begun yet, so it is repeated after this time."""
 
 
 @dataclass(frozen=True)
 class _Seen:
-    """What the hand said last, and when: UTC, and by the monotonic clock."""
+    """The newest width and its time: UTC, and by the monotonic clock."""
 
     width_m: float
     stamp_ns: int
@@ -54,10 +54,11 @@ class _UnderWay:
 
 
 class PandaHand:
-    """A Franka hand on an FR3. Its width is asked for by a thread of its own: each question takes up to 100 ms.
+    """A Franka hand on an FR3. A thread of its own reads the width, because each reading takes up to 100 ms.
 
     Args:
-        franky: gives the package of that name. ``utc_ns``: the clock of its stamps.
+        station: ``panda_hand`` and ``hand.max_width_m`` are used.
+        franky: imports the package of that name. ``utc_ns``: the clock of its stamps.
     """
 
     def __init__(
@@ -68,7 +69,7 @@ class PandaHand:
         self._gripper: Gripper | None = None
         self._homed = False
         self._acting = threading.Lock()
-        self._turn = threading.Lock()  # held where a command begins, and where one is stopped
+        self._turn = threading.Lock()  # held while a command begins, and while one is stopped
         self._under_way: _UnderWay | None = None
         self._stops = Stops()
         self._seen = _Seen(math.nan, 0, -math.inf)
@@ -80,17 +81,23 @@ class PandaHand:
     # --- life ---------------------------------------------------------------------------------------------------------
 
     def connect(self) -> None:
-        """Raises: DriverUnavailable: no package, or no hand at that address; HandFault: it does not say its width."""
+        """Connect and start reading the width.
+
+        Raises:
+            DriverUnavailable: no package, or no hand at that address.
+            HandFault: the hand does not tell its width.
+        """
         if self._gripper is not None and self._poller is not None and self._poller.is_alive():
             return
         self.close()
         gripper = Gripper(self._settings.address, self._franky)
         self._learn_width(gripper)
-        ending = threading.Event()  # of this thread alone: one that hangs in the package does not come back to life
+        ending = threading.Event()  # of this thread alone, so that an older one that hung in the package stays ended
         self._gripper, self._ending = gripper, ending
         self._poller = OwnedThread(Role.HAND_POLL, lambda: self._poll(ending)).start()
 
     def close(self) -> None:
+        """Stop and disconnect; idempotent."""
         self._ending.set()
         self._stops.stop()
         poller, self._poller, self._gripper = self._poller, None, None
@@ -106,7 +113,12 @@ class PandaHand:
     # --- state --------------------------------------------------------------------------------------------------------
 
     def state(self) -> HandState:
-        """The width as last asked for. Raises: DeviceLost when the hand has not said one for a second."""
+        """Return the newest state.
+
+        Raises:
+            NotConnected: before `connect` and after `close`.
+            DeviceLost: no width came for a second, or the reading thread ended.
+        """
         self._require()
         poller, seen = self._poller, self._seen
         if poller is not None and not poller.is_alive():
@@ -121,14 +133,14 @@ class PandaHand:
         )
 
     def readings(self) -> dict[str, float]:
-        """How old the width is, how often it was refused, and how often the hand was connected anew."""
+        """Return the age of the width, and the numbers of refused readings and reconnections."""
         if self._gripper is None:
             return {}
         counts = {name: float(count) for name, count in self._counts.items()}
         return {"width_age_s": time.monotonic() - self._seen.at_s, **counts}
 
     def _poll(self, ending: threading.Event) -> None:
-        """Until close: ask, whatever the hand says to it; a hand that is lost, or only refuses, is connected anew."""
+        """Read the width until close; a hand that is lost, or only refuses, is connected anew."""
         while not ending.wait(self._settings.poll_s):
             try:
                 self._ask_width(self._require())
@@ -142,7 +154,7 @@ class PandaHand:
                     self._reconnect(ending)
 
     def _learn_width(self, gripper: Gripper) -> None:
-        """Ask until it says one, a few times: a refusal of this question says nothing of what it did before."""
+        """Read the width, with a few retries: a refused reading says nothing about the command before it."""
         for _ in range(_WIDTH_TRIES - 1):
             try:
                 return self._ask_width(gripper)
@@ -158,7 +170,7 @@ class PandaHand:
         self._seen = _Seen(width_m, self._utc_ns(), time.monotonic())
 
     def _reconnect(self, ending: threading.Event) -> None:
-        """Until the hand is back, or close."""
+        """Try until the hand is back, or close."""
         while not ending.wait(_AGAIN_S):
             try:
                 gripper = Gripper(self._settings.address, self._franky)
@@ -166,7 +178,7 @@ class PandaHand:
                 self._trouble = error.text
                 continue
             if not ending.is_set():
-                self._gripper, self._homed, self._opens_to_m = gripper, False, math.inf  # it may have been switched off
+                self._gripper, self._homed, self._opens_to_m = gripper, False, math.inf  # it may have lost power
                 self._counts["reconnects"] += 1
                 _log.warning("the Franka hand is back")
             return
@@ -174,13 +186,24 @@ class PandaHand:
     # --- motion -------------------------------------------------------------------------------------------------------
 
     def home(self) -> HandState:
-        """Close, open, and so find the widest opening; once after power-on. One that was stopped does not count."""
+        """Close and open to find the widest opening; once after power-on. A stopped homing does not count.
+
+        Raises: HandFault, DeviceLost, NotConnected.
+        """
         if self._act(Gripper.homing, self._stops.asked(), gripping=False):
             self._homed = True
         return self.state()
 
     def move(self, width_m: float, speed_m_s: float) -> HandState:
-        """Each hand opens to a slightly different width, known after homing; fully open means that one."""
+        """Move to ``width_m`` at ``speed_m_s``, the rate of the width.
+
+        Each hand opens to a slightly different width, known after homing; a wider request means that one.
+
+        Raises:
+            HandFault: width or speed is out of range, or the hand did not get there.
+            DeviceLost: the hand does not answer.
+            NotConnected: before `connect` and after `close`.
+        """
         stopped = self._stops.asked()
         if not (math.isfinite(width_m) and 0 <= width_m <= self._widest_m):
             raise HandFault(f"The hand cannot open to {width_m} m.", f"Ask for 0 to {self._widest_m} m.")
@@ -189,7 +212,10 @@ class PandaHand:
         return self.state()
 
     def grasp(self, force_n: float, speed_m_s: float) -> HandState:
-        """Close on whatever is there."""
+        """Close on any object at ``speed_m_s``, the rate of the width, and keep pressing with ``force_n``.
+
+        Raises: as `move`; a grasp of nothing is no error, the width tells.
+        """
         stopped = self._stops.asked()
         if not (math.isfinite(force_n) and force_n > 0):
             raise HandFault(f"The hand cannot grasp with {force_n} N.", "Ask for a positive force.")
@@ -198,9 +224,9 @@ class PandaHand:
         return self.state()
 
     def _act(self, act: Callable[[Gripper], bool], stopped: Callable[[], bool], *, gripping: bool) -> bool:
-        """One command, and the width after it; False when it did not come to its end.
+        """Carry out one command, then read the width; return False when the command did not complete.
 
-        A grasp of nothing is answered with False: the width tells.
+        A grasp of nothing returns False; the width tells.
         """
         self._require()
         with self._acting:
@@ -214,7 +240,7 @@ class PandaHand:
             except HandFault:
                 if gripping or not stopped():
                     raise
-                done = False  # how a stop ends it
+                done = False  # a stopped command ends by a HandFault
             finally:
                 self._under_way = None
                 under_way.ended.set()
@@ -224,7 +250,7 @@ class PandaHand:
         return done
 
     def stop(self) -> None:
-        """Stop an empty hand's move; a grasp is left alone, under way or done: a stop would let go."""
+        """Stop an empty hand's move; a grasp is left alone, running or done, because a stop would release it."""
         with self._turn:
             self._stops.stop()
             stopping = self._under_way
@@ -241,17 +267,17 @@ class PandaHand:
 def _send_stop(gripper: Gripper) -> None:
     try:
         gripper.stop()
-    except DriverError as error:  # a stop never raises; whoever stops looks at the width
+    except DriverError as error:  # a stop never raises; the caller checks the width
         _log.error("hand stop: %s", error)
 
 
 def _finger_speed(speed_m_s: float) -> float:
-    """Franka counts the speed of one finger, we that of the width."""
+    """Convert the width's rate to the speed of one finger, which Franka counts. Raises: HandFault unless positive."""
     if not (math.isfinite(speed_m_s) and speed_m_s > 0):
         raise HandFault(f"The hand cannot move at {speed_m_s} m/s.", "Ask for a positive speed.")
     return max(speed_m_s / 2, _SLOWEST_M_S)
 
 
 def open_devices(station: Station) -> Devices:
-    """What the driver registry loads under the name ``panda_hand``."""
+    """Make the devices of driver ``panda_hand``; entry point of the driver registry."""
     return Devices(hand=PandaHand(station))

@@ -1,6 +1,6 @@
 """The simulated cell: camera, arm and hand of one MuJoCo world.
 
-Nothing is attached by magic: what is not gripped falls.
+Objects are held by contact forces only: an object that is not gripped falls.
 """
 
 import os

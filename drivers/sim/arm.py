@@ -1,4 +1,4 @@
-"""The simulated FR3: position servos that follow 1 kHz commands, and feel what they touch."""
+"""The simulated FR3: position servos that follow 1 kHz commands, and measure contact torques. Signs: docs/frames.md."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from bus.arrays import Joints
 from bus.errors import ArmReflex, MotionRefused, NotConnected
 from bus.messages import ArmMode, ArmState, Motion
 from bus.trajectory import TICK_S, Trajectory
-from drivers.motion.brake import coast
+from drivers.motion.brake import brake_without_path
 from drivers.motion.stream import Stream
 from drivers.motion.unmoved import unmoved
 from drivers.sim.world import World
@@ -20,15 +20,15 @@ _TORQUE_NOISE_NM = 0.02
 _STILL_RAD_S = 1e-3
 _PATIENCE_TICKS = 300
 _HELD_PATIENCE_TICKS = 1000
-"""More: what still moves when the world stands still would be reported until the end of the hold."""
+"""More than `_PATIENCE_TICKS`: a remaining speed would be reported until the end of the hold, as time stands still."""
 _REFLEX_NM = 30.0
 _REFLEX_SAMPLES = 3
 """The arm stops itself, as the FR3's collision behaviour does, when the external torque on any joint exceeds this in so
-many samples running: a push, not the knock of an object that slips from the fingers."""
+many consecutive samples: a push, not the knock of an object that slips from the fingers."""
 
 
 class SimArm:
-    """Plays trajectories on the world's arm, one tick a millisecond of robot time.
+    """Plays trajectories on the world's arm, one tick per millisecond of robot time.
 
     While a motion is held at rest no time passes and nothing is computed: its `Motion` has no samples of the wait.
     """
@@ -36,20 +36,23 @@ class SimArm:
     def __init__(self, world: World) -> None:
         self._world = world
         self._connected = False
-        self._asked: list[Stream] = []  # of every `execute` that has not returned: the first moves, if any does
-        self._turn = threading.Condition()  # guards it
+        self._asked: list[Stream] = []  # one per `execute` that has not returned; only the first may move
+        self._turn = threading.Condition()  # guards `_asked`
         self._motions = 0
         self._reflex = False
         self._pushed_samples = 0
 
     def connect(self) -> None:
+        """Mark as connected."""
         self._connected = True
 
     def close(self) -> None:
+        """Stop and mark as not connected; idempotent."""
         self.stop()
         self._connected = False
 
     def state(self) -> ArmState:
+        """Return the measured state. Raises: NotConnected."""
         self._require()
         q_rad, dq_rad_s, tau_ext_nm = self._world.arm()
         return ArmState(
@@ -66,6 +69,12 @@ class SimArm:
         return ArmMode.MOVE if self._asked else ArmMode.IDLE
 
     def execute(self, trajectory: Trajectory) -> Motion:
+        """Play ``trajectory`` and return when the arm rests, with measured samples every 10 ms.
+
+        Raises:
+            NotConnected: before `connect` and after `close`.
+            ArmReflex: the external torque was too high and the arm stopped itself.
+        """
         self._require()
         stream = Stream(trajectory)
         with self._turn:
@@ -83,10 +92,10 @@ class SimArm:
         try:
             self._follow(stream, commanded, measured)
         except Exception:
-            self._coast(commanded)
+            self._brake_without_path(commanded)
             raise
         ticks = list(range(0, len(commanded), _MEASURE_TICKS))
-        if len(commanded) - ticks[-1] < _MEASURE_TICKS / 2:  # the end takes the place of a sample just before it
+        if len(commanded) - ticks[-1] < _MEASURE_TICKS / 2:  # the state at rest replaces a sample just before it
             measured.pop()
             ticks.pop()
         measured.append(self._world.arm())
@@ -112,7 +121,7 @@ class SimArm:
         commanded: list[np.ndarray],
         measured: list[tuple[np.ndarray, np.ndarray, np.ndarray]],
     ) -> None:
-        """Command every tick, and measure every tenth, into the two lists."""
+        """Command every tick, and measure every tenth; append to the two lists."""
         while (command := stream.next()) is not None:
             if stream.held and commanded and np.array_equal(command, commanded[-1]):
                 self._wait_held(stream, command)
@@ -125,18 +134,18 @@ class SimArm:
             commanded.append(command)
             self._world.pace(len(commanded))
 
-    def _coast(self, commanded: list[np.ndarray]) -> None:
-        """After an error in the middle of a motion: bring the joints to rest, with what is known of how they move."""
+    def _brake_without_path(self, commanded: list[np.ndarray]) -> None:
+        """After an error in the middle of a motion: brake the joints without a path, from their last three commands."""
         if len(commanded) < 3:
             return
-        for command in coast(np.array(commanded[-3:])):
+        for command in brake_without_path(np.array(commanded[-3:])):
             self._world.command_arm(command, commanded[-1])
             self._world.tick()
             commanded.append(command)
         self._settle(commanded[-1], _PATIENCE_TICKS)
 
     def _feel(self, tau_ext_nm: Joints) -> None:
-        """Stop on the path when something pushes back too hard."""
+        """Stop on the path when the external torque is too high."""
         self._pushed_samples = self._pushed_samples + 1 if np.abs(tau_ext_nm).max() > _REFLEX_NM else 0
         if self._pushed_samples >= _REFLEX_SAMPLES:
             self._reflex = True
@@ -151,23 +160,26 @@ class SimArm:
             self._world.tick()
 
     def _wait_held(self, stream: Stream, q_rad: Joints) -> None:
-        """Let the arm rest at the held command, then sleep until `resume` or `stop`."""
+        """Let the arm rest at the held command, then wait until `resume` or `stop`."""
         self._settle(q_rad, _HELD_PATIENCE_TICKS)
         with self._turn:
             self._turn.wait_for(lambda: not stream.is_held_or_about_to_be)
 
     def stop(self) -> None:
+        """Brake every running and waiting motion on its path, for good."""
         with self._turn:
             for stream in self._asked:
                 stream.brake()
             self._turn.notify_all()
 
     def hold(self) -> None:
+        """Brake every running and waiting motion on its path and wait there."""
         with self._turn:
             for stream in self._asked:
                 stream.hold()
 
     def resume(self) -> None:
+        """Continue every held motion. Raises: MotionRefused when none is held or about to be; NotConnected."""
         self._require()
         with self._turn:
             if not any(stream.is_held_or_about_to_be for stream in self._asked):
@@ -177,6 +189,7 @@ class SimArm:
             self._turn.notify_all()
 
     def recover(self) -> None:
+        """Clear a reflex. Raises: NotConnected."""
         self._require()
         self._reflex = False
 

@@ -13,7 +13,7 @@ _THICK_M = 0.002
 
 
 def lay_board(spec: mujoco.MjSpec, settings: CalibrationSettings) -> None:
-    """Add it to the world, face up, its middle at ``board_center_m``."""
+    """Add the board to the world, face up, its middle at ``board_center_m``."""
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, settings.dictionary))
     board = cv2.aruco.CharucoBoard(settings.squares, settings.square_m, settings.marker_m, dictionary)
     width, height = (round(side * _PIXELS_PER_M) for side in settings.size_m)

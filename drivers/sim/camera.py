@@ -1,4 +1,4 @@
-"""The simulated Femto Mega on the wrist."""
+"""The simulated Femto Mega on the wrist. Frames and images: docs/frames.md."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ PixelT = TypeVar("PixelT", np.uint8, np.float32)
 
 
 class SimCamera:
-    """Renders colour and depth with MuJoCo and bends them into the Femto Mega's lenses. Any thread may capture.
+    """Renders colour and depth with MuJoCo and distorts them as the Femto Mega's lenses do. Any thread may capture.
 
-    The noise of a frame depends only on ``sim.seed``, the seed of what was presented, and how many frames were taken of
-    it before.
+    The noise of a frame depends only on ``sim.seed``, the seed of the presented object, and the number of frames
+    captured of it before.
     """
 
     def __init__(self, world: World) -> None:
@@ -46,12 +46,14 @@ class SimCamera:
                 self._open(self._world.model)
 
     def close(self) -> None:
+        """Close the graphics context; idempotent."""
         with self._lock:
             if self._painter is not None:
                 self._painter.close()
             self._painter = self._model = None
 
     def capture(self) -> Frame:
+        """Render one frame of the world as it is now, with noise. Raises: NotConnected."""
         with self._lock:
             if self._painter is None:
                 raise NotConnected("The simulated camera is not connected.", "Call connect() first.")
@@ -65,7 +67,7 @@ class SimCamera:
 
     def _capture(self) -> Frame:
         sim = self._world.station.sim
-        with self._world.lock:  # only for a copy: drawing takes a second, and arm and hand say where they are meanwhile
+        with self._world.lock:  # only for a copy: drawing takes a second, and arm and hand go on meanwhile
             model, data = self._world.model, copy(self._world.data)
             stamp_ns = self._world.clock_ns()
             if self._presentation != self._world.presentations:
@@ -96,5 +98,5 @@ class SimCamera:
 
 
 def _bend(image: npt.NDArray[PixelT], pinhole: Pinhole, interpolation: int) -> npt.NDArray[PixelT]:
-    """The lens's image from the pinhole's."""
+    """Distort the pinhole's image into the lens's."""
     return np.asarray(cv2.remap(image, pinhole.source_x, pinhole.source_y, interpolation))

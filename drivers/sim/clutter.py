@@ -1,4 +1,4 @@
-"""Fills the pick region once with many objects: each at rest, wholly inside, and a little apart from the others."""
+"""Fills the pick region once with many objects: each at rest, wholly inside, and apart from the others."""
 
 from __future__ import annotations
 
@@ -31,28 +31,29 @@ class _Outline:
 
     @classmethod
     def around(cls, points_m: Array) -> _Outline:
+        """Return the convex outline of points (n, 2) [m]."""
         hull = ConvexHull(points_m)
         return cls(points_m[hull.vertices], np.unique(hull.equations, axis=0))
 
     def moved(self, heading_rad: float, to_m: Array) -> _Outline:
-        """Turned about the origin, then shifted."""
+        """Return the outline turned about the origin, then shifted."""
         cosine, sine = np.cos(heading_rad), np.sin(heading_rad)
         turn = np.array([[cosine, sine], [-sine, cosine]])
         normals = self.edges[:, :2] @ turn
         return _Outline(self.corners_m @ turn + to_m, np.column_stack([normals, self.edges[:, 2] - normals @ to_m]))
 
     def gap_m(self, other: _Outline) -> float:
-        """Width of the widest strip along an edge of either that keeps the two apart; negative where they overlap."""
+        """Return the width of the widest strip along an edge that separates the two; negative where they overlap."""
         return max(self._beyond_m(other), other._beyond_m(self))
 
     def _beyond_m(self, other: _Outline) -> float:
-        """How far all of ``other`` lies beyond the edge that parts them best."""
+        """Return how far all of ``other`` lies beyond the edge that separates them best."""
         return float((other.corners_m @ self.edges[:, :2].T + self.edges[:, 2]).min(axis=0).max())
 
 
 @dataclass(frozen=True)
 class _Rest:
-    """How one object lies when it lies alone: its height and turn, and its outline around its origin."""
+    """The resting pose of one object alone: its height and rotation, and its outline around its origin."""
 
     placing: Placing
     z_m: float
@@ -61,12 +62,16 @@ class _Rest:
 
 
 def fill(placings: Sequence[Placing], region_m: Array, rng: np.random.Generator, settle: Callable[[], None]) -> None:
-    """Lay every object of ``placings`` into ``region_m`` (2, 2: lowest and highest corner), drawn from ``rng``.
+    """Lay every object of ``placings`` into the region, at random places.
 
     Args:
-        settle: lets time pass until what stands rests.
+        region_m: (2, 2) lowest and highest corner in ``base``.
+        rng: source of the random places.
+        settle: lets simulated time pass until every object rests.
 
-    Raises: ConfigError when they do not fit, DriverError when they do not rest.
+    Raises:
+        ConfigError: the objects do not fit.
+        DriverError: the objects do not come to rest.
     """
     rests = [_rest_alone(placing, placings, settle) for placing in placings]
     rests.sort(key=lambda rest: -float(np.ptp(rest.outline.corners_m, axis=0).max()))
@@ -87,13 +92,13 @@ def fill(placings: Sequence[Placing], region_m: Array, rng: np.random.Generator,
 
 
 def least_gap_m(placings: Sequence[Placing]) -> float:
-    """The least free space between any two objects, seen from above; infinite for one object."""
+    """Return the least free space between any two objects, seen from above; infinite for one object."""
     outlines = [_Outline.around(placing.outline()[:, :2]) for placing in placings]
     return min((a.gap_m(b) for index, a in enumerate(outlines) for b in outlines[:index]), default=float("inf"))
 
 
 def _rest_alone(placing: Placing, every: Sequence[Placing], settle: Callable[[], None]) -> _Rest:
-    """Let it come to rest in the middle of the pick region while the others are away."""
+    """Let it come to rest in the middle of the pick region while the others are away. Raises: DriverError."""
     for index, other in enumerate(every):
         other.put(np.array([0.0, 0.0, -_PARK_M * (1 + index)]), np.array([1.0, 0.0, 0.0, 0.0]))
     placing.stand(0.0)
@@ -107,7 +112,7 @@ def _rest_alone(placing: Placing, every: Sequence[Placing], settle: Callable[[],
 
 
 def _arrange(rests: Sequence[_Rest], region_m: Array, rng: np.random.Generator) -> bool:
-    """Draw a heading and a place for each, the longest first; False when one finds none."""
+    """Draw a heading and a place for each, the longest first; False when there is no place for one."""
     taken: list[_Outline] = []
     for rest in rests:
         drawn = _place(rest.outline, taken, region_m, rng)
@@ -124,7 +129,7 @@ def _arrange(rests: Sequence[_Rest], region_m: Array, rng: np.random.Generator) 
 def _place(
     outline: _Outline, taken: Sequence[_Outline], region_m: Array, rng: np.random.Generator
 ) -> tuple[float, Array, _Outline] | None:
-    """A heading [rad] and a place (x, y) inside the region and apart from what is ``taken``, and the outline there."""
+    """Return a heading [rad] and a place (x, y) in the region, apart from ``taken``, and the outline there; or None."""
     for _ in range(_DRAWS):
         heading_rad, share = float(rng.uniform(-np.pi, np.pi)), rng.uniform(size=2)
         turned = outline.moved(heading_rad, np.zeros(2))

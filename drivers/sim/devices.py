@@ -1,4 +1,4 @@
-"""The simulated cell as devices: what the driver registry loads under the name ``sim``."""
+"""The devices of the simulated cell, as driver ``sim`` of the registry."""
 
 from __future__ import annotations
 
@@ -15,16 +15,17 @@ from drivers.sim.world import World
 _ADVICE = "Leave the object out, or set sim.clutter = 0."
 
 
-class SimFeeder:
+class SimPresenter:
     """Puts objects on the table: a named one, or the next of a seeded order in which each comes once a round.
 
-    A table that was filled with several (`sim.clutter`) it leaves as it is.
+    A table filled with several objects (`sim.clutter`) stays as it is.
     """
 
     def __init__(self, world: World) -> None:
         self._world = world
 
     def present(self, request: PresentRequest) -> Presented:
+        """Replace the object on the table. Raises: ConfigError: unknown object, or a name for a filled table."""
         world = self._world
         if world.station.sim.clutter == 0:
             name = request.object or name_in_order(world.names, request.seed, request.cycle)
@@ -34,6 +35,7 @@ class SimFeeder:
         return self.truth()
 
     def truth(self) -> Presented:
+        """Return every object's name and true pose, and the names of those that can be presented."""
         world = self._world
         with world.lock:
             return Presented(
@@ -46,6 +48,6 @@ class SimFeeder:
 
 
 def open_devices(station: Station) -> Devices:
-    """One world, and the four devices that share it."""
+    """Make one world and the four devices that share it; entry point of the driver registry."""
     world = World(station)
-    return Devices(SimCamera(world), SimArm(world), SimHand(world), SimFeeder(world))
+    return Devices(SimCamera(world), SimArm(world), SimHand(world), SimPresenter(world))

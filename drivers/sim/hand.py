@@ -16,11 +16,11 @@ _STILL_M = 2e-5
 _STILL_TICKS = 100
 _PATIENCE_TICKS = 5000
 _SQUEEZE_M = 0.010
-"""How far beyond closed the fingers are driven to grasp: enough to press with full force on anything thin."""
+"""Target beyond closed for a grasp: enough to press with full force on a thin object."""
 
 
 class SimHand:
-    """Two coupled fingers; ``speed`` is that of the width (both fingers together, as on the real hand's interface)."""
+    """Two coupled fingers; speeds are the rate of the width, both fingers together (docs/frames.md)."""
 
     def __init__(self, world: World) -> None:
         self._world = world
@@ -30,13 +30,16 @@ class SimHand:
         self._stops = Stops()
 
     def connect(self) -> None:
+        """Mark as connected."""
         self._connected = True
 
     def close(self) -> None:
+        """Stop and mark as not connected; idempotent."""
         self.stop()
         self._connected = False
 
     def state(self) -> HandState:
+        """Return the measured state. Raises: NotConnected."""
         self._require()
         return HandState(
             stamp_ns=self._world.clock_ns(),
@@ -46,6 +49,7 @@ class SimHand:
         )
 
     def move(self, width_m: float, speed_m_s: float) -> HandState:
+        """Move to ``width_m`` at ``speed_m_s``; return when the fingers rest. Raises: HandFault, NotConnected."""
         self._require()
         widest_m = self._world.station.hand.max_width_m
         if not (math.isfinite(width_m) and 0 <= width_m <= widest_m):
@@ -54,6 +58,7 @@ class SimHand:
         return self.state()
 
     def grasp(self, force_n: float, speed_m_s: float) -> HandState:
+        """Close at ``speed_m_s`` and press with ``force_n``; return when the fingers rest. Raises: as `move`."""
         self._require()
         if not (math.isfinite(force_n) and force_n > 0):
             raise HandFault(f"The hand cannot grasp with {force_n} N.", "Ask for a positive force.")
@@ -61,6 +66,7 @@ class SimHand:
         return self.state()
 
     def home(self) -> HandState:
+        """Close and open once; a stopped homing does not count. Raises: NotConnected."""
         self._require()
         widest_m = self._world.station.hand.max_width_m
         stopped = self._stops.asked()
@@ -70,10 +76,11 @@ class SimHand:
         return self.state()
 
     def stop(self) -> None:
+        """Stop the fingers where they are; a grasp keeps its force."""
         self._stops.stop()
 
     def _drive(self, width_m: float, speed_m_s: float, force_n: float, stopped: Callable[[], bool]) -> None:
-        """Ramp the target to ``width_m``, then wait until the fingers rest (there, or on what they met)."""
+        """Ramp the target to ``width_m``, then wait until the fingers rest (there, or on an object)."""
         if not (math.isfinite(speed_m_s) and speed_m_s > 0):
             raise HandFault(f"The hand cannot move at {speed_m_s} m/s.", "Ask for a positive speed.")
         step_m = min(speed_m_s, _MAX_SPEED_M_S) * TICK_S

@@ -1,4 +1,4 @@
-"""Objects as the world has them: one rigid body out of an MJCF file, and whether what came out can be picked."""
+"""Reads objects from MJCF files: makes one rigid body of each, and checks that the result can be picked."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from drivers.sim.placing import Placing
 FRICTION = (0.6, 0.005, 0.0005)
 
 _log = logging.getLogger(__name__)
-_CONTACT_GROUP = 3  # where MJCF objects put their convex contact parts, beside a mesh to look at
+_CONTACT_GROUP = 3  # the group of convex contact parts in MJCF objects that also have a visual mesh
 _SEEN_GROUPS = (0, 1, 2)
 _VISUAL_SETTINGS = ("global_", "headlight", "map", "quality", "rgba", "scale")
 _WITHOUT_USE = ("keys", "sensors", "actuators", "equalities", "tendons", "excludes", "pairs")
@@ -25,18 +25,20 @@ _NUMBERS = ("mass", "density", "size", "pos", "quat", "axisangle", "euler", "fro
 _LIGHTEST_KG, _HEAVIEST_KG = 5e-4, 10.0
 _THINNEST_M, _SMALLEST_M = 1e-4, 5e-3
 _ASIDE_M = 0.1
-"""How far outside of what can be touched the body's origin may lie: it stands for the object's place."""
+"""Largest distance of the body's origin outside of its contact geoms, because it stands for the object's place."""
 _IN_MM = 'Is the mesh in mm? Then give its <mesh> scale="0.001 0.001 0.001".'
 _MM_FROM_M = 3.0
-"""Nobody presents anything so large [m]: its numbers are millimetres."""
+"""A larger object [m] was modelled in millimetres."""
 
 
 def attach(spec: mujoco.MjSpec, file: Path, body_name: str) -> str:
-    """Add the object of ``file`` to ``spec`` as the free body ``body_name``, with all that is rigidly on it.
+    """Add the object of ``file`` to ``spec`` as the free body ``body_name``, with its rigidly attached children.
 
-    Returns: the names of joints that bound it in its own world, and are left out.
+    Returns:
+        The names of its own joints to its world, which are left out.
 
-    Raises: ConfigError for a file that is no MJCF, or does not hold one rigid body.
+    Raises:
+        ConfigError: the file is no MJCF, or does not hold one rigid body.
     """
     part = _read(file)
     root = _only_body(part, file)
@@ -61,9 +63,13 @@ def attach(spec: mujoco.MjSpec, file: Path, body_name: str) -> str:
 
 
 def require_plausible(file: Path, pick_region_m: tuple[float, float, float, float]) -> None:
-    """Compile the object alone, and look at what came out.
+    """Compile the object alone and check the result.
 
-    Raises: ConfigError naming the file: it does not compile, or is nothing that could be picked.
+    Args:
+        pick_region_m: (x_min, x_max, y_min, y_max) in ``base``.
+
+    Raises:
+        ConfigError: names the file: it does not compile, or cannot be picked.
     """
     spec = mujoco.MjSpec()
     bound = attach(spec, file, "object")
@@ -79,7 +85,7 @@ def require_plausible(file: Path, pick_region_m: tuple[float, float, float, floa
 
 
 def _what_is_wrong(model: mujoco.MjModel, pick_region_m: tuple[float, float, float, float]) -> tuple[str, str] | None:
-    """What came out that cannot be, and what to do about it."""
+    """Return what is impossible about the compiled object, and the advice; None when nothing is."""
     if not model.geom_contype.any():
         return "has nothing that can be touched", "Give a geom of its body contype and conaffinity 1 (the default)."
     if not np.isin(model.geom_group[model.geom_rgba[:, 3] > 0], _SEEN_GROUPS).any():
@@ -117,7 +123,7 @@ def _wrong_size(model: mujoco.MjModel, pick_region_m: tuple[float, float, float,
 
 
 def _read(file: Path) -> mujoco.MjSpec:
-    """Raises: ConfigError."""
+    """Read the file. Raises: ConfigError."""
     try:
         text = file.read_bytes().decode()
         _require_finite(text, file)
@@ -129,11 +135,11 @@ def _read(file: Path) -> mujoco.MjSpec:
 
 
 def _require_finite(text: str, file: Path) -> None:
-    """MuJoCo takes ``mass="nan"`` for no mass given at all."""
+    """Raises: ConfigError for a number that is not finite, because MuJoCo takes ``mass="nan"`` for no mass at all."""
     try:
         elements = list(ElementTree.fromstring(text.removeprefix("\ufeff").encode()).iter())
     except ElementTree.ParseError:
-        return  # MuJoCo says what is wrong
+        return  # MuJoCo reports the error
     for element in elements:
         for key in _NUMBERS:
             if any(word in element.get(key, "").lower() for word in ("nan", "inf")):
@@ -143,13 +149,13 @@ def _require_finite(text: str, file: Path) -> None:
 
 
 def _unusable(file: Path, error: Exception) -> ConfigError:
-    """MuJoCo's words, on one line."""
+    """Return the error with MuJoCo's text on one line."""
     words = " ".join(str(error).split()).removeprefix("Error: ").rstrip(".")
     return ConfigError(f"Cannot read the object {file}: {words}.", "It must be a MuJoCo model that compiles.")
 
 
 def _only_body(part: mujoco.MjSpec, file: Path) -> mujoco.MjsBody:
-    """The one body that has geoms. Raises: ConfigError when there is another number of them."""
+    """Return the one body that has geoms. Raises: ConfigError when there is another number of them."""
     bodies = [body for body in part.worldbody.bodies if any(_geoms(body))]
     if len(bodies) > 1:
         names = ", ".join(repr(body.name) for body in bodies)
@@ -157,7 +163,7 @@ def _only_body(part: mujoco.MjSpec, file: Path) -> mujoco.MjsBody:
             f"{file} holds {len(bodies)} bodies: {names}.",
             "An object is one: put them into one <body>, or each into a folder of its own.",
         )
-    loose = [geom for geom in part.worldbody.geoms if geom.type != mujoco.mjtGeom.mjGEOM_PLANE]  # a floor is no loss
+    loose = [geom for geom in part.worldbody.geoms if geom.type != mujoco.mjtGeom.mjGEOM_PLANE]  # a floor is ignored
     if loose or not bodies:
         what = f"holds {len(loose)} geoms outside of a body" if loose else "holds no body with a geom"
         raise ConfigError(f"{file} {what}.", "Put the object's geoms into one <body>.")
@@ -165,7 +171,7 @@ def _only_body(part: mujoco.MjSpec, file: Path) -> mujoco.MjsBody:
 
 
 def _parts(body: mujoco.MjsBody) -> Iterator[mujoco.MjsBody]:
-    """The body and all that hang on it."""
+    """Yield the body and all its descendants."""
     yield body
     for child in body.bodies:
         yield from _parts(child)
@@ -176,7 +182,7 @@ def _geoms(body: mujoco.MjsBody) -> Iterator[mujoco.MjsGeom]:
 
 
 def _make_rigid(part: mujoco.MjSpec, root: mujoco.MjsBody, file: Path) -> str:
-    """Its own joints go (it gets one free joint), and what drives or measures them.
+    """Delete the body's own joints (it gets one free joint), and everything that drives or measures them.
 
     Returns: the names of those that are not free.
 
@@ -189,7 +195,7 @@ def _make_rigid(part: mujoco.MjSpec, root: mujoco.MjsBody, file: Path) -> str:
         raise ConfigError(f"{file} sets its total mass (settotalmass).", "Give its geoms their mass instead.")
     bound = _names([joint for joint in root.joints if joint.type != mujoco.mjtJoint.mjJNT_FREE])
     root.mocap = False
-    for kind in _WITHOUT_USE:  # before the joints that they name
+    for kind in _WITHOUT_USE:  # before the joints, which they refer to
         for one in list(getattr(part, kind)):
             part.delete(one)
     for joint in list(root.joints):
@@ -202,19 +208,19 @@ def _names(joints: Sequence[mujoco.MjsJoint]) -> str:
 
 
 def _make_touchable(root: mujoco.MjsBody) -> None:
-    """The friction that grasps were measured with; where there are contact parts, the rest is only to be seen."""
+    """Set the friction that grasps were measured with; where there are contact parts, other geoms are only visual."""
     has_contact_parts = any(geom.group == _CONTACT_GROUP for geom in _geoms(root))
     for geom in _geoms(root):
         geom.friction, geom.condim = FRICTION, 4
         if has_contact_parts and geom.group != _CONTACT_GROUP:
             geom.contype = geom.conaffinity = 0
             geom.density = 0.0
-        elif geom.contype or geom.conaffinity:  # whatever it meets in its own world, here it meets everything
+        elif geom.contype or geom.conaffinity:  # here it collides with everything, whatever its own masks say
             geom.contype = geom.conaffinity = 1
 
 
 def _adopt(its: object, ours: object) -> None:
-    """What the object's file says about the whole world gives way to our settings, or MuJoCo warns of conflicts."""
+    """Replace the object file's world-wide settings by ours, because MuJoCo warns of conflicts."""
     for field in dir(ours):
         if not field.startswith("_"):
             setattr(its, field, getattr(ours, field))

@@ -1,4 +1,4 @@
-"""What can lie on the table: the paper's five objects, built from primitives, or any folder of MJCF objects."""
+"""The objects on the table: the paper's five, built from primitives, or any folder of MJCF objects."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _Rgba = tuple[float, float, float, float]
 
 
 class _Builder:
-    """Adds primitives to one body; densities are chosen so that the whole weighs what the real thing does."""
+    """Adds primitives to one body, with masses that sum up to the real object's weight."""
 
     def __init__(self, body: mujoco.MjsBody) -> None:
         self._body = body
@@ -32,9 +32,9 @@ class _Builder:
         axis: tuple[float, float, float] | None = None,
         heading_rad: float = 0.0,
     ) -> None:
-        """One primitive; ``axis`` is where its z axis points, ``heading_rad`` turns it about z.
+        """Add one primitive; ``axis`` is the direction of its z axis, ``heading_rad`` turns it about z.
 
-        Without mass it is paint: seen, but not touched.
+        Without mass it is paint: visible, but without contact.
         """
         geom = self._body.add_geom(type=kind, pos=pos, rgba=rgba, mass=mass_kg)
         geom.size[: len(size)] = size
@@ -66,7 +66,7 @@ def _bottle(build: _Builder) -> None:
         build.add(_CYLINDER, (radius, 0.0025), (0.0475 + 0.005 * index, 0.0, 0.0), green, 0.002, axis=_X)
     build.add(_CYLINDER, (0.0125, 0.010), (0.084, 0.0, 0.0), green, 0.006, axis=_X)
     build.add(_CYLINDER, (0.0150, 0.008), (0.100, 0.0, 0.0), cap, 0.007, axis=_X)
-    for side in (-1.0, 1.0):  # flattened where it lies, or it would roll
+    for side in (-1.0, 1.0):  # flat on the underside, or it would roll
         build.add(_BOX, (0.050, 0.004, 0.002), (-0.010, 0.0, 0.0282 * side), green, 0.010)
 
 
@@ -141,7 +141,7 @@ _PAPER_OBJECTS: dict[str, Callable[[_Builder], None]] = {
 
 
 def object_names(folder: Path | None) -> tuple[str, ...]:
-    """What can be presented, sorted. Raises: ConfigError for a folder without ``<name>/object.xml``."""
+    """Return the names that can be presented, sorted. Raises: ConfigError for a folder without any object.xml."""
     if folder is None:
         return tuple(sorted(_PAPER_OBJECTS))
     names = tuple(sorted(path.parent.name for path in folder.glob("*/object.xml")))
@@ -154,14 +154,18 @@ def object_names(folder: Path | None) -> tuple[str, ...]:
 
 
 def require_presentable(folder: Path | None, pick_region_m: tuple[float, float, float, float]) -> None:
-    """Raises: ConfigError naming the file of an object that cannot lie in the pick region and be grasped."""
+    """Raises: ConfigError naming the file of an object that cannot lie in the pick region and be grasped.
+
+    Args:
+        pick_region_m: (x_min, x_max, y_min, y_max) in ``base``.
+    """
     if folder is not None:
         for name in object_names(folder):
             require_plausible(_file(folder, name), pick_region_m)
 
 
 def name_in_order(names: tuple[str, ...], seed: int, index: int) -> str:
-    """The ``index``-th of a seeded order in which each comes once a round."""
+    """Return the ``index``-th name of a seeded order in which each comes once a round."""
     round_number, place = divmod(index, len(names))
     order = np.random.default_rng([seed % 2**64, round_number]).permutation(len(names))
     return names[int(order[place])]

@@ -1,7 +1,7 @@
-"""The Femto Mega's two lenses: intrinsics, distortion, and how MuJoCo's pinholes are bent into them.
+"""The Femto Mega's two lenses: intrinsics, distortion, and the maps that distort MuJoCo's pinhole images.
 
 Intrinsics are plausible figures for an NFOV unbinned 640x576 depth and a 1280x720 colour stream; no unit's calibration
-is published. Distortion is OpenCV's rational model (k1, k2, p1, p2, k3, k4, k5, k6).
+is published. Distortion is OpenCV's rational model (k1, k2, p1, p2, k3, k4, k5, k6); frames: docs/frames.md.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _RADII = 4097
 
 
 def _color_from_depth() -> npt.NDArray[np.float64]:
-    """Lens spacing 32 mm, the depth lens tilted by 6 degrees about x."""
+    """Return the pose for a lens spacing of 32 mm and the depth lens tilted by 6 degrees about x."""
     pose = np.eye(4)
     pose[:3, :3] = Rotation.from_euler("x", 6.0, degrees=True).as_matrix()
     pose[:3, 3] = -0.032, -0.002, 0.004
@@ -42,7 +42,12 @@ COLOR_FROM_DEPTH = _color_from_depth()
 
 @dataclass(frozen=True)
 class Pinhole:
-    """The wider, centred, undistorted image that is rendered, and the map that bends it into the lens's image."""
+    """The wider, centred, undistorted image that is rendered, and the map that distorts it into the lens's image.
+
+    Attributes:
+        width, height, focal_px: of the rendered image [px].
+        source_x, source_y: (H, W) of the lens's image: the pixel in the rendered image for each of its pixels.
+    """
 
     width: int
     height: int
@@ -52,11 +57,12 @@ class Pinhole:
 
     @property
     def fovy_deg(self) -> float:
+        """Vertical field of view of the rendered image."""
         return float(np.rad2deg(2 * np.arctan(self.height / 2 / self.focal_px)))
 
 
 def _pinhole(camera: CameraModel, finer: float, margin_px: int = 4) -> Pinhole:
-    """The smallest centred pinhole that covers every ray of ``camera``, ``finer`` times as fine as it."""
+    """Return the smallest centred pinhole that covers every ray of ``camera``, ``finer`` times as fine as it."""
     x, y = np.meshgrid(
         (np.arange(camera.width) - camera.cx) / camera.fx, (np.arange(camera.height) - camera.cy) / camera.fy
     )
@@ -69,7 +75,7 @@ def _pinhole(camera: CameraModel, finer: float, margin_px: int = 4) -> Pinhole:
 
 
 def _stretch(camera: CameraModel, radius: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """How much farther from the axis the ray of a point of the image is than the point; along the radius only.
+    """Return the ratio of undistorted to distorted radius for each image radius; for radial distortion only.
 
     Solved for some radii, with a spline between them (to 1e-11): for every pixel it would take most of a second.
     """
@@ -84,12 +90,12 @@ def _stretch(camera: CameraModel, radius: npt.NDArray[np.float64]) -> npt.NDArra
 
 
 COLOR_PINHOLE = _pinhole(COLOR, 1.0)
-DEPTH_PINHOLE = _pinhole(DEPTH, 2.0)  # its pixels are picked, not blended: depths must not mix
+DEPTH_PINHOLE = _pinhole(DEPTH, 2.0)  # finer, because its pixels are picked and not blended: depths must not mix
 FOVY_DEG = {"color": COLOR_PINHOLE.fovy_deg, "depth": DEPTH_PINHOLE.fovy_deg}
 
 
 def _mounting_error(sim: SimSettings) -> npt.NDArray[np.float64]:
-    """In a direction, and about an axis, that only the seed knows."""
+    """Return the error transform, in a direction and about an axis drawn from the seed."""
     shift, axis = np.random.default_rng([sim.seed % 2**64, 5]).normal(size=(2, 3))
     turn_rad = np.deg2rad(sim.mounting_error_deg) * axis / np.linalg.norm(axis)
     shift_m = sim.mounting_error_mm / 1e3 * shift / np.linalg.norm(shift)
@@ -97,7 +103,7 @@ def _mounting_error(sim: SimSettings) -> npt.NDArray[np.float64]:
 
 
 def hand_from_cameras(station: Station) -> dict[str, npt.NDArray[np.float64]]:
-    """Poses of both lenses in the hand, from the mounting of the colour lens and its error."""
+    """Return the poses (4, 4) [m] of both lenses in the hand, from the colour lens's mounting and its error."""
     mounting = from_wxyz(station.camera.hand_from_color_wxyz, station.camera.hand_from_color_position_m)
     hand_from_color = mounting @ _mounting_error(station.sim)
     return {"color": hand_from_color, "depth": hand_from_color @ COLOR_FROM_DEPTH}

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 OBJECT = "object"
-"""Name of the free body of the only object; of several, they are ``object-0``, ``object-1`` and so on."""
+"""Name of the only object's free body; several are called ``object-0``, ``object-1`` and so on."""
 _MARGIN_M = 0.005
 """Objects are put at least this far inside the pick region, with all their extent if they fit."""
 _CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
@@ -15,7 +15,7 @@ _DROP_M = 0.002
 
 
 class Placing:
-    """Moves one free object of a model; nothing here lets time pass.
+    """Moves one free object of a model; no simulated time passes here.
 
     Args:
         pick_region_m: (x_min, x_max, y_min, y_max) in ``base``.
@@ -33,7 +33,7 @@ class Placing:
         self.body = body
 
     def stand(self, heading_rad: float) -> None:
-        """The object as it is modelled, turned about the vertical, just above the middle of the pick region."""
+        """Put the object as modelled, turned by ``heading_rad`` about the vertical, just above the region's middle."""
         x_min, x_max, y_min, y_max = self._pick_region_m
         joint = self._data.joint(self.body)
         joint.qpos[:3] = (x_min + x_max) / 2, (y_min + y_max) / 2, 1.0
@@ -41,10 +41,10 @@ class Placing:
         joint.qvel[:] = 0.0
         mujoco.mj_forward(self._model, self._data)
         joint.qpos[2] += _DROP_M - self.extent()[0, 2]
-        self._data.qacc_warmstart[:] = 0.0  # what was here before must not show in the last bits
+        self._data.qacc_warmstart[:] = 0.0  # the object before must not change the last bits
 
     def shift_into_region(self, share: npt.NDArray[np.float64]) -> None:
-        """Move the resting object so that all of it lies inside the pick region, ``share`` (2,) of the way across."""
+        """Move the resting object so that all of it lies in the pick region, at ``share`` (2,) of the free range."""
         low, high = self.extent()[:, :2]
         first, last = self.region() - [low, high]
         shift = np.where(first <= last, first + share * (last - first), (first + last) / 2)
@@ -53,27 +53,32 @@ class Placing:
         joint.qvel[:] = 0.0
 
     def put(self, position_m: npt.NDArray[np.float64], wxyz: npt.NDArray[np.float64]) -> None:
-        """The object's body at rest at a pose in ``base``; what is derived from it comes with the next step."""
+        """Put the object's body at rest at a pose in ``base``; derived quantities follow with the next step.
+
+        Args:
+            position_m: (3,).
+            wxyz: (4,) unit quaternion.
+        """
         joint = self._data.joint(self.body)
         joint.qpos[:3], joint.qpos[3:] = position_m, wxyz
         joint.qvel[:] = 0.0
 
     def pose(self) -> npt.NDArray[np.float64]:
-        """(7,): position [m] and quaternion wxyz of the object's body in ``base``."""
+        """Return (7,): position [m] and quaternion wxyz of the object's body in ``base``."""
         return np.array(self._data.joint(self.body).qpos)
 
     def region(self) -> npt.NDArray[np.float64]:
-        """(2, 2): lowest and highest corner of where objects may lie."""
+        """Return (2, 2): lowest and highest corner [m] of the area where objects may lie."""
         x_min, x_max, y_min, y_max = self._pick_region_m
         return np.array([[x_min + _MARGIN_M, y_min + _MARGIN_M], [x_max - _MARGIN_M, y_max - _MARGIN_M]])
 
     def extent(self) -> npt.NDArray[np.float64]:
-        """(2, 3): lowest and highest corner of what can be touched of the object, in ``base``."""
+        """Return (2, 3): lowest and highest corner of the object's contact geoms in ``base`` [m]."""
         every = self.outline()
         return np.array([every.min(axis=0), every.max(axis=0)])
 
     def outline(self) -> npt.NDArray[np.float64]:
-        """(n, 3): points in ``base`` that span what can be touched of the object."""
+        """Return (n, 3): points in ``base`` [m] that span the object's contact geoms."""
         model, data = self._model, self._data
         solid = (model.body_rootid[model.geom_bodyid] == model.body(self.body).id) & (model.geom_contype != 0)
         points = [
@@ -83,7 +88,7 @@ class Placing:
         return np.concatenate(points)
 
     def _span(self, geom: int) -> npt.NDArray[np.float64]:
-        """Points (n, 3) that span the geom, in its own frame: a mesh's vertices, or its bounding box's corners."""
+        """Return points (n, 3) that span the geom, in its own frame: a mesh's vertices, or its bounding box."""
         model, mesh = self._model, self._model.geom_dataid[geom]
         if mesh >= 0:
             first = model.mesh_vertadr[mesh]
@@ -91,6 +96,7 @@ class Placing:
         return np.asarray(model.geom_aabb[geom, :3] + _CORNERS * model.geom_aabb[geom, 3:])
 
     def rests_inside(self) -> bool:
+        """Whether the object rests, and its middle lies inside the pick region."""
         x_min, x_max, y_min, y_max = self._pick_region_m
         low, high = self.extent()
         x, y, _ = (low + high) / 2
@@ -98,7 +104,7 @@ class Placing:
         return not moving and x_min < x < x_max and y_min < y < y_max and low[2] > -0.01
 
     def rests_wholly_inside(self) -> bool:
-        """Also with all of its extent."""
+        """Whether the object rests, and all of it lies inside the pick region."""
         x_min, x_max, y_min, y_max = self._pick_region_m
         low, high = self.extent()[:, :2]
         return self.rests_inside() and bool((low > (x_min, y_min)).all() and (high < (x_max, y_max)).all())

@@ -1,4 +1,4 @@
-"""Draws what MuJoCo's cameras see, headless, from whichever thread asks."""
+"""Renders MuJoCo's cameras without a display, from any thread."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Painter:
     A context is current in at most one thread; here it is so only while drawing, so that any thread may draw next.
 
     Raises:
-        DriverUnavailable: no graphics context can be had here.
+        DriverUnavailable: no graphics context is available here.
     """
 
     def __init__(self, model: mujoco.MjModel) -> None:
@@ -44,13 +44,13 @@ class Painter:
         )
 
     def color(self, width: int, height: int) -> npt.NDArray[np.uint8]:
-        """(height, width, 3) RGB."""
+        """Return (height, width, 3) RGB."""
         pixels = np.empty((height, width, 3), np.uint8)
         self._draw(width, height, pixels, None)
         return pixels[::-1]
 
     def depth_m(self, width: int, height: int) -> npt.NDArray[np.float32]:
-        """(height, width) distance along the optical axis."""
+        """Return (height, width) distance along the optical axis."""
         buffer = np.empty((height, width), np.float32)
         self._draw(width, height, None, buffer)
         extent = self._model.stat.extent
@@ -70,6 +70,7 @@ class Painter:
             mujoco.mjr_readPixels(pixels, depth, window, self._context)
 
     def close(self) -> None:
+        """Free the graphics context."""
         with self._gl.as_current():
             self._context.free()
         self._gl.free()

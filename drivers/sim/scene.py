@@ -1,4 +1,4 @@
-"""Composes the MuJoCo model: FR3 and Panda hand, what stands around, wrist camera, and the objects."""
+"""Composes the MuJoCo model: FR3 and Panda hand, the scene's boxes, wrist camera, and the objects (docs/frames.md)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ FINGER_JOINTS = ("finger_joint1", "finger_joint2")
 HAND_ACTUATOR = "hand"
 COLOR_CAMERA, DEPTH_CAMERA = "color", "depth"
 
-# The pads and what they press on: elliptic cones and a high impedance ratio hold a grasp without creep (measured).
+# Contact of the pads: elliptic cones and a high impedance ratio hold a grasp without creep (measured).
 _TIMESTEP_S = 0.001
 _IMPRATIO = 10.0
 _TORSION_M, _ROLLING_M = 0.01, 1e-4
@@ -39,12 +39,12 @@ _TRAY_RGBA = (0.20, 0.33, 0.42, 1.0)
 def compose(
     station: Station, objects: Mapping[str, str], hand_from_camera: dict[str, np.ndarray], fovy_deg: dict[str, float]
 ) -> mujoco.MjSpec:
-    """The whole cell.
+    """Compose the whole cell.
 
     Args:
-        objects: name of the free body -> name of the object that it is.
+        objects: name of the free body -> name of its object.
         hand_from_camera: pose (4x4, optical frame) of each rendered camera in the hand.
-        fovy_deg: its vertical field of view.
+        fovy_deg: vertical field of view of each rendered camera.
     """
     assets = Path(str(importlib.resources.files("franky_sim"))) / "assets"
     spec = mujoco.MjSpec.from_file(str(assets / "fr3.xml"))
@@ -66,12 +66,12 @@ def compose(
         _add_camera(spec.body("hand"), name, pose, fovy_deg[name])
     for index, (body_name, object_name) in enumerate(objects.items()):
         add_object(spec, object_name, station.sim.objects, body_name)
-        spec.body(body_name).pos = (0.0, 0.0, -index * _APART_M)  # where they begin they must not touch
+        spec.body(body_name).pos = (0.0, 0.0, -index * _APART_M)  # apart, so that they do not touch at the start
     return spec
 
 
 def _prepare_robot(spec: mujoco.MjSpec, station: Station) -> None:
-    """Weightless links (the FR3 compensates its own weight), a hand that can grasp, pads with the wanted friction."""
+    """Set weightless links (the FR3 compensates its own weight), a hand that can grasp, and the pads' friction."""
     for body in spec.bodies:
         if body.name != "world":
             body.gravcomp = 1.0
@@ -86,7 +86,7 @@ def _prepare_robot(spec: mujoco.MjSpec, station: Station) -> None:
 
 
 def _simplify_links(spec: mujoco.MjSpec) -> None:
-    """The links, which the camera never sees, look like what of them can be touched.
+    """Draw the links, which the camera never sees, by their collision geometry.
 
     Their fine meshes, hundreds of thousands of vertices, took a second of every start, and much memory.
     """
@@ -105,7 +105,7 @@ def _simplify_links(spec: mujoco.MjSpec) -> None:
 
 
 def _replace_jaw(spec: mujoco.MjSpec, finger: mujoco.MjsBody, station: Station) -> None:
-    """One flat jaw from root to tip instead of the shipped hull and pads.
+    """Replace the shipped hull and pads by one flat jaw from root to tip.
 
     The hull is bulged, so that it can cage a round object from below; on a flat jaw only friction holds.
     """

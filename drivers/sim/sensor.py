@@ -1,4 +1,4 @@
-"""What a time-of-flight sensor makes of perfect depth: noise, mixed and missing pixels, range, the hexagonal mask.
+"""Simulates a time-of-flight sensor from true depth: noise, mixed and missing pixels, range, the hexagonal mask.
 
 Model (fitted to the data sheet, not to a unit): sigma^2 = s0^2 + (a d / sqrt(rho))^2 + (b d^2 / rho)^2, 17 mm at
 3.86 m and reflectivity 0.15 (Femto Mega / Azure Kinect NFOV unbinned: 0.50-3.86 m).
@@ -21,11 +21,11 @@ DepthImage = npt.NDArray[np.float32]
 
 
 def sense(depth_m: DepthImage, rng: np.random.Generator, bias_seed: int, scale: float) -> DepthImage:
-    """A measured depth image [m], NaN = invalid, from a true one.
+    """Return a measured depth image (H, W) [m], NaN = invalid, from a true one.
 
     Args:
-        rng: this frame's randomness.
-        bias_seed: the unit: its smooth systematic error.
+        rng: this frame's random numbers.
+        bias_seed: of the unit's smooth systematic error.
         scale: of all errors; 0 leaves only range, mask and quantisation.
     """
     measured = depth_m.astype(np.float64)
@@ -42,7 +42,7 @@ def sense(depth_m: DepthImage, rng: np.random.Generator, bias_seed: int, scale: 
 
 
 def _mix_edges(depth_m: npt.NDArray[np.float64], rng: np.random.Generator) -> npt.NDArray[np.float64]:
-    """Pixels across a depth edge: half of them invalid, half a mixture of both sides."""
+    """Return the image with half of the pixels across a depth edge invalid, the other half a mixture of both sides."""
     kernel = np.ones((3, 3))
     far, near = cv2.dilate(depth_m, kernel), cv2.erode(depth_m, kernel)
     edge = far - near > _EDGE_M
@@ -53,12 +53,12 @@ def _mix_edges(depth_m: npt.NDArray[np.float64], rng: np.random.Generator) -> np
 
 
 def _bias(shape: tuple[int, ...], seed: int) -> npt.NDArray[np.float64]:
-    """A smooth field of about one millimetre, fixed for one unit."""
+    """Return a smooth error field of about one millimetre, fixed for one unit."""
     coarse = np.random.default_rng(seed).standard_normal((5, 5)) * _BIAS_M
     return np.asarray(cv2.resize(coarse, (shape[1], shape[0]), interpolation=cv2.INTER_CUBIC))
 
 
 def _hexagon(shape: tuple[int, ...]) -> npt.NDArray[np.bool_]:
-    """The illuminated part of the image: its corners are dark."""
+    """Return the illuminated part of the image; its corners are dark."""
     y, x = np.meshgrid(np.linspace(-1, 1, shape[0]), np.linspace(-1, 1, shape[1]), indexing="ij")
     return np.asarray(np.abs(x) + 0.5 * np.abs(y) < 1.25)

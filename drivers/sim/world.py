@@ -1,6 +1,6 @@
-"""One MuJoCo world behind three devices. Time passes only while a device acts: as fast as possible, or paced.
+"""One MuJoCo world behind the simulated devices. Time passes only while a device acts: as fast as possible, or paced.
 
-All access goes through one lock; a tick is one millisecond of robot time.
+All access goes through one lock; a tick is one millisecond of robot time. Frames: docs/frames.md.
 """
 
 from __future__ import annotations
@@ -34,6 +34,11 @@ class World:
     Args:
         station: its configuration (scene, camera mounting, `sim` settings).
         clock_ns: UTC clock for the stamps of states.
+
+    Attributes:
+        lock: guards model and data. ``motion``: held while a device moves.
+        names: the objects that can be presented. ``objects``: free body -> name of its object.
+        presented: seed of the newest presentation. ``presentations``: their number.
     """
 
     def __init__(self, station: Station, clock_ns: Callable[[], int] = time.time_ns) -> None:
@@ -64,7 +69,7 @@ class World:
     # --- time ---------------------------------------------------------------------------------------------------------
 
     def tick(self) -> None:
-        """One millisecond with the present commands; the caller holds no lock."""
+        """Simulate one millisecond with the present commands; the caller need not hold the lock."""
         with self.lock:
             self._step()
 
@@ -75,7 +80,7 @@ class World:
         mujoco.mj_step(self.model, data)
 
     def pace(self, ticks: int) -> None:
-        """In paced mode, sleep so that ``ticks`` since the last pause took their real time."""
+        """In paced mode, sleep so that each ten ``ticks`` take their real time."""
         factor = self.station.sim.pace
         if factor > 0 and ticks % _PACE_TICKS == 0:
             due_s = self._paced_s[1] + _PACE_TICKS * TICK_S / factor
@@ -89,8 +94,9 @@ class World:
     def present(self, name: str, seed: int) -> None:
         """Replace the object by ``name`` at a seeded pose, and let it come to rest.
 
-        Raises: ConfigError for an unknown object, or when the table was filled with several; DriverError when it does
-            not come to rest inside the pick region.
+        Raises:
+            ConfigError: unknown object, or the table was filled with several or holds the calibration board.
+            DriverError: the object does not come to rest inside the pick region.
         """
         if self.station.sim.board:
             raise ConfigError("The calibration board lies on the table: no object is presented.", "sim.board = false")
@@ -99,7 +105,7 @@ class World:
         if name not in self.names:
             raise ConfigError(f"Unknown object {name!r}.", f"There are: {', '.join(self.names)}.")
         rng = np.random.default_rng([seed % 2**64, *name.encode()])
-        with self.motion:  # the lock only by the way: the arm's state goes on being read
+        with self.motion:  # the lock is taken only briefly, so that the arm's state can still be read
             if name != self.objects[OBJECT]:
                 self._load({OBJECT: name})
             self.presented = seed
@@ -128,7 +134,7 @@ class World:
             self.presented, self.presentations = seed, 1
 
     def base_from_object(self, body: str = OBJECT) -> Transform:
-        """True pose of an object's body in ``base``."""
+        """Return the true pose (4, 4) [m] of an object's body in ``base``."""
         with self.lock:
             pose = np.eye(4)
             pose[:3, :3] = self.data.body(body).xmat.reshape(3, 3)
@@ -142,39 +148,40 @@ class World:
     # --- arm and hand -------------------------------------------------------------------------------------------------
 
     def command_arm(self, q_rad: Joints, last_q_rad: Joints) -> None:
-        """The position the arm is to have after the next tick; its rate since the last command is fed forward."""
+        """Set the arm's position (7,) for the next tick; its rate since ``last_q_rad`` (7,) is fed forward."""
         with self.lock:
             self._dq_command_rad_s = (q_rad - last_q_rad) / TICK_S
             self._q_command_rad = np.array(q_rad)
 
     def command_hand(self, width_m: float, force_n: float) -> None:
-        """Width the fingers are driven to, and the most each of them may press."""
+        """Set the target ``width_m`` of the fingers, and the largest force ``force_n`` of each."""
         with self.lock:
             self._hand_target_m = width_m / 2
             self.model.actuator_forcerange[self._hand_actuator] = (-2 * force_n, 2 * force_n)
 
     def pose_robot(self, q_rad: Joints, width_m: float) -> None:
-        """Put arm and fingers there at once, at rest: to mirror a robot that is elsewhere."""
+        """Put the arm at ``q_rad`` (7,) and the fingers at ``width_m`` at once, at rest: mirrors a robot elsewhere."""
         with self.lock:
             self._set_arm(q_rad, width_m / 2)
 
     def arm(self) -> tuple[Joints, Joints, Joints]:
-        """Measured positions, velocities, and external torques of the arm."""
+        """Return measured positions [rad], velocities [rad/s] and external torques [Nm] of the arm, each (7,)."""
         with self.lock:
             q_rad = self.data.qpos[self._arm_qpos].copy()
             return q_rad, self.data.qvel[self._arm_dofs].copy(), self._external_torque_nm()
 
     def arm_speed_rad_s(self) -> Joints:
+        """Return the measured joint velocities (7,)."""
         with self.lock:
             return np.array(self.data.qvel[self._arm_dofs])
 
     def hand_width_m(self) -> float:
-        """Measured distance between the pads."""
+        """Return the measured distance between the pads."""
         with self.lock:
             return float(self.data.qpos[self._finger_qpos].sum())
 
     def _external_torque_nm(self) -> Joints:
-        """Joint torques that balance what the robot touches: the contacts' forces through their Jacobians."""
+        """Return the joint torques (7,) of the robot's contacts: their forces through the contact Jacobians."""
         model, data = self.model, self.data
         torque_nm = np.zeros(model.nv)
         wrench, jacobian_p, jacobian_r = np.zeros(6), np.zeros((3, model.nv)), np.zeros((3, model.nv))
@@ -194,7 +201,7 @@ class World:
     # --- model --------------------------------------------------------------------------------------------------------
 
     def _load(self, objects: dict[str, str]) -> None:
-        """Compile the cell with ``objects``; the robot keeps its state. The caller sees to it that nothing moves."""
+        """Compile the cell with ``objects``; the robot keeps its state. The caller ensures that no device moves."""
         spec = compose(self.station, objects, hand_from_cameras(self.station), FOVY_DEG)
         try:
             model: mujoco.MjModel = spec.compile()

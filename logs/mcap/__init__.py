@@ -1,1 +1,1 @@
-"""One cycle in one MCAP file: written, read, listed, made whole, deleted by rule."""
+"""One cycle in one MCAP file: writing, reading, listing, recovery and deletion by rule."""

@@ -1,4 +1,4 @@
-"""Finds and lists what was recorded, newest first; a file that cannot be read is listed with its reason, not hidden."""
+"""Finds and lists recordings, newest first; an unreadable file is listed with the reason."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from itertools import islice
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 from mcap.records import Attachment, Channel, Message, Metadata
 
 from bus import topics
-from bus.codec import decode
+from bus.codec import Json, decode
 from bus.errors import BadPayload, RecordingError
 from bus.messages import Attempt, CycleResult
 from logs.mcap.names import found_below, is_folder, reading, shown
@@ -22,7 +22,7 @@ from logs.mcap.recorder import PART
 from logs.mcap.whole import Summary, records
 
 FINE = ("SUCCESS", "EMPTY")
-"""Results that nobody needs to look at."""
+"""Results that need no attention."""
 _SHOWN_MATCHES = 3
 _RESULT = f"/{topics.RESULT.key}"
 _SHOWN = frozenset({_RESULT, f"/{topics.ATTEMPT.key}"})
@@ -34,8 +34,11 @@ class Entry:
 
     Attributes:
         result: a cycle's, or ``UNFINISHED``, ``TORN`` (never closed), ``DAMAGED``.
-        wall_s: how long the cycle took, None when it does not say.
-        number: which try of its pick it was, from 0. ``retry_of``, ``retried_as``: ids of the tries beside it, or "".
+        code, reason: of a failure. ``object``: name of the object.
+        wall_s: duration of the cycle, None when unknown.
+        number: number of the attempt within its pick, from 0. ``retry_of``, ``retried_as``: ids of the adjacent
+            attempts,
+            or "".
     """
 
     path: Path
@@ -51,21 +54,22 @@ class Entry:
 
     @property
     def failed(self) -> bool:
-        """Whether somebody should look at it."""
+        """True when a person should examine the recording."""
         return self.result not in FINE
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
+        """The fields as a JSON object, with the path as ``recording``."""
         return {"recording": shown(self.path)} | {key: value for key, value in asdict(self).items() if key != "path"}
 
 
 @dataclass(frozen=True)
 class Filter:
-    """Which recordings are asked for.
+    """Selects recordings.
 
     Attributes:
-        failed: only those somebody should look at. ``code``: only this one.
-        day: ``2026-11-28``, or only the beginning of one; "today".
-        last: at most so many; None = all.
+        failed: only those that a person should examine. ``code``: only this code.
+        day: ``2026-11-28``, or a prefix of a day; "today".
+        last: at most this many; None = all.
     """
 
     failed: bool = False
@@ -74,23 +78,24 @@ class Filter:
     last: int | None = None
 
     def dates(self, path: Path) -> bool:
-        """Whether the recording is of the day asked for."""
+        """True when the recording is of the selected day."""
         day = datetime.now(UTC).strftime("%Y-%m-%d") if self.day == "today" else self.day
         return path.name.startswith(day.replace("-", ""))
 
     def takes(self, entry: Entry) -> bool:
+        """True when the entry has the selected result and code."""
         return (entry.failed or not self.failed) and (not self.code or entry.code == self.code.upper())
 
 
 def list_cycles(folder: Path, wanted: Filter | None = None) -> Iterator[Entry]:
-    """Every recording below ``folder`` that is ``wanted``. Raises: RecordingError when there is no such folder."""
+    """The selected recordings below ``folder``, newest first. Raises: RecordingError when the folder does not exist."""
     wanted = wanted or Filter()
     entries = (read_entry(path) for path in recordings(folder) if wanted.dates(path))
     return islice((entry for entry in entries if wanted.takes(entry)), wanted.last)
 
 
 def recordings(folder: Path) -> list[Path]:
-    """The files, newest first. Raises: RecordingError when there is no such folder."""
+    """The recordings' files, newest first. Raises: RecordingError when the folder does not exist."""
     if not is_folder(folder):
         raise RecordingError(
             f"There is no folder {shown(folder)}.", "Nothing was recorded yet, or name another folder."
@@ -100,7 +105,7 @@ def recordings(folder: Path) -> list[Path]:
 
 
 def find_recording(name: str, folder: Path) -> Path:
-    """The recording that ``name`` means: a file, or a cycle of ``folder``: its id, or a part of no other's.
+    """The recording named ``name``: a file, or a cycle of ``folder`` by its id or an unambiguous part of it.
 
     Raises: RecordingError when there is none, or more than one.
     """
@@ -108,7 +113,7 @@ def find_recording(name: str, folder: Path) -> Path:
     with reading(path):
         is_there = path.exists()
     if is_there or path.suffix in (".mcap", PART) or len(path.parts) > 1:
-        return path  # whoever reads it says what is wrong with it
+        return path  # the reader reports errors of the file
     found = [path for path in recordings(folder) if name in _id_of(path)]
     whole = [path for path in found if _id_of(path) == name]
     if len(whole or found) == 1:
@@ -123,7 +128,7 @@ def find_recording(name: str, folder: Path) -> Path:
 
 
 def read_entry(path: Path) -> Entry:
-    """How one recording ended; never raises for what is wrong with the file."""
+    """The entry of one recording; errors of the file become part of the entry and are never raised."""
     name = _id_of(path)
     if path.suffix == PART:
         return Entry(path, name, "TORN", reason="not finished; `cell recover` makes it readable")
@@ -134,13 +139,13 @@ def read_entry(path: Path) -> Entry:
 
 
 def read_result(path: Path) -> CycleResult | None:
-    """The result that one recording holds, None where it holds none. Raises: RecordingError, BadPayload."""
+    """The result in one recording, None without one. Raises: RecordingError, BadPayload."""
     results = [payload for topic, payload in _look(path).said if topic == _RESULT]
     return decode(CycleResult, results[-1]) if results else None
 
 
 def read_metadata(path: Path) -> dict[str, str]:
-    """Every table of one recording's metadata, merged; the cheapest look at it. Raises: RecordingError."""
+    """All metadata tables of one recording, merged; the cheapest read of it. Raises: RecordingError."""
     return _look(path, topics=frozenset()).metadata
 
 
@@ -149,14 +154,14 @@ def _id_of(path: Path) -> str:
 
 
 def _closed(path: Path, name: str) -> Entry:
-    """The result in words of the file's metadata, and what its messages add. Raises: RecordingError."""
+    """The entry of a closed file, from its metadata and its messages. Raises: RecordingError."""
     seen = _look(path)
     require_ours(path, has_station=seen.station is not None, metadata=seen.metadata)
     with reading(path):
         station_tree(seen.station or b"")
     result: CycleResult | None = None
     attempt = Attempt(cycle_id=name)
-    with suppress(BadPayload):  # of another version: what the metadata says still holds
+    with suppress(BadPayload):  # a message of another version: the metadata is still valid
         for topic, payload in seen.said:
             if topic == _RESULT:
                 result = decode(CycleResult, payload)
@@ -178,7 +183,11 @@ def _closed(path: Path, name: str) -> Entry:
 
 @dataclass
 class _Look:
-    """What little is read of a file. ``station``: the attached document. ``said``: topics and payloads."""
+    """The part of a file that was read.
+
+    Attributes:
+        metadata: merged. ``station``: the attached document. ``said``: topics and payloads.
+    """
 
     metadata: dict[str, str] = field(default_factory=dict)
     station: bytes | None = None
@@ -186,7 +195,7 @@ class _Look:
 
 
 def _look(path: Path, topics: frozenset[str] = _SHOWN) -> _Look:
-    """The metadata, the station and the messages of ``topics``. Raises: RecordingError."""
+    """Read the metadata, the station and the messages of ``topics``. Raises: RecordingError."""
     seen = _Look()
     with reading(path), path.open("rb") as file:
         summary = Summary(file)
@@ -200,7 +209,7 @@ def _look(path: Path, topics: frozenset[str] = _SHOWN) -> _Look:
 
 
 def _walked(file: IO[bytes], topics: frozenset[str]) -> _Look:
-    """The same, of a file that does not say where things are."""
+    """As `_look`, for a file without an index."""
     seen = _Look()
     names: dict[int, str] = {}
     for record in records(file):

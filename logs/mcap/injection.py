@@ -1,4 +1,4 @@
-"""A disk that misbehaves on demand, under the recorder's files."""
+"""Fault injection for the disk: a wrapper of the recorder's files that misbehaves on demand."""
 
 from __future__ import annotations
 
@@ -10,21 +10,22 @@ from bus.injection import Fault, Faulty
 
 
 class FaultyDisk(Faulty):
-    """Wraps the files of a `logs.mcap.recorder.Recorder`: each write is spoiled.
+    """Wraps the files of a `logs.mcap.recorder.Recorder`; every write suffers the injected fault.
 
-    ``off``: an I/O error. ``stuck``: it does not return. ``garbage``: other bytes are written. ``wrong``: the disk is
-    full. ``slow``: it takes ``delay_s`` longer. What reads the file is not spoiled.
+    ``off``: an I/O error. ``stuck``: the write does not return. ``garbage``: other bytes are written. ``wrong``: the
+    disk
+    is full. ``slow``: the write takes ``delay_s`` longer. Reads are not affected.
     """
 
     def __init__(self, fault: Fault = Fault.NONE, *, delay_s: float = 1.0) -> None:
         super().__init__(fault, delay_s)
 
     def under(self, file: BinaryIO) -> FaultyFile:
-        """The file, on this disk."""
+        """``file`` with this disk's faults."""
         return FaultyFile(file, self)
 
     def take(self, data: bytes) -> bytes:
-        """What is really written of ``data``, after as long as that takes. Raises: OSError."""
+        """The bytes to write instead of ``data``, after the fault's delay. Raises: OSError."""
         with self._turn:
             self._turn.wait_for(lambda: self._fault is not Fault.STUCK)
             self._turn.wait_for(lambda: self._fault is not Fault.SLOW, self.delay_s)
@@ -36,26 +37,28 @@ class FaultyDisk(Faulty):
 
 
 class FaultyFile:
-    """As much of a binary file as the recorder uses."""
+    """The part of a binary file's interface that the recorder uses, with the disk's faults."""
 
     def __init__(self, file: BinaryIO, disk: FaultyDisk) -> None:
         self._file, self._disk = file, disk
 
     def write(self, data: bytes) -> int:
+        """Write ``data`` with the fault applied; return the number of bytes. Raises: OSError."""
         return self._file.write(self._disk.take(bytes(data)))
 
-    def tell(self) -> int:
-        return self._file.tell()
-
     def flush(self) -> None:
+        """Flush the file."""
         self._file.flush()
 
     def fileno(self) -> int:
+        """The file's descriptor."""
         return self._file.fileno()
 
     def close(self) -> None:
+        """Close the file."""
         self._file.close()
 
     @property
     def closed(self) -> bool:
+        """True when the file is closed."""
         return self._file.closed

@@ -1,36 +1,40 @@
-"""Older recordings, read as if they were written today.
+"""Migrates the content of older recordings to the current schema while reading.
 
-A recording names the version of what it holds in its metadata (``schema``). Each migration takes the content of one
-version to the next; the file itself stays as it is. Raise `SCHEMA_VERSION` and add a row whenever a recorded message,
-the metadata or the attachments change in a way that the reader would notice.
+A recording names the version of its content in its metadata (``schema``). Each migration converts the content of one
+version to the next; the file is not changed. Add a row to `MIGRATIONS`, which raises `SCHEMA_VERSION`, whenever a
+recorded message, the metadata or the attachments change in a way that affects the reader.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
 
+from bus.codec import Json
 from bus.errors import RecordingError
 
 
 @dataclass
 class Content:
-    """What a file holds.
+    """The content of a file.
 
     Attributes:
-        metadata: every metadata record, merged. ``station``: the attached station, or None.
+        metadata: all metadata records, merged. ``station``: the attached station, or None.
         payloads: (log time [ns UTC], bytes) of every message, by the topic's key.
     """
 
     metadata: dict[str, str] = field(default_factory=dict)
-    station: dict[str, Any] | None = None
+    station: Json | None = None
     payloads: dict[str, list[tuple[int, bytes]]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Migration:
-    """One step. ``what``: what it changes, for a person."""
+    """One step from a version to the next.
+
+    Attributes:
+        since: the version it converts. ``what``: the change, for a person. ``change``: applies it in place.
+    """
 
     since: int
     what: str
@@ -38,7 +42,7 @@ class Migration:
 
 
 def _nothing(_content: Content) -> None:
-    """Only the number is new."""
+    """Change the version number only."""
 
 
 def _split_dirty(content: Content) -> None:
@@ -54,11 +58,14 @@ MIGRATIONS: tuple[Migration, ...] = (
     Migration(2, "A plan that failed lists what it rejected: nothing, where that was not kept.", _nothing),
 )
 SCHEMA_VERSION = len(MIGRATIONS)
-"""Of what is recorded now."""
+"""The version of new recordings."""
 
 
 def migrate(content: Content) -> None:
-    """Bring ``content`` to today's version, in place. Raises: RecordingError when it is newer than this program."""
+    """Convert ``content`` to the current version, in place.
+
+    Raises: RecordingError when its version is newer than this program, or invalid.
+    """
     said = content.metadata.get("schema", "0")
     version = next((known for known in range(SCHEMA_VERSION + 1) if said == str(known)), -1)
     if not 0 <= version <= SCHEMA_VERSION:

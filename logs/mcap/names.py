@@ -1,4 +1,4 @@
-"""A recording's file in words, and what is wrong with it as the one error that its readers raise."""
+"""Printable names of recordings, and the mapping of read errors to RecordingError."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from logs.mcap.records import Damage
 
 
 def shown(path: Path) -> str:
-    """The path as one line that can be printed, whatever bytes its name is of."""
+    """The path as one printable line, whatever bytes its name contains."""
     return printable(os.fsencode(path).decode("utf-8", "backslashreplace"))
 
 
@@ -23,7 +23,7 @@ def printable(text: str) -> str:
 
 @contextmanager
 def reading(path: Path) -> Iterator[None]:
-    """Inside, ``path`` is read. Raises: RecordingError for what is wrong with it."""
+    """Context in which ``path`` is read. Raises: RecordingError for errors of the file."""
     try:
         yield
     except Damage as error:
@@ -38,7 +38,7 @@ def reading(path: Path) -> Iterator[None]:
 
 @contextmanager
 def telling(what: str) -> Iterator[None]:
-    """Inside, what was recorded is put into words and pictures. Raises: RecordingError for values that forbid it."""
+    """Context in which recorded values are put into text and figures. Raises: RecordingError for unsuitable values."""
     try:
         yield
     except CellError:
@@ -51,13 +51,13 @@ def telling(what: str) -> Iterator[None]:
 
 
 def is_folder(path: Path) -> bool:
-    """Raises: RecordingError when that cannot be known."""
+    """True for a folder. Raises: RecordingError when that cannot be determined."""
     with reading(path):
         return path.is_dir()
 
 
 def found_below(folder: Path, pattern: str) -> list[Path]:
-    """The files below ``folder`` whose name fits, in the order of their paths. Raises: RecordingError."""
+    """The files below ``folder`` whose names match, sorted by path. Raises: RecordingError."""
     with reading(folder):
-        os.listdir(folder)  # `rglob` finds nothing, silently, where it may not look
+        os.listdir(folder)  # raises; `rglob` silently finds nothing without permission
         return sorted(folder.rglob(pattern))

@@ -1,4 +1,4 @@
-"""Reads one recorded cycle: what every stage worked on and gave, and how it ended."""
+"""Reads one recorded cycle: the inputs and results of all stages, and the end of the cycle."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Generic, NamedTuple, TypeVar
 
+from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
 from mcap.records import Attachment, Channel, McapRecord, Message, Metadata
 
 from bus import topics
-from bus.codec import decode
+from bus.codec import Json, MessageT, decode
 from bus.commands import CellState, Event, Health
 from bus.errors import BadPayload, RecordingError
 from bus.messages import Attempt, CycleResult, Execution, Frame, HandState, ModelReply, Observation, StageRecord, View
@@ -28,51 +29,60 @@ from logs.mcap.whole import records
 STAGE_TOPICS = (topics.CAPTURE, topics.DETECT, topics.PLAN, topics.EXECUTE, topics.VERIFY, topics.DELIVER)
 STATION = "station.json"
 RECOVERED = "recovered"
-"""Key of the metadata of a recording that was made whole again; it may end anywhere."""
+"""Metadata key of a recovered recording; such a recording may end anywhere."""
 _STATION_DEPTH = 32
 _HEALTH = re.compile(topics.NODE_HEALTH.key.format(name="[^/]+"))
 
 
-class Timed(NamedTuple):
-    """One recorded payload: when it was logged [ns UTC] and what it says."""
+Payload = TypeVar("Payload")
+Stage = StageRecord[Any]
+"""Of any of the stages."""
+
+
+class Timed(NamedTuple, Generic[Payload]):
+    """One recorded payload.
+
+    Attributes:
+        log_time_ns: UTC. ``message``: the decoded payload.
+    """
 
     log_time_ns: int
-    message: Any
+    message: Payload
 
 
 @dataclass(frozen=True)
 class CycleRecord:
-    """One cycle as it was recorded.
+    """One recorded cycle.
 
     Attributes:
-        metadata: versions, seeds, hashes; then the result's own.
-        station: the station file's tree, as configured then.
+        metadata: versions, seeds, hashes; then those of the result.
+        station: the tree of the station file at that time.
         stages: the record of every stage that ran, in order.
-        attempt: which try of its pick this cycle is.
-        observation, after: what was seen before the pick, and while holding; None when not reached.
-        replies: every call to the goal-image model, in order.
-        states, events, hand: what the cell and the hand said, in order.
-        health: what the nodes said of themselves, node by node. ``arm``: what the arm said, as foxglove.JointStates.
+        attempt: the attempt of the pick that this cycle is.
+        observation, after: the capture before the pick, and the one while holding; None when not reached.
+        replies: all calls to the goal-image model, in order.
+        states, events, hand: messages of the cell and the hand, in order.
+        health: health messages of the nodes, node by node. ``arm``: the arm's states as foxglove.JointStates.
     """
 
     cycle_id: str
     metadata: dict[str, str]
-    station: dict[str, Any]
-    stages: dict[str, StageRecord[Any]]
+    station: Json
+    stages: dict[str, Stage]
     observation: Observation | None
     after: Observation | None
     result: CycleResult | None
     attempt: Attempt
     replies: tuple[ModelReply, ...] = ()
-    states: tuple[Timed, ...] = ()
-    events: tuple[Timed, ...] = ()
-    hand: tuple[Timed, ...] = ()
-    health: tuple[Timed, ...] = ()
-    arm: tuple[Timed, ...] = ()
+    states: tuple[Timed[CellState], ...] = ()
+    events: tuple[Timed[Event], ...] = ()
+    hand: tuple[Timed[HandState], ...] = ()
+    health: tuple[Timed[Health], ...] = ()
+    arm: tuple[Timed[JointStates], ...] = ()
 
 
 def read_cycle(path: Path) -> CycleRecord:
-    """Read one closed recording, older ones migrated. Raises: RecordingError, saying what is wrong with the file."""
+    """Read one closed recording; older ones are migrated. Raises: RecordingError, which names the error of the file."""
     raw = _read(path)
     require_ours(path, has_station=raw.station is not None, metadata=raw.metadata)
     migrate(raw)
@@ -85,13 +95,13 @@ def read_cycle(path: Path) -> CycleRecord:
 
 
 def require_ours(path: Path, *, has_station: bool, metadata: Mapping[str, str]) -> None:
-    """Raises: RecordingError for an MCAP that another program wrote."""
+    """Refuse an MCAP of another program. Raises: RecordingError."""
     if not has_station or "cycle_id" not in metadata:
         raise RecordingError(f"{shown(path)} is an MCAP, but not a recording of this cell.", f"It lacks {STATION}.")
 
 
 def require_finished(path: Path) -> None:
-    """Raises: RecordingError when there is no file, or only one that was not finished."""
+    """Refuse a missing or unfinished recording. Raises: RecordingError."""
     with reading(path):
         is_file = path.is_file()
     if is_file and path.name.endswith(PART):
@@ -112,7 +122,7 @@ def _read(path: Path) -> Content:
 
 
 def _fill(raw: Content, found: Iterator[McapRecord]) -> None:
-    """Everything in the data section, whose checksum is looked at; the summary only repeats it. Raises: Damage."""
+    """Read all records of the data section, checking its checksum; the summary only repeats them. Raises: Damage."""
     keys: dict[int, str] = {}
     for record in found:
         match record:
@@ -128,11 +138,11 @@ def _fill(raw: Content, found: Iterator[McapRecord]) -> None:
                 raw.payloads.setdefault(keys[record.channel_id], []).append((record.log_time, record.data))
 
 
-def station_tree(document: bytes) -> dict[str, Any]:
-    """The attached station: a JSON document that is a tree of settings. Raises: Damage for another."""
+def station_tree(document: bytes) -> Json:
+    """The attached station: a JSON document that is a tree of settings. Raises: Damage for any other document."""
     try:
         tree = json.loads(document)
-        json.dumps(tree, ensure_ascii=False).encode()  # raises for characters that no file can hold
+        json.dumps(tree, ensure_ascii=False).encode()  # raises for characters that cannot be encoded
     except (ValueError, RecursionError) as error:
         raise Damage(f"{STATION} is no JSON") from error
     if not isinstance(tree, dict) or not _is_shallow(tree, _STATION_DEPTH):
@@ -140,13 +150,13 @@ def station_tree(document: bytes) -> dict[str, Any]:
     return tree
 
 
-def _is_shallow(value: Any, levels: int) -> bool:
+def _is_shallow(value: object, levels: int) -> bool:
     inner = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
     return levels > 0 and all(_is_shallow(one, levels - 1) for one in inner)
 
 
-def recorded_number(tree: Any, *keys: str) -> float | None:
-    """A setting of a recorded station, which may be of any version; None where it holds no such number."""
+def recorded_number(tree: object, *keys: str) -> float | None:
+    """A numeric setting of a recorded station of any version; None without such a number."""
     for key in keys:
         tree = tree.get(key) if isinstance(tree, dict) else None
     return float(tree) if isinstance(tree, int | float) and math.isfinite(tree) else None
@@ -176,18 +186,18 @@ def _cycle(raw: Content) -> CycleRecord:
     )
 
 
-def _stages(raw: Content) -> Iterator[tuple[str, StageRecord[Any]]]:
-    """In the order of the cycle."""
+def _stages(raw: Content) -> Iterator[tuple[str, Stage]]:
+    """The stage records in the order of the cycle."""
     for topic in STAGE_TOPICS:
         for _, payload in raw.payloads.get(topic.key, []):
-            record: StageRecord[Any] = decode(topic.says, payload)
+            record: Stage = decode(topic.says, payload)
             if not topic.key.endswith(f"/{record.stage}"):
                 raise BadPayload(f"What was said of {record.stage} lies under {topic.key!r}.")
             yield record.stage, record
 
 
-def _timed(raw: Content, key: str, kind: type[Any]) -> tuple[Timed, ...]:
-    """What was said and can be read: a node that talks nonsense is recorded as it talks."""
+def _timed(raw: Content, key: str, kind: type[MessageT]) -> tuple[Timed[MessageT], ...]:
+    """The decodable messages of ``key``; undecodable ones, e.g. of a faulty node, are recorded but skipped here."""
     timed = []
     for log_time_ns, payload in raw.payloads.get(key, []):
         with suppress(BadPayload):
@@ -195,7 +205,7 @@ def _timed(raw: Content, key: str, kind: type[Any]) -> tuple[Timed, ...]:
     return tuple(timed)
 
 
-def _arm_states(raw: Content) -> Iterator[Timed]:
+def _arm_states(raw: Content) -> Iterator[Timed[JointStates]]:
     """As `_timed`, in protobuf."""
     for log_time_ns, payload in raw.payloads.get(topics.ARM_STATE.key, []):
         with suppress(BadPayload):
@@ -203,12 +213,12 @@ def _arm_states(raw: Content) -> Iterator[Timed]:
 
 
 def _frames(raw: Content) -> Iterator[tuple[int, Frame]]:
-    """Every recorded frame by its stamp. The five parts of one were recorded together, in order."""
+    """All recorded frames by their stamp [ns UTC]. The five parts of a frame are recorded together, in order."""
     columns = [raw.payloads.get(topic.key, []) for topic in topics.FRAME_PARTS]
     if len({len(column) for column in columns}) > 1 and RECOVERED not in raw.metadata:
         raise BadPayload("Parts of a frame are missing.")
-    for parts in zip(*columns, strict=False):  # of a torn file, the last frame's parts may be missing
-        with suppress(BadPayload):  # what cannot be read was never used: its capture failed
+    for parts in zip(*columns, strict=False):  # in a torn file, parts of the last frame may be missing
+        with suppress(BadPayload):  # an undecodable frame was never used: its capture failed
             frame = frame_from_wire(
                 {topic.key: payload for topic, (_, payload) in zip(topics.FRAME_PARTS, parts, strict=True)}
             )

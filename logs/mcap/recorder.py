@@ -1,7 +1,7 @@
-"""Writes one cycle into one MCAP, so that a killed process loses nothing that was flushed.
+"""Writes one cycle into one MCAP file; a killed process loses nothing that was flushed.
 
-The file is ``<path>.part`` until it is closed. Chunks are compressed and closed at every flush: a reader that goes
-through an unfinished file finds every message up to the last flush.
+The file is ``<path>.part`` until it is closed. Chunks are compressed and closed at every flush: a sequential reader of
+an unfinished file finds every message up to the last flush.
 """
 
 from __future__ import annotations
@@ -25,19 +25,22 @@ from logs.mcap.writer import McapFile
 
 PART = ".part"
 MODE = 0o640
-"""Of recordings, and of the pages made of them."""
+"""File mode of recordings and of their report pages."""
 _BLOCK_BYTES = 1 << 20
 _MESSAGE_ENCODING = {"jsonschema": "json", "protobuf": "protobuf"}
 
 
 def open_part(path: Path) -> BinaryIO:
-    """Open a new recording for writing. It is locked while a process writes it, so that nobody takes it for torn."""
+    """Open a new recording for writing. It is locked while it is written, so that recovery does not take it for torn.
+
+    Raises: OSError, BlockingIOError when another process writes it.
+    """
     file = os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT, MODE), "wb")
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         if stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-            file.truncate()  # only now: until it is locked, somebody else may be writing it
-            os.fchmod(file.fileno(), MODE)  # whatever the umask
+            file.truncate()  # only now: before the lock, another process may be writing it
+            os.fchmod(file.fileno(), MODE)  # independent of the umask
     except OSError:
         file.close()
         raise
@@ -45,7 +48,10 @@ def open_part(path: Path) -> BinaryIO:
 
 
 def ensure_space(folder: Path, min_free_mb: float) -> None:
-    """Make ``folder`` and check its disk. Raises: RecordingError when it cannot be made or too little is free."""
+    """Create ``folder`` and check the free space [MB] of its disk.
+
+    Raises: RecordingError when the folder cannot be created, or too little is free.
+    """
     with _as_recording_error(folder):
         folder.mkdir(parents=True, exist_ok=True)
         free_mb = shutil.disk_usage(folder).free / 1e6
@@ -57,10 +63,9 @@ def ensure_space(folder: Path, min_free_mb: float) -> None:
 
 
 class Output(Protocol):
-    """What a recording is written to."""
+    """The file interface that a recording is written to."""
 
     def write(self, data: bytes, /) -> int: ...
-    def tell(self) -> int: ...
     def flush(self) -> None: ...
     def fileno(self) -> int: ...
     def close(self) -> None: ...
@@ -73,7 +78,7 @@ Under = Callable[[BinaryIO], Output]
 
 
 def plain(file: BinaryIO) -> Output:
-    """The file itself."""
+    """The file unchanged."""
     return file
 
 
@@ -81,10 +86,10 @@ class Recorder:
     """One recording. Thread-safe; every method raises RecordingError when the disk fails.
 
     Args:
-        path: the final ``.mcap``; its folders are made.
-        metadata: what must be known to run the cycle again; written first.
+        path: the final ``.mcap``; its folders are created.
+        metadata: the information needed to rerun the cycle; written first.
         clock: UTC [ns].
-        under: given the opened file, and what is to be written to in its place.
+        under: maps the opened file to the one to write to, e.g. to inject faults.
     """
 
     def __init__(
@@ -116,27 +121,27 @@ class Recorder:
         return self.path.with_name(self.path.name + PART)
 
     def write(self, key: str, encoding: str, payload: bytes, *, log_time_ns: int) -> None:
-        """Append one payload that travelled on ``key`` with a Zenoh ``encoding`` of the topic table."""
+        """Append one payload of topic ``key`` with a Zenoh ``encoding`` of the topic table; ``log_time_ns``: UTC."""
         with self._lock, _as_recording_error(self.path):
             channel = self._channel(key, encoding)
             self._sequence[channel] = sequence = self._sequence.get(channel, 0) + 1
             self._writer.message(channel, log_time_ns, payload, log_time_ns, sequence)
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
-        """Store a whole file beside the messages."""
+        """Store a whole file as an attachment."""
         now_ns = self._clock()
         with self._lock, _as_recording_error(self.path):
             self._writer.attachment(now_ns, name, media_type, data)
 
     def flush(self) -> None:
-        """Close the chunk and hand everything to the operating system."""
+        """Close the chunk and pass all data to the operating system."""
         with self._lock, _as_recording_error(self.path):
             self._writer.flush()
 
     def close(self, result: Mapping[str, str]) -> Path:
-        """Write ``result``, the index and the footer, sync, read it back, and give the file its final name for good.
+        """Write ``result``, the index and the footer, sync, read the file back, and give it its final name. Idempotent.
 
-        Idempotent. Raises: RecordingError, also when the file does not hold what was written.
+        Raises: RecordingError, also when the file does not contain what was written.
         """
         with self._lock, _as_recording_error(self.path):
             if not self._file.closed:
@@ -151,17 +156,23 @@ class Recorder:
         return self.path
 
     def _require_readable(self) -> None:
-        """As far as the operating system tells: what it gives back is what it was given."""
+        """Read the synced file back from the disk and compare its checksum; its page cache is dropped first.
+
+        A file system in memory, or one that ignores the advice, still reads from the cache.
+
+        Raises: RecordingError.
+        """
         read = 0
         with self._part.open("rb") as file:
+            os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
             while block := file.read(_BLOCK_BYTES):
                 read = zlib.crc32(block, read)
         if read != self._writer.crc:
             raise RecordingError(f"{self._part} does not hold what was written.", "Check the disk.")
 
     def abandon(self) -> None:
-        """Let go of the file as it is, after the disk failed: the ``.part`` stays. Never raises; idempotent."""
-        with self._lock, suppress(OSError):  # what could not be written cannot be flushed now either
+        """Close the file as it is after the disk failed; the ``.part`` remains. Never raises; idempotent."""
+        with self._lock, suppress(OSError):  # closing flushes, which fails again
             self._file.close()
 
     def __enter__(self) -> Recorder:

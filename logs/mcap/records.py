@@ -1,16 +1,15 @@
-"""Reads MCAP records from bytes that anybody may have written: in bounded work, and with one error for all of it.
+"""Parses untrusted MCAP records with bounded work, and with Damage as the only error.
 
-The library's own readers make room for whatever a file says of itself, and end in whatever Python raises then.
+The library's readers allocate any size that a file announces, and raise arbitrary exceptions.
 """
 
 from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Iterator
-from contextlib import suppress
+from collections.abc import Callable, Iterator
 from io import BytesIO
-from typing import Any, cast
+from typing import cast
 
 import lz4.frame
 import zstandard
@@ -31,23 +30,21 @@ from mcap.records import (
 )
 
 MAX_CHUNK_BYTES = 128 * 1024 * 1024
-"""Of a chunk's content. The recorder's hold 1 MiB and the message that made them full, at most 64 MiB."""
+"""Limit of a chunk's uncompressed content. The recorder's chunks hold 1 MiB plus the last message, at most 64 MiB."""
 MAX_RECORD_BYTES = 256 * 1024 * 1024
-"""Of one record as it lies in the file."""
+"""Limit of one record in the file."""
 HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
-_TIMES_SIZE_AND_CHECKSUM = 8 + 8 + 8 + 4
-_BLOCK_BYTES = 1 << 17
 _U32 = struct.Struct("<I")
-KINDS: dict[int, Any] = {
-    Opcode.SCHEMA: Schema,
-    Opcode.CHANNEL: Channel,
-    Opcode.ATTACHMENT: Attachment,
-    Opcode.METADATA: Metadata,
-    Opcode.CHUNK: Chunk,
-    Opcode.CHUNK_INDEX: ChunkIndex,
-    Opcode.ATTACHMENT_INDEX: AttachmentIndex,
-    Opcode.METADATA_INDEX: MetadataIndex,
+KINDS: dict[int, Callable[[ReadDataStream], McapRecord]] = {
+    Opcode.SCHEMA: Schema.read,
+    Opcode.CHANNEL: Channel.read,
+    Opcode.ATTACHMENT: Attachment.read,
+    Opcode.METADATA: Metadata.read,
+    Opcode.CHUNK: Chunk.read,
+    Opcode.CHUNK_INDEX: ChunkIndex.read,
+    Opcode.ATTACHMENT_INDEX: AttachmentIndex.read,
+    Opcode.METADATA_INDEX: MetadataIndex.read,
 }
 IN_CHUNK = frozenset({Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE})
 INDICES = frozenset(
@@ -63,21 +60,22 @@ INDICES = frozenset(
         Opcode.DATA_END,
     }
 )
-"""What only repeats, or frames, the rest."""
+"""Kinds of records that only repeat, or frame, the others."""
 
 
 class Damage(Exception):
-    """What is wrong with a file's bytes: half a sentence for a person."""
+    """An error in a file's bytes; the text is half a sentence for a person."""
 
 
 class UnknownCompression(Damage):
-    """A chunk in a compression that this program does not know: nothing need be wrong with it."""
+    """A chunk in a compression that this program does not know; it need not be damaged."""
 
 
 class Budget:
-    """How much a file may hold in all [bytes], by its own size: 200 times as much, which no recording comes near.
+    """The content that a file may hold in total [bytes]: 200 times its own size; recordings stay far below.
 
-    Raises: Damage when it holds more.
+    Args:
+        file_bytes: size of the file.
     """
 
     _LEAST, _MOST, _TIMES, _A_RECORD = 256 << 20, 2 << 30, 200, 256
@@ -86,16 +84,16 @@ class Budget:
         self._left = min(self._MOST, self._LEAST + self._TIMES * file_bytes)
 
     def spend(self, content_bytes: int) -> None:
-        """For one record; the least one costs something, too."""
+        """Charge one record; even an empty one costs 256 bytes. Raises: Damage when the budget is exceeded."""
         self._left -= content_bytes + self._A_RECORD
         if self._left < 0:
             raise Damage("it holds more than a recording can")
 
 
 def framed(content: bytes) -> Iterator[tuple[int, bytes]]:
-    """(opcode, body) of each record that lies whole in ``content``. Raises: Damage for what is left then, and is none.
+    """(opcode, body) of each whole record in ``content``. An opcode of 0, which no record has, ends it.
 
-    An opcode of 0, which no record has, ends it.
+    Raises: Damage when the remaining bytes are not a record.
     """
     start = 0
     while start < len(content):
@@ -110,14 +108,14 @@ def framed(content: bytes) -> Iterator[tuple[int, bytes]]:
 
 
 def parsed(opcode: int, body: bytes) -> McapRecord:
-    """The record of one of the kinds that hold something. Raises: Damage when ``body`` is none of these."""
+    """The parsed record of one of the kinds with content. Raises: Damage when ``body`` does not fit the kind."""
     try:
         if opcode == Opcode.MESSAGE:
             channel_id, sequence, log_time, publish_time = _MESSAGE.unpack_from(body)
             return Message(channel_id, log_time, body[_MESSAGE.size :], publish_time, sequence)
         stream = _Exact(BytesIO(body))
-        record: McapRecord = KINDS[opcode].read(stream)
-    except (McapError, struct.error, ValueError, KeyError, OverflowError) as error:  # all that its parsers raise
+        record = KINDS[opcode](stream)
+    except (McapError, struct.error, ValueError, KeyError, OverflowError) as error:  # all exceptions of its parsers
         raise Damage(f"a record that does not fit its kind, {opcode}") from error
     if opcode == Opcode.ATTACHMENT:
         _require_checksum(body[: stream.count])
@@ -125,7 +123,7 @@ def parsed(opcode: int, body: bytes) -> McapRecord:
 
 
 class _Exact(ReadDataStream):
-    """Never less than was asked for."""
+    """A stream that returns exactly the requested number of bytes, or raises EndOfFile."""
 
     def read(self, length: int) -> bytes:
         data = super().read(length)
@@ -141,7 +139,7 @@ def _require_checksum(attachment: bytes) -> None:
 
 
 def content_of(body: bytes, budget: Budget) -> bytes:
-    """What the chunk holds, its checksum looked at. Raises: Damage."""
+    """The uncompressed content of a chunk, its checksum verified. Raises: Damage."""
     chunk = cast(Chunk, parsed(Opcode.CHUNK, body))
     size = chunk.uncompressed_size
     if size > MAX_CHUNK_BYTES:
@@ -155,34 +153,12 @@ def content_of(body: bytes, budget: Budget) -> bytes:
     return content
 
 
-def torn_content_of(body: bytes, limit: int) -> bytes:
-    """As much as can be unpacked of a chunk that is cut off; nothing has a checksum here but zstd's own blocks.
-
-    Raises: UnknownCompression; Damage when not even its head is whole.
-    """
-    stream = _Exact(BytesIO(body))
-    try:
-        stream.read(_TIMES_SIZE_AND_CHECKSUM)
-        compression = stream.read_prefixed_string()
-        stream.read(8)
-    except (McapError, struct.error, ValueError) as error:
-        raise Damage("a chunk without its head") from error
-    data = body[stream.count :]
-    if compression != "zstd":
-        return unpacked(compression, data, limit)
-    content, reader = bytearray(), zstandard.ZstdDecompressor().stream_reader(data)
-    with suppress(zstandard.ZstdError):  # the tear
-        while len(content) < limit and (block := reader.read(_BLOCK_BYTES)):
-            content += block
-    return bytes(content)
-
-
 def unpacked(compression: str, data: bytes, limit: int) -> bytes:
-    """What ``data`` unpacks to, at most a byte more than ``limit``; of cut off data the beginning.
+    """The uncompressed ``data``, at most ``limit`` + 1 bytes.
 
     Raises: Damage, UnknownCompression.
     """
-    more = limit + 1  # else what follows the last byte, its checksum, is not looked at
+    more = limit + 1  # one more, so that the checksum behind the last byte is checked
     try:
         if compression == "":
             return data[:more]

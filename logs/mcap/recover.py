@@ -1,4 +1,4 @@
-"""Makes a torn or damaged recording whole again: a finished file of what `logs.mcap.torn_reader` can still read."""
+"""Recovers torn or damaged recordings: writes the records that `logs.mcap.torn_reader` reads into a finished file."""
 
 from __future__ import annotations
 
@@ -7,16 +7,17 @@ import os
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
 
 from bus.atomic import sync_folder
+from bus.codec import Json
 from bus.errors import RecordingError
 from logs.mcap.names import found_below, is_folder, shown
 from logs.mcap.reader import RECOVERED
 from logs.mcap.recorder import PART
-from logs.mcap.torn_reader import Losses, Salvage
+from logs.mcap.torn_reader import Losses, TornReader
 from logs.mcap.writer import McapFile
 
 _MAX_CHANNELS = (1 << 16) - 1
@@ -29,12 +30,12 @@ _INTERRUPTED = {
 
 @dataclass(frozen=True)
 class Recovered:
-    """What became of one file.
+    """The outcome for one file.
 
     Attributes:
-        source, path: the file, and the one that holds now what it held.
-        messages: how many were kept. ``losses``: what was left out of the file.
-        ended: how the file ended: ``finished``, or ``torn`` as a killed process leaves it.
+        source, path: the file, and the recovered one.
+        messages: number of messages kept. ``losses``: the parts left out.
+        ended: state of the file's end: ``finished``, or ``torn`` as a killed process leaves it.
     """
 
     source: str
@@ -45,11 +46,12 @@ class Recovered:
 
     @property
     def lost(self) -> bool:
-        """Something is missing that had been written: not only what was never flushed."""
+        """True when written data is missing, other than the part that was never flushed."""
         was_finished_once = not self.source.endswith(PART)
         return bool(self.losses) or (was_finished_once and self.ended == "torn")
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
+        """The fields as a JSON object, the losses merged into it."""
         said = asdict(self)
         losses = said.pop("losses")
         lost_chunks = losses.pop("damaged")
@@ -63,10 +65,11 @@ class Recovered:
 
 
 def recover(path: Path) -> Recovered:
-    """Write what ``path`` holds into a finished file beside it. A ``.part`` gets its final name and is removed.
+    """Write the content of ``path`` into a finished file beside it. A ``.part`` gets its final name and is removed.
 
-    Of any other file the result is ``NAME.recovered.mcap``; it, and a ``.part`` with damage inside, stay.
-    Raises: RecordingError when there is nothing to recover, or its writer still lives.
+    For any other file the result is ``NAME.recovered.mcap``; the file, and a ``.part`` with damage inside, are kept.
+
+    Raises: RecordingError when there is nothing to recover, or the file is still being written (`StillWritten`).
     """
     try:
         target = _target(path)
@@ -83,7 +86,7 @@ def recover(path: Path) -> Recovered:
 
 
 def recover_leftovers(folder: Path) -> Iterator[Recovered | RecordingError]:
-    """Recover every ``.part`` below ``folder`` that nobody writes; what cannot be is given as its error."""
+    """Recover every ``.part`` below ``folder`` that is not being written; failures are yielded as errors."""
     for path in found_below(folder, f"*.mcap{PART}") if is_folder(folder) else ():
         try:
             yield recover(path)
@@ -94,7 +97,7 @@ def recover_leftovers(folder: Path) -> Iterator[Recovered | RecordingError]:
 
 
 class StillWritten(RecordingError):
-    """The process that writes the file lives."""
+    """The file is still being written by a live process."""
 
 
 def _target(path: Path) -> Path:
@@ -118,35 +121,35 @@ def _require_left(source: IO[bytes], path: Path) -> None:
 
 
 def _copy(source: IO[bytes], path: Path, target: Path) -> Recovered:
-    """Into a temporary file that gets its name when it is whole."""
-    salvage = Salvage(source)
+    """Copy into a temporary file, which gets its name when it is complete."""
+    torn = TornReader(source)
     unfinished = target.with_name(f".{target.name}.recovering")
     try:
         with unfinished.open("wb") as out:
             os.fchmod(out.fileno(), path.stat().st_mode & 0o777)
             writer = _Copy(McapFile(out))
-            for record in salvage.records():
+            for record in torn.records():
                 writer.add(record)
             if not writer.messages and not writer.is_ours:
-                lost = f": {salvage.losses}" if salvage.losses else ""
+                lost = f": {torn.losses}" if torn.losses else ""
                 raise RecordingError(
                     f"{shown(path)} holds nothing that can be recovered{lost}.",
                     "It is no MCAP, or was torn before its first flush.",
                 )
-            salvage.losses.orphans = writer.orphans
-            ended = "finished" if salvage.is_finished else "torn"
-            writer.finish(shown(Path(path.name)), ended, salvage.losses)
+            torn.losses.orphans = writer.orphans
+            ended = "finished" if torn.is_finished else "torn"
+            writer.finish(shown(Path(path.name)), ended, torn.losses)
             out.flush()
             os.fsync(out.fileno())
         unfinished.rename(target)
         sync_folder(target.parent)
     finally:
         unfinished.unlink(missing_ok=True)
-    return Recovered(str(path), str(target), writer.messages, salvage.losses, ended)
+    return Recovered(str(path), str(target), writer.messages, torn.losses, ended)
 
 
 class _Copy:
-    """Writes records as they were, under ids of its own."""
+    """Writes records unchanged, under ids of its own."""
 
     def __init__(self, out: McapFile) -> None:
         self._out = out
@@ -161,7 +164,7 @@ class _Copy:
             case Schema() if record.id not in self._schemas:
                 self._schemas[record.id] = self._out.schema(record.name, record.encoding, record.data)
             case Channel() if record.id not in self._channels and len(self._channels) < _MAX_CHANNELS:
-                schema_id = self._schemas.get(record.schema_id, 0)  # 0 = none; a lost one costs no message
+                schema_id = self._schemas.get(record.schema_id, 0)  # 0 = no schema; a lost schema loses no message
                 self._channels[record.id] = self._out.channel(record.topic, record.message_encoding, schema_id)
             case Message() if record.channel_id not in self._channels:
                 self.orphans += 1

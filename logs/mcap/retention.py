@@ -1,4 +1,4 @@
-"""Which recordings are deleted when the cell may keep only so much: the oldest successes, and failures last of all."""
+"""Selects the recordings to delete when space is limited: the oldest successes first, failures last."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from logs.mcap.recorder import PART
 DAY_NS = 24 * 3600 * 10**9
 GB = 1e9
 _OURS = re.compile(r"(\d{8}T\d{9})(\.recovered)?\.mcap")
-"""Only what this cell recorded is ever deleted, whatever else lies in its folder."""
+"""Only files with the cell's own naming are ever deleted."""
 _DAY = re.compile(r"\d{4}-\d{2}-\d{2}")
 _INDEX = "index.html"
 PIN = ".keep"
-"""``CYCLE.keep`` beside ``CYCLE.mcap``: that recording is never deleted."""
+"""``CYCLE.keep`` beside ``CYCLE.mcap`` protects that recording from deletion."""
 
 
 class Recorded(NamedTuple):
-    """One recording as the rule sees it.
+    """One recording as the retention rule sees it.
 
     Attributes:
-        bytes: its page included. ``stamp_ns``: when its cycle began, UTC.
-        result: as its metadata say; "" where it was not looked at, or cannot be read: as good as a failure.
+        bytes: size, its page included. ``stamp_ns``: start of its cycle, UTC.
+        result: of its metadata; "" when not read or unreadable, which is treated as a failure.
         is_pinned: it counts, but is never deleted: still being written, not recovered, or pinned by a person.
     """
 
@@ -43,19 +43,23 @@ class Recorded(NamedTuple):
 
     @property
     def is_fine(self) -> bool:
-        """Nobody needs to look at it."""
+        """True when the recording needs no attention."""
         return self.result in FINE
 
 
 class Plan(NamedTuple):
-    """``delete``: now. ``soon``: within a day, if the cell records as much as in the last one. The oldest first."""
+    """The recordings to delete, the oldest first.
+
+    Attributes:
+        delete: now. ``soon``: within a day, if the cell records as much as during the last day.
+    """
 
     delete: tuple[Recorded, ...]
     soon: tuple[Recorded, ...]
 
 
 def plan_retention(files: Sequence[Recorded], now_ns: int, settings: RecordingSettings) -> Plan:
-    """What goes by the rule of `RecordingSettings`; never the newest recording, nor a pinned one."""
+    """Apply the rule of `RecordingSettings`; never delete the newest recording or a pinned one. ``now_ns``: UTC."""
     delete = _due(files, now_ns, settings, 0)
     left = [file for file in files if file not in set(delete)]
     grown = sum(file.bytes for file in files if now_ns - DAY_NS < file.stamp_ns <= now_ns)
@@ -83,10 +87,11 @@ def _due(files: Sequence[Recorded], at_ns: int, settings: RecordingSettings, mor
 
 
 class Shelf:
-    """The recordings below a folder; what was read of a file is kept.
+    """The recordings below a folder; results that were read are cached.
 
     Args:
-        read: the metadata of a recording; a rest between two leaves the processor to the cell.
+        read: reads the metadata of a recording.
+        rest: called between two reads, to leave processor time to the cell.
     """
 
     def __init__(
@@ -99,20 +104,23 @@ class Shelf:
         self._results: dict[tuple[Path, int], str] = {}
 
     def plan(self, now_ns: int, settings: RecordingSettings) -> Plan:
-        """What goes now and within a day. Reads only recordings that may. Raises: RecordingError."""
+        """The recordings to delete now and within a day; only candidates are read. ``now_ns``: UTC.
+
+        Raises: RecordingError.
+        """
         if not (settings.keep_gb or settings.keep_days) or not is_folder(self._folder):
             return Plan((), ())
         files = list(self._files())
         as_fine = [file._replace(result=FINE[0]) for file in files]
         suspects = {file.path for group in plan_retention(as_fine, now_ns, settings) for file in group}
-        if settings.keep_gb and suspects:  # a failure among them leaves its place to a newer success
+        if settings.keep_gb and suspects:  # a failure among them is kept, so a newer success must go
             suspects = {file.path for file in files}
         return plan_retention([self._looked_at(file, suspects) for file in files], now_ns, settings)
 
     def _files(self) -> Iterator[Recorded]:
         for path in (*found_below(self._folder, "*.mcap"), *found_below(self._folder, f"*.mcap{PART}")):
             named = _OURS.fullmatch(path.name.removesuffix(PART))
-            with suppress(FileNotFoundError, ValueError):  # gone meanwhile; a name that is no time
+            with suppress(FileNotFoundError, ValueError):  # deleted meanwhile; a name without a valid time
                 stamp_ns = _stamp_ns(named[1]) if named else 0
                 is_pinned = path.suffix == PART or not named or path.is_symlink() or path.with_suffix(PIN).exists()
                 yield Recorded(path, _bytes(path) + _bytes(path.with_suffix(".html")), stamp_ns, "", is_pinned)
@@ -131,7 +139,7 @@ class Shelf:
 
 
 def delete(files: Iterable[Recorded]) -> Iterator[Recorded | RecordingError]:
-    """Delete recordings with their pages, and folders of days that hold nothing any more; each, or why it is left."""
+    """Delete recordings with their pages, and day folders that become empty; yield each, or the error that kept it."""
     for file in files:
         try:
             file.path.with_suffix(".html").unlink(missing_ok=True)
@@ -162,7 +170,7 @@ def _stamp_ns(cycle_id: str) -> int:
 
 
 def in_words(files: Sequence[Recorded]) -> str:
-    """``12 recordings (0.34 GB, 2 of them failures)``."""
+    """A summary: ``12 recordings (0.34 GB, 2 of them failures)``."""
     failures = sum(not file.is_fine for file in files)
     among = f", {failures} of them failures" if failures else ""
     return f"{len(files)} recordings ({sum(file.bytes for file in files) / GB:.2f} GB{among})"

@@ -1,8 +1,10 @@
-"""Reads a torn or damaged MCAP file as far as it can be read, and counts what cannot.
+"""Reads a torn or damaged MCAP file as far as possible, and counts the losses.
 
-A process that was killed leaves its chunks up to the last flush, and perhaps the beginning of one more, which was never
-flushed; of that, the messages that are complete are kept too. A power cut may leave zeros behind them. A chunk whose
-checksum is wrong is left out, and counted as lost.
+A killed process leaves its chunks up to the last flush, and possibly a truncated one that was never flushed and is left
+out. A power cut may leave trailing zeros. A chunk whose checksum is wrong is left out and counted as lost, and reading
+continues behind it: of a recorded cycle with one flipped bit 98 % of the messages are kept, where a reader that stops
+at the first damage keeps 51 % (with an erased sector 95 and 42 %; ``benchmarks torn``). After a mere kill both keep the
+same.
 """
 
 from __future__ import annotations
@@ -20,7 +22,6 @@ from logs.mcap.records import (
     HEAD,
     IN_CHUNK,
     INDICES,
-    MAX_CHUNK_BYTES,
     MAX_RECORD_BYTES,
     Budget,
     Damage,
@@ -28,7 +29,6 @@ from logs.mcap.records import (
     content_of,
     framed,
     parsed,
-    torn_content_of,
 )
 from logs.mcap.whole import Summary
 
@@ -39,12 +39,13 @@ _BLOCK_BYTES = 1 << 20
 
 @dataclass
 class Losses:
-    """What of a file was not kept.
+    """The parts of a file that were not kept.
 
     Attributes:
-        damaged: chunks and records with damage inside. ``unknown_chunks``: in a compression that this program does not
-            know. ``unknown_records``: of another kind, or bytes that make none. ``orphans``: messages whose channel is
-            among the rest.
+        damaged: chunks and records with damage inside.
+        unknown_chunks: chunks in an unknown compression.
+        unknown_records: records of an unknown kind, or bytes that form no record.
+        orphans: messages whose channel was lost.
     """
 
     damaged: int = 0
@@ -65,11 +66,11 @@ class Losses:
         return ", ".join(f"{count} {what}" for count, what in said if count)
 
 
-class Salvage:
-    """Reads what can be read of ``source``, in order, and goes on behind a chunk that is damaged.
+class TornReader:
+    """The torn reader: reads ``source`` in order, and continues after damaged chunks.
 
     Attributes:
-        is_finished: the file ended as a finished one does. ``losses``: what was left out.
+        is_finished: the file ends as a finished one. ``losses``: the parts left out.
     """
 
     def __init__(self, source: IO[bytes]) -> None:
@@ -80,7 +81,7 @@ class Salvage:
         self.losses = Losses()
 
     def records(self) -> Iterator[McapRecord]:
-        """Up to the end of the data section, or the tear. Raises: OSError."""
+        """The readable records, up to the end of the data section or the truncated end. Raises: OSError."""
         yield from self._repeated()
         self._source.seek(0)
         if self._source.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
@@ -89,40 +90,40 @@ class Salvage:
             opcode, length = HEAD.unpack(head)
             left = self._size - self._source.tell()
             self.is_finished = opcode == Opcode.DATA_END and length <= left
-            if self.is_finished or opcode == 0 or (length > left and opcode != Opcode.CHUNK):
+            if self.is_finished or opcode == 0 or length > left:
                 self._end(opcode, length)
                 return
-            yield from self._one(opcode, length, left)
+            yield from self._one(opcode, length)
 
     def _repeated(self) -> Iterator[McapRecord]:
-        """The schemas and channels that a finished file names again: those in a damaged chunk are not lost."""
+        """The schemas and channels that a finished file repeats in its summary, in place of those in damaged chunks."""
         try:
             summary = Summary(self._source)
         except Damage:
             return
         yield from (*summary.schemas.values(), *summary.channels.values())
 
-    def _one(self, opcode: int, length: int, left: int) -> Iterator[McapRecord]:
+    def _one(self, opcode: int, length: int) -> Iterator[McapRecord]:
         if length > MAX_RECORD_BYTES:
             self.losses.damaged += 1
-            self._source.seek(min(length, left), os.SEEK_CUR)
+            self._source.seek(length, os.SEEK_CUR)
             return
         body = self._source.read(length)
         if opcode == Opcode.CHUNK:
-            yield from self._torn_chunk(body) if length > left else self._chunk(body)
+            yield from self._chunk(body)
         elif opcode in _KEPT:
             yield from self._whole(opcode, body)
         elif opcode not in INDICES:
             self.losses.unknown_records += 1
 
     def _end(self, opcode: int, length: int) -> None:
-        """Look at what the data ends in: a record that was not written whole, or zeros, is no loss."""
+        """Classify the end of the data: a partly written record, or zeros, are not counted as a loss."""
         if opcode == 0:
             self._source.seek(-HEAD.size, os.SEEK_CUR)
             self.losses.unknown_records += not self._only_zeros_follow()
         elif opcode not in _KNOWN:
             self.losses.unknown_records += 1
-        elif length > MAX_RECORD_BYTES:  # nobody began to write that
+        elif length > MAX_RECORD_BYTES:  # too long for a record that was being written
             self.losses.damaged += 1
 
     def _only_zeros_follow(self) -> bool:
@@ -146,16 +147,6 @@ class Salvage:
                 yield from self._within(opcode, part)
         except Damage:
             self.losses.unknown_records += 1
-
-    def _torn_chunk(self, body: bytes) -> Iterator[McapRecord]:
-        """Of a chunk that was never flushed as many records as are complete."""
-        try:
-            for opcode, part in framed(torn_content_of(body, MAX_CHUNK_BYTES)):
-                yield from self._within(opcode, part)
-        except UnknownCompression:
-            self.losses.unknown_chunks += 1
-        except Damage:
-            return  # the tear
 
     def _within(self, opcode: int, body: bytes) -> Iterator[McapRecord]:
         if opcode in IN_CHUNK:

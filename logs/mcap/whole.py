@@ -1,4 +1,4 @@
-"""Reads finished MCAP files: from the first record to the last, or a few by the summary at the end."""
+"""Reads finished MCAP files: sequentially, or single records through the summary at the end."""
 
 from __future__ import annotations
 
@@ -43,9 +43,9 @@ _IN_SUMMARY = frozenset(
 
 
 def records(file: IO[bytes]) -> Iterator[McapRecord]:
-    """The schemas, channels, messages, attachments and metadata of a finished file, in order, checksums looked at.
+    """The schemas, channels, messages, attachments and metadata of a finished file, in order, with checksums verified.
 
-    Raises: Damage for a file that is no MCAP, torn, damaged or beyond all bounds; OSError.
+    Raises: Damage for a file that is not an MCAP, torn, damaged or beyond the limits; OSError.
     """
     size = os.fstat(file.fileno()).st_size
     budget = Budget(size)
@@ -77,10 +77,10 @@ def _data(opcode: int, body: bytes, budget: Budget) -> Iterator[McapRecord]:
 
 
 class Summary:
-    """The summary of a finished file: where things are, so that a few are read and not the whole.
+    """The summary of a finished file: positions of its records, so that single ones can be read.
 
     Attributes:
-        is_there: the file has one. ``schemas``, ``channels``: by id. ``chunks``: where they are.
+        is_there: the file has a summary. ``schemas``, ``channels``: by id. ``chunks``: their indices.
 
     Raises: Damage, OSError; also from its methods.
     """
@@ -100,14 +100,14 @@ class Summary:
         self._metadata = [record for record in said if isinstance(record, MetadataIndex)]
 
     def metadata(self) -> Iterator[Metadata]:
-        """Every table of strings, in order."""
+        """All metadata tables, in order."""
         for index in self._metadata:
             record = self._at(index.offset, Opcode.METADATA)
             if isinstance(record, Metadata):
                 yield record
 
     def attachment(self, name: str) -> bytes | None:
-        """The newest file of this name; None without one."""
+        """The newest attachment of this name; None without one."""
         found = [index for index in self._attachments if index.name == name]
         record = self._at(found[-1].offset, Opcode.ATTACHMENT) if found else None
         return record.data if isinstance(record, Attachment) else None
@@ -159,7 +159,7 @@ def _require_magic(file: IO[bytes]) -> bytes:
 
 
 def _require_end(file: IO[bytes], size: int) -> tuple[int, int]:
-    """Where the summary starts (0 = there is none), and its checksum."""
+    """Offset of the summary (0 = none), and its checksum. Raises: Damage."""
     _require_magic(file)
     if size < 2 * len(MCAP0_MAGIC) + _FOOTER.size:
         raise Damage("it ends early")

@@ -1,1 +1,1 @@
-"""Self-contained HTML pages: of one cycle, and of a day."""
+"""Self-contained HTML report pages: one per cycle, one per day."""

@@ -1,17 +1,19 @@
-"""The alignment as a rotatable view: observed and imagined points in ``base``, before and after, rod and hand."""
+"""The alignment as a rotatable 3-D view in ``base``: observed and imagined points, rod and hand. See docs/frames.md."""
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from bus.codec import Json
 from bus.messages import Detections, Grasp
-from logs.report.figures import FONT, Figure
+from logs.report.figures import FONT
+from logs.report.page import Figure
 
 _SHOWN_POINTS = 2500
-"""Of each cloud: a phone turns these smoothly."""
+"""Most points of each cloud: a phone renders these smoothly."""
 _OBSERVED, _IMAGINED, _ROD, _HAND = "#7b8794", "#2f6fde", "#d6249f", "#1f8a5b"
 
 _AXIS = {"backgroundcolor": "#f6f8fa", "gridcolor": "#dbe2e9", "showbackground": True}
@@ -38,7 +40,11 @@ class View(NamedTuple):
 
 
 def clouds(found: Detections, grasp: Grasp | None, base_from_color: Array) -> View:
-    """What was lifted, before and after it was carried back onto the observed object; the rod's run and the hand."""
+    """The observed and the imagined points before and after alignment, the rod's run, and the hand at ``grasp``.
+
+    Args:
+        base_from_color: (4, 4).
+    """
     evidence = found.evidence
     goal_from_observed = np.linalg.inv(np.asarray(evidence.alignment.observed_from_goal))
     rod = evidence.rod_points.astype(float)
@@ -69,7 +75,7 @@ def clouds(found: Detections, grasp: Grasp | None, base_from_color: Array) -> Vi
     return View({"data": data, "layout": _LAYOUT}, before, after)
 
 
-def _trace(name: str, points: Array, base_from_points: Array, **style: Any) -> dict[str, Any]:
+def _trace(name: str, points: Array, base_from_points: Array, **style: object) -> Json:
     x, y, z = _moved(points.reshape(-1, 3), base_from_points).T * 1e3
     return {"type": "scatter3d", "name": name, "x": x, "y": y, "z": z, "hoverinfo": "skip", **style}
 
@@ -83,7 +89,7 @@ def _moved(points: Array, a_from_b: Array) -> Array:
 
 
 def _hand_outline(grasp: Grasp) -> Array:
-    """Palm and both fingers of the opened hand as one line (n, 3) in ``base``."""
+    """Palm and both fingers of the opened hand as one polyline (n, 3) [m] in ``base``."""
     half, tip, palm = grasp.opening_m / 2, 0.009, -0.045
     corners = [(0, -half, tip), (0, -half, palm), (0, 0, palm), (0, 0, palm - 0.04), (0, 0, palm), (0, half, palm)]
     return _moved(np.array([*corners, (0, half, tip)]), np.asarray(grasp.base_from_tcp))

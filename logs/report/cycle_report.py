@@ -1,45 +1,59 @@
-"""One self-contained page that explains a cycle: what it saw, imagined, aligned, chose and did, and why it ended so."""
+"""The report page of one cycle: observation, goal image, alignment, grasps, motion, and the reason of its end."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple, TypeVar
 
+from bus.codec import Json
 from bus.messages import Delivery, Detections, Execution, PickPlan, SegmentRun, Verdict
 from config.load import load_station
 from logs.mcap.names import telling
 from logs.mcap.reader import CycleRecord, recorded_number
 from logs.report import evidence, figures, images
-from logs.report.page import Chart, Fact, packed_plotly, script_json, write_page
-from logs.report.timeline import Story, tell
+from logs.report.page import Chart, Fact, Figure, packed_plotly, script_json, write_page
+from logs.report.timeline import Timeline, summarize
+
+Result = TypeVar("Result")
+
+
+class LogLine(NamedTuple):
+    """One line of the cycle's log: when, from the cycle's start [s], what it is of, and whether it is trouble."""
+
+    at_s: float
+    kind: str
+    text: str
+    bad: bool
 
 
 def write_report(record: CycleRecord, path: Path, *, index: str = "") -> Path:
-    """Write the page to ``path`` and return it. Raises: RecordingError when it cannot be drawn, or written.
+    """Write the page to ``path`` and return it.
 
     Args:
         index: file name of the day's page beside it, "" for none.
+
+    Raises: RecordingError when the page cannot be drawn or written.
     """
     with telling(f"The cycle {record.cycle_id!r}"):
         return write_page("report.html.j2", {**_content(record), "index": index}, path)
 
 
-def _content(record: CycleRecord) -> dict[str, Any]:
-    story, found, plan = tell(record), _result(record, "detect", Detections), _result(record, "plan", PickPlan)
+def _content(record: CycleRecord) -> Json:
+    timeline, found, plan = summarize(record), _result(record, "detect", Detections), _result(record, "plan", PickPlan)
     runs = _runs(record)
     chosen = evidence.choice(record, found)
-    view, motion = evidence.alignment_view(record, found, chosen), _motion(record, runs, story)
+    view, motion = evidence.alignment_view(record, found, chosen), _motion(record, runs, timeline)
     thumbnail = evidence.thumbnail(record, found, chosen)
     return {
-        "story": story,
+        "timeline": timeline,
         "cycle_id": record.cycle_id,
-        "began": datetime.fromtimestamp(story.start_ns / 1e9, UTC).strftime("%Y-%m-%d %H:%M:%S UTC"),
+        "began": datetime.fromtimestamp(timeline.start_ns / 1e9, UTC).strftime("%Y-%m-%d %H:%M:%S UTC"),
         "result": record.result,
         "attempt": record.attempt,
         "thumbnail": thumbnail,
-        "summary": script_json(_summary(record, story, thumbnail)),
+        "summary": script_json(_summary(record, timeline, thumbnail)),
         "seen": evidence.seen(record, found),
         "imagined": evidence.imagined(found),
         "replies": [{**dict(reply), "uri": images.file_uri(reply.image_png)} for reply in record.replies],
@@ -54,35 +68,35 @@ def _content(record: CycleRecord) -> dict[str, Any]:
         "motion": motion,
         "joint_colors": figures.JOINT_COLORS,
         "facts": _facts(record),
-        "log": _log(record, story),
+        "log": _log(record, timeline),
         "changes": configuration_changes(record.station),
         "metadata": record.metadata,
         "plotly": packed_plotly() if view or runs or record.hand or record.arm else "",
     }
 
 
-def _result(record: CycleRecord, stage: str, kind: type[Any]) -> Any:
+def _result(record: CycleRecord, stage: str, kind: type[Result]) -> Result | None:
     found = record.stages.get(stage)
     return found.result if found is not None and isinstance(found.result, kind) else None
 
 
-def _summary(record: CycleRecord, story: Story, thumbnail: str) -> dict[str, Any]:
-    """What the day's page shows of this one: kept in the page, so that the recording is not read again."""
+def _summary(record: CycleRecord, timeline: Timeline, thumbnail: str) -> Json:
+    """The summary for the day's page, stored in this page, so that the recording is not read again."""
     return {
         "cycle_id": record.cycle_id,
-        "result": story.outcome,
-        "code": story.code,
-        "object": story.object,
-        "why": story.why,
+        "result": timeline.outcome,
+        "code": timeline.code,
+        "object": timeline.object,
+        "why": timeline.why,
         "wall_s": record.result.wall_s if record.result is not None else None,
-        "stages": {line.name: line.took_s for line in story.stages},
+        "stages": {line.name: line.took_s for line in timeline.stages},
         "number": record.attempt.number,
         "retried_as": record.result.retried_as if record.result is not None else "",
         "thumbnail": thumbnail,
     }
 
 
-# --- what it did ------------------------------------------------------------------------------------------------------
+# --- motion -----------------------------------------------------------------------------------------------------------
 
 
 def _runs(record: CycleRecord) -> list[SegmentRun]:
@@ -91,19 +105,22 @@ def _runs(record: CycleRecord) -> list[SegmentRun]:
     return [run for run in runs if len(run.motion.commanded_q_rad) and len(run.motion.t_s)]
 
 
-def _motion(record: CycleRecord, runs: list[SegmentRun], story: Story) -> dict[str, list[Chart]]:
-    """Charts of the joints, and of the hand; either may be empty."""
+def _motion(record: CycleRecord, runs: list[SegmentRun], timeline: Timeline) -> dict[str, list[Chart]]:
+    """Charts of the joints and of the hand; either may be empty."""
     execution = _result(record, "execute", Execution)
     grasped = execution.grasped if execution is not None else None
     hand: list[Chart] = []
     if record.hand:
         least_m = recorded_number(record.station, "verify", "min_width_m")
         figure = figures.hand_width(
-            record.hand, story.start_ns, grasped.width_m * 1e3 if grasped else None, least_m * 1e3 if least_m else None
+            record.hand,
+            timeline.start_ns,
+            grasped.width_m * 1e3 if grasped else None,
+            least_m * 1e3 if least_m else None,
         )
         hand.append(Chart("Hand width", figure))
     if not runs:
-        said = figures.as_said(record.arm, story.start_ns) if record.arm else {}
+        said = figures.as_said(record.arm, timeline.start_ns) if record.arm else {}
         return {"joints": [], "hand": [*hand, *(Chart(title, figure) for title, figure in said.items())]}
     uses = {use.kind: use for use in figures.uses(runs)}
     joints = [
@@ -114,10 +131,10 @@ def _motion(record: CycleRecord, runs: list[SegmentRun], story: Story) -> dict[s
     return {"joints": joints, "hand": hand}
 
 
-def _all_charts(view: dict[str, Any] | None, motion: dict[str, list[Chart]]) -> dict[str, Any]:
-    """Every figure of the page by the name of its place."""
+def _all_charts(view: evidence.AlignmentView | None, motion: dict[str, list[Chart]]) -> dict[str, Figure]:
+    """All figures of the page by the name of their place."""
     named = {f"{kind}-{i}": one.figure for kind, charts in motion.items() for i, one in enumerate(charts)}
-    return named if view is None else {"clouds": view["chart"].figure, **named}
+    return named if view is None else {"clouds": view.chart.figure, **named}
 
 
 def _facts(record: CycleRecord) -> list[Fact]:
@@ -146,30 +163,26 @@ def _facts(record: CycleRecord) -> list[Fact]:
 # --- log and configuration --------------------------------------------------------------------------------------------
 
 
-def _log(record: CycleRecord, story: Story) -> list[dict[str, Any]]:
-    """States, stages, events and the nodes' faults in the order of time: {at_s, kind, text, bad}."""
-    lines = [
-        {"at_s": span.start_s, "kind": "state", "text": span.name, "bad": span.name == "Aborting"}
-        for span in story.states
-    ]
+def _log(record: CycleRecord, timeline: Timeline) -> list[LogLine]:
+    """States, stages, events and the nodes' faults in the order of time."""
+    lines = [LogLine(span.start_s, "state", span.name, span.name == "Aborting") for span in timeline.states]
     lines += [
-        {"at_s": line.start_s + line.took_s, "kind": line.name, "text": line.said or "done", "bad": line.failed}
-        for line in story.stages
+        LogLine(line.start_s + line.took_s, line.name, line.said or "done", line.failed) for line in timeline.stages
     ]
-    said = {(one.message.name, one.message.last_fault): one for one in reversed(record.health)}  # each when first heard
+    said = {(one.message.name, one.message.last_fault): one for one in reversed(record.health)}  # at its first message
     for (node, fault), one in said.items():
         if fault:
-            at_s = (one.log_time_ns - story.start_ns) / 1e9
-            lines.append({"at_s": at_s, "kind": f"node {node}", "text": f"newest fault: {fault}", "bad": True})
+            at_s = (one.log_time_ns - timeline.start_ns) / 1e9
+            lines.append(LogLine(at_s, f"node {node}", f"newest fault: {fault}", True))
     for at_ns, event in record.events:
         text = f"{event.code}: {event.text} {event.advice}".strip()
-        at_s = (at_ns - story.start_ns) / 1e9
-        lines.append({"at_s": at_s, "kind": event.severity, "text": text, "bad": event.severity == "error"})
-    return sorted(lines, key=lambda line: float(line["at_s"]))
+        at_s = (at_ns - timeline.start_ns) / 1e9
+        lines.append(LogLine(at_s, event.severity, text, event.severity == "error"))
+    return sorted(lines, key=lambda line: line.at_s)
 
 
-def configuration_changes(station: Mapping[str, Any]) -> list[tuple[str, str, str]]:
-    """(key, recorded, default) of every setting that is not the simulated cell's own; "-" where one side lacks it."""
+def configuration_changes(station: Mapping[str, object]) -> list[tuple[str, str, str]]:
+    """(key, recorded, default) of every setting that differs from the simulated cell's; "-" where one side lacks it."""
     here, default = dict(_leaves(station)), dict(_leaves(load_station().model_dump(mode="json")))
     keys = [*here, *(key for key in default if key not in here)]
     missing = "-"
@@ -180,7 +193,7 @@ def configuration_changes(station: Mapping[str, Any]) -> list[tuple[str, str, st
     ]
 
 
-def _leaves(tree: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+def _leaves(tree: object, path: str = "") -> Iterator[tuple[str, object]]:
     if isinstance(tree, dict) and tree:
         for key, value in tree.items():
             yield from _leaves(value, f"{path}.{key}" if path else str(key))

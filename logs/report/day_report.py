@@ -1,4 +1,4 @@
-"""Pages of a whole folder: one a cycle beside its recording, and one a day that leads to them, failures first."""
+"""Report pages of a folder: one per cycle beside its recording, and one per day that links them, failures first."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from logs.report.page import VERSION, write_page
 
 INDEX = "index.html"
 _HEAD_BYTES = 1 << 17
-"""Of a page: its head with the summary, thumbnail included, ends well before."""
+"""Bytes to read of a page: its head with the summary, thumbnail included, is shorter."""
 _MARK = f'<meta name="vlad-cell-page" content="{VERSION} {INDEX}">'
 _MARKS = '<script id="summary" type="application/json">', "</script>"
 _SHOWN_S = (0.01, 0.1, 1.0, 10.0, 100.0)
@@ -34,7 +34,7 @@ _STAGES = ("capture", "detect", "plan", "execute", "verify", "deliver")
 
 
 class Row(NamedTuple):
-    """One cycle on the day's page; ``page`` is "" where it cannot have one."""
+    """One cycle on the day's page; ``page`` is "" where there is none."""
 
     entry: Entry
     page: str
@@ -43,7 +43,7 @@ class Row(NamedTuple):
 
 
 class Summary(NamedTuple):
-    """What a cycle's page says of it; ``times_s``: by stage."""
+    """The summary in a cycle's page; ``times_s``: duration of each stage."""
 
     is_there: bool
     why: str
@@ -56,7 +56,11 @@ _NONE: Mapping[Path, str] = MappingProxyType({})
 
 
 class Spread(NamedTuple):
-    """How long one stage took over a day [s]; ``dots``: where each cycle stands on the axis [%], and its title."""
+    """The durations of one stage over a day [s].
+
+    Attributes:
+        dots: position of each cycle on the axis [%], and its title. ``middle``: position of the median [%].
+    """
 
     stage: str
     median_s: float
@@ -80,7 +84,7 @@ def outdated(folder: Path) -> list[Path]:
 
 
 def write_cycle(path: Path) -> str:
-    """Write one recording's page beside it; gives why it has none, for the day's page, or ""."""
+    """Write the page of one recording beside it; return the reason when that fails, or ""."""
     try:
         write_report(read_cycle(path), path.with_suffix(".html"), index=INDEX)
     except RecordingError as error:
@@ -89,10 +93,12 @@ def write_cycle(path: Path) -> str:
 
 
 def write_day(day: Path, damaged: Mapping[Path, str] = _NONE) -> Path:
-    """Write the page of one folder's cycles, and return it. Raises: RecordingError when it cannot be written.
+    """Write the page of one folder's cycles, and return it.
 
     Args:
         damaged: recordings whose page could not be written, and why.
+
+    Raises: RecordingError when it cannot be written.
     """
     summaries: dict[Path, Summary] = {}
     rows = []
@@ -124,7 +130,7 @@ def _is_current(recording: Path) -> bool:
     try:
         if not page.is_file() or page.stat().st_mtime < recording.stat().st_mtime:
             return False
-    except OSError:  # one of them is gone by now
+    except OSError:  # one of them was deleted meanwhile
         return False
     return _MARK in _head(page) and _summary(page).is_there
 
@@ -138,7 +144,7 @@ def _head(page: Path) -> str:
 
 
 def _summary(page: Path) -> Summary:
-    """What `report` left in the page's head; whatever else stands there counts as nothing."""
+    """The summary in the page's head (`logs.report.cycle_report`); anything else found there is ignored."""
     text = _head(page).partition(_MARKS[0])[2].partition(_MARKS[1])[0]
     try:
         said = json.loads(text)
@@ -152,7 +158,7 @@ def _summary(page: Path) -> Summary:
 
 
 def _codes(rows: Sequence[Row]) -> list[tuple[str, int, str]]:
-    """(code, how often, what to do), the most frequent first."""
+    """(code, count, advice), the most frequent first."""
     advice = {code.value: text for code, text in ADVICE.items()}
     counts = Counter(row.entry.code for row in rows if row.entry.code)
     return [(code, count, advice.get(code, "")) for code, count in counts.most_common()]
@@ -174,6 +180,6 @@ def _spread(stage: str, times: Sequence[tuple[float, str]]) -> Spread:
 
 
 def _at(value_s: float) -> float:
-    """Where a duration stands on the logarithmic axis [%]."""
+    """Position of a duration on the logarithmic axis [%]."""
     first, last = math.log10(_SHOWN_S[0]), math.log10(_SHOWN_S[-1])
     return 100 * min(1.0, max(0.0, (math.log10(max(value_s, 1e-6)) - first) / (last - first)))

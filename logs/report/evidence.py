@@ -1,9 +1,9 @@
-"""What a cycle saw, imagined, carried back and could grasp, as the pictures, figures and facts of its page."""
+"""The evidence of a cycle as the images, figures and facts of its page."""
 
 from __future__ import annotations
 
 from collections import defaultdict
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,18 +18,34 @@ _THUMBNAIL_PX = 240
 
 
 class Choice(NamedTuple):
-    """What plan did with the grasps.
+    """The outcome of plan for the grasps.
 
     Attributes:
-        grasp: which it took; the best one where nothing was planned, None where every one was rejected.
-        rejected: the ways to grasp it rejected.
+        grasp: index of the chosen one; the best one when nothing was planned, None when all were rejected.
+        rejected: the rejected ways to grasp.
     """
 
     grasp: int | None
     rejected: tuple[Rejection, ...]
 
 
+class AlignmentView(NamedTuple):
+    """The chart of the clouds, and which of its traces are seen before the alignment and after it."""
+
+    chart: Chart
+    before: list[bool]
+    after: list[bool]
+
+
+class ShownGrasp(NamedTuple):
+    """A grasp as found, and how far it was moved from the imagined rod onto the observed surface [mm]."""
+
+    found: Grasp
+    snapped_mm: float
+
+
 def choice(record: CycleRecord, found: Detections | None) -> Choice:
+    """The chosen and the rejected grasps of a cycle."""
     best = 0 if found is not None and found.grasps else None
     stage = record.stages.get("plan")
     if stage is not None and isinstance(stage.result, PickPlan):
@@ -40,6 +56,7 @@ def choice(record: CycleRecord, found: Detections | None) -> Choice:
 
 
 def thumbnail(record: CycleRecord, found: Detections | None, chosen: Choice) -> str:
+    """A small image of the cycle as a data URI; "" when nothing was captured."""
     if found is not None:
         near = images.crop(images.annotated(found, *chosen), found.evidence.object_mask, margin_px=40)
         return images.data_uri(near, width_px=_THUMBNAIL_PX)
@@ -48,6 +65,7 @@ def thumbnail(record: CycleRecord, found: Detections | None, chosen: Choice) -> 
 
 
 def seen(record: CycleRecord, found: Detections | None) -> list[Picture]:
+    """The images of the observation: colour, depth and, when captured, the view after the pick."""
     pictures = []
     if record.observation is not None:
         color = found.evidence.color if found is not None else record.observation.frame.color
@@ -60,6 +78,7 @@ def seen(record: CycleRecord, found: Detections | None) -> list[Picture]:
 
 
 def imagined(found: Detections | None) -> list[Picture]:
+    """The goal image and the masks of its parts; none without detections."""
     if found is None:
         return []
     evidence = found.evidence
@@ -72,7 +91,7 @@ def imagined(found: Detections | None) -> list[Picture]:
 
 
 def drift(record: CycleRecord, found: Detections | None) -> list[Fact]:
-    """How far the goal image strayed, beside what it may."""
+    """The drift of the goal image, beside its limits."""
     if found is None:
         return []
     drift = found.evidence.drift
@@ -91,7 +110,8 @@ def drift(record: CycleRecord, found: Detections | None) -> list[Fact]:
     ]
 
 
-def alignment_view(record: CycleRecord, found: Detections | None, chosen: Choice) -> dict[str, Any] | None:
+def alignment_view(record: CycleRecord, found: Detections | None, chosen: Choice) -> AlignmentView | None:
+    """The 3-D figure of the alignment with its traces by view; None without detections."""
     if found is None or record.observation is None:
         return None
     grasp = found.grasps[chosen.grasp or 0] if found.grasps else None
@@ -101,27 +121,29 @@ def alignment_view(record: CycleRecord, found: Detections | None, chosen: Choice
         f"{alignment.method}: scale {alignment.scale:.3f}, residual {alignment.residual:.3f} of the object's radius, "
         f"Chamfer {alignment.chamfer_m2 * 1e6:.2f} mm², {alignment.hypotheses} orientations tried"
     )
-    return {"chart": Chart(title, view.figure), "before": view.before, "after": view.after}
+    return AlignmentView(Chart(title, view.figure), view.before, view.after)
 
 
 def rectangles(found: Detections | None, chosen: Choice) -> str:
+    """The colour image around the object with the grasp rectangles, as a data URI; "" without detections."""
     if found is None:
         return ""
     return images.data_uri(images.crop(images.annotated(found, *chosen), found.evidence.object_mask, margin_px=60))
 
 
-def grasps(found: Detections | None) -> list[dict[str, Any]]:
+def grasps(found: Detections | None) -> list[ShownGrasp]:
+    """The table of the grasps, each with its distance [mm] to the imagined one; none without detections."""
     if found is None:
         return []
 
     def moved_mm(grasp: Grasp) -> float:
         return float(np.linalg.norm(grasp.base_from_tcp[:3, 3] - grasp.imagined_base_from_tcp[:3, 3]) * 1e3)
 
-    return [{**dict(grasp), "snapped_mm": moved_mm(grasp)} for grasp in found.grasps]
+    return [ShownGrasp(grasp, moved_mm(grasp)) for grasp in found.grasps]
 
 
 def rejections(chosen: Choice) -> dict[int, list[str]]:
-    """Per grasp: each reason once, with the approach directions it was found for."""
+    """Per grasp: its distinct reasons, with the approach directions they apply to."""
     by_reason: dict[int, dict[tuple[str, str], list[Rejection]]] = defaultdict(lambda: defaultdict(list))
     for one in chosen.rejected:
         by_reason[one.grasp][one.code.value, one.reason].append(one)

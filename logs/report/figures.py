@@ -1,35 +1,37 @@
-"""The curves of a report page, in the words of plotly.js: motion against its limits, the hand, the load."""
+"""The charts of a report page as plotly.js figures: motion against its limits, the hand, the load."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
 
-from bus.messages import SegmentRun
+from bus.codec import Json
+from bus.messages import HandState, SegmentRun
 from bus.trajectory import TICK_S
 from config.limits import ACCELERATION_RAD_S2, JERK_RAD_S3, LOWER_RAD, UPPER_RAD, Peak, check, velocity_bounds
 from logs.mcap.reader import Timed
+from logs.report.page import Figure
 
 KINDS = ("position", "velocity", "acceleration", "jerk")
 JOINT_COLORS = ("#2f6fde", "#e0632d", "#2c9c69", "#a855c7", "#c2922a", "#c43d5c", "#5d6b7a")
 GRID, BAD, GOOD = "#e6ebf0", "#c43d5c", "#1f8a5b"
 _BUCKETS = 300
 _NEAR_PERCENT = 40.0
-"""Curves that stay below it are shown enlarged, and the limit is out of sight."""
+"""Curves that stay below this [%] are enlarged, and the limit is out of range."""
 _LABELLED = 0.08
-"""A segment shorter than this share of the motion has no room for its name."""
+"""A segment shorter than this share of the motion gets no label."""
 
 FONT = {"color": "#3c4856", "size": 12, "family": "system-ui, sans-serif"}
 
 Array = npt.NDArray[np.float64]
-Figure = dict[str, Any]
 
 
 class Use(NamedTuple):
-    """The sample of a cycle's motions that comes nearest to one kind of limit, and where that was."""
+    """The sample of a cycle's motions that comes closest to one kind of limit, and its segment."""
 
     kind: str
     peak: Peak
@@ -37,11 +39,12 @@ class Use(NamedTuple):
 
     @property
     def in_words(self) -> str:
+        """One phrase: the share of the limit, the joint and the segment."""
         return f"{self.peak.ratio:.0%} (joint {self.peak.joint}, {self.segment})"
 
 
 def uses(runs: Sequence[SegmentRun]) -> list[Use]:
-    """For each kind of limit its most used sample over all ``runs``; empty when nothing moved."""
+    """For each kind of limit the sample with the highest use over all ``runs``; empty without motion."""
     reports = [(run.name, check(run.motion.commanded_q_rad)) for run in runs if len(run.motion.commanded_q_rad)]
     if not reports:
         return []
@@ -94,12 +97,16 @@ def tracking(runs: Sequence[SegmentRun]) -> Figure:
 
 
 def load(runs: Sequence[SegmentRun]) -> Figure:
-    """The torque that the outside world put on every joint [Nm]: what the hand carried, what the arm touched."""
+    """External torque on every joint [Nm]: the load in the hand, and contacts of the arm."""
     return _measured(runs, np.concatenate([run.motion.tau_ext_nm for run in runs]), "torque from outside [Nm]")
 
 
-def as_said(arm: Sequence[Timed], start_ns: int) -> dict[str, Figure]:
-    """What the arm said of itself over the cycle, for one whose motions have no result: positions, torques."""
+def as_said(arm: Sequence[Timed[JointStates]], start_ns: int) -> dict[str, Figure]:
+    """The arm's published positions and torques over the cycle, for a cycle whose motions have no result.
+
+    Args:
+        start_ns: start of the cycle, UTC.
+    """
     whole = [one for one in arm if len(one.message.joints) == len(LOWER_RAD)]
     time_s = np.array([(one.log_time_ns - start_ns) / 1e9 for one in whole])
     q_rad, effort_nm = (
@@ -120,8 +127,14 @@ def _measured(runs: Sequence[SegmentRun], values: Array, title: str) -> Figure:
     return figure
 
 
-def hand_width(said: Sequence[Timed], start_ns: int, grasped_mm: float | None, least_mm: float | None) -> Figure:
-    """The hand's width over the cycle [mm], as it was said; where it closed, and what a held object is at least."""
+def hand_width(
+    said: Sequence[Timed[HandState]], start_ns: int, grasped_mm: float | None, least_mm: float | None
+) -> Figure:
+    """The hand's width over the cycle [mm], the width at the grasp, and the least width of a held object.
+
+    Args:
+        start_ns: start of the cycle, UTC. ``grasped_mm``, ``least_mm``: None = not drawn.
+    """
     time_s = np.array([(one.log_time_ns - start_ns) / 1e9 for one in said])
     width_mm = np.array([one.message.width_m * 1e3 for one in said])
     figure = _plain([_curve(time_s, width_mm, "width", JOINT_COLORS[0])], "cycle [s]", "hand width [mm]")
@@ -132,12 +145,12 @@ def hand_width(said: Sequence[Timed], start_ns: int, grasped_mm: float | None, l
     return figure
 
 
-def _joints(time_s: Array, values: Array) -> list[dict[str, Any]]:
-    """One curve a joint of ``values`` (n, 7)."""
+def _joints(time_s: Array, values: Array) -> list[Json]:
+    """One curve per joint of ``values`` (n, 7)."""
     return [_curve(time_s, values[:, joint], f"joint {joint + 1}", JOINT_COLORS[joint]) for joint in range(7)]
 
 
-def _curve(time_s: Array, values: Array, name: str, color: str) -> dict[str, Any]:
+def _curve(time_s: Array, values: Array, name: str, color: str) -> Json:
     x, y = _extremes(time_s, values)
     return {"type": "scatter", "mode": "lines", "name": name, "x": x, "y": y, "line": {"width": 1.3, "color": color}}
 
@@ -152,7 +165,7 @@ def _add_level(figure: Figure, y: float, text: str, color: str) -> None:
 
 
 def _starts_s(runs: Sequence[SegmentRun]) -> Array:
-    """When each run began, if one followed the other without a pause [s]."""
+    """Start of each run [s], as if the runs followed each other without a pause."""
     return np.cumsum([0.0, *(_length_s(run) for run in runs[:-1])])
 
 
@@ -162,7 +175,7 @@ def _length_s(run: SegmentRun) -> float:
 
 
 def _name_segments(figure: Figure, runs: Sequence[SegmentRun]) -> None:
-    """A line where a segment begins, its name above it; runs of one name are one."""
+    """Draw a line at the start of each segment, with its name; consecutive runs of one name are one."""
     starts_s, total_s = _starts_s(runs), sum(_length_s(run) for run in runs)
     begins = [
         (run.name, t)
@@ -180,7 +193,7 @@ def _name_segments(figure: Figure, runs: Sequence[SegmentRun]) -> None:
 
 
 def _extremes(t: Array, y: Array) -> tuple[Array, Array]:
-    """At most two points a bucket: its smallest and its largest value, so that no peak is lost."""
+    """At most two points a bucket, its minimum and its maximum, so that no peak is lost."""
     if len(y) <= 2 * _BUCKETS:
         return t, y
     chosen = []
@@ -189,7 +202,7 @@ def _extremes(t: Array, y: Array) -> tuple[Array, Array]:
     return t[chosen], y[chosen]
 
 
-def _plain(data: list[dict[str, Any]], x_title: str, y_title: str) -> Figure:
+def _plain(data: list[Json], x_title: str, y_title: str) -> Figure:
     layout = {
         "xaxis": {"title": {"text": x_title}, "gridcolor": GRID, "zeroline": False},
         "yaxis": {"title": {"text": y_title}, "gridcolor": GRID, "zerolinecolor": "#c3ccd6"},

@@ -1,10 +1,10 @@
-"""The pictures of a report page, as data URIs."""
+"""The images of a report page, as data URIs."""
 
 from __future__ import annotations
 
 import base64
 from collections.abc import Iterable
-from typing import Any
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -18,10 +18,12 @@ _LEAST_DEPTH_SHARE, _MOST_DEPTH_SHARE = 1, 99
 _JPEG_QUALITY = 85
 
 Image = npt.NDArray[np.uint8]
+Mask = npt.NDArray[np.bool_]
+Pixels = TypeVar("Pixels", Image, Mask)
 
 
-def data_uri(image: npt.NDArray[Any], *, width_px: int = 960) -> str:
-    """An RGB image or mask as a JPEG or PNG data URI, at most ``width_px`` wide."""
+def data_uri(image: Image | Mask, *, width_px: int = 960) -> str:
+    """An RGB image (H, W, 3) or mask (H, W) as a JPEG or PNG data URI, at most ``width_px`` wide."""
     pixels = image.astype(np.uint8) * 255 if image.dtype == np.bool_ else np.asarray(image[..., ::-1])
     if pixels.shape[1] > width_px:
         height_px = round(pixels.shape[0] * width_px / pixels.shape[1])
@@ -33,7 +35,7 @@ def data_uri(image: npt.NDArray[Any], *, width_px: int = 960) -> str:
 
 
 def file_uri(image: bytes | None) -> str:
-    """A picture's file, as it came, as a data URI; "" for none. Torn ones stay torn."""
+    """A picture's file, unchanged, as a data URI; "" for none. Torn files are not repaired."""
     if image is None:
         return ""
     kind = "jpeg" if image.startswith(b"\xff\xd8") else "png"
@@ -41,7 +43,11 @@ def file_uri(image: bytes | None) -> str:
 
 
 def annotated(found: Detections, grasp: int | None, rejections: Iterable[Rejection]) -> Image:
-    """The colour image with the object's outline and the grasp rectangles: that of ``grasp``, rejected, the others."""
+    """The colour image (H, W, 3) with the object's outline and the grasp rectangles: chosen, rejected, others.
+
+    Args:
+        grasp: index of the chosen one, None for none.
+    """
     image = np.array(found.evidence.color)
     contours, _ = cv2.findContours(
         found.evidence.object_mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
@@ -64,8 +70,8 @@ def _corners(rectangle: Rectangle) -> npt.NDArray[np.int32]:
     return np.asarray(np.rint(corners), dtype=np.int32)
 
 
-def crop(image: npt.NDArray[Any], mask: npt.NDArray[np.bool_], margin_px: int = 90) -> npt.NDArray[Any]:
-    """The part of ``image`` around ``mask``, for a closer look; the whole image for an empty mask."""
+def crop(image: Pixels, mask: Mask, margin_px: int = 90) -> Pixels:
+    """The part of ``image`` (H, W, ...) around ``mask`` (H, W) with a margin; the whole image for an empty mask."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if not len(rows):
         return image
@@ -73,8 +79,8 @@ def crop(image: npt.NDArray[Any], mask: npt.NDArray[np.bool_], margin_px: int = 
     return image[top : rows[-1] + margin_px, left : columns[-1] + margin_px]
 
 
-def colored_depth(depth_m: npt.NDArray[Any]) -> tuple[Image, str]:
-    """Depth [m] in colours, and what they mean in words; what was not measured is black."""
+def colored_depth(depth_m: npt.NDArray[np.float32]) -> tuple[Image, str]:
+    """Depth (H, W) [m] in colours, and the legend in words; unmeasured pixels are black."""
     measured = np.isfinite(depth_m)
     if not measured.any():
         return np.zeros((*depth_m.shape, 3), np.uint8), "nothing was measured"

@@ -1,4 +1,4 @@
-"""A cycle in words: how it ended and why, what to do, and what every stage found. The page and `cell show` tell it."""
+"""The timeline of a cycle in words - outcome, cause, advice, result of each stage - for the page and `cell show`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,12 @@ UNFINISHED = "UNFINISHED"
 
 @dataclass(frozen=True)
 class StageLine:
-    """One stage: when it began, from the cycle's start [s], how long it took, and what it found or failed with."""
+    """One stage in the timeline.
+
+    Attributes:
+        start_s: from the cycle's start. ``took_s``: duration.
+        said: its result, or its failure. ``failed``: True for a failure.
+    """
 
     name: str
     start_s: float
@@ -28,7 +33,7 @@ class StageLine:
 
 @dataclass(frozen=True)
 class Span:
-    """A state of the machine, from the cycle's start [s]."""
+    """A state of the machine, with times from the cycle's start [s]."""
 
     name: str
     start_s: float
@@ -36,14 +41,14 @@ class Span:
 
 
 @dataclass(frozen=True)
-class Story:
-    """Why a cycle ended so.
+class Timeline:
+    """The timeline of a cycle, with the reason of its end.
 
     Attributes:
         outcome: its result, or ``UNFINISHED``. ``code``: of `bus.codes`, or "".
-        object: what it took, "" where nobody knows.
-        why: one or two sentences. ``advice``: what to do, "" when there is nothing to do.
-        stages, states: in order. ``length_s``: of the whole recording.
+        object: name of the object, "" when unknown.
+        why: one or two sentences. ``advice``: the action to take, "" for none.
+        stages, states: in order. ``start_ns``: UTC. ``length_s``: of the whole recording.
         ended_in: the last stage that began, "" for none.
     """
 
@@ -60,25 +65,26 @@ class Story:
 
     @property
     def title(self) -> str:
-        """``FAILED DROPPED spatula``."""
+        """Outcome, code and object: ``FAILED DROPPED spatula``."""
         return " ".join(part for part in (self.outcome, self.code, self.object) if part)
 
 
-def tell(record: CycleRecord) -> Story:
-    """The story of one recorded cycle, however far it came. Raises: RecordingError for one that makes no sense."""
+def summarize(record: CycleRecord) -> Timeline:
+    """The timeline of one recorded cycle, complete or not. Raises: RecordingError for inconsistent values."""
     with telling(f"The cycle {record.cycle_id!r}"):
         return _told(record)
 
 
-def _told(record: CycleRecord) -> Story:
+def _told(record: CycleRecord) -> Timeline:
     why, advice = _why(record)
     result = record.result
     stages, states = record.stages.values(), record.states
     start_ns = min([stage.started_ns for stage in stages] + [said.log_time_ns for said in states], default=0)
     ends_ns = [stage.started_ns + round(stage.duration_s * 1e9) for stage in stages]
-    length_s = (max([*ends_ns, *(said.log_time_ns for said in (*states, *record.events))], default=0) - start_ns) / 1e9
+    said_ns = [said.log_time_ns for said in states] + [said.log_time_ns for said in record.events]
+    length_s = (max(ends_ns + said_ns, default=0) - start_ns) / 1e9
     begun = [said.message.stage for said in states if said.message.stage]
-    return Story(
+    return Timeline(
         outcome=result.result if result is not None else record.metadata.get("result", UNFINISHED),
         code=result.code.value if result is not None and result.code is not None else "",
         object=result.object if result is not None else "",
@@ -93,7 +99,7 @@ def _told(record: CycleRecord) -> Story:
 
 
 def _why(record: CycleRecord) -> tuple[str, str]:
-    """The reason and the advice; a fault that the cell reported meanwhile is the cause behind a mere stop."""
+    """The reason and the advice; for a mere stop, a fault that the cell reported is given as the cause."""
     result = record.result
     if result is None:
         nothing = "The recording holds no result: the cycle was not finished."
@@ -108,7 +114,7 @@ def _why(record: CycleRecord) -> tuple[str, str]:
 
 
 def _parted(fault: Event) -> tuple[str, str]:
-    """What happened and what to do, also where an event says both in its text."""
+    """What happened and what to do, also for an event that has both in its text."""
     advices = (fault.advice, *ADVICE.values())
     advice = next((advice for advice in advices if advice and fault.text.endswith(advice)), fault.advice)
     return fault.text.removesuffix(advice).strip(), advice
@@ -122,7 +128,7 @@ def _lines(record: CycleRecord, start_ns: int) -> Iterator[StageLine]:
 
 
 def _spans(record: CycleRecord, start_ns: int, length_s: float) -> Iterator[Span]:
-    """The machine's states, one span each however often it was said."""
+    """The machine's states, one span each, however often the state was published."""
     said = [(said.message.state, (said.log_time_ns - start_ns) / 1e9) for said in record.states]
     changes = [one for before, one in zip([("", 0.0), *said], said, strict=False) if before[0] != one[0]]
     ends_s = [*(begin_s for _, begin_s in changes[1:]), length_s]
@@ -131,7 +137,7 @@ def _spans(record: CycleRecord, start_ns: int, length_s: float) -> Iterator[Span
 
 
 def in_words(result: Message | None) -> str:
-    """What a stage found, in half a line; "" where there is nothing to say."""
+    """The result of a stage, in half a line; "" where there is none to report."""
     if isinstance(result, Detections) and result.grasps:
         best = result.grasps[0]
         return f"{len(result.grasps)} grasps, the best {best.width_m * 1e3:.0f} mm wide"

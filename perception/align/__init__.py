@@ -1,4 +1,7 @@
-"""Stage 2 of the paper: carry the imagined object, and so the rod, back onto the observed one."""
+"""Stage 2 of the paper: align the imagined object to the observed one, and with it the rod.
+
+All clouds and maps are in the ``color`` frame, in metres; see docs/frames.md.
+"""
 
 from __future__ import annotations
 
@@ -25,9 +28,15 @@ _METHODS: dict[str, Callable[[Shape, Shape], Fit]] = {
 
 
 def align(method: str, goal: Shape, observed: Shape, *, max_residual: float = float("inf")) -> Alignment:
-    """The map that carries ``goal`` onto ``observed``, found by ``method`` (`config.schema.PerceptionSettings.align`).
+    """Align ``goal`` to ``observed`` with ``method``, and measure the fit.
 
-    Raises: CycleFailure(MODEL_DRIFT) when a shape is too small, or what is left over exceeds ``max_residual``.
+    Args:
+        method: one of `ALIGNERS` (`config.schema.PerceptionSettings.align`).
+        max_residual: the largest accepted `Residuals.residual`, as a share of the observed object's rms radius.
+
+    Raises:
+        CycleFailure: MODEL_DRIFT when a shape has too few points, or the residual exceeds ``max_residual``.
+        ConfigError: TEASER++ is asked for and is not installed.
     """
     began_s = time.perf_counter()
     fit = _METHODS[method](goal, observed)
@@ -42,4 +51,4 @@ def align(method: str, goal: Shape, observed: Shape, *, max_residual: float = fl
 
 
 ALIGNERS = tuple(name for name in _METHODS if name != "teaser" or find_spec(PACKAGE) is not None)
-"""Those that can be used here."""
+"""The methods whose packages are installed here."""

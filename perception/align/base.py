@@ -1,4 +1,7 @@
-"""What alignment works on, and the measures every method is judged by."""
+"""The types that alignment works on, and the measures that judge every method.
+
+Points are in metres in the ``color`` frame; see docs/frames.md.
+"""
 
 from __future__ import annotations
 
@@ -14,12 +17,12 @@ from bus.arrays import Transform
 from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.messages import CameraModel
-from perception.geometry.lift import few, lift, transform
+from perception.geometry.lift import lift, subsample, transform
 
 _MIN_POINTS = 30
 JUDGED_POINTS = 800
 TRIM = 0.85
-"""Share of the distances that count; the rest are outliers."""
+"""Share of the distances that count; the rest are treated as outliers."""
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -30,10 +33,10 @@ class Shape:
     """One object as a camera sees it.
 
     Attributes:
-        mask: (H, W) the object's pixels.
-        hidden: (H, W) pixels that something (the rod) covers: they may or may not be the object's.
+        mask: (H, W) pixels of the object.
+        hidden: (H, W) pixels that the rod covers; the object may continue below them.
         depth_m: (H, W) z-depth, NaN = unknown.
-        camera: the pinhole both images of an alignment share.
+        camera: the undistorted pinhole that both images of an alignment share.
     """
 
     mask: Mask
@@ -45,7 +48,7 @@ class Shape:
     def points(self) -> Array:
         """(n, 3) [m] in the camera frame, of the object's pixels that have depth.
 
-        Raises: CycleFailure(MODEL_DRIFT) when they are too few to be a shape.
+        Raises: CycleFailure(MODEL_DRIFT) for fewer than 30 points.
         """
         points = lift(self.mask, self.depth_m, self.camera)
         if len(points) < _MIN_POINTS:
@@ -54,7 +57,13 @@ class Shape:
 
 
 class Fit(NamedTuple):
-    """What a method found: the map, its scale, and how many orientations it tried."""
+    """The result of one alignment method.
+
+    Attributes:
+        observed_from_goal: (4, 4) map of goal points onto observed points [m], scale included.
+        scale: isotropic scale of that map, dimensionless.
+        hypotheses: number of orientations that were tried.
+    """
 
     observed_from_goal: Transform
     scale: float
@@ -62,7 +71,13 @@ class Fit(NamedTuple):
 
 
 class Residuals(NamedTuple):
-    """How well aligned clouds lie on each other; see `bus.messages.Alignment`."""
+    """Distances between two aligned clouds; `bus.messages.Alignment` defines them.
+
+    Attributes:
+        chamfer_m2: sum of the two mean squared nearest-neighbour distances.
+        goal_to_observed_m, observed_to_goal_m: the one-way Hausdorff distances.
+        residual: two-way trimmed mean distance as a share of the observed object's rms radius.
+    """
 
     chamfer_m2: float
     goal_to_observed_m: float
@@ -71,30 +86,35 @@ class Residuals(NamedTuple):
 
 
 def affine(matrix: Array, translation: Array) -> Transform:
-    """(4, 4) of a (3, 3) matrix and a translation."""
+    """The map (4, 4) made of a (3, 3) matrix and a translation (3,) [m]."""
     a_from_b = np.eye(4)
     a_from_b[:3, :3], a_from_b[:3, 3] = matrix, translation
     return a_from_b
 
 
 def rms_radius_m(points: Array) -> float:
-    """Root mean square distance from the centroid."""
+    """Root mean square distance [m] of points (n, 3) from their centroid."""
     return float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()))
 
 
 def nearest(of: Array, to: cKDTree) -> Array:
-    """Distance of each point to the nearest one of the tree [m]."""
+    """Distance (n,) [m] of each point (n, 3) to the nearest point of the tree."""
     return np.asarray(to.query(of)[0])
 
 
 def trimmed_mean(distances: Array) -> float:
-    """Mean of the smaller 85 %."""
+    """Mean of the smaller 85 % (`TRIM`) of distances (n,)."""
     return float(np.sort(distances)[: max(1, int(TRIM * len(distances)))].mean())
 
 
 def residuals(goal: Array, observed: Array, observed_from_goal: Transform) -> Residuals:
-    """Judge a fit on evenly thinned clouds."""
-    moved, kept = few(transform(observed_from_goal, goal), JUDGED_POINTS), few(observed, JUDGED_POINTS)
+    """Judge a fit on at most `JUDGED_POINTS` points of each cloud.
+
+    Args:
+        goal, observed: (n, 3), (m, 3) [m].
+        observed_from_goal: (4, 4).
+    """
+    moved, kept = subsample(transform(observed_from_goal, goal), JUDGED_POINTS), subsample(observed, JUDGED_POINTS)
     forth, back = nearest(moved, cKDTree(kept)), nearest(kept, cKDTree(moved))
     return Residuals(
         chamfer_m2=float((forth**2).mean() + (back**2).mean()),

@@ -1,8 +1,8 @@
-"""The paper's alignment: principal axes of both clouds, their signs by a correspondence-free loss (two-way Chamfer).
+"""The paper's alignment: principal axes of both clouds, their signs chosen by the two-way Chamfer distance.
 
-Two readings. `pca_cfopt` is the one that works: R = s V_S A V_G^T with A the sign flips that make a proper rotation,
-one isotropic scale, centred clouds. `pca_cfopt_printed` is the formula as typeset, for the record: its scale carries
-metres, it reflects, and it flips the camera's axes instead of the eigenvectors' signs.
+The paper's formula has two readings. `pca_cfopt` is the one that works: R = s V_S A V_G^T with A the sign flips that
+make a proper rotation, one isotropic scale, centred clouds. `pca_cfopt_printed` is the formula as typeset: its scale
+has the unit metre, it can reflect, and it flips the camera's axes instead of the eigenvectors' signs.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from perception.align.base import JUDGED_POINTS, Array, Fit, Shape, affine, nearest
-from perception.geometry.lift import few
+from perception.geometry.lift import subsample
 
 _PROPER_SIGNS = ((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1))
 _ALL_SIGNS = tuple(itertools.product((1, -1), repeat=3))
 
 
 def pca_cfopt(goal: Shape, observed: Shape) -> Fit:
-    """Proper rotations only, one scale, centred: the correct reading of the paper's section III-B."""
+    """Align with proper rotations, one scale and centred clouds: the working reading of the paper's section III-B."""
     goal_values, goal_axes = _principal(goal.points)
     observed_values, observed_axes = _principal(observed.points)
     scale = float(np.sqrt(observed_values.sum() / goal_values.sum()))
@@ -32,7 +32,7 @@ def pca_cfopt(goal: Shape, observed: Shape) -> Fit:
 
 
 def pca_cfopt_printed(goal: Shape, observed: Shape) -> Fit:
-    """R_A = V_S (A V_G sqrt(L_G) L_S^-1)^-1 over all eight sign matrices A, the loss on uncentred clouds."""
+    """Align with R_A = V_S (A V_G sqrt(L_G) L_S^-1)^-1 over all eight sign matrices A; the loss on uncentred clouds."""
     goal_values, goal_axes = _principal(goal.points)
     observed_values, observed_axes = _principal(observed.points)
     stretch = np.diag(np.sqrt(goal_values) / observed_values)
@@ -43,7 +43,7 @@ def pca_cfopt_printed(goal: Shape, observed: Shape) -> Fit:
 
 
 def _principal(points: Array) -> tuple[Array, Array]:
-    """Eigenvalues [m^2] and right-handed axes (columns), signs made reproducible: eigh's are the platform's choice."""
+    """Eigenvalues (3,) [m^2] and right-handed axes (3, 3) (columns), signs made reproducible (eigh's are not)."""
     values, axes = np.linalg.eigh(np.cov(points.T))
     axes = axes * np.sign(axes[np.abs(axes).argmax(axis=0), np.arange(3)])
     proper = axes if np.linalg.det(axes) > 0 else axes * np.array([1, 1, -1])
@@ -51,7 +51,8 @@ def _principal(points: Array) -> tuple[Array, Array]:
 
 
 def _least_chamfer(candidates: Sequence[Array], goal: Array, observed: Array) -> int:
-    goal, observed = few(goal, JUDGED_POINTS), few(observed, JUDGED_POINTS)
+    """Index of the candidate matrix (3, 3) with the least two-way squared Chamfer distance."""
+    goal, observed = subsample(goal, JUDGED_POINTS), subsample(observed, JUDGED_POINTS)
     tree = cKDTree(observed)
 
     def loss_m2(matrix: Array) -> float:

@@ -1,4 +1,7 @@
-"""Local refinement of a similarity between two clouds: two-way nearest neighbours and Umeyama's closed form."""
+"""Local refinement of a similarity between two clouds: two-way nearest neighbours and Umeyama's closed form.
+
+Points are in metres, each cloud relative to its own centre, axes as in the ``color`` frame.
+"""
 
 from __future__ import annotations
 
@@ -13,12 +16,18 @@ from perception.align.base import TRIM, Array, affine, trimmed_mean
 _TRIM_FROM, _RELIEF_FROM = 3, 4
 _RELIEF = (0.6, 1.7)
 _SCALE_RANGE = 2.0
-"""How far from its start the scale may go, either way: unbounded, clouds shrink into each other."""
+"""Largest change of the scale from its start, in either direction: unbounded, both clouds shrink into each other."""
 
 
 @dataclass(frozen=True)
 class Pose:
-    """goal -> observed: ``scale * rotation @ (diag(1, 1, relief) @ goal) + translation``, about centred clouds."""
+    """goal -> observed: ``scale * rotation @ (diag(1, 1, relief) @ goal) + translation``, for centred clouds.
+
+    Attributes:
+        rotation: (3, 3).
+        scale: dimensionless. ``translation``: (3,) [m].
+        relief: stretch of the goal along its optical axis, dimensionless.
+    """
 
     rotation: Array
     scale: float
@@ -27,21 +36,22 @@ class Pose:
 
     @property
     def matrix(self) -> Array:
-        """(3, 3)."""
+        """The linear part (3, 3): scale, rotation and relief."""
         return np.asarray(self.scale * self.rotation * np.array([1.0, 1.0, self.relief]))
 
     def __call__(self, points: Array) -> Array:
         return np.asarray(points @ self.matrix.T + self.translation)
 
     def between(self, goal_center: Array, observed_center: Array) -> Transform:
-        """(4, 4) for clouds that are not centred."""
+        """The map (4, 4) between clouds that are not centred; ``goal_center``, ``observed_center``: (3,) [m]."""
         return affine(self.matrix, observed_center + self.translation - self.matrix @ goal_center)
 
 
 class Clouds:
-    """Two centred clouds (n, 3), (m, 3) of some hundred points: every distance at once is faster than two trees.
+    """Two centred clouds (n, 3), (m, 3) [m] of a few hundred points.
 
-    One instance serves one thread: its buffers are reused.
+    All distances are computed at once, which is faster than two trees at this size. One instance serves one thread,
+    because it reuses its buffers.
     """
 
     def __init__(self, goal: Array, observed: Array) -> None:
@@ -51,7 +61,7 @@ class Clouds:
         self._back = np.empty((len(observed), len(goal)), dtype=np.float32)
 
     def pairs(self, pose: Pose) -> tuple[Array, Array, Array]:
-        """Both ways' nearest neighbours: goal points, observed points, and their distances [m] after ``pose``."""
+        """Nearest neighbours in both directions: goal points, observed points, their distances [m] under ``pose``."""
         moved = pose(self.goal)
         forth = np.matmul(_lifted(moved), self._seen_costs, out=self._forth).argmin(axis=1)
         back = np.matmul(self._seen, _costs(moved), out=self._back).argmin(axis=1)
@@ -61,12 +71,19 @@ class Clouds:
         return goal, observed, np.sqrt(np.einsum("ij,ij->i", apart, apart))
 
     def loss_m(self, pose: Pose) -> float:
-        """Two-way trimmed mean distance."""
+        """Two-way trimmed mean distance [m] after ``pose``."""
         distances = self.pairs(pose)[2]
         return (trimmed_mean(distances[: len(self.goal)]) + trimmed_mean(distances[len(self.goal) :])) / 2
 
     def refine(self, start: Pose, iterations: int, *, relief: bool, rescale: bool, begin: int = 0) -> Pose:
-        """``iterations`` steps from ``start``, counted from ``begin`` (trimming and relief set in later)."""
+        """Refine ``start`` by closest points and Umeyama's closed form.
+
+        Args:
+            iterations: number of steps.
+            relief: fit the stretch along the goal's optical axis, too.
+            rescale: fit the scale, too.
+            begin: number of the first step; trimming begins at step 3, the relief at step 4.
+        """
         pose = start
         for step in range(begin, begin + iterations):
             goal, observed, distances = self.pairs(pose)
@@ -81,17 +98,17 @@ class Clouds:
 
 
 def _lifted(points: Array) -> npt.NDArray[np.float32]:
-    """(n, 4): the points and a 1."""
+    """(n, 4): the points (n, 3) with a 1 appended."""
     return np.column_stack([points, np.ones(len(points))]).astype(np.float32)
 
 
 def _costs(points: Array) -> npt.NDArray[np.float32]:
-    """(4, n): times `_lifted` of others, |b|^2 - 2 a.b - the squared distance less |a|^2, which ranks the same."""
+    """(4, n): multiplied by `_lifted` points a it gives |b|^2 - 2 a.b, which ranks as the squared distance does."""
     return np.vstack([-2 * points.T, np.einsum("ij,ij->i", points, points)]).astype(np.float32)
 
 
 def _umeyama(goal: Array, observed: Array, pose: Pose, start_scale: float, rescale: bool) -> Pose:
-    """Umeyama 1991, the relief kept as it is; the scale bounded around its start, or kept."""
+    """Umeyama's closed form (1991) with the relief kept; the scale is bounded around its start, or kept."""
     goal = goal * np.array([1.0, 1.0, pose.relief])
     goal_mean, observed_mean = goal.sum(axis=0) / len(goal), observed.sum(axis=0) / len(observed)
     goal_off, observed_off = goal - goal_mean, observed - observed_mean
@@ -106,7 +123,7 @@ def _umeyama(goal: Array, observed: Array, pose: Pose, start_scale: float, resca
 
 
 def _with_relief(goal: Array, observed: Array, pose: Pose) -> Pose:
-    """The stretch along the goal's optical axis that fits best with everything else fixed, bounded."""
+    """The pose with the best-fitting relief, everything else fixed; the relief is bounded by `_RELIEF`."""
     flat = pose.scale * goal[:, :2] @ pose.rotation[:, :2].T + pose.translation
     along = pose.scale * np.multiply.outer(goal[:, 2], pose.rotation[:, 2])
     relief = float(((observed - flat) * along).sum() / max((along**2).sum(), 1e-12))

@@ -1,4 +1,7 @@
-"""Similarities in the image that lay one silhouette on another: every in-plane angle tried, the best ones refined."""
+"""Similarities in the image that lay one silhouette on another: all in-plane angles are tried, the best are refined.
+
+Pixels are (u, v) of the undistorted colour image; see docs/frames.md.
+"""
 
 from __future__ import annotations
 
@@ -10,19 +13,24 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from perception.align.base import Array, Mask, Shape
-from perception.geometry.lift import few
+from perception.geometry.lift import subsample
 
 _ANGLES = 36
 _CONTOUR_POINTS = 120
 _INTERIOR_POINTS = 120
 _ITERATIONS = 6
 _OUTSIDE_WEIGHT = 0.25
-"""What a goal pixel beside the observed object costs, in rms radii."""
+"""Cost of a goal pixel outside the observed object, in rms radii."""
 
 
 @dataclass(frozen=True)
 class Similarity:
-    """goal pixel -> observed pixel: ``scale * R(angle) @ (pixel - goal_center) + observed_center``."""
+    """goal pixel -> observed pixel: ``scale * R(angle_rad) @ (pixel - goal_center_px) + observed_center_px``.
+
+    Attributes:
+        angle_rad: in-plane turn from u towards v. ``scale``: dimensionless.
+        goal_center_px, observed_center_px: (2,) = (u, v).
+    """
 
     angle_rad: float
     scale: float
@@ -36,7 +44,7 @@ class Similarity:
 
 
 def outline(shape: Shape) -> Mask:
-    """The object's silhouette, with the band closed that the rod hides."""
+    """The silhouette (H, W) of the object, with the band below the rod closed."""
     if not shape.hidden.any():
         return shape.mask
     rows, columns = np.nonzero(shape.mask | shape.hidden)
@@ -52,7 +60,10 @@ def outline(shape: Shape) -> Mask:
 
 
 def silhouette_fits(goal: Mask, observed: Mask, most: int) -> list[Similarity]:
-    """At most ``most`` similarities, the best first: local minima over the angle, each refined on the contours."""
+    """The best similarities between two silhouettes (H, W), at most ``most`` of them, the best first.
+
+    They are the local minima of the loss over the angle, each refined on the contours.
+    """
     scene, picture = _Outline(observed), _Outline(goal)
     scale = scene.radius_px / picture.radius_px
     angles = np.arange(_ANGLES) * 2 * np.pi / _ANGLES
@@ -64,14 +75,14 @@ def silhouette_fits(goal: Mask, observed: Mask, most: int) -> list[Similarity]:
 
 
 class _Outline:
-    """A silhouette's contour and some of its inside, and distances to the contour around it."""
+    """The contour of a silhouette, a sample of its inside, and the distances to the contour around it [px]."""
 
     def __init__(self, mask: Mask) -> None:
         rows, columns = np.nonzero(mask)
         pixels = np.stack([columns, rows], axis=1).astype(float)
         self.center_px = pixels.mean(axis=0)
         self.radius_px = float(np.sqrt(((pixels - self.center_px) ** 2).sum(axis=1).mean()))
-        self.interior = few(pixels, _INTERIOR_POINTS)
+        self.interior = subsample(pixels, _INTERIOR_POINTS)
         pad = int(self.radius_px) + 2
         self._corner = np.array([columns.min() - pad, rows.min() - pad])
         size = np.array([columns.max(), rows.max()]) + pad + 1 - self._corner
@@ -79,29 +90,29 @@ class _Outline:
         local[rows - self._corner[1], columns - self._corner[0]] = 1
         contours, _ = cv2.findContours(local, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
         contour = np.concatenate([part[:, 0] for part in contours])
-        self.contour = few(contour + self._corner.astype(float), _CONTOUR_POINTS)
+        self.contour = subsample(contour + self._corner.astype(float), _CONTOUR_POINTS)
         beside = np.ones(local.shape, dtype=np.uint8)
         beside[contour[:, 1], contour[:, 0]] = 0
         self._distance_px: npt.NDArray[np.float32] = np.asarray(cv2.distanceTransform(beside, cv2.DIST_L2, 3))
         self._inside = local > 0
 
     def distance_px(self, pixels: Array) -> Array:
-        """(...) to the contour, of pixels (..., 2); beyond the window, that of its rim."""
+        """Distance (...) of pixels (..., 2) to the contour; beyond the window, the distance at its rim."""
         return np.asarray(self._distance_px[self._cells(pixels)], dtype=float)
 
     def outside(self, pixels: Array) -> Array:
-        """Share (...) of the pixels (..., n, 2) that are not the object's."""
+        """Share (...) of the pixels (..., n, 2) that are outside the object."""
         return np.asarray(1 - self._inside[self._cells(pixels)].mean(axis=-1))
 
     def _cells(self, pixels: Array) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-        """Row and column in the window."""
+        """Row and column of pixels (..., 2) in the window."""
         cells = np.rint(pixels - self._corner).astype(np.int64)
         height, width = self._inside.shape
         return np.clip(cells[..., 1], 0, height - 1), np.clip(cells[..., 0], 0, width - 1)
 
 
 def _losses(angles_rad: Array, scale: float, goal: _Outline, observed: _Outline) -> Array:
-    """`_loss` of every in-plane turn about the centres, at one scale (n,)."""
+    """`_loss` (n,) of in-plane turns ``angles_rad`` (n,) about the centres, at one scale."""
     turns = np.stack([_turn(angle) for angle in angles_rad])
     forth = scale * (goal.contour - goal.center_px) @ turns.transpose(0, 2, 1) + observed.center_px
     back = (observed.contour - observed.center_px) @ turns / scale + goal.center_px
@@ -111,7 +122,7 @@ def _losses(angles_rad: Array, scale: float, goal: _Outline, observed: _Outline)
 
 
 def _loss(fit: Similarity, goal: _Outline, observed: _Outline) -> float:
-    """Mean contour distance both ways and the share of interior beside the object, in units of its radius."""
+    """Mean contour distance in both directions, in rms radii, plus the weighted share of interior off the object."""
     back = Similarity(-fit.angle_rad, 1 / fit.scale, fit.observed_center_px, fit.goal_center_px)
     forth_px = observed.distance_px(fit(goal.contour)).mean()
     back_px = goal.distance_px(back(observed.contour)).mean() * fit.scale
@@ -120,7 +131,7 @@ def _loss(fit: Similarity, goal: _Outline, observed: _Outline) -> float:
 
 
 def _refined(fit: Similarity, goal: _Outline, observed: _Outline) -> Similarity:
-    """Two-way closest contour points and the closed form, a few times."""
+    """``fit`` refined by a few steps of two-way closest contour points and the closed form."""
     observed_tree = cKDTree(observed.contour)
     for _ in range(_ITERATIONS):
         moved = fit(goal.contour)
@@ -133,7 +144,7 @@ def _refined(fit: Similarity, goal: _Outline, observed: _Outline) -> Similarity:
 
 
 def _closed_form(goal: Array, observed: Array) -> Similarity:
-    """Least squares in the plane, as complex numbers: observed - mean = (scale e^(i angle)) (goal - mean)."""
+    """The least-squares similarity of corresponding pixels (n, 2), as complex numbers."""
     goal_center, observed_center = goal.mean(axis=0), observed.mean(axis=0)
     a = (goal - goal_center) @ np.array([1, 1j])
     b = (observed - observed_center) @ np.array([1, 1j])
@@ -142,5 +153,6 @@ def _closed_form(goal: Array, observed: Array) -> Similarity:
 
 
 def _turn(angle_rad: float) -> Array:
+    """Rotation (2, 2) by an angle from u towards v."""
     c, s = np.cos(angle_rad), np.sin(angle_rad)
     return np.array([[c, -s], [s, c]])

@@ -1,8 +1,8 @@
-"""Our alignment: silhouettes say how the picture was turned, the clouds say the rest.
+"""Our alignment: silhouettes give the in-plane turn, the clouds give the rest. In the ``color`` frame.
 
-Turning about the optical axis keeps the seen side seen, which principal axes do not know; and an object whose axes are
-nearly equal still has an outline. Each silhouette fit - and "nothing moved" - starts a trimmed, scaled, two-way 3-D
-refinement; the smallest residual wins. Between equals (symmetric objects) the smaller turn does.
+A turn about the optical axis keeps the seen side visible; principal axes ignore this. Objects with nearly equal
+principal axes still have an outline. Each silhouette fit, and the unchanged pose, starts a trimmed, scaled, two-way
+3-D refinement; the smallest residual wins. Among equals (symmetric objects) the smaller turn wins.
 """
 
 from __future__ import annotations
@@ -12,24 +12,24 @@ import numpy as np
 from perception.align.base import Array, Fit, Shape
 from perception.align.refine import Clouds, Pose
 from perception.align.silhouette import outline, silhouette_fits
-from perception.geometry.lift import few
+from perception.geometry.lift import subsample
 
 _STARTS = 4
 _FIRST, _THEN = 4, 8
 _SURVIVORS = 2
 _VOXEL = 0.13
 _COARSE, _FINE = 200, 500
-"""Points, at most."""
+"""Most points of a cloud in the coarse and in the fine refinement."""
 _TURN_WEIGHT = 0.004
 
 
 def silhouette_3d(goal: Shape, observed: Shape) -> Fit:
-    """In-plane starts from the silhouettes, refined in 3-D with one scale and a relief gain of the imagined depth."""
+    """Align from the silhouettes' in-plane starts, refined in 3-D with one scale and a relief gain of the depth."""
     goal_center, observed_center = goal.points.mean(axis=0), observed.points.mean(axis=0)
     goal_cloud, observed_cloud = goal.points - goal_center, observed.points - observed_center
     goal_even, observed_even = _even(goal_cloud), _even(observed_cloud)
-    coarse, fine = (Clouds(few(goal_even, most), few(observed_even, most)) for most in (_COARSE, _FINE))
-    # Lateral spread only: the imagined relief is not to be trusted.
+    coarse, fine = (Clouds(subsample(goal_even, most), subsample(observed_even, most)) for most in (_COARSE, _FINE))
+    # Lateral spread only: the imagined relief is unreliable.
     scale = float(
         np.sqrt((observed_cloud[:, :2] ** 2).sum(axis=1).mean() / (goal_cloud[:, :2] ** 2).sum(axis=1).mean())
     )
@@ -53,7 +53,7 @@ def _about_optical_axis(angle_rad: float) -> Array:
 
 
 def _even(cloud: Array) -> Array:
-    """The mean of every voxel (0.13 rms radii wide): equal density."""
+    """The mean of every voxel (0.13 rms radii wide), so that the points (n, 3) have equal density."""
     size_m = _VOXEL * float(np.sqrt((cloud**2).sum(axis=1).mean()))
     cells = np.floor(cloud / size_m).astype(np.int64)
     cells -= cells.min(axis=0)

@@ -1,7 +1,7 @@
-"""TEASER++ (Yang et al. 2020), for whoever has it installed: there is no wheel of it, so it is never a dependency.
+"""TEASER++ (Yang et al. 2020) in the ``color`` frame. It has no wheel, so it is optional and never a dependency.
 
-It needs correspondences; they are made of distance histograms, which neither turns nor shifts change. Sizes are made
-equal first and its own scale stays off: a degenerate one ends the process with an assertion.
+TEASER++ needs correspondences. They are made from distance histograms, which rotation and translation do not change.
+The sizes are made equal first and its own scale estimate stays off: a degenerate one ends the process by an assertion.
 """
 
 from __future__ import annotations
@@ -17,20 +17,25 @@ from scipy.spatial import cKDTree
 from bus.codes import Code
 from bus.errors import ConfigError, CycleFailure
 from perception.align.base import Array, Fit, Shape, affine, rms_radius_m
-from perception.geometry.lift import few
+from perception.geometry.lift import subsample
 
 PACKAGE = "teaserpp_python"
 _POINTS = 300
 _BINS = 24
 _FARTHEST = 3.0
-"""Of the histogram, in rms radii."""
+"""Upper edge of the distance histograms, in rms radii."""
 _NOISE = 0.08
 """Bound of a correspondence's error, in rms radii."""
 _MIN_PAIRS = 10
 
 
 def teaser(goal: Shape, observed: Shape) -> Fit:
-    """Raises: ConfigError when it is not installed; CycleFailure(MODEL_DRIFT) when too little corresponds."""
+    """Align with TEASER++.
+
+    Raises:
+        ConfigError: TEASER++ is not installed.
+        CycleFailure: MODEL_DRIFT for fewer than 10 correspondences.
+    """
     if find_spec(PACKAGE) is None:
         raise ConfigError(
             "The alignment 'teaser' needs TEASER++.",
@@ -38,8 +43,8 @@ def teaser(goal: Shape, observed: Shape) -> Fit:
         )
     goal_center, observed_center = goal.points.mean(axis=0), observed.points.mean(axis=0)
     goal_m, observed_m = rms_radius_m(goal.points), rms_radius_m(observed.points)
-    ours = few((goal.points - goal_center) / goal_m, _POINTS)
-    theirs = few((observed.points - observed_center) / observed_m, _POINTS)
+    ours = subsample((goal.points - goal_center) / goal_m, _POINTS)
+    theirs = subsample((observed.points - observed_center) / observed_m, _POINTS)
     pairs = correspondences(ours, theirs)
     if len(pairs) < _MIN_PAIRS:
         raise CycleFailure(
@@ -52,7 +57,7 @@ def teaser(goal: Shape, observed: Shape) -> Fit:
 
 
 def correspondences(goal: Array, observed: Array) -> npt.NDArray[np.int64]:
-    """(k, 2) indices of points whose histograms of distances to their own cloud are each other's nearest."""
+    """(k, 2) indices of points of two clouds (n, 3), (m, 3) whose distance histograms are mutually nearest."""
     ours, theirs = _histograms(goal), _histograms(observed)
     forth, back = cKDTree(theirs).query(ours)[1], cKDTree(ours).query(theirs)[1]
     mutual = np.flatnonzero(back[forth] == np.arange(len(ours)))
@@ -60,14 +65,14 @@ def correspondences(goal: Array, observed: Array) -> npt.NDArray[np.int64]:
 
 
 def _histograms(cloud: Array) -> Array:
-    """(n, bins) smoothed shares of a cloud's points by their distance from each of them."""
+    """(n, bins) cumulative distribution of the distances from each point to all points of its cloud (n, 3)."""
     apart = np.linalg.norm(cloud[:, None] - cloud[None], axis=2)
     edges = np.linspace(0, _FARTHEST, _BINS + 1)
     return np.stack([np.cumsum(np.histogram(row, edges)[0]) / len(cloud) for row in apart])
 
 
 def _solve(goal: Array, observed: Array) -> tuple[Array, Array]:
-    """Rotation (3, 3) and shift (3,) of corresponding points (k, 3)."""
+    """Rotation (3, 3) and translation (3,) of corresponding points (k, 3)."""
     package: Any = import_module(PACKAGE)
     params = package.RobustRegistrationSolver.Params()
     params.cbar2, params.noise_bound, params.estimate_scaling = 1.0, _NOISE, False

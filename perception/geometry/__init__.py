@@ -1,1 +1,1 @@
-"""Pixels, depths and points: pinhole model, registration, crops, the rod's line."""
+"""Pinhole geometry: lifting and projecting, registration, crops, the rod's line. Frames and units: docs/frames.md."""

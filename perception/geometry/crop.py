@@ -1,4 +1,7 @@
-"""The part of an image around an object: what is worked on from there on, a fraction of the frame."""
+"""A crop of the image around an object. Detection works on it, because it is a small part of the frame.
+
+Pixels are (u, v) of the undistorted colour image; see docs/frames.md.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,11 @@ ScalarT = TypeVar("ScalarT", bound=np.generic)
 
 @dataclass(frozen=True)
 class Crop:
-    """A rectangle of pixels inside the image."""
+    """A rectangle of pixels inside the image.
+
+    Attributes:
+        left, top: the first column and row [px]. ``right``, ``bottom``: one past the last.
+    """
 
     left: int
     top: int
@@ -26,7 +33,7 @@ class Crop:
 
     @staticmethod
     def around(mask: Mask, margin_px: int) -> Crop:
-        """The mask's bounding box and a margin, as far as the image goes."""
+        """The bounding box of ``mask`` (H, W), enlarged by ``margin_px`` and clipped to the image."""
         rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
         height, width = mask.shape
         return Crop(
@@ -37,11 +44,11 @@ class Crop:
         )
 
     def of(self, image: npt.NDArray[ScalarT]) -> npt.NDArray[ScalarT]:
-        """The part of an image (H, W, ...)."""
+        """The cropped part of an image (H, W, ...), as a contiguous copy."""
         return np.ascontiguousarray(image[self.top : self.bottom, self.left : self.right])
 
     def rgbd(self, rgbd: Rgbd) -> Rgbd:
-        """The part as an image of its own; points lifted from it lie where they lay."""
+        """The cropped RGB-D image. The principal point moves with the crop, so lifted points are unchanged."""
         camera = rgbd.camera
         part = CameraModel(
             width=self.right - self.left,
@@ -54,7 +61,7 @@ class Crop:
         return Rgbd(self.of(rgbd.color), self.of(rgbd.depth_m), part)
 
     def back(self, part: npt.NDArray[ScalarT], whole: npt.NDArray[ScalarT]) -> npt.NDArray[ScalarT]:
-        """``whole`` with this part replaced."""
+        """A copy of ``whole`` (H, W, ...) with this crop replaced by ``part``."""
         pasted = whole.copy()
         pasted[self.top : self.bottom, self.left : self.right] = part
         return pasted

@@ -1,4 +1,7 @@
-"""A raw frame becomes one RGB-D image: colour undistorted, depth brought into it. The *observed* depth estimator."""
+"""Makes one RGB-D image of a raw frame: colour undistorted, depth registered to it.
+
+This is the *observed* depth estimator. Depth is z-depth in metres in the ``color`` frame; see docs/frames.md.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +23,13 @@ _SPLAT = ((0, 0), (0, 1), (1, 0), (1, 1))
 
 @dataclass(frozen=True)
 class Rgbd:
-    """Colour (H, W, 3) and z-depth (H, W) [m, NaN = invalid] of one undistorted pinhole camera."""
+    """Colour and registered depth of one undistorted pinhole camera.
+
+    Attributes:
+        color: (H, W, 3) RGB.
+        depth_m: (H, W) z-depth, NaN = invalid.
+        camera: the pinhole, without distortion.
+    """
 
     color: npt.NDArray[np.uint8]
     depth_m: npt.NDArray[np.float32]
@@ -28,9 +37,10 @@ class Rgbd:
 
 
 def register(frame: Frame) -> Rgbd:
-    """Undistort the colour image and reproject the depth image into it, nearest surface first; as it is if it fits.
+    """Undistort the colour image and reproject the depth image into it; the nearest surface wins.
 
-    A depth pixel covers about 1.5 colour pixels (NFOV depth, 720p colour), so each is splatted onto 2 x 2.
+    A frame whose depth is registered already keeps its depth pixels. A depth pixel covers about 1.5 colour pixels (NFOV
+    depth, 720p colour), so each is splatted onto 2 x 2 pixels.
     """
     camera = frame.color_camera.model_copy(update={"distortion": ()})
     color = frame.color
@@ -47,7 +57,7 @@ def register(frame: Frame) -> Rgbd:
 
 
 def without_flying_pixels(depth_m: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """Depth without the pixels that hang between two surfaces: fewer than 4 of 8 neighbours within 8 mm."""
+    """Depth (H, W) without flying pixels: those with fewer than 4 of 8 neighbours within 8 mm become NaN."""
     near = np.zeros(depth_m.shape, dtype=np.uint8)
     padded = np.pad(depth_m, 1, constant_values=np.nan)
     height, width = depth_m.shape
@@ -60,7 +70,7 @@ def without_flying_pixels(depth_m: npt.NDArray[np.float32]) -> npt.NDArray[np.fl
 
 @lru_cache(maxsize=4)
 def rays(camera: CameraModel) -> npt.NDArray[np.float64]:
-    """Rays (h, w, 3) with z = 1 of every pixel of a distorted camera."""
+    """Undistorted rays (h, w, 3) with z = 1 of all pixels of a distorted camera."""
     u, v = np.meshgrid(np.arange(camera.width, dtype=float), np.arange(camera.height, dtype=float))
     pixels = np.stack([u.ravel(), v.ravel()], axis=1)[:, None]
     matrix = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
@@ -69,7 +79,7 @@ def rays(camera: CameraModel) -> npt.NDArray[np.float64]:
 
 
 def _splat(points: npt.NDArray[np.float64], camera: CameraModel) -> npt.NDArray[np.float32]:
-    """Z-buffer of points in the camera frame."""
+    """Z-buffer (H, W) [m] of points (n, 3) in the camera frame."""
     corner = np.floor(project(points, camera)).astype(int)
     z = points[:, 2].astype(np.float32)
     nearest = np.full(camera.height * camera.width, np.inf, dtype=np.float32)

@@ -1,4 +1,4 @@
-"""Pixels to points and back, with the pinhole model (undistorted images only)."""
+"""Pinhole projection of undistorted images: pixels to points and back. Frames and units: docs/frames.md."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ def lift(mask: npt.NDArray[np.bool_], depth_m: npt.NDArray[np.float32], camera: 
 
 
 def lift_pixels(pixels_px: Array, depth_m: Array, camera: CameraModel) -> Array:
-    """Points (n, 3) of pixels (n, 2) = (u, v) at z-depth ``depth_m`` (n,)."""
+    """Points (n, 3) [m] in the camera frame of pixels (n, 2) = (u, v) at z-depth ``depth_m`` (n,)."""
     x = (pixels_px[:, 0] - camera.cx) / camera.fx * depth_m
     y = (pixels_px[:, 1] - camera.cy) / camera.fy * depth_m
     return np.stack([x, y, depth_m], axis=1)
 
 
 def project(points: Array, camera: CameraModel) -> Array:
-    """Pixels (n, 2) = (u, v) of points (n, 3) in front of the camera."""
+    """Pixels (n, 2) = (u, v) of points (n, 3) [m] in front of the camera."""
     return np.stack(
         [
             points[:, 0] / points[:, 2] * camera.fx + camera.cx,
@@ -36,23 +36,23 @@ def project(points: Array, camera: CameraModel) -> Array:
 
 
 def transform(a_from_b: Transform, points: Array) -> Array:
-    """Points (n, 3) from frame b to frame a."""
+    """Points (n, 3) [m] of frame b, expressed in frame a."""
     return np.asarray(points @ a_from_b[:3, :3].T + a_from_b[:3, 3])
 
 
 def inverse(a_from_b: Transform) -> Transform:
-    """b_from_a of a rigid transform."""
+    """The inverse ``b_from_a`` (4, 4) of a rigid transform."""
     b_from_a = np.eye(4)
     b_from_a[:3, :3] = a_from_b[:3, :3].T
     b_from_a[:3, 3] = -a_from_b[:3, :3].T @ a_from_b[:3, 3]
     return b_from_a
 
 
-def few(points: Array, most: int) -> Array:
-    """At most ``most`` of the points, evenly picked."""
+def subsample(points: Array, most: int) -> Array:
+    """At most ``most`` of the points (n, 3), at a constant stride."""
     return points[:: max(1, -(-len(points) // most))]
 
 
-def thin(points: Array, most: int) -> npt.NDArray[np.float32]:
-    """The same for showing and logging."""
-    return np.asarray(few(points, most), dtype=np.float32)
+def subsample_float32(points: Array, most: int) -> npt.NDArray[np.float32]:
+    """At most ``most`` of the points (n, 3) as float32, at a constant stride; for display and recording."""
+    return np.asarray(subsample(points, most), dtype=np.float32)

@@ -1,6 +1,6 @@
-"""What a picture file says of itself, read before it is decoded: whether it is whole, and how large it will be.
+"""Reads the size of a picture file from its structure before decoding, and detects torn files.
 
-Decoders fill up what is missing, and take the memory that a header asks for.
+Decoders fill missing data silently, and allocate the memory that a header names.
 """
 
 from __future__ import annotations
@@ -13,16 +13,18 @@ _JPEG = b"\xff\xd8\xff"
 _JPEG_SIZES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}
 _JPEG_SCAN, _JPEG_END = 0xDA, 0xD9
 _MARKER = re.compile(rb"\xff+([^\x00\xd0-\xd7\xff])")
-"""In a scan's data a marker is none when a zero follows, or a restart's number."""
+"""In a scan, 0xff followed by a zero or a restart number is not a marker."""
 
 
 class Size(NamedTuple):
+    """Width and height of a picture [px]."""
+
     width: int
     height: int
 
 
 def size_of(data: bytes) -> Size | None:
-    """Of a whole PNG, JPEG or WebP file, whatever stands behind its end; None for a torn one, or anything else."""
+    """Size of a whole PNG, JPEG or WebP file; None for a torn file or another format. Data after the end is ignored."""
     if data.startswith(_PNG):
         return _png(data)
     if data.startswith(_JPEG):

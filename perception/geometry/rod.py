@@ -1,7 +1,8 @@
-"""Stage 3 of the paper: the rod's line, where it passes through the object, and the grasp rectangles.
+"""Stage 3 of the paper: the rod's line, its runs through the object, and the grasp rectangles.
 
 The paper's terms, made exact: a *discontinuity* is a gap between two pieces of rod at least half of which lies on the
-object; several gaps each count, and so does the outer pair; without a gap the object's chord under the rod counts.
+object. Several gaps each count, and so does the outer pair. Without a gap, the object's chord under the rod counts.
+Pixels are of the undistorted colour image, points are in the ``color`` frame; see docs/frames.md.
 """
 
 from __future__ import annotations
@@ -21,11 +22,11 @@ from perception.geometry.lift import lift_pixels, project
 
 _MIN_GAP_PX = 3.0
 _MIN_ISLAND = 0.5
-"""Rod pieces shorter than this many rod widths are specks."""
+"""Pieces of rod shorter than this many rod widths are noise."""
 
 _MAX_ASTRAY = 0.2
 _MAX_SPREAD = 2.0
-"""Fitted width over thickness, and share of pixels off the line, of something that still is one straight rod."""
+"""Limits of one straight rod: `_MAX_ASTRAY`, the share of pixels off the line, and fitted width over thickness."""
 
 Mask = npt.NDArray[np.bool_]
 Array = npt.NDArray[np.float64]
@@ -33,20 +34,26 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Line:
-    """A line in the image: pixels ``center_px + s * direction``; ``width_px`` is the rod's."""
+    """A line in the image: pixels ``center_px + s * direction``.
+
+    Attributes:
+        center_px: (2,) = (u, v). ``direction``: (2,) unit vector.
+        width_px: width of the rod.
+    """
 
     center_px: Array
     direction: Array
     width_px: float
 
     def at(self, s: Array) -> Array:
+        """Pixels (..., 2) at the distances ``s`` (...) [px] along the line."""
         return np.asarray(self.center_px + np.multiply.outer(s, self.direction))
 
 
 def fit_line(rod: Mask) -> Line:
-    """Principal axis of the rod's pixels, fitted twice: the second time without what lies off the first.
+    """The principal axis of the rod's pixels (H, W), fitted a second time without the outliers of the first fit.
 
-    Raises: CycleFailure(MODEL_NO_ROD) when much of it lies off the line: bent, or more than one.
+    Raises: CycleFailure(MODEL_NO_ROD) when many pixels are off the line: a bent rod, or several.
     """
     v, u = np.nonzero(rod)
     pixels = everything = np.stack([u, v], axis=1).astype(float)
@@ -68,7 +75,11 @@ def fit_line(rod: Mask) -> Line:
 
 
 def runs(line: Line, rod: Mask, on_object: Mask) -> list[tuple[float, float]]:
-    """Where the rod passes through the object: (start, end) along the line [px], the widest first."""
+    """The rod's runs through the object: (start, end) along the line [px], the widest first.
+
+    Args:
+        rod, on_object: (H, W) masks of the rod and of the object.
+    """
     reach = int(np.ceil(np.hypot(*rod.shape)))
     s = np.arange(-reach, reach + 1, dtype=float)
     painted, covered = _along(line, s, rod), _along(line, s, on_object)
@@ -80,16 +91,16 @@ def runs(line: Line, rod: Mask, on_object: Mask) -> list[tuple[float, float]]:
     ]
     if len(gaps) > 1:
         gaps.append((gaps[0][0], gaps[-1][1]))
-    if not gaps:  # the rod hides nothing, or one of its ends: the object's chord, read beside the rod
+    if not gaps:  # the rod hides nothing, or only one of its ends: take the object's chord beside the rod
         chord = _along(line, s, on_object, beside_px=line.width_px / 2 + 2)
         gaps = [(s[a] - 0.5, s[b] + 0.5) for a, b in _stretches(chord)]
     return sorted((gap for gap in gaps if gap[1] - gap[0] >= _MIN_GAP_PX), key=lambda gap: gap[0] - gap[1])
 
 
 def rectangle(ends: Array, camera: CameraModel, station: Station) -> Rectangle:
-    """The grasp rectangle of a carried run, given by its ends (2, 3) [m] in the colour frame.
+    """The grasp rectangle of a run, given by its ends (2, 3) [m] in the ``color`` frame.
 
-    Its width is compliance x run, plus the margin at both ends; its height the finger's width at the contacts' depth.
+    Its width is compliance x run plus the margin at both ends; its height is the finger's width at the contacts' depth.
     """
     start_px, end_px = project(ends, camera)
     along_px = end_px - start_px
@@ -104,9 +115,15 @@ def rectangle(ends: Array, camera: CameraModel, station: Station) -> Rectangle:
 
 
 def rod_depth(line: Line, rod: Mask, depth_m: npt.NDArray[np.float32]) -> Array:
-    """(slope, offset) of the rod's inverse depth 1/z = slope * s + offset: a straight rod is straight in 1/z.
+    """(slope, offset) of the rod's inverse depth, 1/z = slope * s + offset, which is linear for a straight rod.
 
     The rod's rim, where depths mix, is left out; the fit is trimmed once.
+
+    Args:
+        rod: (H, W) mask. ``depth_m``: (H, W) z-depth.
+
+    Returns:
+        (2,): [1/(m px)] and [1/m].
     """
     v, u = np.nonzero(rod & np.isfinite(depth_m))
     pixels = np.stack([u, v], axis=1) - line.center_px
@@ -119,14 +136,18 @@ def rod_depth(line: Line, rod: Mask, depth_m: npt.NDArray[np.float32]) -> Array:
 
 
 def lift_run(line: Line, run: tuple[float, float], inverse_depth: Array, camera: CameraModel) -> Array:
-    """End points (2, 3) of a run in the colour frame [m], on the rod's axis: its radius behind its visible side."""
+    """End points (2, 3) [m] of a run in the ``color`` frame, on the rod's axis: one radius behind its visible side.
+
+    Args:
+        run: (start, end) along the line [px]. ``inverse_depth``: (2,), of `rod_depth`.
+    """
     s = np.array(run)
     surface_m = 1.0 / np.polyval(inverse_depth, s)
     return lift_pixels(line.at(s), surface_m * (1 + line.width_px / 2 / camera.fx), camera)
 
 
 def _along(line: Line, s: Array, mask: Mask, beside_px: float = 1.0) -> Mask:
-    """Whether the mask is set on the line or ``beside_px`` to either side, per step."""
+    """Whether the mask is set on the line or ``beside_px`` to either side of it, at each step ``s`` (n,)."""
     normal = np.array([-line.direction[1], line.direction[0]])
     hit = np.zeros(len(s), dtype=bool)
     for side in (-beside_px, 0.0, beside_px):
@@ -137,6 +158,6 @@ def _along(line: Line, s: Array, mask: Mask, beside_px: float = 1.0) -> Mask:
 
 
 def _stretches(hit: Mask) -> list[tuple[int, int]]:
-    """First and last index of every unbroken stretch."""
+    """First and last index of every uninterrupted stretch of ``hit`` (n,)."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], hit.astype(int), [0]])))
     return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]

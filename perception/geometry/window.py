@@ -1,4 +1,7 @@
-"""The square around the object that a hosted model is shown and draws in: bigger for it, and nothing else to see."""
+"""The square window around the object that a hosted model is shown and edits; it enlarges the object for the model.
+
+Pixels are (u, v) of the undistorted colour image; see docs/frames.md.
+"""
 
 from __future__ import annotations
 
@@ -15,12 +18,12 @@ from perception.geometry.crop import Crop
 from perception.geometry.picture import size_of
 
 _ROOM = 1.9
-"""Side over the object's larger extent: room for a rod that sticks out."""
+"""Side of the window over the object's larger extent: room for a rod that protrudes."""
 _MIN_SIDE_PX = 128
 _ASPECT_TOLERANCE = 0.03
 _MIN_PICTURE_PX = 128
 _MAX_PICTURE_PX = 8192
-"""Of a side: twice what any provider draws. A header may ask for all of the memory."""
+"""Largest side of a picture, twice what any provider draws: a header may announce a size that exhausts the memory."""
 
 Image = npt.NDArray[np.uint8]
 Mask = npt.NDArray[np.bool_]
@@ -28,7 +31,11 @@ Mask = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Window:
-    """A square of the colour image; it may reach over the image's rim."""
+    """A square of the colour image; it may extend beyond the image.
+
+    Attributes:
+        left, top: the first column and row [px]; may be negative. ``side_px``: its side.
+    """
 
     left: int
     top: int
@@ -36,13 +43,13 @@ class Window:
 
     @staticmethod
     def around(object_mask: Mask) -> Window:
-        """The square about the object's bounding box."""
+        """The square around the bounding box of ``object_mask`` (H, W), at least 128 px wide."""
         box = Crop.around(object_mask, 0)
         side = max(round(_ROOM * max(box.bottom - box.top, box.right - box.left)), _MIN_SIDE_PX)
         return Window((box.left + box.right - side) // 2, (box.top + box.bottom - side) // 2, side)
 
     def cut(self, image: npt.NDArray[np.uint8], beyond: int | tuple[int, int, int]) -> npt.NDArray[np.uint8]:
-        """The window's part of ``image`` (H, W) or (H, W, 3); ``beyond`` where there is no image."""
+        """The window's part of ``image`` (H, W) or (H, W, 3); pixels outside the image have the value ``beyond``."""
         part = np.empty((self.side_px, self.side_px, *image.shape[2:]), dtype=np.uint8)
         part[:] = beyond
         inside, here = self._overlap(image.shape)
@@ -50,7 +57,7 @@ class Window:
         return part
 
     def paste(self, part: Image, onto: Image) -> Image:
-        """``onto`` with the window's part replaced."""
+        """A copy of ``onto`` (H, W, 3) with the window replaced by ``part`` (side, side, 3)."""
         pasted = onto.copy()
         inside, here = self._overlap(onto.shape)
         pasted[here] = part[inside]
@@ -64,7 +71,7 @@ class Window:
 
 
 def encode_png(image: npt.NDArray[np.uint8], size_px: int) -> bytes:
-    """A square image (RGB, RGBA or grey) as PNG of ``size_px``."""
+    """A square image (RGB, RGBA or grey) as PNG of ``size_px``. Raises: ValueError when it cannot be encoded."""
     big = cv2.resize(np.ascontiguousarray(image), (size_px, size_px), interpolation=cv2.INTER_CUBIC)
     order = {3: cv2.COLOR_RGB2BGR, 4: cv2.COLOR_RGBA2BGRA}
     pixels = cv2.cvtColor(big, order[big.shape[2]]) if big.ndim == 3 else big
@@ -75,10 +82,10 @@ def encode_png(image: npt.NDArray[np.uint8], size_px: int) -> bytes:
 
 
 def decode_picture(data: bytes, window: Window, background: tuple[int, int, int] = (0, 0, 0)) -> Image:
-    """What a model drew, in the window's own pixels (side, side, 3); ``background`` where it is transparent.
+    """Decode a model's picture to the window's pixels (side, side, 3); transparent pixels become ``background``.
 
-    Raises: CycleFailure(MODEL_BAD_IMAGE) for a torn file, something else than PNG, JPEG or WebP, one of another shape,
-        or one too large to be drawn by a model.
+    Raises: CycleFailure(MODEL_BAD_IMAGE) for a torn file, a format other than PNG, JPEG or WebP, a picture that is not
+        square, or one larger than models draw.
     """
     size = size_of(data)
     if size is None:
@@ -94,7 +101,7 @@ def decode_picture(data: bytes, window: Window, background: tuple[int, int, int]
 
 
 def _decoded(data: bytes, background: tuple[int, int, int]) -> Image:
-    """(H, W, 3) BGR."""
+    """(H, W, 3) BGR, with transparent pixels replaced by ``background`` (RGB)."""
     color, whole = _pixels(data, cv2.IMREAD_COLOR), _pixels(data, cv2.IMREAD_UNCHANGED)
     if whole.ndim < 3 or whole.shape[2] < 4 or whole.shape[:2] != color.shape[:2]:
         return color

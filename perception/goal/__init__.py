@@ -1,1 +1,1 @@
-"""Stage 1 of the paper: which object is meant, the goal image, and what of it can be believed."""
+"""Stage 1 of the paper: choose the target, imagine the goal image, and check it against the observed one."""

@@ -1,7 +1,7 @@
-"""How far a goal image departs from what it should have kept, and the gate on it.
+"""Measures how far a goal image deviates from the observed image, and refuses it above a limit.
 
-Masks are advisory for every hosted model, so what was to stay is looked at afterwards: the background, the object's
-outline and its colour. A turned or shifted object is no fault (alignment carries it back); another object is.
+Masks are advisory for every hosted model, so the parts that had to stay are checked afterwards: the background, the
+object's outline and its colour. A turned or shifted object is accepted (alignment corrects it); another object is not.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from perception.align.silhouette import Similarity, outline, silhouette_fits
 from perception.geometry.window import Window
 from perception.goal.parts import GoalParts, background_color
 from perception.scene.segment import Mask
-from perception.subject import Subject
+from perception.subject import ObservedObject
 
 _CHANGED = 24
 _UNMOVED_BONUS = 0.02
-"""Of overlap: a turned fit must be this much better than "nothing moved"."""
+"""Overlap (IoU) by which a turned fit must exceed the unmoved one."""
 
 Image = npt.NDArray[np.uint8]
 
 
 def register(goal: Shape, observed: Mask) -> tuple[Similarity, float]:
-    """The similarity in the image that lays the imagined outline on the observed one, and their overlap (IoU)."""
+    """The similarity that lays the imagined outline on the observed mask (H, W), and their overlap (IoU, 0 to 1)."""
     silhouette = outline(goal)
     center_px = np.zeros(2)
     unmoved = Similarity(0.0, 1.0, center_px, center_px)
@@ -40,24 +40,26 @@ def register(goal: Shape, observed: Mask) -> tuple[Similarity, float]:
     return candidates[best], overlaps[best] - (_UNMOVED_BONUS if best == 0 else 0.0)
 
 
-def measure(image: Image, parts: GoalParts, subject: Subject, fit: Similarity, overlap: float) -> Drift:
-    """Everything there is to measure; ``fit`` and ``overlap`` as `register` gives them."""
-    observed = subject.scene.object_mask
+def measure(image: Image, parts: GoalParts, observed_object: ObservedObject, fit: Similarity, overlap: float) -> Drift:
+    """Measure the drift of a goal image (H, W, 3); ``fit`` and ``overlap`` (IoU) come from `register`."""
+    observed = observed_object.scene.object_mask
     rows, columns = np.nonzero(parts.object)
     center_px = np.array([columns.mean(), rows.mean()])
     return Drift(
-        changed_outside=_changed_outside(image, parts, subject),
+        changed_outside=_changed_outside(image, parts, observed_object),
         other_objects=float(parts.others.sum() / parts.object.sum()),
         silhouette_iou=overlap,
         shift_px=float(np.linalg.norm(fit(center_px[None])[0] - center_px)),
         turn_rad=abs(fit.angle_rad),
         scale=fit.scale,
-        color_shift=float(np.linalg.norm(_median_lab(image[parts.object]) - _median_lab(subject.masked[observed]))),
+        color_shift=float(
+            np.linalg.norm(_median_lab(image[parts.object]) - _median_lab(observed_object.masked[observed]))
+        ),
     )
 
 
 def require_faithful(drift: Drift, limits: DriftSettings) -> None:
-    """The gate. Raises: CycleFailure(MODEL_DRIFT) with the evidence."""
+    """Refuse a goal image that exceeds a limit. Raises: CycleFailure(MODEL_DRIFT), listing what exceeds."""
     faults = [
         (drift.changed_outside > limits.max_changed_outside, f"{drift.changed_outside:.0%} of the background changed"),
         (drift.other_objects > limits.max_other_objects, "another object appeared"),
@@ -72,14 +74,14 @@ def require_faithful(drift: Drift, limits: DriftSettings) -> None:
         raise CycleFailure(Code.MODEL_DRIFT, f"The goal image is not of the observed object: {'; '.join(found)}.")
 
 
-def _changed_outside(image: Image, parts: GoalParts, subject: Subject) -> float:
-    window = Window.around(subject.scene.object_mask)
-    ours = (subject.scene.object_mask | parts.object | parts.others | parts.rod).astype(np.uint8)
+def _changed_outside(image: Image, parts: GoalParts, observed_object: ObservedObject) -> float:
+    window = Window.around(observed_object.scene.object_mask)
+    ours = (observed_object.scene.object_mask | parts.object | parts.others | parts.rod).astype(np.uint8)
     free = window.cut(cv2.dilate(ours, np.ones((9, 9))), 1) == 0
-    background = background_color(image, window, subject.background)
-    part = window.cut(image, subject.background).astype(np.int16)
-    # Against what was sent, and against its own: an even change of the whole background is one change.
-    sent = np.abs(part - np.array(subject.background)).max(axis=2) > _CHANGED
+    background = background_color(image, window, observed_object.background)
+    part = window.cut(image, observed_object.background).astype(np.int16)
+    # Against the sent and against its own background: a uniform change of the whole background is no drift.
+    sent = np.abs(part - np.array(observed_object.background)).max(axis=2) > _CHANGED
     even = np.abs(part - background).max(axis=2) > _CHANGED
     return float((sent & even)[free].mean()) if free.any() else 0.0
 

@@ -1,4 +1,4 @@
-"""Stage 1 of the paper, *imagine*: reason -> direct -> render, every call said as it happens."""
+"""Stage 1 of the paper, *imagine*: reason -> direct -> render. Every call is reported as it ends."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from perception.goal.prompts import prompt
 from perception.models.base import GoalImageModel
 from perception.scene.heightmap import height_map
 from perception.scene.segment import Scene, hue_of
-from perception.subject import Answer, GoalImage, RodColor, Subject
+from perception.subject import Answer, GoalImage, ObservedObject, RodColor
 
 ROD_COLORS = (
     RodColor("magenta", (255, 0, 200)),
@@ -42,25 +42,29 @@ _HUE_APART = 14
 _NEAR_BACKGROUND = 48
 
 Step = Literal["locate", "reason", "direct", "render"]
-Say = Callable[[ModelReply], None]
+OnReply = Callable[[ModelReply], None]
 
 
 @dataclass(frozen=True)
 class Conversation:
-    """One proposal's calls to the model; each is said, answered or not.
+    """The calls of one proposal to the model; each is reported, successful or not.
 
-    Args:
-        sample: which proposal. ``clock_s``: monotonic. ``cancel``: a stop; after it no call begins.
+    Attributes:
+        on_reply: called with the record of each call. ``sample``: number of the proposal, from 0.
+        clock_s: monotonic clock [s]. ``cancel``: a stop request; after it no call begins.
     """
 
     model: GoalImageModel
-    say: Say
+    on_reply: OnReply
     sample: int = 0
     clock_s: Callable[[], float] = time.monotonic
     cancel: Cancel = field(default_factory=Cancel)
 
     def ask(self, step: Step, text: str, call: Callable[[], Answer]) -> Answer:
-        """Raises: CycleFailure, as the model; STOPPED, also of a call that a stop gave up: it is said, as begun."""
+        """Make one call and report it.
+
+        Raises: CycleFailure, as the model; STOPPED after a stop. A call that a stop cut off is reported, too.
+        """
         self.cancel.raise_if_set("detect")
         began_s = self.clock_s()
         heard = {"step": step, "sample": self.sample, "model": self.model.name, "prompt": text}
@@ -68,64 +72,70 @@ class Conversation:
             answer = call()
         except CycleFailure as failure:
             why = {"failure": failure.failure, "text_of_failure": failure.text}
-            self.say(ModelReply.model_validate({**heard, **why, "latency_s": self.clock_s() - began_s}))
+            self.on_reply(ModelReply.model_validate({**heard, **why, "latency_s": self.clock_s() - began_s}))
             raise
         what = {"text": answer.text, "image_png": answer.image_png, "usage": answer.usage, "attempts": answer.attempts}
-        self.say(ModelReply.model_validate({**heard, **what, "latency_s": self.clock_s() - began_s}))
+        self.on_reply(ModelReply.model_validate({**heard, **what, "latency_s": self.clock_s() - began_s}))
         return answer
 
 
-def subject_of(rgbd: Rgbd, scene: Scene, base_from_color: Transform) -> Subject:
-    """What the model is shown: the object alone on a plain background, and the colour its rod is to have."""
+def observed_object_of(rgbd: Rgbd, scene: Scene, base_from_color: Transform) -> ObservedObject:
+    """The model's input: the object alone on a plain background, its height map, and the colour its rod must have.
+
+    Args:
+        base_from_color: (4, 4) pose of the colour camera.
+    """
     background = free_background(rgbd.color[scene.object_mask])
     masked = np.where(scene.object_mask[..., None], rgbd.color, np.array(background, dtype=np.uint8))
     heights = height_map(scene)
-    return Subject(
+    return ObservedObject(
         rgbd, scene, heights, masked, background, base_from_color, free_rod_color(rgbd.color[scene.object_mask])
     )
 
 
-def imagine(talk: Conversation, subject: Subject, station: Station) -> GoalImage:
+def imagine(talk: Conversation, observed_object: ObservedObject, station: Station) -> GoalImage:
     """The goal image (Algorithm 1, lines 2-5). Raises: CycleFailure, as the model; MODEL_BAD_IMAGE, MODEL_NO_IMAGE."""
-    model, jaw_mm, scale = talk.model, f"{station.hand.max_width_m * 1e3:.0f}", _px_per_mm(subject, station)
+    model, jaw_mm, scale = talk.model, f"{station.hand.max_width_m * 1e3:.0f}", _px_per_mm(observed_object, station)
     if station.perception.imagine.steps == 3:
         finger_mm = f"{station.hand.finger_width_m * 1e3:.0f}"
         ask_reason = prompt("reason", max_width_mm=jaw_mm, finger_width_mm=finger_mm, px_per_mm=scale)
-        reasoning = talk.ask("reason", ask_reason, lambda: model.reason(subject, ask_reason, talk.cancel)).text
+        reasoning = talk.ask("reason", ask_reason, lambda: model.reason(observed_object, ask_reason, talk.cancel)).text
         ask_direct = prompt("direct", reasoning=reasoning)
-        directive = talk.ask("direct", ask_direct, lambda: model.direct(subject, ask_direct, talk.cancel)).text
+        directive = talk.ask("direct", ask_direct, lambda: model.direct(observed_object, ask_direct, talk.cancel)).text
     else:
         directive = prompt("render", max_width_mm=jaw_mm)
     ask_render = prompt(
         "constraint",
         directive=directive,
-        rod_color=subject.rod.name,
+        rod_color=observed_object.rod.name,
         rod_diameter_mm=f"{2e3 * station.perception.rod_radius_m:.0f}",
         px_per_mm=scale,
-        background=BACKGROUNDS[subject.background],
+        background=BACKGROUNDS[observed_object.background],
     )
-    return _goal(talk.ask("render", ask_render, lambda: model.render(subject, ask_render, talk.cancel)), subject)
+    return _goal(
+        talk.ask("render", ask_render, lambda: model.render(observed_object, ask_render, talk.cancel)), observed_object
+    )
 
 
-def _px_per_mm(subject: Subject, station: Station) -> str:
-    """The scale of the picture a hosted model is shown, at the object."""
-    mask, camera = subject.scene.object_mask, subject.rgbd.camera
+def _px_per_mm(observed_object: ObservedObject, station: Station) -> str:
+    """The scale [px/mm], at the object's depth, of the picture that a hosted model is shown."""
+    mask, camera = observed_object.scene.object_mask, observed_object.rgbd.camera
     enlarged = station.perception.hosted.size_px / Window.around(mask).side_px
-    return f"{enlarged * camera.fx / float(np.nanmedian(subject.rgbd.depth_m[mask])) / 1e3:.2f}"
+    return f"{enlarged * camera.fx / float(np.nanmedian(observed_object.rgbd.depth_m[mask])) / 1e3:.2f}"
 
 
-def _goal(answer: Answer, subject: Subject) -> GoalImage:
+def _goal(answer: Answer, observed_object: ObservedObject) -> GoalImage:
     if answer.goal is not None:
         return answer.goal
     if answer.image_png is None:
         raise CycleFailure(Code.MODEL_NO_IMAGE, f"The model drew nothing, but said: {answer.text[:200]}")
-    window = Window.around(subject.scene.object_mask)
-    plain = np.full_like(subject.masked, np.array(subject.background, dtype=np.uint8))
-    return GoalImage(window.paste(decode_picture(answer.image_png, window, subject.background), plain), None)
+    window = Window.around(observed_object.scene.object_mask)
+    plain = np.full_like(observed_object.masked, np.array(observed_object.background, dtype=np.uint8))
+    return GoalImage(window.paste(decode_picture(answer.image_png, window, observed_object.background), plain), None)
 
 
 def free_rod_color(around: npt.NDArray[np.uint8]) -> RodColor:
-    """The rod colour whose hue the fewest saturated pixels of ``around`` (n, 3) have; the first of equals."""
+    """The rod colour whose hue the fewest saturated pixels of ``around`` (n, 3) share; the first one of equals."""
     hsv = cv2.cvtColor(np.ascontiguousarray(around[:, None]), cv2.COLOR_RGB2HSV)[:, 0].astype(int)
     vivid = hsv[hsv[:, 1] > 80][:, 0]
 
@@ -137,7 +147,7 @@ def free_rod_color(around: npt.NDArray[np.uint8]) -> RodColor:
 
 
 def free_background(object_rgb: npt.NDArray[np.uint8]) -> tuple[int, int, int]:
-    """The background that the fewest of the object's pixels (n, 3) come near; the first of equals."""
+    """The background colour that is close to the fewest of the object's pixels (n, 3); the first one of equals."""
 
     def taken(rgb: tuple[int, int, int]) -> int:
         return int((np.abs(object_rgb.astype(int) - rgb).max(axis=1) < _NEAR_BACKGROUND).sum())

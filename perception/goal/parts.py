@@ -1,4 +1,4 @@
-"""Takes a goal image apart: the rod by the colour it was asked for, the object as what else stands out."""
+"""Segments a goal image: the rod by the colour it was asked for, the object as the largest remaining part."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from bus.codes import Code
 from bus.errors import CycleFailure
 from perception.geometry.window import Window
 from perception.scene.segment import Mask, hue_of
-from perception.subject import Subject
+from perception.subject import ObservedObject
 
 _HUE_APART, _MIN_SATURATION, _MIN_VALUE = 8, 110, 60
 _STANDS_OUT = 24
-"""Grey levels, the largest channel's: more than compression and a model's noise."""
+"""Grey levels of the largest channel: more than compression and model noise cause."""
 _MIN_ROD_PX = 60
 _MIN_PART = 0.02
-"""Parts smaller than this share of the foreground are noise."""
+"""Parts below this share of the foreground are treated as noise."""
 _BRIDGE_PX = 5
 
 Image = npt.NDArray[np.uint8]
@@ -27,23 +27,28 @@ Image = npt.NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class GoalParts:
-    """Masks (H, W) of a goal image; ``others``: what neither belongs to the object nor touches it or its rod."""
+    """The parts of a goal image.
+
+    Attributes:
+        rod, object: (H, W) masks.
+        others: (H, W) mask of everything else that is not connected to the object or its rod.
+    """
 
     rod: Mask
     object: Mask
     others: Mask
 
 
-def take_apart(image: Image, subject: Subject) -> GoalParts:
-    """Rod, object and anything else in a goal image on its plain background.
+def take_apart(image: Image, observed_object: ObservedObject) -> GoalParts:
+    """Segment a goal image (H, W, 3) on its plain background into rod, object and others.
 
     Raises: CycleFailure(MODEL_NO_ROD) without a rod, MODEL_DRIFT without an object.
     """
-    rod = _rod(image, subject.rod.rgb)
+    rod = _rod(image, observed_object.rod.rgb)
     if rod.sum() < _MIN_ROD_PX:
         raise CycleFailure(Code.MODEL_NO_ROD, "There is no rod in the goal image.")
-    window = Window.around(subject.scene.object_mask)
-    background = background_color(image, window, subject.background)
+    window = Window.around(observed_object.scene.object_mask)
+    background = background_color(image, window, observed_object.background)
     rim = cv2.dilate(rod.astype(np.uint8), np.ones((3, 3))) > 0
     foreground = (np.abs(image.astype(np.int16) - background).max(axis=2) > _STANDS_OUT) & ~rim
     foreground = cv2.morphologyEx(foreground.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3))) > 0
@@ -65,14 +70,14 @@ def _rod(image: Image, rgb: tuple[int, int, int]) -> Mask:
 
 
 def background_color(image: Image, window: Window, expected: tuple[int, int, int]) -> npt.NDArray[np.int16]:
-    """The background's colour (3,): the median along the window's rim, where no object is asked for."""
+    """The background's colour (3,): the median along the rim of the window, where no object belongs."""
     part = window.cut(image, expected)
     rim = np.concatenate([part[:3].reshape(-1, 3), part[-3:].reshape(-1, 3), part[:, 0], part[:, -1]])
     return np.asarray(np.median(rim, axis=0), dtype=np.int16)
 
 
 def _labelled(foreground: Mask, rod: Mask) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int64]]:
-    """Components (parts that the rod or a small gap divides are one) and their areas in foreground pixels."""
+    """Component labels (H, W) and areas [px]; parts that only the rod or a small gap separates are one component."""
     joined = cv2.dilate((foreground | rod).astype(np.uint8), np.ones((_BRIDGE_PX, _BRIDGE_PX)))
     _, labels = cv2.connectedComponents(joined)
     labels = np.asarray(labels, dtype=np.int32)

@@ -1,4 +1,4 @@
-"""Which of the objects in the pick region is meant: by words, by a pixel, or the one that can be grasped best."""
+"""Chooses the target among the objects in the pick region: by words, by a pixel, or the one with the best grasp."""
 
 from __future__ import annotations
 
@@ -19,17 +19,20 @@ from perception.scene.heightmap import height_map
 from perception.scene.segment import Mask, Scene
 
 _NEAR_PX = 40.0
-"""A pointed-at pixel may miss an object's outline by this much."""
+"""Largest distance [px] of a given pixel from the outline of the object it selects."""
 _PIXEL = re.compile(r"(\d+)\D+(\d+)")
 
 
 def choose(
     scenes: Sequence[Scene], color: npt.NDArray[np.uint8], talk: Conversation, station: Station, sam: Sam | None = None
 ) -> Scene:
-    """The scene of the target. Raises: CycleFailure(TARGET_NOT_FOUND); as the model, when it is asked.
+    """The scene whose object is the target (`config.schema.PerceptionSettings.target`).
 
     Args:
-        sam: finds what is named in words, if it reads any; else the goal-image model points at it.
+        scenes: one per object in the pick region. ``color``: (H, W, 3) RGB.
+        sam: finds a target given in words, if it reads text; otherwise the goal-image model locates it.
+
+    Raises: CycleFailure(TARGET_NOT_FOUND); as the model, when the model is asked.
     """
     target = station.perception.target
     if target.text is not None and sam is not None and sam.reads_text:
@@ -45,7 +48,7 @@ def choose(
 
 
 def at_pixel(scenes: Sequence[Scene], pixel: tuple[float, float]) -> Scene:
-    """The object at a pixel (u, v), or the nearest one beside it."""
+    """The object at a pixel (u, v), or the nearest one within 40 px. Raises: CycleFailure(TARGET_NOT_FOUND)."""
     distances = [_distance_px(scene.object_mask, pixel) for scene in scenes]
     nearest = int(np.argmin(distances))
     if distances[nearest] > _NEAR_PX:
@@ -65,7 +68,7 @@ def _most_covered(scenes: Sequence[Scene], mask: Mask, text: str) -> Scene:
 
 
 def _pointed_at(text: str, color: npt.NDArray[np.uint8], talk: Conversation, station: Station) -> tuple[float, float]:
-    """The pixel the model points at, in the colour image."""
+    """The pixel (u, v) of the colour image that the model points at."""
     size_px = station.perception.hosted.size_px
     question = prompt("locate", size_px=str(size_px), target=text)
     answer = talk.ask("locate", question, lambda: talk.model.locate(color, question, talk.cancel)).text

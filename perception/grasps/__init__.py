@@ -1,1 +1,1 @@
-"""From carried rods, or from the height map, to ranked grasps."""
+"""Ranked grasps in ``base``, from aligned rods or from the height map; see docs/frames.md."""

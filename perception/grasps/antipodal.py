@@ -1,6 +1,7 @@
-"""Top-down antipodal grasps on a height map: candidates from contour pairs, judged by closing the jaw on them.
+"""Top-down antipodal grasps on a height map: candidates from contour pairs, evaluated by closing the jaw on them.
 
-All in ``base``: a candidate is a centre (x, y), the closing axis' heading, and the height of the tcp above the table.
+All in ``base`` (docs/frames.md): a candidate is a centre (x, y), the heading of the closing axis, and the height of the
+tcp above the table. Lengths in metres, angles in radians.
 """
 
 from __future__ import annotations
@@ -15,15 +16,16 @@ from config.schema import HandSettings, Station
 from perception.scene.heightmap import CELL_M, HeightMap
 
 TIP_BELOW_TCP_M = 0.0095
-"""How far the Panda's fingertips reach beyond the tcp."""
+"""Reach of the Panda's fingertips beyond the tcp."""
 PALM_ABOVE_TIP_M = 0.0465
-"""The lowest of the hand above the finger tips, as in the collision model."""
+"""Height of the palm's lowest point above the fingertips, as in the collision model."""
 TABLE_CLEARANCE_M = 0.004
 _HOLD_M = 0.012
-"""How far below the visible edge the tcp goes: the pads (18 mm) lie on the side, not under a round object's widest."""
+"""Depth of the tcp below the visible edge: the pads (18 mm) then lie on the side, not below a round object's widest
+part."""
 
 _MIN_CONTACT_M = 0.003
-"""Least height of the side that the pads touch: flat things are held by the ends of the fingers."""
+"""Least height of the side that the pads touch; flat objects are held by the finger ends."""
 _MIN_SLACK_M = 0.004
 
 _SLICES = (0.35, 0.6, 0.85)
@@ -41,13 +43,14 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Closings:
-    """What closing the jaw on n candidates gives; arrays of length n.
+    """The result of closing the jaw on n candidates; arrays of length n.
 
     Attributes:
-        center_m: (n, 2) between the contacts. ``heading_rad``: of the closing axis. ``tcp_m``: height above the table.
+        center_m: (n, 2) midpoint of the contacts in ``base``. ``heading_rad``: of the closing axis.
+        tcp_m: height of the tcp above the table.
         edge_m: height of the surface just inside the contacts.
-        width_m: between the contacts. ``opening_m``: to approach with.
-        terms: what speaks for it, each between 0 and 1. ``score``: their weighted mean, -inf = not feasible.
+        width_m: distance between the contacts. ``opening_m``: hand width for the approach.
+        terms: criteria, each between 0 and 1. ``score``: their weighted mean, -inf = not feasible.
     """
 
     center_m: Array
@@ -60,7 +63,11 @@ class Closings:
     score: Array
 
     def distinct(self, most: int, apart_m: float = 0.006, apart_rad: float = float(np.deg2rad(10))) -> list[int]:
-        """The best feasible ones, the best first, that differ from each other in place or heading; at most ``most``."""
+        """Indices of the best feasible candidates, the best first, at most ``most`` of them.
+
+        Args:
+            apart_m, apart_rad: least difference in place or heading between any two.
+        """
         chosen: list[int] = []
         for index in np.argsort(-self.score, kind="stable"):
             if len(chosen) == most or not np.isfinite(self.score[index]):
@@ -82,7 +89,11 @@ def propose(heights: HeightMap, station: Station) -> Closings:
 
 
 def close(heights: HeightMap, centers_m: Array, headings_rad: Array, widths_m: Array, station: Station) -> Closings:
-    """Close the jaw on candidates whose width is about ``widths_m``; (n, 2), (n,), (n,)."""
+    """Close the jaw on candidates.
+
+    Args:
+        centers_m: (n, 2) in ``base``. ``headings_rad``: (n,) of the closing axis. ``widths_m``: (n,) expected widths.
+    """
     hand, clearance_m = station.hand, station.perception.approach_clearance_m
     axis = np.stack([np.cos(headings_rad), np.sin(headings_rad)], axis=1)
     half_m = np.minimum(hand.max_width_m, widths_m + 2 * clearance_m) / 2
@@ -99,7 +110,7 @@ def close(heights: HeightMap, centers_m: Array, headings_rad: Array, widths_m: A
     touch_left, touch_right = (np.where(touches, touch, 0.0) for touch in (left.min(axis=1), right.max(axis=1)))
     width_m, shift_m = touch_right - touch_left, (touch_left + touch_right) / 2
     opening_m = np.minimum(hand.max_width_m, width_m + 2 * clearance_m)
-    # What is lower than the tips' clearance over the table is the table and its noise.
+    # Heights below the fingertips' table clearance count as the table and its noise.
     free_m = np.maximum(tcp_m - TIP_BELOW_TCP_M - _FOOTPRINT_CLEARANCE_M, TABLE_CLEARANCE_M)
     feasible = (
         touches
@@ -125,18 +136,18 @@ def close(heights: HeightMap, centers_m: Array, headings_rad: Array, widths_m: A
 
 
 WEIGHTS = {"flat": 0.30, "patch": 0.25, "margin": 0.15, "depth": 0.15, "solid": 0.25, "central": 0.70}
-"""Flat faces within the friction cone, long patches, room in the jaw, a deep hold, material between the fingers (two
-sides of a frame give and turn), near the middle of the object."""
+"""Weights of the criteria: flat faces within the friction cone, long contact patches, room in the jaw, a deep hold,
+material between the fingers (the two sides of a frame bend and turn), and closeness to the object's middle."""
 
 
 def weighted(terms: dict[str, Array], weights: dict[str, float] = WEIGHTS) -> Array:
-    """The weighted mean of named terms (n,)."""
+    """The weighted mean (n,) of named criteria, each (n,) and between 0 and 1."""
     total = sum(weights[name] for name in terms)
     return np.asarray(sum(weights[name] * value for name, value in terms.items()) / total)
 
 
 def _offset(heights: HeightMap, center_m: Array) -> Array:
-    """Distance from the object's middle, in rms radii (n,)."""
+    """Distance (n,) of the centres from the object's middle, in rms radii."""
     rows, columns = np.nonzero(heights.is_object)
     cells = heights.xy_m(rows, columns)
     middle, radius_m = cells.mean(axis=0), float(np.sqrt(((cells - cells.mean(axis=0)) ** 2).sum(axis=1).mean()))
@@ -160,12 +171,12 @@ class _Profile:
         self._finger_m = hand.finger_thickness_m + 0.004
 
     def top_m(self, half_m: Array) -> Array:
-        """Highest point between the opened fingers."""
+        """Height (n,) of the highest point between the opened fingers."""
         inside = np.abs(self.t_m)[None, None, :] <= half_m[:, None, None]
         return np.asarray(np.where(inside, self.heights_m, 0.0).max(axis=(1, 2)))
 
     def contacts(self, slice_m: Array, half_m: Array) -> tuple[Array, Array]:
-        """Where each ray is first met from the left and from the right (n, 7); +-inf where it meets nothing."""
+        """Position (n, 7) where each ray first meets material from the left and from the right; +-inf for none."""
         inside = np.abs(self.t_m)[None, None, :] <= half_m[:, None, None]
         solid = (self.heights_m > slice_m[:, None, None]) & inside
         hit = solid.any(axis=2)
@@ -182,13 +193,13 @@ class _Profile:
         return np.nan_to_num(_median(np.where(hit, height, np.nan)))
 
     def solid(self, slice_m: Array, left_m: Array, right_m: Array) -> Array:
-        """Share of what lies between the contacts that is as high as the slice (n,)."""
+        """Share (n,) of the space between the contacts that is at least as high as the slice."""
         between = (self.t_m >= left_m[:, None]) & (self.t_m <= right_m[:, None])
         filled = (self.heights_m > slice_m[:, None, None]).mean(axis=1)
         return np.asarray((filled * between).sum(axis=1) / np.maximum(between.sum(axis=1), 1))
 
     def under_fingers_m(self, shift_m: Array, opening_m: Array) -> Array:
-        """Highest point under either opened finger."""
+        """Height (n,) of the highest point below either opened finger."""
         out = np.abs(self.t_m[None, :] - shift_m[:, None])
         inner = opening_m[:, None] / 2
         under = (out >= inner) & (out <= inner + self._finger_m)
@@ -196,7 +207,7 @@ class _Profile:
 
 
 def _median(values: Array) -> Array:
-    """Median along the last axis without NaN; NaN where there is nothing else (quietly)."""
+    """Median along the last axis, ignoring NaN; NaN for all-NaN rows, without numpy's warning."""
     ordered = np.sort(values, axis=-1)  # NaN last
     count = np.isfinite(values).sum(axis=-1)
     middle = np.maximum(count - 1, 0) // 2
@@ -204,14 +215,14 @@ def _median(values: Array) -> Array:
 
 
 def _palm_top(heights: HeightMap, centers_m: Array, axis: Array) -> Array:
-    """Highest point under the palm."""
+    """Height (n,) of the highest point below the palm."""
     lateral = np.stack([-axis[:, 1], axis[:, 0]], axis=1)
     points = centers_m[:, None] + axis[:, None] * _PALM[None, :, :1] + lateral[:, None] * _PALM[None, :, 1:]
     return np.asarray(heights.at(points[..., 0], points[..., 1]).max(axis=1))
 
 
 def _face_cos(contacts: Array, touch: Array) -> Array:
-    """Cosine of the angle between the closing axis and a face's normal, from a line through its near contacts (n,)."""
+    """Cosine (n,) of the angle between the closing axis and the normal of a line through the near contacts."""
     near = np.abs(contacts - touch[:, None]) < 0.004
     weight = near.astype(float)
     total = np.maximum(weight.sum(axis=1), 1e-9)
@@ -224,7 +235,7 @@ def _face_cos(contacts: Array, touch: Array) -> Array:
 
 
 def _contour_pairs(heights: HeightMap, share: float, hand: HandSettings) -> tuple[Array, Array, Array]:
-    """Centres, headings and widths of opposing contour points of one slice, the most central first."""
+    """Centres (n, 2), headings (n,) and widths (n,) of opposing contour points of one slice, the most central first."""
     top_m = float(np.percentile(heights.height_m[heights.is_object], 95))
     solid = heights.is_object & (heights.height_m > share * top_m)
     smooth = ndimage.gaussian_filter(solid.astype(float), 1.5)

@@ -1,4 +1,8 @@
-"""From carried rods to 6-DoF grasps: approached around the rod, snapped to the observed surface, checked, ranked."""
+"""Derives 6-DoF grasps from aligned rods: approach around the rod, snap to the surface, check, rank.
+
+The *level* frame has its z axis along the approach, reversed, and its origin on the table; grasps are given in
+``base``. See docs/frames.md.
+"""
 
 from __future__ import annotations
 
@@ -13,18 +17,18 @@ from config.schema import Station
 from perception.geometry.lift import inverse, transform
 from perception.grasps.antipodal import WEIGHTS, Closings, close, weighted
 from perception.scene.heightmap import HeightMap, height_map
-from perception.subject import Subject
+from perception.subject import ObservedObject
 
 _SNAP_M = np.array([0.0, -0.004, 0.004, -0.008, 0.008, -0.012, 0.012])
 _SNAP_RAD = np.deg2rad([0.0, -6.0, 6.0, -12.0, 12.0])
 _PER_RUN = 4
 _TILTS_RAD = np.deg2rad([20.0, -20.0])
-"""Approaches beside the vertical one, about the rod; taken only where from above there is none."""
+"""Approaches other than the vertical one, about the rod; used only where the vertical one yields no grasp."""
 _WIDTH_APART_M = 0.010
 _TESTED = 12
-"""The best so many are tested against pose errors; the others count as surviving none."""
+"""Number of best grasps that are tested against pose errors; the others count as surviving none."""
 _ERRORS = np.array([[0.003, 0, 0], [-0.003, 0, 0], [0, 0.004, 0], [0, -0.004, 0], [0, 0, 0.087], [0, 0, -0.087]])
-"""Pose errors a grasp should survive: along and across the closing axis [m], heading [rad]."""
+"""Pose errors that a grasp should survive: along and across the closing axis [m], and of the heading [rad]."""
 _WEIGHTS = {**WEIGHTS, "unmoved": 0.30, "consistent": 0.10, "robust": 0.15}
 
 Array = npt.NDArray[np.float64]
@@ -32,28 +36,30 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class _Rod:
-    """A run of the carried rod in the level frame: where it is (x, y), its heading, its width."""
+    """A run of the aligned rod in the level frame: centre (x, y) [m], heading, width."""
 
     center_m: Array
     heading_rad: float
     width_m: float
 
 
-def grasps_of_rod(ends_base: Array, rectangle: int, subject: Subject, station: Station) -> list[Grasp]:
-    """Grasps along one carried rod, given by the ends (2, 3) [m] of its run through the object, in ``base``.
+def grasps_of_rod(ends_base: Array, rectangle: int, observed_object: ObservedObject, station: Station) -> list[Grasp]:
+    """Grasps along one aligned rod, from above; if none is feasible, tilted about the rod by 20 degrees either way.
 
-    From above first; if the jaw finds no hold so, tilted about the rod by 20 degrees either way.
+    Args:
+        ends_base: (2, 3) [m] ends of the rod's run through the object, in ``base``.
+        rectangle: index of the run's rectangle.
     """
-    grasps = _approach(ends_base, rectangle, np.eye(4), subject.heights, station)
+    grasps = _approach(ends_base, rectangle, np.eye(4), observed_object.heights, station)
     for tilt_rad in () if grasps else _TILTS_RAD:
         base_from_level = _tilted(ends_base, float(tilt_rad))
-        level_heights = height_map(subject.scene, inverse(base_from_level))
+        level_heights = height_map(observed_object.scene, inverse(base_from_level))
         grasps += _approach(ends_base, rectangle, base_from_level, level_heights, station)
     return grasps
 
 
 def rank(grasps: list[Grasp], station: Station) -> tuple[Grasp, ...]:
-    """Best first; equal scores keep their order."""
+    """The best grasps, best first, at most ``perception.max_grasps``; equal scores keep their order."""
     ordered = sorted(grasps, key=lambda grasp: -grasp.score)
     return tuple(ordered[: station.perception.max_grasps])
 
@@ -61,9 +67,9 @@ def rank(grasps: list[Grasp], station: Station) -> tuple[Grasp, ...]:
 def _approach(
     ends_base: Array, rectangle: int, base_from_level: Transform, heights: HeightMap, station: Station
 ) -> list[Grasp]:
-    """The best few that differ, approached along the level frame's -z, so that planning can fall back on them.
+    """The best few distinct grasps along the level frame's -z; planning uses the lower-ranked ones as fallbacks.
 
-    A bounded search beside the rod (12 mm, 12 degrees) snaps it to the observed surface.
+    A bounded search around the rod (12 mm, 12 degrees) snaps it to the observed surface.
     """
     ends = transform(inverse(base_from_level), ends_base)
     along = ends[1] - ends[0]
@@ -87,7 +93,7 @@ def _approach(
 
 
 def _snap(rod: _Rod, heights: HeightMap, station: Station) -> Closings:
-    """The jaw closed on and beside the rod; the first one is the rod itself."""
+    """Close the jaw on the rod and at offsets around it; the first candidate is the rod itself."""
     side_m, turn_rad = (grid.ravel() for grid in np.meshgrid(_SNAP_M, _SNAP_RAD, indexing="ij"))
     lateral = np.array([-np.sin(rod.heading_rad), np.cos(rod.heading_rad)])
     centers = rod.center_m + side_m[:, None] * lateral
@@ -98,7 +104,7 @@ def _snap(rod: _Rod, heights: HeightMap, station: Station) -> Closings:
 
 
 def _judged(closings: Closings, rod: _Rod, heights: HeightMap, station: Station) -> Closings:
-    """Scored also by whether the measured width is the imagined one, and by how many pose errors it survives."""
+    """The closings, scored also by agreement of measured and imagined width, and by robustness to pose errors."""
     apart = np.abs(closings.width_m - rod.width_m) / _WIDTH_APART_M
     feasible = np.argsort(-closings.score, kind="stable")[: min(_TESTED, int(np.isfinite(closings.score).sum()))]
     robust = np.zeros(len(closings.score))
@@ -109,7 +115,7 @@ def _judged(closings: Closings, rod: _Rod, heights: HeightMap, station: Station)
 
 
 def _survived(closings: Closings, chosen: npt.NDArray[np.intp], heights: HeightMap, station: Station) -> Array:
-    """Share of the pose errors after which the jaw still closes (n,)."""
+    """Share (n,) of the pose errors after which the jaw still closes."""
     heading = closings.heading_rad[chosen]
     along = np.stack([np.cos(heading), np.sin(heading)], axis=1)
     across = np.stack([-along[:, 1], along[:, 0]], axis=1)
@@ -121,7 +127,7 @@ def _survived(closings: Closings, chosen: npt.NDArray[np.intp], heights: HeightM
 
 
 def _tilted(ends_base: Array, tilt_rad: float) -> Transform:
-    """base_from_level: on the table below the rod, z turned about the rod's heading."""
+    """base_from_level (4, 4): origin on the table below the rod, z turned about the rod's heading."""
     along = (ends_base[1] - ends_base[0]) * np.array([1.0, 1.0, 0.0])
     along = along / np.linalg.norm(along)
     across, up = np.array([-along[1], along[0], 0.0]), np.array([0.0, 0.0, 1.0])
@@ -134,7 +140,7 @@ def _tilted(ends_base: Array, tilt_rad: float) -> Transform:
 
 
 def _pose(center_m: Array, heading_rad: float, tcp_m: float) -> Transform:
-    """level_from_tcp: y along the closing axis, z down."""
+    """level_from_tcp (4, 4): y along the closing axis, z down."""
     y, z = np.array([np.cos(heading_rad), np.sin(heading_rad), 0.0]), np.array([0.0, 0.0, -1.0])
     level_from_tcp = np.eye(4)
     level_from_tcp[:3, 0], level_from_tcp[:3, 1], level_from_tcp[:3, 2] = np.cross(y, z), y, z

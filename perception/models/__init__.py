@@ -1,4 +1,4 @@
-"""The models that play the paper's roles, opened from a station: who imagines, who segments, who sees depth."""
+"""The models that fill the paper's roles - goal image, segmentation, depth - opened as a station configures them."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from bus.redaction import keep_secret, quoted, redacted
 from bus.secrets import checked_secret, read_secret
 from config.schema import HostedSettings, Station
 from perception.models.base import GoalImageModel
+from perception.models.budget import LEDGER, Budget
 from perception.models.depth_pro import DepthPro
 from perception.models.exchange import Line
 from perception.models.geometric import GeometricModel
 from perception.models.hosted import HostedModel
 from perception.models.injection import FaultyModel
 from perception.models.network import NetworkModel
-from perception.models.purse import LEDGER, Purse
 from perception.models.recorded import RecordedModel, SpoiledModel
 from perception.models.sam import Sam
 from perception.models.way import Way
@@ -32,7 +32,7 @@ from perception.scene.segment import Scene
 
 
 class _Provider(NamedTuple):
-    """Where a provider's class is - its package is imported only when it is used - and which key it takes."""
+    """The module and class of a provider - imported only when used - and the environment variable of its key."""
 
     module: str
     name: str
@@ -49,18 +49,27 @@ _EMBEDDED = {"geometric": GeometricModel, "onnx": NetworkModel}
 
 @dataclass(frozen=True)
 class Models:
-    """The models of one cell. ``sam``, ``depth``: None = what was observed serves."""
+    """The models of one cell.
+
+    Attributes:
+        imaginer: the goal-image model.
+        sam, depth: None = the depth segmenter, or the observed depth, is used instead.
+    """
 
     imaginer: GoalImageModel
     sam: Sam | None = None
     depth: DepthPro | None = None
 
     def close(self) -> None:
-        """Let go of what the models hold."""
+        """Release connections and memory."""
         self.imaginer.close()
 
     def refined(self, scene: Scene, color: npt.NDArray[np.uint8]) -> Scene:
-        """The scene with its object's outline as SAM sees it in the object's box; unchanged without SAM."""
+        """The scene with SAM's outline of the object in its bounding box; unchanged without SAM.
+
+        Args:
+            color: (H, W, 3) RGB.
+        """
         if self.sam is None:
             return scene
         rows, columns = np.nonzero(scene.object_mask)
@@ -69,9 +78,14 @@ class Models:
 
 
 def open_models(station: Station, environ: Mapping[str, str]) -> Models:
-    """Everything ``station.perception`` names.
+    """Open the models that ``station.perception`` names.
 
-    Raises: ConfigError for a missing key, model id, package or weights; RecordingError for an unreadable ledger.
+    Args:
+        environ: environment variables, for keys and proxies.
+
+    Raises:
+        ConfigError: a missing key, model id, package or weights.
+        RecordingError: the ledger of costs cannot be read.
     """
     imaginer, faults = _imaginer(station, environ, station.recording.folder), station.faults
     if faults.allowed:
@@ -81,7 +95,7 @@ def open_models(station: Station, environ: Mapping[str, str]) -> Models:
 
 
 def replayed_models(station: Station, replies: Iterable[ModelReply]) -> Models:
-    """The same for a replay: a hosted model answers what it answered then, and an injected fault comes again."""
+    """The models of a replay: hosted models answer from the recorded replies, recorded injected faults happen again."""
     if station.perception.model in _PROVIDERS:
         return Models(RecordedModel(replies), *_local(station))
     embedded = _EMBEDDED[station.perception.model](station)
@@ -112,13 +126,13 @@ def _imaginer(station: Station, environ: Mapping[str, str], folder: Path) -> Goa
     except (OSError, ValueError, ImportError) as error:
         what = f"The client package of {name!r} does not start here ({quoted(str(error))})."
         raise ConfigError(what, "Check the environment's proxies and certificates, e.g. SSL_CERT_FILE.") from None
-    return HostedModel(provider, settings, Purse(settings, folder / LEDGER))
+    return HostedModel(provider, settings, Budget(settings, folder / LEDGER))
 
 
 def key_of(station: Station, variable: str, environ: Mapping[str, str]) -> str:
-    """The hosted model's key: from the file, if one is named, else from the environment. It is known as a secret then.
+    """The hosted model's key: from the configured file, else from the environment. It is registered for redaction.
 
-    Raises: ConfigError, never with the key, when there is none, no header can carry it, or a setting holds it.
+    Raises: ConfigError, never with the key, when there is no key, it does not fit a header, or a setting contains it.
     """
     key = _found_key(station.perception.model, station.perception.hosted, variable, environ)
     keep_secret(key)

@@ -1,4 +1,4 @@
-"""The role of the goal-image model: three calls, as in the paper's stage 1."""
+"""The role of the goal-image model: the three calls of the paper's stage 1, and locating the target."""
 
 from __future__ import annotations
 
@@ -8,31 +8,34 @@ import numpy as np
 import numpy.typing as npt
 
 from bus.cancel import Cancel
-from perception.subject import Answer, Subject
+from perception.subject import Answer, ObservedObject
 
 
 class GoalImageModel(Protocol):
-    """Imagines the rod. ``name`` is recorded with every reply. A call without answer raises CycleFailure.
+    """Imagines the rod. A call without a usable answer raises CycleFailure.
 
-    After a stop (``cancel``) no call begins that costs something, and none is waited for: CycleFailure(STOPPED).
+    After a stop (``cancel``) no call that costs money begins, and none is waited for: CycleFailure(STOPPED).
+
+    Attributes:
+        name: recorded with every reply.
     """
 
     name: str
 
     def begin(self) -> None:
-        """A new cycle: its spending counts from zero."""
+        """Begin a cycle; its cost is counted from zero."""
 
     def locate(self, color: npt.NDArray[np.uint8], prompt: str, cancel: Cancel) -> Answer:
-        """Where something is in the whole image, in words as the prompt asks for them."""
+        """The place of the target in the whole image (H, W, 3), as text in the form that the prompt asks for."""
 
-    def reason(self, subject: Subject, prompt: str, cancel: Cancel) -> Answer:
-        """Where and how the object can be grasped, in words (R of the paper)."""
+    def reason(self, observed_object: ObservedObject, prompt: str, cancel: Cancel) -> Answer:
+        """Place and direction of a grasp, as text (R of the paper)."""
 
-    def direct(self, subject: Subject, prompt: str, cancel: Cancel) -> Answer:
-        """One precise, self-contained editing instruction (T2); the prompt holds the reasoning."""
+    def direct(self, observed_object: ObservedObject, prompt: str, cancel: Cancel) -> Answer:
+        """One self-contained editing instruction (T2); the prompt contains the reasoning."""
 
-    def render(self, subject: Subject, prompt: str, cancel: Cancel) -> Answer:
-        """The goal image (I_G): the same object, impaled by the rod."""
+    def render(self, observed_object: ObservedObject, prompt: str, cancel: Cancel) -> Answer:
+        """The goal image (I_G): the same object, pierced by the rod."""
 
     def close(self) -> None:
-        """Let go of connections; nothing is asked after it."""
+        """Release connections; no call follows."""

@@ -1,4 +1,4 @@
-"""A call on a thread of its own: whoever asked may stop waiting, and how it ends is told all the same."""
+"""A call on its own thread: the caller may stop waiting, and the outcome is still reported."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ _LOOK_S = 0.02
 
 
 class GivenUp(Exception):
-    """Nobody waits for the call any more: there was a stop, or its time is over."""
+    """The caller no longer waits for the call: a stop came, or the time is over."""
 
 
 class Call(Generic[ResultT]):
-    """Runs ``work`` until it ends, whoever waits.
+    """Runs ``work`` to its end, even when the caller no longer waits.
 
     Args:
-        late: told on its thread how it ended when nobody waited any more: its result, or what it raised.
+        late: called on the call's thread with its result or exception, if the caller gave up before.
         of: what is called, for the thread's name.
     """
 
@@ -35,7 +35,7 @@ class Call(Generic[ResultT]):
         self._thread = OwnedThread(Role.MODEL_CALL, self._run, of=of).start()
 
     def wait(self, timeout_s: float, cancel: Cancel) -> ResultT:
-        """Its result. Raises: GivenUp, after a stop or the time; or what the work raised."""
+        """The result of the call within ``timeout_s``. Raises: GivenUp after a stop or the timeout; or as ``work``."""
         end_s = time.monotonic() + timeout_s
         while (left_s := end_s - time.monotonic()) > 0 and not cancel.is_set:
             try:
@@ -50,13 +50,14 @@ class Call(Generic[ResultT]):
 
     @property
     def is_over(self) -> bool:
+        """True when ``work`` has ended."""
         return not self._thread.is_alive()
 
     def _run(self) -> None:
         outcome: ResultT | BaseException
         try:
             outcome = self._work()
-        except BaseException as error:  # noqa: BLE001 - handed over to whoever waits, who raises it
+        except BaseException as error:  # noqa: BLE001 - handed to the waiting caller, which raises it
             outcome = error
         with self._turn:
             if not self._is_given_up:

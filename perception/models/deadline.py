@@ -1,4 +1,4 @@
-"""A deadline of a whole transfer. An HTTP client's own timeouts are per read: who drips is awaited for ever."""
+"""A deadline for a whole transfer. An HTTP client's timeouts are per read, so a slow trickle of bytes never ends."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from typing import Any
 import httpcore2
 
 _WRITE_BYTES = 1 << 16
-"""At once: a server that takes them slowly is given up between two of these."""
+"""Bytes per write: a server that accepts them slowly is given up between two writes."""
 
 
 class Deadline:
-    """``timeout_s`` from now on a monotonic clock."""
+    """A point in time ``timeout_s`` from now, on a monotonic clock."""
 
     def __init__(self, timeout_s: float, clock_s: Callable[[], float] = time.monotonic) -> None:
         self._clock_s = clock_s
@@ -22,10 +22,11 @@ class Deadline:
 
     @property
     def is_over(self) -> bool:
+        """True when the time is over."""
         return self._clock_s() >= self._end_s
 
     def left(self) -> float:
-        """Time left [s], more than 0. Raises: httpcore2.ReadTimeout."""
+        """Time left [s], more than 0. Raises: httpcore2.ReadTimeout when none is left."""
         left_s = self._end_s - self._clock_s()
         if left_s <= 0:
             raise httpcore2.ReadTimeout("the deadline of the whole call is over")
@@ -33,7 +34,7 @@ class Deadline:
 
 
 class DeadlineBackend(httpcore2.NetworkBackend):
-    """Connections on which nothing - no connect, handshake, read or write - outlasts ``deadline``."""
+    """Connections on which no operation - connect, handshake, read or write - outlasts ``deadline``."""
 
     def __init__(self, deadline: Deadline) -> None:
         self._deadline = deadline
@@ -47,6 +48,7 @@ class DeadlineBackend(httpcore2.NetworkBackend):
         local_address: str | None = None,
         socket_options: Iterable[httpcore2.SOCKET_OPTION] | None = None,
     ) -> httpcore2.NetworkStream:
+        """Connect within the deadline [s]; ``timeout`` is ignored. Raises: httpcore2.ConnectTimeout."""
         left_s = self._deadline.left()
         return _Stream(self._plain.connect_tcp(host, port, left_s, local_address, socket_options), self._deadline)
 

@@ -13,19 +13,23 @@ from perception.models.transformers import loaded, loaded_model, require
 
 
 class DepthEstimate(NamedTuple):
-    """``depth_m`` (H, W) z-depth; ``focal_px``: the focal length it believes in."""
+    """A metric depth estimate.
+
+    Attributes:
+        depth_m: (H, W) z-depth. ``focal_px``: the focal length it assumes.
+    """
 
     depth_m: npt.NDArray[np.float32]
     focal_px: float
 
 
 class DepthPro:
-    """One loaded model.
+    """One loaded Depth Pro model.
 
     Args:
         weights: a folder or a hub id. ``device``: ``cpu`` or ``cuda``.
 
-    Raises: ConfigError for missing packages or weights, or weights without the part that sees the focal length.
+    Raises: ConfigError for missing packages or weights, or weights without the focal length estimator.
     """
 
     def __init__(self, weights: str, device: str = "cpu") -> None:
@@ -37,9 +41,9 @@ class DepthPro:
         self._device = device
 
     def estimate(self, image: npt.NDArray[np.uint8], focal_px: float | None = None) -> DepthEstimate:
-        """Depth of an RGB image (H, W, 3); with a known focal length it is rescaled to that.
+        """Depth of an RGB image (H, W, 3); rescaled to ``focal_px`` [px] if given.
 
-        Raises: CycleFailure(MODEL_BAD_IMAGE) when the estimated focal length is none.
+        Raises: CycleFailure(MODEL_BAD_IMAGE) when the estimated focal length is unusable.
         """
         inputs = self._processor(images=image, return_tensors="pt").to(self._device)
         with self._torch.inference_mode():

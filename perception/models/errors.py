@@ -1,4 +1,4 @@
-"""Why a provider gave no usable answer."""
+"""The error of a provider that gives no usable answer."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from bus.codes import Code
 from bus.messages import Usage
 
 
-class ModelFault(Exception):
+class ModelError(Exception):
     """A provider gave no usable answer.
 
     Attributes:
-        code: what kind. ``again``: asking again may help. ``after_s``: not before that, says the server.
-        usage: what it counts for it all the same.
+        code: kind of failure. ``again``: a retry may help. ``after_s``: least wait before it, as the server asks.
+        usage: tokens that the provider charges nevertheless.
     """
 
     def __init__(

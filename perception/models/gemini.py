@@ -1,4 +1,4 @@
-"""Google's Gemini API. It takes no mask: what must stay is drawn into the request, and looked at in what comes back."""
+"""Google's Gemini API. It takes no mask: the region to keep is drawn into the request, and the result is checked."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from bus.codes import Code
 from bus.messages import Usage
 from bus.redaction import quoted
 from config.schema import HostedSettings
-from perception.models.errors import ModelFault
+from perception.models.errors import ModelError
 from perception.models.exchange import Line, Reply
 from perception.models.reply import entries, member, parsed, picture, raw, refused, unreadable, usage_of, words
 from perception.subject import Answer
@@ -26,7 +26,7 @@ _KEEP = (
 
 
 class GeminiProvider:
-    """The official ``google-genai`` package; its own retries are off, the cell's deadline holds."""
+    """The official ``google-genai`` package, with its own retries off; the cell's deadline applies."""
 
     def __init__(self, settings: HostedSettings, key: str, line: Line) -> None:
         self.name = f"{settings.text_model}+{settings.image_model}"
@@ -35,23 +35,26 @@ class GeminiProvider:
             base_url=settings.base_url or SERVER,
             retry_options=types.HttpRetryOptions(attempts=1),
             httpx_client=line.client,
-            # Never used: the package's own would look for proxies, and fail where ours do not.
+            # Never used; the package's default would read the proxy settings and could fail on them.
             httpx_async_client=httpx2.AsyncClient(transport=httpx2.AsyncBaseTransport(), trust_env=False),
         )
         self._client = genai.Client(api_key=key, http_options=options)
 
-    def say(self, prompt: str, image_png: bytes | None, timeout_s: float) -> Answer:
+    def complete(self, prompt: str, image_png: bytes | None, timeout_s: float) -> Answer:
+        """The model's text for a prompt and an image, within ``timeout_s``. Raises: ModelError."""
         contents: list[Any] = [types.Part.from_text(text=prompt)]
         if image_png is not None:
             contents.append(types.Part.from_bytes(data=image_png, mime_type="image/png"))
         return _said(self._generate(self._settings.text_model, contents, ["TEXT"], timeout_s))
 
     def edit(self, image_png: bytes, keep_png: bytes, prompt: str, timeout_s: float) -> Answer:
+        """The redrawn image, within ``timeout_s``; the mask is sent as a second image. Raises: ModelError."""
         contents: list[Any] = [types.Part.from_text(text=prompt + _KEEP)]
         contents += [types.Part.from_bytes(data=png, mime_type="image/png") for png in (image_png, keep_png)]
         return _drawn(self._generate(self._settings.image_model, contents, ["TEXT", "IMAGE"], timeout_s))
 
     def close(self) -> None:
+        """Close the connection."""
         self._client.close()
         self._line.close()
 
@@ -82,13 +85,13 @@ def _drawn(reply: Reply) -> Answer:
     if drawn:
         return Answer(text=text, image_png=picture(drawn[-1], usage), usage=usage)
     if text.strip():
-        raise ModelFault(Code.MODEL_NO_IMAGE, f"It drew nothing, but said: {quoted(text, 1000)}", usage=usage)
+        raise ModelError(Code.MODEL_NO_IMAGE, f"It drew nothing, but said: {quoted(text, 1000)}", usage=usage)
     _require_candidate(reply, body)
     raise refused(reply, _why(body), usage)
 
 
 def _parts(body: dict[str, Any]) -> tuple[str, list[str]]:
-    """What the first candidate says, its thoughts left out, and the pictures it drew, as they came."""
+    """The text of the first candidate, without its thoughts, and its pictures (base64)."""
     parts = entries(member(body, "candidates", 0, "content", "parts"))
     text = "".join(words(member(part, "text")) for part in parts if not member(part, "thought"))
     drawn = [raw(member(part, "inlineData", "data")) for part in parts]
@@ -96,13 +99,13 @@ def _parts(body: dict[str, Any]) -> tuple[str, list[str]]:
 
 
 def _require_candidate(reply: Reply, body: dict[str, Any]) -> None:
-    """Raises: ModelFault for an answer that neither gives anything nor says why not."""
+    """Raises: ModelError for a reply with neither content nor a reason."""
     if not _why(body) and not isinstance(member(body, "candidates", 0, "content"), dict):
         raise unreadable(reply, "holds nothing", _usage(body))
 
 
 def _why(body: dict[str, Any]) -> str:
-    """The reason it gives for giving nothing."""
+    """The reason that the reply gives for having no content."""
     return words(member(body, "promptFeedback", "blockReason")) or words(member(body, "candidates", 0, "finishReason"))
 
 

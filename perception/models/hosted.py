@@ -1,4 +1,4 @@
-"""Every hosted model: one deadline, bounded retries, a purse, the window it is shown. Providers differ in calls."""
+"""The goal-image model behind any provider's API: one deadline, bounded retries, a budget, the window shown."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from bus.messages import Usage
 from bus.redaction import redacted
 from config.schema import HostedSettings, PriceSettings
 from perception.geometry.window import Window, encode_png
+from perception.models.budget import Budget
 from perception.models.calls import Call, GivenUp
-from perception.models.errors import ModelFault
-from perception.models.purse import Purse
-from perception.subject import Answer, Subject
+from perception.models.errors import ModelError
+from perception.subject import Answer, ObservedObject
 
 _log = logging.getLogger(__name__)
 
@@ -29,18 +29,22 @@ Ask = Callable[[float], Answer]
 
 
 class Provider(Protocol):
-    """One provider's API. Each call keeps within ``timeout_s`` and raises ModelFault for every failure."""
+    """One provider's API. Each call ends within ``timeout_s``, and raises ModelError for every failure."""
 
     name: str
 
-    def say(self, prompt: str, image_png: bytes | None, timeout_s: float) -> Answer:
-        """Words."""
+    def complete(self, prompt: str, image_png: bytes | None, timeout_s: float) -> Answer:
+        """The model's text for a prompt and, optionally, an image, within ``timeout_s``."""
 
     def edit(self, image_png: bytes, keep_png: bytes, prompt: str, timeout_s: float) -> Answer:
-        """The image redrawn. ``keep_png``: RGBA of the image's size, opaque where it must stay as it is."""
+        """The image redrawn, within ``timeout_s``.
+
+        Args:
+            keep_png: RGBA of the image's size, opaque where it must not change.
+        """
 
     def close(self) -> None:
-        """Let go of connections."""
+        """Release connections."""
 
 
 class HostedModel:
@@ -51,35 +55,41 @@ class HostedModel:
     """
 
     def __init__(
-        self, provider: Provider, settings: HostedSettings, purse: Purse, clock: Callable[[], float] = time.monotonic
+        self, provider: Provider, settings: HostedSettings, budget: Budget, clock: Callable[[], float] = time.monotonic
     ) -> None:
         self.name = provider.name
-        self._provider, self._settings, self._purse, self._clock = provider, settings, purse, clock
+        self._provider, self._settings, self._budget, self._clock = provider, settings, budget, clock
         self._left_behind: list[Call[Answer]] = []
 
     def begin(self) -> None:
-        self._purse.begin()
+        """Begin a cycle; its cost is counted from zero."""
+        self._budget.begin()
 
     def locate(self, color: npt.NDArray[np.uint8], prompt: str, cancel: Cancel) -> Answer:
+        """The place of the target, as text, in the image (H, W, 3) padded to a square. Raises: CycleFailure."""
         side = max(color.shape[:2])
         png = encode_png(Window(0, 0, side).cut(color, 0), self._settings.size_px)
-        return self._call(lambda timeout_s: self._provider.say(prompt, png, timeout_s), cancel)
+        return self._call(lambda timeout_s: self._provider.complete(prompt, png, timeout_s), cancel)
 
-    def reason(self, subject: Subject, prompt: str, cancel: Cancel) -> Answer:
-        png = self._shown(subject)
-        return self._call(lambda timeout_s: self._provider.say(prompt, png, timeout_s), cancel)
+    def reason(self, observed_object: ObservedObject, prompt: str, cancel: Cancel) -> Answer:
+        """Place and direction of a grasp, as text. Raises: CycleFailure."""
+        png = self._shown(observed_object)
+        return self._call(lambda timeout_s: self._provider.complete(prompt, png, timeout_s), cancel)
 
-    def direct(self, subject: Subject, prompt: str, cancel: Cancel) -> Answer:
-        return self._call(lambda timeout_s: self._provider.say(prompt, None, timeout_s), cancel)
+    def direct(self, observed_object: ObservedObject, prompt: str, cancel: Cancel) -> Answer:
+        """One self-contained editing instruction. Raises: CycleFailure."""
+        return self._call(lambda timeout_s: self._provider.complete(prompt, None, timeout_s), cancel)
 
-    def render(self, subject: Subject, prompt: str, cancel: Cancel) -> Answer:
-        window = Window.around(subject.scene.object_mask)
-        kept = window.cut(subject.scene.object_mask.astype(np.uint8) * 255, 0)
+    def render(self, observed_object: ObservedObject, prompt: str, cancel: Cancel) -> Answer:
+        """The goal image as a picture of the window. Raises: CycleFailure."""
+        window = Window.around(observed_object.scene.object_mask)
+        kept = window.cut(observed_object.scene.object_mask.astype(np.uint8) * 255, 0)
         keep_png = encode_png(np.dstack([kept, kept, kept, kept]), self._settings.size_px)
-        png = self._shown(subject)
+        png = self._shown(observed_object)
         return self._call(lambda timeout_s: self._provider.edit(png, keep_png, prompt, timeout_s), cancel)
 
     def close(self) -> None:
+        """Close the provider; warn of calls that are still running, because their cost is unknown."""
         open_calls = sum(not call.is_over for call in self._left_behind)
         if open_calls:
             _log.warning(
@@ -87,23 +97,26 @@ class HostedModel:
             )
         self._provider.close()
 
-    def _shown(self, subject: Subject) -> bytes:
-        window = Window.around(subject.scene.object_mask)
-        return encode_png(window.cut(subject.masked, subject.background), self._settings.size_px)
+    def _shown(self, observed_object: ObservedObject) -> bytes:
+        window = Window.around(observed_object.scene.object_mask)
+        return encode_png(window.cut(observed_object.masked, observed_object.background), self._settings.size_px)
 
     # --- asking -------------------------------------------------------------------------------------------------------
 
     def _call(self, ask: Ask, cancel: Cancel) -> Answer:
-        """Ask until there is an answer, the attempts are used up, or the deadline is too near."""
-        # The cycle before the look at the stop: the next one begins only after a stop of this one.
-        cycle, settings = self._purse.cycle, self._settings
+        """Ask until there is an answer, the attempts are used up, or the deadline is too near.
+
+        Raises: CycleFailure: SPEND_LIMIT, STOPPED, or the last attempt's code.
+        """
+        # Read the cycle before checking for a stop: the next cycle begins only after this one was stopped.
+        cycle, settings = self._budget.cycle, self._settings
         cancel.raise_if_set("detect")
         end_s = self._clock() + settings.deadline_s
         for attempt in range(1, settings.attempts + 1):
-            self._purse.require()
+            self._budget.require()
             try:
                 return replace(self._attempt(ask, end_s, cycle, cancel), attempts=attempt)
-            except ModelFault as fault:
+            except ModelError as fault:
                 wait_s = max(settings.backoff_s * 2 ** (attempt - 1), fault.after_s)
                 if not fault.again or attempt == settings.attempts or self._clock() + wait_s >= end_s:
                     asked = f" Asked {attempt} times." if attempt > 1 else ""
@@ -114,17 +127,20 @@ class HostedModel:
         raise AssertionError("at least one attempt is made")
 
     def _attempt(self, ask: Ask, end_s: float, cycle: int, cancel: Cancel) -> Answer:
-        """Raises: ModelFault; CycleFailure(STOPPED) after a stop, while the call goes on to its own end."""
-        left_s, began = end_s - self._clock(), self._purse.now()
+        """Make one request. After a stop the request runs on to its end.
+
+        Raises: ModelError; CycleFailure(STOPPED).
+        """
+        left_s, began = end_s - self._clock(), self._budget.now()
 
         def work() -> Answer:
             try:
                 answer = ask(left_s)
-            except ModelFault as fault:
-                self._purse.pay(self.name, self._cost_usd(fault.usage), cycle, began)
+            except ModelError as fault:
+                self._budget.pay(self.name, self._cost_usd(fault.usage), cycle, began)
                 raise
             cost_usd = self._cost_usd(answer.usage, pictures=answer.image_png is not None)
-            self._purse.pay(self.name, cost_usd, cycle, began)
+            self._budget.pay(self.name, cost_usd, cycle, began)
             return replace(answer, usage=answer.usage.model_copy(update={"cost_usd": cost_usd}))
 
         call = Call(work, self._tell_late, of=self.name)
@@ -134,7 +150,7 @@ class HostedModel:
             self._left_behind = [one for one in self._left_behind if not one.is_over] + [call]
             if cancel.is_set:
                 raise CycleFailure(Code.STOPPED, f"{self.name}: given up by a stop, before it answered.") from None
-            raise ModelFault(Code.MODEL_TIMEOUT, "It did not answer in time.", again=True) from None
+            raise ModelError(Code.MODEL_TIMEOUT, "It did not answer in time.", again=True) from None
 
     def _cost_usd(self, usage: Usage, *, pictures: bool = False) -> float:
         price: PriceSettings = self._settings.price
@@ -147,7 +163,7 @@ class HostedModel:
         return tokens / 1e6 + pictures * price.usd_per_image
 
     def _tell_late(self, outcome: Answer | BaseException) -> None:
-        """Of a call that was given up: what it cost is booked, in its own cycle."""
+        """Log the outcome of a request that was given up; its cost is already charged to its cycle."""
         if isinstance(outcome, Answer):
             _log.warning("%s: a call that was given up has cost %.4f USD.", self.name, outcome.usage.cost_usd)
         else:

@@ -1,4 +1,4 @@
-"""A goal-image model that misbehaves on demand: it wraps any other. Its replies are recorded as they came."""
+"""Fault injection for goal-image models: a wrapper that misbehaves on demand. Its replies are recorded as given."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from bus.errors import CycleFailure
 from bus.injection import Fault, Faulty
 from perception.geometry.window import Window, encode_png
 from perception.models.base import GoalImageModel
-from perception.subject import Answer, Subject
+from perception.subject import Answer, ObservedObject
 
 _LOOK_S = 0.05
 _PICTURE_PX = 512
@@ -23,9 +23,11 @@ _NO_PICTURE = b"\x89PNG" + bytes(range(64))
 
 
 class FaultyModel(Faulty):
-    """``off``: refuses the connection. ``stuck``: gives no answer by ``deadline_s``. ``slow``: ``delay_s`` late.
+    """A goal-image model with an injected fault.
 
-    ``garbage``: draws what is no picture. ``wrong``: draws a picture of something else.
+    ``off``: refuses the connection. ``stuck``: gives no answer within ``deadline_s``. ``slow``: answers ``delay_s``
+    late.
+    ``garbage``: its picture is not decodable. ``wrong``: its picture shows another object.
     """
 
     def __init__(
@@ -36,24 +38,30 @@ class FaultyModel(Faulty):
         self.name = model.name
 
     def begin(self) -> None:
+        """Begin a cycle of the wrapped model."""
         self._model.begin()
 
     def locate(self, color: npt.NDArray[np.uint8], prompt: str, cancel: Cancel) -> Answer:
+        """As the wrapped model, with the injected fault. ``color``: (H, W, 3)."""
         return self._ask(lambda: self._model.locate(color, prompt, cancel), cancel)
 
-    def reason(self, subject: Subject, prompt: str, cancel: Cancel) -> Answer:
-        return self._ask(lambda: self._model.reason(subject, prompt, cancel), cancel)
+    def reason(self, observed_object: ObservedObject, prompt: str, cancel: Cancel) -> Answer:
+        """As the wrapped model, with the injected fault."""
+        return self._ask(lambda: self._model.reason(observed_object, prompt, cancel), cancel)
 
-    def direct(self, subject: Subject, prompt: str, cancel: Cancel) -> Answer:
-        return self._ask(lambda: self._model.direct(subject, prompt, cancel), cancel)
+    def direct(self, observed_object: ObservedObject, prompt: str, cancel: Cancel) -> Answer:
+        """As the wrapped model, with the injected fault."""
+        return self._ask(lambda: self._model.direct(observed_object, prompt, cancel), cancel)
 
-    def render(self, subject: Subject, prompt: str, cancel: Cancel) -> Answer:
-        answer = self._ask(lambda: self._model.render(subject, prompt, cancel), cancel)
+    def render(self, observed_object: ObservedObject, prompt: str, cancel: Cancel) -> Answer:
+        """As the wrapped model, with the injected fault."""
+        answer = self._ask(lambda: self._model.render(observed_object, prompt, cancel), cancel)
         if self._fault is Fault.GARBAGE:
             return Answer(answer.text, image_png=_NO_PICTURE)
-        return Answer(answer.text, image_png=_another(subject)) if self._fault is Fault.WRONG else answer
+        return Answer(answer.text, image_png=_another(observed_object)) if self._fault is Fault.WRONG else answer
 
     def close(self) -> None:
+        """Remove the fault and close the wrapped model."""
         self.fault = Fault.NONE
         self._model.close()
 
@@ -71,7 +79,7 @@ class FaultyModel(Faulty):
         return answer
 
     def _wait_for(self, is_over: Callable[[], bool], timeout_s: float, cancel: Cancel) -> bool:
-        """Whether it is over within ``timeout_s``; under `_turn`. Raises: CycleFailure(STOPPED)."""
+        """True when ``is_over`` holds within ``timeout_s``; called with `_turn` held. Raises: CycleFailure(STOPPED)."""
         end_s = time.monotonic() + timeout_s
         while (left_s := end_s - time.monotonic()) > 0:
             if self._turn.wait_for(is_over, min(left_s, _LOOK_S)):
@@ -80,12 +88,12 @@ class FaultyModel(Faulty):
         return is_over()
 
 
-def _another(subject: Subject) -> bytes:
-    """A disc in a colour that the object does not have, with a rod through it, where the object was shown."""
-    window = Window.around(subject.scene.object_mask)
-    picture = np.full((_PICTURE_PX, _PICTURE_PX, 3), subject.background, dtype=np.uint8)
+def _another(observed_object: ObservedObject) -> bytes:
+    """A disc of a colour that the object does not have, with a rod through it, at the object's place."""
+    window = Window.around(observed_object.scene.object_mask)
+    picture = np.full((_PICTURE_PX, _PICTURE_PX, 3), observed_object.background, dtype=np.uint8)
     middle, radius = _PICTURE_PX // 2, _PICTURE_PX // 4
-    median = np.median(subject.rgbd.color[subject.scene.object_mask], axis=0)
+    median = np.median(observed_object.rgbd.color[observed_object.scene.object_mask], axis=0)
     cv2.circle(picture, (middle, middle), radius, tuple(255 - int(value) for value in median), -1)
-    cv2.line(picture, (middle // 4, middle), (_PICTURE_PX - middle // 4, middle), subject.rod.rgb, 12)
+    cv2.line(picture, (middle // 4, middle), (_PICTURE_PX - middle // 4, middle), observed_object.rod.rgb, 12)
     return encode_png(picture, max(_PICTURE_PX, window.side_px))

@@ -1,4 +1,4 @@
-"""The file of what hosted models have cost: one JSON object a line. Whatever a power cut left of it can be read."""
+"""The ledger of hosted models' costs: one JSON object a line. It stays readable after a power cut."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from bus.errors import RecordingError
 
 _TORN = ".torn"
 _PADDING = b" \t\r\0"
-"""Around a line: a file system writes zeros where a power cut took the data."""
+"""Bytes ignored around a line: a file system may leave zeros after a power cut."""
 _DAY = re.compile(rb'"at"\s*:\s*"([0-9]{4}-[0-9]{2}-[0-9]{2})')
 _AMOUNT = re.compile(rb'"usd"\s*:\s*([0-9]{1,9}(?:\.[0-9]{1,12})?)')
 
@@ -26,9 +26,11 @@ _log = logging.getLogger(__name__)
 
 
 class Ledger:
-    """Lines of ``{"at", "model", "usd"}``. Several processes may write to one at once, and each line stays whole.
+    """Lines of ``{"at", "model", "usd"}``. Several processes may write to one ledger; each line stays whole.
 
-    A torn last line is set aside into a file beside, and told. Raises: RecordingError for a file that cannot be used.
+    A torn last line is moved to a file beside it, and logged.
+
+    Raises: RecordingError for a file that cannot be used.
     """
 
     def __init__(self, path: Path) -> None:
@@ -37,7 +39,7 @@ class Ledger:
             self._set_aside()
 
     def spent_on(self, day: date) -> float:
-        """The sum of a UTC day [USD]. A damaged line counts with what can be read in it, unless of another day.
+        """The sum of a UTC day [USD]. A damaged line counts with its readable amounts, unless it names another day.
 
         Raises: RecordingError when the file cannot be read.
         """
@@ -50,7 +52,7 @@ class Ledger:
         return whole_usd + sum(_readable_usd(line, day.isoformat()) for line in damaged)
 
     def note(self, at: datetime, model: str, usd: float) -> None:
-        """One line more, on the disk when this returns. Raises: RecordingError."""
+        """Append one line of ``usd`` [USD] and sync it to the disk. Raises: RecordingError."""
         line = json.dumps({"at": at.isoformat(timespec="seconds"), "model": model, "usd": round(usd, 6)})
         with self._errors("Cannot note spending in"):
             self._path.parent.mkdir(parents=True, exist_ok=True)
@@ -61,7 +63,7 @@ class Ledger:
                 _sync(self._path.parent)
 
     def _torn(self) -> bytes:
-        """What follows the last whole line."""
+        """The bytes after the last whole line."""
         rest = self._bytes().rpartition(b"\n")[2]
         return b"" if _entry(rest) is not None else rest
 
@@ -72,7 +74,7 @@ class Ledger:
             return self._path.read_bytes()
 
     def _set_aside(self) -> None:
-        """Under the lock, so that it is nobody's line that is just being written."""
+        """Move a torn last line away, under the lock, so that it is not a line another process is writing."""
         aside = self._path.with_name(self._path.name + _TORN)
         with self._errors("Cannot mend the spending ledger"), _locked(self._path, os.O_RDWR) as file:
             torn = self._torn()
@@ -100,7 +102,7 @@ class Ledger:
 
 @contextmanager
 def _locked(path: Path, flags: int) -> Iterator[int]:
-    """A file descriptor that no other process has locked."""
+    """Open a file, as a descriptor that no other process has locked."""
     file = os.open(path, flags, 0o666)
     try:
         fcntl.flock(file, fcntl.LOCK_EX)
@@ -110,7 +112,7 @@ def _locked(path: Path, flags: int) -> Iterator[int]:
 
 
 def _append(file: int, data: bytes) -> None:
-    """All of ``data`` on a line of its own, on the disk, or nothing of it."""
+    """Append all of ``data`` on a line of its own and sync it, or append nothing."""
     size = os.fstat(file).st_size
     begun = size > 0 and os.pread(file, 1, size - 1) != b"\n"
     data = b"\n" + data if begun else data
@@ -124,7 +126,7 @@ def _append(file: int, data: bytes) -> None:
 
 
 def _sync(folder: Path) -> None:
-    """A new file's name is on the disk, too."""
+    """Sync a folder, so that a new file's name survives a power cut."""
     entry = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(entry)
@@ -133,7 +135,7 @@ def _sync(folder: Path) -> None:
 
 
 def _entry(line: bytes) -> tuple[str, float] | None:
-    """Day and amount of a whole line; None for what is none."""
+    """Day and amount [USD] of a whole line; None for a line that is not one."""
     try:
         entry = json.loads(line.strip(_PADDING))
     except (ValueError, RecursionError):
@@ -145,6 +147,6 @@ def _entry(line: bytes) -> tuple[str, float] | None:
 
 
 def _readable_usd(line: bytes, day: str) -> float:
-    """The amounts that can be read in a damaged line; 0 when it is of another day."""
+    """The amounts [USD] that can be read in a damaged line; 0 when it names another day."""
     days = {found.decode() for found in _DAY.findall(line)}
     return sum(map(float, _AMOUNT.findall(line))) if not days or day in days else 0.0

@@ -1,4 +1,4 @@
-"""A grasp network in the goal-image model's role: it names the axis, and the rod is painted as the embedded model's."""
+"""A grasp network in the role of the goal-image model: it gives the axis; the embedded model's painter adds the rod."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from config.schema import Station
 from perception.geometry.lift import lift_pixels, transform
 from perception.models.geometric import GeometricModel, axis_in_words
 from perception.rectangles.network import GraspNetwork
-from perception.subject import Answer, Subject
+from perception.subject import Answer, ObservedObject
 
 
 class NetworkModel(GeometricModel):
-    """As the embedded model, but the axis is the network's best rectangle, level with the object's middle.
+    """The embedded model, except that the axis is the network's best rectangle, at the level of the object's middle.
 
     Raises: ConfigError, as `GraspNetwork`.
     """
@@ -27,20 +27,20 @@ class NetworkModel(GeometricModel):
         super().__init__(station)
         self._network = GraspNetwork(Path(station.perception.onnx.path))
 
-    def reason(self, subject: Subject, prompt: str, cancel: Cancel) -> Answer:
-        """The network's rectangle, as an axis in the base frame."""
-        found = self._network.detect(subject.rgbd.color, subject.rgbd.depth_m)
+    def reason(self, observed_object: ObservedObject, prompt: str, cancel: Cancel) -> Answer:
+        """The network's rectangle, as an axis in ``base``, as text."""
+        found = self._network.detect(observed_object.rgbd.color, observed_object.rgbd.depth_m)
         direction = np.array([np.cos(found.angle_rad), np.sin(found.angle_rad)])
         half_px = found.width_px / 2 * direction
         ends_px = np.array(found.center_px) + np.stack([-half_px, half_px])
-        ends = transform(subject.base_from_color, self._lifted(ends_px, subject))
+        ends = transform(observed_object.base_from_color, self._lifted(ends_px, observed_object))
         return Answer(
             f"The network's best rectangle is at ({found.center_px[0]:.0f}, {found.center_px[1]:.0f}) px, "
             f"{found.width_px:.0f} px wide. " + axis_in_words(ends[0], ends[1])
         )
 
-    def _lifted(self, ends_px: npt.NDArray[np.float64], subject: Subject) -> npt.NDArray[np.float64]:
-        """(2, 3) [m] in the camera: on the level of the middle of the object's seen surface, less the rod's radius."""
-        depth_m = float(np.nanmedian(subject.level_depth_m[subject.scene.object_mask]))
+    def _lifted(self, ends_px: npt.NDArray[np.float64], observed_object: ObservedObject) -> npt.NDArray[np.float64]:
+        """(2, 3) [m] in the camera frame: at the middle level of the object's seen surface, less the rod's radius."""
+        depth_m = float(np.nanmedian(observed_object.level_depth_m[observed_object.scene.object_mask]))
         radius_m = self._station.perception.rod_radius_m
-        return lift_pixels(ends_px, np.full(2, depth_m + 2 * radius_m), subject.rgbd.camera)
+        return lift_pixels(ends_px, np.full(2, depth_m + 2 * radius_m), observed_object.rgbd.camera)

@@ -1,4 +1,4 @@
-"""OpenAI's API, and every server that speaks it (``base_url``): words by Responses or chat, edits with a mask."""
+"""OpenAI's API, and every compatible server (``base_url``): text by Responses or chat, image edits with a mask."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import openai
 from bus.codes import Code
 from bus.messages import Usage
 from config.schema import HostedSettings
-from perception.models.errors import ModelFault
+from perception.models.errors import ModelError
 from perception.models.exchange import Line, Reply
 from perception.models.reply import (
     entries,
@@ -31,7 +31,7 @@ SERVER = "https://api.openai.com/v1"
 
 
 class OpenAIProvider:
-    """The official ``openai`` package; its own retries are off, the cell's deadline holds."""
+    """The official ``openai`` package, with its own retries off; the cell's deadline applies."""
 
     def __init__(self, settings: HostedSettings, key: str, line: Line) -> None:
         self.name = f"{settings.text_model}+{settings.image_model}"
@@ -40,7 +40,8 @@ class OpenAIProvider:
             api_key=key, base_url=settings.base_url or SERVER, max_retries=0, http_client=line.client
         )
 
-    def say(self, prompt: str, image_png: bytes | None, timeout_s: float) -> Answer:
+    def complete(self, prompt: str, image_png: bytes | None, timeout_s: float) -> Answer:
+        """The model's text for a prompt and, optionally, an image, within ``timeout_s``. Raises: ModelError."""
         client, model = self._client.with_options(timeout=timeout_s), self._settings.text_model
         if self._settings.text_api == "chat":
             chat = client.chat.completions.with_raw_response
@@ -51,6 +52,7 @@ class OpenAIProvider:
         return _responded(self._line.exchange(timeout_s, lambda: respond.create(model=model, input=content)))  # type: ignore[arg-type]
 
     def edit(self, image_png: bytes, keep_png: bytes, prompt: str, timeout_s: float) -> Answer:
+        """The redrawn image, within ``timeout_s``; ``keep_png`` is the mask. Raises: ModelError."""
         size: Any = f"{self._settings.size_px}x{self._settings.size_px}"
         images = self._client.with_options(timeout=timeout_s).images.with_raw_response
         reply = self._line.exchange(
@@ -66,10 +68,11 @@ class OpenAIProvider:
         return _edited(reply)
 
     def close(self) -> None:
+        """Close the connection."""
         self._line.close()
 
 
-# --- what is asked ----------------------------------------------------------------------------------------------------
+# --- requests ---------------------------------------------------------------------------------------------------------
 
 
 def _content(prompt: str, image_png: bytes | None) -> list[Any]:
@@ -90,7 +93,7 @@ def _data_url(png: bytes) -> str:
     return "data:image/png;base64," + base64.b64encode(png).decode("ascii")
 
 
-# --- what is answered -------------------------------------------------------------------------------------------------
+# --- replies ----------------------------------------------------------------------------------------------------------
 
 
 def _responded(reply: Reply) -> Answer:
@@ -136,7 +139,7 @@ def _edited(reply: Reply) -> Answer:
     if not drawn and address.startswith("data:"):
         drawn = address
     if not drawn:
-        raise ModelFault(Code.MODEL_NO_IMAGE, f"It answered the edit without a picture: {quote_of(reply)}", usage=usage)
+        raise ModelError(Code.MODEL_NO_IMAGE, f"It answered the edit without a picture: {quote_of(reply)}", usage=usage)
     return Answer(image_png=picture(drawn, usage), usage=usage)
 
 

@@ -1,4 +1,4 @@
-"""Paints a rod into an observed image: a shaded cylinder, hidden where the object is nearer."""
+"""Paints a rod into an observed image: a shaded cylinder, hidden where the object is nearer. In the ``color`` frame."""
 
 from __future__ import annotations
 
@@ -7,38 +7,42 @@ import numpy as np
 import numpy.typing as npt
 
 from perception.geometry.lift import project
-from perception.subject import GoalImage, Subject
+from perception.subject import GoalImage, ObservedObject
 
 _HIDING_M = 0.003
-"""A surface hides the rod also when it seems to lie this little behind it: depth is noisy."""
+"""Tolerance: a surface hides the rod also when measured this far behind it, because depth is noisy."""
 _LIGHT = np.array([-0.35, -0.45, -0.82])  # towards the light, camera frame
 
 Array = npt.NDArray[np.float64]
 
 
-def paint(subject: Subject, ends: Array, radius_m: float) -> GoalImage:
-    """The masked image with a rod between ``ends`` (2, 3) [m, camera frame], z-buffered against the object."""
-    observed_m = _filled(subject)
-    depth_m, normals = _cylinder(ends, radius_m, subject)
+def paint(observed_object: ObservedObject, ends: Array, radius_m: float) -> GoalImage:
+    """The masked image with a rod, z-buffered with the object.
+
+    Args:
+        ends: (2, 3) [m] of the rod, in the camera frame.
+    """
+    observed_m = _filled(observed_object)
+    depth_m, normals = _cylinder(ends, radius_m, observed_object)
     visible = np.isfinite(depth_m) & ~(observed_m < depth_m + _HIDING_M)
     light = np.abs(normals @ (_LIGHT / np.linalg.norm(_LIGHT)))
     shade = np.clip(0.35 + 0.65 * light, 0, 1)[..., None] + 0.25 * (light**12)[..., None]
-    rod = np.clip(np.array(subject.rod.rgb) * shade, 0, 255)
-    image = np.where(visible[..., None], rod, subject.masked).astype(np.uint8)
-    goal_depth_m = np.where(visible, depth_m, subject.rgbd.depth_m).astype(np.float32)
+    rod = np.clip(np.array(observed_object.rod.rgb) * shade, 0, 255)
+    image = np.where(visible[..., None], rod, observed_object.masked).astype(np.uint8)
+    goal_depth_m = np.where(visible, depth_m, observed_object.rgbd.depth_m).astype(np.float32)
     return GoalImage(image, goal_depth_m)
 
 
-def _filled(subject: Subject) -> npt.NDArray[np.float32]:
-    """Observed depth of the object with its pinholes closed by the nearest surface beside them; NaN elsewhere."""
-    observed = np.where(subject.scene.object_mask, subject.rgbd.depth_m, np.inf).astype(np.float32)
+def _filled(observed_object: ObservedObject) -> npt.NDArray[np.float32]:
+    """Observed depth (H, W) of the object with pinholes filled from the nearest surface beside them; NaN elsewhere."""
+    observed = np.where(observed_object.scene.object_mask, observed_object.rgbd.depth_m, np.inf).astype(np.float32)
     closed = cv2.erode(cv2.dilate(-observed, np.ones((5, 5))), np.ones((5, 5)))
     return np.where(np.isinf(closed), np.nan, -closed).astype(np.float32)
 
 
-def _cylinder(ends: Array, radius_m: float, subject: Subject) -> tuple[Array, Array]:
+def _cylinder(ends: Array, radius_m: float, observed_object: ObservedObject) -> tuple[Array, Array]:
     """Z-depth (H, W) of the cylinder's near surface in the camera, NaN beside it; and its normals (H, W, 3)."""
-    camera = subject.rgbd.camera
+    camera = observed_object.rgbd.camera
     along = ends[1] - ends[0]
     length_m = float(np.linalg.norm(along))
     along = along / length_m

@@ -1,4 +1,4 @@
-"""The model of a replay: it answers what was answered then."""
+"""The models of a replay: they answer with the recorded replies."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from perception.subject import Answer
 
 
 class RecordedModel:
-    """Gives back recorded replies, in their order, step by step; recorded failures fail again."""
+    """Returns recorded replies in their order, step by step; recorded failures are raised again."""
 
     def __init__(self, replies: Iterable[ModelReply]) -> None:
         self._replies = list(replies)
@@ -21,25 +21,30 @@ class RecordedModel:
         self.name = self._replies[0].model if self._replies else ""
 
     def begin(self) -> None:
+        """Do nothing; the replies of the recorded cycle are in order."""
         self._left = list(self._replies)
 
     def locate(self, color: Any, prompt: str, cancel: Cancel) -> Answer:
+        """The next recorded reply of this step. Raises: the recorded CycleFailure; RecordingError when none is left."""
         return self._next("locate")
 
-    def reason(self, subject: Any, prompt: str, cancel: Cancel) -> Answer:
+    def reason(self, observed_object: Any, prompt: str, cancel: Cancel) -> Answer:
+        """The next recorded reply of this step. Raises: the recorded CycleFailure; RecordingError when none is left."""
         return self._next("reason")
 
-    def direct(self, subject: Any, prompt: str, cancel: Cancel) -> Answer:
+    def direct(self, observed_object: Any, prompt: str, cancel: Cancel) -> Answer:
+        """The next recorded reply of this step. Raises: the recorded CycleFailure; RecordingError when none is left."""
         return self._next("direct")
 
-    def render(self, subject: Any, prompt: str, cancel: Cancel) -> Answer:
+    def render(self, observed_object: Any, prompt: str, cancel: Cancel) -> Answer:
+        """The next recorded reply of this step. Raises: the recorded CycleFailure; RecordingError when none is left."""
         return self._next("render")
 
     def close(self) -> None:
-        """It holds nothing."""
+        """Do nothing; there are no resources."""
 
     def _next(self, step: str) -> Answer:
-        """Raises: the recorded CycleFailure; RecordingError when nothing more was recorded."""
+        """Raises: the recorded CycleFailure; RecordingError when no further reply was recorded."""
         reply = next((reply for reply in self._left if reply.step == step), None)
         if reply is None:
             raise RecordingError(
@@ -51,10 +56,10 @@ class RecordedModel:
 
 
 class SpoiledModel:
-    """An embedded model in a replay of a cycle in which it may have been spoiled (`perception.models.injection`).
+    """An embedded model in the replay of a cycle with injected faults allowed (`perception.models.injection`).
 
-    A recorded failure fails again, and a recorded picture - an embedded model's own is not recorded - is given back;
-    whatever else was asked is computed anew.
+    A recorded failure is raised again, and a recorded picture is returned, because an embedded model's own is never
+    recorded; every other answer is computed anew.
     """
 
     def __init__(self, model: GoalImageModel, replies: Iterable[ModelReply]) -> None:
@@ -63,22 +68,28 @@ class SpoiledModel:
         self.name = model.name
 
     def begin(self) -> None:
+        """Begin a cycle of the embedded model."""
         self._asked = 0
         self._model.begin()
 
     def locate(self, color: Any, prompt: str, cancel: Cancel) -> Answer:
+        """The recorded failure, or the embedded model's answer. Raises: CycleFailure."""
         return self._ask(lambda: self._model.locate(color, prompt, cancel))
 
-    def reason(self, subject: Any, prompt: str, cancel: Cancel) -> Answer:
-        return self._ask(lambda: self._model.reason(subject, prompt, cancel))
+    def reason(self, observed_object: Any, prompt: str, cancel: Cancel) -> Answer:
+        """The recorded failure, or the embedded model's answer. Raises: CycleFailure."""
+        return self._ask(lambda: self._model.reason(observed_object, prompt, cancel))
 
-    def direct(self, subject: Any, prompt: str, cancel: Cancel) -> Answer:
-        return self._ask(lambda: self._model.direct(subject, prompt, cancel))
+    def direct(self, observed_object: Any, prompt: str, cancel: Cancel) -> Answer:
+        """The recorded failure, or the embedded model's answer. Raises: CycleFailure."""
+        return self._ask(lambda: self._model.direct(observed_object, prompt, cancel))
 
-    def render(self, subject: Any, prompt: str, cancel: Cancel) -> Answer:
-        return self._ask(lambda: self._model.render(subject, prompt, cancel))
+    def render(self, observed_object: Any, prompt: str, cancel: Cancel) -> Answer:
+        """The recorded failure or picture, or the embedded model's answer. Raises: CycleFailure."""
+        return self._ask(lambda: self._model.render(observed_object, prompt, cancel))
 
     def close(self) -> None:
+        """Close the embedded model."""
         self._model.close()
 
     def _ask(self, ask: Callable[[], Answer]) -> Answer:

@@ -1,4 +1,4 @@
-"""Segment Anything: masks from a box, a point or words. SAM, SAM 2 and SAM 3 through transformers."""
+"""Segment Anything: masks from a box, a pixel or words. SAM, SAM 2 and SAM 3 through transformers."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _CLASSES = {
     "sam3": ("Sam3Model", "Sam3Processor"),
     "sam3_video": ("Sam3Model", "Sam3Processor"),
 }
-"""Model and processor by the configuration's ``model_type``; the hub's SAM 2 and 3 say that they are video models."""
+"""Model and processor by the configuration's ``model_type``; the hub's SAM 2 and 3 are labelled as video models."""
 _MIN_SCORE = 0.5
 
 Image = npt.NDArray[np.uint8]
@@ -50,19 +50,21 @@ class Sam:
 
     @property
     def reads_text(self) -> bool:
+        """True for SAM 3, which accepts words."""
         return self.kind.startswith("sam3")
 
     def by_box(self, image: Image, box_px: tuple[float, float, float, float]) -> Mask:
-        """The object in a box (u0, v0, u1, v1)."""
+        """The mask (H, W) of the object in a box (u0, v0, u1, v1) [px]. Raises: CycleFailure(TARGET_NOT_FOUND)."""
         if self.reads_text:
             found, scores = self._instances(image, input_boxes=[[list(box_px)]], input_boxes_labels=[[1]])
             return _best(found, scores * _overlaps(found, box_px))
         return self._prompted(image, input_boxes=[[list(box_px)]])
 
     def by_point(self, image: Image, point_px: tuple[float, float]) -> Mask:
-        """The object at a pixel (u, v).
+        """The mask (H, W) of the object at a pixel (u, v). Raises: CycleFailure(TARGET_NOT_FOUND).
 
-        SAM 3 takes boxes and words only: it gets a small box about the pixel, and finds what looks like its content.
+        SAM 3 accepts only boxes and words: it gets a small box around the pixel, and finds objects similar to its
+        content.
         """
         u, v = point_px
         if self.reads_text:
@@ -72,13 +74,18 @@ class Sam:
         return self._prompted(image, input_points=[[[[u, v]]]], input_labels=[[[1]]])
 
     def by_text(self, image: Image, text: str) -> Mask:
-        """The object that is named. Raises: ConfigError for SAM and SAM 2, which read no words."""
+        """The mask (H, W) of the named object.
+
+        Raises:
+            ConfigError: SAM and SAM 2 accept no words.
+            CycleFailure: TARGET_NOT_FOUND.
+        """
         if not self.reads_text:
             raise ConfigError(f"A {self.kind!r} model understands no words.", "Use SAM 3, or name the target's pixel.")
         return _best(*self._instances(image, text=text))
 
     def _prompted(self, image: Image, **prompts: Any) -> Mask:
-        """SAM and SAM 2: three masks a prompt, each with its predicted overlap."""
+        """SAM and SAM 2: the best of three masks a prompt, each with its predicted overlap."""
         inputs = self._processor(images=image, return_tensors="pt", **prompts).to(self._device)
         with self._torch.inference_mode():
             outputs = self._model(**inputs)
@@ -89,7 +96,7 @@ class Sam:
         return _required(np.asarray(masks.flatten(0, 1)[best].numpy() > 0))
 
     def _instances(self, image: Image, **prompts: Any) -> tuple[Mask, Scores]:
-        """SAM 3: every instance (n, H, W) of what is prompted, anywhere in the image, and its score (n,)."""
+        """SAM 3: all instances (n, H, W) that match the prompt, anywhere in the image, and their scores (n,)."""
         inputs = self._processor(images=image, return_tensors="pt", **prompts).to(self._device)
         with self._torch.inference_mode():
             outputs = self._model(**inputs)

@@ -1,4 +1,4 @@
-"""HuggingFace transformers, if it is installed: an optional part that nothing imports unless a station asks for it."""
+"""HuggingFace transformers, an optional package that is imported only when a station asks for it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ PACKAGES = ("torch", "torchvision", "transformers")
 
 
 def require(role: str) -> tuple[Any, Any]:
-    """(torch, transformers). Raises: ConfigError when one of `PACKAGES` is missing; ``role`` is what needs them."""
+    """(torch, transformers). Raises: ConfigError when one of `PACKAGES` is missing; ``role``: what needs them."""
     missing = [name for name in PACKAGES if find_spec(name) is None]
     if missing:
         raise ConfigError(
@@ -25,7 +25,7 @@ def require(role: str) -> tuple[Any, Any]:
 
 
 def loaded(weights: str, load: Callable[[], Any]) -> Any:
-    """What ``load`` gives. Raises: ConfigError when the weights are not there, damaged, or something else."""
+    """The result of ``load``. Raises: ConfigError when the weights are missing, damaged, or of another kind."""
     try:
         return load()
     except _load_errors() as error:
@@ -37,9 +37,9 @@ def loaded(weights: str, load: Callable[[], Any]) -> Any:
 
 
 def loaded_model(weights: str, kind: Any, device: str) -> Any:
-    """A whole model of class ``kind`` in float32 on ``device``, in evaluation mode.
+    """A complete model of class ``kind`` in float32 on ``device``, in evaluation mode.
 
-    Raises: ConfigError as `loaded`, when tensors are missing (they would be random), or for a device that is not here.
+    Raises: ConfigError as `loaded`, when tensors are missing (they would be random), or for a missing device.
     """
     model, report = loaded(weights, lambda: kind.from_pretrained(weights, dtype="float32", output_loading_info=True))
     if report["missing_keys"]:
@@ -58,7 +58,7 @@ def loaded_model(weights: str, kind: Any, device: str) -> Any:
 
 
 def _load_errors() -> tuple[type[Exception], ...]:
-    """RuntimeError: tensors of another size. ImportError: a part of the folder's model needs one more package."""
+    """Exceptions of loading. RuntimeError: tensors of another size. ImportError: the model needs another package."""
     safetensors, hub = import_module("safetensors"), import_module("huggingface_hub.errors")
     formats = (safetensors.SafetensorError, hub.StrictDataclassError, UnpicklingError)
     return OSError, ValueError, KeyError, RuntimeError, ImportError, *formats

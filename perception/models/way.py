@@ -1,4 +1,4 @@
-"""The way to a provider's server: straight, or through the proxy that the environment names; and whom to trust."""
+"""The connection to a provider's server: direct, or through the environment's proxy; and the trusted certificates."""
 
 from __future__ import annotations
 
@@ -20,12 +20,13 @@ _SOCKS = ("socks5", "socks5h")
 
 
 class Way:
-    """Opens the connections to one server.
+    """Opens connections to one server.
 
     Args:
-        url: of the server. ``environ``: proxies (``HTTPS_PROXY``, ``ALL_PROXY``, ``NO_PROXY``; in capitals or not).
+        url: of the server.
+        environ: proxies (``HTTPS_PROXY``, ``ALL_PROXY``, ``NO_PROXY``; upper or lower case).
 
-    Raises: ConfigError for a proxy that cannot be used, or certificates that cannot be read.
+    Raises: ConfigError for an unusable proxy, or certificates that cannot be read.
     """
 
     def __init__(self, url: str, environ: Mapping[str, str]) -> None:
@@ -35,7 +36,7 @@ class Way:
             _ = self._trust
 
     def transport(self, deadline: Deadline) -> httpx2.BaseTransport:
-        """One connection's worth of it: everything on it ends with ``deadline``."""
+        """The transport of one connection; all its operations end by ``deadline``."""
         return _Transport(self._pool(DeadlineBackend(deadline)))
 
     @cached_property
@@ -65,9 +66,9 @@ class Way:
 
 
 def proxy_to(url: str, environ: Mapping[str, str]) -> httpx2.Proxy | None:
-    """The proxy on the way to ``url``; None for none, and always to this machine itself.
+    """The proxy for ``url``; None without one, and always for this machine itself.
 
-    Raises: ConfigError for one of an unknown kind, or SOCKS without the package that speaks it.
+    Raises: ConfigError for a proxy of an unknown kind, or SOCKS without its package.
     """
     address = urlsplit(url)
     host = address.hostname or ""
@@ -87,7 +88,7 @@ def proxy_to(url: str, environ: Mapping[str, str]) -> httpx2.Proxy | None:
         raise ConfigError(f"The environment variable {set_as} names a proxy of the unknown kind {kind!r}.", _KINDS)
     try:
         return httpx2.Proxy(named)
-    except (httpx2.InvalidURL, ValueError):  # whose texts hold the address, and what is secret in it
+    except (httpx2.InvalidURL, ValueError):  # their texts contain the address and its secrets
         raise ConfigError(f"The environment variable {set_as} does not hold a proxy's address.", _KINDS) from None
 
 
@@ -95,7 +96,7 @@ _KINDS = "A proxy is named as http://HOST:PORT, https://..., socks5://... or soc
 
 
 def _setting(environ: Mapping[str, str], names: tuple[str, ...]) -> tuple[str, str]:
-    """The first variable that is set, and what it holds; small letters count before capitals, as with curl."""
+    """The first variable that is set, and its value; lower case before upper case, as with curl."""
     for name in names:
         for spelled in (name, name.upper()):
             if environ.get(spelled):
@@ -104,7 +105,7 @@ def _setting(environ: Mapping[str, str], names: tuple[str, ...]) -> tuple[str, s
 
 
 def _is_spared(host: str, spared: str) -> bool:
-    """Whether ``NO_PROXY`` names the host, a domain it is in, or a network with its address."""
+    """True when ``NO_PROXY`` names the host, a domain it belongs to, or a network of its address."""
     for entry in (one.strip().lower().removeprefix("*").removeprefix(".") for one in spared.split(",") if one.strip()):
         name = entry if entry.count(":") > 1 else entry.partition(":")[0]
         if not name or host == name or host.endswith(f".{name}") or _is_within(host, name):
@@ -131,7 +132,7 @@ def _core(url: httpx2.URL) -> httpcore2.URL:
 
 
 class _Transport(httpx2.BaseTransport):
-    """The pool as the HTTP client wants it; the answer's body is read by whoever takes it."""
+    """The pool as a transport of the HTTP client; the caller reads the reply's body."""
 
     def __init__(self, pool: httpcore2.ConnectionPool) -> None:
         self._pool = pool

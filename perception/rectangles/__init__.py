@@ -1,1 +1,1 @@
-"""The 2-D grasp rectangle: its metric, the formats of two datasets, and networks that predict it."""
+"""The 2-D grasp rectangle: its metric, and networks that predict it. In pixels; see docs/frames.md."""

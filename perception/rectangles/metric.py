@@ -1,4 +1,4 @@
-"""When a predicted grasp rectangle counts as right (Jiang et al. 2011)."""
+"""The rectangle metric: when a predicted grasp rectangle counts as right (Jiang et al. 2011)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Corners = npt.NDArray[np.float64]
 
 
 def corners(rectangle: Rectangle) -> Corners:
-    """(4, 2) pixels: along the closing axis first."""
+    """Corners (4, 2) = (u, v) [px] of a rectangle; the first edge is along the closing axis."""
     angle = rectangle.angle_rad
     along = np.array([np.cos(angle), np.sin(angle)]) * rectangle.width_px / 2
     across = np.array([-np.sin(angle), np.cos(angle)]) * rectangle.height_px / 2
@@ -25,7 +25,7 @@ def corners(rectangle: Rectangle) -> Corners:
 
 
 def iou(one: Rectangle, other: Rectangle) -> float:
-    """Intersection over union of the areas, 0 to 1; a rectangle without area overlaps nothing."""
+    """Intersection over union of the areas, 0 to 1; 0 for a rectangle without area."""
     if min(one.width_px, one.height_px, other.width_px, other.height_px) <= 0:
         return 0.0
     shared = _area(_clipped(corners(one), corners(other)))
@@ -34,9 +34,9 @@ def iou(one: Rectangle, other: Rectangle) -> float:
 
 
 def _clipped(polygon: Corners, by: Corners) -> Corners:
-    """What of a polygon lies inside a convex one, turning the same way (Sutherland and Hodgman 1974).
+    """The part of a polygon (n, 2) inside a convex one of the same orientation (Sutherland and Hodgman 1974).
 
-    OpenCV's own answers are wrong by the whole area where edges coincide (intersectConvexConvex, 5.0).
+    OpenCV 5.0's intersectConvexConvex is wrong by the whole area where edges coincide.
     """
     for start, end in zip(by, np.roll(by, -1, axis=0), strict=True):
         normal = np.array([start[1] - end[1], end[0] - start[0]])
@@ -55,22 +55,22 @@ def _clipped(polygon: Corners, by: Corners) -> Corners:
 
 
 def _area(polygon: Corners) -> float:
-    """Gauss's shoelace."""
+    """Area [px^2] of a polygon (n, 2), by the shoelace formula."""
     u, v = polygon[:, 0], polygon[:, 1]
     return abs(float(u @ np.roll(v, -1) - v @ np.roll(u, -1))) / 2 if len(polygon) else 0.0
 
 
 def angle_apart_rad(one: Rectangle, other: Rectangle) -> float:
-    """Between the closing axes, 0 to pi/2."""
+    """Angle between the closing axes, 0 to pi/2."""
     apart = abs(one.angle_rad - other.angle_rad) % np.pi
     return float(min(apart, np.pi - apart))
 
 
 def matches(predicted: Rectangle, truth: Rectangle) -> bool:
-    """IoU >= 25 % and axes <= 30 degrees apart."""
+    """True for IoU >= 25 % and axes <= 30 degrees apart."""
     return iou(predicted, truth) >= MIN_IOU and angle_apart_rad(predicted, truth) <= MAX_APART_RAD
 
 
 def any_match(predicted: Rectangle, truths: Iterable[Rectangle]) -> bool:
-    """Whether it matches at least one of the truths."""
+    """True when the prediction matches at least one of the truths."""
     return any(matches(predicted, truth) for truth in truths)

@@ -1,4 +1,4 @@
-"""Grasp networks of the GG-CNN family (GG-CNN, GR-ConvNet and kin) through ONNX: an image in, four maps out."""
+"""Grasp networks of the GG-CNN family (GG-CNN, GR-ConvNet and similar) through ONNX: an image in, four maps out."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from bus.errors import ConfigError
 from bus.messages import Rectangle
 
 _WIDTH_PX = 150.0
-"""What a width map of 1 means, in the network's own pixels (Morrison et al. 2018, Kumra et al. 2020)."""
+"""Width in network pixels of a width map's value 1 (Morrison et al. 2018, Kumra et al. 2020)."""
 _HEIGHT_SHARE = 0.5
 _SMOOTHING_PX = 2.0
 _NEEDED = "Needed: (1, 1|3|4, S, S) float32 -> four maps (1, 1, S, S)."
@@ -26,17 +26,18 @@ Array = npt.NDArray[np.float32]
 
 
 class GraspNetwork:
-    """A network by its tensors, whatever trained it.
+    """A grasp network, defined by its tensors and independent of its training framework.
 
     Input: (1, C, S, S) float32. C = 1: depth; 3: RGB; 4: depth, then RGB. Depth is in metres less its mean, clipped to
-    +-1; RGB is in 0..1 less its mean. Outputs: four maps (1, 1, S, S), in this order: quality, cos 2a, sin 2a, width;
-    a is the closing axis' angle counter-clockwise (image v points down, so it is turned over here), width is in units
-    of 150 px. The rectangle is half as high as wide, the family's convention.
+    +-1; RGB is in 0..1 less its mean. Outputs: four maps (1, 1, S, S), in this order: quality, cos 2a, sin 2a, width.
+    a is the closing axis' angle counter-clockwise (image v points down, so it is negated here); width is in units of
+    150
+    px. The rectangle is half as high as wide, the family's convention.
 
     Args:
         path: the ``.onnx`` file.
 
-    Raises: ConfigError for a missing package, a file that is no such network, or other tensors than these.
+    Raises: ConfigError for a missing package, a file that is not such a network, or other tensors.
     """
 
     def __init__(self, path: Path) -> None:
@@ -68,14 +69,17 @@ class GraspNetwork:
         return inputs[0].name, shape[1], shape[2]
 
     def _try_out(self, path: Path) -> None:
-        """One run on nothing: the maps a network names may differ from those it gives."""
+        """Run once on zeros: the declared shapes of the maps may differ from the actual ones. Raises: ConfigError."""
         nothing = np.zeros((1, self.channels, self.size_px, self.size_px), dtype=np.float32)
         shapes = [np.shape(one) for one in self._session.run(None, {self._input: nothing})]
         if any(shape != (1, 1, self.size_px, self.size_px) for shape in shapes):
             raise ConfigError(f"{path} gives maps of the shapes {shapes} for {nothing.shape}.", _NEEDED)
 
     def detect(self, color: npt.NDArray[np.uint8], depth_m: npt.NDArray[np.float32] | None) -> Rectangle:
-        """The best grasp in the middle square of an image (H, W, 3). Raises: ConfigError when depth is needed."""
+        """The best grasp in the central square of an image (H, W, 3), with depth (H, W) [m] or None.
+
+        Raises: ConfigError when the network needs depth and there is none.
+        """
         if self.channels != 3 and (depth_m is None or depth_m.shape != color.shape[:2]):
             raise ConfigError(f"This network needs {_CHANNELS[self.channels]}; the image has no depth of its own size.")
         side = min(color.shape[:2])
@@ -97,7 +101,7 @@ class GraspNetwork:
         )
 
     def _planes(self, color: npt.NDArray[np.uint8], depth_m: npt.NDArray[np.float32] | None) -> Array:
-        """(C, S, S) as the contract says."""
+        """The input planes (C, S, S), as the class describes."""
         size = (self.size_px, self.size_px)
         planes: list[Array] = []
         if depth_m is not None and self.channels != 3:

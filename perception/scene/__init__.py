@@ -1,1 +1,1 @@
-"""What was seen: the table, what stands on it, and what changed."""
+"""The observed scene: the table, the objects on it, and its changes. Points are in ``base``; see docs/frames.md."""

@@ -1,4 +1,4 @@
-"""What changed on the table: is the place where the object lay empty now?"""
+"""Scene change on the table: is the object's place empty after the pick? In ``base``; see docs/frames.md."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from perception.scene.segment import height_above_table, image_points
 
 _CELL_M = 0.004
 _HANGING_M = 0.15
-"""What is seen higher than this is what the hand holds up before the camera, not what lies on the table."""
+"""Points above this height are the object in the hand, not objects on the table."""
 _MIN_SEEN = 0.25
 
 
 def cleared_fraction(detections: Detections, before: Observation, after: Observation, station: Station) -> float:
     """Share of the 4 mm cells under the object that the second capture shows at table height.
 
-    Cells the second capture does not see (behind what the hand holds up, say) are left out; when less than a quarter is
-    seen, nothing counts as cleared.
+    Cells that the second capture does not see (e.g. behind the held object) are left out; when less than a quarter is
+    seen, the share is 0.
     """
     was = detections.evidence.observed_points.astype(float)
     lay = np.unique(_cells(transform(before.view.base_from_color, was)), axis=0)
@@ -32,12 +32,12 @@ def cleared_fraction(detections: Detections, before: Observation, after: Observa
     seen = share[~np.isnan(share)]
     if len(seen) < _MIN_SEEN * len(lay):
         return 0.0
-    # Noise scatters single points: a cell is empty when most of what is seen in it is table.
+    # Noise scatters single points: a cell is empty when most of its points are at table height.
     return float(np.mean(seen < 0.5))
 
 
 def _cells(points: np.ndarray) -> np.ndarray:
-    """(n, 2) cell indices of points in ``base``."""
+    """(n, 2) cell indices of points (n, 3) [m] in ``base``."""
     return np.floor(points[:, :2] / _CELL_M).astype(int)
 
 

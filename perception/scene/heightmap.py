@@ -1,4 +1,4 @@
-"""An orthographic height map of the table around the object, so that the camera's tilt does not matter."""
+"""An orthographic height map of the table around the object, in ``base``; it is independent of the camera's tilt."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from perception.scene.segment import Scene
 
 CELL_M = 0.002
 MARGIN_M = 0.13
-"""Around the object: room for the palm (0.2 m long)."""
+"""Margin around the object: room for the palm (0.2 m long)."""
 
 Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class HeightMap:
-    """Heights above the table on a grid of ``base`` x, y.
+    """Heights above the table on a grid over x and y of ``base``.
 
     Attributes:
         height_m: (ny, nx), every cell filled (unseen ones from their nearest neighbour).
-        is_object: (ny, nx).
+        is_object: (ny, nx) mask of the object.
         origin_m: (x, y) of the centre of cell [0, 0].
     """
 
@@ -35,9 +35,9 @@ class HeightMap:
     origin_m: Array
 
     def at(self, x: Array, y: Array) -> Array:
-        """Heights at points of any shape; the table outside the map."""
+        """Heights [m] at points ``x``, ``y`` [m] of any shape; 0 (the table) outside the map."""
         ny, nx = self.height_m.shape
-        # In a frame of table, one cell wide: what lies outside falls on it.
+        # The map has a rim of table, one cell wide, and points outside are clipped to it.
         column = ((x - self.origin_m[0]) * (1 / CELL_M) + 1.5).astype(np.int32)
         row = ((y - self.origin_m[1]) * (1 / CELL_M) + 1.5).astype(np.int32)
         np.clip(column, 0, nx + 1, out=column)
@@ -51,15 +51,15 @@ class HeightMap:
         return np.pad(self.height_m, 1).ravel()
 
     def xy_m(self, rows: npt.NDArray[np.int64], columns: npt.NDArray[np.int64]) -> Array:
-        """(n, 2) positions of cells."""
+        """Positions (n, 2) of cells."""
         return np.stack([columns * CELL_M + self.origin_m[0], rows * CELL_M + self.origin_m[1]], axis=1)
 
 
 def height_map(scene: Scene, level_from_base: Transform | None = None) -> HeightMap:
-    """The highest point seen in every cell.
+    """The map of the highest point seen in every cell.
 
     Args:
-        level_from_base: look along this frame's -z instead of the table's; heights are then its z.
+        level_from_base: (4, 4); project along this frame's -z instead of the table's; heights are then its z.
     """
     used = np.isfinite(scene.height_m)
     ours = scene.object_mask[used]

@@ -1,4 +1,4 @@
-"""The *depth* segmenter: what stands on the table inside the pick region, its outline refined by colour."""
+"""The *depth* segmenter: objects above the table in the pick region, their outlines refined by colour. In ``base``."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ _TABLE_BAND_M = 0.015
 _INLIER_M = 0.004
 _MIN_AREA_PX = 150
 _BRIDGE_PX = 9
-"""Parts closer than this are one object: thin arms break up in depth."""
+"""Parts closer than this are one object, because thin parts break up in depth."""
 _TABLE_STEP = 5
 _SEEN_STEP_M = 0.01
 _MIN_TABLE_POINTS = 100
 _DISK = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (7, 7))
 _AROUND_PX = 12
 _EMBRACED = 0.3
-"""Gaps up to this share of the object's extent are looked into."""
+"""Gaps up to this share of the object's extent are examined."""
 _FOREIGN = 25.0
-"""Squared standard deviations from the table's colour."""
+"""Squared standard deviations from the table's colour above which a pixel is not the table."""
 _SEEN_THROUGH = 0.4
 _CONFUSED = 0.05
-"""Colour decides nothing when more than this share of the surroundings looks like the object."""
+"""Colour is ignored when more than this share of the surroundings has the object's colour."""
 
 Mask = npt.NDArray[np.bool_]
 Array = npt.NDArray[np.float64]
@@ -43,7 +43,7 @@ Points = npt.NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Scene:
-    """Every pixel with depth as a point, and the object among them.
+    """The points of all pixels with depth, and the mask of one object.
 
     Attributes:
         points_base: (H, W, 3) in ``base``, NaN = no depth.
@@ -56,14 +56,17 @@ class Scene:
     object_mask: Mask
 
     def within(self, crop: Crop) -> Scene:
-        """The part of it inside a crop."""
+        """The part of the scene inside a crop."""
         return Scene(crop.of(self.points_base), crop.of(self.height_m), crop.of(self.object_mask))
 
 
 def segment(rgbd: Rgbd, base_from_color: Transform, station: Station) -> tuple[Scene, ...]:
-    """Remove the table and cluster what rises above it in the pick region: one scene an object, the largest first.
+    """Remove the table and cluster the points above it in the pick region: one scene per object, the largest first.
 
-    Raises: CycleFailure: NO_OBJECT when the table was seen and is empty; NOT_SEEN when too little of it was.
+    Args:
+        base_from_color: (4, 4) pose of the colour camera.
+
+    Raises: CycleFailure: NO_OBJECT when the table was seen and is empty; NOT_SEEN when too little of it was seen.
     """
     points_base = image_points(rgbd, base_from_color)
     height_m = height_above_table(points_base)
@@ -80,7 +83,7 @@ def segment(rgbd: Rgbd, base_from_color: Transform, station: Station) -> tuple[S
 
 
 def _require_seen(rgbd: Rgbd, base_from_color: Transform, height_m: npt.NDArray[np.float32], station: Station) -> None:
-    """An empty table is one that was seen. Raises: CycleFailure(NOT_SEEN)."""
+    """Require that enough of the pick region was seen to call it empty. Raises: CycleFailure(NOT_SEEN)."""
     seen, needed = _seen_share(rgbd.camera, base_from_color, height_m, station), station.perception.min_table_seen
     if seen < needed:
         text = (
@@ -106,7 +109,7 @@ def _seen_share(
 
 
 def image_points(rgbd: Rgbd, base_from_color: Transform) -> Points:
-    """(H, W, 3) points in ``base``, NaN where there is no depth."""
+    """Points (H, W, 3) [m] in ``base``, NaN where there is no depth."""
     turned = _rays(rgbd.camera) @ base_from_color[:3, :3].T.astype(np.float32)
     points = turned.reshape(*rgbd.depth_m.shape, 3) * rgbd.depth_m[..., None]
     points += base_from_color[:3, 3].astype(np.float32)
@@ -115,16 +118,16 @@ def image_points(rgbd: Rgbd, base_from_color: Transform) -> Points:
 
 @lru_cache(maxsize=4)
 def _rays(camera: CameraModel) -> Points:
-    """(H x W, 3) rays with z = 1 of an undistorted camera."""
+    """Rays (H x W, 3) with z = 1 of an undistorted camera."""
     u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
     rays = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(u.shape)], axis=-1)
     return rays.reshape(-1, 3).astype(np.float32)
 
 
 def height_above_table(points_base: Points) -> npt.NDArray[np.float32]:
-    """Height [m] over the plane fitted to what lies near z = 0 of ``base``, trimmed twice.
+    """Height (H, W) [m] above the plane fitted to the points (H, W, 3) near z = 0 of ``base``, trimmed twice.
 
-    Raises: CycleFailure(NOT_SEEN) when no table is.
+    Raises: CycleFailure(NOT_SEEN) when no table is seen.
     """
     coarse = points_base[::_TABLE_STEP, ::_TABLE_STEP].reshape(-1, 3).astype(float)
     near = coarse[np.abs(coarse[:, 2]) < _TABLE_BAND_M]
@@ -144,7 +147,7 @@ def _plane(coefficients: npt.NDArray[np.floating], points: npt.NDArray[np.floati
 
 
 def _clusters(raised: Mask) -> list[Mask]:
-    """Groups of raised pixels that are big enough, the largest first."""
+    """Groups of raised pixels above the minimum area, the largest first."""
     clean = cv2.morphologyEx(raised.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3)))
     bridged = cv2.dilate(clean, np.ones((_BRIDGE_PX, _BRIDGE_PX)))
     _, labels = cv2.connectedComponents(bridged)
@@ -154,7 +157,7 @@ def _clusters(raised: Mask) -> list[Mask]:
 
 
 def _outlined(cluster: Mask, seen: Mask, color: npt.NDArray[np.uint8]) -> Mask:
-    """A cluster with its holes closed and its rim redrawn by colour."""
+    """A cluster with its holes closed and its rim refined by colour."""
     crop = Crop.around(cluster, _AROUND_PX)
     part, seen_part = crop.of(color), crop.of(seen)
     whole = _filled(_bridged(crop.of(cluster), seen_part, part), seen_part)
@@ -162,7 +165,7 @@ def _outlined(cluster: Mask, seen: Mask, color: npt.NDArray[np.uint8]) -> Mask:
 
 
 def _bridged(mask: Mask, seen: Mask, color: npt.NDArray[np.uint8]) -> Mask:
-    """The mask with what its parts embrace and what is not the table: without depth, or of another colour."""
+    """The mask plus the gaps between its parts that are not the table: without depth, or of another colour."""
     reach = int(_EMBRACED * max(mask.shape)) | 1
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach))
     framed = np.pad(mask.astype(np.uint8), reach)
@@ -177,18 +180,18 @@ def _bridged(mask: Mask, seen: Mask, color: npt.NDArray[np.uint8]) -> Mask:
 
 
 def _filled(mask: Mask, seen: Mask) -> Mask:
-    """The mask without the holes that only missing depth makes: dark, shiny or steep parts inside the outline."""
+    """The mask without holes that only missing depth causes: dark, shiny or steep parts inside the outline."""
     closed = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, _DISK)
     contours, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     whole = cv2.drawContours(np.zeros_like(closed), contours, -1, 1, cv2.FILLED)
     count, holes = cv2.connectedComponents(whole - closed)
-    # A hole through which the table is seen is one.
+    # A hole through which the table is seen stays open.
     see_through = [label for label in range(1, count) if seen[holes == label].mean() > _SEEN_THROUGH]
     return np.asarray((whole > 0) & ~np.isin(holes, see_through))
 
 
 def refined_by_color(color: npt.NDArray[np.uint8], mask: Mask) -> Mask:
-    """The mask with its rim redrawn where object and surroundings differ in colour: depth edges are ragged.
+    """The mask (H, W) with its rim redrawn where object and surroundings differ in colour: depth edges are ragged.
 
     Only a band of 3 pixels on either side of the outline may change.
     """
@@ -208,12 +211,12 @@ def refined_by_color(color: npt.NDArray[np.uint8], mask: Mask) -> Mask:
 
 
 def _distance(lab: Array, samples: Array) -> Array:
-    """Gaussian cost (n,) of colours under the samples' mean and covariance."""
+    """Gaussian cost (n,) of colours (n, 3) under the samples' mean and covariance."""
     mean, covariance = samples.mean(axis=0), np.cov(samples.T) + 4.0 * np.eye(3)
     off = lab - mean
     return np.asarray((off @ np.linalg.inv(covariance) * off).sum(axis=-1) + np.log(np.linalg.det(covariance)))
 
 
 def hue_of(rgb: tuple[int, int, int]) -> int:
-    """OpenCV's hue of a colour, 0 to 179."""
+    """OpenCV's hue, 0 to 179, of a colour (r, g, b)."""
     return int(cv2.cvtColor(np.array([[rgb]], dtype=np.uint8), cv2.COLOR_RGB2HSV)[0, 0, 0])

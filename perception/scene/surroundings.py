@@ -1,4 +1,4 @@
-"""What planning needs to see: the depth image as points in ``base``, and which of them are the target."""
+"""The observed points that planning needs: the depth image in ``base``, and a mask of the target's points."""
 
 from __future__ import annotations
 
@@ -14,19 +14,20 @@ from perception.geometry.lift import project, transform
 Depths = npt.NDArray[np.float32]
 
 _STEP_PX = 2
-"""Every second pixel: about 3 mm apart where the hand works."""
+"""Every second pixel: about 3 mm apart at working distance."""
 _EDGE_PX = 2
-"""So far from a surface missing depth is taken for its rim; as far as planning spares around the target."""
+"""Missing depth within this distance of a surface counts as its rim; equals the margin that planning spares around the
+target."""
 
 
 def surroundings(observation: Observation, object_mask: Mask) -> tuple[Points, npt.NDArray[np.bool_]]:
-    """The depth camera's own image, thinned, so that neighbours are neighbours in its sight.
+    """The depth camera's own image, subsampled; image neighbours stay neighbours, as the camera sees them.
 
     Args:
         object_mask: (H, W) of the target in the undistorted colour image.
 
     Returns:
-        Points (h, w, 3) [m] in ``base``, NaN = no depth, and which of them (h, w) are the target.
+        Points (h, w, 3) [m] in ``base``, NaN = no depth, and the mask (h, w) of the target's points.
     """
     frame = observation.frame
     seen_m = without_flying_pixels(frame.depth_m)[::_STEP_PX, ::_STEP_PX]
@@ -40,7 +41,7 @@ def surroundings(observation: Observation, object_mask: Mask) -> tuple[Points, n
 
 
 def _is_on(mask: Mask, in_color: npt.NDArray[np.float64], camera: CameraModel) -> npt.NDArray[np.bool_]:
-    """Which points (n, 3) in the colour camera, NaN = none, ``mask`` shows."""
+    """Mask of the points (n, 3) in the colour camera, NaN = none, that project into ``mask``."""
     is_on = np.zeros(len(in_color), dtype=bool)
     seen = np.flatnonzero(np.isfinite(in_color[:, 2]) & (in_color[:, 2] > 0))
     u, v = np.rint(project(in_color[seen], camera)).astype(int).T
@@ -57,11 +58,11 @@ def _edges_filled(depth_m: Depths) -> Depths:
 
 
 def _filled_from(which: Mask, seen_m: Depths, filled_m: Depths) -> Mask:
-    """Where ``filled_m`` continues what is ``which``: beyond the target's outline that is no obstacle beside it."""
+    """Pixels that ``filled_m`` continues from ``which``: beyond the target's outline they are no obstacle."""
     was_filled = np.isnan(seen_m) & np.isfinite(filled_m)
     return np.asarray(was_filled & (filled_m == _nearest(seen_m, which & ~np.isnan(seen_m))))
 
 
 def _nearest(depth_m: Depths, which: Mask) -> Depths:
-    """Of the pixels ``which`` around each pixel the least depth, infinite where there is none."""
+    """The least depth [m] of the pixels ``which`` around each pixel; inf where there is none."""
     return np.asarray(ndimage.minimum_filter(np.where(which, depth_m, np.inf), size=2 * _EDGE_PX + 1), np.float32)

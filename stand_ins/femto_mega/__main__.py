@@ -1,4 +1,4 @@
-"""``python -m stand_ins.femto_mega [HOST]``: serves until stdin ends; each line of stdin is a fault.
+"""``python -m stand_ins.femto_mega [HOST]``: serves until stdin ends; each line of stdin injects a fault.
 
 ``freeze``, ``thaw``, ``die``, ``live``, ``truncate N``, ``drop N``, ``jump MICROSECONDS``.
 """

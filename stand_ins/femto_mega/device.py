@@ -1,4 +1,4 @@
-"""The stand-in's inside: its clock, its properties, and the newest pair of pictures."""
+"""The state of the camera stand-in: its clock, its properties, and the newest pair of images."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Starts the stand-in and makes it misbehave."""
+"""Starts the camera stand-in as a process, and injects its faults."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the stand-in sees by default: a tilted board with boxes on it, standing still."""
+"""The default scene of the camera stand-in: a static, tilted board with boxes on it."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def _color() -> np.ndarray:
 
 def _depth_mm() -> np.ndarray:
     v, u = np.mgrid[0:576, 0:640]
-    depth_mm = 600.0 + 0.3 * v + 0.1 * u
+    depth_mm: np.ndarray = 600.0 + 0.3 * v + 0.1 * u
     depth_mm[200:300, 250:380] -= 80
     depth_mm[350:420, 420:500] -= 120
     depth_mm[(u - 320) ** 2 / 320**2 + (v - 288) ** 2 / 288**2 > 1] = 0  # outside the illumination

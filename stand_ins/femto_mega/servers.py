@@ -1,4 +1,4 @@
-"""The stand-in's outside: vendor control (8090), depth (8554) and colour (8888) over RTSP."""
+"""The servers of the camera stand-in: vendor control (8090), depth (8554) and colour (8888) over RTSP."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from bus.codec import bus_schema, encode
 from bus.commands import CommandReply, CommandRequest, ErrorReply, HandMove, Nothing
 from bus.errors import NoReply, Refused, TwoAnswers
 from bus.messages import HandState
-from bus.sample import Asked, Heard
+from bus.sample import Asked, Sample
 from bus.session import Bus
 from bus.topics import Topic, encoding_of
 
@@ -31,8 +31,8 @@ class Site:
         self.acts: queue.SimpleQueue[str] = queue.SimpleQueue()
         for topic in ACTING:
             fields = {name: "*" for name in FIELDS if f"{{{name}}}" in topic.key}
-            (cell if topic.acts == "client" else node).answer(topic, self._act(topic), lane="acts", **fields)
-        node.answer(topics.HAND_NOW, lambda _payload, _asked: HAND, lane="state")
+            (cell if topic.acts == "client" else node).answer(topic, self._act(topic), worker="acts", **fields)
+        node.answer(topics.HAND_NOW, lambda _payload, _asked: HAND, worker="state")
         self.cell.request(topics.HAND_NOW, Nothing(), HandState, timeout_s=5)  # the routes are there
 
     def _act(self, topic: Topic):  # type: ignore[no-untyped-def]
@@ -59,7 +59,8 @@ def site(new_endpoint) -> Iterator[Site]:  # type: ignore[no-untyped-def]
 
 def _codes(replies: list[zenoh.Reply]) -> set[str]:
     """Of the refusals; "" for what was answered."""
-    return {"" if reply.ok else ErrorReply.model_validate_json(reply.err.payload.to_bytes()).code for reply in replies}
+    errors = [reply.err for reply in replies]
+    return {"" if error is None else ErrorReply.model_validate_json(error.payload.to_bytes()).code for error in errors}
 
 
 @pytest.mark.parametrize(
@@ -158,7 +159,7 @@ def test_an_answer_from_two_is_an_error_not_the_first_of_them(site: Site) -> Non
         with pytest.raises(TwoAnswers, match="2 sessions answer 'hand/now'"):
             site.cell.request(topics.HAND_NOW, Nothing(), HandState, timeout_s=5)
     finally:
-        other.undeclare()
+        other.undeclare()  # type: ignore[no-untyped-call]
     assert site.cell.request(topics.HAND_NOW, Nothing(), HandState, timeout_s=5) == HAND
 
 
@@ -169,11 +170,11 @@ def test_who_serves_a_key_too_and_never_answers_is_noticed(site: Site) -> None:
         with pytest.raises(TwoAnswers, match="lets it wait"):
             site.cell.request(topics.HAND_NOW, Nothing(), HandState, timeout_s=5)
     finally:
-        other.undeclare()
+        other.undeclare()  # type: ignore[no-untyped-call]
 
 
 def test_what_is_heard_says_which_session_said_it(site: Site) -> None:
-    heard: queue.SimpleQueue[Heard] = queue.SimpleQueue()
+    heard: queue.SimpleQueue[Sample] = queue.SimpleQueue()
     site.cell.subscribe("hand/state", heard.put)
     site.node.publish(topics.HAND_STATE, HAND)
     assert heard.get(timeout=5).source == site.node.source

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
 import pytest
 
@@ -16,7 +16,7 @@ from bus.frozen import Message
 from bus.injected import FaultyBus, answer_faults
 from bus.injection import Fault, FaultRequest
 from bus.messages import HandState
-from bus.sample import Heard
+from bus.sample import Asked, Sample
 from bus.session import Bus
 
 HAND = HandState(stamp_ns=1, width_m=0.04, is_moving=False, is_homed=True)
@@ -30,11 +30,11 @@ class Bench:
         self.cell, self.node = cell, node
         self.stops = threading.Semaphore(0)
         self.said: list[Message] = []
-        node.answer(topics.HAND_NOW, lambda payload, fields: HAND, lane="state")
-        node.answer(topics.ARM_STOP, self._stop, lane="arm-stop")
+        node.answer(topics.HAND_NOW, lambda payload, fields: HAND, worker="state")
+        node.answer(topics.ARM_STOP, self._stop, worker="arm-stop")
         answer_faults(node, {"bus": node}, lambda topic, message: self.said.append(message))
 
-    def _stop(self, payload: bytes, _: Mapping[str, str]) -> Message:
+    def _stop(self, payload: bytes, _: Asked) -> Message:
         self.stops.release()
         return Nothing()
 
@@ -83,10 +83,10 @@ def test_a_stuck_link_answers_nothing_but_a_stop_is_carried_out(bench: Bench) ->
 
 @pytest.mark.parametrize("fault", [Fault.GARBAGE, Fault.WRONG])
 def test_a_garbled_or_wrong_link_says_what_cannot_be_read(bench: Bench, fault: Fault) -> None:
-    heard: list[Heard] = []
+    heard: list[Sample] = []
     arrived = threading.Event()
 
-    def hear(one: Heard) -> None:
+    def hear(one: Sample) -> None:
         heard.append(one)
         arrived.set()
 

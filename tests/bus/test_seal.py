@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import queue
+from collections.abc import Callable
 
 import pytest
 import zenoh
@@ -13,13 +14,23 @@ from hypothesis import strategies as st
 from bus import topics
 from bus.commands import ErrorReply, Heartbeat, Nothing
 from bus.messages import HandState
-from bus.sample import Heard
+from bus.sample import Asked, Sample
 from bus.seal import Seal
 from bus.session import Bus
 from bus.topics import encoding_of
 
 HAND = HandState(stamp_ns=1, width_m=0.04, is_moving=False, is_homed=True)
 KEY, SOURCE = "cell/test/hand/home", "ab12"
+
+
+def _noting(acts: queue.SimpleQueue[bytes]) -> Callable[[bytes, Asked], HandState]:
+    """A handler that puts what it is asked into ``acts``."""
+
+    def home(payload: bytes, _asked: Asked) -> HandState:
+        acts.put(payload)
+        return HAND
+
+    return home
 
 
 @given(st.binary(max_size=64), st.binary(max_size=64), st.integers(0, 2**32 - 1))
@@ -45,7 +56,7 @@ def test_what_is_said_with_a_copied_source_or_a_copied_seal_moves_nothing(endpoi
     overheard: queue.SimpleQueue[zenoh.Sample] = queue.SimpleQueue()
     with Bus.listen("test", endpoint) as cell, Bus.join("test", endpoint) as node, zenoh.open(config) as stranger:
         node.seal = cell.seal
-        node.answer(topics.HAND_HOME, lambda payload, _asked: (acts.put(payload), HAND)[1], lane="hand")
+        node.answer(topics.HAND_HOME, _noting(acts), worker="hand")
         stranger.declare_subscriber("cell/test/heartbeat", overheard.put)
         cell.ask(topics.HAND_HOME, Nothing(), timeout_s=5)
         acts.get(timeout=5)
@@ -66,7 +77,7 @@ def test_what_is_said_with_a_copied_source_or_a_copied_seal_moves_nothing(endpoi
 
 @pytest.mark.parametrize("shares", [True, False])
 def test_what_is_heard_says_whether_it_is_sealed(endpoint: str, shares: bool) -> None:
-    heard: queue.SimpleQueue[Heard] = queue.SimpleQueue()
+    heard: queue.SimpleQueue[Sample] = queue.SimpleQueue()
     with Bus.listen("test", endpoint) as cell, Bus.join("test", endpoint) as node:
         if shares:
             node.seal = cell.seal
@@ -81,7 +92,7 @@ def test_a_copy_of_a_sealed_question_is_not_carried_out_again(endpoint: str) -> 
     acts: queue.SimpleQueue[bytes] = queue.SimpleQueue()
     with Bus.listen("test", endpoint) as cell, Bus.join("test", endpoint) as node:
         node.seal = cell.seal
-        node.answer(topics.HAND_HOME, lambda payload, _asked: (acts.put(payload), HAND)[1], lane="hand")
+        node.answer(topics.HAND_HOME, _noting(acts), worker="hand")
         assert cell.seal is not None
         first = zenoh.SourceInfo(cell._session.id, 4_000_000)
         sealed = cell.seal.of(KEY, cell.source, 4_000_000, b"{}")

@@ -22,7 +22,7 @@ from bus.errors import (
     ReplyTimeout,
 )
 from bus.messages import HandState
-from bus.sample import Asked, Heard
+from bus.sample import Asked, Sample
 from bus.session import Bus
 
 HAND = HandState(stamp_ns=1, width_m=0.04, is_moving=False, is_homed=True)
@@ -41,7 +41,7 @@ def client(cell: Bus, endpoint: str) -> Iterator[Bus]:
 
 
 def test_what_is_published_is_heard_with_its_encoding(cell: Bus, client: Bus) -> None:
-    heard: queue.SimpleQueue[Heard] = queue.SimpleQueue()
+    heard: queue.SimpleQueue[Sample] = queue.SimpleQueue()
     cell.subscribe("hand/*", heard.put)
     client.announce(topics.NODE_ALIVE, name="here")  # ordered after nothing, but its arrival proves the link is up
     client.publish(topics.HAND_STATE, HAND)
@@ -51,7 +51,7 @@ def test_what_is_published_is_heard_with_its_encoding(cell: Bus, client: Bus) ->
 
 
 def test_a_question_is_answered(cell: Bus, client: Bus) -> None:
-    client.answer(topics.HAND_NOW, lambda _payload, _fields: HAND, lane="hand")
+    client.answer(topics.HAND_NOW, lambda _payload, _fields: HAND, worker="hand")
     assert cell.request(topics.HAND_NOW, Nothing(), HandState, timeout_s=5) == HAND
 
 
@@ -59,7 +59,7 @@ def test_the_verb_of_a_command_reaches_the_handler(cell: Bus, client: Bus) -> No
     def handle(_payload: bytes, asked: Asked) -> CommandReply:
         return CommandReply(ok=True, state=asked.verb)
 
-    cell.answer(topics.COMMAND, handle, lane="command", verb="*")
+    cell.answer(topics.COMMAND, handle, worker="command", verb="*")
     reply = client.request(topics.COMMAND, CommandRequest(), CommandReply, timeout_s=5, verb="pick")
     assert reply.state == "pick"
 
@@ -76,19 +76,19 @@ def test_an_error_travels_as_its_own_type(cell: Bus, client: Bus, error: CellErr
     def fail(_payload: bytes, _asked: Asked) -> HandState:
         raise error
 
-    client.answer(topics.HAND_HOME, fail, lane="hand")
+    client.answer(topics.HAND_HOME, fail, worker="hand")
     with pytest.raises(type(error)) as caught:
         cell.ask(topics.HAND_HOME, Nothing(), timeout_s=5)
     assert (caught.value.text, caught.value.advice, caught.value.code) == (error.text, error.advice, error.code)
     if isinstance(error, Refused):
-        assert caught.value.available == ("reset",)
+        assert isinstance(caught.value, Refused) and caught.value.available == ("reset",)
 
 
 def test_a_defect_in_a_handler_reaches_the_asker(cell: Bus, client: Bus) -> None:
     def broken(_payload: bytes, _asked: Asked) -> HandState:
         raise ZeroDivisionError("oops")
 
-    client.answer(topics.HAND_HOME, broken, lane="hand")
+    client.answer(topics.HAND_HOME, broken, worker="hand")
     with pytest.raises(CellError, match="ZeroDivisionError: oops"):
         cell.ask(topics.HAND_HOME, Nothing(), timeout_s=5)
 
@@ -105,16 +105,16 @@ def test_an_answer_that_does_not_come_is_a_timeout(cell: Bus, client: Bus) -> No
         release.wait(10)
         return HAND
 
-    client.answer(topics.HAND_HOME, slow, lane="hand")
+    client.answer(topics.HAND_HOME, slow, worker="hand")
     with pytest.raises(ReplyTimeout):
         cell.ask(topics.HAND_HOME, Nothing(), timeout_s=0.3)
     release.set()
 
 
 def test_questions_and_answers_are_tapped(cell: Bus, client: Bus) -> None:
-    tapped: list[Heard] = []
+    tapped: list[Sample] = []
     cell.tap = tapped.append
-    client.answer(topics.HAND_HOME, lambda _payload, _fields: HAND, lane="hand")
+    client.answer(topics.HAND_HOME, lambda _payload, _fields: HAND, worker="hand")
     cell.ask(topics.HAND_HOME, Nothing(), timeout_s=5)
     assert [one.key for one in tapped] == ["hand/home/query", "hand/home/reply"]
 

@@ -12,7 +12,7 @@ from bus.codec import encode
 from bus.commands import CellState
 from bus.errors import CellUnreachable
 from bus.messages import CycleResult
-from bus.sample import Heard
+from bus.sample import Sample
 from bus.session import Bus
 from bus.topics import Topic, encoding_of
 from cell.client import Client
@@ -28,9 +28,9 @@ class ScriptedBus:
 
     def __init__(self, *states: CellState) -> None:
         self._states = list(states)
-        self._callbacks: dict[str, Callable[[Heard], None]] = {}
+        self._callbacks: dict[str, Callable[[Sample], None]] = {}
 
-    def subscribe(self, pattern: str, callback: Callable[[Heard], None]) -> None:
+    def subscribe(self, pattern: str, callback: Callable[[Sample], None]) -> None:
         self._callbacks[pattern] = callback
 
     def watch_alive(self, _topic: Topic, _callback: Callable[[str, bool], None]) -> None:
@@ -41,7 +41,7 @@ class ScriptedBus:
 
     def put(self, message: CellState | CycleResult, source: str) -> None:
         topic = topics.STATE if isinstance(message, CellState) else topics.RESULT
-        self._callbacks[topic.key](Heard(topic.key, encoding_of(type(message)), encode(message), source))
+        self._callbacks[topic.key](Sample(topic.key, encoding_of(type(message)), encode(message), source))
 
 
 def _state(name: str, since_ns: int = 1) -> CellState:
@@ -73,12 +73,13 @@ def test_what_a_stranger_puts_on_the_cells_keys_is_not_heard() -> None:
 
 def test_nobody_waits_for_a_cell_that_is_gone(endpoint: str) -> None:
     with Bus.listen("test", endpoint) as cell:
-        cell.answer(topics.STATE_NOW, lambda _payload, _asked: _state("Resetting", 1), lane="state")
+        cell.answer(topics.STATE_NOW, lambda _payload, _asked: _state("Resetting", 1), worker="state")
         cell.announce(topics.LEASE, name=CELL_CLIENT)
         with Bus.join("test", endpoint) as bus:
             client = Client(bus, 5.0)
             client.state()
             cell.close()
+            wait: Callable[[], object]
             for wait in (lambda: client.next_result(600), lambda: client.wait_for_result("1", 600)):
                 with pytest.raises(CellUnreachable, match="is gone"):
                     wait()

@@ -17,14 +17,14 @@ from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.injection import Fault
 from bus.messages import HandState
-from bus.sample import Heard
+from bus.sample import Sample
 from bus.topics import encoding_of
 from cell.pick.record import BACKLOG_BYTES, CycleLog
 from logs.mcap.injection import FaultyDisk
 from logs.mcap.recorder import Recorder
 
 PATIENCE_S = 0.3
-HAND = Heard(
+HAND = Sample(
     topics.HAND_STATE.key,
     encoding_of(HandState),
     encode(HandState(stamp_ns=1, width_m=0.04, is_moving=False, is_homed=True)),

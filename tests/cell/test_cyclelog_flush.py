@@ -18,19 +18,19 @@ from bus.codes import Code
 from bus.commands import CellState
 from bus.errors import CycleFailure
 from bus.messages import HandState, ModelReply
-from bus.sample import Heard
+from bus.sample import Sample
 from bus.topics import encoding_of
 from cell.pick.record import CycleLog
 from logs.mcap.reader import read_cycle
 from logs.mcap.recorder import Recorder
 from logs.mcap.recover import recover
 
-HAND = Heard(
+HAND = Sample(
     topics.HAND_STATE.key,
     encoding_of(HandState),
     encode(HandState(stamp_ns=1, width_m=0.04, is_moving=False, is_homed=True)),
 )
-STATE = Heard(
+STATE = Sample(
     topics.STATE.key,
     encoding_of(CellState),
     encode(CellState(state="Execute", stage="", cycle_id="one", since_ns=1, available=(), reason="")),
@@ -147,7 +147,7 @@ def test_a_disk_that_stands_still_fails_the_cycle_before_memory_does(path: Path)
 
 
 def test_what_no_topic_says_is_left_out_and_stops_nothing(bench: Bench, caplog: pytest.LogCaptureFixture) -> None:
-    bench.log.hear(Heard("state", "application/x-stranger", b"?"))
+    bench.log.hear(Sample("state", "application/x-stranger", b"?"))
     bench.log.hear(STATE)
     bench.log.close({})
     assert len(read_cycle(bench.log.path).states) == 1 and "not recorded on state" in caplog.text
@@ -155,7 +155,7 @@ def test_what_no_topic_says_is_left_out_and_stops_nothing(bench: Bench, caplog: 
 
 def test_prompts_replies_and_pictures_are_files_of_their_own(bench: Bench) -> None:
     reply = ModelReply(step="render", model="painter", prompt="Paint.", text="Done.", image_png=b"png")
-    bench.log.hear(Heard(topics.MODEL_REPLY.key, encoding_of(ModelReply), encode(reply)))
+    bench.log.hear(Sample(topics.MODEL_REPLY.key, encoding_of(ModelReply), encode(reply)))
     bench.log.close({})
     with bench.log.path.open("rb") as file:
         found = {one.name: one.data for one in make_reader(file, validate_crcs=True).iter_attachments()}

@@ -13,7 +13,8 @@ from bus.codes import Code
 from bus.errors import CycleFailure, DeviceLost, StaleFrame
 from bus.injection import Fault
 from bus.messages import CycleResult, Frame
-from cell.daemon.actions import Works
+from cell.daemon.actions import Actions
+from cell.machine.gate import Gate
 from cell.pick.capture import capture
 from cell.pick.cycle import Equipment
 from config.load import load_station
@@ -37,12 +38,13 @@ class Bench:
         self.robot = Robot(self.station)
         self.results: list[CycleResult] = []
         self.spoil: dict[str, Callable[[], None]] = {}
-        self.works = Works(
+        self.actions = Actions(
             Equipment(
                 self.camera, Guard(self.arm, self.station), self.hand, self.robot, self.station,
                 open_models(self.station, {}),
             ),
-            real.feeder,
+            Gate(),
+            real.presenter,
             lambda: set(self.station.nodes),
             lambda topic, message: None,
             lambda stage: self.spoil.get(stage, lambda: None)(),
@@ -51,10 +53,10 @@ class Bench:
 
     def failure(self) -> CycleFailure:
         """Reset, and how the pick ends that follows."""
-        self.works.reset()
-        self.works.begin()
+        self.actions.reset()
+        self.actions.begin()
         with pytest.raises(CycleFailure) as caught:
-            self.works.pick()
+            self.actions.pick()
         return caught.value
 
 
@@ -112,7 +114,7 @@ def test_a_stop_is_not_confirmed_by_a_velocity_of_nan(make_bench: Callable[..., 
     bench = make_bench("arm.rest_s=0.05")
     bench.arm.fault = Fault.GARBAGE
     with pytest.raises(CycleFailure, match="still moves"):
-        bench.works.stop(lambda wait_s: True)
+        bench.actions.stop(lambda wait_s: True)
 
 
 def test_a_capture_needs_an_arm_that_knows_where_it_is_and_a_new_frame(bench: Bench) -> None:

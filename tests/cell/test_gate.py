@@ -39,7 +39,7 @@ def test_held_it_waits_until_let_go() -> None:
     gate.hold()
     comer = Comer(gate)
     assert not comer.answered.wait(0.05) and not gate.is_moving
-    gate.let_go()
+    gate.release()
     assert comer.answer() is True
 
 
@@ -49,7 +49,7 @@ def test_a_halt_turns_away_whoever_waits_and_whoever_comes() -> None:
     waiting = Comer(gate)
     gate.halt()
     assert waiting.answer() is False and Comer(gate).answer() is False
-    gate.let_go()
+    gate.release()
     assert gate.halted and Comer(gate).answer() is False
 
 

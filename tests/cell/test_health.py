@@ -17,10 +17,10 @@ from bus.codes import Code
 from bus.commands import CellHealth, Health, LoopHealth
 from bus.errors import CycleFailure
 from bus.messages import ArmMode, ArmState, HandState
-from bus.sample import Heard
+from bus.sample import Sample
 from bus.wire import arm_state_to_wire
 from cell import client
-from cell.nodes.health import Watch
+from cell.nodes.health import NodeMonitor
 from config.load import load_station
 from config.schema import Station
 
@@ -34,14 +34,16 @@ class Bench:
         self._stamp_ns = 0
         self.lost: queue.SimpleQueue[CycleFailure] = queue.SimpleQueue()
         station = load_station(None, [f"bus.stale_s={stale_s}"])
-        self.watch = Watch(station, lambda name, failure: self.lost.put(failure), lambda name: 2, lambda: (load, 2))
+        self.monitor = NodeMonitor(
+            station, lambda name, failure: self.lost.put(failure), lambda name: 2, lambda: (load, 2)
+        )
 
     def hear(self, key: str, payload: bytes | None = None) -> None:
         """By default a new state of the arm; the hand says something new every time."""
         self._stamp_ns += 1
         hand = HandState(stamp_ns=self._stamp_ns, width_m=0.04, is_moving=False, is_homed=True)
-        self.watch.hear(Heard("hand/state", "", encode(hand)))
-        self.watch.hear(Heard(key, "", _arm_state(self._stamp_ns) if payload is None else payload))
+        self.monitor.hear(Sample("hand/state", "", encode(hand)))
+        self.monitor.hear(Sample(key, "", _arm_state(self._stamp_ns) if payload is None else payload))
 
 
 def _arm_state(stamp_ns: int) -> bytes:
@@ -59,13 +61,13 @@ def _said(rate_hz: float, fault: str = "") -> Health:
 @pytest.mark.parametrize(("load", "is_blamed"), [(0.5, False), (12.0, True)])
 def test_a_starved_node_is_called_that(load: float, is_blamed: bool) -> None:
     bench = Bench(load=load)
-    bench.watch.change("sim", True)
-    bench.watch.hear(Heard("node/sim/health", "", encode(_said(100.0))))
+    bench.monitor.change("sim", True)
+    bench.monitor.hear(Sample("node/sim/health", "", encode(_said(100.0))))
     bench.hear("arm/state")
     give_up_s = time.monotonic() + 10
     while bench.lost.empty():
         assert time.monotonic() < give_up_s
-        bench.watch.look()
+        bench.monitor.look()
         time.sleep(0.01)
     text = bench.lost.get().text
     busy = "This machine is too busy: load 12.0 on 2 cores; arm.state had left out 3 rounds."
@@ -74,60 +76,60 @@ def test_a_starved_node_is_called_that(load: float, is_blamed: bool) -> None:
 
 def test_a_node_is_healthy_while_its_token_is_there_and_its_streams_flow() -> None:
     bench = Bench(stale_s=5.0)
-    bench.watch.change("sim", True)
+    bench.monitor.change("sim", True)
     bench.hear("arm/state")
     bench.hear("node/sim/health", encode(_said(98.0)))
-    bench.watch.look()
-    health = bench.watch.health()
+    bench.monitor.look()
+    health = bench.monitor.health()
     assert health.is_healthy and bench.lost.empty()
     assert (health.nodes["sim"].restarts, health.nodes["sim"].said) == (2, _said(98.0))
 
 
 def test_a_lost_token_is_told_at_once() -> None:
     bench = Bench()
-    bench.watch.change("sim", True)
-    bench.watch.change("sim", False)
+    bench.monitor.change("sim", True)
+    bench.monitor.change("sim", False)
     assert "'sim' is gone" in bench.lost.get(timeout=1).text
-    assert bench.watch.health().nodes["sim"].problems == ("not up",)
-    assert bench.watch.unheard_for_s("sim") > 0
+    assert bench.monitor.health().nodes["sim"].problems == ("not up",)
+    assert bench.monitor.unheard_for_s("sim") > 0
 
 
 def test_a_silent_stream_is_told_once_until_it_flows_again() -> None:
     bench = Bench()
-    bench.watch.change("sim", True)
+    bench.monitor.change("sim", True)
     for _ in range(2):
         bench.hear("arm/state")
         time.sleep(0.06)
         bench.hear("node/sim/health", encode(_said(98.0)))
-        bench.watch.look()
-        bench.watch.look()
+        bench.monitor.look()
+        bench.monitor.look()
         failure = bench.lost.get(timeout=1)
         assert "'sim' hangs" in failure.text and "arm/state" in failure.text
         assert bench.lost.empty()
-        assert bench.watch.health().nodes["sim"].problems == ("silent on arm/state",)
+        assert bench.monitor.health().nodes["sim"].problems == ("silent on arm/state",)
     bench.hear("arm/state")
-    assert bench.watch.health().is_healthy
+    assert bench.monitor.health().is_healthy
 
 
 def test_a_stall_of_the_watch_itself_is_no_silence_of_the_nodes() -> None:
     bench = Bench(stale_s=0.15)
-    bench.watch.change("sim", True)
+    bench.monitor.change("sim", True)
     bench.hear("arm/state")
-    bench.watch.look()
+    bench.monitor.look()
     time.sleep(0.22)  # not one look meanwhile
-    bench.watch.look()
+    bench.monitor.look()
     assert bench.lost.empty()
     for _ in range(4):
         time.sleep(0.02)
-        bench.watch.look()
+        bench.monitor.look()
     assert "arm/state" in bench.lost.get(timeout=1).text
 
 
 def test_a_loop_far_below_its_rate_is_a_problem_although_it_answers() -> None:
     bench = Bench(stale_s=5.0)
-    bench.watch.change("sim", True)
+    bench.monitor.change("sim", True)
     bench.hear("node/sim/health", encode(_said(41.0)))
-    assert bench.watch.health().nodes["sim"].problems == ("arm.state at 41 of 100 Hz",)
+    assert bench.monitor.health().nodes["sim"].problems == ("arm.state at 41 of 100 Hz",)
 
 
 @pytest.mark.parametrize(
@@ -139,34 +141,34 @@ def test_a_loop_far_below_its_rate_is_a_problem_although_it_answers() -> None:
 )
 def test_what_is_repeated_or_cannot_be_read_counts_as_silence(payload: bytes, code: Code, says: str) -> None:
     bench = Bench()
-    bench.watch.change("sim", True)
+    bench.monitor.change("sim", True)
     bench.hear("arm/state")
     for _ in range(4):
         time.sleep(0.02)
         bench.hear("arm/state", payload)
-    bench.watch.look()
+    bench.monitor.look()
     lost = bench.lost.get(timeout=1)
     assert lost.failure is code and says in lost.text
 
 
 def test_a_stream_that_its_node_cannot_say_is_a_lost_device() -> None:
     bench = Bench()
-    bench.watch.change("sim", True)
+    bench.monitor.change("sim", True)
     bench.hear("arm/state")
     bench.hear("node/sim/health", encode(_said(0.0, fault="DEVICE_LOST: The arm no longer answers.")))
     time.sleep(0.06)
     bench.hear("node/sim/health", encode(_said(0.0, fault="DEVICE_LOST: The arm no longer answers.")))
-    bench.watch.look()
+    bench.monitor.look()
     lost = bench.lost.get(timeout=1)
     assert lost.failure is Code.DEVICE_LOST and "The arm no longer answers" in lost.text
 
 
 def test_words_that_are_no_health_are_a_problem_and_no_sign_of_life() -> None:
     bench = Bench(stale_s=5.0)
-    bench.watch.change("sim", True)
+    bench.monitor.change("sim", True)
     bench.hear("node/sim/health", b'{"name": "sim", "pid": "many"}')
     bench.hear("node/stranger/health", b"[" * 5000)
-    health = bench.watch.health()
+    health = bench.monitor.health()
     assert health.nodes["sim"].problems == ("says what cannot be read on node/sim/health",)
     assert health.nodes["sim"].said is None and set(health.nodes) == {"sim"}
 

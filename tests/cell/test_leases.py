@@ -13,7 +13,7 @@ import pytest
 from bus import topics
 from bus.commands import CommandReply, CommandRequest
 from bus.errors import Refused
-from bus.sample import Heard
+from bus.sample import Sample
 from bus.session import Bus
 from cell import client
 from cell.machine.leases import Leases
@@ -105,11 +105,11 @@ def test_a_holder_whose_heartbeat_falls_silent_loses_the_lease_though_its_token_
     leases = _beating(clock, lost)
     for _ in range(10):
         _pass(leases, clock, 0.2)
-        leases.hear(Heard("lease/app", "", b"{}"))
+        leases.hear(Sample("lease/app", "", b"{}"))
     assert leases.holder == "app" and not lost
     _pass(leases, clock, 0.6)
     assert lost == [("app", "no heartbeat for 0.5 s")] and leases.holder == ""
-    leases.hear(Heard("lease/app", "", b"{}"))
+    leases.hear(Sample("lease/app", "", b"{}"))
     assert leases.holder == "", "what comes back must command anew"
 
 
@@ -119,7 +119,7 @@ def test_the_heartbeat_of_another_keeps_no_lease(key: str, source: str) -> None:
     leases = _beating(clock, lost)
     for _ in range(12):
         _pass(leases, clock, 0.05)
-        leases.hear(Heard(key, "", b"{}", source))
+        leases.hear(Sample(key, "", b"{}", source))
     assert [client_id for client_id, _ in lost] == ["app"]
 
 

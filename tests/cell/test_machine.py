@@ -11,6 +11,7 @@ import pytest
 from bus.codes import Code
 from bus.commands import CommandRequest
 from bus.errors import CellError, CycleFailure
+from cell.machine.holding import Holding
 from cell.machine.owner import Machine
 from cell.machine.states import State
 
@@ -19,10 +20,12 @@ class Bench:
     """A machine whose works are given by the test, and the states it went through."""
 
     def __init__(self) -> None:
-        self.works: dict[State, Callable[[], None]] = {}
+        self.actions: dict[State, Callable[[], None]] = {}
         self.states: queue.SimpleQueue[tuple[State, str]] = queue.SimpleQueue()
         self.accepted: list[str] = []
-        self.machine = Machine(self.works, lambda state, reason: self.states.put((state, reason)), self._accept)
+        self.machine = Machine(
+            self.actions, Holding(), lambda state, reason: self.states.put((state, reason)), self._accept
+        )
 
     def _accept(self, verb: str, _request: CommandRequest) -> str:
         self.accepted.append(verb)
@@ -33,7 +36,7 @@ class Bench:
 
     def until(self, wanted: State) -> list[State]:
         """The states passed on the way to ``wanted``."""
-        passed = []
+        passed: list[State] = []
         while not passed or passed[-1] is not wanted:
             passed.append(self.states.get(timeout=5)[0])
         return passed
@@ -81,9 +84,9 @@ def test_a_stop_during_a_work_wins_over_its_end(bench: Bench) -> None:
 
     def stop() -> None:
         release.set()
-        assert bench.machine.wait_quiet(5)
+        assert bench.machine.wait_no_action(5)
 
-    bench.works.update({State.EXECUTE: work, State.STOPPING: stop})
+    bench.actions.update({State.EXECUTE: work, State.STOPPING: stop})
     bench.command("reset")
     bench.until(State.IDLE)
     bench.command("start")
@@ -102,12 +105,12 @@ def test_a_stop_right_after_a_start_waits_for_the_work_that_had_not_yet_begun(be
         ended.append("work")
 
     def stop() -> None:
-        quiet_at_once = bench.machine.wait_quiet(0.05)
+        quiet_at_once = bench.machine.wait_no_action(0.05)
         release.set()
-        assert not quiet_at_once and bench.machine.wait_quiet(5)
+        assert not quiet_at_once and bench.machine.wait_no_action(5)
         ended.append("stop")
 
-    bench.works.update({State.STARTING: begin, State.STOPPING: stop})
+    bench.actions.update({State.STARTING: begin, State.STOPPING: stop})
     bench.command("reset")
     bench.until(State.IDLE)
     bench.command("start")
@@ -123,7 +126,7 @@ def test_a_failing_work_aborts_with_its_reason(bench: Bench, error: Exception) -
     def work() -> None:
         raise error
 
-    bench.works[State.RESETTING] = work
+    bench.actions[State.RESETTING] = work
     bench.command("reset")
     reasons = {}
     while State.ABORTED not in reasons:
@@ -144,7 +147,7 @@ def test_an_abort_work_that_fails_still_ends_aborted(bench: Bench) -> None:
     def work() -> None:
         raise CellError("The arm does not answer.")
 
-    bench.works[State.ABORTING] = work
+    bench.actions[State.ABORTING] = work
     bench.command("abort")
     assert bench.until(State.ABORTED)[-1] is State.ABORTED
 
@@ -172,10 +175,10 @@ class HeldBench(Bench):
         def stop() -> None:
             self._resting.set()
             self._end.set()
-            assert self.machine.wait_quiet(5)
+            assert self.machine.wait_no_action(5)
 
-        self.works.update({origin: work, State.STOPPING: stop, State.ABORTING: stop})
-        self.works[State.HOLDING] = lambda: self._require(self._resting)
+        self.actions.update({origin: work, State.STOPPING: stop, State.ABORTING: stop})
+        self.actions[State.HOLDING] = lambda: self._require(self._resting)
         self.machine.start()
         self.command("reset")
         self.until(State.IDLE)
@@ -256,7 +259,7 @@ def test_work_that_ends_during_a_hold_is_acted_on_at_unhold(held: HeldBench, whe
 def test_work_that_ended_in_an_earlier_hold_counts_once() -> None:
     held = HeldBench(State.EXECUTE)
     completing = threading.Event()
-    held.works[State.COMPLETING] = lambda: held._require(completing)
+    held.actions[State.COMPLETING] = lambda: held._require(completing)
     held.hold()
     held.end_work()
     assert held.command("unhold")
@@ -285,7 +288,7 @@ def test_a_stop_or_abort_ends_a_hold_and_waits_for_both_works(held: HeldBench, v
 def test_a_stop_while_unholding_wins() -> None:
     held = HeldBench(State.EXECUTE)
     going_on = threading.Event()
-    held.works[State.UNHOLDING] = lambda: held._require(going_on)
+    held.actions[State.UNHOLDING] = lambda: held._require(going_on)
     held.hold()
     assert held.command("unhold") and held.command("stop")
     going_on.set()
@@ -318,7 +321,7 @@ def test_a_hold_or_unhold_that_fails_aborts(state: State) -> None:
     def work() -> None:
         raise CycleFailure(Code.INTERNAL, "The arm does not rest.")
 
-    held.works[state] = work
+    held.actions[state] = work
     if state is State.UNHOLDING:
         held.hold()
     assert held.command({State.HOLDING: "hold", State.UNHOLDING: "unhold"}[state])

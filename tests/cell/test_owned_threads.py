@@ -25,7 +25,7 @@ from cell.daemon.daemon import Daemon
 from cell.daemon.retention import Retention
 from cell.daemon.robot_tf import RobotTf
 from cell.doctor.network import answer_within
-from cell.nodes.health import Watch
+from cell.nodes.health import NodeMonitor
 from cell.nodes.supervisor import Supervisor
 from cell.nodes.watchdog import Watchdog
 from cell.pick.detect import detect_unless_halted
@@ -61,7 +61,7 @@ class Bench:
     def __init__(self, station: Station, robot: Robot, ending: ExitStack, folder: Path) -> None:
         self.station, self.robot, self.ending, self.folder = station, robot, ending, folder
         still = SimpleNamespace(stop=lambda: None, recover=broken, state=lambda: SimpleNamespace(dq_rad_s=[0.0] * 7))
-        devices = cast(Devices, SimpleNamespace(camera=still, arm=still, hand=still, feeder=None))
+        devices = cast(Devices, SimpleNamespace(camera=still, arm=still, hand=still, presenter=None))
         self.bus = ending.enter_context(Bus.listen(station.cell_id, station.bus.endpoint))
         models = open_models(station, {})
         ending.callback(models.close)
@@ -101,8 +101,8 @@ def _model_call(bench: Bench) -> None:
 
 
 def _watchdog(bench: Bench) -> None:
-    watch = Watch(bench.station, lambda name, failure: None, lambda name: 0)
-    watchdog = Watchdog(bench.station, watch, broken, broken, broken, watch.health)
+    monitor = NodeMonitor(bench.station, lambda name, failure: None, lambda name: 0)
+    watchdog = Watchdog(bench.station, monitor, broken, broken, broken, monitor.health)
     watchdog.start()
     bench.ending.callback(watchdog.close)
 
@@ -121,8 +121,8 @@ def _supervisor(bench: Bench) -> None:
     supervisor.start()
 
 
-def _lane(bench: Bench) -> None:
-    bench.bus.lane("broken").post(lambda: sys.exit("a library thought it was alone"))
+def _worker(bench: Bench) -> None:
+    bench.bus.worker("broken").post(lambda: sys.exit("a library thought it was alone"))
 
 
 def _hand(bench: Bench) -> None:
@@ -170,7 +170,7 @@ STARTS: dict[Role, Callable[[Bench], Any]] = {
     Role.CYCLE_LOG: _cycle_log,
     Role.WATCHDOG: _watchdog,
     Role.SUPERVISOR: _supervisor,
-    Role.LANE: _lane,
+    Role.WORKER: _worker,
     Role.LOOP: lambda bench: Loop("test", 0.01, broken, lambda error: None),
     Role.HAND_POLL: _hand,
     Role.CAMERA_READ: _camera,
@@ -215,4 +215,4 @@ def test_a_cell_that_nobody_watches_any_more_does_not_reset(bench: Bench) -> Non
     bench.daemon._watchdog.close()
     bench.daemon.command("reset", OPERATOR)
     bench.until("Aborted")
-    assert "watches the nodes" in bench.daemon.voice.state.reason
+    assert "watches the nodes" in bench.daemon.publisher.state.reason

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bus.commands import PresentRequest
-from bus.messages import Execution, Verdict
+from bus.messages import Execution, Observation, Verdict
 from cell.machine.gate import Gate
 from cell.pick.capture import capture
 from cell.pick.detect import detect
@@ -34,20 +34,20 @@ class Outcome:
     def __init__(self, name: str, friction: float, seed: int = 3) -> None:
         station = load_station(None, [f"sim.friction={friction}", f"sim.seed={seed}"])
         devices = open_devices("sim", station)
-        camera, hand, feeder = devices.camera, devices.hand, devices.feeder
-        assert camera is not None and devices.arm is not None and hand is not None and feeder is not None
+        camera, hand, presenter = devices.camera, devices.hand, devices.presenter
+        assert camera is not None and devices.arm is not None and hand is not None and presenter is not None
         arm, robot = Guard(devices.arm, station), Robot(station)
         for device in (camera, arm, hand):
             device.connect()
         hand.home()
-        feeder.present(PresentRequest(object=name, cycle=0, seed=seed))
-        self.lay_m = feeder.truth().base_from_object[2, 3]
+        presenter.present(PresentRequest(object=name, cycle=0, seed=seed))
+        self.lay_m = presenter.truth().base_from_object[2, 3]
         before = capture(camera, arm, robot)
         found = detect(before, station, open_models(station, {}))
         chosen = plan(found, before, robot, station)
 
-        def look() -> object:
-            self.held_m = feeder.truth().base_from_object[2, 3]
+        def look() -> Observation:
+            self.held_m = presenter.truth().base_from_object[2, 3]
             return capture(camera, arm, robot)
 
         self.execution: Execution
@@ -55,7 +55,7 @@ class Outcome:
         assert after is not None
         self.verdict: Verdict = verify(self.execution, found, before, after, robot, station)
         self.delivery = deliver(chosen, (arm, hand), station, Gate())
-        self.place = feeder.truth().base_from_object[:3, 3]
+        self.place = presenter.truth().base_from_object[:3, 3]
         self.station = station
         camera.close()
 

@@ -28,6 +28,7 @@ from cell.replay.view import consequence, to_json, verdict
 from config.load import load_station
 from logs.compare import leaves
 from logs.mcap.reader import CycleRecord, read_cycle
+from perception.align import align
 from planning.robot import Robot
 
 PICK = Path(__file__).parents[1] / "golden" / "cycle-schema2.mcap"
@@ -57,8 +58,6 @@ def test_chained_it_decides_the_same_too(record: CycleRecord, robot: Robot) -> N
 def test_a_change_in_align_is_the_first_difference(
     record: CycleRecord, robot: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    align = perception.detector.align
-
     def changed(*arguments: object, **named: object) -> Alignment:
         found = align(*arguments, **named)  # type: ignore[arg-type]
         moved = found.observed_from_goal.copy()
@@ -166,7 +165,7 @@ def test_it_is_refused_while_its_cell_is_live(endpoint: str) -> None:
     require_no_live_cell(station)
     state = CellState(state="Idle", stage="", cycle_id="", since_ns=1, available=(), reason="")
     with Bus.listen(station.cell_id, endpoint) as live:
-        live.answer(topics.STATE_NOW, lambda _payload, _fields: state, lane="state")
+        live.answer(topics.STATE_NOW, lambda _payload, _fields: state, worker="state")
         with pytest.raises(Refused, match="is live") as refusal:
             require_no_live_cell(station)
     assert refusal.value.code == "LIVE_CELL"

@@ -14,8 +14,9 @@ from bus.frozen import Message
 from bus.messages import Attempt, CycleResult
 from bus.topics import Topic
 from cell.build import running_cell
-from cell.daemon.actions import Works
+from cell.daemon.actions import Actions
 from cell.daemon.retry import WITH_A_NEW_LOOK, WITH_ANOTHER_GRASP, Retries
+from cell.machine.gate import Gate
 from cell.machine.owner import refuse
 from cell.pick.cycle import FAULTS, Equipment
 from cell.replay.replay import replay_file
@@ -73,24 +74,26 @@ def test_a_hold_is_due_after_so_many_failures_in_a_row_and_then_the_count_begins
 def test_an_object_that_was_moved_away_under_the_hand_is_picked_where_it_is_now(tmp_path: Path) -> None:
     station = load_station(None, [f"recording.folder={tmp_path}", "retry.grasps=1", "verify.hold_s=0.5"])
     devices = open_devices("sim", station)
-    camera, arm, hand, feeder = devices.camera, devices.arm, devices.hand, devices.feeder
-    assert camera is not None and arm is not None and hand is not None and feeder is not None
+    camera, arm, hand, presenter = devices.camera, devices.arm, devices.hand, devices.presenter
+    assert camera is not None and arm is not None and hand is not None and presenter is not None
     for device in (camera, arm, hand):
         device.connect()
     results: list[CycleResult] = []
 
     def meddle(stage: str) -> None:
         if stage == "execute" and not results:
-            feeder.present(PresentRequest(object="cup", cycle=4, seed=0))
+            presenter.present(PresentRequest(object="cup", cycle=4, seed=0))
 
     equipment = Equipment(camera, arm, hand, Robot(station), station, open_models(station, {}))
-    works = Works(equipment, feeder, lambda: set(station.nodes), lambda *said: None, meddle, results.append)
-    works.reset()
-    works.object = "cup"
+    actions = Actions(
+        equipment, Gate(), presenter, lambda: set(station.nodes), lambda *said: None, meddle, results.append
+    )
+    actions.reset()
+    actions.restart_attempts(object_name="cup")
     for _ in range(2):
-        works.begin()
-        works.pick()
-        works.complete()
+        actions.begin()
+        actions.pick()
+        actions.complete()
     camera.close()
     assert [(result.result, result.code) for result in results] == [("FAILED", "GRASP_MISSED"), ("SUCCESS", None)]
     assert (results[0].retried_as, results[1].retried_as) == (results[1].cycle_id, "")

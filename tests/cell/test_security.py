@@ -16,7 +16,7 @@ from bus.commands import CellHealth, CellState, CommandReply, CommandRequest, Ha
 from bus.errors import BadPayload, CellError, CellUnreachable, NoReply, Refused
 from bus.frozen import Message
 from bus.messages import HandState
-from bus.sample import Asked, Heard
+from bus.sample import Asked, Sample
 from bus.secured import session_config
 from bus.session import Bus
 from bus.topics import Topic
@@ -41,7 +41,7 @@ class Site(NamedTuple):
 
     join: Callable[[str], Bus]
     cell: Bus
-    heard: queue.SimpleQueue[Heard]
+    heard: queue.SimpleQueue[Sample]
     leases: queue.SimpleQueue[tuple[str, bool]]
 
 
@@ -63,15 +63,15 @@ def site(request: pytest.FixtureRequest, keys: Path, new_endpoint: Callable[[], 
             queue.SimpleQueue(),
             queue.SimpleQueue(),
         )
-        cell.answer(topics.STATE_NOW, lambda _payload, _fields: IDLE, lane="state")
-        cell.answer(topics.HEALTH_NOW, lambda _payload, _fields: HEALTHY, lane="state")
-        cell.answer(topics.COMMAND, _command, lane="command", verb="*")
+        cell.answer(topics.STATE_NOW, lambda _payload, _fields: IDLE, worker="state")
+        cell.answer(topics.HEALTH_NOW, lambda _payload, _fields: HEALTHY, worker="state")
+        cell.answer(topics.COMMAND, _command, worker="command", verb="*")
         for topic in (topics.STATE, topics.HAND_STATE, topics.EVENT):
             cell.subscribe(topic.key, site.heard.put)
         cell.watch_alive(topics.LEASE, lambda name, is_alive: site.leases.put((name, is_alive)))
         node = site.join("node")
-        node.answer(topics.HAND_NOW, lambda _payload, _fields: HAND, lane="hand")
-        node.answer(topics.HAND_MOVE, lambda _payload, _fields: HAND, lane="hand")
+        node.answer(topics.HAND_NOW, lambda _payload, _fields: HAND, worker="hand")
+        node.answer(topics.HAND_MOVE, lambda _payload, _fields: HAND, worker="hand")
         node.announce(topics.NODE_ALIVE, name="hand")
         yield site
 
@@ -94,7 +94,7 @@ def _is_answered(bus: Bus, topic: Topic, request: Message, **fields: str) -> boo
 @pytest.mark.parametrize("role", ["viewer", "operator"])
 def test_who_looks_hears_and_asks_how_the_cell_is(site: Site, role: str) -> None:
     bus = site.join(role)
-    heard: queue.SimpleQueue[Heard] = queue.SimpleQueue()
+    heard: queue.SimpleQueue[Sample] = queue.SimpleQueue()
     bus.subscribe(topics.STATE.key, heard.put)
     assert bus.request(topics.STATE_NOW, Nothing(), CellState, timeout_s=5) == IDLE  # and the subscription is there
     assert bus.request(topics.HEALTH_NOW, Nothing(), CellHealth, timeout_s=5) == HEALTHY

@@ -16,11 +16,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bus.commands import CellState
+from bus.commands import CellState, CommandRequest
 from bus.messages import Execution
 from bus.session import Bus
 from cell import client
 from cell.daemon.systemd import Service, takes_commands
+from cell.machine.holding import Holding
 from cell.machine.owner import Machine
 from config.schema import Station
 from drivers.remote import RemoteArm
@@ -178,12 +179,12 @@ def test_a_machine_takes_commands_unless_its_thread_hangs() -> None:
         released.wait(30)
         return ""
 
-    machine = Machine({}, lambda _state, _reason: None, on_accept)
+    machine = Machine({}, Holding(), lambda _state, _reason: None, on_accept)
     machine.start()
     assert takes_commands(machine) and machine.state == "Stopped"
     answers: list[bool] = []
     hanging = threading.Thread(target=lambda: answers.append(takes_commands(machine)))
-    machine.post("reset", client.CommandRequest())
+    machine.post("reset", CommandRequest())
     assert asked.wait(5)
     hanging.start()
     hanging.join(0.3)

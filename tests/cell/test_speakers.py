@@ -12,7 +12,7 @@ from bus import topics
 from bus.codec import decode
 from bus.commands import Health, Stranger
 from bus.messages import HandState
-from bus.sample import Heard
+from bus.sample import Sample
 from bus.session import Bus
 from bus.topics import encoding_of
 from cell.nodes.speakers import Speakers, strange, topic_of
@@ -27,7 +27,7 @@ class Site:
     def __init__(self, cell: Bus) -> None:
         self.cell = cell
         self.twice: queue.SimpleQueue[tuple[str, str]] = queue.SimpleQueue()
-        self.strangers: queue.SimpleQueue[Heard] = queue.SimpleQueue()
+        self.strangers: queue.SimpleQueue[Sample] = queue.SimpleQueue()
         self.heard: queue.SimpleQueue[tuple[str, bool]] = queue.SimpleQueue()
         self.speakers = Speakers(cell, {"sim"}, lambda *said: self.twice.put(said), self.strangers.put)
         self.speakers.listen()
@@ -52,7 +52,7 @@ def site(endpoint: str) -> Iterator[Site]:
 
 
 def _node(site: Site, bus: Bus) -> None:
-    bus.answer(topics.NODE_NOW, lambda _payload, _asked: HEALTH, lane="state", name="sim")
+    bus.answer(topics.NODE_NOW, lambda _payload, _asked: HEALTH, worker="state", name="sim")
     bus.announce(topics.NODE_ALIVE, name="sim")
     site.settle(lambda: bus.publish(topics.HAND_STATE, HAND))
 
@@ -80,7 +80,7 @@ def test_nobody_else_says_how_a_cycle_ended(site: Site, endpoint: str, who: str)
 def test_a_second_session_that_answers_for_a_node_is_noticed(site: Site, endpoint: str) -> None:
     with Bus.join("test", endpoint) as node, Bus.join("test", endpoint) as other:
         _node(site, node)
-        other.answer(topics.NODE_NOW, lambda _payload, _asked: HEALTH, lane="state", name="sim")
+        other.answer(topics.NODE_NOW, lambda _payload, _asked: HEALTH, worker="state", name="sim")
         give_up_s = time.monotonic() + 10
         while site.twice.empty():
             assert time.monotonic() < give_up_s
@@ -91,7 +91,7 @@ def test_a_second_session_that_answers_for_a_node_is_noticed(site: Site, endpoin
 
 
 def test_what_a_stranger_says_is_recorded_whole_as_far_as_it_goes_and_on_a_channel_of_its_own() -> None:
-    heard = Heard("cycle/capture", "text/plain", b"x" * 100_000, "abc")
+    heard = Sample("cycle/capture", "text/plain", b"x" * 100_000, "abc")
     kept = strange(heard)
     assert (kept.key, kept.encoding) == ("stranger", encoding_of(Stranger))
     said = decode(Stranger, kept.payload)

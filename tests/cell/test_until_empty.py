@@ -18,7 +18,7 @@ from cell import client
 from cell.build import running_cell
 from config.load import DEFAULT_STATION, load_station
 from config.schema import Station
-from drivers.remote import RemoteFeeder
+from drivers.remote import RemotePresenter
 
 BIN_STATION = DEFAULT_STATION.with_name("bin.toml")
 TWO_OBJECTS = ("sim.clutter=2", "sim.seed=1")
@@ -26,9 +26,9 @@ Run = Callable[..., subprocess.CompletedProcess[str]]
 
 
 def _truth(station: Station) -> Presented:
-    with Bus.join(station.cell_id, station.bus.endpoint) as bus, closing(RemoteFeeder(bus, 5.0)) as feeder:
-        feeder.connect()
-        return feeder.truth()
+    with Bus.join(station.cell_id, station.bus.endpoint) as bus, closing(RemotePresenter(bus, 5.0)) as presenter:
+        presenter.connect()
+        return presenter.truth()
 
 
 def _lies_in(truth: Presented, station: Station) -> list[bool]:

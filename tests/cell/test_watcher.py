@@ -17,7 +17,7 @@ from bus.commands import CellState, CommandReply, CommandRequest, Health
 from bus.errors import NoReply, Refused
 from bus.frozen import Message
 from bus.injection import Fault, FaultRequest
-from bus.sample import Heard
+from bus.sample import Sample
 from bus.topics import encoding_of
 from cell.cli.live import Commander, Watcher
 from cell.client import Client, client_name
@@ -28,8 +28,8 @@ def _state(name: str, since_ns: int = 0, reason: str = "") -> CellState:
     return CellState(state=name, stage="", cycle_id="", since_ns=since_ns, available=(), reason=reason)
 
 
-def _heard(key: str, message: Message) -> Heard:
-    return Heard(key, encoding_of(type(message)), encode(message))
+def _heard(key: str, message: Message) -> Sample:
+    return Sample(key, encoding_of(type(message)), encode(message))
 
 
 class ScriptedCell:
@@ -37,7 +37,7 @@ class ScriptedCell:
 
     def __init__(self) -> None:
         self.now: CellState | Exception = _state("Stopped")
-        self.said: list[Heard] = []
+        self.said: list[Sample] = []
         self.is_gone = False
         self.commands: list[str] = []
 
@@ -53,7 +53,7 @@ class ScriptedCell:
         self.now = _state("Resetting", 10)
         return CommandReply(ok=True, state="Resetting")
 
-    def heard(self) -> Iterator[Heard]:
+    def heard(self) -> Iterator[Sample]:
         yield from self.said
         self.said = []
 
@@ -88,7 +88,7 @@ class Desk:
         finally:
             self.open -= 1
 
-    def say(self, *said: Heard) -> None:
+    def say(self, *said: Sample) -> None:
         self.cell.said += said
         self.watcher.turn()
 
@@ -101,18 +101,18 @@ def desk(tmp_path: Path) -> Desk:
 @pytest.mark.parametrize(
     "heard",
     [
-        Heard("node/sim/health", encoding_of(Health), b"\xff\x00"),
-        Heard("node/sim/health", encoding_of(Health), b'{"name": 5}'),
-        Heard("node/sim/health", "application/json;vlad.Unknown", b"{}"),
-        Heard("node/sim/health", "zenoh/bytes", b""),
+        Sample("node/sim/health", encoding_of(Health), b"\xff\x00"),
+        Sample("node/sim/health", encoding_of(Health), b'{"name": 5}'),
+        Sample("node/sim/health", "application/json;vlad.Unknown", b"{}"),
+        Sample("node/sim/health", "zenoh/bytes", b""),
         _heard("node/sim/health", FaultRequest(fault=Fault.WRONG)),
         _heard("node/sim/health", _state("Idle", 99)),
         _heard("state", CommandRequest()),
-        Heard("nonsense", encoding_of(CellState), encode(_state("Idle", 99))),
+        Sample("nonsense", encoding_of(CellState), encode(_state("Idle", 99))),
     ],
     ids=str,
 )
-def test_what_cannot_be_read_is_counted_and_named(desk: Desk, heard: Heard) -> None:
+def test_what_cannot_be_read_is_counted_and_named(desk: Desk, heard: Sample) -> None:
     desk.say(heard, heard, _heard("state", _state("Idle", 1)))
     model = desk.watcher.model
     assert model.unread == 2 and model.last_unread.startswith(heard.key)

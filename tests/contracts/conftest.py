@@ -15,12 +15,12 @@ from bus.session import Bus
 from config.load import load_station
 from config.schema import Station
 from drivers.fr3.arm import Fr3Arm
-from drivers.interface import Arm, Camera, Devices, Feeder, Hand
+from drivers.interface import Arm, Camera, Devices, Hand, ObjectPresenter
 from drivers.node.injection import FaultyArm, FaultyCamera, FaultyHand
 from drivers.node.node import Node
 from drivers.node.registry import open_devices
 from drivers.panda_hand.hand import PandaHand
-from drivers.remote import RemoteArm, RemoteCamera, RemoteFeeder, RemoteHand
+from drivers.remote import RemoteArm, RemoteCamera, RemoteHand, RemotePresenter
 from stand_ins.femto_mega.process import femto_mega
 from stand_ins.franka import franka_station
 
@@ -41,7 +41,7 @@ def _remote(station: Station, stack: ExitStack, endpoint: str) -> Devices:
     node = Node("sim", node_bus, open_devices("sim", station), station)
     node.open()
     stack.callback(node.close)
-    parts = (RemoteCamera(cell, 10.0), RemoteArm(cell, 10.0), RemoteHand(cell, 10.0), RemoteFeeder(cell, 10.0))
+    parts = (RemoteCamera(cell, 10.0), RemoteArm(cell, 10.0), RemoteHand(cell, 10.0), RemotePresenter(cell, 10.0))
     return Devices(*parts)
 
 
@@ -57,7 +57,7 @@ def _faulty(station: Station, _stack: ExitStack, _endpoint: str) -> Devices:
     """The simulated devices, wrapped by faults that are not there."""
     real = open_devices("sim", station)
     assert real.camera is not None and real.arm is not None and real.hand is not None
-    return Devices(FaultyCamera(real.camera), FaultyArm(real.arm), FaultyHand(real.hand), real.feeder)
+    return Devices(FaultyCamera(real.camera), FaultyArm(real.arm), FaultyHand(real.hand), real.presenter)
 
 
 def _femto_mega(station: Station, stack: ExitStack, _endpoint: str) -> Devices:
@@ -130,8 +130,8 @@ def camera(devices: Devices) -> Iterator[Camera]:
 
 
 @pytest.fixture
-def feeder(devices: Devices, arm: Arm) -> Feeder:
-    assert devices.feeder is not None
-    if isinstance(devices.feeder, RemoteFeeder):
-        devices.feeder.connect()
-    return devices.feeder
+def presenter(devices: Devices, arm: Arm) -> ObjectPresenter:
+    assert devices.presenter is not None
+    if isinstance(devices.presenter, RemotePresenter):
+        devices.presenter.connect()
+    return devices.presenter

@@ -21,7 +21,7 @@ from config.hardware import Fr3Settings
 from config.load import load_station
 from config.schema import Station
 from drivers.fr3.arm import Fr3Arm
-from drivers.fr3.shared_state import Block, Snapshot
+from drivers.fr3.shared_state import RobotSnapshot, SharedState
 from planning.motion import move
 from planning.pick import plan_pick
 from planning.robot import Robot
@@ -189,14 +189,14 @@ def test_a_driver_that_is_frozen_in_motion_has_its_arm_at_rest_within_a_second(
     with subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True) as driver:
         assert driver.stdout is not None
         assert driver.stdout.readline() == "moving\n"
-        block = shared_with(driver.pid)
+        shared = shared_with(driver.pid)
         driver.send_signal(signal.SIGSTOP)
         frozen_s = time.monotonic()
-        moving_q_d_rad = newest(block).q_d_rad
+        moving_q_d_rad = newest(shared).q_d_rad
         time.sleep(max(0.0, frozen_s + 1.0 - time.monotonic()))
-        rests_q_d_rad = newest(block).q_d_rad
+        rests_q_d_rad = newest(shared).q_d_rad
         time.sleep(1.0)
-        later_q_d_rad = newest(block).q_d_rad
+        later_q_d_rad = newest(shared).q_d_rad
         driver.send_signal(signal.SIGCONT)
         assert driver.stdout.readline() == "finished False, idle\n"
         assert driver.stdout.readline() == "finished True, idle\n", "a new motion is played"
@@ -204,15 +204,15 @@ def test_a_driver_that_is_frozen_in_motion_has_its_arm_at_rest_within_a_second(
     assert np.abs(rests_q_d_rad - moving_q_d_rad).max() > 0.05, "it came to rest on its path"
 
 
-def shared_with(pid: int) -> Block:
+def shared_with(pid: int) -> SharedState:
     """What the driver in another process shares with its control process."""
     folder = Path(f"/proc/{pid}/fd")
     path = next(entry for entry in folder.iterdir() if "fr3-state" in os.readlink(entry))
-    return Block(os.open(path, os.O_RDWR))
+    return SharedState(os.open(path, os.O_RDWR))
 
 
-def newest(block: Block) -> Snapshot:
-    now = block.read()
+def newest(shared: SharedState) -> RobotSnapshot:
+    now = shared.read()
     assert now is not None
     return now
 

@@ -11,7 +11,8 @@ from drivers.fr3.errors import advice_of_mode, arm_mode, connect_error, motion_e
 
 def raised(kind: str, text: str) -> Exception:
     """An exception as pylibfranka's are told apart: by the name of their class."""
-    return type(kind, (RuntimeError,), {})(text)
+    error: Exception = type(kind, (RuntimeError,), {})(text)
+    return error
 
 
 REFLEX = 'libfranka: Move command aborted: motion aborted by reflex! ["{}"]\ncontrol_command_success_rate: 0.99'

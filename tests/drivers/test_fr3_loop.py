@@ -21,7 +21,7 @@ from drivers.fr3.arm import Fr3Arm
 from drivers.fr3.loop import SILENT_NS, ControlLoop, Request
 from drivers.fr3.player import Played
 from drivers.fr3.process import ControlProcess
-from drivers.fr3.shared_state import Block, Snapshot, Want
+from drivers.fr3.shared_state import MotionRequest, RobotSnapshot, SharedState
 from stand_ins.fci import FakeFci
 
 START_RAD = np.array([0.0, -0.55, 0.0, -2.1, 0.0, 1.55, 0.785])
@@ -36,20 +36,20 @@ def fast(duration_s: float = 4.0) -> Trajectory:
     return Trajectory(raw_q_rad=raw_q_rad, window=64)
 
 
-def played(beats: Callable[[int], bool], wants: dict[int, Want] | None = None) -> Played:
+def played(beats: Callable[[int], bool], wants: dict[int, MotionRequest] | None = None) -> Played:
     """What a loop plays of `fast` whose driver beats in those milliseconds for which ``beats``, and asks ``wants``."""
-    now_ns, block = [5_000 * TICK_NS], Block.create()
+    now_ns, shared = [5_000 * TICK_NS], SharedState.create()
 
     def on_cycle(cycle: int) -> None:
         now_ns[0] += TICK_NS
         if beats(cycle):
-            block.beat(now_ns[0])
+            shared.beat(now_ns[0])
         if wants is not None and cycle in wants:
-            block.ask(wants[cycle])
+            shared.ask(wants[cycle])
 
     robot = FakeFci(START_RAD, on_cycle)
     settings = Fr3Settings(realtime="ignore")
-    loop = ControlLoop(robot.package(), settings, block, gone=lambda: False, clock_ns=lambda: now_ns[0])
+    loop = ControlLoop(robot.package(), settings, shared, gone=lambda: False, clock_ns=lambda: now_ns[0])
     return loop.play(fast(), tolerance_rad=0.02)
 
 
@@ -78,7 +78,7 @@ def test_a_driver_that_thaws_again_does_not_go_on_with_what_was_braked() -> None
 
 
 def test_a_driver_that_freezes_in_a_hold_ends_the_held_motion() -> None:
-    cut = played(lambda cycle: cycle < 2000, {800: Want.HOLD})
+    cut = played(lambda cycle: cycle < 2000, {800: MotionRequest.HOLD})
     assert not cut.finished and len(cut.commanded_q_rad) < 1300
 
 
@@ -94,25 +94,25 @@ class Bench:
     """An arm whose control process is this object: it answers every motion with what it was asked to do then."""
 
     def __init__(self) -> None:
-        self.block = Block.create()
+        self.shared = SharedState.create()
         self.before: Callable[[], None] = lambda: None  # when a motion is about to begin
         self.during: Callable[[], None] = lambda: None
-        self.wants: list[Want] = []
+        self.wants: list[MotionRequest] = []
         self.is_lost = False
 
     def __call__(self, _: Fr3Settings) -> ControlProcess:
         return cast(ControlProcess, self)
 
-    def snapshot(self) -> Snapshot:
+    def snapshot(self) -> RobotSnapshot:
         before, self.before = self.before, lambda: None
         before()
         none, now_ns = np.zeros(7), time.monotonic_ns()
-        return Snapshot(time.time_ns(), now_ns, 1, 1.0, 0, False, START_RAD, none, none, START_RAD)
+        return RobotSnapshot(time.time_ns(), now_ns, 1, 1.0, 0, False, START_RAD, none, none, START_RAD)
 
     def answer(self, _: Request) -> Played:
         self.during()
-        self.wants.append(Want(self.block.want))
-        is_stopped = self.wants[-1] is Want.STOP
+        self.wants.append(MotionRequest(self.shared.want))
+        is_stopped = self.wants[-1] is MotionRequest.STOP
         return Played(not is_stopped, START_RAD[None], np.zeros(1), START_RAD[None], np.zeros((1, 7)), np.zeros((1, 7)))
 
     def end(self) -> None: ...
@@ -140,7 +140,7 @@ def test_a_hold_between_the_question_and_the_motion_is_kept() -> None:
     with connected(bench) as arm:
         bench.before = arm.hold
         arm.execute(fast())
-        assert bench.wants == [Want.HOLD]
+        assert bench.wants == [MotionRequest.HOLD]
         with pytest.raises(MotionRefused, match="held"):
             arm.resume()
 
@@ -160,13 +160,13 @@ def test_after_a_motion_however_it_ended_nothing_is_to_move_and_the_arm_is_idle(
             arm.execute(fast())
         except (DeviceLost, KeyError) as raised:
             assert raised is error
-        assert bench.block.want == Want.STOP and arm.state().mode is ArmMode.IDLE
+        assert bench.shared.want == MotionRequest.STOP and arm.state().mode is ArmMode.IDLE
 
 
 def test_an_unasked_brake_is_said(caplog: pytest.LogCaptureFixture) -> None:
     bench = Bench()
     with connected(bench) as arm:
-        bench.during = lambda: bench.block.ask(Want.STOP)  # as the control process does for a frozen driver
+        bench.during = lambda: bench.shared.ask(MotionRequest.STOP)  # as the control process does for a frozen driver
         motion: Motion = arm.execute(fast())
     assert not motion.finished and "stood still" in caplog.text
 
@@ -175,11 +175,11 @@ def test_an_unasked_brake_is_said(caplog: pytest.LogCaptureFixture) -> None:
 
 
 def test_the_age_of_a_state_is_by_the_clock_that_nobody_sets() -> None:
-    block, state = Block.create(), FakeFci(START_RAD, lambda _: None).read_once()
+    shared, state = SharedState.create(), FakeFci(START_RAD, lambda _: None).read_once()
     for hours in (-3, 3):
         wrong_ns = time.time_ns() + hours * 3_600_000_000_000
-        block.write(wrong_ns, time.monotonic_ns(), state, 0)
-        now = block.read()
+        shared.write(wrong_ns, time.monotonic_ns(), state, 0)
+        now = shared.read()
         assert now is not None and now.stamp_ns == wrong_ns
         assert 0 <= time.monotonic_ns() - now.heard_ns < 1e9
 

@@ -101,7 +101,8 @@ def test_too_much_jerk_is_refused() -> None:
 def hard_line() -> np.ndarray:
     """Joint 1 at +-9.9 rad/s^2: within the acceleration limit, and far over the jerk limit without a filter."""
     velocity = np.cumsum(np.repeat([9.9, -9.9], 100)) * 1e-3
-    return HOME + np.cumsum(velocity)[:, None] * 1e-3 * np.eye(7)[0]
+    q_rad: np.ndarray = HOME + np.cumsum(velocity)[:, None] * 1e-3 * np.eye(7)[0]
+    return q_rad
 
 
 def test_too_much_acceleration_is_refused() -> None:

@@ -18,7 +18,7 @@ from bus.codec import decode
 from bus.commands import Event, Health, Heartbeat, Nothing
 from bus.errors import DriverUnavailable
 from bus.messages import ArmMode, ArmState, Motion
-from bus.sample import Heard
+from bus.sample import Sample
 from bus.session import Bus
 from bus.trajectory import Trajectory
 from config.load import load_station
@@ -156,7 +156,7 @@ def _beat(cell: Bus, seconds: float) -> None:
 
 
 def test_an_arm_brakes_when_the_cell_that_was_heard_falls_silent_and_says_so(cell: Bus, station: Station) -> None:
-    events: list[Heard] = []
+    events: list[Sample] = []
     cell.subscribe(topics.EVENT.key, events.append)
     with moving(cell, station) as arm:
         _beat(cell, 0.8)
@@ -196,7 +196,7 @@ def test_a_simulation_without_time_waits_longer() -> None:
 
 
 def test_a_node_that_is_not_whole_stops_its_arm_and_tells_why(cell: Bus, station: Station) -> None:
-    events: list[Heard] = []
+    events: list[Sample] = []
     cell.subscribe(topics.EVENT.key, events.append)
     arm = PatientArm()
     with node_of(station, arm) as node:

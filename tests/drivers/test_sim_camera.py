@@ -18,9 +18,9 @@ from bus.commands import PresentRequest
 from bus.messages import CameraModel, Frame
 from config.load import load_station
 from config.schema import Station
-from drivers.interface import Feeder
+from drivers.interface import ObjectPresenter
 from drivers.sim.camera import SimCamera
-from drivers.sim.devices import SimFeeder
+from drivers.sim.devices import SimPresenter
 from drivers.sim.sensor import MAX_RANGE_M, MIN_RANGE_M, sense
 from drivers.sim.world import World
 
@@ -34,13 +34,13 @@ class View:
 
     def __init__(self, station: Station) -> None:
         self.world = World(station)
-        self.feeder: Feeder = SimFeeder(self.world)
+        self.presenter: ObjectPresenter = SimPresenter(self.world)
         self.camera = SimCamera(self.world)
         self.camera.connect()
 
     def of(self, name: str, seed: int = 3) -> tuple[Frame, Array]:
         """A frame of ``name`` and its true pose."""
-        truth = self.feeder.present(PresentRequest(object=name, cycle=0, seed=seed))
+        truth = self.presenter.present(PresentRequest(object=name, cycle=0, seed=seed))
         return self.camera.capture(), np.asarray(truth.base_from_object)
 
     def base_from_color(self) -> Array:
@@ -60,7 +60,8 @@ def lens(model: CameraModel) -> tuple[Array, Array]:
 
 def pixels_of(points_m: Array, model: CameraModel) -> Array:
     """(n, 3) points in the camera -> (n, 2) distorted pixels."""
-    return cv2.projectPoints(points_m[:, None], np.zeros(3), np.zeros(3), *lens(model))[0][:, 0]
+    pixels: Array = cv2.projectPoints(points_m[:, None], np.zeros(3), np.zeros(3), *lens(model))[0]
+    return pixels[:, 0]
 
 
 def points_of(depth_m: npt.NDArray[np.float32], model: CameraModel) -> Array:
@@ -72,8 +73,9 @@ def points_of(depth_m: npt.NDArray[np.float32], model: CameraModel) -> Array:
     return np.dstack([rays.reshape(*depth_m.shape, 2), np.ones_like(depth_m)]) * depth_m[..., None]
 
 
-def moved(points_m: Array, transform: Array) -> Array:
-    return points_m @ transform[:3, :3].T + transform[:3, 3]
+def moved(points_m: Array, transform: npt.NDArray[np.floating]) -> Array:
+    there: Array = points_m @ transform[:3, :3].T + transform[:3, 3]
+    return there
 
 
 def seen_in_base(frame: Frame, base_from_color: Array) -> Array:

@@ -9,7 +9,7 @@ from bus.commands import PresentRequest
 from bus.errors import ConfigError
 from config.load import DEFAULT_STATION, load_station
 from drivers.sim.clutter import APART_M, least_gap_m
-from drivers.sim.devices import SimFeeder
+from drivers.sim.devices import SimPresenter
 from drivers.sim.placing import Placing
 from drivers.sim.world import World
 from planning.kinematics import inverse, q7_grid
@@ -34,7 +34,7 @@ def world() -> World:
 
 
 def poses(world: World) -> list[np.ndarray]:
-    return [one.base_from_object for one in SimFeeder(world).truth().objects]
+    return [one.base_from_object for one in SimPresenter(world).truth().objects]
 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.thorough) for seed in (1, 2, 3))])
@@ -64,14 +64,14 @@ def test_names_come_once_a_round_and_repeat_when_there_are_more() -> None:
 
 
 def test_a_new_cycle_leaves_everything_as_it_is(world: World) -> None:
-    feeder, before = SimFeeder(world), poses(world)
+    presenter, before = SimPresenter(world), poses(world)
     for cycle in range(3):
-        shown = feeder.present(PresentRequest(object=None, cycle=cycle, seed=3))
+        shown = presenter.present(PresentRequest(object=None, cycle=cycle, seed=3))
         np.testing.assert_array_equal([one.base_from_object for one in shown.objects], before)
 
 
 def test_the_truth_names_them_all_and_there_is_no_only_one(world: World) -> None:
-    truth = SimFeeder(world).truth()
+    truth = SimPresenter(world).truth()
     assert sorted(one.name for one in truth.objects) == sorted(PAPER_OBJECTS)
     with pytest.raises(ValueError, match="too many"):
         _ = truth.object
@@ -79,7 +79,7 @@ def test_the_truth_names_them_all_and_there_is_no_only_one(world: World) -> None
 
 def test_an_object_by_name_is_refused(world: World) -> None:
     with pytest.raises(ConfigError, match="filled"):
-        SimFeeder(world).present(PresentRequest(object="cup", cycle=0, seed=3))
+        SimPresenter(world).present(PresentRequest(object="cup", cycle=0, seed=3))
     with pytest.raises(ConfigError, match="clutter"):
         world.present("cup", 3)
 
@@ -110,8 +110,10 @@ def test_the_planner_sees_the_wall_that_the_simulation_builds(world: World) -> N
     for y_m, touches in ((-0.22, "bin-right"), (0.0, None)):
         base_from_tcp = np.diag([1.0, -1.0, -1.0, 1.0])
         base_from_tcp[:3, 3] = 0.46, y_m, 0.03
-        found = [scene.touch(q_rad, 0.08) for q_rad in inverse(flange_pose(base_from_tcp), q7_grid())]
+        found = [scene.collision(q_rad, 0.08) for q_rad in inverse(flange_pose(base_from_tcp), q7_grid())]
         if touches is None:
             assert None in found
         else:
-            assert all(touch is not None for touch in found) and any(touches in str(touch) for touch in found)
+            assert all(collision is not None for collision in found) and any(
+                touches in str(collision) for collision in found
+            )

@@ -21,7 +21,7 @@ from bus.commands import PresentRequest
 from bus.trajectory import TICK_S, Trajectory
 from config.load import load_station
 from config.schema import Station
-from drivers.interface import Arm, Devices, Feeder, Hand
+from drivers.interface import Arm, Devices, Hand, ObjectPresenter
 from drivers.sim.devices import open_devices
 
 Array = npt.NDArray[np.float64]
@@ -66,7 +66,8 @@ class Kinematics:
     def jacobian(self, q_rad: Array) -> Array:
         """(6, 7) in ``base`` axes."""
         q = np.append(q_rad, [0.0, 0.0])
-        return pin.computeFrameJacobian(self._model, self._data, q, self._tcp, pin.LOCAL_WORLD_ALIGNED)[:, :7]
+        whole: Array = pin.computeFrameJacobian(self._model, self._data, q, self._tcp, pin.LOCAL_WORLD_ALIGNED)
+        return whole[:, :7]
 
     def inverse(self, base_from_tcp: Array, q_rad: Array) -> Array:
         goal, q_rad = pin.SE3(base_from_tcp), np.array(q_rad)
@@ -124,26 +125,26 @@ class Lift:
 
 
 class Cell:
-    """The simulated arm, hand and feeder, and one scripted pick with them."""
+    """The simulated arm, hand and object presenter, and one scripted pick with them."""
 
     def __init__(self, station: Station) -> None:
         devices: Devices = open_devices(station)
-        assert devices.arm is not None and devices.hand is not None and devices.feeder is not None
+        assert devices.arm is not None and devices.hand is not None and devices.presenter is not None
         self.arm: Arm = devices.arm
         self.hand: Hand = devices.hand
-        self.feeder: Feeder = devices.feeder
+        self.presenter: ObjectPresenter = devices.presenter
         self.home_rad = np.array(station.arm.capture_q_rad)
         self.kinematics = Kinematics()
         self.arm.connect()
         self.hand.connect()
 
     def height_m(self) -> float:
-        return float(self.feeder.truth().base_from_object[2, 3])
+        return float(self.presenter.truth().base_from_object[2, 3])
 
     def in_hand_m(self) -> Array:
         """Position of the object in the tcp."""
         tcp = self.kinematics.base_from_tcp(self.arm.state().q_rad)
-        return np.asarray(tcp.actInv(self.feeder.truth().base_from_object[:3, 3]))
+        return np.asarray(tcp.actInv(self.presenter.truth().base_from_object[:3, 3]))
 
     def upright_line(self, pose: Array, from_m: float, to_m: float, q_rad: Array) -> Array:
         """Joint positions along the vertical through ``pose``, from one height above it to another."""
@@ -155,7 +156,7 @@ class Cell:
 
     def pick(self, name: str, grip: Grip, seed: int = 1) -> Lift:
         """Present, grasp from above, lift by 0.15 m, hold for 3 s; then let go and come home."""
-        truth = self.feeder.present(PresentRequest(object=name, cycle=0, seed=seed)).base_from_object
+        truth = self.presenter.present(PresentRequest(object=name, cycle=0, seed=seed)).base_from_object
         grasp = from_above(truth, grip)
         down = self.upright_line(grasp, 0.10, 0.0, self.home_rad)
         up = self.upright_line(grasp, 0.0, 0.15, down[-1])
@@ -245,7 +246,7 @@ def test_an_opened_hand_drops_what_it_holds(rough: Cell) -> None:
 
 
 def test_a_stopped_hand_keeps_its_grip(rough: Cell) -> None:
-    truth = rough.feeder.present(PresentRequest(object="drone", cycle=0, seed=1)).base_from_object
+    truth = rough.presenter.present(PresentRequest(object="drone", cycle=0, seed=1)).base_from_object
     pose = from_above(truth, GRIPS["drone"])
     down = rough.upright_line(pose, 0.10, 0.0, rough.home_rad)
     up = rough.upright_line(pose, 0.0, 0.05, down[-1])

@@ -36,8 +36,8 @@ def mesh(side: float) -> str:
     return f"v 0 0 0\nv {side} 0 0\nv 0 {side} 0\nv 0 0 {side}\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 
 
-def write(folder: Path, content: str | bytes, name: str = "object.xml") -> Path:
-    file = folder / "thing" / name
+def write(folder: Path, content: str | bytes, name: str = "object.xml", thing: str = "thing") -> Path:
+    file = folder / thing / name
     file.parent.mkdir(exist_ok=True)
     file.write_bytes(content if isinstance(content, bytes) else content.encode())
     return file
@@ -75,7 +75,7 @@ def test_it_comes_out_as_one_free_thing_that_can_be_touched_everywhere(tmp_path:
     np.testing.assert_allclose(high - low, [0.04, 0.06, 0.02])
 
 
-REFUSED = {
+REFUSED: dict[str, tuple[str | bytes, str]] = {
     "two bodies": (mjcf(f'<body name="a">{BOX}</body><body name="b">{BOX}</body>'), "2 bodies: 'a', 'b'"),
     "geoms beside the body": (mjcf(f"{BOX}<body>{BOX}</body>"), "1 geoms outside of a body"),
     "no body": (mjcf(""), "no body with a geom"),
@@ -135,8 +135,7 @@ def test_a_mesh_that_cannot_be_is_refused(tmp_path: Path, content: str | bytes, 
 
 def test_one_bad_object_of_a_folder_is_found_at_the_start(tmp_path: Path) -> None:
     for name, content in (("a", LOADS["nested"]), ("z", REFUSED["two bodies"][0])):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "object.xml").write_text(content)
+        write(tmp_path, content, thing=name)
     with pytest.raises(ConfigError, match=r"z/object\.xml holds 2 bodies"):
         World(load_station(None, [f"sim.objects={tmp_path}"]))
 

@@ -18,7 +18,7 @@ from bus.trajectory import TICK_S, Trajectory
 from config.load import load_station
 from drivers.sim.arm import SimArm
 from drivers.sim.camera import SimCamera
-from drivers.sim.devices import SimFeeder
+from drivers.sim.devices import SimPresenter
 from drivers.sim.hand import SimHand
 from drivers.sim.placing import OBJECT, Placing
 from drivers.sim.world import World
@@ -109,8 +109,8 @@ def test_a_presented_pose_does_not_depend_on_what_was_there_before(world: World)
 
 
 def test_each_object_comes_once_a_round(world: World) -> None:
-    feeder = SimFeeder(world)
-    shown = [feeder.present(PresentRequest(object=None, cycle=cycle, seed=3)).object for cycle in range(5)]
+    presenter = SimPresenter(world)
+    shown = [presenter.present(PresentRequest(object=None, cycle=cycle, seed=3)).object for cycle in range(5)]
     assert sorted(shown) == sorted(PAPER_OBJECTS)
 
 

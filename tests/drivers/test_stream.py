@@ -29,7 +29,8 @@ def line(window: int, distance_rad: float = 1.0, speed: float = 1.5, acceleratio
 
 def play(trajectory: Trajectory, asked: dict[int, str] | None = None) -> tuple[np.ndarray, Stream]:
     """All commands; right before command number ``n`` the stream is asked to ``asked[n]``."""
-    stream, commands, asked = Stream(trajectory), [], dict(asked or {})
+    stream, asked = Stream(trajectory), dict(asked or {})
+    commands: list[np.ndarray] = []
     while not (stream.held and not asked):
         if len(commands) in asked:
             getattr(stream, asked.pop(len(commands)))()
@@ -38,6 +39,13 @@ def play(trajectory: Trajectory, asked: dict[int, str] | None = None) -> tuple[n
             break
         commands.append(command)
     return np.array(commands), stream
+
+
+def next_of(stream: Stream) -> np.ndarray:
+    """The next command of a stream that is not over."""
+    command = stream.next()
+    assert command is not None
+    return command
 
 
 def require_on_line_and_in_limits(commands: np.ndarray, what: object) -> None:
@@ -80,10 +88,10 @@ def test_held_and_resumed_at_any_instants_it_ends_at_the_end(window: int) -> Non
 def test_held_it_gives_the_same_command_until_resumed() -> None:
     commands, stream = play(line(64), {400: "hold"})
     assert stream.held
-    assert all(np.array_equal(stream.next(), commands[-1]) for _ in range(50))
+    assert all(np.array_equal(next_of(stream), commands[-1]) for _ in range(50))
     stream.resume()
     assert not stream.held
-    assert not np.array_equal(stream.next(), stream.next())
+    assert not np.array_equal(next_of(stream), next_of(stream))
 
 
 def test_a_hold_costs_hardly_more_than_the_time_it_lasts() -> None:

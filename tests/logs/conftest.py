@@ -57,7 +57,7 @@ def _view(stamp_ns: int) -> View:
 def _detections(frame: Frame) -> Detections:
     mask = np.zeros(frame.color.shape[:2], dtype=bool)
     mask[30:50, 60:90] = True
-    points = np.random.default_rng(0).uniform(-0.05, 0.05, (50, 3))
+    points = np.random.default_rng(0).uniform(-0.05, 0.05, (50, 3)).astype(np.float32)
     pose = np.diag([1.0, -1.0, -1.0, 1.0])
     return Detections(
         rectangles=(Rectangle(center_px=(75.0, 40.0), angle_rad=0.3, width_px=30.0, height_px=12.0),),
@@ -115,7 +115,7 @@ def _run(name: str) -> SegmentRun:
     motion = Motion(
         finished=True,
         commanded_q_rad=q_rad,
-        t_s=np.arange(len(measured)) * 0.01,
+        t_s=np.arange(len(measured), dtype=np.float64) * 0.01,
         q_rad=measured,
         dq_rad_s=np.zeros_like(measured),
         tau_ext_nm=np.zeros_like(measured),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import re
 import struct
@@ -36,23 +37,33 @@ class Viewer:
     def __init__(self, socket: ClientConnection) -> None:
         self._socket = socket
         self._channels: dict[str, dict[str, Any]] = {}
-        self.greeting = json.loads(socket.recv(timeout=10))
+        self.greeting = json.loads(socket.recv(timeout=60))
 
     def channel(self, topic: str) -> dict[str, Any]:
         """What the server advertises under ``topic``, waited for."""
         while topic not in self._channels:
-            said = self._socket.recv(timeout=10)
+            said = self._socket.recv(timeout=60)
             if isinstance(said, str) and (message := json.loads(said))["op"] == "advertise":
                 self._channels |= {one["topic"]: one for one in message["channels"]}
         return self._channels[topic]
 
     def look_at(self, topic: str, count: int = 1) -> list[bytes]:
-        """Subscribe, and give the first payloads."""
+        """Subscribe, and give the first payloads.
+
+        On a busy machine foxglove-sdk may not know yet the channel that it advertised just before: subscribe again.
+        """
         subscription = {"id": 7, "channelId": self.channel(topic)["id"]}
-        self._socket.send(json.dumps({"op": "subscribe", "subscriptions": [subscription]}))
+        subscribe = json.dumps({"op": "subscribe", "subscriptions": [subscription]})
+        self._socket.send(subscribe)
         payloads: list[bytes] = []
+        give_up_s = time.monotonic() + 60
         while len(payloads) < count:
-            said = self._socket.recv(timeout=10)
+            try:
+                said = self._socket.recv(timeout=2)
+            except TimeoutError:
+                assert time.monotonic() < give_up_s, f"nothing on {topic}"
+                self._socket.send(subscribe)
+                continue
             if isinstance(said, bytes) and said[0] == 1 and struct.unpack_from("<I", said, 1)[0] == 7:
                 payloads.append(said[13:])
         return payloads
@@ -152,7 +163,7 @@ def test_without_the_package_it_says_what_to_install(monkeypatch: pytest.MonkeyP
         raise ModuleNotFoundError(name)
 
     live.sdk.cache_clear()
-    monkeypatch.setattr(live.importlib, "import_module", absent)
+    monkeypatch.setattr(importlib, "import_module", absent)
     with pytest.raises(ConfigError, match=r"vlad-cell\[foxglove\]"):
         live.sdk()
 

@@ -57,7 +57,7 @@ def _view(stamp_ns: int) -> View:
 def _run() -> SegmentRun:
     q_rad = np.random.default_rng(0).normal(size=(20, 7))
     motion = Motion(
-        finished=True, commanded_q_rad=q_rad, t_s=np.arange(20) * 0.01, q_rad=q_rad, dq_rad_s=-q_rad, tau_ext_nm=q_rad
+        finished=True, commanded_q_rad=q_rad, t_s=np.arange(20.0) * 0.01, q_rad=q_rad, dq_rad_s=-q_rad, tau_ext_nm=q_rad
     )
     return SegmentRun(name="reach", motion=motion, hand=HAND)
 
@@ -285,7 +285,7 @@ def test_an_mcap_of_somebody_else_is_refused(tmp_path: Path, fill: Callable[[Wri
         writer = Writer(file)
         writer.start()
         fill(writer)
-        writer.finish()
+        writer.finish()  # type: ignore[no-untyped-call]
     _refused(path, match)
 
 
@@ -295,7 +295,7 @@ def test_a_frame_that_cannot_be_read_and_was_not_used_is_no_damage(tmp_path: Pat
         writer = Writer(file)
         writer.start()
         _broken_frame(writer)
-        writer.finish()
+        writer.finish()  # type: ignore[no-untyped-call]
     assert read_cycle(path).observation is None
 
 

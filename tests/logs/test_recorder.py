@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import random
 import signal
 import subprocess
 import sys
@@ -14,6 +15,8 @@ from pathlib import Path
 import pytest
 from mcap.exceptions import McapError
 from mcap.reader import NonSeekingReader, make_reader
+from mcap.records import Channel, Schema
+from mcap.records import Message as McapMessage
 from mcap_protobuf.decoder import DecoderFactory
 
 from bus import topics
@@ -39,11 +42,11 @@ def _say(recorder: Recorder, count: int) -> None:
         recorder.write("hand/state", AS_HAND, encode(message), log_time_ns=NOW_NS + n)
 
 
-def _stamps(readable: Iterable[object]) -> list[int]:
+def _stamps(readable: Iterable[tuple[Schema | None, Channel, McapMessage]]) -> list[int]:
     """Stamps of the hand states up to the tear, if there is one."""
     found: list[int] = []
     try:
-        for _, _, message in readable:  # type: ignore[misc]
+        for _, _, message in readable:
             found.append(json.loads(message.data)["stamp_ns"])
     except (McapError, EOFError):  # the tear
         pass
@@ -57,19 +60,17 @@ def test_sensor_data_comes_back_as_foxglove_messages(tmp_path: Path, frame: Fram
             recorder.write(topic.key, encoding_of(topic.says), payload, log_time_ns=frame.stamp_ns)
     with recorder.path.open("rb") as file:
         reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
-        seen = {channel.topic: (schema, message, said) for schema, channel, message, said in _decoded(reader)}
+        seen = {
+            channel.topic: (schema, message, said) for schema, channel, message, said in reader.iter_decoded_messages()
+        }
     assert set(seen) == {f"/{topic.key}" for topic in topics.FRAME_PARTS}
     for topic in topics.FRAME_PARTS:
         schema, message, said = seen[f"/{topic.key}"]
-        assert (schema.name, schema.encoding) == (topic.says.DESCRIPTOR.full_name, "protobuf")
+        assert schema is not None and (schema.name, schema.encoding) == (topic.says.DESCRIPTOR.full_name, "protobuf")
         assert said.SerializeToString() == message.data == frame_to_wire(frame)[topic.key]
         assert message.log_time == message.publish_time == frame.stamp_ns
     depth = seen["/camera/depth"][2]
     assert (depth.width, depth.height, depth.encoding) == (80, 72, "16UC1")
-
-
-def _decoded(reader: object) -> Iterable[tuple[object, ...]]:
-    return reader.iter_decoded_messages()  # type: ignore[attr-defined,no-any-return]
 
 
 def test_our_own_messages_come_back_as_json_with_their_schema(tmp_path: Path) -> None:
@@ -119,6 +120,27 @@ def test_closing_twice_changes_nothing(tmp_path: Path) -> None:
     recorder.close({"result": "FAILED"})
     assert recorder.path.read_bytes() == content and not part.exists()
     assert recorder.path.stat().st_mode & 0o777 == 0o640
+
+
+def test_a_closed_recording_was_read_back_from_the_disk_and_not_from_memory(tmp_path: Path) -> None:
+    recorder = _recorder(tmp_path / "cycle.mcap")
+    recorder.attach("noise", "application/octet-stream", random.Random(0).randbytes(1 << 20))
+    before_bytes = _read_from_disk_bytes()
+    size = recorder.close({}).stat().st_size
+    if _is_in_memory(tmp_path):
+        pytest.skip("this folder's file system has no disk")
+    assert _read_from_disk_bytes() - before_bytes >= size > 1 << 20
+
+
+def _read_from_disk_bytes() -> int:
+    """What the kernel fetched from storage for this process so far."""
+    with Path("/proc/self/io").open() as file:
+        return next(int(line.split()[1]) for line in file if line.startswith("read_bytes"))
+
+
+def _is_in_memory(folder: Path) -> bool:
+    done = subprocess.run(["stat", "-f", "-c", "%T", str(folder)], capture_output=True, text=True, check=True)
+    return done.stdout.strip() in ("tmpfs", "ramfs")
 
 
 def test_threads_may_write_at_once(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
+from mcap.records import McapRecord
 from mcap.stream_reader import StreamReader
 from mcap_protobuf.decoder import DecoderFactory
 
@@ -91,8 +92,8 @@ def test_a_killed_process_loses_nothing_that_was_flushed(tmp_path: Path) -> None
     assert len(found) >= 150
 
 
-def _until_torn(reader: StreamReader) -> list[object]:
-    records = []
+def _until_torn(reader: StreamReader) -> list[McapRecord]:
+    records: list[McapRecord] = []
     iterator = iter(reader.records)
     while True:
         try:

@@ -18,7 +18,7 @@ from bus.wire import arm_state_to_wire
 from logs.mcap.reader import Timed, read_cycle
 from logs.report.cycle_report import configuration_changes, write_report
 from logs.report.day_report import INDEX, days, write_cycle, write_day
-from logs.report.timeline import tell
+from logs.report.timeline import summarize
 from tests.logs.browser import Page, chromium, find_chromium
 
 Record = Callable[..., Path]
@@ -66,8 +66,8 @@ def test_a_recording_without_a_result_is_told_as_unfinished(record: Record, tmp_
 
 def test_a_fault_of_the_cell_is_named_as_the_cause_behind_a_stop(record: Record) -> None:
     fault = Event(code="ABORTING", severity="error", text="The node 'sim' hangs. Check its cable.", advice="")
-    story = tell(replace(read_cycle(record("detect")), events=(Timed(2, fault),)))
-    assert story.why == "So it ended. The node 'sim' hangs. Check its cable."
+    timeline = summarize(replace(read_cycle(record("detect")), events=(Timed(2, fault),)))
+    assert timeline.why == "So it ended. The node 'sim' hangs. Check its cable."
 
 
 def test_the_log_tells_the_faults_of_the_nodes_once(record: Record, tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ import pytest
 from bus import topics
 from bus.codes import Code
 from bus.commands import Event
-from bus.messages import Frame
+from bus.messages import Detections, Frame
 from bus.wire import stamp_ns
 from logs.live_views import Views, pictures
 from logs.mcap.reader import CycleRecord, read_cycle
@@ -37,13 +37,20 @@ def drawn(cycle: CycleRecord) -> Drawn:
     return found
 
 
+def _detections(cycle: CycleRecord) -> Detections:
+    found = cycle.stages["detect"].result
+    assert isinstance(found, Detections)
+    return found
+
+
 def test_images_annotations_and_cloud_are_of_the_captured_frame(drawn: Drawn, cycle: CycleRecord, frame: Frame) -> None:
-    found = cycle.stages["detect"].result.evidence  # type: ignore[union-attr]
+    found = _detections(cycle).evidence
     (color,), (goal,), (cloud,) = (
         drawn[topic.key] for topic in (topics.VIEW_COLOR, topics.VIEW_GOAL, topics.VIEW_CLOUD)
     )
     for image in (color, goal):
-        assert cv2.imdecode(np.frombuffer(image.data, np.uint8), cv2.IMREAD_COLOR).shape == found.color.shape
+        pixels = cv2.imdecode(np.frombuffer(image.data, np.uint8), cv2.IMREAD_COLOR)
+        assert pixels is not None and pixels.shape == found.color.shape
         assert stamp_ns(image.timestamp) == frame.stamp_ns
     assert np.array_equal(np.frombuffer(cloud.data, "<f4").reshape(-1, 3), found.observed_points)
     assert (cloud.frame_id, cloud.point_stride, [field.name for field in cloud.fields]) == (
@@ -89,8 +96,9 @@ def test_nothing_is_drawn_of_anything_else() -> None:
 def test_what_cannot_be_drawn_is_a_warning_and_never_an_error(cycle: CycleRecord) -> None:
     views = Views(lambda _: np.eye(4))
     detect = cycle.stages["detect"]
-    evidence = detect.result.evidence.model_copy(update={"goal_image": np.zeros((0, 0, 3), np.uint8)})  # type: ignore[union-attr]
-    nothing = detect.model_copy(update={"result": detect.result.model_copy(update={"evidence": evidence})})  # type: ignore[union-attr]
+    detections = _detections(cycle)
+    evidence = detections.evidence.model_copy(update={"goal_image": np.zeros((0, 0, 3), np.uint8)})
+    nothing = detect.model_copy(update={"result": detections.model_copy(update={"evidence": evidence})})
     drawn = pictures(views.of, nothing)
     assert [topic for topic, _ in drawn] == [topics.VIEW_LOG, topics.VIEW_COLOR, topics.VIEW_LOG]
     said = topics.VIEW_LOG.says.FromString(drawn[-1][1])

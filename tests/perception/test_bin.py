@@ -18,7 +18,7 @@ from config.load import DEFAULT_STATION, load_station
 from drivers.sim.arm import SimArm
 from drivers.sim.camera import SimCamera
 from drivers.sim.world import World
-from perception.detector import detect, unsaid
+from perception.detector import detect, ignore_reply
 from perception.geometry.depth import register
 from perception.grasps.antipodal import PALM_ABOVE_TIP_M, TABLE_CLEARANCE_M, TIP_BELOW_TCP_M
 from perception.models import open_models
@@ -101,7 +101,7 @@ def test_a_place_is_cleared_when_its_object_left_whatever_the_neighbours_do(
 ) -> None:
     bin_ = filled(seed)
     before = bin_.look()
-    found = detect(before, bin_.station, open_models(bin_.station, {}), unsaid)
+    found = detect(before, bin_.station, open_models(bin_.station, {}), ignore_reply)
     target = bin_.nearest(found.grasps[0].base_from_tcp[:2, 3])
     other = next(body for body in bin_.world.objects if body != target)
     bin_.take_away(other)
@@ -116,8 +116,8 @@ def test_where_detection_lets_the_palm_pass_the_planner_does_too(filled: Callabl
     tcp_m = bin_.station.scene.bins[0].wall_height_m + TABLE_CLEARANCE_M - PALM_ABOVE_TIP_M + TIP_BELOW_TCP_M + 1e-3
     base_from_tcp = np.diag([1.0, -1.0, -1.0, 1.0])  # closes along y, the palm over the left wall
     base_from_tcp[:3, 3] = 0.46, 0.2, tcp_m
-    touches = [bin_.scene.touch(q_rad, 0.08) for q_rad in inverse(flange_pose(base_from_tcp), q7_grid())]
+    touches = [bin_.scene.collision(q_rad, 0.08) for q_rad in inverse(flange_pose(base_from_tcp), q7_grid())]
     assert None in touches
     base_from_tcp[2, 3] -= 0.006
-    touches = [bin_.scene.touch(q_rad, 0.08) for q_rad in inverse(flange_pose(base_from_tcp), q7_grid())]
+    touches = [bin_.scene.collision(q_rad, 0.08) for q_rad in inverse(flange_pose(base_from_tcp), q7_grid())]
     assert touches and None not in touches

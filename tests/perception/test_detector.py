@@ -17,7 +17,7 @@ from config.schema import Station
 from drivers.node.registry import open_devices
 from logs.compare import compare
 from perception.detector import detect as detect_with
-from perception.detector import unsaid
+from perception.detector import ignore_reply
 from perception.models import open_models
 from perception.scene.change import cleared_fraction
 from planning.robot import Robot
@@ -27,15 +27,15 @@ STATION = load_station(None, ["sim.seed=5"])
 
 
 def detect(observation: Observation, station: Station) -> Detections:
-    return detect_with(observation, station, open_models(station, {}), unsaid)
+    return detect_with(observation, station, open_models(station, {}), ignore_reply)
 
 
 @pytest.fixture(scope="module")
 def see() -> Iterator[See]:
     """(name, seed) -> what the camera sees, and the object's true pose in ``base``."""
     devices = open_devices("sim", STATION)
-    camera, arm, feeder = devices.camera, devices.arm, devices.feeder
-    assert camera is not None and arm is not None and feeder is not None
+    camera, arm, presenter = devices.camera, devices.arm, devices.presenter
+    assert camera is not None and arm is not None and presenter is not None
     camera.connect()
     arm.connect()
     robot = Robot(STATION)
@@ -43,7 +43,7 @@ def see() -> Iterator[See]:
 
     def look(name: str, seed: int) -> tuple[Observation, np.ndarray]:
         if (name, seed) not in seen:
-            truth = feeder.present(PresentRequest(object=name, cycle=0, seed=seed))
+            truth = presenter.present(PresentRequest(object=name, cycle=0, seed=seed))
             seen[name, seed] = capture(camera, arm, robot), truth.base_from_object
         return seen[name, seed]
 

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmarks.baselines.flat import flat_subject
+from benchmarks.baselines.flat import flat_object
 from bus.cancel import Cancel
 from bus.codes import Code
 from bus.errors import ConfigError, CycleFailure, RecordingError
@@ -24,8 +24,8 @@ from perception.detector import Proposal, propose
 from perception.geometry.window import Window, decode_picture, encode_png
 from perception.goal.imagine import Conversation
 from perception.models import open_models, replayed_models
-from perception.models.purse import Purse
-from perception.subject import Subject
+from perception.models.budget import Budget
+from perception.subject import ObservedObject
 from stand_ins.drift import NONE, Drift
 from stand_ins.model_server import Fault, ModelServer
 from stand_ins.painter import paint, say
@@ -36,7 +36,7 @@ Serve = Callable[..., ModelServer]
 
 
 @pytest.fixture(scope="module")
-def subject() -> Subject:
+def observed_object() -> ObservedObject:
     """A two-coloured bar, 40 x 130 mm at 1 mm a pixel, turned by 30 degrees."""
     color = np.full((360, 480, 3), 170, np.uint8)
     corners = cv2.boxPoints(((240, 180), (130, 40), 30)).astype(int)
@@ -44,7 +44,7 @@ def subject() -> Subject:
     mask = np.zeros((360, 480), np.uint8)
     cv2.fillPoly(mask, [corners], 1)
     cv2.circle(color, (275, 200), 12, (230, 220, 60), -1)
-    return flat_subject(color, mask > 0, 0.001)
+    return flat_object(color, mask > 0, 0.001)
 
 
 @pytest.fixture
@@ -78,26 +78,26 @@ def _station(server: ModelServer, provider: str, folder: Path, *overrides: str) 
     )
 
 
-def _propose(station: Station, subject: Subject, replies: list[ModelReply]) -> Proposal:
+def _propose(station: Station, observed_object: ObservedObject, replies: list[ModelReply]) -> Proposal:
     with closing(open_models(station, KEYS)) as models:
         models.imaginer.begin()
-        return propose(Conversation(models.imaginer, replies.append), subject, models, station)
+        return propose(Conversation(models.imaginer, replies.append), observed_object, models, station)
 
 
-def _fails(station: Station, subject: Subject) -> tuple[Code, list[ModelReply]]:
+def _fails(station: Station, observed_object: ObservedObject) -> tuple[Code, list[ModelReply]]:
     replies: list[ModelReply] = []
     with pytest.raises(CycleFailure) as failure:
-        _propose(station, subject, replies)
+        _propose(station, observed_object, replies)
     return failure.value.failure, replies
 
 
 @pytest.mark.parametrize("provider", PROVIDERS)
 def test_a_hosted_model_reasons_directs_and_renders(
-    provider: str, serve: Serve, subject: Subject, tmp_path: Path
+    provider: str, serve: Serve, observed_object: ObservedObject, tmp_path: Path
 ) -> None:
     server, replies = serve(), list[ModelReply]()
     station = _station(server, provider, tmp_path)
-    best = _propose(station, subject, replies).rectangles[0]
+    best = _propose(station, observed_object, replies).rectangles[0]
     assert np.degrees(best.angle_rad) == pytest.approx(120, abs=4), "across the bar"
     assert best.width_px == pytest.approx(40, abs=4) and np.allclose(best.center_px, (240, 180), atol=12)
     assert [reply.step for reply in replies] == ["reason", "direct", "render"]
@@ -108,24 +108,28 @@ def test_a_hosted_model_reasons_directs_and_renders(
 
 
 @pytest.mark.parametrize("provider", PROVIDERS)
-def test_one_step_asks_for_the_picture_at_once(provider: str, serve: Serve, subject: Subject, tmp_path: Path) -> None:
+def test_one_step_asks_for_the_picture_at_once(
+    provider: str, serve: Serve, observed_object: ObservedObject, tmp_path: Path
+) -> None:
     server, replies = serve(), list[ModelReply]()
-    _propose(_station(server, provider, tmp_path, "perception.imagine.steps=1"), subject, replies)
+    _propose(_station(server, provider, tmp_path, "perception.imagine.steps=1"), observed_object, replies)
     assert [reply.step for reply in replies] == ["render"]
 
 
-def test_servers_that_only_chat_are_asked_by_chat(serve: Serve, subject: Subject, tmp_path: Path) -> None:
+def test_servers_that_only_chat_are_asked_by_chat(
+    serve: Serve, observed_object: ObservedObject, tmp_path: Path
+) -> None:
     server = serve()
-    _propose(_station(server, "openai", tmp_path, "perception.hosted.text_api=chat"), subject, [])
+    _propose(_station(server, "openai", tmp_path, "perception.hosted.text_api=chat"), observed_object, [])
     assert server.requests[0].path.endswith("/chat/completions")
 
 
 def test_openai_protects_the_object_by_a_mask_and_gemini_by_a_map(
-    serve: Serve, subject: Subject, tmp_path: Path
+    serve: Serve, observed_object: ObservedObject, tmp_path: Path
 ) -> None:
     server = serve()
     for provider in PROVIDERS:
-        _propose(_station(server, provider, tmp_path), subject, [])
+        _propose(_station(server, provider, tmp_path), observed_object, [])
     openai_edit, gemini_edit = (asked for asked in server.requests if asked.kind == "image")
     assert openai_edit.mask is not None and not openai_edit.mask[512, 512] and openai_edit.mask[5, 5]
     assert gemini_edit.mask is None and gemini_edit.others[0][512, 512].min() == 255
@@ -139,9 +143,9 @@ def test_openai_protects_the_object_by_a_mask_and_gemini_by_a_map(
     ids=["turned", "shrunk", "shifted", "tilted"],
 )
 def test_a_moved_object_is_carried_back(
-    provider: str, drift: Drift, serve: Serve, subject: Subject, tmp_path: Path
+    provider: str, drift: Drift, serve: Serve, observed_object: ObservedObject, tmp_path: Path
 ) -> None:
-    best = _propose(_station(serve(drift), provider, tmp_path), subject, []).rectangles[0]
+    best = _propose(_station(serve(drift), provider, tmp_path), observed_object, []).rectangles[0]
     assert np.degrees(best.angle_rad) == pytest.approx(120, abs=8)
     assert np.allclose(best.center_px, (240, 180), atol=15)
 
@@ -156,8 +160,10 @@ def test_a_moved_object_is_carried_back(
     ],
     ids=["no rod", "two rods", "second object", "recoloured"],
 )
-def test_another_picture_is_refused(drift: Drift, code: Code, serve: Serve, subject: Subject, tmp_path: Path) -> None:
-    assert _fails(_station(serve(drift), "openai", tmp_path), subject)[0] is code
+def test_another_picture_is_refused(
+    drift: Drift, code: Code, serve: Serve, observed_object: ObservedObject, tmp_path: Path
+) -> None:
+    assert _fails(_station(serve(drift), "openai", tmp_path), observed_object)[0] is code
 
 
 @pytest.mark.parametrize("provider", PROVIDERS)
@@ -174,10 +180,16 @@ def test_another_picture_is_refused(drift: Drift, code: Code, serve: Serve, subj
     ],
 )
 def test_every_fault_has_its_code_and_a_bounded_number_of_attempts(
-    provider: str, fault: Fault, code: Code, attempts: int, serve: Serve, subject: Subject, tmp_path: Path
+    provider: str,
+    fault: Fault,
+    code: Code,
+    attempts: int,
+    serve: Serve,
+    observed_object: ObservedObject,
+    tmp_path: Path,
 ) -> None:
     server = serve(faults=[fault] * 5, faults_for="image", retry_after_s=0)
-    found, replies = _fails(_station(server, provider, tmp_path), subject)
+    found, replies = _fails(_station(server, provider, tmp_path), observed_object)
     assert found is code
     assert sum(asked.kind == "image" for asked in server.requests) == attempts
     said = replies[-1]
@@ -185,75 +197,85 @@ def test_every_fault_has_its_code_and_a_bounded_number_of_attempts(
 
 
 @pytest.mark.parametrize("provider", PROVIDERS)
-def test_a_refusal_in_words_is_one_too(provider: str, serve: Serve, subject: Subject, tmp_path: Path) -> None:
+def test_a_refusal_in_words_is_one_too(
+    provider: str, serve: Serve, observed_object: ObservedObject, tmp_path: Path
+) -> None:
     server = serve(faults=[Fault.REFUSAL], faults_for="text")
-    assert _fails(_station(server, provider, tmp_path), subject)[0] is Code.MODEL_REFUSED
+    assert _fails(_station(server, provider, tmp_path), observed_object)[0] is Code.MODEL_REFUSED
 
 
 @pytest.mark.parametrize("provider", PROVIDERS)
 def test_a_model_that_hangs_is_given_up_at_the_deadline(
-    provider: str, serve: Serve, subject: Subject, tmp_path: Path
+    provider: str, serve: Serve, observed_object: ObservedObject, tmp_path: Path
 ) -> None:
     server = serve(faults=[Fault.HANG] * 3)
-    assert _fails(_station(server, provider, tmp_path, "perception.hosted.deadline_s=0.6"), subject)[0] in (
+    assert _fails(_station(server, provider, tmp_path, "perception.hosted.deadline_s=0.6"), observed_object)[0] in (
         Code.MODEL_TIMEOUT,
     )
 
 
-def test_a_server_that_is_not_there_is_unavailable(serve: Serve, subject: Subject, tmp_path: Path) -> None:
+def test_a_server_that_is_not_there_is_unavailable(
+    serve: Serve, observed_object: ObservedObject, tmp_path: Path
+) -> None:
     server = serve()
     for provider in PROVIDERS:
         gone = _station(server, provider, tmp_path, "perception.hosted.base_url=http://127.0.0.1:9/v1")
-        assert _fails(gone, subject)[0] is Code.MODEL_UNAVAILABLE
+        assert _fails(gone, observed_object)[0] is Code.MODEL_UNAVAILABLE
 
 
 @pytest.mark.parametrize("provider", PROVIDERS)
-def test_a_passing_fault_is_asked_again(provider: str, serve: Serve, subject: Subject, tmp_path: Path) -> None:
+def test_a_passing_fault_is_asked_again(
+    provider: str, serve: Serve, observed_object: ObservedObject, tmp_path: Path
+) -> None:
     server, replies = serve(faults=[Fault.SERVER_ERROR, Fault.RATE_LIMIT], retry_after_s=0), list[ModelReply]()
-    _propose(_station(server, provider, tmp_path), subject, replies)
+    _propose(_station(server, provider, tmp_path), observed_object, replies)
     assert [reply.attempts for reply in replies] == [3, 1, 1]
 
 
 @pytest.mark.parametrize("provider", PROVIDERS)
 def test_recorded_replies_give_the_same_proposal_without_the_network(
-    provider: str, serve: Serve, subject: Subject, tmp_path: Path
+    provider: str, serve: Serve, observed_object: ObservedObject, tmp_path: Path
 ) -> None:
     replies: list[ModelReply] = []
     station = _station(serve(Drift(rotation_deg=20)), provider, tmp_path)
-    then = _propose(station, subject, replies)
+    then = _propose(station, observed_object, replies)
     through_json = [ModelReply.model_validate_json(reply.model_dump_json()) for reply in replies]
     models = replayed_models(station, through_json)
     models.imaginer.begin()
-    now = propose(Conversation(models.imaginer, lambda _: None), subject, models, station)
+    now = propose(Conversation(models.imaginer, lambda _: None), observed_object, models, station)
     assert now.rectangles == then.rectangles
     np.testing.assert_array_equal(now.goal.image, then.goal.image)
     with pytest.raises(RecordingError, match="no further reply"):
-        propose(Conversation(models.imaginer, lambda _: None), subject, models, station)
+        propose(Conversation(models.imaginer, lambda _: None), observed_object, models, station)
 
 
-def test_a_recorded_failure_fails_again(serve: Serve, subject: Subject, tmp_path: Path) -> None:
+def test_a_recorded_failure_fails_again(serve: Serve, observed_object: ObservedObject, tmp_path: Path) -> None:
     station = _station(serve(faults=[Fault.REFUSAL], faults_for="image"), "openai", tmp_path)
-    _, replies = _fails(station, subject)
+    _, replies = _fails(station, observed_object)
     models = replayed_models(station, replies)
     models.imaginer.begin()
     with pytest.raises(CycleFailure) as failure:
-        propose(Conversation(models.imaginer, lambda _: None), subject, models, station)
+        propose(Conversation(models.imaginer, lambda _: None), observed_object, models, station)
     assert failure.value.failure is Code.MODEL_REFUSED and failure.value.text == replies[-1].text_of_failure
 
 
-def test_nothing_is_asked_once_the_cycle_has_spent_its_limit(serve: Serve, subject: Subject, tmp_path: Path) -> None:
+def test_nothing_is_asked_once_the_cycle_has_spent_its_limit(
+    serve: Serve, observed_object: ObservedObject, tmp_path: Path
+) -> None:
     server = serve()
-    code, replies = _fails(_station(server, "openai", tmp_path, "perception.hosted.max_cycle_usd=1e-6"), subject)
+    code, replies = _fails(
+        _station(server, "openai", tmp_path, "perception.hosted.max_cycle_usd=1e-6"), observed_object
+    )
     assert code is Code.SPEND_LIMIT and len(server.requests) == 1 and replies[-1].failure is Code.SPEND_LIMIT
 
 
 def test_the_days_spending_outlives_the_process_and_ends_at_midnight_utc(tmp_path: Path) -> None:
     now = datetime(2026, 11, 23, 23, 59, tzinfo=UTC)
     settings, ledger = HostedSettings(max_cycle_usd=9.0, max_day_usd=0.5), tmp_path / "spend.jsonl"
-    Purse(settings, ledger, lambda: now).pay("m", 0.6)
+    Budget(settings, ledger, lambda: now).pay("m", 0.6)
     with pytest.raises(CycleFailure, match="today"):
-        Purse(settings, ledger, lambda: now).require()
-    Purse(settings, ledger, lambda: now + timedelta(minutes=2)).require()
+        Budget(settings, ledger, lambda: now).require()
+    Budget(settings, ledger, lambda: now + timedelta(minutes=2)).require()
 
 
 @pytest.mark.parametrize("provider", PROVIDERS)
@@ -280,11 +302,13 @@ def test_a_key_that_no_header_can_carry_is_refused_unseen(
 
 
 @pytest.mark.parametrize("provider", PROVIDERS)
-def test_a_key_with_a_line_end_is_a_key(provider: str, serve: Serve, subject: Subject, tmp_path: Path) -> None:
+def test_a_key_with_a_line_end_is_a_key(
+    provider: str, serve: Serve, observed_object: ObservedObject, tmp_path: Path
+) -> None:
     station = _station(serve(), provider, tmp_path)
     with closing(open_models(station, {f"{provider.upper()}_API_KEY": " sk-0123456789\r\n"})) as models:
         models.imaginer.begin()
-        assert models.imaginer.reason(subject, "", Cancel()).text
+        assert models.imaginer.reason(observed_object, "", Cancel()).text
 
 
 def test_a_key_in_a_setting_would_be_recorded(serve: Serve, tmp_path: Path) -> None:

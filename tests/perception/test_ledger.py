@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from bus.codes import Code
 from bus.errors import CycleFailure, RecordingError
 from config.schema import HostedSettings
+from perception.models.budget import Budget
 from perception.models.ledger import Ledger
-from perception.models.purse import Purse
 
 NOON = datetime(2026, 11, 23, 12, tzinfo=UTC)
 TODAY = NOON.date()
@@ -91,14 +91,14 @@ def test_a_ledger_that_cannot_be_read_is_told(path: Path) -> None:
 
 def test_a_late_payment_is_booked_in_the_cycle_and_on_the_day_it_began_in(path: Path) -> None:
     clock = [NOON.replace(hour=23, minute=59)]
-    purse = Purse(HostedSettings(max_cycle_usd=1.0, max_day_usd=5.0), path, lambda: clock[0])
-    cycle, began = purse.cycle, clock[0]
+    budget = Budget(HostedSettings(max_cycle_usd=1.0, max_day_usd=5.0), path, lambda: clock[0])
+    cycle, began = budget.cycle, clock[0]
     clock[0] += timedelta(minutes=2)
-    purse.begin()
-    purse.pay("m", 6.0, cycle, began)
-    purse.require()
+    budget.begin()
+    budget.pay("m", 6.0, cycle, began)
+    budget.require()
     assert Ledger(path).spent_on(began.date()) == 6.0 and Ledger(path).spent_on(clock[0].date()) == 0.0
-    purse.pay("m", 1.0)
+    budget.pay("m", 1.0)
     with pytest.raises(CycleFailure, match="this cycle") as refusal:
-        purse.require()
+        budget.require()
     assert refusal.value.failure is Code.SPEND_LIMIT

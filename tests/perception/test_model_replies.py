@@ -14,19 +14,19 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from benchmarks.baselines.flat import flat_subject
+from benchmarks.baselines.flat import flat_object
 from bus.cancel import Cancel
 from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.redaction import keep_secret
 from config.schema import HostedSettings
 from perception.geometry.window import encode_png
+from perception.models.budget import Budget
 from perception.models.exchange import Line
 from perception.models.gemini import GeminiProvider
 from perception.models.hosted import HostedModel
 from perception.models.openai import OpenAIProvider
-from perception.models.purse import Purse
-from perception.subject import Answer, Subject
+from perception.subject import Answer, ObservedObject
 
 KEY = "sk-0123456789abcdef"
 MODEL_CODES = {code for code in Code if code.startswith("MODEL_")}
@@ -58,14 +58,14 @@ Send = Callable[..., Answer]
 
 
 @pytest.fixture(scope="module")
-def subject() -> Subject:
+def observed_object() -> ObservedObject:
     mask = np.zeros((90, 120), bool)
     mask[30:60, 40:80] = True
-    return flat_subject(np.full((90, 120, 3), 90, np.uint8), mask, 0.001)
+    return flat_object(np.full((90, 120, 3), 90, np.uint8), mask, 0.001)
 
 
 @pytest.fixture(scope="module")
-def send(subject: Subject, tmp_path_factory: pytest.TempPathFactory) -> Send:
+def send(observed_object: ObservedObject, tmp_path_factory: pytest.TempPathFactory) -> Send:
     """Asks over ``api`` a server that sends ``body``."""
     folder, next_one = tmp_path_factory.mktemp("spend"), list[httpx2.Response]()
     models = {api: model(api, lambda _: next_one.pop(), folder) for api in APIS}
@@ -73,8 +73,8 @@ def send(subject: Subject, tmp_path_factory: pytest.TempPathFactory) -> Send:
     def ask(api: str, body: bytes, status: int = 200, content_type: str = "application/json") -> Answer:
         next_one[:] = [httpx2.Response(status, content=body, headers={"Content-Type": content_type})]
         if api in ("edit", "gemini picture"):
-            return models[api].render(subject, "Draw.", Cancel())
-        return models[api].direct(subject, "Say.", Cancel())
+            return models[api].render(observed_object, "Draw.", Cancel())
+        return models[api].direct(observed_object, "Say.", Cancel())
 
     return ask
 
@@ -90,7 +90,7 @@ def model(api: str, serve: Callable[[httpx2.Request], httpx2.Response], folder: 
     )
     line = Line(lambda _deadline: httpx2.MockTransport(serve))
     provider = (GeminiProvider if api.startswith("gemini") else OpenAIProvider)(how, KEY, line)
-    return HostedModel(provider, how, Purse(how, folder / "spend.jsonl"))
+    return HostedModel(provider, how, Budget(how, folder / "spend.jsonl"))
 
 
 def failure(send: Send, *how: Any) -> CycleFailure:
@@ -276,7 +276,7 @@ def test_a_picture_whose_file_holds_the_key_is_not_kept(send: Send) -> None:
     assert failure(send, "edit", body).failure is Code.MODEL_BAD_IMAGE
 
 
-def test_a_redirect_takes_the_key_to_nobody_else(subject: Subject, tmp_path: Path) -> None:
+def test_a_redirect_takes_the_key_to_nobody_else(observed_object: ObservedObject, tmp_path: Path) -> None:
     asked: list[str] = []
 
     def serve(request: httpx2.Request) -> httpx2.Response:
@@ -285,5 +285,5 @@ def test_a_redirect_takes_the_key_to_nobody_else(subject: Subject, tmp_path: Pat
 
     for api in ("responses", "gemini words"):
         with pytest.raises(CycleFailure, match=r"elsewhere\.example"):
-            model(api, serve, tmp_path).direct(subject, "Say.", Cancel())
+            model(api, serve, tmp_path).direct(observed_object, "Say.", Cancel())
     assert set(asked) == {"models.example"}

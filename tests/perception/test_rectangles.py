@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from onnx import TensorProto, helper
 
-from benchmarks.baselines.flat import flat_subject
+from benchmarks.baselines.flat import flat_object
 from benchmarks.datasets.cornell import read_cornell
 from benchmarks.datasets.jacquard import read_jacquard
 from bus.errors import ConfigError
@@ -213,10 +213,10 @@ def test_a_network_can_imagine_the_rod(tmp_path: Path) -> None:
     cv2.fillPoly(color, [corners_px], (40, 90, 200))
     cv2.fillPoly(mask, [corners_px], 1)
     station = load_station(None, ["perception.model=onnx", f"perception.onnx.path={_network(tmp_path / 'n.onnx', 4)}"])
-    models, subject = open_models(station, {}), flat_subject(color, mask > 0, 0.001)
+    models, observed_object = open_models(station, {}), flat_object(color, mask > 0, 0.001)
     models.imaginer.begin()
     replies: list[ModelReply] = []
-    found = propose(Conversation(models.imaginer, replies.append), subject, models, station).rectangles[0]
+    found = propose(Conversation(models.imaginer, replies.append), observed_object, models, station).rectangles[0]
     assert np.degrees(found.angle_rad) == pytest.approx(150, abs=2) and found.width_px == pytest.approx(36, abs=4)
     assert replies[0].model == "onnx" and "network's best rectangle" in replies[0].text
 

@@ -17,7 +17,7 @@ from bus.messages import Detections, ModelReply, Observation
 from cell.pick.detect import detect_unless_halted
 from config.load import load_station
 from config.schema import Station
-from perception.detector import detect, unsaid
+from perception.detector import detect, ignore_reply
 from perception.geometry.crop import Crop
 from perception.geometry.depth import register
 from perception.geometry.lift import inverse
@@ -40,7 +40,7 @@ def _station(*overrides: str) -> Station:
 
 def _detect(observation: Observation, *overrides: str) -> Detections:
     station = _station(*overrides)
-    return detect(observation, station, open_models(station, {}), unsaid)
+    return detect(observation, station, open_models(station, {}), ignore_reply)
 
 
 def _hosted(server: ModelServer, folder: Path, *overrides: str) -> Station:
@@ -97,7 +97,7 @@ def test_a_target_the_model_does_not_see_is_no_object(look: Look, tmp_path: Path
     with ModelServer(paint, say=lambda prompt, image: "none") as server:
         station = _hosted(server, tmp_path, "perception.target.text=a zebra")
         with closing(open_models(station, KEY)) as models, pytest.raises(CycleFailure, match="zebra") as failure:
-            detect(look([BAR]), station, models, unsaid)
+            detect(look([BAR]), station, models, ignore_reply)
     assert failure.value.failure is Code.TARGET_NOT_FOUND
 
 
@@ -172,7 +172,7 @@ def _ends(observation: Observation, mask: np.ndarray) -> Code | None:
     """The code a detection with that outline ends with; None for grasps."""
     models = Models(open_models(_station(), {}).imaginer, _Outline(mask))  # type: ignore[arg-type]
     try:
-        detect(observation, _station(), models, unsaid)
+        detect(observation, _station(), models, ignore_reply)
     except CycleFailure as failure:
         return failure.failure
     return None
@@ -261,7 +261,7 @@ def test_one_good_proposal_is_enough(look: Look, tmp_path: Path) -> None:
     with ModelServer(paint, say=say, faults=[Fault.REFUSAL], faults_for="image") as server:
         station = _hosted(server, tmp_path, "perception.imagine.samples=2")
         with closing(open_models(station, KEY)) as models:
-            found = detect(look([BAR]), station, models, unsaid)
+            found = detect(look([BAR]), station, models, ignore_reply)
     assert found.evidence.sample == 1 and found.evidence.agreement == 0.5
 
 

@@ -20,10 +20,10 @@ from config.load import load_station
 from config.schema import HostedSettings, PriceSettings
 from perception.detector import detect
 from perception.models import Models, open_models
-from perception.models.errors import ModelFault
+from perception.models.budget import Budget
+from perception.models.errors import ModelError
 from perception.models.hosted import HostedModel
 from perception.models.injection import FaultyModel
-from perception.models.purse import Purse
 from perception.subject import Answer
 from tests.perception.conftest import BAR, Look
 
@@ -41,9 +41,9 @@ class Slow:
 
     def __init__(self) -> None:
         self.asked, self.answers, self.calls = threading.Event(), threading.Event(), 0
-        self.fault: ModelFault | None = None
+        self.fault: ModelError | None = None
 
-    def say(self, prompt: str, image_png: bytes | None, timeout_s: float) -> Answer:
+    def complete(self, prompt: str, image_png: bytes | None, timeout_s: float) -> Answer:
         self.calls += 1
         self.asked.set()
         assert self.answers.wait(10.0)
@@ -71,7 +71,7 @@ def ledger(tmp_path: Path) -> Path:
 @pytest.fixture
 def model(provider: Slow, ledger: Path) -> HostedModel:
     how = HostedSettings(price=PRICE, backoff_s=60.0, max_cycle_usd=5.0)
-    return HostedModel(provider, how, Purse(how, ledger))
+    return HostedModel(provider, how, Budget(how, ledger))
 
 
 def stopped(look: Look, models: Models, when: Callable[[], bool]) -> list[ModelReply]:
@@ -114,7 +114,7 @@ def test_what_a_given_up_call_cost_is_on_the_ledger_and_not_on_the_next_cycle(
 
 
 def test_a_stop_ends_the_wait_before_the_next_attempt(look: Look, provider: Slow, model: HostedModel) -> None:
-    provider.fault = ModelFault(Code.MODEL_QUOTA, "slowly", again=True)
+    provider.fault = ModelError(Code.MODEL_QUOTA, "slowly", again=True)
     provider.answers.set()
     said = stopped(look, Models(model), provider.asked.is_set)
     assert [(reply.failure, provider.calls) for reply in said] == [(Code.STOPPED, 1)]
@@ -155,7 +155,7 @@ def test_a_stop_ends_an_injected_hang(look: Look) -> None:
 
 def test_a_deadline_ends_a_call_that_its_provider_does_not(provider: Slow, ledger: Path) -> None:
     how = HostedSettings(price=PRICE, deadline_s=0.1)
-    model = HostedModel(provider, how, Purse(how, ledger))
+    model = HostedModel(provider, how, Budget(how, ledger))
     with pytest.raises(CycleFailure) as failure:
         model.direct(None, "Say.", Cancel())  # type: ignore[arg-type]
     assert failure.value.failure is Code.MODEL_TIMEOUT and provider.calls == 1
@@ -164,7 +164,7 @@ def test_a_deadline_ends_a_call_that_its_provider_does_not(provider: Slow, ledge
 
 
 def test_a_call_that_fails_late_costs_what_it_says(provider: Slow, model: HostedModel, ledger: Path) -> None:
-    provider.fault = ModelFault(Code.MODEL_REFUSED, "no", usage=Usage(input_tokens=2))
+    provider.fault = ModelError(Code.MODEL_REFUSED, "no", usage=Usage(input_tokens=2))
     provider.answers.set()
     with pytest.raises(CycleFailure, match="no"):
         model.direct(None, "Say.", Cancel())  # type: ignore[arg-type]

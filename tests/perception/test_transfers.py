@@ -18,7 +18,7 @@ from bus.errors import ConfigError
 from bus.redaction import redacted
 from bus.threads import OwnedThread, Role
 from config.schema import HostedSettings
-from perception.models.errors import ModelFault
+from perception.models.errors import ModelError
 from perception.models.exchange import Line
 from perception.models.gemini import GeminiProvider
 from perception.models.openai import OpenAIProvider
@@ -72,11 +72,11 @@ def take_slowly(connection: socket.socket) -> None:
         time.sleep(DRIP_S)
 
 
-def fault_of(url: str, timeout_s: float = DEADLINE_S, prompt: str = "Say.") -> ModelFault:
+def fault_of(url: str, timeout_s: float = DEADLINE_S, prompt: str = "Say.") -> ModelError:
     how = HostedSettings(text_model="t", image_model="i", base_url=url)
     provider = OpenAIProvider(how, "key", Line(Way(url, {}).transport))
-    with pytest.raises(ModelFault) as caught:
-        provider.say(prompt, None, timeout_s)
+    with pytest.raises(ModelError) as caught:
+        provider.complete(prompt, None, timeout_s)
     return caught.value
 
 
@@ -104,8 +104,8 @@ def test_no_trickle_outlasts_the_deadline(serve: Callable[[socket.socket], None]
 def test_gemini_has_the_same_deadline() -> None:
     with listening(drip(HEAD, b" ")) as url:
         how = HostedSettings(text_model="t", image_model="i", base_url=url)
-        with pytest.raises(ModelFault) as caught:
-            GeminiProvider(how, "key", Line(Way(url, {}).transport)).say("Say.", None, DEADLINE_S)
+        with pytest.raises(ModelError) as caught:
+            GeminiProvider(how, "key", Line(Way(url, {}).transport)).complete("Say.", None, DEADLINE_S)
     assert caught.value.code is Code.MODEL_TIMEOUT
 
 
@@ -134,7 +134,7 @@ def test_a_packed_answer_is_unpacked_within_bounds(packing: str, body: bytes, sa
         return httpx2.Response(200, headers={"Content-Encoding": packing}, stream=httpx2.ByteStream(body))
 
     line = Line(lambda _deadline: httpx2.MockTransport(serve))
-    with pytest.raises(ModelFault, match=says) as caught:
+    with pytest.raises(ModelError, match=says) as caught:
         line.exchange(10.0, lambda: line.client.get("http://models.example"))
     assert caught.value.code is Code.MODEL_UNAVAILABLE
 

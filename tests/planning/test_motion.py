@@ -31,7 +31,7 @@ def test_a_blocked_move_goes_around(robot: Robot) -> None:
     trajectory = move(crowded, CAPTURE, ACROSS)
     assert np.array_equal(trajectory.end_q_rad, ACROSS)
     assert check(trajectory.filtered()).ok
-    assert crowded.first_touch(trajectory.filtered()[::5], WIDE_M) is None
+    assert crowded.first_collision(trajectory.filtered()[::5], WIDE_M) is None
     assert crowded.gate(trajectory.filtered(), WIDE_M) is None
 
 
@@ -60,7 +60,7 @@ def test_a_goal_that_is_no_place_to_be_is_refused(scene: Scene, bad: np.ndarray)
 
 def test_what_the_planner_overlooks_the_gate_refuses(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     crowded = among(robot, BLOCK)
-    monkeypatch.setattr(Scene, "first_touch", lambda *_: None)
+    monkeypatch.setattr(Scene, "first_collision", lambda *_: None)
     way = connect(crowded, CAPTURE, [ACROSS], WIDE_M)
     with pytest.raises(Infeasible, match=r"home: .* touches block"):
         motion("home", way, way.lines(), crowded, WIDE_M)

@@ -79,7 +79,12 @@ def test_what_is_held_hangs_as_it_was_grasped_also_by_the_grasp_turned_by_half_a
     scene = Scene.of(robot, STATION, Sight(*view))
     held_at: list[np.ndarray] = []
     holding = Scene.holding
-    monkeypatch.setattr(Scene, "holding", lambda self, pose: held_at.append(pose) or holding(self, pose))
+
+    def noted(scene: Scene, pose: np.ndarray) -> Scene:
+        held_at.append(pose)
+        return holding(scene, pose)
+
+    monkeypatch.setattr(Scene, "holding", noted)
     plan = plan_pick(scene, [grasp(0.45, 0.05, 0.05, yaw=yaw)], CAPTURE)
     assert held_at and np.allclose(held_at[-1], robot.base_from_tcp(ends(plan)["reach"]), atol=1e-9)
 
@@ -116,8 +121,8 @@ def test_a_tilted_grasp_keeps_the_objects_tilt_where_it_is_laid_down(robot: Robo
 def test_the_held_object_is_carried_steadily_where_the_fastest_way_would_swing_it(
     robot: Robot, scene: Scene, x: float, y: float, yaw: float
 ) -> None:
-    steady = plan_pick(scene, [grasp(x, y, 0.05, yaw)], CAPTURE)
-    for segment in steady.segments:
+    keeps_level = plan_pick(scene, [grasp(x, y, 0.05, yaw)], CAPTURE)
+    for segment in keeps_level.segments:
         if segment.name in ("carry", "place"):
             poses = [robot.base_from_tcp(q) for q in segment.trajectory.filtered()[::20]]
             assert max(pose[2, 2] for pose in poses) < -np.cos(np.radians(21.0)), "tool within 21 degrees of down"
@@ -251,6 +256,6 @@ def test_it_starts_from_wherever_the_arm_is(scene: Scene) -> None:
 
 
 def test_same_inputs_give_the_same_bits(scene: Scene, plan: PickPlan) -> None:
-    scene.touch(CAPTURE + 0.3, WIDE_M)  # whatever it was asked before
+    scene.collision(CAPTURE + 0.3, WIDE_M)  # whatever it was asked before
     for anew in (scene, Scene.of(Robot(STATION), STATION)):
         assert plan_pick(anew, [GOOD], CAPTURE).model_dump_json() == plan.model_dump_json()

@@ -25,7 +25,7 @@ def edges(count: int, seed: int) -> list[np.ndarray]:
 def brute_force(scene: Scene, edge: np.ndarray, step_m: float = BRUTE_M) -> bool:
     """Whether anything is touched by the exact meshes, without margins, checked every half millimetre of movement."""
     steps = int(np.ceil(sweep_m(edge)[-1] / step_m)) + 1
-    return any(scene._exact.touch(q, WIDE_M) is not None for q in np.linspace(*edge, steps))
+    return any(scene._exact.collision(q, WIDE_M) is not None for q in np.linspace(edge[0], edge[1], steps))
 
 
 def plate_in_the_way(robot: Robot, edge: np.ndarray, rng: np.random.Generator) -> Box:
@@ -41,10 +41,10 @@ def test_a_crumb_on_the_way_is_found(robot: Robot, scene: Scene) -> None:
     middle = robot.base_from_tcp(CAPTURE + np.array([0.5, 0, 0, 0, 0, 0, 0]))[:3, 3]
     crowded = among(robot, box("crumb", tuple(middle.tolist()), (0.001, 0.001, 0.001)))
     ends = np.stack([CAPTURE, ACROSS])
-    assert crowded.touch(CAPTURE, WIDE_M) is None
-    assert crowded.touch(ACROSS, WIDE_M) is None
-    assert scene.first_touch(ends, WIDE_M) is None
-    assert "touches crumb" in str(crowded.first_touch(ends, WIDE_M))
+    assert crowded.collision(CAPTURE, WIDE_M) is None
+    assert crowded.collision(ACROSS, WIDE_M) is None
+    assert scene.first_collision(ends, WIDE_M) is None
+    assert "touches crumb" in str(crowded.first_collision(ends, WIDE_M))
 
 
 def test_no_thin_plate_is_missed_between_two_checks(robot: Robot) -> None:
@@ -54,13 +54,13 @@ def test_no_thin_plate_is_missed_between_two_checks(robot: Robot) -> None:
         crowded = among(robot, plate_in_the_way(robot, edge, rng))
         if brute_force(crowded, edge, step_m=0.002):
             hit += 1
-            assert crowded.first_touch(edge, WIDE_M) is not None
+            assert crowded.first_collision(edge, WIDE_M) is not None
     assert hit > 20
 
 
 def test_a_path_of_one_point_is_checked_too(robot: Robot) -> None:
     crowded = among(robot, box("block", (0.375, 0.0, 0.6), (0.3, 0.3, 0.1)))
-    assert "touches block" in str(crowded.first_touch(CAPTURE[None], WIDE_M))
+    assert "touches block" in str(crowded.first_collision(CAPTURE[None], WIDE_M))
 
 
 def test_the_gate_judges_by_itself(robot: Robot) -> None:
@@ -83,7 +83,7 @@ def test_what_is_held_moves_with_the_hand_and_may_touch_it(robot: Robot) -> None
     _, holding = held_plank(robot)
     for turn in (0.0, 0.4, 0.9):
         q = CAPTURE + np.array([turn, 0, 0, 0, 0, 0, 0])
-        assert holding.empty().touch(q, 0.04) is None
+        assert holding.empty().collision(q, 0.04) is None
 
 
 def test_what_is_held_touches_what_the_hand_alone_passes(robot: Robot) -> None:
@@ -91,16 +91,16 @@ def test_what_is_held_touches_what_the_hand_alone_passes(robot: Robot) -> None:
     post = box("post", (tcp[0] + 0.13, tcp[1] + 0.12, 0.3), (0.02, 0.02, 0.6))
     lying, holding = held_plank(robot, post)
     over = np.stack([CAPTURE, CAPTURE + np.array([0.5, 0, 0, 0, 0, 0, 0])])
-    assert lying.empty().first_touch(over, 0.04) is None
-    assert str(holding.first_touch(over, 0.04)) == "post touches held object"
+    assert lying.empty().first_collision(over, 0.04) is None
+    assert str(holding.first_collision(over, 0.04)) == "post touches held object"
 
 
 def test_only_the_fingers_may_touch_the_target(robot: Robot) -> None:
     tcp = robot.base_from_tcp(CAPTURE)
     tower = np.array([[dx, dy, 0.08] for dx in (-0.02, 0.02) for dy in (-0.02, 0.02)] * 8) + tcp[:3, 3]
     scene = Scene(robot, STATION, among(robot).boxes, target=tower)
-    assert str(scene.touch(CAPTURE, WIDE_M)) == "hand touches the target"
-    assert Scene(robot, STATION, among(robot).boxes, target=tower - [0, 0, 0.08]).touch(CAPTURE, WIDE_M) is None
+    assert str(scene.collision(CAPTURE, WIDE_M)) == "hand touches the target"
+    assert Scene(robot, STATION, among(robot).boxes, target=tower - [0, 0, 0.08]).collision(CAPTURE, WIDE_M) is None
 
 
 def test_clutter_that_is_only_seen_is_kept_away_from(robot: Robot) -> None:
@@ -109,5 +109,5 @@ def test_clutter_that_is_only_seen_is_kept_away_from(robot: Robot) -> None:
     points, target = seen_from_above((STATION.scene.table, post), eye_m=(0.45, 0.0, 1.5))
     scene = Scene.of(robot, STATION, Sight(points, target))
     ends = np.stack([CAPTURE, ACROSS])
-    assert "touches an observed obstacle" in str(scene.first_touch(ends, WIDE_M))
-    assert "touches an observed obstacle" in str(scene.gate(np.linspace(*ends, 1000), WIDE_M))
+    assert "touches an observed obstacle" in str(scene.first_collision(ends, WIDE_M))
+    assert "touches an observed obstacle" in str(scene.gate(np.linspace(ends[0], ends[1], 1000), WIDE_M))

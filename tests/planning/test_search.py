@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -28,14 +29,14 @@ print(json.dumps(search(lambda q: not (0.4 < q[0] < 0.6 and q[1] < 0.9), a, [b],
 
 
 def way_around(scene: Scene, seed: int) -> np.ndarray | None:
-    return search(lambda q: scene.touch(q, WIDE_M) is None, CAPTURE, [ACROSS], seed)
+    return search(lambda q: scene.collision(q, WIDE_M) is None, CAPTURE, [ACROSS], seed)
 
 
 def test_it_finds_a_way_around_a_wall(robot: Robot) -> None:
     scene = among(robot, WALL)
-    assert "touches wall" in str(scene.first_touch(np.stack([CAPTURE, ACROSS]), WIDE_M))
+    assert "touches wall" in str(scene.first_collision(np.stack([CAPTURE, ACROSS]), WIDE_M))
     paths = [path for seed in range(3) if (path := way_around(scene, seed)) is not None]
-    assert any(scene.first_touch(path, WIDE_M) is None for path in paths)
+    assert any(scene.first_collision(path, WIDE_M) is None for path in paths)
     assert all(np.allclose(path[[0, -1]], [CAPTURE, ACROSS]) for path in paths)
 
 
@@ -87,7 +88,7 @@ def test_a_stop_ends_a_search_at_its_next_check(robot: Robot) -> None:
         asked += 1
         if asked == 200:
             scene.cancel.set()
-        return scene.touch(q, WIDE_M) is None
+        return scene.collision(q, WIDE_M) is None
 
     with pytest.raises(CycleFailure) as failure:
         search(free, CAPTURE, [ACROSS], seed=0)
@@ -98,9 +99,10 @@ def test_a_stop_ends_every_check_of_a_plan(robot: Robot) -> None:
     scene = among(robot, WALL)
     line = np.stack([CAPTURE, ACROSS])
     scene.empty().cancel.set()  # the same stop for all scenes of a plan
+    check: Callable[[], object]
     for check in (
-        lambda: scene.touch(CAPTURE, WIDE_M),
-        lambda: scene.first_touch(line, WIDE_M),
+        lambda: scene.collision(CAPTURE, WIDE_M),
+        lambda: scene.first_collision(line, WIDE_M),
         lambda: scene.gate(line, WIDE_M),
     ):
         with pytest.raises(CycleFailure, match="Stopped during 'plan'"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from hypothesis import strategies as st
 
 from bus.codes import Code
 from bus.errors import CycleFailure
-from bus.trajectory import MAX_SAMPLES
+from bus.trajectory import MAX_SAMPLES, Trajectory
 from config.limits import LOWER_RAD, UPPER_RAD, check, velocity_bounds
 from config.schema import ArmSettings, PlanningSettings, Station
 from planning.blend import Curve, blended
@@ -146,6 +147,7 @@ def test_to_a_limit_s_edge_a_move_is_timed_alike_or_refused(joint: int, before_r
     started_s = time.process_time()
     durations_s = []
     line = blended([np.stack([CAPTURE, goal])])
+    make: Callable[[], Trajectory]
     for make in (lambda: rest_to_rest(station, CAPTURE, goal), lambda: timed(station, line)):
         try:
             durations_s.append(make().duration_s)
@@ -187,7 +189,8 @@ def test_however_wrong_a_profile_is_the_samples_made_of_it_are_bounded(duration_
 
     def sampler(times_s: np.ndarray) -> np.ndarray:
         made.append(len(times_s))
-        return CAPTURE + (times_s / duration_s)[:, None] * (goal - CAPTURE)
+        q_rad: np.ndarray = CAPTURE + (times_s / duration_s)[:, None] * (goal - CAPTURE)
+        return q_rad
 
     with pytest.raises(CycleFailure, match="cannot be timed"):
         within_limits(sampler, duration_s, (CAPTURE, goal), 64)

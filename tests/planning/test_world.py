@@ -33,7 +33,8 @@ def reach_down(x_m: float, y_m: float, tip_height_m: float) -> np.ndarray:
     pose = np.diag([1.0, -1.0, -1.0, 1.0])
     pose[:3, 3] = x_m, y_m, tip_height_m + FINGER_TIP_M
     solutions = inverse(flange_pose(pose), q7_grid())
-    return solutions[np.argmin(np.abs(solutions - CAPTURE).max(axis=1))]
+    nearest: np.ndarray = solutions[np.argmin(np.abs(solutions - CAPTURE).max(axis=1))]
+    return nearest
 
 
 def alone(robot: Robot, parts: tuple[pin.GeometryObject, ...], margin_m: float = 0.0) -> World:
@@ -41,41 +42,41 @@ def alone(robot: Robot, parts: tuple[pin.GeometryObject, ...], margin_m: float =
 
 
 def test_the_capture_pose_is_free(scene: Scene) -> None:
-    assert scene.touch(CAPTURE, WIDE_M) is None
+    assert scene.collision(CAPTURE, WIDE_M) is None
 
 
 def test_fingers_may_come_within_2_mm_of_the_table_and_no_nearer(scene: Scene) -> None:
-    assert scene.touch(reach_down(0.45, 0.0, 0.0024), WIDE_M) is None
-    assert "finger touches table" in str(scene.touch(reach_down(0.45, 0.0, 0.0018), WIDE_M))
+    assert scene.collision(reach_down(0.45, 0.0, 0.0024), WIDE_M) is None
+    assert "finger touches table" in str(scene.collision(reach_down(0.45, 0.0, 0.0018), WIDE_M))
 
 
 def test_obstacles_keep_the_clearance(robot: Robot) -> None:
     top = robot.base_from_hand(CAPTURE)[:3, 3]
     lens_z = robot.base_from_color(CAPTURE)[2, 3]
-    for gap_m, touch in ((0.0045, "None"), (0.0035, "camera touches shelf")):
+    for gap_m, collision in ((0.0045, "None"), (0.0035, "camera touches shelf")):
         shelf = box("shelf", (top[0] + 0.065, 0.0, lens_z - 0.01 - gap_m), (0.02, 0.02, 0.01))
-        assert str(among(robot, shelf).touch(CAPTURE, WIDE_M)) == touch
+        assert str(among(robot, shelf).collision(CAPTURE, WIDE_M)) == collision
 
 
 def test_an_obstacle_may_have_the_name_of_a_part(robot: Robot) -> None:
-    assert among(robot, box("camera", (0.375, 0.0, 0.6), (0.3, 0.3, 0.1))).touch(CAPTURE, WIDE_M) is not None
+    assert among(robot, box("camera", (0.375, 0.0, 0.6), (0.3, 0.3, 0.1))).collision(CAPTURE, WIDE_M) is not None
 
 
 def test_the_tray_has_walls(robot: Robot, scene: Scene) -> None:
     over_wall = (0.40, 0.34 + 0.0475)  # one finger above the wall, the other above the floor
-    assert scene.touch(reach_down(*over_wall, 0.063), WIDE_M) is None
-    assert "finger touches tray-right" in str(scene.touch(reach_down(*over_wall, 0.061), WIDE_M))
+    assert scene.collision(reach_down(*over_wall, 0.063), WIDE_M) is None
+    assert "finger touches tray-right" in str(scene.collision(reach_down(*over_wall, 0.061), WIDE_M))
     nodes = {"sim": NodeSettings(driver="sim", serves=("camera", "arm", "hand"))}
     flat = Scene.of(robot, Station(nodes=nodes, scene=SceneSettings(tray_wall_height_m=0.0)))
-    assert flat.touch(reach_down(*over_wall, 0.023), WIDE_M) is None
-    assert "finger touches tray" in str(flat.touch(reach_down(*over_wall, 0.021), WIDE_M))
+    assert flat.collision(reach_down(*over_wall, 0.023), WIDE_M) is None
+    assert "finger touches tray" in str(flat.collision(reach_down(*over_wall, 0.021), WIDE_M))
 
 
 def test_the_width_of_the_hand_counts(robot: Robot) -> None:
     tcp = robot.base_from_tcp(CAPTURE)[:3, 3]
     tight = among(robot, box("post", (tcp[0], 0.065, tcp[2]), (0.01, 0.01, 0.03)))
-    assert "finger touches post" in str(tight.touch(CAPTURE, WIDE_M))
-    assert tight.touch(CAPTURE, 0.04) is None
+    assert "finger touches post" in str(tight.collision(CAPTURE, WIDE_M))
+    assert tight.collision(CAPTURE, 0.04) is None
 
 
 def test_every_unchecked_pair_is_mounted_together_adjacent_or_never_meets(robot: Robot) -> None:
@@ -108,15 +109,15 @@ def test_link_5_and_link_7_never_meet(robot: Robot) -> None:
 
 def test_no_checked_pair_is_in_contact_everywhere(robot: Robot) -> None:
     world = alone(robot, robot.hulls)
-    touches = [q for q in random_q(500, seed=2) if world.touch(q, WIDE_M) is not None]
+    touches = [q for q in random_q(500, seed=2) if world.collision(q, WIDE_M) is not None]
     assert 0 < len(touches) < 100
 
 
 def test_the_hulls_contain_the_meshes(robot: Robot) -> None:
     hulls, meshes = alone(robot, robot.hulls), alone(robot, robot.meshes)
-    colliding = [q for q in random_q(1500, seed=5) if meshes.touch(q, WIDE_M) is not None]
+    colliding = [q for q in random_q(1500, seed=5) if meshes.collision(q, WIDE_M) is not None]
     assert len(colliding) > 30
-    assert all(hulls.touch(q, WIDE_M) is not None for q in colliding)
+    assert all(hulls.collision(q, WIDE_M) is not None for q in colliding)
 
 
 def test_the_broad_phase_misses_nothing(robot: Robot, scene: Scene) -> None:
@@ -129,11 +130,11 @@ def test_the_broad_phase_misses_nothing(robot: Robot, scene: Scene) -> None:
         pin.computeDistances(robot.model, robot_data, model, data, np.array([*q, WIDE_M / 2, WIDE_M / 2]))
         near = any(r.min_distance < margin for r, margin in zip(data.distanceResults, margins, strict=True))
         seen.add(near)
-        assert (scene.touch(q, WIDE_M) is not None) == near
+        assert (scene.collision(q, WIDE_M) is not None) == near
     assert seen == {True, False}
 
 
 def test_the_coarse_margin_finds_whatever_the_fine_one_does(scene: Scene) -> None:
     for q in near_q(200, seed=4):
-        if scene._planned.touch(q, WIDE_M) is not None:
-            assert scene._planned.touch(q, WIDE_M, coarse=True) is not None
+        if scene._planned.collision(q, WIDE_M) is not None:
+            assert scene._planned.collision(q, WIDE_M, coarse=True) is not None

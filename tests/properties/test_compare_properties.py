@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Callable
 from enum import Enum
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -114,7 +115,7 @@ def _other(value: Any) -> Any:
     if isinstance(value, bool | np.bool_):
         return not value
     if isinstance(value, float | np.floating):
-        return value + 1.0 + abs(value) if math.isfinite(value) else 0.0
+        return value + 1.0 + abs(float(value)) if math.isfinite(value) else 0.0
     if isinstance(value, int | np.integer):
         return value + 1 if value < 255 else 0
     if isinstance(value, bytes):
@@ -156,9 +157,7 @@ def _changes(path: str, value: Any) -> list[Change]:
             for leaf, made in _changes(f"{path}.{name}", part)
         ]
     if isinstance(value, np.ndarray):
-        return [
-            (_label(path, value, index), lambda index=index: _with(value, index)) for index in np.ndindex(value.shape)
-        ]
+        return [(_label(path, value, index), partial(_with, value, index)) for index in np.ndindex(value.shape)]
     return [(path, lambda: _other(value))]
 
 
@@ -208,7 +207,7 @@ def test_an_array_differs_where_it_differs_most_and_only_beyond_its_tolerance(
 ) -> None:
     noise = np.random.default_rng(seed).uniform(-0.1, 0.1, q_rad.shape)
     one = Motion(
-        finished=True, commanded_q_rad=q_rad, t_s=[0.0], q_rad=q_rad[:1], dq_rad_s=q_rad[:1], tau_ext_nm=q_rad[:1]
+        finished=True, commanded_q_rad=q_rad, t_s=np.zeros(1), q_rad=q_rad[:1], dq_rad_s=q_rad[:1], tau_ext_nm=q_rad[:1]
     )
     other = one.model_copy(update={"commanded_q_rad": q_rad + noise})
     found = compare(one, other, {"commanded_*": Tolerance(allowed, "rad")})

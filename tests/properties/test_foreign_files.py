@@ -86,7 +86,7 @@ def _try_everything(folder: Path, content: bytes) -> None:
     path.write_bytes(content)
     for read in (read_cycle, read_metadata, recover, lambda path: list(payloads(path))):
         with suppress(RecordingError):
-            read(path)  # type: ignore[operator]
+            read(path)
     (folder / "any.recovered.mcap").unlink(missing_ok=True)
     entry = read_entry(path)
     assert entry.result != "DAMAGED" or entry.reason.isprintable()
@@ -254,6 +254,6 @@ def test_files_of_other_writers_are_read_with_or_without_a_summary(
             writer.add_attachment(1, 1, "station.json", "application/json", b"{}")
             for key, _, payload in _said():
                 writer.add_message(writer.register_channel(f"/{key}", "json", 0), 1, payload, 1)
-            writer.finish()
+            writer.finish()  # type: ignore[no-untyped-call]
         assert read_entry(path).result == "SUCCESS"
         assert recover(path).messages == 23 and read_cycle(path).cycle_id == CYCLE_ID

@@ -12,6 +12,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 from bus.codes import Code
 from bus.commands import CommandRequest
 from bus.errors import CycleFailure
+from cell.machine.holding import Holding
 from cell.machine.owner import Machine
 from cell.machine.states import State
 
@@ -58,7 +59,10 @@ class MachineMatchesItsTable(RuleBasedStateMachine):
         super().__init__()
         self.works: dict[str, _Work] = {}  # of the state now, and of the one that it pauses
         self.machine = Machine(
-            {State(name): self._work_of(name) for name in ACTING}, lambda state, reason: None, lambda verb, request: ""
+            {State(name): self._work_of(name) for name in ACTING},
+            Holding(),
+            lambda state, reason: None,
+            lambda verb, request: "",
         )
         self.machine.start()
         self.state = "Stopped"
@@ -69,7 +73,7 @@ class MachineMatchesItsTable(RuleBasedStateMachine):
         def work() -> None:
             self.works[name]()
             if name in STOPPING:  # as in the cell: everything else is over before a stop is
-                assert self.machine.wait_quiet(10)
+                assert self.machine.wait_no_action(10)
 
         return work
 

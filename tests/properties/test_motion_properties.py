@@ -95,7 +95,8 @@ picks = st.builds(
 
 def play(trajectory: Trajectory, asked: dict[int, str]) -> np.ndarray:
     """All commands; right before command number ``n`` the stream is asked to ``asked[n]``."""
-    stream, commands, asked = Stream(trajectory), [], dict(asked)
+    stream, asked = Stream(trajectory), dict(asked)
+    commands: list[np.ndarray] = []
     while not (stream.held and not asked):
         if len(commands) in asked:
             getattr(stream, asked.pop(len(commands)))()
@@ -172,7 +173,8 @@ def test_the_held_object_stays_above_where_it_lay(pick: PickPlan) -> None:
 
 def crowd(seed: int) -> tuple[Box, ...]:
     """Five boxes 10 to 40 cm tall beside the pick region, the base and the tray."""
-    rng, boxes = np.random.default_rng(seed), []
+    rng = np.random.default_rng(seed)
+    boxes: list[Box] = []
     while len(boxes) < 5:
         x, y, height = rng.uniform(0.2, 0.8), rng.uniform(-0.6, 0.7), rng.uniform(0.1, 0.4)
         beside_region = not (X_MIN - 0.12 < x < X_MAX + 0.12 and Y_MIN - 0.12 < y < Y_MAX + 0.12)

@@ -1,4 +1,4 @@
-"""The prompts of the imagining, one text file a step; ``{fields}`` are filled in.
+"""The prompts of stage 1, one text file a step; ``{fields}`` are placeholders.
 
 Version 2: ``locate`` and ``render`` added; ``constraint`` names the background.
 """
@@ -11,5 +11,5 @@ VERSION = 2
 
 
 def prompt(step: str, **fields: str) -> str:
-    """The text of one step with its fields filled in; a missing or unknown field is a KeyError."""
+    """The prompt of one step with its placeholders filled in. Raises: KeyError for a missing field."""
     return files(__name__).joinpath(f"{step}.txt").read_text().format(**fields)

@@ -17,11 +17,12 @@ from bus.commands import Presented, PresentRequest
 from bus.errors import CycleFailure, DriverError, MotionRefused
 from bus.messages import ArmMode, CycleResult
 from bus.trajectory import Trajectory
-from cell.daemon.actions import Works
+from cell.daemon.actions import Actions
 from cell.machine import standstill
+from cell.machine.gate import Gate
 from cell.pick.cycle import Equipment
 from config.load import load_station
-from drivers.interface import Feeder
+from drivers.interface import ObjectPresenter
 from drivers.node.registry import open_devices
 from drivers.sim.world import World
 from logs.mcap.reader import read_cycle
@@ -30,7 +31,7 @@ from planning.robot import Robot
 
 
 class Restless:
-    """A feeder whose objects roll away."""
+    """An object presenter whose objects roll away."""
 
     def present(self, request: PresentRequest) -> Presented:
         raise DriverError("The object 'ball' does not come to rest.", "Is it round?")
@@ -42,7 +43,7 @@ class Restless:
 class Bench:
     """Works with simulated devices; the result they say, and a hold at a chosen instant of a chosen stage."""
 
-    def __init__(self, folder: Path, feeder: Feeder | None = None) -> None:
+    def __init__(self, folder: Path, presenter: ObjectPresenter | None = None) -> None:
         station = load_station(None, [f"recording.folder={folder}"])
         devices = open_devices("sim", station)
         assert devices.camera is not None and devices.arm is not None and devices.hand is not None
@@ -53,9 +54,11 @@ class Bench:
             devices.camera, devices.arm, devices.hand, Robot(station), station, open_models(station, {})
         )
         self.results: list[CycleResult] = []
-        self.works = Works(
+        self.gate = Gate()
+        self.actions = Actions(
             equipment,
-            feeder or devices.feeder,
+            self.gate,
+            presenter or devices.presenter,
             lambda: set(station.nodes),
             lambda topic, message: None,
             self._on_stage,
@@ -73,7 +76,7 @@ class Bench:
         left = self._ticks_to_hold.get(self._stage, 0)
         self._ticks_to_hold[self._stage] = left - 1
         if left == 1:
-            self.works.gate.hold()
+            self.gate.hold()
             self.arm.hold()
             self.moving.set()
 
@@ -90,7 +93,7 @@ class Bench:
         give_up_s = time.monotonic() + 5
         while np.abs((state := self.arm.state()).dq_rad_s).max() >= 1e-3:
             assert time.monotonic() < give_up_s
-        assert thread.is_alive() and self.works.gate.is_moving and state.mode is ArmMode.MOVE
+        assert thread.is_alive() and self.gate.is_moving and state.mode is ArmMode.MOVE
         np.testing.assert_array_equal(self.arm.state().q_rad, state.q_rad)
         return state.q_rad
 
@@ -100,8 +103,8 @@ def make_bench(tmp_path: Path) -> Iterator[Callable[..., Bench]]:
     """Makes benches, and closes their cameras: a graphics context left open keeps hundreds of megabytes."""
     with ExitStack() as stack:
 
-        def make(feeder: Feeder | None = None) -> Bench:
-            bench = Bench(tmp_path, feeder)
+        def make(presenter: ObjectPresenter | None = None) -> Bench:
+            bench = Bench(tmp_path, presenter)
             stack.callback(bench.camera.close)
             return bench
 
@@ -122,74 +125,74 @@ def bench(make_bench: Callable[..., Bench], monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_a_cycle_held_in_its_pick_and_in_its_delivery_succeeds(bench: Bench) -> None:
-    works = bench.works
-    works.reset()
-    works.begin()
-    for work in (works.pick, works.complete):
+    actions = bench.actions
+    actions.reset()
+    actions.begin()
+    for work in (actions.pick, actions.complete):
         thread = bench.run(work)
-        works.hold()
+        actions.hold()
         bench.held_q_rad(thread)
-        works.unhold()
+        actions.unhold()
         thread.join(60)
-        assert not thread.is_alive() and not works.gate.is_moving
+        assert not thread.is_alive() and not bench.gate.is_moving
     (result,) = bench.results
     assert result.result == "SUCCESS", result.reason
     bench.camera.close()
 
 
 def test_a_stop_ends_a_held_cycle_and_nothing_moves_afterwards(bench: Bench) -> None:
-    works = bench.works
-    works.reset()
-    works.begin()
+    actions = bench.actions
+    actions.reset()
+    actions.begin()
 
     def pick() -> None:
         with pytest.raises(CycleFailure, match="Stopped during 'reach'"):
-            works.pick()
+            actions.pick()
 
     thread = bench.run(pick)
-    works.hold()
+    actions.hold()
     held_q_rad = bench.held_q_rad(thread)
 
-    def is_quiet(wait_s: float) -> bool:
+    def no_action_running(wait_s: float) -> bool:
         thread.join(wait_s)
         return not thread.is_alive()
 
-    works.stop(is_quiet)
+    actions.stop(no_action_running)
     (result,) = bench.results
     assert (result.result, result.code) == ("ABORTED", Code.STOPPED)
-    works.gate.let_go()
+    bench.gate.release()
     state = bench.arm.state()
     assert state.mode is ArmMode.IDLE
     np.testing.assert_allclose(state.q_rad, held_q_rad, atol=1e-3)
-    works.gate.clear()
-    works.reset()
+    bench.gate.clear()
+    actions.reset()
 
 
 def test_a_hold_between_motions_is_held_at_once_and_the_next_one_waits(bench: Bench) -> None:
-    works, began = bench.works, threading.Event()
-    works.gate.hold()
-    works.hold()
+    actions, began = bench.actions, threading.Event()
+    bench.gate.hold()
+    actions.hold()
 
     def next_motion() -> None:
-        with works.gate.motion() as may_begin:
+        with bench.gate.motion() as may_begin:
             assert may_begin
             began.set()
 
     thread = threading.Thread(target=next_motion, daemon=True)
     thread.start()
     assert not began.wait(0.05)
-    works.unhold()
+    actions.unhold()
     assert began.wait(5)
     thread.join(5)
 
 
 def test_a_motion_on_its_way_to_the_arm_is_held_when_it_arrives(make_bench: Callable[..., Bench]) -> None:
     bench = make_bench()
-    works, passed, arrives = bench.works, threading.Event(), threading.Event()
+    actions, passed, arrives = bench.actions, threading.Event(), threading.Event()
     still = Trajectory(raw_q_rad=np.repeat(bench.arm.state().q_rad[None], 2000, axis=0), window=1)
 
     def motion() -> None:
-        with works.gate.motion():
+        with bench.gate.motion():
             passed.set()
             assert arrives.wait(5)
             bench.arm.execute(still)
@@ -197,24 +200,24 @@ def test_a_motion_on_its_way_to_the_arm_is_held_when_it_arrives(make_bench: Call
     moving = threading.Thread(target=motion, daemon=True)
     moving.start()
     assert passed.wait(5)
-    works.gate.hold()
-    holding = threading.Thread(target=works.hold, daemon=True)
+    bench.gate.hold()
+    holding = threading.Thread(target=actions.hold, daemon=True)
     holding.start()
     holding.join(0.05)
     assert holding.is_alive()
     arrives.set()
     holding.join(5)
     assert not holding.is_alive()
-    works.unhold()
+    actions.unhold()
     moving.join(5)
     assert not moving.is_alive()
 
 
 def test_a_motion_that_was_over_as_the_hold_came_needs_no_resume(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    works, over = bench.works, threading.Event()
+    actions, over = bench.actions, threading.Event()
 
     def motion() -> None:
-        with works.gate.motion():
+        with bench.gate.motion():
             over.wait(5)
 
     def resume() -> None:
@@ -224,25 +227,25 @@ def test_a_motion_that_was_over_as_the_hold_came_needs_no_resume(bench: Bench, m
     monkeypatch.setattr(bench.arm, "resume", resume)
     thread = threading.Thread(target=motion, daemon=True)
     thread.start()
-    while not works.gate.is_moving:
+    while not bench.gate.is_moving:
         pass
-    works.gate.hold()
-    works.unhold()
+    bench.gate.hold()
+    actions.unhold()
     thread.join(5)
-    assert not works.gate.is_moving
+    assert not bench.gate.is_moving
 
 
 def test_a_motion_that_neither_goes_on_nor_ends_is_an_error(bench: Bench) -> None:
-    with bench.works.gate.motion(), pytest.raises(MotionRefused):
-        standstill.unhold(bench.arm, bench.works.gate, ending_s=0.01)
+    with bench.gate.motion(), pytest.raises(MotionRefused):
+        standstill.unhold(bench.arm, bench.gate, ending_s=0.01)
 
 
 def test_an_object_that_cannot_be_presented_is_the_reason_of_its_cycle(make_bench: Callable[..., Bench]) -> None:
     bench = make_bench(Restless())
-    works, results = bench.works, bench.results
+    actions, results = bench.actions, bench.results
     with pytest.raises(CycleFailure, match="does not come to rest"):
-        works.begin()
-    works.stop(lambda wait_s: True)
+        actions.begin()
+    actions.stop(lambda wait_s: True)
     (result,) = results
     assert (result.result, result.code) == ("ABORTED", Code.INTERNAL)
     assert "does not come to rest" in result.reason

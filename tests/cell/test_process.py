@@ -8,12 +8,12 @@ import sys
 
 import pytest
 
-from cell.nodes.process import settled
+from cell.nodes.process import freeze_gc
 
 _THREADS = """
 import ctypes, threading
-from cell.nodes.process import share_arenas
-share_arenas()
+from cell.nodes.process import limit_malloc_arenas
+limit_malloc_arenas()
 done = threading.Barrier(9)
 def allocate():
     ctypes.CDLL(None).malloc(100_000)
@@ -26,7 +26,7 @@ ctypes.CDLL(None).malloc_stats()
 
 
 def test_what_was_there_before_is_not_looked_through_until_the_end() -> None:
-    with pytest.raises(KeyError), settled():
+    with pytest.raises(KeyError), freeze_gc():
         assert gc.get_freeze_count() > 10_000
         raise KeyError
     assert gc.get_freeze_count() == 0

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from config.schema import Box
-from planning.height_field import CELL_M, Field, observed_field, solid
+from planning.height_field import CELL_M, ObservedHeightField, observed_field, solid
 from planning.world import Thing
 from tests.planning.conftest import STATION, box
 from tests.planning.views import seen_from_above
@@ -18,12 +18,18 @@ TOWER = box("tower", (0.55, 0.20, 0.15), (0.10, 0.06, 0.30))
 BRICK = box("brick", (0.30, -0.25, 0.04), (0.06, 0.12, 0.08))
 
 
-def field_of(*boxes: Box, known: tuple[Box, ...] = (TABLE,), **view: object) -> Field | None:
-    points, target = seen_from_above((TABLE, *boxes), eye_m=EYE_M, **view)
-    return observed_field(points, target, known)
+def field_of(
+    *boxes: Box,
+    known: tuple[Box, ...] = (TABLE,),
+    target: Box | None = None,
+    noise_m: float = 0.0,
+    holes_px: int = 0,
+) -> ObservedHeightField | None:
+    view = seen_from_above((TABLE, *boxes), eye_m=EYE_M, target=target, noise_m=noise_m, holes_px=holes_px)
+    return observed_field(*view, known)
 
 
-def height_at(field: Field, x: float, y: float) -> float:
+def height_at(field: ObservedHeightField, x: float, y: float) -> float:
     column, row = np.rint((np.array([x, y]) - field.origin_m) / CELL_M).astype(int)
     inside = 0 <= row < field.height_m.shape[0] and 0 <= column < field.height_m.shape[1]
     return float(field.height_m[row, column]) if inside else -1.0

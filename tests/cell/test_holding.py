@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 
 from bus.commands import CommandRequest
 from bus.messages import CycleResult
-from cell.daemon.actions import Works
-from cell.daemon.control import Control
-from cell.daemon.publisher import Voice
-from cell.machine.gate import Gate
+from cell.daemon.actions import Actions
+from cell.daemon.batch_control import BatchControl
+from cell.daemon.publisher import Publisher
+from cell.machine.holding import Holding
 from cell.machine.owner import Machine
 from cell.machine.states import PAUSES, State
 from config.schema import RetrySettings
@@ -26,45 +26,46 @@ SETTLED = {State.STOPPED, State.IDLE, State.COMPLETE, State.ABORTED, State.HELD,
 
 
 @dataclass
-class _Works:
-    """What `Control` and the machine use of the works: motions through a real gate, without devices."""
+class _Actions:
+    """What `BatchControl` and the machine use of the actions: motions through a real gate, without devices."""
 
-    gate: Gate = field(default_factory=Gate)
-    gave_up: str = ""
-    object: str | None = None
+    holding: Holding = field(default_factory=Holding)
     result: str = "SUCCESS"
 
     @property
-    def feed(self) -> Any:
+    def table(self) -> Any:
         return self
 
     def require_possible(self, _request: CommandRequest) -> None: ...
 
-    def renew(self, *_: Any) -> None: ...
+    def restart_attempts(self, *_: Any) -> None: ...
+
+    def take_hold_after_failures(self) -> str:
+        return ""
 
     def move(self) -> None:
-        with self.gate.motion():
+        with self.holding.gate.motion():
             pass
 
 
-class _Voice:
+class _Publisher:
     def __init__(self) -> None:
         self.states: list[tuple[State, str]] = []
 
-    def say_state(self, state: State, reason: str) -> None:
+    def publish_state(self, state: State, reason: str) -> None:
         self.states.append((state, reason))
 
-    def say_event(self, *_: str) -> None: ...
+    def publish_event(self, *_: str) -> None: ...
 
 
 class Bench:
     """A real machine and its control; ``before``: called with every command that the cell gives itself, just before."""
 
     def __init__(self, before: Callable[[str], None] = lambda verb: None) -> None:
-        self.works, self.voice = _Works(), _Voice()
-        self.control = Control(cast(Works, self.works), cast(Voice, self.voice), RetrySettings())
+        self.actions, self.publisher = _Actions(), _Publisher()
+        self.batches = BatchControl(cast(Actions, self.actions), cast(Publisher, self.publisher), RetrySettings())
         still = lambda: None  # noqa: E731
-        moves = self.works.move
+        moves = self.actions.move
         self.machine = Machine(
             {
                 State.RESETTING: moves,
@@ -72,15 +73,16 @@ class Bench:
                 State.EXECUTE: moves,
                 State.COMPLETING: self._complete,
                 State.HOLDING: still,
-                State.UNHOLDING: self.works.gate.let_go,
+                State.UNHOLDING: self.actions.holding.gate.release,
                 State.SUSPENDING: still,
-                State.UNSUSPENDING: self.works.gate.let_go,
+                State.UNSUSPENDING: self.actions.holding.gate.release,
                 State.STOPPING: self._stop,
                 State.ABORTING: self._stop,
                 State.CLEARING: still,
             },
-            self.control.enter,
-            self.control.accept,
+            self.actions.holding,
+            self.batches.enter,
+            self.batches.accept,
         )
         post = self.machine.post
 
@@ -89,15 +91,15 @@ class Bench:
             before(verb)  # and this comes in between
 
         self.machine.post = racing  # type: ignore[method-assign]
-        self.control.drive(self.machine)
+        self.batches.drive(self.machine)
         self.machine.start()
 
     def _complete(self) -> None:
-        self.works.move()
-        self.control.count(_result(self.works.result))
+        self.actions.move()
+        self.batches.count(_result(self.actions.result))
 
     def _stop(self) -> None:
-        assert self.machine.wait_quiet(10)
+        assert self.machine.wait_no_action(10)
 
     def settle(self) -> State:
         """Until nothing is to come by itself any more."""
@@ -106,7 +108,7 @@ class Bench:
             asked = threading.Event()
             self.machine.decide(asked.set)
             assert asked.wait(10)
-            quiet = self.machine.wait_quiet(0.01) and self.machine.state in SETTLED
+            quiet = self.machine.wait_no_action(0.01) and self.machine.state in SETTLED
             steady = steady + 1 if quiet else 0
         return self.machine.state
 
@@ -132,15 +134,15 @@ def test_a_lease_lost_between_two_picks_ends_the_start_and_leaves_nothing_shut(v
     def lose(posted: str) -> None:
         if posted == verb and not lost:
             lost.append(posted)
-            bench.control.lose_lease("op", "its token is gone")
+            bench.batches.lose_lease("op", "its token is gone")
 
     bench = Bench(lose)
     bench.machine.command("reset", OPERATOR)
     assert bench.settle() is State.IDLE
     assert bench.machine.command("start", OPERATOR.model_copy(update={"cycles": 3})).ok
     state = bench.settle()
-    assert lost and (bench.works.gate.held, state in PAUSES) in ((False, False), (True, True))
-    assert any("lease of 'op' was lost" in reason for _, reason in bench.voice.states)
+    assert lost and (bench.actions.holding.gate.held, state in PAUSES) in ((False, False), (True, True))
+    assert any("lease of 'op' was lost" in reason for _, reason in bench.publisher.states)
     assert bench.machine.command("unhold" if state in PAUSES else "reset", OPERATOR).ok
     assert bench.settle() in (State.IDLE, State.COMPLETE)
     bench.close()
@@ -159,7 +161,7 @@ def test_the_gate_is_shut_exactly_while_the_cell_is_held(steps: list[str], when:
     def race(_verb: str) -> None:
         what = next(races, "")
         if what == "lose":
-            bench.control.lose_lease("op", "its token is gone")
+            bench.batches.lose_lease("op", "its token is gone")
         elif what:
             bench.machine.decide(lambda: None)
             threading.Thread(target=bench.machine.command, args=(what, OPERATOR)).start()
@@ -167,14 +169,16 @@ def test_the_gate_is_shut_exactly_while_the_cell_is_held(steps: list[str], when:
     bench = Bench(race)
     for step in steps:
         if step == "lose":
-            bench.control.lose_lease("op", "its token is gone")
+            bench.batches.lose_lease("op", "its token is gone")
         elif step == "fail":
-            bench.works.result = "FAILED"
+            bench.actions.result = "FAILED"
         elif step == "settle":
             bench.settle()
         else:
             cycles = {"cycles": 3} if step == "start" else {}
             bench.machine.command(step, OPERATOR.model_copy(update=cycles))
     state = bench.settle()
-    assert bench.works.gate.held == (state in PAUSES) or bench.works.gate.halted
+    holding = bench.actions.holding
+    assert holding.gate.held == (state in PAUSES) or holding.gate.halted
+    assert (holding.reason != "") == (state in PAUSES), "who asks why it is held is told"
     bench.close()

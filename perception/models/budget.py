@@ -1,4 +1,4 @@
-"""What hosted models cost, and the limits on it. The day's spending survives a restart: it is in the ledger."""
+"""The cost of hosted models and its limits. The cost of the day survives a restart, because it is in the ledger."""
 
 from __future__ import annotations
 
@@ -16,18 +16,19 @@ LEDGER = "spend.jsonl"
 
 
 def utc_now() -> datetime:
+    """The time now, UTC."""
     return datetime.now(UTC)
 
 
-class Purse:
-    """Pays for calls, and refuses before the next one once a limit is reached. Any thread may use it.
+class Budget:
+    """Records costs, and refuses further calls once a limit is reached. Thread-safe.
 
     Args:
-        ledger: the file of what was spent (`Ledger`); made when first needed.
+        ledger: file of the costs (`Ledger`); created when first needed.
         now: UTC clock.
 
     Attributes:
-        cycle: counts the cycles. A call is paid in the one it began in, however late its answer comes.
+        cycle: number of cycles so far. A call is charged to the cycle in which it began, however late its answer comes.
 
     Raises: RecordingError when the ledger cannot be read.
     """
@@ -42,13 +43,13 @@ class Purse:
         self._day_usd = self._ledger.spent_on(self._day)
 
     def begin(self) -> None:
-        """A new cycle."""
+        """Begin a cycle."""
         with self._turn:
             self.cycle += 1
             self._cycle_usd = 0.0
 
     def require(self) -> None:
-        """Raises: CycleFailure(SPEND_LIMIT) when this cycle or this day has spent what it may."""
+        """Refuse when a limit is reached. Raises: CycleFailure(SPEND_LIMIT), for this cycle's or this day's limit."""
         with self._turn:
             self._turn_page(self.now().date())
             cycle = (self._cycle_usd, self._settings.max_cycle_usd, "this cycle")
@@ -60,9 +61,9 @@ class Purse:
                 )
 
     def pay(self, model: str, usd: float, cycle: int | None = None, began: datetime | None = None) -> None:
-        """Note what a call cost, in the cycle and on the day it began in (None = this one, now).
+        """Record the cost [USD] of a call in the cycle and on the day it began in (None = this cycle, now).
 
-        Raises: RecordingError when it cannot be written.
+        Raises: RecordingError when the ledger cannot be written.
         """
         at = began or self.now()
         with self._turn:

@@ -11,12 +11,12 @@ from config.schema import Station
 from drivers.sim.optics import COLOR
 from planning.robot import Robot
 from planning.scene import Scene
-from planning.viewpoints import vantages
+from planning.viewpoints import viewpoints
 from tests.planning.conftest import CAPTURE, NODES, STATION, WIDE_M
 
 
 def test_all_of_the_board_is_seen_from_many_sides_and_nothing_is_touched(robot: Robot, scene: Scene) -> None:
-    found = vantages(scene, STATION, CAPTURE)
+    found = viewpoints(scene, STATION, CAPTURE)
     assert len(found) == STATION.calibration.poses
     length_m, width_m = STATION.calibration.size_m
     center_m = np.array(STATION.calibration.board_center_m)
@@ -24,7 +24,7 @@ def test_all_of_the_board_is_seen_from_many_sides_and_nothing_is_touched(robot: 
     corners_m = center_m + np.array(sides) * (length_m / 2, width_m / 2, 0.0)
     axes = []
     for q_rad in found:
-        assert scene.touch(q_rad, WIDE_M) is None
+        assert scene.collision(q_rad, WIDE_M) is None
         color_from_base = np.linalg.inv(robot.base_from_color(q_rad))
         seen = corners_m @ color_from_base[:3, :3].T + color_from_base[:3, 3]
         pixels = seen[:, :2] / seen[:, 2:] * COLOR.fx + (COLOR.cx, COLOR.cy)
@@ -37,4 +37,4 @@ def test_all_of_the_board_is_seen_from_many_sides_and_nothing_is_touched(robot: 
 def test_a_board_out_of_reach_is_refused_with_what_to_do(robot: Robot) -> None:
     far = Station(nodes=NODES, calibration=CalibrationSettings(board_center_m=(1.4, 0.0, 0.0)))
     with pytest.raises(CalibrationError, match="board_center_m"):
-        vantages(Scene.of(robot, far), far, CAPTURE)
+        viewpoints(Scene.of(robot, far), far, CAPTURE)

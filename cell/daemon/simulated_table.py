@@ -1,34 +1,37 @@
-"""What lies on the simulated table: presented for a cycle, and asked for again after it. On hardware nobody knows."""
+"""The objects on the simulated table: presented for a cycle, and read back after it. Unknown on hardware."""
 
 from __future__ import annotations
 
 from bus.commands import CommandRequest, Presented, PresentRequest
 from bus.errors import Refused
 from config.schema import Station
-from drivers.interface import Feeder
+from drivers.interface import ObjectPresenter
 
 
-class Feed:
-    """The feeder, as the works use it.
+class SimulatedTable:
+    """The simulated table, as the actions use it.
 
     Args:
-        feeder: puts objects on the simulated table; None on hardware.
+        presenter: puts objects on the simulated table; None on hardware.
     """
 
-    def __init__(self, feeder: Feeder | None, station: Station) -> None:
-        self._feeder, self._station = feeder, station
+    def __init__(self, presenter: ObjectPresenter | None, station: Station) -> None:
+        self._presenter, self._station = presenter, station
         self._is_filled = station.sim.clutter > 0
         self._before: Presented | None = None
         self._names: tuple[str, ...] = ()
 
     def look(self) -> None:
-        """Ask which objects there are: at every reset, for a node may have come back. Raises: DriverError, BusError."""
-        if self._feeder is not None:
-            self._names = self._feeder.truth().names
+        """Ask for the available objects; at every reset, because a node may have restarted.
+
+        Raises: DriverError, BusError.
+        """
+        if self._presenter is not None:
+            self._names = self._presenter.truth().names
 
     def require_possible(self, request: CommandRequest) -> None:
-        """Raises: Refused for what the table cannot do: the simulated one, or a real one."""
-        if self._feeder is None:
+        """Refuse a request that the simulated, or the real, table cannot fulfil. Raises: Refused."""
+        if self._presenter is None:
             if request.object is not None:
                 raise Refused(
                     f"Only a simulated cell presents an object: {request.object!r} cannot be.",
@@ -53,28 +56,32 @@ class Feed:
             raise Refused(f"There is no object {request.object!r}.", advice, code="UNKNOWN_OBJECT")
 
     def present(self, number: int, name: str | None, *, again: bool = False) -> str:
-        """Put the cycle's object on the table; its name, or "" where several lie there. Raises: DriverError, BusError.
+        """Put the cycle's object on the table; return its name, or "" when several objects are there.
 
         Args:
             number: of the pick. ``name``: None = the next of the seeded order.
-            again: the pick is tried once more: what lies there stays.
+            again: a further attempt of the pick: the table stays unchanged.
+
+        Raises: DriverError, BusError.
         """
-        if self._feeder is None:
+        if self._presenter is None:
             return ""
         request = PresentRequest(object=name, cycle=number, seed=self._station.sim.seed)
-        self._before = self._feeder.truth() if again else self._feeder.present(request)
+        self._before = self._presenter.truth() if again else self._presenter.present(request)
         return "" if self._is_filled else self._before.object
 
     def taken(self, presented: str) -> str:
-        """What the cycle took: ``presented``; of several, what really left the pick region, "" if nothing did."""
-        if not self._is_filled or self._feeder is None or self._before is None:
+        """The object that the cycle took: ``presented``; of several, those that left the pick region, "" for none."""
+        if not self._is_filled or self._presenter is None or self._before is None:
             return presented
-        pairs = zip(self._before.objects, self._inside(self._before), self._inside(self._feeder.truth()), strict=True)
+        pairs = zip(
+            self._before.objects, self._inside(self._before), self._inside(self._presenter.truth()), strict=True
+        )
         return ", ".join(one.name for one, was_inside, is_inside in pairs if was_inside and not is_inside)
 
     def left(self) -> int | None:
-        """How many objects really are in the pick region; None on hardware. Raises: DriverError, BusError."""
-        return None if self._feeder is None else sum(self._inside(self._feeder.truth()))
+        """Number of objects really in the pick region; None on hardware. Raises: DriverError, BusError."""
+        return None if self._presenter is None else sum(self._inside(self._presenter.truth()))
 
     def _inside(self, truth: Presented) -> list[bool]:
         x_min, x_max, y_min, y_max = self._station.scene.pick_region_m
