@@ -55,7 +55,7 @@ class Bench:
         return caught.value.text
 
     def until(self, condition: Callable[[], bool]) -> None:
-        give_up_s = time.monotonic() + 10
+        give_up_s = time.monotonic() + 60
         while not condition():
             assert time.monotonic() < give_up_s
             time.sleep(0.01)

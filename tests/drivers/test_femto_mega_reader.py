@@ -37,7 +37,7 @@ def connected(orbbec: FakeOrbbec, **settings: Any) -> Iterator[FemtoMega]:
         camera.close()
 
 
-def until(holds: Callable[[], bool], patience_s: float = 10.0) -> None:
+def until(holds: Callable[[], bool], patience_s: float = 60.0) -> None:
     give_up_s = time.monotonic() + patience_s
     while not holds():
         assert time.monotonic() < give_up_s
@@ -99,7 +99,7 @@ def test_a_camera_that_gives_nothing_else_is_connected_anew(always: str) -> None
 
 
 def _captured(camera: FemtoMega) -> Any:
-    give_up_s = time.monotonic() + 10
+    give_up_s = time.monotonic() + 60
     while time.monotonic() < give_up_s:
         try:
             return camera.capture()

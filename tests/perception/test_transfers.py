@@ -46,7 +46,7 @@ def listening(serve: Callable[[socket.socket], None]) -> Iterator[str]:
 
         thread = OwnedThread(Role.PROBE, accept).start()
         yield f"http://127.0.0.1:{server.getsockname()[1]}/v1"
-        thread.join(5.0)
+        thread.join(60)
         assert not thread.is_alive(), "the client hung up"
 
 
