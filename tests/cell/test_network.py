@@ -171,7 +171,7 @@ def test_a_pick_over_four_machines_and_a_cut_cable(net: Net, tmp_path: Path) -> 
         cut_s = time.monotonic()
         net.cut("node")
         noticed_s = cell.await_line("Aborting") - cut_s
-        assert noticed_s < 3.0  # 1 s is the lease; the rest is a busy machine
+        assert noticed_s < 8.0  # by the lease of 1 s, and not by the silence; the rest is a busy machine
         assert operator.answer()["result"] == "ABORTED"
         cell.await_line("Aborted")
 

@@ -90,6 +90,11 @@ def lasting_s(act: Callable[[], object]) -> float:
     return time.monotonic() - started_s
 
 
+def shortest_s(act: Callable[[], object]) -> float:
+    """Of three times: a busy machine is not late every time."""
+    return min(lasting_s(act) for _ in range(3))
+
+
 class Running:
     """``execute`` in a thread of its own, with what came of it."""
 
@@ -156,7 +161,7 @@ def test_a_wrong_camera_mirrors(camera: FaultyCamera, frame: Frame) -> None:
 
 def test_a_slow_camera_is_late(camera: FaultyCamera) -> None:
     camera.fault = Fault.SLOW
-    assert DELAY_S <= lasting_s(camera.capture) < 10 * DELAY_S
+    assert DELAY_S <= shortest_s(camera.capture) < 10 * DELAY_S
 
 
 # --- the arm ----------------------------------------------------------------------------------------------------------
@@ -268,7 +273,7 @@ def test_a_wrong_hand_is_a_centimetre_off(hand: FaultyHand) -> None:
 
 def test_a_slow_hand_is_late(hand: FaultyHand) -> None:
     hand.fault = Fault.SLOW
-    assert DELAY_S <= lasting_s(hand.state) < 10 * DELAY_S
+    assert DELAY_S <= shortest_s(hand.state) < 10 * DELAY_S
 
 
 # --- over the bus -----------------------------------------------------------------------------------------------------
