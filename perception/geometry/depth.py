@@ -13,7 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from bus.messages import CameraModel, Frame
-from perception.geometry.lift import project, transform
+from bus.transforms import apply
+from perception.geometry.lift import project
 
 _CRITERIA = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-9)
 _FLYING_M = 0.008
@@ -52,7 +53,7 @@ def register(frame: Frame) -> Rgbd:
         return Rgbd(color, depth_m, camera)
     valid = np.isfinite(depth_m)
     points = rays(frame.depth_camera)[valid] * depth_m[valid][:, None].astype(float)
-    points = transform(frame.color_from_depth, points)
+    points = apply(frame.color_from_depth, points)
     return Rgbd(color, _splat(points, camera), camera)
 
 
@@ -80,16 +81,12 @@ def rays(camera: CameraModel) -> npt.NDArray[np.float64]:
 
 def _splat(points: npt.NDArray[np.float64], camera: CameraModel) -> npt.NDArray[np.float32]:
     """Z-buffer (H, W) [m] of points (n, 3) in the camera frame."""
-    order = np.argsort(-points[:, 2], kind="stable")  # far first: the nearest is written last and stays
-    points = points[order]
     corner = np.floor(project(points, camera)).astype(int)
     z = points[:, 2].astype(np.float32)
-    nearest = np.full((camera.height, camera.width), np.inf, dtype=np.float32)
+    nearest = np.full(camera.height * camera.width, np.inf, dtype=np.float32)
     for dv, du in _SPLAT:
         u, v = corner[:, 0] + du, corner[:, 1] + dv
         inside = (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
-        layer = np.full_like(nearest, np.inf)
-        layer[v[inside], u[inside]] = z[inside]
-        np.minimum(nearest, layer, out=nearest)
+        np.minimum.at(nearest, (v * camera.width + u)[inside], z[inside])
     nearest[np.isinf(nearest)] = np.nan
-    return nearest
+    return nearest.reshape(camera.height, camera.width)

@@ -103,7 +103,7 @@ def _running(options: list[str]) -> Iterator[Cell]:
         yield process, station
     finally:
         process.terminate()
-        process.communicate(timeout=30)
+        process.communicate(timeout=60)
 
 
 def _await_state(station: Station) -> None:

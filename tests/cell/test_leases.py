@@ -61,12 +61,12 @@ def test_one_holds_the_lease_until_its_token_goes(leases: Leases, lost: queue.Si
     leases.change("other", False)
     assert lost.empty()
     leases.change("app", False)
-    assert (lost.get(timeout=1), leases.holder) == ("app", "")
+    assert (lost.get(timeout=60), leases.holder) == ("app", "")
 
 
 def test_a_token_that_goes_in_the_moment_of_its_command_is_lost(leases: Leases, lost: queue.SimpleQueue[str]) -> None:
     assert leases.take("pick", "app") == ""
-    assert lost.get(timeout=1) == "app"
+    assert lost.get(timeout=60) == "app"
 
 
 def test_many_that_wait_for_a_token_wait_together(leases: Leases) -> None:
@@ -172,7 +172,7 @@ def test_a_cell_whose_client_dies_in_mid_motion_holds_and_another_may_go_on(
             cell.command("reset")
         assert refusal.value.code == "LEASE_HELD"
         picker.kill()
-        assert "was lost" in cell.wait_for_state({"Held"}, 20).reason
+        assert "was lost" in cell.wait_for_state({"Held"}, 60).reason
         reply = cell.command("unhold")
         assert reply.lease == cell.client_id
         result = cell.wait_for_result(cycle_id, 90)
@@ -184,5 +184,5 @@ def test_a_stranger_without_a_token_moves_nothing(shared_daemon: Daemon) -> None
     with Bus.join(station.cell_id, station.bus.endpoint) as bus:
         request = CommandRequest(client_id="stranger")
         with pytest.raises(Refused) as refusal:
-            bus.request(topics.COMMAND, request, CommandReply, timeout_s=5, verb="reset")
+            bus.request(topics.COMMAND, request, CommandReply, timeout_s=60, verb="reset")
         assert refusal.value.code == "NO_LEASE"
