@@ -16,13 +16,15 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from benchmarks import drifted
+from benchmarks.aligners import ALIGNERS, ALL
 from benchmarks.drifted import Trial
 from benchmarks.sheet import write_sheet
 from bus.errors import CycleFailure
 from bus.messages import Alignment
-from perception.align import ALIGNERS, align
+from bus.transforms import apply
+from perception.align import align
 from perception.align.base import Array, Shape, nearest
-from perception.geometry.lift import project, transform
+from perception.geometry.lift import project
 
 _MAX_ANGLE_DEG, _MAX_OFF = 15.0, 0.10
 _TILE_PX, _MARGIN_PX = 220, 12
@@ -52,7 +54,7 @@ class Score:
 def run(regime: str, trials: int, seed: int, *, tell: Callable[[str], None] = lambda line: None) -> dict[str, Any]:
     """Every method on the same ``trials``; ``regime``: hard or mild. ``tell`` hears a line per trial."""
     cv2.setNumThreads(1)
-    methods = {name: partial(align, name) for name in ALIGNERS}
+    methods = {name: partial(align, name, methods=ALL) for name in ALIGNERS}
     scores: dict[str, list[Score | None]] = {name: [] for name in methods}
     took_ms: dict[str, list[float]] = {name: [] for name in methods}
     for number, trial in enumerate(drifted.trials(regime, trials, seed), 1):
@@ -67,13 +69,13 @@ def run(regime: str, trials: int, seed: int, *, tell: Callable[[str], None] = la
 
 def score(trial: Trial, observed_from_goal: Array) -> Score:
     """Judge one map goal -> observed against the truth."""
-    carried = transform(observed_from_goal, trial.rod_goal_ends)
+    carried = apply(observed_from_goal, trial.rod_goal_ends)
     turned = (trial.rod_ends - trial.center_m) @ trial.symmetries.transpose(0, 2, 1) + trial.center_m
     diagonal_px = trial.diagonal_m * trial.observed.camera.fx / trial.center_m[2]
     carried_px = project(carried, trial.observed.camera)
     turned_px = project(turned.reshape(-1, 3), trial.observed.camera).reshape(-1, 2, 2)
     true_px = project(trial.rod_ends, trial.observed.camera)
-    goal, observed = transform(observed_from_goal, trial.goal.points), trial.observed.points
+    goal, observed = apply(observed_from_goal, trial.goal.points), trial.observed.points
     forth, back = nearest(goal, cKDTree(observed)), nearest(observed, cKDTree(goal))
     return Score(
         raw3d=bool(_hits(carried, trial.rod_ends[None], trial.diagonal_m)[0]),

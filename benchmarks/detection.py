@@ -15,10 +15,10 @@ import numpy as np
 from benchmarks.scenes import CAMERA, Scene, render, scenes
 from bus.errors import CycleFailure
 from bus.messages import ArmMode, ArmState, Detections, Frame, ModelReply, Observation, View
+from bus.transforms import apply, inverse
 from config.load import load_station
 from perception.align.base import Array
 from perception.detector import detect
-from perception.geometry.lift import inverse, transform
 from perception.models import open_models
 
 _DEPTH_NOISE_M = 0.001
@@ -67,7 +67,7 @@ def came_back(found: Detections, replies: list[ModelReply], observation: Observa
     """Whether a carried run is the axis the model spoke of: middle within 6 mm, width within 10 mm."""
     start, end = np.array([float(number) for number in _NUMBER.findall(replies[-1].text)]).reshape(2, 3)
     width_m = float(_NUMBER.findall(replies[0].text)[0]) / 1e3
-    ends = transform(observation.view.base_from_color, np.array(found.evidence.rod_ends))
+    ends = apply(observation.view.base_from_color, np.array(found.evidence.rod_ends))
     apart_m = float(np.linalg.norm((ends.mean(axis=0) - (start + end) / 2)[:2]))
     return apart_m < _CENTER_M and abs(float(np.linalg.norm(ends[1] - ends[0])) - width_m) < _WIDTH_M
 

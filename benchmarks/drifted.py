@@ -13,8 +13,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from benchmarks.scenes import CAMERA, Picture, Scene, render, scenes
-from perception.align.base import Array, Shape, affine
-from perception.geometry.lift import lift_pixels, project, transform
+from bus.transforms import affine, apply
+from perception.align.base import Array, Shape
+from perception.geometry.lift import lift_pixels, project
 
 _DEPTH_NOISE = 0.002
 _BLUR_PX = (1.0, 2.5)
@@ -78,7 +79,7 @@ def _trial(scene: Scene, regime: Regime, rng: np.random.Generator) -> Trial:
         goal=goal,
         observed=observed,
         rod_goal_ends=goal_ends,
-        rod_ends=transform(camera_from_object, scene.rod_ends),
+        rod_ends=apply(camera_from_object, scene.rod_ends),
         symmetries=turn @ scene.object.symmetries @ turn.T,
         center_m=center,
         diagonal_m=float(2 * np.linalg.norm(scene.object.half_m)),
@@ -91,7 +92,7 @@ def _trial(scene: Scene, regime: Regime, rng: np.random.Generator) -> Trial:
 def _imagine(scene: Scene, regime: Regime, rng: np.random.Generator) -> tuple[Shape, Array]:
     """The goal image's shape, and the rod's ends as its depth has them."""
     camera_from_object = _drifted(scene.camera_from_object, regime, rng)
-    ends = transform(camera_from_object, scene.rod_ends)
+    ends = apply(camera_from_object, scene.rod_ends)
     picture = render(scene, camera_from_object, ends)
     middle_m = float(np.median(picture.depth_m[picture.object]))
     scale, relief = np.exp(rng.uniform(*np.log(regime.scale))), rng.uniform(*regime.relief)

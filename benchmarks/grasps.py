@@ -24,7 +24,7 @@ from config.schema import Station
 from perception.detector import grasps_of, ignore_reply, propose
 from perception.goal.imagine import Conversation
 from perception.models import open_models
-from perception.rectangles.metric import MAX_APART_RAD, MIN_IOU, angle_apart_rad, any_match, corners, iou
+from perception.rectangles.metric import MAX_APART_RAD, MIN_IOU, angle_apart_rad, iou, matches
 from perception.rectangles.network import GraspNetwork
 
 _TILE_PX, _COLUMNS = 240, 6
@@ -115,7 +115,7 @@ def _judged(sample: Sample, detect: Detector) -> Outcome:
         predicted = detect(sample)
     except CycleFailure as failure:
         return Outcome(sample, None, str(failure.failure))
-    if any_match(predicted, sample.truths):
+    if any(matches(predicted, truth) for truth in sample.truths):
         return Outcome(sample, predicted, "success")
     overlapping = [truth for truth in sample.truths if iou(predicted, truth) >= MIN_IOU]
     turned = [truth for truth in sample.truths if angle_apart_rad(predicted, truth) <= MAX_APART_RAD]
@@ -130,10 +130,10 @@ def contact_sheet(outcomes: list[Outcome], path: Path) -> None:
 def _tile(outcome: Outcome) -> npt.NDArray[np.uint8]:
     image = outcome.sample.color.copy()
     for truth in outcome.sample.truths:
-        cv2.polylines(image, [np.rint(corners(truth)).astype(np.int32)], True, (40, 170, 60), 1, cv2.LINE_AA)
+        cv2.polylines(image, [np.rint(truth.corners_px()).astype(np.int32)], True, (40, 170, 60), 1, cv2.LINE_AA)
     if outcome.predicted is not None:
         cv2.polylines(
-            image, [np.rint(corners(outcome.predicted)).astype(np.int32)], True, (230, 30, 30), 2, cv2.LINE_AA
+            image, [np.rint(outcome.predicted.corners_px()).astype(np.int32)], True, (230, 30, 30), 2, cv2.LINE_AA
         )
     middle = np.mean([truth.center_px for truth in outcome.sample.truths], axis=0).astype(int)
     half = min(image.shape[:2]) // 5

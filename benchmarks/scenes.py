@@ -10,8 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.shapes import Object, catalogue
 from bus.messages import CameraModel
-from perception.align.base import Array, Mask, affine
-from perception.geometry.lift import inverse, lift_pixels, project, transform
+from bus.transforms import affine, apply, inverse
+from perception.align.base import Array, Mask
+from perception.geometry.lift import lift_pixels, project
 
 CAMERA = CameraModel(width=640, height=576, fx=504.0, fy=504.0, cx=319.5, cy=287.5)
 
@@ -93,7 +94,7 @@ def _rod(item: Object, pose: Array, camera_from_world: Array, rng: np.random.Gen
     span = item.half_m.max() + 0.05
     yaw, rise = rng.uniform(0, 2 * np.pi, _ROD_TRIES), np.radians(rng.normal(0, _MAX_ROD_TILT_DEG / 2, _ROD_TRIES))
     along = np.stack([np.cos(yaw) * np.cos(rise), np.sin(yaw) * np.cos(rise), np.sin(rise)], axis=1)
-    through = transform(pose, rng.uniform(-1, 1, (_ROD_TRIES, 3)) * item.half_m)
+    through = apply(pose, rng.uniform(-1, 1, (_ROD_TRIES, 3)) * item.half_m)
     first, first_flat = _contact(item, pose, through - 2 * span * along, along)
     last, last_flat = _contact(item, pose, through + 2 * span * along, -along)
     width = 4 * span - first - last
@@ -107,7 +108,7 @@ def _rod(item: Object, pose: Array, camera_from_world: Array, rng: np.random.Gen
         return None
     k = int(good.argmax())
     ends = middle[k] + np.outer([-half[k], half[k]], along[k])
-    return transform(inverse(pose), ends)
+    return apply(inverse(pose), ends)
 
 
 def _contact(item: Object, pose: Array, origins: Array, along: Array) -> tuple[Array, Mask]:
@@ -162,7 +163,7 @@ def _window(scene: Scene, camera_from_object: Array, margin_px: int = 12) -> tup
     """Rows and columns that hold the object, its rod and some table."""
     signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
     corners = np.concatenate([signs * scene.object.half_m, scene.rod_ends])
-    pixels = project(transform(camera_from_object, corners), CAMERA)
+    pixels = project(apply(camera_from_object, corners), CAMERA)
     low, high = np.floor(pixels.min(axis=0)).astype(int), np.ceil(pixels.max(axis=0)).astype(int)
     low, high = np.maximum(low - margin_px, 0), np.minimum(high + margin_px + 1, [CAMERA.width, CAMERA.height])
     return slice(low[1], high[1]), slice(low[0], high[0])

@@ -6,8 +6,10 @@ import errno
 import os
 import stat
 import tempfile
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import IO
 
 _NEW_MODE = 0o644
 
@@ -21,12 +23,22 @@ def write_atomically(path: Path, data: bytes, *, mode: int | None = None) -> Non
     Raises:
         OSError: the file is unchanged, and no temporary file is left.
     """
+    with written_atomically(path, mode=mode) as output:
+        output.write(data)
+
+
+@contextmanager
+def written_atomically(path: Path, *, mode: int | None = None) -> Iterator[IO[bytes]]:
+    """A file to write what is too large to be held: it becomes ``path``, as above, when the block ends.
+
+    Raises: OSError; then, and when the block raises, the file is as it was, and nothing else is left.
+    """
     target = os.path.realpath(path)
     folder = os.path.dirname(target)
     file, part = tempfile.mkstemp(prefix=".write-", dir=folder)  # a fixed name (path + ".part") may exist already
     try:
         with os.fdopen(file, "wb") as output:
-            output.write(data)
+            yield output
             _keep_owner_and_mode(output.fileno(), target, mode)
             output.flush()
             os.fsync(output.fileno())

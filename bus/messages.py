@@ -8,14 +8,21 @@ camera, optical: x right, y down, z forward), ``depth``. Definitions: docs/frame
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import Generic, Literal, TypeVar
+from typing import TYPE_CHECKING, Generic, Literal, TypeVar
 
 from bus.arrays import Blob, ColorImage, DepthImage, Joints, JointSamples, Mask, Points, Samples, Transform, Vector3
 from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.frozen import Message
+from bus.lazy import LazyModule
 from bus.rejection import Rejection
 from bus.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+else:
+    np = LazyModule("numpy")
 
 # --- camera -----------------------------------------------------------------------------------------------------------
 
@@ -148,6 +155,13 @@ class Rectangle(Message):
     angle_rad: float
     width_px: float
     height_px: float
+
+    def corners_px(self) -> npt.NDArray[np.float64]:
+        """Its corners (4, 2) as (u, v), one after the other; the first side lies along the closing axis."""
+        along = np.array([np.cos(self.angle_rad), np.sin(self.angle_rad)]) * self.width_px / 2
+        across = np.array([-np.sin(self.angle_rad), np.cos(self.angle_rad)]) * self.height_px / 2
+        signs = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
+        return np.asarray(np.array(self.center_px) + signs[:, :1] * along + signs[:, 1:] * across)
 
 
 class Grasp(Message):

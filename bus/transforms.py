@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     Array = npt.NDArray[np.float64]
 else:
     np: Any = LazyModule("numpy")
+spatial: Any = LazyModule("scipy.spatial.transform")
 
 UNIT_TOLERANCE = 1e-3
 """Allowed deviation of a quaternion's length from 1: it may be typed by hand or sent in single precision."""
@@ -52,11 +53,36 @@ def from_wxyz(wxyz: Sequence[float] | Array, translation: Sequence[float] | Arra
 
 def from_rotation(rotation: Array, translation: Sequence[float] | Array = _ORIGIN) -> Array:
     """Return the pose (4, 4) of a rotation matrix (3, 3) and a translation (3,) [m]. Raises: ValueError: not finite."""
-    transform = np.eye(4)
-    transform[:3, :3], transform[:3, 3] = rotation, translation
+    transform = affine(rotation, translation)
     if not np.isfinite(transform).all():
         raise ValueError("a pose has finite numbers only")
     return transform
+
+
+def from_translation(translation: Sequence[float] | Array) -> Array:
+    """Return the pose (4, 4) of a translation (3,) [m] alone. Raises: ValueError: not finite."""
+    return from_rotation(np.eye(3), translation)
+
+
+def affine(matrix: Array, translation: Sequence[float] | Array) -> Array:
+    """Return the map (4, 4) of any matrix (3, 3) - it may scale, mirror, hold NaN - and a translation (3,) [m]."""
+    transform = np.eye(4)
+    transform[:3, :3], transform[:3, 3] = matrix, translation
+    return transform
+
+
+def to_wxyz(transform: Array) -> tuple[float, float, float, float]:
+    """Return a pose's rotation as a unit quaternion w, x, y, z, the one of the two with w >= 0."""
+    turn = spatial.Rotation.from_matrix(transform[:3, :3])
+    w, x, y, z = turn.as_quat(scalar_first=True, canonical=True).tolist()
+    return w, x, y, z
+
+
+def angle_between_rad(one: Array, other: Array) -> float:
+    """Return the angle [rad] between the orientations of two poses (4, 4); NaN when a rotation holds NaN."""
+    # The Frobenius distance is 2 sqrt(2) sin(angle / 2): exact near zero, where arccos of the trace is not.
+    chord = float(np.linalg.norm(one[:3, :3] - other[:3, :3])) / (2 * math.sqrt(2))
+    return chord if math.isnan(chord) else 2 * math.asin(min(1.0, chord))
 
 
 def inverse(transform: Array) -> Array:

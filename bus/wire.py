@@ -25,13 +25,13 @@ from bus.arrays import Joints
 from bus.errors import BadPayload
 from bus.messages import ArmState, CameraModel, Frame
 from bus.pictures import require_picture
+from bus.transforms import from_wxyz
 
 _JPEG_QUALITY = 95
 _JOINTS = 7
 _YEAR_10000_S = 253_402_300_800
 _LENSES = (0, 4, 5, 8, 12, 14)
 """The numbers of distortion coefficients that OpenCV accepts."""
-_UNIT_TOLERANCE = 1e-3
 
 
 def stamp(stamp_ns: int) -> Timestamp:
@@ -151,12 +151,10 @@ def transforms_to_wire(parent_from_child: Mapping[tuple[str, str], npt.NDArray[A
 
 def _matrix(transform: Any) -> npt.NDArray[np.float64]:
     r, t = transform.rotation, transform.translation
-    if not (abs(np.linalg.norm([r.w, r.x, r.y, r.z]) - 1) < _UNIT_TOLERANCE and np.isfinite([t.x, t.y, t.z]).all()):
-        raise BadPayload(f"The transform to {transform.child_frame_id!r} is none: its rotation must be of unit length.")
-    pose = np.eye(4)
-    pose[:3, :3] = Rotation.from_quat([r.w, r.x, r.y, r.z], scalar_first=True).as_matrix()
-    pose[:3, 3] = t.x, t.y, t.z
-    return pose
+    try:
+        return from_wxyz((r.w, r.x, r.y, r.z), (t.x, t.y, t.z))
+    except ValueError as error:
+        raise BadPayload(f"The transform to {transform.child_frame_id!r} is none: {error}.") from error
 
 
 def arm_state_to_wire(state: ArmState) -> bytes:

@@ -18,7 +18,7 @@ from cell.terminal.printing import err, log_plainly, out
 _log = logging.getLogger("cell")
 _NOBODY_READS = (errno.EPIPE, errno.EIO)
 """The pipe (`| head`) or the terminal was closed: not an error."""
-_USAGE, _DEFECT, _INTERRUPTED = 2, 5, 130
+_USAGE, _DEFECT = 2, 5
 
 
 def main() -> None:

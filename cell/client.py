@@ -192,19 +192,6 @@ class Client:
             self._require_there()
             raise
 
-    def next_result(self, timeout_s: float) -> CycleResult:
-        """The next result of any cycle, e.g. of a ``start``, within ``timeout_s``.
-
-        Raises: ReplyTimeout, CellUnreachable.
-        """
-        give_up_s = time.monotonic() + timeout_s
-        while time.monotonic() < give_up_s:
-            sample = self._await((topics.RESULT,), give_up_s)
-            with suppress(BadPayload):
-                if sample is not None:
-                    return decode(CycleResult, sample.payload)
-        raise ReplyTimeout(f"The next cycle gave no result within {timeout_s:.0f} s.", "See `cell status`.")
-
     def next_said(self, timeout_s: float) -> CellState | CycleResult:
         """The next state or result within ``timeout_s``; undecodable ones are skipped.
 

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from bus.arrays import Joints, Transform
 from bus.errors import CalibrationError, NotConnected, StaleFrame
 from bus.messages import Frame
+from bus.transforms import angle_between_rad
 from cell.pick.capture import capture
 from config.schema import Station
 from drivers.interface import Arm, Camera, Devices
@@ -130,8 +131,7 @@ class Surveyor:
 
 def moved(old: Transform, new: Transform) -> tuple[float, float]:
     """Distance between two poses (4, 4): [mm] and [deg]."""
-    turn = Rotation.from_matrix(old[:3, :3]).inv() * Rotation.from_matrix(new[:3, :3])
-    return float(np.linalg.norm(new[:3, 3] - old[:3, 3]) * 1e3), float(np.rad2deg(turn.magnitude()))
+    return float(np.linalg.norm(new[:3, 3] - old[:3, 3]) * 1e3), math.degrees(angle_between_rad(old, new))
 
 
 def _distance_m(sightings: Sequence[Sighting], mounting: Transform, station: Station) -> float:

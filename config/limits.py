@@ -11,6 +11,7 @@ Like libfranka, every limit is reduced by 1e-3 (`MARGIN`).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -139,25 +140,51 @@ def check(q_rad: JointSamples) -> LimitReport:
     Args:
         q_rad: (n, 7), n >= 1, one row every `TICK_S`.
     """
-    padded = np.concatenate([np.repeat(q_rad[:1], 3, axis=0), q_rad, np.repeat(q_rad[-1:], 3, axis=0)])
+    return LimitReport(*map(_peak, limit_shares(q_rad), _LEADS))
+
+
+class LimitShares(NamedTuple):
+    """The share of each limit that a motion of n samples uses at 1 kHz, with its sign: -1 and 1 are the limits.
+
+    Each is (m, 7) and covers the rest before and after, too: m = n + 6, n + 5, n + 4, n + 3. NaN is beyond any limit.
+    """
+
+    position: Array
+    velocity: Array
+    acceleration: Array
+    jerk: Array
+
+    def of_samples(self) -> LimitShares:
+        """Return the rows (n, 7) that belong to the samples."""
+        samples = len(self.position) - 2 * _REST
+        return LimitShares(*(rows[lead : lead + samples] for rows, lead in zip(self, _LEADS, strict=True)))
+
+
+_REST = 3
+_LEADS = (3, 2, 1, 0)
+"""The row of each of `LimitShares` that belongs to the motion's first sample."""
+
+
+def limit_shares(q_rad: JointSamples) -> LimitShares:
+    """Return the shares that commanded positions (n, 7) [rad] use: backward differences, from rest and back to rest."""
+    padded = np.concatenate([np.repeat(q_rad[:1], _REST, axis=0), q_rad, np.repeat(q_rad[-1:], _REST, axis=0)])
     velocity = np.diff(padded, axis=0) / TICK_S
     acceleration = np.diff(velocity, axis=0) / TICK_S
     jerk = np.diff(acceleration, axis=0) / TICK_S
-    middle, half = (UPPER_RAD + LOWER_RAD) / 2, (UPPER_RAD - LOWER_RAD) / 2
     lower, upper = velocity_bounds(padded[1:])
     bound = np.where(velocity > 0, upper, -lower)
     with np.errstate(divide="ignore", invalid="ignore"):  # far outside the range the bound is NaN: too fast
-        velocity_ratio = np.where(velocity == 0, 0.0, np.abs(velocity) / bound)
-    return LimitReport(
-        position=_peak(np.abs(padded - middle) / half, 3),
-        velocity=_peak(velocity_ratio, 2),
-        acceleration=_peak(np.abs(acceleration) / ACCELERATION_RAD_S2, 1),
-        jerk=_peak(np.abs(jerk) / JERK_RAD_S3, 0),
-    )
+        velocity_share = np.where(velocity == 0, 0.0, velocity / bound)
+    return LimitShares(position_share(padded), velocity_share, acceleration / ACCELERATION_RAD_S2, jerk / JERK_RAD_S3)
 
 
-def _peak(ratio: Array, lead: int) -> Peak:
-    """Return the largest of ``ratio`` (m, 7), whose row ``lead`` belongs to the motion's first sample."""
-    ratio = np.where(np.isnan(ratio), np.inf, ratio)
+def position_share(q_rad: Array) -> Array:
+    """Return where positions (..., 7) [rad] lie in the joints' ranges: 0 in the middle, -1 and 1 at the limits."""
+    return np.asarray((q_rad - (UPPER_RAD + LOWER_RAD) / 2) / ((UPPER_RAD - LOWER_RAD) / 2))
+
+
+def _peak(share: Array, lead: int) -> Peak:
+    """Return the largest of ``share`` (m, 7), whose row ``lead`` belongs to the motion's first sample."""
+    ratio = np.where(np.isnan(share), np.inf, np.abs(share))
     row, column = np.unravel_index(int(np.argmax(ratio)), ratio.shape)
     return Peak(float(ratio[row, column]), int(column) + 1, max(0, int(row) - lead) * TICK_S)

@@ -368,8 +368,9 @@ class TargetSettings(Settings):
 class PerceptionSettings(Settings):
     """VLAD-Grasp (paper, Algorithm 1) and the models for its roles."""
 
-    model: Literal["geometric", "openai", "gemini", "onnx"] = "geometric"
-    """Imagines the rod: ``geometric`` is embedded and needs no network; ``onnx`` paints a grasp network's rectangle."""
+    model: str = "geometric"
+    """Imagines the rod: ``geometric`` is embedded and needs no network; ``onnx`` paints a grasp network's rectangle;
+    ``openai`` and ``gemini`` are hosted. Other packages bring others (docs/extend.md)."""
     onnx: OnnxSettings = OnnxSettings()
     imagine: ImagineSettings = ImagineSettings()
     hosted: HostedSettings = HostedSettings()
@@ -379,7 +380,7 @@ class PerceptionSettings(Settings):
     goal_depth: Literal["observed", "depth_pro"] = "observed"
     """Depth of the goal image: the model's own if it knows it, else the height of the observed object; or Depth Pro."""
     depth_pro: DepthProSettings = DepthProSettings()
-    align: Literal["silhouette_3d", "pca_cfopt", "pca_cfopt_printed", "icp", "teaser"] = "silhouette_3d"
+    align: Literal["silhouette_3d", "pca_cfopt"] = "silhouette_3d"
     max_residual: Positive = 0.20
     """Alignment residual in rms radii: beyond it the goal shows another object (0.20 lets 95 % of true pairs pass)."""
     drift: DriftSettings = DriftSettings()

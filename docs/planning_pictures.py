@@ -12,10 +12,9 @@ import numpy as np
 os.environ.setdefault("MUJOCO_GL", "egl")  # headless; MuJoCo reads it when it is first imported
 import mujoco
 
-from bus.arrays import JointSamples
 from bus.messages import Detections, PickPlan
 from bus.trajectory import TICK_S, Trajectory
-from config.limits import ACCELERATION_RAD_S2, velocity_bounds
+from config.limits import limit_shares
 from config.load import station_from
 from config.schema import Box, Station
 from docs.chart import FAINT, Array, Chart, Image, Rgb, blank
@@ -121,12 +120,12 @@ def _height_bar(image: Image, highest_m: float) -> None:
 
 def _limits(plan: PickPlan) -> None:
     """Velocity and acceleration of the reach, as shares of what is allowed where the arm is."""
-    velocity, acceleration = _shares(plan.segments[0].trajectory.filtered())
-    t = np.arange(1, len(velocity) + 1) * TICK_S
+    used = limit_shares(plan.segments[0].trajectory.filtered()).of_samples()
+    t = np.arange(len(used.velocity)) * TICK_S
     image, colors = blank(WIDE_PX, 460), {f"joint {n + 1}": _rgb(color) for n, color in enumerate(JOINT_COLORS)}
     for top_px, name, x_name, times_s, values in (
-        (45, "velocity / limit here", "", t, velocity),
-        (245, "acceleration / limit", "time [s]", t[1:], acceleration),
+        (45, "velocity / limit here", "", t, used.velocity),
+        (245, "acceleration / limit", "time [s]", t, used.acceleration),
     ):
         chart = Chart(image, (50, top_px, WIDE_PX - 15, top_px + 170), x=(0.0, float(t[-1])), y=(-1.1, 1.1))
         for limit in (-1.0, 1.0):
@@ -137,13 +136,6 @@ def _limits(plan: PickPlan) -> None:
         if not x_name:
             chart.legend(colors, (260, top_px - 8))
     cv2.imwrite(str(FOLDER / "limits.png"), image[..., ::-1])
-
-
-def _shares(q_rad: JointSamples) -> tuple[Array, Array]:
-    """Velocity (n - 1, 7) and acceleration (n - 2, 7) of commands (n, 7) over their limits."""
-    velocity = np.diff(q_rad, axis=0) / TICK_S
-    lower, upper = velocity_bounds(q_rad[1:])
-    return velocity / np.where(velocity > 0, upper, -lower), np.diff(velocity, axis=0) / TICK_S / ACCELERATION_RAD_S2
 
 
 def _rgb(color: str) -> Rgb:

@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from bus.codec import Json
 from bus.frozen import Message
+from bus.transforms import angle_between_rad
 
 Array = npt.NDArray[Any]
 POSE = "mm|deg"
@@ -162,9 +163,7 @@ def _compare_poses(path: str, a: Array, b: Array, rule: Tolerance) -> list[Diffe
     if not moved_mm <= rule.value:
         before_mm, after_mm = ([_number(round(float(value) * 1e3, 4)) for value in pose[:3, 3]] for pose in (a, b))
         found.append(Difference(f"{path}.translation", before_mm, after_mm, _finite(moved_mm), rule.value, "mm"))
-    # Frobenius distance of rotations is 2 sqrt(2) sin(angle / 2): exact near zero, where arccos of the trace is not.
-    chord = float(np.linalg.norm(a[:3, :3] - b[:3, :3])) / (2 * math.sqrt(2))
-    turned_deg = chord if math.isnan(chord) else math.degrees(2 * math.asin(min(1.0, chord)))
+    turned_deg = math.degrees(angle_between_rad(a, b))
     if not turned_deg <= rule.value:
         found.append(Difference(f"{path}.rotation", 0.0, _number(turned_deg), _finite(turned_deg), rule.value, "deg"))
     return found

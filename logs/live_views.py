@@ -25,15 +25,16 @@ from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from foxglove_schemas_protobuf.PointsAnnotation_pb2 import PointsAnnotation
 from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
-from scipy.spatial.transform import Rotation
 
 from bus import topics
 from bus.arrays import Joints, Mask, Transform
 from bus.commands import Event
 from bus.frozen import Message
-from bus.messages import Detections, Grasp, PickPlan, Rectangle, Segment, StageRecord, View
+from bus.messages import Detections, Grasp, PickPlan, Segment, StageRecord, View
 from bus.topics import Topic
+from bus.transforms import apply, to_wxyz
 from bus.wire import stamp
+from config.franka_hand import FINGER_LENGTH_M, FINGER_TIP_M, FINGER_TIP_SIZE_M
 
 _logger = logging.getLogger(__name__)
 
@@ -41,7 +42,8 @@ Array = npt.NDArray[Any]
 Drawn = tuple[Topic, bytes]
 
 _GREEN, _ORANGE, _BLUE, _GREY = (0.2, 0.9, 0.3), (1.0, 0.6, 0.1), (0.3, 0.6, 1.0), (0.7, 0.7, 0.7)
-_FINGER_M, _PALM_M = (0.02, 0.01, 0.045), (0.03, 0.12, 0.02)  # a simplified hand, in the tcp's axes
+_FINGER_M, _PALM_M = (*FINGER_TIP_SIZE_M, FINGER_LENGTH_M), (0.03, 0.12, 0.02)
+"""A simplified hand, in the tcp's axes."""
 _PATH_STEP = 40  # of the 1 kHz samples
 _LEVEL = {"info": Log.INFO, "warning": Log.WARNING, "error": Log.ERROR}
 
@@ -134,7 +136,7 @@ class Views:
         message = ImageAnnotations()
         best = found.grasps[0].rectangle if found.grasps else None
         for index, rectangle in enumerate(found.rectangles):
-            self._loop(message, _corners(rectangle), _GREEN if index == best else _BLUE)
+            self._loop(message, rectangle.corners_px(), _GREEN if index == best else _BLUE)
         masks = ((found.evidence.object_mask, _ORANGE), (found.evidence.goal_rod_mask, _GREY))
         for mask, color in masks:
             for outline in _outlines(mask):
@@ -167,14 +169,6 @@ def _log(severity: str, name: str, text: str) -> Drawn:
     return topics.VIEW_LOG, said.SerializeToString()
 
 
-def _corners(rectangle: Rectangle) -> Array:
-    """Corners (4, 2) [px] of a rectangle."""
-    closing = np.array([np.cos(rectangle.angle_rad), np.sin(rectangle.angle_rad)])
-    along, across = 0.5 * rectangle.width_px * closing, 0.5 * rectangle.height_px * np.array([-closing[1], closing[0]])
-    signs = ((1, 1), (1, -1), (-1, -1), (-1, 1))
-    return np.array([np.array(rectangle.center_px) + a * along + b * across for a, b in signs])
-
-
 def _outlines(mask: Mask) -> Iterator[Array]:
     contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
     for contour in contours:
@@ -202,12 +196,12 @@ def _line(
 def _gripper(entity: SceneEntity, grasp: Grasp) -> None:
     """Add the palm and the two fingers, opened as for the approach."""
     apart = 0.5 * (grasp.opening_m + _FINGER_M[1])
-    behind = -0.5 * _FINGER_M[2]
-    palm = (0.0, 0.0, -_FINGER_M[2] - 0.5 * _PALM_M[2])
+    behind = FINGER_TIP_M - 0.5 * FINGER_LENGTH_M
+    palm = (0.0, 0.0, FINGER_TIP_M - FINGER_LENGTH_M - 0.5 * _PALM_M[2])
     for size, center in ((_FINGER_M, (0.0, apart, behind)), (_FINGER_M, (0.0, -apart, behind)), (_PALM_M, palm)):
         cube = entity.cubes.add(color=_color(_GREEN, 0.6))
         cube.size.x, cube.size.y, cube.size.z = size
-        x, y, z = grasp.base_from_tcp[:3, :3] @ center + grasp.base_from_tcp[:3, 3]
+        x, y, z = apply(grasp.base_from_tcp, np.array(center))
         cube.pose.position.x, cube.pose.position.y, cube.pose.position.z = float(x), float(y), float(z)
         q = cube.pose.orientation
-        q.w, q.x, q.y, q.z = Rotation.from_matrix(grasp.base_from_tcp[:3, :3]).as_quat(scalar_first=True)
+        q.w, q.x, q.y, q.z = to_wxyz(grasp.base_from_tcp)

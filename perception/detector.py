@@ -14,12 +14,13 @@ from bus.cancel import Cancel
 from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.messages import Alignment, Detections, Drift, Evidence, Grasp, ModelReply, Observation, Rectangle
+from bus.transforms import apply
 from config.schema import Station
 from perception.align import align
 from perception.align.base import Shape
 from perception.geometry.crop import Crop
 from perception.geometry.depth import Rgbd, register
-from perception.geometry.lift import lift, subsample_float32, transform
+from perception.geometry.lift import lift, subsample_float32
 from perception.geometry.rod import fit_line, lift_run, rectangle, rod_depth, runs
 from perception.goal.depth import carried_depth, scaled_to_observed
 from perception.goal.drift import measure, require_faithful
@@ -133,7 +134,7 @@ def propose(talk: Conversation, observed_object: ObservedObject, models: Models,
     # Stage 3: the aligned runs of the rod through the object, as rectangles.
     inverse_depth = rod_depth(line, parts.rod, depth_m)
     ends = tuple(
-        transform(alignment.observed_from_goal, lift_run(line, run, inverse_depth, rgbd.camera))
+        apply(alignment.observed_from_goal, lift_run(line, run, inverse_depth, rgbd.camera))
         for run in runs(line, parts.rod, parts.object)
     )
     if not ends:
@@ -146,7 +147,7 @@ def grasps_of(proposal: Proposal, observed_object: ObservedObject, station: Stat
     """The ranked grasps of every run. Raises: CycleFailure(NO_GRASP), with the runs' widths [mm]."""
     grasps: list[Grasp] = []
     for index, run_ends in enumerate(proposal.ends):
-        ends_base = transform(observed_object.base_from_color, run_ends)
+        ends_base = apply(observed_object.base_from_color, run_ends)
         grasps += grasps_of_rod(ends_base, index, observed_object, station)
     if not grasps:
         widths = ", ".join(f"{np.linalg.norm(ends[1] - ends[0]) * 1e3:.0f}" for ends in proposal.ends)
@@ -192,8 +193,8 @@ def _evidence(
         goal_rod_mask=crop.back(proposal.parts.rod, nothing),
         observed_points=subsample_float32(proposal.observed.points, _SHOWN_POINTS),
         goal_points=subsample_float32(goal_points, _SHOWN_POINTS),
-        aligned_points=subsample_float32(transform(observed_from_goal, goal_points), _SHOWN_POINTS),
-        rod_points=subsample_float32(transform(observed_from_goal, rod_points), _SHOWN_POINTS),
+        aligned_points=subsample_float32(apply(observed_from_goal, goal_points), _SHOWN_POINTS),
+        rod_points=subsample_float32(apply(observed_from_goal, rod_points), _SHOWN_POINTS),
         rod_ends=(proposal.ends[0][0], proposal.ends[0][1]),
         alignment=proposal.alignment,
         drift=proposal.drift,

@@ -21,6 +21,7 @@ from bus.errors import CalibrationError
 from bus.messages import CameraModel
 from bus.transforms import apply, from_rotation, inverse
 from config.calibration import CalibrationSettings
+from config.charuco import charuco_board
 
 Array = npt.NDArray[np.float64]
 
@@ -71,18 +72,6 @@ class HandEye:
     spread_deg: float
     uncertainty_mm: float
     uncertainty_deg: float
-
-
-def charuco_board(settings: CalibrationSettings) -> cv2.aruco.CharucoBoard:
-    """The ChArUco board of these settings."""
-    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, settings.dictionary))
-    return cv2.aruco.CharucoBoard(settings.squares, settings.square_m, settings.marker_m, dictionary)
-
-
-def board_image(settings: CalibrationSettings, pixels_per_m: float) -> npt.NDArray[np.uint8]:
-    """The board as printed, without a margin: (H, W) grey, at ``pixels_per_m`` [px/m]."""
-    width, height = (round(side * pixels_per_m) for side in settings.size_m)
-    return np.asarray(charuco_board(settings).generateImage((width, height)))
 
 
 def sight(color: ColorImage, base_from_hand: Transform, settings: CalibrationSettings) -> Sighting | None:

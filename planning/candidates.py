@@ -10,10 +10,12 @@ import numpy as np
 from bus.arrays import Joints, Transform
 from bus.codes import Code
 from bus.messages import Grasp
+from bus.transforms import apply
+from config.franka_hand import FINGER_TIP_M, FINGER_TIP_SIZE_M
 from config.schema import Station
 from planning.infeasible import Infeasible
 from planning.kinematics import branches, cost, limit_distance_rad, q7_grid
-from planning.robot import FINGER_TIP_M, FINGER_TIP_SIZE_M, flange_pose
+from planning.robot import flange_pose
 from planning.scene import FINGER_CLEARANCE_M
 from planning.search import LIMIT_MARGIN_RAD
 
@@ -110,7 +112,7 @@ def _require_pose(grasp: Grasp) -> None:
 def _off_the_table(pose: Transform, opening_m: float, station: Station) -> Transform:
     half_x, half_y = FINGER_TIP_SIZE_M[0] / 2, opening_m / 2 + FINGER_TIP_SIZE_M[1]
     corners = np.array([[x, y, FINGER_TIP_M] for x in (-half_x, half_x) for y in (-half_y, half_y)])
-    lowest_m = float((corners @ pose[:3, :3].T)[:, 2].min() + pose[2, 3])
+    lowest_m = float(apply(pose, corners)[:, 2].min())
     table_m = station.scene.table.center_m[2] + station.scene.table.size_m[2] / 2
     raise_m = table_m + FINGER_CLEARANCE_M + 5e-4 - lowest_m
     if raise_m > MAX_RAISE_M:

@@ -17,6 +17,7 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from bus.arrays import Points
+from bus.transforms import from_translation
 from config.schema import Box
 from planning.world import Thing
 
@@ -53,11 +54,10 @@ class ObservedHeightField:
         """The field as an obstacle, filled down to the table."""
         ny, nx = self.height_m.shape
         size = np.array([nx - 1, ny - 1]) * CELL_M
-        pose = np.eye(4)
-        pose[:2, 3] = self.origin_m + size / 2
+        x_m, y_m = self.origin_m + size / 2
         # coal counts rows from the largest y on
         field = coal.HeightFieldAABB(size[0], size[1], self.height_m[::-1], float(self.height_m.min()) - _BELOW_M)
-        return Thing(_NAME, field, pose)
+        return Thing(_NAME, field, from_translation((x_m, y_m, 0.0)))
 
     @cached_property
     def points_thing(self) -> Thing:

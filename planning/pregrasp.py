@@ -15,6 +15,7 @@ import numpy.typing as npt
 from bus.arrays import Joints, JointSamples, Transform
 from bus.codes import Code
 from bus.messages import Grasp
+from bus.transforms import from_rotation
 from config.schema import Station
 from planning.candidates import configurations, twins
 from planning.infeasible import Infeasible, summary
@@ -95,7 +96,7 @@ def preplaces(
     station = holding.station
     down_m = np.array([0.0, 0.0, -LOWER_M])
     above_m = np.array(station.scene.place_m) - down_m
-    poses = [_posed(_turned(yaw) @ base_from_tcp_rotation, above_m) for yaw in _PLACE_YAWS_RAD]
+    poses = [from_rotation(_turned(yaw) @ base_from_tcp_rotation, above_m) for yaw in _PLACE_YAWS_RAD]
     for q, pose in configurations(poses, view_q):
         try:
             _require_untouched("above the tray", holding, q, grasp.width_m)
@@ -189,13 +190,7 @@ def _require_free(name: str, scene: Scene, points_rad: JointSamples, width_m: fl
 
 def shifted(pose: Transform, shift_m: Array) -> Transform:
     """Return the pose (4, 4) moved by ``shift_m`` (3,) in its parent's frame."""
-    return _posed(pose[:3, :3], pose[:3, 3] + shift_m)
-
-
-def _posed(rotation: Array, position_m: Array) -> Transform:
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = rotation, position_m
-    return pose
+    return from_rotation(pose[:3, :3], pose[:3, 3] + shift_m)
 
 
 def _turned(yaw_rad: float) -> Array:

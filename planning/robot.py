@@ -16,17 +16,13 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from bus.arrays import Joints, Transform, Vector3
-from bus.transforms import from_wxyz
+from bus.transforms import from_translation, from_wxyz
+from config.franka_hand import HAND_FROM_TCP_M
 from config.schema import CameraSettings, Station
 
 Array = npt.NDArray[np.float64]
 
-HAND_FROM_TCP_M = 0.1034
-"""Distance from the hand's origin to the tcp along the approach axis (Franka Hand manual; URDF ``fr3_hand_tcp``)."""
-FINGER_TIP_M = 0.0095
-"""Distance of the finger tips beyond the tcp (URDF: 0.0584 + 0.0545 - 0.1034 m)."""
-FINGER_TIP_SIZE_M = (0.0175, 0.0152)
-"""Size of a finger tip across and along the closing axis, outward from the pad (URDF)."""
+HAND_FROM_TCP = from_translation((0.0, 0.0, HAND_FROM_TCP_M))
 CAMERA_SIZE_M = (0.095, 0.030, 0.032)
 """Housing of the wrist camera in its colour frame; its front is 5 mm before the frame's origin."""
 _TCP_FROM_FLANGE = np.array(
@@ -120,8 +116,7 @@ class Robot:
         return pin.GeometryObject(name, frame.parentJoint, self.hand_frame, placement, shape)
 
     def _camera(self) -> pin.GeometryObject:
-        color_from_box = np.eye(4)
-        color_from_box[2, 3] = 0.005 - CAMERA_SIZE_M[2] / 2
+        color_from_box = from_translation((0.0, 0.0, 0.005 - CAMERA_SIZE_M[2] / 2))
         return self.on_hand("fr3_camera_0", coal.Box(*CAMERA_SIZE_M), self._hand_from_color @ color_from_box)
 
 

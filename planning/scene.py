@@ -17,10 +17,11 @@ import numpy.typing as npt
 
 from bus.arrays import Joints, JointSamples, Points, Transform
 from bus.cancel import Cancel
+from bus.transforms import from_translation, inverse
 from config.scene import scene_boxes
 from config.schema import Box, Station
 from planning.height_field import ObservedHeightField, observed_field, solid, subsample
-from planning.robot import HAND_FROM_TCP_M, Robot
+from planning.robot import HAND_FROM_TCP, Robot
 from planning.world import FINGERS, Collision, Thing, World, held_thing
 
 Array = npt.NDArray[np.float64]
@@ -96,9 +97,7 @@ class Scene:
         """Return the scene with the target hanging in the hand, as it lay with the tcp at ``base_from_tcp`` (4, 4)."""
         if self.target is None:
             return self
-        hand_from_tcp = np.eye(4)
-        hand_from_tcp[2, 3] = HAND_FROM_TCP_M
-        held = held_thing(self._target_solid, hand_from_tcp @ np.linalg.inv(base_from_tcp))
+        held = held_thing(self._target_solid, HAND_FROM_TCP @ inverse(base_from_tcp))
         return replace(self, target=None, held=held)
 
     def empty(self) -> Scene:
@@ -197,7 +196,12 @@ class Scene:
     def _known(self) -> tuple[Thing, ...]:
         near_table = frozenset({"link 0"})  # the base stands on it
         return tuple(
-            Thing(box.name, coal.Box(*box.size_m), _at_center(box), near_table if box is self.boxes[0] else frozenset())
+            Thing(
+                box.name,
+                coal.Box(*box.size_m),
+                from_translation(box.center_m),
+                near_table if box is self.boxes[0] else frozenset(),
+            )
             for box in self.boxes
         )
 
@@ -228,9 +232,3 @@ def sweep_m(path_rad: JointSamples) -> Array:
 
 def _at(path_rad: JointSamples, travel_m: Array, at_m: Array) -> JointSamples:
     return np.stack([np.interp(at_m, travel_m, column) for column in path_rad.T], axis=1)
-
-
-def _at_center(box: Box) -> Transform:
-    pose = np.eye(4)
-    pose[:3, 3] = box.center_m
-    return pose

@@ -93,12 +93,6 @@ def rest_to_rest(station: Station, q_from_rad: Joints, q_to_rad: Joints) -> Traj
     return within_limits(sampler, profile.duration, (ends[0], ends[1]), station.planning.window_ms)
 
 
-def hold(q_rad: Joints, duration_s: float) -> Trajectory:
-    """Return a trajectory that stays at ``q_rad`` (7,) for ``duration_s``."""
-    samples = max(1, round(duration_s / TICK_S) + 1)
-    return Trajectory(raw_q_rad=np.repeat(np.asarray(q_rad, dtype=float)[None], samples, axis=0), window=1)
-
-
 def _require_inside(points_rad: JointSamples) -> None:
     if not len(points_rad):
         raise CycleFailure(Code.MOTION_REFUSED, "The path has no points.")

@@ -10,9 +10,10 @@ from scipy.spatial.transform import Rotation
 
 from bus.arrays import Joints, Transform
 from bus.errors import CalibrationError
+from bus.transforms import from_rotation, inverse
 from config.schema import Station
 from planning.candidates import configurations
-from planning.robot import HAND_FROM_TCP_M, hand_from_color
+from planning.robot import HAND_FROM_TCP, hand_from_color
 from planning.scene import Scene
 
 _DISTANCES_M = (0.45, 0.58)
@@ -63,16 +64,12 @@ def _looks(station: Station) -> Iterator[Transform]:
             tilt = Rotation.from_euler("ZY", [around_deg, tilt_deg], degrees=True).as_matrix()
             untwist = Rotation.from_euler("z", -around_deg, degrees=True).as_matrix()
             roll = Rotation.from_euler("z", roll_deg, degrees=True).as_matrix()
-            pose = np.eye(4)
-            pose[:3, :3] = tilt @ untwist @ level @ roll
-            pose[:3, 3] = center_m - distance_m * pose[:3, 2]
-            yield pose
+            turned = tilt @ untwist @ level @ roll
+            yield from_rotation(turned, center_m - distance_m * turned[:, 2])
 
 
 def _reached(scene: Scene, station: Station, base_from_color: Transform, q_from_rad: Joints) -> Joints | None:
-    hand_from_tcp = np.eye(4)
-    hand_from_tcp[2, 3] = HAND_FROM_TCP_M
-    base_from_tcp = base_from_color @ np.linalg.inv(hand_from_color(station.camera)) @ hand_from_tcp
+    base_from_tcp = base_from_color @ inverse(hand_from_color(station.camera)) @ HAND_FROM_TCP
     for q_rad, _ in islice(configurations([base_from_tcp], q_from_rad), _EXAMINED):
         if scene.collision(q_rad, station.hand.max_width_m) is None:
             return q_rad

@@ -13,8 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks.baselines.flat import flat_object
+from bus.transforms import apply, inverse
 from config.load import load_station
-from perception.geometry.lift import inverse, project, transform
+from perception.geometry.lift import project
 from perception.goal.imagine import ROD_COLORS
 from perception.grasps import antipodal
 from perception.models.painter import paint as paint_rod
@@ -85,7 +86,7 @@ def _axis_px(observed_object: ObservedObject) -> np.ndarray:
     half = (closings.width_m[best[0]] / 2 + _STICK_OUT_M) * np.array([np.cos(heading), np.sin(heading), 0.0])
     center = np.append(closings.center_m[best[0]], _LEVEL_M)
     return project(
-        transform(inverse(observed_object.base_from_color), np.stack([center - half, center + half])),
+        apply(inverse(observed_object.base_from_color), np.stack([center - half, center + half])),
         observed_object.rgbd.camera,
     )
 

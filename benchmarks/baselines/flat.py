@@ -11,9 +11,9 @@ import numpy.typing as npt
 from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.messages import CameraModel, Rectangle
+from bus.transforms import apply, inverse
 from config.schema import Station
 from perception.geometry.depth import Rgbd
-from perception.geometry.lift import inverse, transform
 from perception.geometry.rod import rectangle
 from perception.goal.imagine import observed_object_of
 from perception.grasps import antipodal
@@ -48,5 +48,5 @@ def flat_rectangle(observed_object: ObservedObject, station: Station) -> Rectang
     heading, width_m = closings.heading_rad[best[0]], closings.width_m[best[0]]
     half = width_m / 2 * np.array([np.cos(heading), np.sin(heading), 0.0])
     center = np.append(closings.center_m[best[0]], _HEIGHT_M)
-    ends = transform(inverse(observed_object.base_from_color), np.stack([center - half, center + half]))
+    ends = apply(inverse(observed_object.base_from_color), np.stack([center - half, center + half]))
     return rectangle(ends, observed_object.rgbd.camera, station)

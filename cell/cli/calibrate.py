@@ -10,23 +10,24 @@ from typing import Annotated
 
 import cv2
 import typer
-from scipy.spatial.transform import Rotation
 
 from bus import topics
 from bus.commands import Heartbeat
 from bus.errors import CellError, ConfigError
 from bus.session import Bus
+from bus.transforms import to_wxyz
 from cell.cli.options import Config, Json, Set
 from cell.hand_eye import Surveyor, moved
 from cell.nodes.supervisor import Supervisor
 from cell.terminal.printing import out
 from cell.terminal.signals import ending
+from config.charuco import board_image
 from config.load import DEFAULT_STATION, load_station
 from config.schema import Station
 from config.station_file import mounting_lines, require_writable, write_mounting
 from drivers.node.loops import Loop
 from drivers.remote import remote_devices
-from perception.hand_eye import HandEye, board_image
+from perception.hand_eye import HandEye
 from planning.robot import Robot, hand_from_color
 
 calibrate = typer.Typer(
@@ -84,8 +85,7 @@ def find(
     with _surveyor(station, as_json) as surveyor:
         found = surveyor.calibrate()
     position_m = found.hand_from_color[:3, 3].tolist()
-    turn = Rotation.from_matrix(found.hand_from_color[:3, :3])
-    wxyz = turn.as_quat(scalar_first=True, canonical=True).tolist()
+    wxyz = to_wxyz(found.hand_from_color)
     off_mm, off_deg = moved(hand_from_color(station.camera), found.hand_from_color)
     note = (
         f"calibrated {datetime.now(UTC):%Y-%m-%d %H:%M} UTC, {len(found.views_px)} views, {found.rms_px:.2f} px, "

@@ -9,7 +9,6 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, cast
 
 from bus.codes import Code
@@ -20,7 +19,7 @@ from cell.replay.stages import STAGES, Stage
 from config.load import station_from
 from config.schema import Station
 from logs.compare import Difference, compare
-from logs.mcap.reader import CycleRecord, read_cycle
+from logs.mcap.reader import CycleRecord
 from perception.models import Models, open_models, replayed_models
 from planning.robot import Robot
 
@@ -99,14 +98,6 @@ class Request:
     def chained(self) -> bool:
         """True when the output of a stage is the input of the next."""
         return self.only is None and (self.start is not None or bool(self.overrides))
-
-
-def replay_file(path: Path, overrides: Iterable[str] = ()) -> Replay:
-    """`replay` of the recording at ``path``, with settings changed by ``overrides``.
-
-    Raises: RecordingError, ConfigError.
-    """
-    return replay(read_cycle(path), Request(tuple(overrides)))
 
 
 def replay(record: CycleRecord, request: Request, robot_of: Callable[[Station], Robot] = Robot) -> Replay:

@@ -1,4 +1,4 @@
-"""THE table of the cycle's stages: inputs, output, deadline, and how a replay is compared.
+"""THE table of the cycle's stages: which of them a replay runs again, and how their outputs are compared.
 
 A *pure* stage gives the same output for the same inputs, configuration and recorded model replies, bit for bit on one
 machine; the tolerances allow for the floating point of another processor.
@@ -31,8 +31,6 @@ class Stage:
     """One row.
 
     Attributes:
-        inputs: names of its inputs.
-        deadline_s: longest normal duration.
         rerun: computes its output again from a recording; None = the output is recorded, not recomputed.
         tolerances: field pattern -> tolerance of a replayed value.
         steps: (step, the fields it produces), in the order of cause and effect.
@@ -40,8 +38,6 @@ class Stage:
 
     name: StageName
     topic: Topic
-    inputs: tuple[str, ...]
-    deadline_s: float
     rerun: Rerun | None = None
     tolerances: Mapping[str, Tolerance] = field(default_factory=dict)
     steps: tuple[tuple[str, tuple[str, ...]], ...] = ()
@@ -97,12 +93,10 @@ _JOINT = Tolerance(1e-4, "rad")
 _EXACT_ENOUGH = Tolerance(1e-9, "")
 
 STAGES: tuple[Stage, ...] = (
-    Stage("capture", topics.CAPTURE, ("camera", "arm state"), 3.0),
+    Stage("capture", topics.CAPTURE),
     Stage(
         "detect",
         topics.DETECT,
-        ("observation", "model replies"),
-        120.0,
         _detect,
         {
             "rectangles[*].center_px[*]": _PIXELS,
@@ -134,19 +128,15 @@ STAGES: tuple[Stage, ...] = (
     Stage(
         "plan",
         topics.PLAN,
-        ("detections", "arm state", "scene"),
-        10.0,
         _plan,
         {"segments[*].trajectory.raw_q_rad": _JOINT},
     ),
-    Stage("execute", topics.EXECUTE, ("plan",), 120.0),
+    Stage("execute", topics.EXECUTE),
     Stage(
         "verify",
         topics.VERIFY,
-        ("execution", "detections", "second observation"),
-        5.0,
         _verify,
         {"load_n": Tolerance(1e-6, "N"), "cleared_fraction": Tolerance(1e-3, ""), "hold_s": Tolerance(1e-9, "s")},
     ),
-    Stage("deliver", topics.DELIVER, ("plan",), 60.0),
+    Stage("deliver", topics.DELIVER),
 )

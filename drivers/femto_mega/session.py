@@ -25,6 +25,7 @@ import numpy as np
 from bus.arrays import Transform
 from bus.errors import DriverUnavailable
 from bus.messages import CameraModel
+from bus.transforms import from_rotation
 from config.hardware import FemtoMegaSettings
 
 _log = logging.getLogger(__name__)
@@ -276,9 +277,7 @@ def _camera_model(profile: Any) -> CameraModel:
 def _pose(extrinsic: Any) -> Transform:
     """Return ``color_from_depth``, with the device's single-precision matrix projected onto an exact rotation."""
     u, _, vt = np.linalg.svd(np.asarray(extrinsic.rot, dtype=float).reshape(3, 3))
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = u @ vt, np.asarray(extrinsic.transform, dtype=float).ravel() / 1000.0
-    return pose
+    return from_rotation(u @ vt, np.asarray(extrinsic.transform, dtype=float).ravel() / 1000.0)
 
 
 def _said(error: Exception) -> str:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import cv2
 import mujoco
 import numpy as np
 
 from config.calibration import CalibrationSettings
+from config.charuco import board_image
 
 _PIXELS_PER_M = 4000.0
 _THICK_M = 0.002
@@ -14,10 +14,8 @@ _THICK_M = 0.002
 
 def lay_board(spec: mujoco.MjSpec, settings: CalibrationSettings) -> None:
     """Add the board to the world, face up, its middle at ``board_center_m``."""
-    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, settings.dictionary))
-    board = cv2.aruco.CharucoBoard(settings.squares, settings.square_m, settings.marker_m, dictionary)
-    width, height = (round(side * _PIXELS_PER_M) for side in settings.size_m)
-    grey = board.generateImage((width, height))
+    grey = board_image(settings, _PIXELS_PER_M)
+    height, width = grey.shape
     texture = spec.add_texture(name="board", type=mujoco.mjtTexture.mjTEXTURE_2D, width=width, height=height)
     texture.nchannel = 3
     texture.data = np.repeat(grey[..., None], 3, axis=-1).tobytes()

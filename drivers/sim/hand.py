@@ -11,7 +11,6 @@ from drivers.motion.stops import Stops
 from drivers.sim.world import TICK_S, World
 
 _MOVE_FORCE_N = 20.0
-_MAX_SPEED_M_S = 0.1
 _STILL_M = 2e-5
 _STILL_TICKS = 100
 _PATIENCE_TICKS = 5000
@@ -68,10 +67,10 @@ class SimHand:
     def home(self) -> HandState:
         """Close and open once; a stopped homing does not count. Raises: NotConnected."""
         self._require()
-        widest_m = self._world.station.hand.max_width_m
+        hand = self._world.station.hand
         stopped = self._stops.asked()
-        for width_m in (0.0, widest_m):
-            self._drive(width_m, _MAX_SPEED_M_S, _MOVE_FORCE_N, stopped)
+        for width_m in (0.0, hand.max_width_m):
+            self._drive(width_m, hand.max_speed_m_s, _MOVE_FORCE_N, stopped)
         self._homed = self._homed or not stopped()
         return self.state()
 
@@ -83,7 +82,7 @@ class SimHand:
         """Ramp the target to ``width_m``, then wait until the fingers rest (there, or on an object)."""
         if not (math.isfinite(speed_m_s) and speed_m_s > 0):
             raise HandFault(f"The hand cannot move at {speed_m_s} m/s.", "Ask for a positive speed.")
-        step_m = min(speed_m_s, _MAX_SPEED_M_S) * TICK_S
+        step_m = min(speed_m_s, self._world.station.hand.max_speed_m_s) * TICK_S
         with self._world.motion:
             try:
                 self._moving = True

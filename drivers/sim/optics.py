@@ -29,15 +29,8 @@ DEPTH = CameraModel(
 _RADII = 4097
 
 
-def _color_from_depth() -> npt.NDArray[np.float64]:
-    """Return the pose for a lens spacing of 32 mm and the depth lens tilted by 6 degrees about x."""
-    pose = np.eye(4)
-    pose[:3, :3] = Rotation.from_euler("x", 6.0, degrees=True).as_matrix()
-    pose[:3, 3] = -0.032, -0.002, 0.004
-    return pose
-
-
-COLOR_FROM_DEPTH = _color_from_depth()
+COLOR_FROM_DEPTH = from_rotation(Rotation.from_euler("x", 6.0, degrees=True).as_matrix(), (-0.032, -0.002, 0.004))
+"""Lens spacing 32 mm, the depth lens tilted by 6 degrees about x."""
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from config.franka_hand import FINGER_LENGTH_M
 from config.scene import scene_boxes
 from config.schema import Box, Station
 from drivers.sim.board import lay_board
@@ -27,7 +28,7 @@ _TORSION_M, _ROLLING_M = 0.01, 1e-4
 # enough that a thin object, too, gets all of the commanded force.
 _HAND_STIFFNESS_N_M = 20_000.0
 _HAND_DAMPING_NS_M = 400.0
-_JAW_ROOT_M, _JAW_TIP_M = 0.010, 0.0545  # along the finger; the tip is the shipped mesh's
+_JAW_ROOT_M = 0.010  # along the finger
 _JAW_SOLREF, _JAW_SOLIMP = (0.004, 1.0), (0.97, 0.995, 0.001, 0.5, 2.0)  # rubber on a hard object yields 0.1-0.5 mm
 _VISIBLE_GROUP, _COLLISION_GROUP = 2, 3
 _APART_M = 2.0
@@ -116,8 +117,8 @@ def _replace_jaw(spec: mujoco.MjSpec, finger: mujoco.MjsBody, station: Station) 
     finger.add_geom(
         name=f"{finger.name}_jaw",
         type=mujoco.mjtGeom.mjGEOM_BOX,
-        size=[hand.finger_width_m / 2, hand.finger_thickness_m / 2, (_JAW_TIP_M - _JAW_ROOT_M) / 2],
-        pos=[0.0, hand.finger_thickness_m / 2, (_JAW_TIP_M + _JAW_ROOT_M) / 2],
+        size=[hand.finger_width_m / 2, hand.finger_thickness_m / 2, (FINGER_LENGTH_M - _JAW_ROOT_M) / 2],
+        pos=[0.0, hand.finger_thickness_m / 2, (FINGER_LENGTH_M + _JAW_ROOT_M) / 2],
         group=_COLLISION_GROUP,
         condim=6,
         priority=1,  # else MuJoCo takes the larger friction of the two, and a slippery pad still holds

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from bus.arrays import Joints, Transform
 from bus.errors import ConfigError, DriverError
+from bus.transforms import from_rotation
 from config.schema import Station
 from drivers.sim.clutter import fill
 from drivers.sim.objects import name_in_order, object_names, require_presentable
@@ -136,10 +137,8 @@ class World:
     def base_from_object(self, body: str = OBJECT) -> Transform:
         """Return the true pose (4, 4) [m] of an object's body in ``base``."""
         with self.lock:
-            pose = np.eye(4)
-            pose[:3, :3] = self.data.body(body).xmat.reshape(3, 3)
-            pose[:3, 3] = self.data.body(body).xpos
-            return pose
+            truth = self.data.body(body)
+            return from_rotation(truth.xmat.reshape(3, 3), truth.xpos)
 
     def _settle(self) -> None:
         for _ in range(_SETTLE_TICKS):

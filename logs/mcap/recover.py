@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import fcntl
-import os
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import IO
 
 from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
 
-from bus.atomic import sync_folder
+from bus.atomic import written_atomically
 from bus.codec import Json
 from bus.errors import RecordingError
 from logs.mcap.names import found_below, is_folder, shown
@@ -121,30 +120,21 @@ def _require_left(source: IO[bytes], path: Path) -> None:
 
 
 def _copy(source: IO[bytes], path: Path, target: Path) -> Recovered:
-    """Copy into a temporary file, which gets its name when it is complete."""
+    """Copy into a file that gets its name when it is complete, and the torn one's mode."""
     torn = TornReader(source)
-    unfinished = target.with_name(f".{target.name}.recovering")
-    try:
-        with unfinished.open("wb") as out:
-            os.fchmod(out.fileno(), path.stat().st_mode & 0o777)
-            writer = _Copy(McapFile(out))
-            for record in torn.records():
-                writer.add(record)
-            if not writer.messages and not writer.is_ours:
-                lost = f": {torn.losses}" if torn.losses else ""
-                raise RecordingError(
-                    f"{shown(path)} holds nothing that can be recovered{lost}.",
-                    "It is no MCAP, or was torn before its first flush.",
-                )
-            torn.losses.orphans = writer.orphans
-            ended = "finished" if torn.is_finished else "torn"
-            writer.finish(shown(Path(path.name)), ended, torn.losses)
-            out.flush()
-            os.fsync(out.fileno())
-        unfinished.rename(target)
-        sync_folder(target.parent)
-    finally:
-        unfinished.unlink(missing_ok=True)
+    with written_atomically(target, mode=path.stat().st_mode & 0o777) as out:
+        writer = _Copy(McapFile(out))
+        for record in torn.records():
+            writer.add(record)
+        if not writer.messages and not writer.is_ours:
+            lost = f": {torn.losses}" if torn.losses else ""
+            raise RecordingError(
+                f"{shown(path)} holds nothing that can be recovered{lost}.",
+                "It is no MCAP, or was torn before its first flush.",
+            )
+        torn.losses.orphans = writer.orphans
+        ended = "finished" if torn.is_finished else "torn"
+        writer.finish(shown(Path(path.name)), ended, torn.losses)
     return Recovered(str(path), str(target), writer.messages, torn.losses, ended)
 
 

@@ -9,6 +9,8 @@ import numpy.typing as npt
 
 from bus.codec import Json
 from bus.messages import Detections, Grasp
+from bus.transforms import apply
+from config.franka_hand import FINGER_LENGTH_M, FINGER_TIP_M
 from logs.report.figures import FONT
 from logs.report.page import Figure
 
@@ -51,7 +53,7 @@ def clouds(found: Detections, grasp: Grasp | None, base_from_color: Array) -> Vi
     dots = (
         ("observed", evidence.observed_points, _OBSERVED, 1.8, True, True),
         ("imagined, as lifted", evidence.goal_points, _IMAGINED, 1.8, True, False),
-        ("its rod", _moved(rod, goal_from_observed), _ROD, 2.2, True, False),
+        ("its rod", apply(goal_from_observed, rod), _ROD, 2.2, True, False),
         ("imagined, carried back", evidence.aligned_points, _IMAGINED, 1.8, False, True),
         ("rod, carried back", rod, _ROD, 2.2, False, True),
     )
@@ -76,7 +78,7 @@ def clouds(found: Detections, grasp: Grasp | None, base_from_color: Array) -> Vi
 
 
 def _trace(name: str, points: Array, base_from_points: Array, **style: object) -> Json:
-    x, y, z = _moved(points.reshape(-1, 3), base_from_points).T * 1e3
+    x, y, z = apply(base_from_points, points.reshape(-1, 3)).T * 1e3
     return {"type": "scatter3d", "name": name, "x": x, "y": y, "z": z, "hoverinfo": "skip", **style}
 
 
@@ -84,12 +86,8 @@ def _thin(points: Array) -> Array:
     return points[:: max(1, -(-len(points) // _SHOWN_POINTS))]
 
 
-def _moved(points: Array, a_from_b: Array) -> Array:
-    return np.asarray(points @ a_from_b[:3, :3].T + a_from_b[:3, 3])
-
-
 def _hand_outline(grasp: Grasp) -> Array:
     """Palm and both fingers of the opened hand as one polyline (n, 3) [m] in ``base``."""
-    half, tip, palm = grasp.opening_m / 2, 0.009, -0.045
+    half, tip, palm = grasp.opening_m / 2, FINGER_TIP_M, FINGER_TIP_M - FINGER_LENGTH_M
     corners = [(0, -half, tip), (0, -half, palm), (0, 0, palm), (0, 0, palm - 0.04), (0, 0, palm), (0, half, palm)]
-    return _moved(np.array([*corners, (0, half, tip)]), np.asarray(grasp.base_from_tcp))
+    return apply(np.asarray(grasp.base_from_tcp), np.array([*corners, (0, half, tip)]))

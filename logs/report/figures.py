@@ -12,7 +12,7 @@ from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
 from bus.codec import Json
 from bus.messages import HandState, SegmentRun
 from bus.trajectory import TICK_S
-from config.limits import ACCELERATION_RAD_S2, JERK_RAD_S3, LOWER_RAD, UPPER_RAD, Peak, check, velocity_bounds
+from config.limits import LOWER_RAD, Peak, check, limit_shares, position_share
 from logs.mcap.reader import Timed
 from logs.report.page import Figure
 
@@ -54,12 +54,12 @@ def uses(runs: Sequence[SegmentRun]) -> list[Use]:
 
 def joint_use(runs: Sequence[SegmentRun]) -> dict[str, Figure]:
     """Commanded position, velocity, acceleration and jerk of every joint as a share of its limit, over the motion."""
-    shares = [_shares(run.motion.commanded_q_rad) for run in runs]
+    shares = [limit_shares(run.motion.commanded_q_rad).of_samples() for run in runs]
     starts_s = _starts_s(runs)
-    time_s = np.concatenate([t + np.arange(len(s["jerk"])) * TICK_S for t, s in zip(starts_s, shares, strict=True)])
+    time_s = np.concatenate([t + np.arange(len(s.jerk)) * TICK_S for t, s in zip(starts_s, shares, strict=True)])
     figures = {}
     for kind in KINDS:
-        values = np.concatenate([share[kind] for share in shares]) * 100
+        values = np.concatenate([getattr(share, kind) for share in shares]) * 100
         largest = float(np.abs(values).max(initial=1.0))
         most = 125.0 if largest > _NEAR_PERCENT else 1.3 * largest
         figure = _plain(_joints(time_s, values), "motion [s]", "of the limit [%]")
@@ -69,21 +69,6 @@ def joint_use(runs: Sequence[SegmentRun]) -> dict[str, Figure]:
         _name_segments(figure, runs)
         figures[kind] = figure
     return figures
-
-
-def _shares(q_rad: Array) -> dict[str, Array]:
-    """Each derivative over its limit, at 1 kHz, at rest before and after (libfranka's differences)."""
-    rest = np.pad(q_rad, ((3, 3), (0, 0)), mode="edge")
-    velocity = np.diff(rest, axis=0) / TICK_S
-    lower, upper = velocity_bounds(rest[1:])
-    middle, half = (UPPER_RAD + LOWER_RAD) / 2, (UPPER_RAD - LOWER_RAD) / 2
-    n = len(q_rad)
-    return {
-        "position": (q_rad - middle) / half,
-        "velocity": (velocity / np.where(velocity >= 0, upper, -lower))[2 : n + 2],
-        "acceleration": (np.diff(velocity, axis=0) / TICK_S / ACCELERATION_RAD_S2)[1 : n + 1],
-        "jerk": (np.diff(velocity, n=2, axis=0) / TICK_S**2 / JERK_RAD_S3)[:n],
-    }
 
 
 def tracking(runs: Sequence[SegmentRun]) -> Figure:
@@ -113,9 +98,8 @@ def as_said(arm: Sequence[Timed[JointStates]], start_ns: int) -> dict[str, Figur
         np.array([[getattr(joint, name) for joint in one.message.joints] for one in whole]).reshape(-1, len(LOWER_RAD))
         for name in ("position", "effort")
     )
-    share = 100 * (q_rad - (UPPER_RAD + LOWER_RAD) / 2) / ((UPPER_RAD - LOWER_RAD) / 2)
     return {
-        "Measured positions": _plain(_joints(time_s, share), "cycle [s]", "of the limit [%]"),
+        "Measured positions": _plain(_joints(time_s, 100 * position_share(q_rad)), "cycle [s]", "of the limit [%]"),
         "Load: torque from outside": _plain(_joints(time_s, effort_nm), "cycle [s]", "torque from outside [Nm]"),
     }
 

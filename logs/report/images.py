@@ -65,9 +65,7 @@ def annotated(found: Detections, grasp: int | None, rejections: Iterable[Rejecti
 
 
 def _corners(rectangle: Rectangle) -> npt.NDArray[np.int32]:
-    size = (rectangle.width_px, rectangle.height_px)
-    corners = cv2.boxPoints((rectangle.center_px, size, np.degrees(rectangle.angle_rad)))
-    return np.asarray(np.rint(corners), dtype=np.int32)
+    return np.rint(rectangle.corners_px()).astype(np.int32)
 
 
 def crop(image: Pixels, mask: Mask, margin_px: int = 90) -> Pixels:

@@ -17,7 +17,8 @@ from bus.arrays import Transform
 from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.messages import CameraModel
-from perception.geometry.lift import lift, subsample, transform
+from bus.transforms import apply
+from perception.geometry.lift import lift, subsample
 
 _MIN_POINTS = 30
 JUDGED_POINTS = 800
@@ -85,13 +86,6 @@ class Residuals(NamedTuple):
     residual: float
 
 
-def affine(matrix: Array, translation: Array) -> Transform:
-    """The map (4, 4) made of a (3, 3) matrix and a translation (3,) [m]."""
-    a_from_b = np.eye(4)
-    a_from_b[:3, :3], a_from_b[:3, 3] = matrix, translation
-    return a_from_b
-
-
 def rms_radius_m(points: Array) -> float:
     """Root mean square distance [m] of points (n, 3) from their centroid."""
     return float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()))
@@ -114,7 +108,7 @@ def residuals(goal: Array, observed: Array, observed_from_goal: Transform) -> Re
         goal, observed: (n, 3), (m, 3) [m].
         observed_from_goal: (4, 4).
     """
-    moved, kept = subsample(transform(observed_from_goal, goal), JUDGED_POINTS), subsample(observed, JUDGED_POINTS)
+    moved, kept = subsample(apply(observed_from_goal, goal), JUDGED_POINTS), subsample(observed, JUDGED_POINTS)
     forth, back = nearest(moved, cKDTree(kept)), nearest(kept, cKDTree(moved))
     return Residuals(
         chamfer_m2=float((forth**2).mean() + (back**2).mean()),

@@ -11,7 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from bus.arrays import Transform
-from perception.align.base import TRIM, Array, affine, trimmed_mean
+from bus.transforms import affine
+from perception.align.base import TRIM, Array, trimmed_mean
 
 _TRIM_FROM, _RELIEF_FROM = 3, 4
 _RELIEF = (0.6, 1.7)

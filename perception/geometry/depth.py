@@ -13,7 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from bus.messages import CameraModel, Frame
-from perception.geometry.lift import project, transform
+from bus.transforms import apply
+from perception.geometry.lift import project
 
 _CRITERIA = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-9)
 _FLYING_M = 0.008
@@ -52,7 +53,7 @@ def register(frame: Frame) -> Rgbd:
         return Rgbd(color, depth_m, camera)
     valid = np.isfinite(depth_m)
     points = rays(frame.depth_camera)[valid] * depth_m[valid][:, None].astype(float)
-    points = transform(frame.color_from_depth, points)
+    points = apply(frame.color_from_depth, points)
     return Rgbd(color, _splat(points, camera), camera)
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from bus.arrays import Transform
 from bus.messages import CameraModel
 
 Array = npt.NDArray[np.float64]
@@ -33,19 +32,6 @@ def project(points: Array, camera: CameraModel) -> Array:
         ],
         axis=1,
     )
-
-
-def transform(a_from_b: Transform, points: Array) -> Array:
-    """Points (n, 3) [m] of frame b, expressed in frame a."""
-    return np.asarray(points @ a_from_b[:3, :3].T + a_from_b[:3, 3])
-
-
-def inverse(a_from_b: Transform) -> Transform:
-    """The inverse ``b_from_a`` (4, 4) of a rigid transform."""
-    b_from_a = np.eye(4)
-    b_from_a[:3, :3] = a_from_b[:3, :3].T
-    b_from_a[:3, 3] = -a_from_b[:3, :3].T @ a_from_b[:3, 3]
-    return b_from_a
 
 
 def subsample(points: Array, most: int) -> Array:

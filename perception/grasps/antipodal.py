@@ -12,13 +12,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
+from config.franka_hand import FINGER_TIP_M, PALM_ABOVE_TIP_M
 from config.schema import HandSettings, Station
 from perception.scene.heightmap import CELL_M, HeightMap
 
-TIP_BELOW_TCP_M = 0.0095
-"""Reach of the Panda's fingertips beyond the tcp."""
-PALM_ABOVE_TIP_M = 0.0465
-"""Height of the palm's lowest point above the fingertips, as in the collision model."""
 TABLE_CLEARANCE_M = 0.004
 _HOLD_M = 0.012
 """Depth of the tcp below the visible edge: the pads (18 mm) then lie on the side, not below a round object's widest
@@ -101,8 +98,8 @@ def close(heights: HeightMap, centers_m: Array, headings_rad: Array, widths_m: A
     first_guess_m = np.maximum(0.5 * profile.top_m(half_m), station.perception.min_object_height_m)
     left, right = profile.contacts(first_guess_m, half_m)
     edge_m = np.minimum(profile.edge_m(left, +1.0), profile.edge_m(right, -1.0))
-    lowest_m = TIP_BELOW_TCP_M + TABLE_CLEARANCE_M
-    palm_m = _palm_top(heights, centers_m, axis) + TABLE_CLEARANCE_M - PALM_ABOVE_TIP_M + TIP_BELOW_TCP_M
+    lowest_m = FINGER_TIP_M + TABLE_CLEARANCE_M
+    palm_m = _palm_top(heights, centers_m, axis) + TABLE_CLEARANCE_M - PALM_ABOVE_TIP_M + FINGER_TIP_M
     tcp_m = np.maximum(np.maximum(edge_m - _HOLD_M, lowest_m), palm_m)
     slice_m = np.minimum(tcp_m, 0.9 * edge_m)
     left, right = profile.contacts(slice_m, half_m)
@@ -111,12 +108,12 @@ def close(heights: HeightMap, centers_m: Array, headings_rad: Array, widths_m: A
     width_m, shift_m = touch_right - touch_left, (touch_left + touch_right) / 2
     opening_m = np.minimum(hand.max_width_m, width_m + 2 * clearance_m)
     # Heights below the fingertips' table clearance count as the table and its noise.
-    free_m = np.maximum(tcp_m - TIP_BELOW_TCP_M - _FOOTPRINT_CLEARANCE_M, TABLE_CLEARANCE_M)
+    free_m = np.maximum(tcp_m - FINGER_TIP_M - _FOOTPRINT_CLEARANCE_M, TABLE_CLEARANCE_M)
     feasible = (
         touches
         & (width_m > hand.min_width_m)
         & (opening_m - width_m > _MIN_SLACK_M)
-        & (tcp_m - TIP_BELOW_TCP_M < edge_m - _MIN_CONTACT_M)
+        & (tcp_m - FINGER_TIP_M < edge_m - _MIN_CONTACT_M)
         & (profile.under_fingers_m(shift_m, opening_m) < free_m)
     )
     cone = np.minimum(_face_cos(left, touch_left), _face_cos(right, touch_right))

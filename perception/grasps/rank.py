@@ -13,8 +13,8 @@ import numpy.typing as npt
 
 from bus.arrays import Transform
 from bus.messages import Grasp
+from bus.transforms import apply, from_rotation, inverse
 from config.schema import Station
-from perception.geometry.lift import inverse, transform
 from perception.grasps.antipodal import WEIGHTS, Closings, close, weighted
 from perception.scene.heightmap import HeightMap, height_map
 from perception.subject import ObservedObject
@@ -71,7 +71,7 @@ def _approach(
 
     A bounded search around the rod (12 mm, 12 degrees) snaps it to the observed surface.
     """
-    ends = transform(inverse(base_from_level), ends_base)
+    ends = apply(inverse(base_from_level), ends_base)
     along = ends[1] - ends[0]
     heading, width_m = float(np.arctan2(along[1], along[0])), float(np.hypot(along[0], along[1]))
     rod = _Rod(ends.mean(axis=0)[:2], heading, width_m)
@@ -131,18 +131,13 @@ def _tilted(ends_base: Array, tilt_rad: float) -> Transform:
     along = (ends_base[1] - ends_base[0]) * np.array([1.0, 1.0, 0.0])
     along = along / np.linalg.norm(along)
     across, up = np.array([-along[1], along[0], 0.0]), np.array([0.0, 0.0, 1.0])
-    base_from_level = np.eye(4)
-    base_from_level[:3, 0] = along
-    base_from_level[:3, 1] = np.cos(tilt_rad) * across + np.sin(tilt_rad) * up
-    base_from_level[:3, 2] = np.cos(tilt_rad) * up - np.sin(tilt_rad) * across
-    base_from_level[:2, 3] = ends_base.mean(axis=0)[:2]
-    return base_from_level
+    side = np.cos(tilt_rad) * across + np.sin(tilt_rad) * up
+    normal = np.cos(tilt_rad) * up - np.sin(tilt_rad) * across
+    x_m, y_m = ends_base.mean(axis=0)[:2]
+    return from_rotation(np.column_stack([along, side, normal]), (x_m, y_m, 0.0))
 
 
 def _pose(center_m: Array, heading_rad: float, tcp_m: float) -> Transform:
     """level_from_tcp (4, 4): y along the closing axis, z down."""
     y, z = np.array([np.cos(heading_rad), np.sin(heading_rad), 0.0]), np.array([0.0, 0.0, -1.0])
-    level_from_tcp = np.eye(4)
-    level_from_tcp[:3, 0], level_from_tcp[:3, 1], level_from_tcp[:3, 2] = np.cross(y, z), y, z
-    level_from_tcp[:3, 3] = [*center_m, tcp_m]
-    return level_from_tcp
+    return from_rotation(np.column_stack([np.cross(y, z), y, z]), [*center_m, tcp_m])

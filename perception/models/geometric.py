@@ -13,8 +13,8 @@ import numpy.typing as npt
 from bus.cancel import Cancel
 from bus.codes import Code
 from bus.errors import CycleFailure
+from bus.transforms import apply, inverse
 from config.schema import Station
-from perception.geometry.lift import inverse, transform
 from perception.grasps import antipodal
 from perception.grasps.antipodal import Closings
 from perception.models.painter import paint
@@ -75,7 +75,7 @@ class GeometricModel:
         text = prompt if _AXIS.search(prompt) else self.reason(observed_object, prompt, cancel).text
         axis = _axis_text(text)
         ends_base = np.array([float(value) for value in re.findall(_NUMBER, axis)]).reshape(2, 3)
-        ends = transform(inverse(observed_object.base_from_color), ends_base)
+        ends = apply(inverse(observed_object.base_from_color), ends_base)
         return Answer(f"rod {axis}", goal=paint(observed_object, ends, self._station.perception.rod_radius_m))
 
     def close(self) -> None:

@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from datetime import date, datetime
 from pathlib import Path
 
+from bus.atomic import sync_folder
 from bus.errors import RecordingError
 
 _TORN = ".torn"
@@ -60,7 +61,7 @@ class Ledger:
             with _locked(self._path, os.O_RDWR | os.O_CREAT | os.O_APPEND) as file:
                 _append(file, line.encode() + b"\n")
             if is_new:
-                _sync(self._path.parent)
+                sync_folder(self._path.parent)
 
     def _torn(self) -> bytes:
         """The bytes after the last whole line."""
@@ -82,7 +83,7 @@ class Ledger:
                 return
             with _locked(aside, os.O_RDWR | os.O_CREAT | os.O_APPEND) as beside:
                 _append(beside, torn + b"\n")
-            _sync(aside.parent)
+            sync_folder(aside.parent)
             os.ftruncate(file, os.fstat(file).st_size - len(torn))
             os.fsync(file)
         _log.warning(
@@ -123,15 +124,6 @@ def _append(file: int, data: bytes) -> None:
     except OSError:
         os.ftruncate(file, size)
         raise
-
-
-def _sync(folder: Path) -> None:
-    """Sync a folder, so that a new file's name survives a power cut."""
-    entry = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(entry)
-    finally:
-        os.close(entry)
 
 
 def _entry(line: bytes) -> tuple[str, float] | None:

@@ -8,8 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from bus.cancel import Cancel
+from bus.transforms import apply
 from config.schema import Station
-from perception.geometry.lift import lift_pixels, transform
+from perception.geometry.lift import lift_pixels
 from perception.models.geometric import GeometricModel, axis_in_words
 from perception.rectangles.network import GraspNetwork
 from perception.subject import Answer, ObservedObject
@@ -33,7 +34,7 @@ class NetworkModel(GeometricModel):
         direction = np.array([np.cos(found.angle_rad), np.sin(found.angle_rad)])
         half_px = found.width_px / 2 * direction
         ends_px = np.array(found.center_px) + np.stack([-half_px, half_px])
-        ends = transform(observed_object.base_from_color, self._lifted(ends_px, observed_object))
+        ends = apply(observed_object.base_from_color, self._lifted(ends_px, observed_object))
         return Answer(
             f"The network's best rectangle is at ({found.center_px[0]:.0f}, {found.center_px[1]:.0f}) px, "
             f"{found.width_px:.0f} px wide. " + axis_in_words(ends[0], ends[1])

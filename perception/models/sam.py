@@ -60,19 +60,6 @@ class Sam:
             return _best(found, scores * _overlaps(found, box_px))
         return self._prompted(image, input_boxes=[[list(box_px)]])
 
-    def by_point(self, image: Image, point_px: tuple[float, float]) -> Mask:
-        """The mask (H, W) of the object at a pixel (u, v). Raises: CycleFailure(TARGET_NOT_FOUND).
-
-        SAM 3 accepts only boxes and words: it gets a small box around the pixel, and finds objects similar to its
-        content.
-        """
-        u, v = point_px
-        if self.reads_text:
-            about_px = [u - 4, v - 4, u + 4, v + 4]
-            found, scores = self._instances(image, input_boxes=[[about_px]], input_boxes_labels=[[1]])
-            return _best(found, scores * found[:, int(v), int(u)])
-        return self._prompted(image, input_points=[[[[u, v]]]], input_labels=[[[1]]])
-
     def by_text(self, image: Image, text: str) -> Mask:
         """The mask (H, W) of the named object.
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 import numpy as np
 import numpy.typing as npt
 
@@ -15,20 +13,11 @@ MAX_APART_RAD = float(np.deg2rad(30))
 Corners = npt.NDArray[np.float64]
 
 
-def corners(rectangle: Rectangle) -> Corners:
-    """Corners (4, 2) = (u, v) [px] of a rectangle; the first edge is along the closing axis."""
-    angle = rectangle.angle_rad
-    along = np.array([np.cos(angle), np.sin(angle)]) * rectangle.width_px / 2
-    across = np.array([-np.sin(angle), np.cos(angle)]) * rectangle.height_px / 2
-    signs = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
-    return np.asarray(np.array(rectangle.center_px) + signs[:, :1] * along + signs[:, 1:] * across)
-
-
 def iou(one: Rectangle, other: Rectangle) -> float:
     """Intersection over union of the areas, 0 to 1; 0 for a rectangle without area."""
     if min(one.width_px, one.height_px, other.width_px, other.height_px) <= 0:
         return 0.0
-    shared = _area(_clipped(corners(one), corners(other)))
+    shared = _area(_clipped(one.corners_px(), other.corners_px()))
     union = one.width_px * one.height_px + other.width_px * other.height_px - shared
     return float(np.clip(shared / union, 0, 1))
 
@@ -69,8 +58,3 @@ def angle_apart_rad(one: Rectangle, other: Rectangle) -> float:
 def matches(predicted: Rectangle, truth: Rectangle) -> bool:
     """True for IoU >= 25 % and axes <= 30 degrees apart."""
     return iou(predicted, truth) >= MIN_IOU and angle_apart_rad(predicted, truth) <= MAX_APART_RAD
-
-
-def any_match(predicted: Rectangle, truths: Iterable[Rectangle]) -> bool:
-    """True when the prediction matches at least one of the truths."""
-    return any(matches(predicted, truth) for truth in truths)

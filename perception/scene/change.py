@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from bus.messages import Detections, Observation
+from bus.transforms import apply
 from config.schema import Station
 from perception.geometry.depth import register
-from perception.geometry.lift import transform
 from perception.scene.segment import height_above_table, image_points
 
 _CELL_M = 0.004
@@ -23,7 +23,7 @@ def cleared_fraction(detections: Detections, before: Observation, after: Observa
     seen, the share is 0.
     """
     was = detections.evidence.observed_points.astype(float)
-    lay = np.unique(_cells(transform(before.view.base_from_color, was)), axis=0)
+    lay = np.unique(_cells(apply(before.view.base_from_color, was)), axis=0)
     now = image_points(register(after.frame), after.view.base_from_color)
     height_m = height_above_table(now)
     low = np.isfinite(height_m) & (height_m < _HANGING_M)

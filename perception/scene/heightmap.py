@@ -10,7 +10,7 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from bus.arrays import Transform
-from perception.geometry.lift import transform
+from bus.transforms import apply
 from perception.scene.segment import Scene
 
 CELL_M = 0.002
@@ -65,7 +65,7 @@ def height_map(scene: Scene, level_from_base: Transform | None = None) -> Height
     ours = scene.object_mask[used]
     points = np.stack([scene.points_base[..., 0][used], scene.points_base[..., 1][used], scene.height_m[used]])
     if level_from_base is not None:
-        points = transform(level_from_base, points.T.astype(float)).T.astype(np.float32)
+        points = apply(level_from_base, points.T.astype(float)).T.astype(np.float32)
     low, high = points[:2, ours].min(axis=1) - MARGIN_M, points[:2, ours].max(axis=1) + MARGIN_M
     low = low.astype(float)
     nx, ny = np.ceil((high - low) / CELL_M).astype(int) + 1

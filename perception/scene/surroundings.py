@@ -8,8 +8,9 @@ from scipy import ndimage
 
 from bus.arrays import Mask, Points
 from bus.messages import CameraModel, Observation
+from bus.transforms import apply
 from perception.geometry.depth import rays, without_flying_pixels
-from perception.geometry.lift import project, transform
+from perception.geometry.lift import project
 
 Depths = npt.NDArray[np.float32]
 
@@ -33,9 +34,9 @@ def surroundings(observation: Observation, object_mask: Mask) -> tuple[Points, n
     seen_m = without_flying_pixels(frame.depth_m)[::_STEP_PX, ::_STEP_PX]
     depth_m = _edges_filled(seen_m)
     points = rays(frame.depth_camera)[::_STEP_PX, ::_STEP_PX] * depth_m[..., None].astype(float)
-    in_color = transform(frame.color_from_depth, points.reshape(-1, 3))
+    in_color = apply(frame.color_from_depth, points.reshape(-1, 3))
     is_target = _is_on(object_mask, in_color, frame.color_camera).reshape(depth_m.shape)
-    in_base = transform(observation.view.base_from_color, in_color).astype(np.float32).reshape(points.shape)
+    in_base = apply(observation.view.base_from_color, in_color).astype(np.float32).reshape(points.shape)
     in_base[_filled_from(is_target, seen_m, depth_m) & ~is_target] = np.nan
     return in_base, is_target
 

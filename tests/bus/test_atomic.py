@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from bus.atomic import write_atomically
+from bus.atomic import write_atomically, written_atomically
 
 
 def _mode(path: Path) -> int:
@@ -54,6 +54,22 @@ def test_somebody_elses_part_file_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "lab.toml.part").write_bytes(b"theirs")
     write_atomically(tmp_path / "lab.toml", b"new")
     assert (tmp_path / "lab.toml.part").read_bytes() == b"theirs"
+
+
+def test_a_file_written_piece_by_piece_is_there_when_its_block_ends(tmp_path: Path) -> None:
+    path = tmp_path / "cycle.mcap"
+    with written_atomically(path, mode=0o640) as output:
+        output.write(b"one,")
+        output.write(b"two")
+        assert not path.exists()
+    assert path.read_bytes() == b"one,two" and _mode(path) == 0o640
+
+
+def test_a_block_that_raises_leaves_the_folder_as_it_was(tmp_path: Path) -> None:
+    with pytest.raises(KeyError), written_atomically(tmp_path / "cycle.mcap") as output:
+        output.write(b"half")
+        raise KeyError
+    assert os.listdir(tmp_path) == []
 
 
 def test_a_failed_write_leaves_the_folder_as_it_was(tmp_path: Path) -> None:

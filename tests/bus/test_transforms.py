@@ -10,7 +10,16 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from bus.transforms import apply, from_rotation, from_wxyz, inverse
+from bus.transforms import (
+    affine,
+    angle_between_rad,
+    apply,
+    from_rotation,
+    from_translation,
+    from_wxyz,
+    inverse,
+    to_wxyz,
+)
 
 numbers = st.floats(-1.0, 1.0)
 quaternions = st.tuples(numbers, numbers, numbers, numbers)
@@ -28,6 +37,41 @@ def test_a_pose_is_what_scipy_makes_of_it_to_the_last_bit(wxyz: tuple[float, ...
     points = np.array([place_m, (1.0, 2.0, 3.0)])
     np.testing.assert_allclose(inverse(pose), np.linalg.inv(pose), atol=1e-12)
     np.testing.assert_allclose(apply(inverse(pose), apply(pose, points)), points, atol=1e-12)
+
+
+@given(quaternions, places)
+def test_a_pose_gives_its_quaternion_back(wxyz: tuple[float, ...], place_m: tuple[float, ...]) -> None:
+    length = np.linalg.norm(wxyz)
+    assume(length > 0.1)
+    pose = from_wxyz(np.array(wxyz) / length, place_m)
+    w, x, y, z = to_wxyz(pose)
+    assert w >= 0 and math.hypot(w, x, y, z) == pytest.approx(1.0)
+    np.testing.assert_allclose(from_wxyz((w, x, y, z), place_m), pose, atol=1e-12)
+
+
+@given(places, st.floats(-math.pi, math.pi), quaternions)
+def test_the_angle_between_two_poses_is_the_turn_between_them(
+    axis: tuple[float, ...], turn_rad: float, wxyz: tuple[float, ...]
+) -> None:
+    assume(np.linalg.norm(axis) > 0.1 and np.linalg.norm(wxyz) > 0.1)
+    turn = Rotation.from_rotvec(turn_rad * np.array(axis) / np.linalg.norm(axis)).as_matrix()
+    before = from_wxyz(np.array(wxyz) / np.linalg.norm(wxyz), (1.0, 2.0, 3.0))
+    assert angle_between_rad(before, before @ from_rotation(turn, axis)) == pytest.approx(abs(turn_rad), abs=1e-7)
+
+
+def test_a_turn_by_a_microradian_is_told_exactly() -> None:
+    turn = from_rotation(Rotation.from_rotvec([0.0, 1e-6, 0.0]).as_matrix())
+    assert angle_between_rad(np.eye(4), turn) == pytest.approx(1e-6, rel=1e-6)
+    assert math.isnan(angle_between_rad(np.eye(4), np.full((4, 4), math.nan)))
+
+
+def test_a_translation_alone_moves_and_does_not_turn() -> None:
+    np.testing.assert_array_equal(apply(from_translation((1.0, 2.0, 3.0)), np.zeros(3)), [1.0, 2.0, 3.0])
+    np.testing.assert_array_equal(from_translation((1.0, 2.0, 3.0))[:3, :3], np.eye(3))
+
+
+def test_an_affine_map_may_scale_and_mirror() -> None:
+    np.testing.assert_array_equal(apply(affine(np.diag([2.0, -1.0, 1.0]), (0.0, 0.0, 5.0)), np.ones(3)), [2, -1, 6])
 
 
 @given(quaternions | st.tuples(*(st.floats(),) * 4))

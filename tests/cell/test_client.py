@@ -68,7 +68,8 @@ def test_what_a_stranger_puts_on_the_cells_keys_is_not_heard() -> None:
         bus.put(_state("Idle"), source)
     assert list(client.heard()) == []
     bus.put(forged.model_copy(update={"reason": "the cell's"}), CELL)
-    assert client.next_result(5.0).reason == "the cell's"
+    said = client.next_said(5.0)
+    assert isinstance(said, CycleResult) and said.reason == "the cell's"
 
 
 def test_nobody_waits_for_a_cell_that_is_gone(endpoint: str) -> None:
@@ -80,6 +81,6 @@ def test_nobody_waits_for_a_cell_that_is_gone(endpoint: str) -> None:
             client.state()
             cell.close()
             wait: Callable[[], object]
-            for wait in (lambda: client.next_result(600), lambda: client.wait_for_result("1", 600)):
+            for wait in (lambda: client.next_said(600), lambda: client.wait_for_result("1", 600)):
                 with pytest.raises(CellUnreachable, match="is gone"):
                     wait()

@@ -19,9 +19,10 @@ from cell import client
 from cell.build import running_cell
 from cell.cli.commands import command_line
 from cell.daemon.fault_table import ROWS, Row
-from cell.replay.replay import replay_file
+from cell.replay.replay import Request, replay
 from config.load import load_station
 from docs.faults_page import PAGE, page
+from logs.mcap.reader import read_cycle
 
 BY_NAME = {row.name: row for row in ROWS}
 
@@ -112,7 +113,7 @@ def test_the_whole_run_is_explained_logged_and_never_stuck(walk: Callable[[str],
 
 @pytest.mark.parametrize(("slice_", "name"), _rows("model off", "model garbage", "bus garbage"))
 def test_a_recording_of_a_fault_replays(walk: Callable[[str], Run], slice_: str, name: str) -> None:
-    assert replay_file(Path(walk(slice_).of(name).recording)).equal
+    assert replay(read_cycle(Path(walk(slice_).of(name).recording)), Request()).equal
 
 
 # --- who may set one --------------------------------------------------------------------------------------------------

@@ -12,7 +12,7 @@ import pytest
 from mcap.reader import make_reader
 
 from bus.codes import Code
-from cell.replay.replay import replay_file
+from cell.replay.replay import Request, replay
 from logs.mcap.reader import read_cycle
 from logs.report.cycle_report import write_report
 from stand_ins.drift import Drift
@@ -52,7 +52,7 @@ def test_a_fault_ends_its_cycle_with_its_code_and_the_next_one_picks(
     assert (first["result"], first["code"]) == ("FAILED", code), run.stderr
     assert second["result"] == "SUCCESS", second
     for result in (first, second):
-        assert replay_file(tmp_path / result["recording"]).equal, "offline: the server is closed"
+        assert replay(read_cycle(tmp_path / result["recording"]), Request()).equal, "offline: the server is closed"
     assert SECRET not in run.stdout + run.stderr
     assert all(SECRET not in _all_of(tmp_path / result["recording"]) for result in (first, second))
     record = read_cycle(tmp_path / second["recording"])

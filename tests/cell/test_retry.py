@@ -19,7 +19,7 @@ from cell.daemon.retry import WITH_A_NEW_LOOK, WITH_ANOTHER_GRASP, Retries
 from cell.machine.gate import Gate
 from cell.machine.owner import refuse
 from cell.pick.cycle import FAULTS, Equipment
-from cell.replay.replay import replay_file
+from cell.replay.replay import Request, replay
 from config.load import load_station
 from config.schema import RetrySettings
 from drivers.node.registry import open_devices
@@ -135,4 +135,4 @@ def test_a_start_holds_after_too_many_failures_and_goes_on_when_somebody_has_loo
     assert [bool(result.retried_as) for result in results] == [True, False]
     second = Path(results[1].recording)
     assert read_cycle(second).attempt.retry_of == results[0].cycle_id
-    assert replay_file(second).equal
+    assert replay(read_cycle(second), Request()).equal

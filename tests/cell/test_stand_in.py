@@ -16,7 +16,7 @@ import pytest
 from bus.codes import Code
 from bus.errors import ArmReflex
 from bus.messages import CycleResult
-from cell.replay.replay import replay_file
+from cell.replay.replay import Request, replay
 from logs.mcap.reader import read_cycle
 from stand_ins.cell import STATION, stand_ins
 from stand_ins.femto_mega.process import no_extensions
@@ -53,4 +53,4 @@ def test_every_stage_runs_and_fingers_that_closed_on_air_are_a_missed_grasp(cycl
     assert set(result.stages) >= {"capture", "detect", "plan", "execute", "verify"}
     record = read_cycle(Path(result.recording))
     assert record.result is not None and record.result.code == "GRASP_MISSED"
-    assert replay_file(Path(result.recording), []).equal
+    assert replay(read_cycle(Path(result.recording)), Request()).equal

@@ -13,6 +13,7 @@ import pytest
 
 from bus.commands import Presented
 from bus.errors import Refused
+from bus.messages import CycleResult
 from bus.session import Bus
 from cell import client
 from cell.build import running_cell
@@ -60,7 +61,8 @@ def _run_until_empty(connection: client.Client) -> list[str]:
     cycle_id = connection.command("start", until_empty=True).cycle_id
     results = [connection.wait_for_result(cycle_id, 60)]
     while results[-1].result not in ("EMPTY", "ABORTED"):
-        results.append(connection.next_result(60))
+        said = connection.next_said(60)
+        results += [said] if isinstance(said, CycleResult) else []
     connection.wait_for_state({"Complete"}, 60)
     return [f"{result.result} {result.object}".strip() for result in results]
 

@@ -5,7 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from config.limits import ACCELERATION_RAD_S2, JERK_RAD_S3, LOWER_RAD, UPPER_RAD, check, outside, velocity_bounds
+from config.limits import (
+    ACCELERATION_RAD_S2,
+    JERK_RAD_S3,
+    LOWER_RAD,
+    UPPER_RAD,
+    check,
+    limit_shares,
+    outside,
+    position_share,
+    velocity_bounds,
+)
 
 HOME = np.array([0.0, -0.55, 0.0, -2.1, 0.0, 1.55, 0.785])
 
@@ -35,6 +45,20 @@ def test_third_differences_are_judged_from_rest_to_rest() -> None:
     assert report.acceleration.ratio == pytest.approx(step / 1e-6 / ACCELERATION_RAD_S2[2], rel=1e-6)
     assert report.jerk.ratio == pytest.approx(2 * step / 1e-9 / JERK_RAD_S3[2], rel=1e-6)
     assert report.jerk.joint == 3
+
+
+def test_shares_are_signed_and_those_of_the_samples_begin_with_the_first() -> None:
+    step = 1e-6
+    used = limit_shares(moved(3, [0.0, -step, -step])).of_samples()
+    assert all(rows.shape == (3, 7) for rows in used)
+    np.testing.assert_array_equal(used.velocity[[0, 2]], 0.0)
+    assert used.velocity[1, 2] == pytest.approx(step / 1e-3 / velocity_bounds(HOME)[0][2], rel=1e-6)
+    assert used.acceleration[:, 2] * ACCELERATION_RAD_S2[2] == pytest.approx([0.0, -1.0, 1.0], abs=1e-6)
+
+
+def test_the_middle_of_a_joint_s_range_is_a_share_of_zero() -> None:
+    ends = position_share(np.stack([LOWER_RAD, (LOWER_RAD + UPPER_RAD) / 2, UPPER_RAD]))
+    np.testing.assert_allclose(ends, np.repeat([[-1.0], [0.0], [1.0]], 7, axis=1), atol=1e-12)
 
 
 def test_a_jump_is_named_with_kind_joint_and_time() -> None:

@@ -49,6 +49,7 @@ def test_overrides_take_toml_values_and_bare_text() -> None:
         ("sim.pase=1", r"Unknown key 'sim.pase'.*Did you mean 'pace'"),
         ("nonsense.key=1", r"Unknown key 'nonsense'"),
         ("sim.pace=fast", r"sim.pace.*number.*'fast'"),
+        ("perception.align=icp", r"perception.align.*'silhouette_3d' or 'pca_cfopt'.*'icp'"),
         ("perception.compliance=-1", r"perception.compliance.*greater than 0"),
         ("sim.pace", r"not of the form key=value"),
         ("cell_id.x=1", r"no keys below"),

@@ -14,13 +14,14 @@ from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.messages import Observation
 from cell.pick.capture import capture
+from config.franka_hand import FINGER_TIP_M, PALM_ABOVE_TIP_M
 from config.load import DEFAULT_STATION, load_station
 from drivers.sim.arm import SimArm
 from drivers.sim.camera import SimCamera
 from drivers.sim.world import World
 from perception.detector import detect, ignore_reply
 from perception.geometry.depth import register
-from perception.grasps.antipodal import PALM_ABOVE_TIP_M, TABLE_CLEARANCE_M, TIP_BELOW_TCP_M
+from perception.grasps.antipodal import TABLE_CLEARANCE_M
 from perception.models import open_models
 from perception.scene.change import cleared_fraction
 from perception.scene.segment import Scene, segment
@@ -113,7 +114,7 @@ def test_a_place_is_cleared_when_its_object_left_whatever_the_neighbours_do(
 def test_where_detection_lets_the_palm_pass_the_planner_does_too(filled: Callable[..., Bin]) -> None:
     """The lowest tcp over a wall that detection allows: the planner's hand clears the wall."""
     bin_ = filled(0, clutter=1, wall_height_m=0.08)
-    tcp_m = bin_.station.scene.bins[0].wall_height_m + TABLE_CLEARANCE_M - PALM_ABOVE_TIP_M + TIP_BELOW_TCP_M + 1e-3
+    tcp_m = bin_.station.scene.bins[0].wall_height_m + TABLE_CLEARANCE_M - PALM_ABOVE_TIP_M + FINGER_TIP_M + 1e-3
     base_from_tcp = np.diag([1.0, -1.0, -1.0, 1.0])  # closes along y, the palm over the left wall
     base_from_tcp[:3, 3] = 0.46, 0.2, tcp_m
     touches = [bin_.scene.collision(q_rad, 0.08) for q_rad in inverse(flange_pose(base_from_tcp), q7_grid())]

@@ -12,9 +12,10 @@ from scipy.spatial.transform import Rotation
 from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.messages import CameraModel, Frame
+from bus.transforms import apply, inverse
 from config.load import load_station
 from perception.geometry.depth import register, without_flying_pixels
-from perception.geometry.lift import inverse, lift, lift_pixels, project, transform
+from perception.geometry.lift import lift, lift_pixels, project
 from perception.geometry.rod import fit_line, rectangle, runs
 
 CAMERA = CameraModel(width=320, height=240, fx=300.0, fy=300.0, cx=160.0, cy=120.0)
@@ -107,5 +108,5 @@ def test_registration_brings_depth_to_the_right_colour_pixel(frame: Frame) -> No
     rgbd = register(seen)
     points = lift(np.isfinite(rgbd.depth_m), rgbd.depth_m, rgbd.camera)
     depth_from_color = inverse(frame.color_from_depth)
-    residual = transform(depth_from_color, points) @ normal - distance
+    residual = apply(depth_from_color, points) @ normal - distance
     assert len(points) > 2000 and np.percentile(np.abs(residual), 95) < 0.004

@@ -11,11 +11,10 @@ from scipy.spatial.transform import Rotation
 
 from bus.errors import CalibrationError
 from config.calibration import MARKERS, CalibrationSettings
+from config.charuco import board_image, charuco_board
 from drivers.sim.optics import COLOR
 from perception.hand_eye import (
     Sighting,
-    board_image,
-    charuco_board,
     corners_in_color,
     corrected,
     hand_eye,

@@ -26,7 +26,6 @@ DECODER = {
 }  # fmt: skip
 PROMPTS: dict[str, Callable[[Sam], npt.NDArray[np.bool_]]] = {
     "box": lambda sam: sam.by_box(IMAGE, (10, 10, 50, 40)),
-    "point": lambda sam: sam.by_point(IMAGE, (30, 20)),
     "text": lambda sam: sam.by_text(IMAGE, "a cup"),
 }
 
@@ -290,8 +289,7 @@ def test_sam_3_takes_the_instance_in_the_box_not_the_best_anywhere(
     masks[0, 10:40, :30] = masks[1, 10:40, 32:62] = 1
     found = {"masks": masks, "scores": torch.tensor([0.9, 0.6])}
     monkeypatch.setattr(transformers().Sam3Processor, "post_process_instance_segmentation", lambda *_, **__: [found])
-    boxed, pointed = sam.by_box(IMAGE, (left, 10, left + 29, 39)), sam.by_point(IMAGE, (left + 15, 20))
-    for mask in (boxed, pointed):
-        np.testing.assert_array_equal(mask, masks[int(left > 0)].numpy() > 0)
+    boxed = sam.by_box(IMAGE, (left, 10, left + 29, 39))
+    np.testing.assert_array_equal(boxed, masks[int(left > 0)].numpy() > 0)
     with pytest.raises(CycleFailure):
-        sam.by_point(IMAGE, (5, 2))
+        sam.by_box(IMAGE, (2, 0, 8, 4))

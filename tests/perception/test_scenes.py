@@ -14,13 +14,13 @@ from benchmarks.baselines.color_only import segment_by_color
 from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.messages import Detections, ModelReply, Observation
+from bus.transforms import inverse
 from cell.pick.detect import detect_unless_halted
 from config.load import load_station
 from config.schema import Station
 from perception.detector import detect, ignore_reply
 from perception.geometry.crop import Crop
 from perception.geometry.depth import register
-from perception.geometry.lift import inverse
 from perception.goal.imagine import free_background, free_rod_color
 from perception.grasps.rank import _approach, _tilted
 from perception.models import Models, open_models

@@ -8,11 +8,12 @@ import pytest
 from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.messages import Grasp, PickPlan
+from config.franka_hand import FINGER_TIP_M
 from config.limits import UPPER_RAD
 from config.schema import Station, VerifySettings
 from planning.pick import plan_pick
 from planning.pregrasp import LOWER_M
-from planning.robot import FINGER_TIP_M, Robot
+from planning.robot import Robot
 from planning.scene import Scene, Sight
 from tests.planning.conftest import CAPTURE, NODES, STATION, WIDE_M, among, box
 from tests.planning.views import seen_from_above

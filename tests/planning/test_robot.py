@@ -7,9 +7,11 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
+import pytest
 
+from config.franka_hand import FINGER_TIP_M, FINGER_TIP_SIZE_M, HAND_FROM_TCP_M, PALM_ABOVE_TIP_M
 from config.limits import LOWER_RAD, UPPER_RAD
-from planning.robot import HAND_FROM_TCP_M, Robot
+from planning.robot import Robot
 from tests.planning.conftest import CAPTURE
 
 
@@ -36,6 +38,19 @@ def test_the_tcp_is_ahead_of_the_hand_and_the_camera_looks_the_same_way(robot: R
     assert np.allclose(np.linalg.inv(hand) @ tcp @ [0, 0, 0, 1], [0, 0, HAND_FROM_TCP_M, 1], atol=1e-12)
     assert np.allclose(tcp[:3, 2], color[:3, 2], atol=1e-12)
     assert np.allclose(color[:3, 1], -hand[:3, 0], atol=1e-12), "image down is hand -x"
+
+
+def test_the_hand_s_dimensions_are_those_of_its_collision_shapes(robot: Robot) -> None:
+    shapes = {part.name: part for part in robot.meshes}
+    tip, palm = shapes["fr3_leftfinger_3"], shapes["fr3_hand_0"]
+    hand_from_tip = robot.model.frames[robot.hand_frame].placement.inverse() * (
+        robot.model.jointPlacements[tip.parentJoint] * tip.placement
+    )
+    reach_m = hand_from_tip.translation[2] + tip.geometry.halfSide[2] - HAND_FROM_TCP_M
+    palm.geometry.computeLocalAABB()
+    assert reach_m == pytest.approx(FINGER_TIP_M, abs=1e-4)
+    assert 2 * tip.geometry.halfSide[:2] == pytest.approx(FINGER_TIP_SIZE_M)
+    assert HAND_FROM_TCP_M + reach_m - palm.geometry.aabb_local.max_[2] == pytest.approx(PALM_ABOVE_TIP_M, abs=5e-4)
 
 
 def test_the_jacobian_is_the_derivative_of_the_tcp(robot: Robot) -> None:

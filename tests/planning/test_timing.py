@@ -19,7 +19,7 @@ from planning.blend import Curve, blended
 from planning.kinematics import rest_to_rest_s
 from planning.line import tcp_line
 from planning.robot import Robot
-from planning.timing import hold, rest_to_rest, timed, within_limits
+from planning.timing import rest_to_rest, timed, within_limits
 from tests.planning.conftest import CAPTURE, NODES, STATION
 
 TURNED = CAPTURE + np.array([0.8, 0.3, -0.4, 0.5, 0.6, -0.2, 1.2])
@@ -90,13 +90,6 @@ def test_tiny_moves_work(distance_rad: float) -> None:
 
 def test_being_there_already_is_one_sample() -> None:
     assert len(rest_to_rest(STATION, CAPTURE, CAPTURE).raw_q_rad) == 1
-
-
-def test_hold_stays_for_its_time() -> None:
-    trajectory = hold(CAPTURE, 3.0)
-    assert trajectory.duration_s == pytest.approx(3.0)
-    assert (trajectory.filtered() == CAPTURE).all()
-    assert len(hold(CAPTURE, 0.0).raw_q_rad) == 1
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])

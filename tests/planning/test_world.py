@@ -7,10 +7,11 @@ from itertools import combinations
 import numpy as np
 import pinocchio as pin
 
+from config.franka_hand import FINGER_TIP_M
 from config.limits import LOWER_RAD, UPPER_RAD
 from config.schema import NodeSettings, SceneSettings, Station
 from planning.kinematics import inverse, q7_grid
-from planning.robot import FINGER_TIP_M, Robot, flange_pose, part_name
+from planning.robot import Robot, flange_pose, part_name
 from planning.scene import Scene
 from planning.world import World
 from tests.planning.conftest import CAPTURE, WIDE_M, among, box

@@ -1,13 +1,8 @@
-"""The prompts of stage 1, one text file a step; ``{fields}`` are placeholders.
-
-Version 2: ``locate`` and ``render`` added; ``constraint`` names the background.
-"""
+"""The prompts of stage 1, one text file a step; ``{fields}`` are placeholders."""
 
 from __future__ import annotations
 
 from importlib.resources import files
-
-VERSION = 2
 
 
 def prompt(step: str, **fields: str) -> str:

@@ -16,7 +16,8 @@ from scipy.spatial import cKDTree
 
 from bus.codes import Code
 from bus.errors import ConfigError, CycleFailure
-from perception.align.base import Array, Fit, Shape, affine, rms_radius_m
+from bus.transforms import affine
+from perception.align.base import Array, Fit, Shape, rms_radius_m
 from perception.geometry.lift import subsample
 
 PACKAGE = "teaserpp_python"
@@ -39,7 +40,7 @@ def teaser(goal: Shape, observed: Shape) -> Fit:
     if find_spec(PACKAGE) is None:
         raise ConfigError(
             "The alignment 'teaser' needs TEASER++.",
-            "Build MIT-SPARK/TEASER-plusplus with its Python bindings, or choose another: perception.align.",
+            "Build MIT-SPARK/TEASER-plusplus with its Python bindings.",
         )
     goal_center, observed_center = goal.points.mean(axis=0), observed.points.mean(axis=0)
     goal_m, observed_m = rms_radius_m(goal.points), rms_radius_m(observed.points)
