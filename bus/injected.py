@@ -1,8 +1,13 @@
-"""A node's bus with injected faults, and the answer to ``fault/{part}`` where the station allows faults."""
+"""Parts with injected faults: their base, a node's bus, and the answer to ``fault/{part}``.
+
+This module, and those that wrap devices, the model and the disk, are imported only where the station allows faults:
+by `cell.build` for the cell's own process, by `drivers.node` for a node's.
+"""
 
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +21,7 @@ from bus.codec import decode, encode
 from bus.commands import Event, Nothing
 from bus.errors import BadPayload
 from bus.frozen import Message
-from bus.injection import Fault, FaultRequest, Faulty
+from bus.injection import Fault, FaultRequest
 from bus.sample import Asked, Handler, Sample
 from bus.session import Bus
 from bus.topics import Topic, encoding_of
@@ -36,6 +41,37 @@ class Spoilable(Protocol):
 
     fault: Fault
     delay_s: float
+
+
+class Faulty:
+    """Base of every part that accepts injected faults, at any time and from any thread.
+
+    Subclasses wait on ``_turn`` for a change of the fault.
+
+    Attributes:
+        fault: the fault now.
+        delay_s: how late answers come under ``slow`` [s].
+    """
+
+    def __init__(self, fault: Fault, delay_s: float) -> None:
+        self._fault = fault
+        self._turn = threading.Condition()
+        self.delay_s = delay_s
+
+    @property
+    def fault(self) -> Fault:
+        """The fault now; setting it wakes every waiting call."""
+        return self._fault
+
+    @fault.setter
+    def fault(self, fault: Fault) -> None:
+        with self._turn:
+            self._fault = Fault(fault)
+            self._turn.notify_all()
+        self._on_fault(fault)
+
+    def _on_fault(self, fault: Fault) -> None:
+        """Hook for subclasses, called after the fault was set."""
 
 
 class FaultyBus(Faulty, Bus):

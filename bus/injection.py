@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from enum import StrEnum
 from typing import Literal, get_args
 
@@ -36,34 +35,3 @@ class FaultRequest(Message):
 
     fault: Fault
     delay_s: float | None = None
-
-
-class Faulty:
-    """Base of every part that accepts injected faults, at any time and from any thread.
-
-    Subclasses wait on ``_turn`` for a change of the fault.
-
-    Attributes:
-        fault: the fault now.
-        delay_s: how late answers come under ``slow`` [s].
-    """
-
-    def __init__(self, fault: Fault, delay_s: float) -> None:
-        self._fault = fault
-        self._turn = threading.Condition()
-        self.delay_s = delay_s
-
-    @property
-    def fault(self) -> Fault:
-        """The fault now; setting it wakes every waiting call."""
-        return self._fault
-
-    @fault.setter
-    def fault(self, fault: Fault) -> None:
-        with self._turn:
-            self._fault = Fault(fault)
-            self._turn.notify_all()
-        self._on_fault(fault)
-
-    def _on_fault(self, fault: Fault) -> None:
-        """Hook for subclasses, called after the fault was set."""

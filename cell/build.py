@@ -5,9 +5,10 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from bus.errors import ConfigError
+from bus.lazy import LazyModule
 from bus.secured import is_loopback
 from bus.session import Bus
 from bus.threads import handled_by
@@ -20,9 +21,15 @@ from cell.nodes.supervisor import Supervisor
 from config.schema import Station
 from drivers.node import registry
 from drivers.remote import remote_devices
+from logs.mcap.recorder import plain
 from logs.mcap.recover import recover_leftovers
-from perception.models import open_models
+from perception.models import Models, open_models
 from planning.robot import Robot
+
+if TYPE_CHECKING:
+    from cell import injection
+else:
+    injection = LazyModule("cell.injection")  # only where faults are allowed
 
 
 @contextmanager
@@ -35,8 +42,9 @@ def running_cell(station: Station, observer: Observer) -> Iterator[Daemon]:
     for node in station.nodes.values():
         registry.require(node.driver)
     robot = Robot(station)
+    faults = injection.Injection(station) if station.faults.allowed else None
     with (
-        closing(open_models(station, os.environ)) as models,
+        closing(_models(station, faults)) as models,
         _listen(station) as bus,
     ):
         daemons: list[Daemon] = []  # empty before the daemon is built; a node may end earlier
@@ -61,8 +69,20 @@ def running_cell(station: Station, observer: Observer) -> Iterator[Daemon]:
             supervisor.start()
             devices = remote_devices(bus, station)
             hear = retention.after_cycles(observer)
-            daemon = Daemon(station, bus, devices, robot, models, hear, supervisor.restarts, supervisor.end_frozen)
+            daemon = Daemon(
+                station,
+                bus,
+                devices,
+                robot,
+                models,
+                hear,
+                supervisor.restarts,
+                supervisor.end_frozen,
+                plain if faults is None else faults.under,
+            )
             daemons.append(daemon)
+            if faults is not None:
+                faults.answer(bus, daemon.publisher.publish)
             with handled_by(daemon.on_defect):
                 daemon.open()
                 daemon.publisher.publish_recovered(recover_leftovers(station.recording.folder))
@@ -73,6 +93,12 @@ def running_cell(station: Station, observer: Observer) -> Iterator[Daemon]:
                     daemon.close()
         finally:
             supervisor.close()
+
+
+def _models(station: Station, faults: injection.Injection | None) -> Models:
+    """Open the models, with fault injection where the station allows it. Raises: as `open_models`."""
+    models = open_models(station, os.environ)
+    return models if faults is None else faults.around(models)
 
 
 def _listen(station: Station) -> Bus:

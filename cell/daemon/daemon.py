@@ -15,7 +15,6 @@ from bus.codes import ADVICE, Code
 from bus.commands import CellHealth, CommandReply, CommandRequest, Heartbeat, ResultRequest
 from bus.errors import BadPayload, BusError, CycleFailure, DriverError, Refused
 from bus.frozen import Message
-from bus.injected import answer_faults
 from bus.messages import CycleResult
 from bus.sample import Asked, Sample
 from bus.session import Bus
@@ -33,10 +32,8 @@ from cell.pick.cycle import Equipment
 from config.schema import Station
 from drivers.interface import Devices
 from logs.live_views import Views
-from logs.mcap.injection import FaultyDisk
-from logs.mcap.recorder import plain
+from logs.mcap.recorder import Under, plain
 from perception.models import Models
-from perception.models.injection import FaultyModel
 from planning.robot import Robot
 
 _log = logging.getLogger(__name__)
@@ -59,6 +56,7 @@ class Daemon:
         robot: the planning model. ``models``: perception's.
         observer: called with every message of the daemon, on the publishing thread; it may only enqueue.
         restarts: gives the number of restarts of a node. ``end_frozen``: kills a frozen node.
+        under: gives what a recording is written to, of its opened file.
 
     Raises: DriverError when a camera, an arm or a hand is missing.
     """
@@ -73,14 +71,12 @@ class Daemon:
         observer: Observer,
         restarts: Callable[[str], int] = lambda name: 0,
         end_frozen: Callable[[str], None] = lambda name: None,
+        under: Under = plain,
     ) -> None:
         camera, arm, hand = devices.camera, devices.arm, devices.hand
         if camera is None or arm is None or hand is None:
             raise DriverError("The cell needs a camera, an arm and a hand.", "Check `serves` in the station file.")
         self._bus = bus
-        faults = station.faults
-        self._disk = FaultyDisk(faults.disk, delay_s=faults.delay_s) if faults.allowed else None
-        self._imaginer = models.imaginer
         self.publisher = Publisher(bus, Views(robot.base_from_tcp), observer, lambda: self._actions.cycle_id)
         holding = Holding()
         self._actions = Actions(
@@ -92,7 +88,7 @@ class Daemon:
             self.publisher.publish_stage,
             self._on_result,
             self._on_fault,
-            self._disk.under if self._disk is not None else plain,
+            under,
         )
         self._monitor = NodeMonitor(station, self._on_lost, restarts)
         self._batches = BatchControl(self._actions, self.publisher, station.retry)
@@ -155,8 +151,6 @@ class Daemon:
         self._bus.answer(topics.RESULT_NOW, self._on_result_asked, worker="state")
         self._bus.answer(topics.SCHEMA_NOW, lambda _payload, _asked: bus_schema(), worker="schema")
         self._bus.answer(topics.COMMAND, self._on_command, worker=self._worker_of, verb="*")
-        if self._disk is not None and isinstance(self._imaginer, FaultyModel):
-            answer_faults(self._bus, {"disk": self._disk, "model": self._imaginer}, self.publisher.publish)
         self._bus.announce(topics.LEASE, name=CELL_CLIENT)
         self.machine.start()
         self._watchdog.start()

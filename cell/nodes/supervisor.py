@@ -18,7 +18,6 @@ import threading
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from functools import partial
-from pathlib import Path
 from typing import IO
 
 from pydantic import Field
@@ -28,10 +27,8 @@ from bus.codec import decode, encode
 from bus.commands import ErrorReply
 from bus.errors import BadPayload, CellError, DriverUnavailable
 from bus.frozen import Message
-from bus.injected import FaultyBus
 from bus.remote_errors import error_from_reply, error_reply
 from bus.seal import Seal
-from bus.session import Bus
 from bus.threads import OwnedThread, Role, handled_by
 from cell.machine.leases import CELL_CLIENT
 from cell.nodes.process import freeze_gc, limit_malloc_arenas
@@ -39,6 +36,7 @@ from cell.terminal.printing import log_plainly
 from cell.terminal.signals import on_end
 from config.load import station_from
 from config.schema import Station
+from drivers.node.link import join_cell
 from drivers.node.node import Node
 from drivers.node.registry import open_devices
 
@@ -226,7 +224,7 @@ def _serve_supervised(name: str, stdin: IO[str], stdout: IO[str]) -> int:
     limit_malloc_arenas()
     station, secret = station_from(json.loads(stdin.readline())), bytes.fromhex(stdin.readline())
     try:
-        with _link(station) as bus:
+        with join_cell(station) as bus:
             bus.seal = Seal(secret) if secret else None
             node = Node(name, bus, open_devices(station.nodes[name].driver, station), station)
             with handled_by(partial(_end_by_defect, node)):
@@ -259,7 +257,7 @@ def serve_until_interrupted(name: str, station: Station) -> None:
     ended = threading.Event()
     on_end(ended.set)
     with ExitStack() as stack:
-        bus = stack.enter_context(_link(station, station.bus.zenoh))
+        bus = stack.enter_context(join_cell(station, station.bus.zenoh))
         node = Node(name, bus, open_devices(station.nodes[name].driver, station), station)
         stack.enter_context(handled_by(partial(_end_by_defect, node)))
         node.open()
@@ -275,12 +273,6 @@ def serve_until_interrupted(name: str, station: Station) -> None:
                 ended.wait()
         finally:
             node.close()
-
-
-def _link(station: Station, security: Path | None = None) -> Bus:
-    """The node's session; with fault injection where the station allows it."""
-    kind = FaultyBus if station.faults.allowed else Bus
-    return kind.join(station.cell_id, station.bus.endpoint, security=security)
 
 
 def _say(stdout: IO[str], ready: Ready) -> None:

@@ -12,16 +12,17 @@ from __future__ import annotations
 import itertools
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Generic, TypeVar
 
 import numpy as np
 
 from bus.errors import DeviceLost
-from bus.injected import Spoilable
-from bus.injection import Fault, Faulty
+from bus.injected import Faulty, FaultyBus, Spoilable, answer_faults
+from bus.injection import Fault
 from bus.messages import ArmState, Frame, HandState, Motion
+from bus.session import Bus
 from bus.trajectory import Trajectory
 from config.injection import FaultSettings
 from drivers.interface import Arm, Camera, Devices, Hand, Reporting
@@ -262,3 +263,11 @@ def faulty_devices(devices: Devices, settings: FaultSettings) -> tuple[Devices, 
         if device is not None:
             parts[name] = device
     return wrapped, parts
+
+
+def allow_faults(bus: Bus, parts: Mapping[str, Spoilable], settings: FaultSettings) -> None:
+    """Answer ``fault/{part}`` for the devices of a node and for its own link, which gets its initial fault."""
+    if isinstance(bus, FaultyBus):
+        bus.delay_s, bus.fault = settings.delay_s, settings.bus
+        parts = {**parts, "bus": bus}
+    answer_faults(bus, parts, bus.publish)

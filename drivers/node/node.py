@@ -11,14 +11,14 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from bus import topics
 from bus.codec import decode, process_in_words
 from bus.commands import Event, HandGrasp, HandMove, Health, Nothing, PresentRequest
 from bus.errors import BusError, CellError, DriverUnavailable
 from bus.frozen import Message
-from bus.injected import FaultyBus, Spoilable, answer_faults
+from bus.lazy import LazyModule
 from bus.messages import Motion
 from bus.sample import Asked, Sample
 from bus.session import Bus
@@ -29,8 +29,13 @@ from bus.wire import arm_state_to_wire, frame_to_wire
 from config.schema import Station
 from drivers.interface import Arm, Camera, Devices, Hand, ObjectPresenter, Reporting
 from drivers.node.guard import Guard, HandGuard
-from drivers.node.injection import faulty_devices
 from drivers.node.loops import Loop
+
+if TYPE_CHECKING:
+    from bus.injected import Spoilable
+    from drivers.node import injection
+else:
+    injection = LazyModule("drivers.node.injection")  # only where faults are allowed
 
 ARM_STATE_PERIOD_S = 0.01
 HAND_STATE_PERIOD_S = 0.05
@@ -59,7 +64,7 @@ class Node:
     def __init__(self, name: str, bus: Bus, devices: Devices, station: Station) -> None:
         self._faults: dict[str, Spoilable] = {}
         if station.faults.allowed:
-            devices, self._faults = faulty_devices(devices, station.faults)
+            devices, self._faults = injection.faulty_devices(devices, station.faults)
         self._name, self._bus, self._devices, self._station = name, bus, devices, station
         self._arm = Guard(devices.arm, station) if devices.arm is not None else None
         self._started_s = time.monotonic()
@@ -95,7 +100,7 @@ class Node:
         if self._devices.presenter is not None:
             self._serve_presenter(self._devices.presenter)
         if self._station.faults.allowed:
-            self._allow_faults()
+            injection.allow_faults(self._bus, self._faults, self._station.faults)
         self._every(_PULSE, HEALTH_PERIOD_S, self._publish_health)
         self._bus.answer(topics.NODE_NOW, lambda _payload, _asked: self._health(), worker="state", name=self._name)
         self._bus.announce(topics.NODE_ALIVE, name=self._name)
@@ -264,13 +269,6 @@ class Node:
     def _serve_presenter(self, presenter: ObjectPresenter) -> None:
         self._answer(topics.SIM_PRESENT, PresentRequest, presenter.present, "arm")
         self._answer(topics.SIM_TRUTH, Nothing, lambda _: presenter.truth(), "state")
-
-    def _allow_faults(self) -> None:
-        """Answer ``fault/{part}`` for the devices served here, and for this process's link."""
-        if isinstance(self._bus, FaultyBus):
-            self._bus.delay_s, self._bus.fault = self._station.faults.delay_s, self._station.faults.bus
-            self._faults["bus"] = self._bus
-        answer_faults(self._bus, self._faults, self._bus.publish)
 
     # --- publications -------------------------------------------------------------------------------------------------
 

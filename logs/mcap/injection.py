@@ -6,7 +6,8 @@ import errno
 import os
 from typing import BinaryIO
 
-from bus.injection import Fault, Faulty
+from bus.injected import Faulty
+from bus.injection import Fault
 
 
 class FaultyDisk(Faulty):

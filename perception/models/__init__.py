@@ -22,7 +22,6 @@ from perception.models.budget import LEDGER, Budget
 from perception.models.depth_pro import DepthPro
 from perception.models.exchange import Line
 from perception.models.hosted import HostedModel
-from perception.models.injection import FaultyModel
 from perception.models.recorded import RecordedModel, SpoiledModel
 from perception.models.registry import PROVIDERS, is_replayed, open_local
 from perception.models.sam import Sam
@@ -70,11 +69,7 @@ def open_models(station: Station, environ: Mapping[str, str]) -> Models:
         ConfigError: an unknown model; a missing key, model id, package or weights.
         RecordingError: the ledger of costs cannot be read.
     """
-    imaginer, faults = _imaginer(station, environ, station.recording.folder), station.faults
-    if faults.allowed:
-        deadline_s = station.perception.hosted.deadline_s
-        imaginer = FaultyModel(imaginer, faults.model, deadline_s=deadline_s, delay_s=faults.delay_s)
-    return Models(imaginer, *_local(station))
+    return Models(_imaginer(station, environ, station.recording.folder), *_local(station))
 
 
 def replayed_models(station: Station, replies: Iterable[ModelReply]) -> Models:

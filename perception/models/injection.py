@@ -12,7 +12,8 @@ import numpy.typing as npt
 from bus.cancel import Cancel
 from bus.codes import Code
 from bus.errors import CycleFailure
-from bus.injection import Fault, Faulty
+from bus.injected import Faulty
+from bus.injection import Fault
 from perception.geometry.window import Window, encode_png
 from perception.models.base import GoalImageModel
 from perception.subject import Answer, ObservedObject

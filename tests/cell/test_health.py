@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import queue
 import signal
-import subprocess
 import time
 from collections.abc import Callable
 
@@ -23,8 +22,6 @@ from cell import client
 from cell.nodes.health import NodeMonitor
 from config.load import load_station
 from config.schema import Station
-
-Daemon = tuple[subprocess.Popen[str], Station]
 
 
 class Bench:
@@ -187,10 +184,9 @@ def _until(ask: Callable[[], bool], patience_s: float) -> float:
 
 @pytest.mark.parametrize("blow", [signal.SIGKILL, signal.SIGSTOP])
 def test_a_killed_or_frozen_node_aborts_the_cell_with_its_name_and_comes_back(
-    shared_daemon: Daemon, blow: signal.Signals
+    shared_cell: Station, blow: signal.Signals
 ) -> None:
-    _, station = shared_daemon
-    with client.connect(station) as cell:
+    with client.connect(shared_cell) as cell:
         cell.command("reset")
         cell.wait_for_state({"Idle"}, 60)
 

@@ -19,8 +19,6 @@ from cell import client
 from cell.machine.leases import Leases
 from config.schema import Station
 
-Daemon = tuple[subprocess.Popen[str], Station]
-
 
 @pytest.fixture
 def lost() -> queue.SimpleQueue[str]:
@@ -148,7 +146,7 @@ with client.connect(load_station(None, sys.argv[1:])) as cell:
 
 
 @pytest.fixture
-def picker(shared_daemon: Daemon, shared_options: list[str]) -> Iterator[subprocess.Popen[str]]:
+def picker(shared_cell: Station, shared_options: list[str]) -> Iterator[subprocess.Popen[str]]:
     """A program whose pick is under way."""
     process = subprocess.Popen(
         [sys.executable, "-c", _PICKER, *shared_options[1::2]], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
@@ -159,11 +157,11 @@ def picker(shared_daemon: Daemon, shared_options: list[str]) -> Iterator[subproc
 
 
 def test_a_cell_whose_client_dies_in_mid_motion_holds_and_another_may_go_on(
-    shared_daemon: Daemon, picker: subprocess.Popen[str]
+    shared_cell: Station, picker: subprocess.Popen[str]
 ) -> None:
     assert picker.stdout is not None
     cycle_id = picker.stdout.readline().strip()
-    with client.connect(shared_daemon[1]) as cell:
+    with client.connect(shared_cell) as cell:
         give_up_s = time.monotonic() + 60
         while cell.state().stage != "execute":
             assert time.monotonic() < give_up_s
@@ -179,9 +177,8 @@ def test_a_cell_whose_client_dies_in_mid_motion_holds_and_another_may_go_on(
     assert result.result == "SUCCESS", result.reason
 
 
-def test_a_stranger_without_a_token_moves_nothing(shared_daemon: Daemon) -> None:
-    station = shared_daemon[1]
-    with Bus.join(station.cell_id, station.bus.endpoint) as bus:
+def test_a_stranger_without_a_token_moves_nothing(shared_cell: Station) -> None:
+    with Bus.join(shared_cell.cell_id, shared_cell.bus.endpoint) as bus:
         request = CommandRequest(client_id="stranger")
         with pytest.raises(Refused) as refusal:
             bus.request(topics.COMMAND, request, CommandReply, timeout_s=60, verb="reset")

@@ -15,6 +15,7 @@ from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.injection import Fault
 from bus.messages import ModelReply
+from cell.injection import Injection
 from config.load import load_station
 from perception.detector import Proposal, propose
 from perception.goal.imagine import Conversation
@@ -38,7 +39,7 @@ def observed_object() -> ObservedObject:
 
 @pytest.fixture
 def models() -> Models:
-    return open_models(STATION, {})
+    return Injection(STATION).around(open_models(STATION, {}))
 
 
 def spoil(models: Models, fault: Fault) -> None:
@@ -90,7 +91,3 @@ def test_the_end_of_a_fault_ends_the_wait(observed_object: ObservedObject) -> No
     healing.start()
     assert model.reason(observed_object, "", Cancel()).text
     healing.join()
-
-
-def test_without_leave_nothing_is_wrapped() -> None:
-    assert not isinstance(open_models(load_station(), {}).imaginer, FaultyModel)

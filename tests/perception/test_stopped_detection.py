@@ -15,6 +15,7 @@ from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.injection import Fault
 from bus.messages import ModelReply, Usage
+from cell.injection import Injection
 from cell.pick.detect import detect_unless_halted
 from config.load import load_station
 from config.schema import HostedSettings, PriceSettings
@@ -144,7 +145,7 @@ def test_a_stop_between_proposals_ends_the_embedded_model_too(look: Look) -> Non
 
 
 def test_a_stop_ends_an_injected_hang(look: Look) -> None:
-    models = open_models(STATION, {})
+    models = Injection(STATION).around(open_models(STATION, {}))
     assert isinstance(models.imaginer, FaultyModel)
     models.imaginer.fault = Fault.STUCK
     began = threading.Event()

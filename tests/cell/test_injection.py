@@ -1,0 +1,52 @@
+"""A station without faults runs without the code that injects them."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+REPOSITORY = Path(__file__).parents[2]
+INJECTION = {
+    "bus.injected",
+    "cell.injection",
+    "drivers.node.injection",
+    "logs.mcap.injection",
+    "perception.models.injection",
+}
+RUN = """
+import os
+import sys
+from cell.build import running_cell
+from cell.cli import control, pick, recordings, replay, setup, start
+from config.load import load_station
+from drivers.interface import Devices
+from drivers.node.link import join_cell
+from drivers.node.node import Node
+
+station = load_station(None, ["nodes.sim.run=elsewhere", *sys.argv[1:]])
+with running_cell(station, lambda topic, message: None), join_cell(station) as bus:
+    node = Node("sim", bus, Devices(), station)
+    node.open()
+    node.close()
+print(*sorted(name for name in sys.modules if "inject" in name), flush=True)
+os._exit(0)  # as a node does: native threads may still run
+"""
+"""A cell and a node of it in one process: without devices, which would only take time to start."""
+
+
+def _imported(endpoint: str, folder: Path, *overrides: str) -> set[str]:
+    """The modules about injection that a process has imported which ran a cell and a node."""
+    options = [f"bus.endpoint={endpoint}", f"recording.folder={folder}", *overrides]
+    run = [sys.executable, "-c", RUN, *options]
+    ran = subprocess.run(run, cwd=REPOSITORY, capture_output=True, text=True, timeout=60, check=False)
+    assert ran.returncode == 0, ran.stderr
+    return set(ran.stdout.split())
+
+
+def test_a_cell_and_its_node_import_no_fault_unless_faults_are_allowed(endpoint: str, tmp_path: Path) -> None:
+    assert _imported(endpoint, tmp_path) == {"bus.injection", "config.injection"}, "the words for them alone"
+
+
+def test_where_faults_are_allowed_they_are_there(endpoint: str, tmp_path: Path) -> None:
+    assert _imported(endpoint, tmp_path, "faults.allowed=true") >= INJECTION
