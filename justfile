@@ -68,11 +68,14 @@ golden-update: setup
 report *args: setup
     uv run cell report "$@"
 
-# Regenerate docs/commands.md from the commands' own help, docs/states.md and docs/faults.md from their tables
+# Regenerate the pages that are written from the code: commands, states, faults, bus, settings, recording
 docs: setup
     uv run python -m docs.commands_page
     uv run python -m docs.states_page
     uv run python -m docs.faults_page
+    uv run python -m docs.bus_page
+    uv run python -m docs.settings_page
+    uv run python -m docs.recording_page
 
 # Resolve the dependencies anew into requirements.lock
 lock:

@@ -368,8 +368,9 @@ class TargetSettings(Settings):
 class PerceptionSettings(Settings):
     """VLAD-Grasp (paper, Algorithm 1) and the models for its roles."""
 
-    model: Literal["geometric", "openai", "gemini", "onnx"] = "geometric"
-    """Imagines the rod: ``geometric`` is embedded and needs no network; ``onnx`` paints a grasp network's rectangle."""
+    model: str = "geometric"
+    """Imagines the rod: ``geometric`` is embedded and needs no network; ``onnx`` paints a grasp network's rectangle;
+    ``openai`` and ``gemini`` are hosted. Other packages bring others (docs/extend.md)."""
     onnx: OnnxSettings = OnnxSettings()
     imagine: ImagineSettings = ImagineSettings()
     hosted: HostedSettings = HostedSettings()

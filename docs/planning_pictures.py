@@ -43,13 +43,13 @@ def main(recording: Path) -> None:
     station = station_from(dict(record.station))
     robot = Robot(station)
     FOLDER.mkdir(exist_ok=True)
-    scene = np.hstack([_motions(plan, robot, station), _field(record, robot, station)])
+    scene = np.hstack([motions(plan, robot, station), _field(record, robot, station)])
     cv2.imwrite(str(FOLDER / "scene.jpg"), scene[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 88])
     _limits(plan)
     _hold(plan)
 
 
-def _motions(plan: PickPlan, robot: Robot, station: Station) -> Image:
+def motions(plan: PickPlan, robot: Robot, station: Station) -> Image:
     """The cell from aside, with the way of the tcp through all four motions."""
     model = compose(station, {}, hand_from_cameras(station), FOVY_DEG).compile()
     data = mujoco.MjData(model)

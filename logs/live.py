@@ -76,7 +76,7 @@ class LiveView:
         self._is_closing = threading.Event()
         self._server = self._start(bus.cell_id, port)
         self.port = int(self._server.port)
-        self._presenter = OwnedThread(Role.LIVE_VIEW, self._feed).start()
+        self._thread = OwnedThread(Role.LIVE_VIEW, self._feed).start()
         for topic in topics.TOPICS:
             if topic.kind == "publish":
                 hear = functools.partial(self._hear, encoding_of(topic.says))
@@ -86,7 +86,7 @@ class LiveView:
         """End the server promptly, dropping queued messages; idempotent."""
         if not self._is_closing.is_set():
             self._is_closing.set()
-            self._presenter.join(_CLOSE_PATIENCE_S)
+            self._thread.join(_CLOSE_PATIENCE_S)
             self._server.stop()
 
     def _start(self, name: str, port: int) -> foxglove.websocket.WebSocketServer:

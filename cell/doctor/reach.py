@@ -6,15 +6,19 @@ import os
 import socket
 from collections.abc import Mapping
 from importlib import import_module
+from typing import Any
 from urllib.parse import urlsplit
 from urllib.request import getproxies
 
 from bus.errors import BusError, ConfigError
+from bus.lazy import LazyModule
 from bus.secrets import checked_secret, read_secret
 from cell import client
 from cell.doctor.finding import Finding, fix, ok, skip, uses
 from cell.doctor.network import answer_within, ip_of, is_connected, obstacle, way_to
 from config.schema import Station
+
+registry: Any = LazyModule("perception.models.registry")  # only `cell doctor` asks it; it brings OpenCV
 
 CAMERA_PORT = 8090
 _ASK_CELL_S = 3.0
@@ -52,6 +56,8 @@ def model_key(station: Station, environ: Mapping[str, str] = os.environ) -> Find
     """Check that the model's key is set; the key is never shown."""
     name, model, hosted = "model key", station.perception.model, station.perception.hosted
     if model not in _SERVERS:
+        if model not in registry.names():
+            return fix(name, f"No such goal-image model: {model}.", f"There are: {', '.join(registry.names())}.")
         return skip(name, f"The model {model!r} runs on this machine and needs none.")
     unnamed = [role for role in ("text_model", "image_model") if not getattr(hosted, role)]
     if unnamed:

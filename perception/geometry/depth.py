@@ -81,16 +81,12 @@ def rays(camera: CameraModel) -> npt.NDArray[np.float64]:
 
 def _splat(points: npt.NDArray[np.float64], camera: CameraModel) -> npt.NDArray[np.float32]:
     """Z-buffer (H, W) [m] of points (n, 3) in the camera frame."""
-    order = np.argsort(-points[:, 2], kind="stable")  # far first: the nearest is written last and stays
-    points = points[order]
     corner = np.floor(project(points, camera)).astype(int)
     z = points[:, 2].astype(np.float32)
-    nearest = np.full((camera.height, camera.width), np.inf, dtype=np.float32)
+    nearest = np.full(camera.height * camera.width, np.inf, dtype=np.float32)
     for dv, du in _SPLAT:
         u, v = corner[:, 0] + du, corner[:, 1] + dv
         inside = (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
-        layer = np.full_like(nearest, np.inf)
-        layer[v[inside], u[inside]] = z[inside]
-        np.minimum(nearest, layer, out=nearest)
+        np.minimum.at(nearest, (v * camera.width + u)[inside], z[inside])
     nearest[np.isinf(nearest)] = np.nan
-    return nearest
+    return nearest.reshape(camera.height, camera.width)

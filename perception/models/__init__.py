@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 from urllib.parse import unquote
 
 import numpy as np
@@ -21,29 +21,12 @@ from perception.models.base import GoalImageModel
 from perception.models.budget import LEDGER, Budget
 from perception.models.depth_pro import DepthPro
 from perception.models.exchange import Line
-from perception.models.geometric import GeometricModel
 from perception.models.hosted import HostedModel
-from perception.models.network import NetworkModel
 from perception.models.recorded import RecordedModel, SpoiledModel
+from perception.models.registry import PROVIDERS, is_replayed, open_local
 from perception.models.sam import Sam
 from perception.models.way import Way
 from perception.scene.segment import Scene
-
-
-class _Provider(NamedTuple):
-    """The module and class of a provider - imported only when used - and the environment variable of its key."""
-
-    module: str
-    name: str
-
-
-_PROVIDERS = {
-    "openai": _Provider("perception.models.openai", "OpenAIProvider"),
-    "gemini": _Provider("perception.models.gemini", "GeminiProvider"),
-}
-
-
-_EMBEDDED = {"geometric": GeometricModel, "onnx": NetworkModel}
 
 
 @dataclass(frozen=True)
@@ -83,7 +66,7 @@ def open_models(station: Station, environ: Mapping[str, str]) -> Models:
         environ: environment variables, for keys and proxies.
 
     Raises:
-        ConfigError: a missing key, model id, package or weights.
+        ConfigError: an unknown model; a missing key, model id, package or weights.
         RecordingError: the ledger of costs cannot be read.
     """
     return Models(_imaginer(station, environ, station.recording.folder), *_local(station))
@@ -91,9 +74,10 @@ def open_models(station: Station, environ: Mapping[str, str]) -> Models:
 
 def replayed_models(station: Station, replies: Iterable[ModelReply]) -> Models:
     """The models of a replay: hosted models answer from the recorded replies, recorded injected faults happen again."""
-    if station.perception.model in _PROVIDERS:
+    replies = tuple(replies)
+    if is_replayed(station.perception.model, replies):
         return Models(RecordedModel(replies), *_local(station))
-    embedded = _EMBEDDED[station.perception.model](station)
+    embedded = open_local(station.perception.model, station)
     return Models(SpoiledModel(embedded, replies) if station.faults.allowed else embedded, *_local(station))
 
 
@@ -106,18 +90,18 @@ def _local(station: Station) -> tuple[Sam | None, DepthPro | None]:
 
 def _imaginer(station: Station, environ: Mapping[str, str], folder: Path) -> GoalImageModel:
     name, settings = station.perception.model, station.perception.hosted
-    if name not in _PROVIDERS:
-        return _EMBEDDED[name](station)
+    if name not in PROVIDERS:
+        return open_local(name, station)
     for role in ("text_model", "image_model"):
         if not getattr(settings, role):
             raise ConfigError(
                 f"perception.hosted.{role} is not set.", f"Name one of the provider's models; see config/{name}.toml."
             )
-    module: Any = import_module(_PROVIDERS[name].module)
+    module: Any = import_module(PROVIDERS[name].module)
     key = key_of(station, module.KEY_VARIABLE, environ)
     line = Line(Way(settings.base_url or module.SERVER, environ).transport)
     try:
-        provider = getattr(module, _PROVIDERS[name].name)(settings, key, line)
+        provider = getattr(module, PROVIDERS[name].name)(settings, key, line)
     except (OSError, ValueError, ImportError) as error:
         what = f"The client package of {name!r} does not start here ({quoted(str(error))})."
         raise ConfigError(what, "Check the environment's proxies and certificates, e.g. SSL_CERT_FILE.") from None

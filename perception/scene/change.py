@@ -27,14 +27,13 @@ def cleared_fraction(detections: Detections, before: Observation, after: Observa
     now = image_points(register(after.frame), after.view.base_from_color)
     height_m = height_above_table(now)
     low = np.isfinite(height_m) & (height_m < _HANGING_M)
-    cells = _cells(now[low])
     standing = height_m[low] >= station.perception.min_object_height_m
-    share = _mean_by_cell(cells, standing)
-    seen = [share[tuple(cell)] for cell in lay if tuple(cell) in share]
+    share = _means(lay, _cells(now[low]), standing)
+    seen = share[~np.isnan(share)]
     if len(seen) < _MIN_SEEN * len(lay):
         return 0.0
     # Noise scatters single points: a cell is empty when most of its points are at table height.
-    return float(np.mean(np.array(seen) < 0.5))
+    return float(np.mean(seen < 0.5))
 
 
 def _cells(points: np.ndarray) -> np.ndarray:
@@ -42,7 +41,12 @@ def _cells(points: np.ndarray) -> np.ndarray:
     return np.floor(points[:, :2] / _CELL_M).astype(int)
 
 
-def _mean_by_cell(cells: np.ndarray, values: np.ndarray) -> dict[tuple[int, ...], float]:
-    keys, index, counts = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
-    means = np.bincount(index.ravel(), weights=values) / counts
-    return dict(zip(map(tuple, keys.tolist()), means.tolist(), strict=True))
+def _means(of: np.ndarray, cells: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """The mean (k,) of the ``values`` (n,) in each of the cells ``of`` (k, 2); ``cells`` (n, 2). NaN = none there."""
+    low, shape = of.min(axis=0), np.ptp(of, axis=0) + 1
+    near = ((cells >= low) & (cells < low + shape)).all(axis=1)
+    flat = np.ravel_multi_index((cells[near] - low).T, shape)
+    asked = np.ravel_multi_index((of - low).T, shape)
+    counts = np.bincount(flat, minlength=shape.prod())[asked]
+    sums = np.bincount(flat, weights=values[near], minlength=shape.prod())[asked]
+    return np.asarray(np.where(counts > 0, sums / np.maximum(counts, 1), np.nan))

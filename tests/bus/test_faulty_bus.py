@@ -20,7 +20,8 @@ from bus.sample import Asked, Sample
 from bus.session import Bus
 
 HAND = HandState(stamp_ns=1, width_m=0.04, is_moving=False, is_homed=True)
-TIMEOUT_S = 0.3
+NO_ANSWER_S = 0.3
+"""After this there is none."""
 
 
 class Bench:
@@ -39,12 +40,12 @@ class Bench:
         return Nothing()
 
     def set(self, fault: Fault, delay_s: float | None = None) -> None:
-        self.cell.ask(topics.FAULT, FaultRequest(fault=fault, delay_s=delay_s), timeout_s=5, part="bus")
+        self.cell.ask(topics.FAULT, FaultRequest(fault=fault, delay_s=delay_s), timeout_s=60, part="bus")
 
-    def hand(self) -> HandState:
-        return self.cell.request(topics.HAND_NOW, Nothing(), HandState, timeout_s=TIMEOUT_S)
+    def hand(self, timeout_s: float = 60.0) -> HandState:
+        return self.cell.request(topics.HAND_NOW, Nothing(), HandState, timeout_s=timeout_s)
 
-    def stop(self, timeout_s: float = TIMEOUT_S) -> None:
+    def stop(self, timeout_s: float = 60.0) -> None:
         self.cell.ask(topics.ARM_STOP, Nothing(), timeout_s=timeout_s)
 
 
@@ -58,7 +59,7 @@ def bench(endpoint: str) -> Iterator[Bench]:
 def test_a_link_without_a_fault_is_a_link(bench: Bench) -> None:
     assert bench.hand() == HAND
     bench.stop()
-    assert bench.stops.acquire(timeout=1)
+    assert bench.stops.acquire(timeout=60)
 
 
 def test_a_link_that_is_off_is_cut_after_it_said_so(bench: Bench) -> None:
@@ -73,10 +74,10 @@ def test_a_stuck_link_answers_nothing_but_a_stop_is_carried_out(bench: Bench) ->
     bench.set(Fault.STUCK)
     for _ in range(2):  # nor does the first keep the second from it
         with pytest.raises(ReplyTimeout):
-            bench.stop()
-        assert bench.stops.acquire(timeout=1)
+            bench.stop(NO_ANSWER_S)
+        assert bench.stops.acquire(timeout=60)
     with pytest.raises(ReplyTimeout):
-        bench.hand()
+        bench.hand(NO_ANSWER_S)
     bench.set(Fault.NONE)
     assert bench.hand() == HAND
 
@@ -96,21 +97,21 @@ def test_a_garbled_or_wrong_link_says_what_cannot_be_read(bench: Bench, fault: F
     with pytest.raises(BadPayload):
         bench.hand()
     bench.node.publish(topics.HAND_STATE, HAND)
-    assert arrived.wait(5)
+    assert arrived.wait(60)
     with pytest.raises(BadPayload):
         decode(HandState, heard[-1].payload)
     bench.stop()
-    assert bench.stops.acquire(timeout=1)
+    assert bench.stops.acquire(timeout=60)
 
 
 def test_a_slow_link_is_late_but_a_stop_is_carried_out_at_once(bench: Bench) -> None:
-    bench.set(Fault.SLOW, 0.2)
+    bench.set(Fault.SLOW, 1.0)
     started_s = time.monotonic()
     assert bench.hand() == HAND
-    assert time.monotonic() - started_s >= 0.2
-    stopping = threading.Thread(target=bench.stop, args=(5.0,))
+    assert time.monotonic() - started_s >= 1.0
+    stopping = threading.Thread(target=bench.stop)
     stopping.start()
-    assert bench.stops.acquire(timeout=0.15)
+    assert bench.stops.acquire(timeout=0.9)
     stopping.join()
 
 

@@ -58,8 +58,8 @@ def test_what_is_said_with_a_copied_source_or_a_copied_seal_moves_nothing(endpoi
         node.seal = cell.seal
         node.answer(topics.HAND_HOME, _noting(acts), worker="hand")
         stranger.declare_subscriber("cell/test/heartbeat", overheard.put)
-        cell.ask(topics.HAND_HOME, Nothing(), timeout_s=5)
-        acts.get(timeout=5)
+        cell.ask(topics.HAND_HOME, Nothing(), timeout_s=60)
+        acts.get(timeout=60)
         while overheard.empty():
             cell.publish(topics.HEARTBEAT, Heartbeat())
             cell.alive(topics.NODE_ALIVE)
@@ -83,7 +83,7 @@ def test_what_is_heard_says_whether_it_is_sealed(endpoint: str, shares: bool) ->
             node.seal = cell.seal
         cell.subscribe("hand/state", heard.put)
         node.publish(topics.HAND_STATE, HAND)
-        said = heard.get(timeout=5)
+        said = heard.get(timeout=60)
         assert (said.source, said.is_sealed) == (node.source, shares)
 
 
@@ -103,10 +103,10 @@ def test_a_copy_of_a_sealed_question_is_not_carried_out_again(endpoint: str) -> 
             )
             return reply
 
-        cell.ask(topics.HAND_HOME, Nothing(), timeout_s=5)  # the route is there
+        cell.ask(topics.HAND_HOME, Nothing(), timeout_s=60)  # the route is there
         assert ask().ok is not None
         for _ in range(6):  # its answer is forgotten meanwhile
-            cell.ask(topics.HAND_HOME, Nothing(), timeout_s=5)
+            cell.ask(topics.HAND_HOME, Nothing(), timeout_s=60)
         copy = ask()
         assert copy.err is not None
         assert ErrorReply.model_validate_json(copy.err.payload.to_bytes()).code == "REPEATED"

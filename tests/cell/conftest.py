@@ -15,6 +15,7 @@ import pytest
 from bus.errors import BusError
 from cell import client
 from cell.__main__ import main
+from cell.build import running_cell
 from cell.terminal.signals import ENDING
 from config.load import load_station
 from config.schema import Station
@@ -50,8 +51,28 @@ def _shared(shared_options: list[str]) -> Iterator[Cell]:
 @pytest.fixture
 def shared_daemon(_shared: Cell) -> Cell:
     """The cell that a module's tests share, Stopped and with its node, whatever the last one did to it."""
+    _stop(_shared[1])
+    return _shared
+
+
+@pytest.fixture(scope="module")
+def _shared_here(shared_options: list[str]) -> Iterator[Station]:
+    station = load_station(None, [*shared_options[1::2], "sim.pace=1"])
+    with running_cell(station, lambda topic, message: None):
+        yield station
+
+
+@pytest.fixture
+def shared_cell(_shared_here: Station) -> Station:
+    """Like `shared_daemon`, but its daemon is in the tests' own process: for those that say nothing of it."""
+    _stop(_shared_here)
+    return _shared_here
+
+
+def _stop(station: Station) -> None:
+    """Until the cell is Stopped and has its node, whatever was done to it."""
     give_up_s = time.monotonic() + 60
-    with client.connect(_shared[1]) as connection:
+    with client.connect(station) as connection:
         while not all(node.is_alive for node in connection.health().nodes.values()):
             assert time.monotonic() < give_up_s
             time.sleep(0.05)
@@ -59,7 +80,6 @@ def shared_daemon(_shared: Cell) -> Cell:
         if state != "Stopped":
             connection.command("clear" if state == "Aborted" else "stop")
             connection.wait_for_state({"Stopped"}, 60)
-    return _shared
 
 
 @pytest.fixture
@@ -103,7 +123,7 @@ def _running(options: list[str]) -> Iterator[Cell]:
         yield process, station
     finally:
         process.terminate()
-        process.communicate(timeout=30)
+        process.communicate(timeout=60)
 
 
 def _await_state(station: Station) -> None:

@@ -90,7 +90,7 @@ class Bench:
 
     def held_q_rad(self, thread: threading.Thread) -> Joints:
         """Where the arm rests, in the middle of a motion that waits; the world stands still."""
-        give_up_s = time.monotonic() + 5
+        give_up_s = time.monotonic() + 60
         while np.abs((state := self.arm.state()).dq_rad_s).max() >= 1e-3:
             assert time.monotonic() < give_up_s
         assert thread.is_alive() and self.gate.is_moving and state.mode is ArmMode.MOVE
@@ -182,8 +182,8 @@ def test_a_hold_between_motions_is_held_at_once_and_the_next_one_waits(bench: Be
     thread.start()
     assert not began.wait(0.05)
     actions.unhold()
-    assert began.wait(5)
-    thread.join(5)
+    assert began.wait(60)
+    thread.join(60)
 
 
 def test_a_motion_on_its_way_to_the_arm_is_held_when_it_arrives(make_bench: Callable[..., Bench]) -> None:
@@ -194,22 +194,22 @@ def test_a_motion_on_its_way_to_the_arm_is_held_when_it_arrives(make_bench: Call
     def motion() -> None:
         with bench.gate.motion():
             passed.set()
-            assert arrives.wait(5)
+            assert arrives.wait(60)
             bench.arm.execute(still)
 
     moving = threading.Thread(target=motion, daemon=True)
     moving.start()
-    assert passed.wait(5)
+    assert passed.wait(60)
     bench.gate.hold()
     holding = threading.Thread(target=actions.hold, daemon=True)
     holding.start()
     holding.join(0.05)
     assert holding.is_alive()
     arrives.set()
-    holding.join(5)
+    holding.join(60)
     assert not holding.is_alive()
     actions.unhold()
-    moving.join(5)
+    moving.join(60)
     assert not moving.is_alive()
 
 
@@ -218,7 +218,7 @@ def test_a_motion_that_was_over_as_the_hold_came_needs_no_resume(bench: Bench, m
 
     def motion() -> None:
         with bench.gate.motion():
-            over.wait(5)
+            over.wait(60)
 
     def resume() -> None:
         over.set()
@@ -231,7 +231,7 @@ def test_a_motion_that_was_over_as_the_hold_came_needs_no_resume(bench: Bench, m
         pass
     bench.gate.hold()
     actions.unhold()
-    thread.join(5)
+    thread.join(60)
     assert not bench.gate.is_moving
 
 

@@ -100,7 +100,7 @@ def bench(path: Path) -> Bench:
 def test_one_message_is_flushed_though_nothing_follows(bench: Bench) -> None:
     assert bench.disk is not None
     bench.log.hear(HAND)
-    assert bench.disk.flushed.acquire(timeout=10)
+    assert bench.disk.flushed.acquire(timeout=60)
     bench.log.close({})
 
 
@@ -110,7 +110,7 @@ def test_every_state_is_flushed_at_once(path: Path) -> None:
     for _ in range(3):
         bench.log.hear(HAND)
         bench.log.hear(STATE)
-        assert bench.disk.flushed.acquire(timeout=10)
+        assert bench.disk.flushed.acquire(timeout=60)
     bench.log.close({})
     assert len(read_cycle(bench.log.path).states) == 3
 
@@ -118,10 +118,10 @@ def test_every_state_is_flushed_at_once(path: Path) -> None:
 def test_a_full_disk_fails_the_cycle_once_and_what_was_flushed_stays(bench: Bench) -> None:
     assert bench.disk is not None
     bench.log.hear(STATE)
-    assert bench.disk.flushed.acquire(timeout=10)
+    assert bench.disk.flushed.acquire(timeout=60)
     bench.disk.is_full = True
     bench.log.hear(STATE)
-    assert bench.failed.wait(10)
+    assert bench.failed.wait(60)
     bench.log.hear(STATE)
     with pytest.raises(CycleFailure, match="No space left"):
         bench.log.check()

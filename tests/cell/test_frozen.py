@@ -100,7 +100,7 @@ def test_a_plain_client_that_is_frozen_loses_its_lease_long_before_its_transport
     with client.connect(shared_daemon[1], also=(topics.ARM_STATE,)) as cell:
         cycle_id = _await_motion(cell)
         with frozen(example.pid) as since_ns:
-            state = cell.wait_for_state({"Held"}, 20)
+            state = cell.wait_for_state({"Held"}, 60)
             cell.command("stop")
             result = cell.wait_for_result(cycle_id, 60)
     assert state.since_ns - since_ns < 5e9 and "no heartbeat" in state.reason and "'trigger'" in state.reason

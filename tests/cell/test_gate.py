@@ -22,8 +22,8 @@ class Comer:
             self.answered.set()
 
     def answer(self) -> bool | None:
-        assert self.answered.wait(5)
-        self._thread.join(5)
+        assert self.answered.wait(60)
+        self._thread.join(60)
         return self.may_begin
 
 

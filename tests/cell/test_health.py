@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import queue
 import signal
-import subprocess
 import time
 from collections.abc import Callable
 
@@ -23,8 +22,6 @@ from cell import client
 from cell.nodes.health import NodeMonitor
 from config.load import load_station
 from config.schema import Station
-
-Daemon = tuple[subprocess.Popen[str], Station]
 
 
 class Bench:
@@ -64,7 +61,7 @@ def test_a_starved_node_is_called_that(load: float, is_blamed: bool) -> None:
     bench.monitor.change("sim", True)
     bench.monitor.hear(Sample("node/sim/health", "", encode(_said(100.0))))
     bench.hear("arm/state")
-    give_up_s = time.monotonic() + 10
+    give_up_s = time.monotonic() + 60
     while bench.lost.empty():
         assert time.monotonic() < give_up_s
         bench.monitor.look()
@@ -89,7 +86,7 @@ def test_a_lost_token_is_told_at_once() -> None:
     bench = Bench()
     bench.monitor.change("sim", True)
     bench.monitor.change("sim", False)
-    assert "'sim' is gone" in bench.lost.get(timeout=1).text
+    assert "'sim' is gone" in bench.lost.get(timeout=60).text
     assert bench.monitor.health().nodes["sim"].problems == ("not up",)
     assert bench.monitor.unheard_for_s("sim") > 0
 
@@ -103,7 +100,7 @@ def test_a_silent_stream_is_told_once_until_it_flows_again() -> None:
         bench.hear("node/sim/health", encode(_said(98.0)))
         bench.monitor.look()
         bench.monitor.look()
-        failure = bench.lost.get(timeout=1)
+        failure = bench.lost.get(timeout=60)
         assert "'sim' hangs" in failure.text and "arm/state" in failure.text
         assert bench.lost.empty()
         assert bench.monitor.health().nodes["sim"].problems == ("silent on arm/state",)
@@ -122,7 +119,7 @@ def test_a_stall_of_the_watch_itself_is_no_silence_of_the_nodes() -> None:
     for _ in range(4):
         time.sleep(0.02)
         bench.monitor.look()
-    assert "arm/state" in bench.lost.get(timeout=1).text
+    assert "arm/state" in bench.lost.get(timeout=60).text
 
 
 def test_a_loop_far_below_its_rate_is_a_problem_although_it_answers() -> None:
@@ -147,7 +144,7 @@ def test_what_is_repeated_or_cannot_be_read_counts_as_silence(payload: bytes, co
         time.sleep(0.02)
         bench.hear("arm/state", payload)
     bench.monitor.look()
-    lost = bench.lost.get(timeout=1)
+    lost = bench.lost.get(timeout=60)
     assert lost.failure is code and says in lost.text
 
 
@@ -159,7 +156,7 @@ def test_a_stream_that_its_node_cannot_say_is_a_lost_device() -> None:
     time.sleep(0.06)
     bench.hear("node/sim/health", encode(_said(0.0, fault="DEVICE_LOST: The arm no longer answers.")))
     bench.monitor.look()
-    lost = bench.lost.get(timeout=1)
+    lost = bench.lost.get(timeout=60)
     assert lost.failure is Code.DEVICE_LOST and "The arm no longer answers" in lost.text
 
 
@@ -187,10 +184,9 @@ def _until(ask: Callable[[], bool], patience_s: float) -> float:
 
 @pytest.mark.parametrize("blow", [signal.SIGKILL, signal.SIGSTOP])
 def test_a_killed_or_frozen_node_aborts_the_cell_with_its_name_and_comes_back(
-    shared_daemon: Daemon, blow: signal.Signals
+    shared_cell: Station, blow: signal.Signals
 ) -> None:
-    _, station = shared_daemon
-    with client.connect(station) as cell:
+    with client.connect(shared_cell) as cell:
         cell.command("reset")
         cell.wait_for_state({"Idle"}, 60)
 
@@ -205,8 +201,8 @@ def test_a_killed_or_frozen_node_aborts_the_cell_with_its_name_and_comes_back(
         assert noticed_s < 2.0  # 1 s is the promise; the figure is the benchmark's
         assert "'sim'" in cell.state().reason
         _until(lambda: health().nodes["sim"].restarts == restarts + 1 and health().nodes["sim"].is_alive, 60)
-        cell.wait_for_state({"Aborted"}, 30)
+        cell.wait_for_state({"Aborted"}, 60)
         cell.command("clear")
-        cell.wait_for_state({"Stopped"}, 30)
+        cell.wait_for_state({"Stopped"}, 60)
         cell.command("reset")
         assert cell.wait_for_state({"Idle", "Aborted"}, 60).state == "Idle"

@@ -107,7 +107,7 @@ class Bench:
         while steady < 3:
             asked = threading.Event()
             self.machine.decide(asked.set)
-            assert asked.wait(10)
+            assert asked.wait(60)
             quiet = self.machine.wait_no_action(0.01) and self.machine.state in SETTLED
             steady = steady + 1 if quiet else 0
         return self.machine.state

@@ -19,8 +19,6 @@ from cell import client
 from cell.machine.leases import Leases
 from config.schema import Station
 
-Daemon = tuple[subprocess.Popen[str], Station]
-
 
 @pytest.fixture
 def lost() -> queue.SimpleQueue[str]:
@@ -61,12 +59,12 @@ def test_one_holds_the_lease_until_its_token_goes(leases: Leases, lost: queue.Si
     leases.change("other", False)
     assert lost.empty()
     leases.change("app", False)
-    assert (lost.get(timeout=1), leases.holder) == ("app", "")
+    assert (lost.get(timeout=60), leases.holder) == ("app", "")
 
 
 def test_a_token_that_goes_in_the_moment_of_its_command_is_lost(leases: Leases, lost: queue.SimpleQueue[str]) -> None:
     assert leases.take("pick", "app") == ""
-    assert lost.get(timeout=1) == "app"
+    assert lost.get(timeout=60) == "app"
 
 
 def test_many_that_wait_for_a_token_wait_together(leases: Leases) -> None:
@@ -148,7 +146,7 @@ with client.connect(load_station(None, sys.argv[1:])) as cell:
 
 
 @pytest.fixture
-def picker(shared_daemon: Daemon, shared_options: list[str]) -> Iterator[subprocess.Popen[str]]:
+def picker(shared_cell: Station, shared_options: list[str]) -> Iterator[subprocess.Popen[str]]:
     """A program whose pick is under way."""
     process = subprocess.Popen(
         [sys.executable, "-c", _PICKER, *shared_options[1::2]], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
@@ -159,11 +157,11 @@ def picker(shared_daemon: Daemon, shared_options: list[str]) -> Iterator[subproc
 
 
 def test_a_cell_whose_client_dies_in_mid_motion_holds_and_another_may_go_on(
-    shared_daemon: Daemon, picker: subprocess.Popen[str]
+    shared_cell: Station, picker: subprocess.Popen[str]
 ) -> None:
     assert picker.stdout is not None
     cycle_id = picker.stdout.readline().strip()
-    with client.connect(shared_daemon[1]) as cell:
+    with client.connect(shared_cell) as cell:
         give_up_s = time.monotonic() + 60
         while cell.state().stage != "execute":
             assert time.monotonic() < give_up_s
@@ -172,17 +170,16 @@ def test_a_cell_whose_client_dies_in_mid_motion_holds_and_another_may_go_on(
             cell.command("reset")
         assert refusal.value.code == "LEASE_HELD"
         picker.kill()
-        assert "was lost" in cell.wait_for_state({"Held"}, 20).reason
+        assert "was lost" in cell.wait_for_state({"Held"}, 60).reason
         reply = cell.command("unhold")
         assert reply.lease == cell.client_id
         result = cell.wait_for_result(cycle_id, 90)
     assert result.result == "SUCCESS", result.reason
 
 
-def test_a_stranger_without_a_token_moves_nothing(shared_daemon: Daemon) -> None:
-    station = shared_daemon[1]
-    with Bus.join(station.cell_id, station.bus.endpoint) as bus:
+def test_a_stranger_without_a_token_moves_nothing(shared_cell: Station) -> None:
+    with Bus.join(shared_cell.cell_id, shared_cell.bus.endpoint) as bus:
         request = CommandRequest(client_id="stranger")
         with pytest.raises(Refused) as refusal:
-            bus.request(topics.COMMAND, request, CommandReply, timeout_s=5, verb="reset")
+            bus.request(topics.COMMAND, request, CommandReply, timeout_s=60, verb="reset")
         assert refusal.value.code == "NO_LEASE"

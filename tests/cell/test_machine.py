@@ -38,7 +38,7 @@ class Bench:
         """The states passed on the way to ``wanted``."""
         passed: list[State] = []
         while not passed or passed[-1] is not wanted:
-            passed.append(self.states.get(timeout=5)[0])
+            passed.append(self.states.get(timeout=60)[0])
         return passed
 
 
@@ -80,7 +80,7 @@ def test_a_stop_during_a_work_wins_over_its_end(bench: Bench) -> None:
 
     def work() -> None:
         running.set()
-        release.wait(5)
+        release.wait(60)
 
     def stop() -> None:
         release.set()
@@ -90,7 +90,7 @@ def test_a_stop_during_a_work_wins_over_its_end(bench: Bench) -> None:
     bench.command("reset")
     bench.until(State.IDLE)
     bench.command("start")
-    assert running.wait(5)
+    assert running.wait(60)
     bench.command("stop")
     passed = bench.until(State.STOPPED)
     assert State.COMPLETING not in passed and passed[-2:] == [State.STOPPING, State.STOPPED]
@@ -101,7 +101,7 @@ def test_a_stop_right_after_a_start_waits_for_the_work_that_had_not_yet_begun(be
     release = threading.Event()
 
     def begin() -> None:
-        release.wait(5)
+        release.wait(60)
         ended.append("work")
 
     def stop() -> None:
@@ -130,7 +130,7 @@ def test_a_failing_work_aborts_with_its_reason(bench: Bench, error: Exception) -
     bench.command("reset")
     reasons = {}
     while State.ABORTED not in reasons:
-        state, reason = bench.states.get(timeout=5)
+        state, reason = bench.states.get(timeout=60)
         reasons[state] = reason
     assert str(error).split(".")[0] in reasons[State.ABORTING]
     assert not bench.command("reset") and bench.command("clear")
@@ -168,7 +168,7 @@ class HeldBench(Bench):
 
         def work() -> None:
             running.set()
-            assert self._end.wait(5)
+            assert self._end.wait(60)
             if self.error is not None:
                 raise self.error
 
@@ -183,11 +183,11 @@ class HeldBench(Bench):
         self.command("reset")
         self.until(State.IDLE)
         self.command("start")
-        assert running.wait(5)
+        assert running.wait(60)
         self.until(origin)
 
     def _require(self, event: threading.Event) -> None:
-        assert event.wait(5)
+        assert event.wait(60)
 
     def rest(self) -> None:
         """The arm rests: Holding may end."""
@@ -199,7 +199,7 @@ class HeldBench(Bench):
         self._end.set()
         for thread in threading.enumerate():
             if thread.name == self.origin:
-                thread.join(5)
+                thread.join(60)
         self.machine.command("no such command", CommandRequest())  # answered after what was queued before
 
     def hold(self) -> None:

@@ -109,8 +109,8 @@ class Program:
 
     def close(self) -> None:
         self._process.terminate()
-        self._process.wait(30)
-        self._listener.join(10)  # it ends with the pipe
+        self._process.wait(60)
+        self._listener.join(60)  # it ends with the pipe
         assert self._process.stdin is not None and self._process.stdout is not None
         self._process.stdin.close()
         self._process.stdout.close()
@@ -171,7 +171,7 @@ def test_a_pick_over_four_machines_and_a_cut_cable(net: Net, tmp_path: Path) -> 
         cut_s = time.monotonic()
         net.cut("node")
         noticed_s = cell.await_line("Aborting") - cut_s
-        assert noticed_s < 3.0  # 1 s is the lease; the rest is a busy machine
+        assert noticed_s < 8.0  # by the lease of 1 s, and not by the silence; the rest is a busy machine
         assert operator.answer()["result"] == "ABORTED"
         cell.await_line("Aborted")
 
@@ -189,7 +189,7 @@ def _reset(operator: Program) -> None:
 
 
 def _await_node(operator: Program) -> None:
-    give_up_s = time.monotonic() + 30
+    give_up_s = time.monotonic() + 60
     while "error" in (said := operator.ask("health")) or not said["is_healthy"]:
         assert time.monotonic() < give_up_s, said
         time.sleep(0.1)

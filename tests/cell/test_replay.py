@@ -147,7 +147,7 @@ def test_a_replay_travels_byte_for_byte_below_a_key_of_its_own(endpoint: str) ->
         sent = list(republish(bus, "412", said, rate=1e6))
         assert sent == said
         for payload in said:
-            assert heard.get(timeout=5) == (f"replay/412/{payload.key}", payload.encoding, payload.data)
+            assert heard.get(timeout=60) == (f"replay/412/{payload.key}", payload.encoding, payload.data)
         listener.close()  # type: ignore[no-untyped-call]
 
 

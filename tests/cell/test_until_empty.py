@@ -57,13 +57,13 @@ def cell(
 def _run_until_empty(connection: client.Client) -> list[str]:
     """Reset, ``start`` until empty, and the results of all its cycles."""
     connection.command("reset")
-    connection.wait_for_state({"Idle"}, 30)
+    connection.wait_for_state({"Idle"}, 60)
     cycle_id = connection.command("start", until_empty=True).cycle_id
     results = [connection.wait_for_result(cycle_id, 60)]
     while results[-1].result not in ("EMPTY", "ABORTED"):
         said = connection.next_said(60)
         results += [said] if isinstance(said, CycleResult) else []
-    connection.wait_for_state({"Complete"}, 30)
+    connection.wait_for_state({"Complete"}, 60)
     return [f"{result.result} {result.object}".strip() for result in results]
 
 
@@ -87,7 +87,7 @@ def test_an_empty_bin_is_empty_at_once_and_no_cycle_refills_it(cell: tuple[Stati
 def test_an_object_by_name_is_refused_in_a_filled_bin(cell: tuple[Station, client.Client]) -> None:
     _, connection = cell
     connection.command("reset")
-    connection.wait_for_state({"Idle"}, 30)
+    connection.wait_for_state({"Idle"}, 60)
     with pytest.raises(Refused, match="'cup' cannot be presented") as refusal:
         connection.command("pick", object_name="cup")
     assert refusal.value.code == "TABLE_FILLED" and connection.state().state == "Idle"

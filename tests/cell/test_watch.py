@@ -13,7 +13,7 @@ import sys
 import termios
 import time
 from collections.abc import Iterator
-from contextlib import closing
+from contextlib import ExitStack, closing
 from fcntl import ioctl
 from pathlib import Path
 from typing import Any
@@ -22,9 +22,10 @@ import pytest
 
 from bus.errors import Refused
 from cell import client
+from cell.build import running_cell
+from config.load import load_station
 from config.schema import Station
 
-Cell = tuple[subprocess.Popen[str], Station]
 _ESCAPE = re.compile(r"\x1b(\[[0-?]*[ -/]*[@-~]|.)")
 
 
@@ -59,7 +60,7 @@ class Terminal:
 
     def end(self) -> tuple[int, str]:
         """The exit code, and what was written last."""
-        give_up_s = time.monotonic() + 20
+        give_up_s = time.monotonic() + 60
         while self.process.poll() is None:
             assert time.monotonic() < give_up_s
             self._read(0.1)
@@ -71,7 +72,7 @@ class Terminal:
         os.close(self._slave)
         os.close(self._master)
         self._slave = self._master = -1
-        return self.process.wait(20)
+        return self.process.wait(60)
 
     def close(self) -> None:
         self.process.kill()
@@ -90,12 +91,12 @@ class Terminal:
 
 
 @pytest.fixture
-def terminal(shared_daemon: Cell, shared_options: list[str]) -> Iterator[Terminal]:
+def terminal(shared_cell: Station, shared_options: list[str]) -> Iterator[Terminal]:
     with closing(Terminal(shared_options)) as one:
         yield one
 
 
-def test_keys_command_the_cell_and_refusals_say_why(terminal: Terminal, shared_daemon: Cell) -> None:
+def test_keys_command_the_cell_and_refusals_say_why(terminal: Terminal, shared_cell: Station) -> None:
     terminal.wait_for(r"cell sim +Stopped")
     terminal.wait_for(r"sim +\d s ago")
     assert not terminal.settings()[3] & termios.ECHO
@@ -115,7 +116,7 @@ def test_keys_command_the_cell_and_refusals_say_why(terminal: Terminal, shared_d
     terminal.wait_for(r"cell sim +Stopped")
     terminal.wait_for(r"\d{8}T\d{9} +ABORTED +STOPPED")
     terminal.wait_for(r"Stopped by watch-")
-    _reset_once_the_lease_is_free(shared_daemon[1])
+    _reset_once_the_lease_is_free(shared_cell)
     terminal.wait_for(r"cell sim +Idle")
     terminal.press("q")
     code, _ = terminal.end()
@@ -124,7 +125,7 @@ def test_keys_command_the_cell_and_refusals_say_why(terminal: Terminal, shared_d
 
 def _reset_once_the_lease_is_free(station: Station) -> None:
     """The view gives the lease back by itself, in its next turn."""
-    give_up_s = time.monotonic() + 10.0
+    give_up_s = time.monotonic() + 60.0
     with client.connect(station) as cell:
         while True:
             try:
@@ -136,26 +137,28 @@ def _reset_once_the_lease_is_free(station: Station) -> None:
         cell.wait_for_state({"Idle"}, 60)
 
 
-def test_an_arrow_key_is_no_command(terminal: Terminal, shared_daemon: Cell) -> None:
+def test_an_arrow_key_is_no_command(terminal: Terminal, shared_cell: Station) -> None:
     terminal.wait_for(r"cell sim +Stopped")
     terminal.press("\x1b[a\x1bOa\x1b[200~")  # with "a" in it, which would abort
     terminal.press("x")
     terminal.press("u")
     terminal.wait_for("WRONG_STATE")
-    with client.connect(shared_daemon[1]) as cell:
+    with client.connect(shared_cell) as cell:
         assert cell.state().state == "Stopped"
 
 
-def test_a_signal_ends_the_view_and_restores_the_terminal(shared_daemon: Cell, shared_options: list[str]) -> None:
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        with closing(Terminal(shared_options)) as terminal:
-            terminal.wait_for(r"cell sim +Stopped")
-            assert terminal.settings() != terminal.before
-            terminal.process.send_signal(number)
-            code, written = terminal.end()
-            assert code == 0 and terminal.settings() == terminal.before
-            assert "\x1b[?25h" in written, written  # the cursor
-            assert "\x1b[?1049l" in written  # the screen that was there before
+@pytest.mark.parametrize(
+    "number",
+    [signal.SIGTERM, *(pytest.param(one, marks=pytest.mark.thorough) for one in (signal.SIGINT, signal.SIGHUP))],
+)
+def test_a_signal_ends_the_view_and_restores_the_terminal(terminal: Terminal, number: signal.Signals) -> None:
+    terminal.wait_for(r"cell sim +Stopped")
+    assert terminal.settings() != terminal.before
+    terminal.process.send_signal(number)
+    code, written = terminal.end()
+    assert code == 0 and terminal.settings() == terminal.before
+    assert "\x1b[?25h" in written, written  # the cursor
+    assert "\x1b[?1049l" in written  # the screen that was there before
 
 
 def test_it_ends_when_its_terminal_does(terminal: Terminal) -> None:
@@ -163,25 +166,19 @@ def test_it_ends_when_its_terminal_does(terminal: Terminal) -> None:
     assert terminal.hang_up() == 0
 
 
-def test_a_cell_that_goes_away_is_shown_and_waited_for(daemon: Cell, options: list[str]) -> None:
-    with closing(Terminal(options)) as terminal:
-        _goes_and_comes(terminal, daemon[0])
-
-
-def _goes_and_comes(terminal: Terminal, first: subprocess.Popen[str]) -> None:
-    terminal.wait_for(r"cell sim +Stopped")
-    first.terminate()
-    first.wait(30)
-    terminal.wait_for(r"has ended, or the link to it", 5.0)
-    second = subprocess.Popen(first.args, stdout=subprocess.DEVNULL)
-    try:
-        terminal.press("x")  # forget what was shown
-        terminal.wait_for(r"sim +\d s ago +\d s +0 +0")
-        terminal.press("r")
-        terminal.wait_for(r"cell sim +Idle")
-    finally:
-        second.terminate()
-        second.wait(30)
+def test_a_cell_that_goes_away_is_shown_and_waited_for(options: list[str]) -> None:
+    station = load_station(None, options[1::2])
+    with ExitStack() as stack:
+        with running_cell(station, lambda topic, message: None):
+            terminal = stack.enter_context(closing(Terminal(options)))
+            terminal.wait_for(r"cell sim +Stopped")
+        terminal.wait_for(r"has ended, or the link to it")
+        with running_cell(station, lambda topic, message: None):
+            terminal.press("x")  # forget what was shown
+            terminal.wait_for(r"(?s)cell sim +Stopped((?!has ended|cell sim).)*cycles")
+            terminal.wait_for(r"sim +\d s ago +\d s +0 +0")
+            terminal.press("r")
+            terminal.wait_for(r"cell sim +Idle")
 
 
 def _once(options: list[str]) -> subprocess.CompletedProcess[str]:
@@ -191,13 +188,12 @@ def _once(options: list[str]) -> subprocess.CompletedProcess[str]:
     )  # fmt: skip
 
 
-def test_once_prints_the_view_with_what_was_recorded_before(shared_daemon: Cell, shared_options: list[str]) -> None:
-    _, station = shared_daemon
-    with client.connect(station) as cell:
+def test_once_prints_the_view_with_what_was_recorded_before(shared_cell: Station, shared_options: list[str]) -> None:
+    with client.connect(shared_cell) as cell:
         cell.command("reset")
         cell.wait_for_state({"Idle"}, 60)
         result = cell.wait_for_result(cell.command("pick", object_name="bottle").cycle_id, 60)
-        cell.wait_for_state({"Complete"}, 30)
+        cell.wait_for_state({"Complete"}, 60)
     torn = Path(result.recording).with_name("99991231T235959999.mcap")
     torn.write_bytes(Path(result.recording).read_bytes()[:1000])
     done = _once(shared_options)

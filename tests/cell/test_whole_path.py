@@ -138,7 +138,7 @@ def test_a_stop_in_motion_ends_the_cycle_and_the_motion(shared_daemon: Cell, sha
             time.sleep(0.02)
         time.sleep(0.5)  # somewhere in the transit
         assert _cell("stop", *shared_options).returncode == 0
-        result = cell.wait_for_result(cycle_id, 10)
+        result = cell.wait_for_result(cycle_id, 60)
         assert (result.result, result.code) == ("ABORTED", "STOPPED")
         assert Path(result.recording).is_file()
         assert cell.state().state == "Stopped" and "reset" in cell.state().available
@@ -159,7 +159,7 @@ def test_a_killed_node_aborts_with_its_name(
         os.kill(pid, signal.SIGKILL)
     with client.connect(station) as cell:
         cell.command("reset") if cell.state().state == "Stopped" else None
-        state = cell.wait_for_state({"Aborted"}, 30)
+        state = cell.wait_for_state({"Aborted"}, 60)
     assert "sim" in state.reason
 
 
@@ -176,7 +176,7 @@ def test_sigterm_stops_the_cell_and_leaves_no_process(daemon: Cell) -> None:
     children = _children(process)
     assert children
     process.send_signal(signal.SIGTERM)
-    assert process.wait(20) == 0
+    assert process.wait(60) == 0
     for pid in children:
         assert not Path(f"/proc/{pid}").exists()
 

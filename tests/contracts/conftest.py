@@ -14,6 +14,7 @@ from bus.messages import ArmMode
 from bus.session import Bus
 from config.load import load_station
 from config.schema import Station
+from docs.examples.hand_driver.acme_gripper import open_devices as open_example
 from drivers.fr3.arm import Fr3Arm
 from drivers.interface import Arm, Camera, Devices, Hand, ObjectPresenter
 from drivers.node.injection import FaultyArm, FaultyCamera, FaultyHand
@@ -60,6 +61,11 @@ def _faulty(station: Station, _stack: ExitStack, _endpoint: str) -> Devices:
     return Devices(FaultyCamera(real.camera), FaultyArm(real.arm), FaultyHand(real.hand), real.presenter)
 
 
+def _example(station: Station, _stack: ExitStack, _endpoint: str) -> Devices:
+    """The driver that docs/extend.md shows."""
+    return open_example(station)
+
+
 def _femto_mega(station: Station, stack: ExitStack, _endpoint: str) -> Devices:
     return Devices(camera=femto_mega(stack))
 
@@ -73,6 +79,7 @@ IMPLEMENTATIONS: dict[str, tuple[Opener, set[str]]] = {
     "fr3": (_fr3, {"arm"}),
     "panda_hand": (_panda_hand, {"hand"}),
     "faulty": (_faulty, ALL),
+    "example": (_example, {"hand"}),
 }
 
 

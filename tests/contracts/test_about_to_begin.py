@@ -39,7 +39,7 @@ class Door:
     def __enter__(self) -> None:
         if self._shut:
             self._come.set()
-            assert self._open.wait(10)
+            assert self._open.wait(60)
         self._lock.acquire()
 
     def __exit__(self, *_: object) -> None:
@@ -51,11 +51,11 @@ class Door:
         self._shut, answers = True, []
         asking = threading.Thread(target=lambda: answers.append(ask()))
         asking.start()
-        assert self._come.wait(10)
+        assert self._come.wait(60)
         yield answers
         self._shut = False
         self._open.set()
-        asking.join(20)
+        asking.join(60)
         self._come.clear()
         self._open.clear()
         assert not asking.is_alive()

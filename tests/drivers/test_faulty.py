@@ -90,6 +90,11 @@ def lasting_s(act: Callable[[], object]) -> float:
     return time.monotonic() - started_s
 
 
+def shortest_s(act: Callable[[], object]) -> float:
+    """Of three times: a busy machine is not late every time."""
+    return min(lasting_s(act) for _ in range(3))
+
+
 class Running:
     """``execute`` in a thread of its own, with what came of it."""
 
@@ -111,7 +116,7 @@ class Running:
 
 
 def await_moving(arm: FaultyArm, start_q_rad: np.ndarray) -> None:
-    give_up_s = time.monotonic() + 10
+    give_up_s = time.monotonic() + 60
     while np.abs(arm.state().q_rad - start_q_rad).max() < 0.01:
         assert time.monotonic() < give_up_s
 
@@ -156,7 +161,7 @@ def test_a_wrong_camera_mirrors(camera: FaultyCamera, frame: Frame) -> None:
 
 def test_a_slow_camera_is_late(camera: FaultyCamera) -> None:
     camera.fault = Fault.SLOW
-    assert DELAY_S <= lasting_s(camera.capture) < 10 * DELAY_S
+    assert DELAY_S <= shortest_s(camera.capture) < 10 * DELAY_S
 
 
 # --- the arm ----------------------------------------------------------------------------------------------------------
@@ -183,7 +188,7 @@ def test_a_stuck_arm_repeats_its_state_and_executes_nothing_until_it_is_stopped(
     assert not running.ends_within(0.1)
     assert arm.state() is last
     arm.stop()
-    assert running.ends_within(5)
+    assert running.ends_within(60)
     assert running.motion is not None and not running.motion.finished and len(running.motion.t_s) == 1
 
 
@@ -192,7 +197,7 @@ def test_another_fault_ends_the_wait_of_a_stuck_arm(arm: FaultyArm, fault: Fault
     arm.fault = Fault.STUCK
     running = Running(arm, nod(arm.state().q_rad))
     arm.fault = fault
-    assert running.ends_within(5)
+    assert running.ends_within(60)
     assert (running.error is not None) == (fault is Fault.OFF)
 
 
@@ -227,11 +232,11 @@ def test_a_slow_arm_answers_late_but_is_stopped_at_once(arm: FaultyArm, simulate
     stopping = threading.Thread(target=arm.stop)
     stopping.start()
     assert simulated.arm is not None
-    give_up_s = time.monotonic() + 10
+    give_up_s = time.monotonic() + 60
     while simulated.arm.state().mode is not ArmMode.IDLE:
         assert time.monotonic() < give_up_s
-    assert running.ends_within(5) and running.motion is not None and not running.motion.finished
-    stopping.join(5)
+    assert running.ends_within(60) and running.motion is not None and not running.motion.finished
+    stopping.join(60)
     assert lasting_s(arm.state) >= 0.5
 
 
@@ -268,7 +273,7 @@ def test_a_wrong_hand_is_a_centimetre_off(hand: FaultyHand) -> None:
 
 def test_a_slow_hand_is_late(hand: FaultyHand) -> None:
     hand.fault = Fault.SLOW
-    assert DELAY_S <= lasting_s(hand.state) < 10 * DELAY_S
+    assert DELAY_S <= shortest_s(hand.state) < 10 * DELAY_S
 
 
 # --- over the bus -----------------------------------------------------------------------------------------------------
@@ -314,11 +319,11 @@ def test_an_arm_whose_nodes_link_is_cut_stops_itself(endpoint: str) -> None:
                 ended.put(error)
 
         threading.Thread(target=execute, daemon=True).start()
-        give_up_s = time.monotonic() + 20
+        give_up_s = time.monotonic() + 60
         while far_arm.state().mode is not ArmMode.MOVE:
             assert time.monotonic() < give_up_s
-        cell.ask(topics.FAULT, FaultRequest(fault=Fault.OFF), timeout_s=5.0, part="bus")
-        ended.get(timeout=10)
+        cell.ask(topics.FAULT, FaultRequest(fault=Fault.OFF), timeout_s=60, part="bus")
+        ended.get(timeout=60)
         while real.arm.state().mode is not ArmMode.IDLE:
             assert time.monotonic() < give_up_s
         node.close()

@@ -46,7 +46,7 @@ def captured(camera: FemtoMega, patience_s: float) -> Frame:
             assert time.monotonic() < give_up_s
 
 
-def until(holds: Callable[[], bool], patience_s: float = 5.0) -> None:
+def until(holds: Callable[[], bool], patience_s: float = 60.0) -> None:
     give_up_s = time.monotonic() + patience_s
     while not holds():
         assert time.monotonic() < give_up_s

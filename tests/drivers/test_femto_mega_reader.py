@@ -37,7 +37,19 @@ def connected(orbbec: FakeOrbbec, **settings: Any) -> Iterator[FemtoMega]:
         camera.close()
 
 
-def until(holds: Callable[[], bool], patience_s: float = 10.0) -> None:
+def shortest_s(error: type[Exception], act: Callable[[], object]) -> float:
+    """How long ``act`` takes to raise, the shortest of three times: a busy machine is not late every time."""
+
+    def lasting_s() -> float:
+        started_s = time.monotonic()
+        with pytest.raises(error):
+            act()
+        return time.monotonic() - started_s
+
+    return min(lasting_s() for _ in range(3))
+
+
+def until(holds: Callable[[], bool], patience_s: float = 60.0) -> None:
     give_up_s = time.monotonic() + patience_s
     while not holds():
         assert time.monotonic() < give_up_s
@@ -99,7 +111,7 @@ def test_a_camera_that_gives_nothing_else_is_connected_anew(always: str) -> None
 
 
 def _captured(camera: FemtoMega) -> Any:
-    give_up_s = time.monotonic() + 10
+    give_up_s = time.monotonic() + 60
     while time.monotonic() < give_up_s:
         try:
             return camera.capture()
@@ -168,7 +180,7 @@ def test_a_hanging_sdk_is_a_stale_frame_in_time() -> None:
         started_s = time.monotonic()
         with pytest.raises(StaleFrame):
             camera.capture()
-        assert time.monotonic() - started_s < 1.0
+        assert time.monotonic() - started_s < 10, "the SDK hangs for a minute"
 
 
 def test_an_end_that_nobody_foresaw_is_told_and_the_camera_lost_until_it_is_connected_again() -> None:
@@ -177,10 +189,9 @@ def test_an_end_that_nobody_foresaw_is_told_and_the_camera_lost_until_it_is_conn
         orbbec.odd.append(raising(KeyError("unforeseen")))
         until(lambda: bool(told))
         assert told == [("camera-read", "KeyError('unforeseen')")] and orbbec.closed == 1
-        started_s = time.monotonic()
         with pytest.raises(DeviceLost, match="defect"):
             camera.capture()
-        assert time.monotonic() - started_s < 0.2 and camera.readings()["frames_per_s"] == 0
+        assert shortest_s(DeviceLost, camera.capture) < 0.2 and camera.readings()["frames_per_s"] == 0
         camera.connect()
         camera.capture()
 

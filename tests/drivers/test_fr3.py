@@ -81,11 +81,11 @@ class Running:
             self.ended = error
 
     def end(self) -> Motion | DriverError | None:
-        self._thread.join(timeout=15)
+        self._thread.join(timeout=60)
         return self.ended
 
 
-def wait_until(holds: Callable[[], bool], patience_s: float = 10.0) -> None:
+def wait_until(holds: Callable[[], bool], patience_s: float = 60.0) -> None:
     give_up_s = time.monotonic() + patience_s
     while not holds():
         assert time.monotonic() < give_up_s

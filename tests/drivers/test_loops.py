@@ -11,7 +11,7 @@ from drivers.node.loops import Loop
 
 
 def _until(condition: Callable[[], bool]) -> None:
-    give_up_s = time.monotonic() + 10
+    give_up_s = time.monotonic() + 60
     while not condition():
         assert time.monotonic() < give_up_s
         time.sleep(0.01)
@@ -29,10 +29,10 @@ def test_a_loop_that_hangs_shows_it_by_its_rate_and_counts_what_it_left_out() ->
 
     def act() -> None:
         hangs.set()
-        hang.wait(10)
+        hang.wait(60)
 
     loop = Loop("state", 0.02, act, lambda error: None)
-    assert hangs.wait(10)
+    assert hangs.wait(60)
     assert loop.health().rate_hz == 0
     time.sleep(0.2)  # nine rounds and more that cannot begin
     hang.set()

@@ -48,7 +48,7 @@ class PatientArm:
     def execute(self, trajectory: Trajectory) -> Motion:
         self._stopped.clear()
         self.moving.set()
-        self._stopped.wait(20)
+        self._stopped.wait(60)
         self.moving.clear()
         return unmoved(REST, trajectory)
 
@@ -80,7 +80,7 @@ def node_of(station: Station, arm: PatientArm | None = None, name: str = "sim") 
             node.close()
 
 
-def until(holds: Callable[[], bool], patience_s: float = 10.0) -> None:
+def until(holds: Callable[[], bool], patience_s: float = 60.0) -> None:
     give_up_s = time.monotonic() + patience_s
     while not holds():
         assert time.monotonic() < give_up_s
@@ -103,11 +103,11 @@ def test_of_many_that_begin_in_the_same_moment_one_stays(cell: Bus, station: Sta
     begun, outcomes, over = threading.Barrier(4), list[str](), threading.Event()
 
     def begin() -> None:
-        begun.wait(10)
+        begun.wait(60)
         try:
             with node_of(station):
                 outcomes.append("serves")
-                over.wait(10)
+                over.wait(60)
         except DriverUnavailable:
             outcomes.append("refused")
 
@@ -124,7 +124,7 @@ def test_of_many_that_begin_in_the_same_moment_one_stays(cell: Bus, station: Sta
 def test_who_a_node_is_can_be_asked(cell: Bus, station: Station) -> None:
     with node_of(station):
         until(lambda: "sim" in cell.alive(topics.NODE_ALIVE))
-        health = cell.request(topics.NODE_NOW, Nothing(), Health, timeout_s=5, name="sim")
+        health = cell.request(topics.NODE_NOW, Nothing(), Health, timeout_s=60, name="sim")
     assert (health.name, health.pid) == ("sim", os.getpid())
 
 
@@ -141,12 +141,12 @@ def moving(cell: Bus, station: Station) -> Iterator[PatientArm]:
         until(lambda: "sim" in cell.alive(topics.NODE_ALIVE))
         asking = threading.Thread(target=partial(remote.execute, STILL))
         asking.start()
-        assert arm.moving.wait(10)
+        assert arm.moving.wait(60)
         try:
             yield arm
         finally:
             arm.stop()
-            asking.join(10)
+            asking.join(60)
 
 
 def _beat(cell: Bus, seconds: float) -> None:

@@ -31,7 +31,7 @@ def connected(fake: FakeHand, utc_ns: Callable[[], int] = time.time_ns) -> Itera
         hand.close()
 
 
-def until(holds: Callable[[], bool], patience_s: float = 10.0) -> None:
+def until(holds: Callable[[], bool], patience_s: float = 60.0) -> None:
     give_up_s = time.monotonic() + patience_s
     while not holds():
         assert time.monotonic() < give_up_s
@@ -166,15 +166,15 @@ def test_a_stop_is_said_again_to_a_hand_that_had_not_begun() -> None:
 
     def wait_for_a_stop() -> None:
         begun.set()
-        assert fake.stopped.wait(10)
+        assert fake.stopped.wait(60)
 
     fake.during = wait_for_a_stop
     with connected(fake) as hand:
         mover = threading.Thread(target=lambda: hand.move(0.02, 0.1))
         mover.start()
-        assert begun.wait(10)
+        assert begun.wait(60)
         hand.stop()
-        mover.join(10)
+        mover.join(60)
         assert fake.asked == ["move", "stop", "stop"] and not hand.state().is_moving
 
 

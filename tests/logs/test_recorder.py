@@ -193,7 +193,7 @@ def test_a_killed_process_leaves_every_flushed_message(tmp_path: Path) -> None:
     ) as process:
         assert process.stdout is not None and process.stdout.readline() == b"flushed\n"
         process.send_signal(signal.SIGKILL)
-        assert process.wait(timeout=30) == -signal.SIGKILL
+        assert process.wait(timeout=60) == -signal.SIGKILL
     assert not path.exists()
     with path.with_name(path.name + PART).open("rb") as file:
         assert _stamps(NonSeekingReader(file).iter_messages(log_time_order=False)) == list(range(count))

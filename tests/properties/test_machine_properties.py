@@ -49,7 +49,7 @@ class _Work:
 
     def __call__(self) -> None:
         self.begun.set()
-        assert self.end.wait(10)
+        assert self.end.wait(60)
         if self.fails:
             raise FAILURE
 
@@ -93,14 +93,14 @@ class MachineMatchesItsTable(RuleBasedStateMachine):
         for work in over:
             work.end.set()
         if self.state in self.works:
-            assert self.works[self.state].begun.wait(10)
+            assert self.works[self.state].begun.wait(60)
 
     def _end(self, work: _Work, name: str, over: Sequence[_Work] = (), *, fails: bool = False) -> None:
         threads = [thread for thread in threading.enumerate() if thread.name == f"action-{name}"]
         work.fails = fails
         work.end.set()
         for thread in threads:
-            thread.join(10)
+            thread.join(60)
         self._settle(over)
 
     @rule(verb=st.sampled_from(sorted(TABLE)))

@@ -1,0 +1,51 @@
+"""A goal-image model of another package: it lays the rod across the object's narrow side, and paints it."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from bus.cancel import Cancel
+from bus.codes import Code
+from bus.errors import CycleFailure
+from config.schema import Station
+from perception.models.painter import paint
+from perception.subject import Answer, ObservedObject
+
+_HALF_ROD_M = 0.08
+
+
+class Crosswise:
+    """The three steps of the paper's stage 1. ``name`` stands in every recorded reply."""
+
+    name = "acme"
+
+    def __init__(self, station: Station) -> None:
+        self._radius_m = station.perception.rod_radius_m
+
+    def begin(self) -> None:
+        """A new cycle."""
+
+    def locate(self, color: npt.NDArray[np.uint8], prompt: str, cancel: Cancel) -> Answer:
+        raise CycleFailure(Code.TARGET_NOT_FOUND, "This model understands no words: name the target by its pixel.")
+
+    def reason(self, observed_object: ObservedObject, prompt: str, cancel: Cancel) -> Answer:
+        return Answer("Grasp it across its narrow side.")
+
+    def direct(self, observed_object: ObservedObject, prompt: str, cancel: Cancel) -> Answer:
+        return Answer("Draw a straight rod across the narrow side, through the middle.")
+
+    def render(self, observed_object: ObservedObject, prompt: str, cancel: Cancel) -> Answer:
+        """Half way up the object, across it; ``goal`` is the observed image with the rod painted into it."""
+        points = observed_object.scene.points_base[observed_object.scene.object_mask]
+        points = points[np.isfinite(points).all(axis=1)].astype(float)
+        level_m = max(points[:, 2].max() / 2, 2 * self._radius_m)  # the table is z = 0 of base
+        middle = np.append(np.median(points[:, :2], axis=0), level_m)
+        narrow = np.linalg.eigh(np.cov(points[:, :2].T))[1][:, 0]
+        ends_base = middle + np.outer([-_HALF_ROD_M, _HALF_ROD_M], np.append(narrow, 0.0))
+        base_from_color = observed_object.base_from_color
+        ends = (ends_base - base_from_color[:3, 3]) @ base_from_color[:3, :3]
+        return Answer("painted", goal=paint(observed_object, ends, self._radius_m))
+
+    def close(self) -> None:
+        """It holds nothing."""

@@ -1,0 +1,51 @@
+"""The packages of docs/examples: a driver (its contract: tests/contracts), a goal-image model, objects."""
+
+from __future__ import annotations
+
+import tomllib
+from importlib import import_module
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from benchmarks.baselines.flat import flat_object
+from config.load import load_station
+from docs.examples.goal_model.acme_model import Crosswise
+from drivers.node import registry as drivers
+from drivers.sim.objects import object_names, require_presentable
+from perception.detector import propose
+from perception.goal.imagine import Conversation
+from perception.models import Models
+from perception.models import registry as models
+
+EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
+STATION = load_station()
+
+
+@pytest.mark.parametrize(("folder", "group"), [("hand_driver", drivers.GROUP), ("goal_model", models.GROUP)])
+def test_a_package_names_its_entry_point(folder: str, group: str) -> None:
+    project = tomllib.loads((EXAMPLES / folder / "pyproject.toml").read_text())["project"]
+    (target,) = project["entry-points"][group].values()
+    module, _, name = target.partition(":")
+    assert callable(getattr(import_module(f"docs.examples.{folder}.{module}"), name))
+
+
+def test_the_model_lays_its_rod_across_the_narrow_side() -> None:
+    """A bar, 40 x 130 mm at 1 mm a pixel, turned by 30 degrees."""
+    color, mask = np.full((360, 480, 3), 170, np.uint8), np.zeros((360, 480), np.uint8)
+    corners = cv2.boxPoints(((240, 180), (130, 40), 30)).astype(int)
+    cv2.fillPoly(color, [corners], (40, 90, 200))
+    cv2.fillPoly(mask, [corners], 1)
+    model = Crosswise(STATION)
+    proposal = propose(
+        Conversation(model, lambda reply: None), flat_object(color, mask > 0, 0.001), Models(model), STATION
+    )
+    ends = proposal.ends[0]
+    assert np.linalg.norm(ends[1] - ends[0]) == pytest.approx(0.040, abs=0.006)
+
+
+def test_its_objects_can_be_presented() -> None:
+    assert object_names(EXAMPLES / "objects") == ("brick", "wedge")
+    require_presentable(EXAMPLES / "objects", STATION.scene.pick_region_m)

@@ -1,0 +1,85 @@
+"""A goal-image model that another package brings, as an entry point of the group ``vlad_cell.models``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from bus.errors import ConfigError
+from bus.messages import ModelReply
+from cell.doctor import reach
+from cell.doctor.finding import Verdict
+from config.load import load_station
+from config.schema import Station
+from perception.models import open_models, replayed_models
+from perception.models.geometric import GeometricModel
+from perception.models.recorded import RecordedModel
+from perception.models.registry import GROUP, names
+
+_MODULE = """
+from perception.models.geometric import GeometricModel
+
+class Painter(GeometricModel):
+    name = "painter"
+"""
+_ENTRY_POINTS = f"""
+[{GROUP}]
+painter = painter_for_tests:Painter
+broken = painter_for_tests_that_is_not_there:Painter
+geometric = painter_for_tests:Painter
+"""
+
+
+@pytest.fixture
+def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An installed package: a module, and the folder in which its installer says what it brings."""
+    (tmp_path / "painter_for_tests.py").write_text(_MODULE)
+    info = tmp_path / "painter_for_tests-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: painter-for-tests\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(_ENTRY_POINTS)
+    monkeypatch.syspath_prepend(tmp_path)
+
+
+def station(model: str) -> Station:
+    return load_station(None, [f"perception.model={model}"])
+
+
+def reply(image_png: bytes | None) -> ModelReply:
+    return ModelReply(step="render", model="painter", prompt="Draw.", image_png=image_png)
+
+
+@pytest.mark.usefixtures("package")
+def test_a_station_names_it_like_any_other() -> None:
+    assert "painter" in names()
+    assert open_models(station("painter"), {}).imaginer.name == "painter"
+    assert reach.model_key(station("painter"), {}).verdict is Verdict.SKIP
+
+
+@pytest.mark.usefixtures("package")
+def test_no_package_takes_the_place_of_one_of_ours() -> None:
+    assert type(open_models(station("geometric"), {}).imaginer) is GeometricModel
+
+
+@pytest.mark.usefixtures("package")
+def test_a_model_whose_package_cannot_be_imported_says_so() -> None:
+    with pytest.raises(ConfigError, match=r"'broken' cannot be loaded.*not_there"):
+        open_models(station("broken"), {})
+
+
+def test_an_unknown_model_is_refused_with_the_names_of_those_there_are() -> None:
+    named = r"'geometrc'.*gemini, geometric, onnx, openai"
+    with pytest.raises(ConfigError, match=named):
+        open_models(station("geometrc"), {})
+    with pytest.raises(ConfigError, match=named):
+        replayed_models(station("geometrc"), [])
+    finding = reach.model_key(station("geometrc"), {})
+    assert finding.verdict is Verdict.FIX and "geometric" in finding.advice
+
+
+@pytest.mark.usefixtures("package")
+def test_a_replay_gives_back_the_pictures_it_drew_and_asks_one_that_paints_again() -> None:
+    assert isinstance(replayed_models(station("painter"), [reply(b"PNG")]).imaginer, RecordedModel)
+    assert replayed_models(station("painter"), [reply(None)]).imaginer.name == "painter"
+    assert type(replayed_models(station("painter"), [reply(None)]).imaginer).__name__ == "Painter"
