@@ -83,7 +83,7 @@ IMPLEMENTATIONS: dict[str, tuple[Opener, set[str]]] = {
 }
 
 
-REAL_TIME = {"femto_mega", "fr3", "panda_hand"}
+MARKS = {"fr3": pytest.mark.realtime, "panda_hand": pytest.mark.xdist_group("franka")}
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
@@ -91,7 +91,7 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     if "devices" in metafunc.fixturenames:
         device = metafunc.module.__name__.rpartition("test_")[2]
         names = [name for name, (_, serves) in IMPLEMENTATIONS.items() if device in serves]
-        marked = [pytest.param(name, marks=pytest.mark.realtime) if name in REAL_TIME else name for name in names]
+        marked = [pytest.param(name, marks=MARKS.get(name, ())) for name in names]
         metafunc.parametrize("devices", marked, indirect=True, scope="module")
 
 

@@ -18,8 +18,6 @@ from stand_ins.femto_mega.device import SERIAL
 from stand_ins.femto_mega.process import FakeFemtoMega, no_extensions
 from stand_ins.femto_mega.scenery import _depth_mm
 
-pytestmark = pytest.mark.realtime
-
 
 @pytest.fixture(scope="module")
 def fake() -> Iterator[FakeFemtoMega]:
@@ -77,7 +75,7 @@ def test_a_frame_is_exposed_after_it_was_asked_for_and_its_stamp_is_utc(camera: 
         asked_ns = time.time_ns()
         stamp_ns = camera.capture().stamp_ns
         assert asked_ns <= stamp_ns <= time.time_ns() + 10_000_000
-    assert camera.readings()["stamp_error_ms"] < 10
+    until(lambda: camera.capture().stamp_ns > 0 and camera.readings()["stamp_error_ms"] < 10)
 
 
 def test_a_frozen_camera_is_a_stale_frame_within_a_second(camera: FemtoMega, fake: FakeFemtoMega) -> None:

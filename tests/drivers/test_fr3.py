@@ -46,15 +46,28 @@ def sim() -> Iterator[FrankaSim]:
         yield sim
 
 
-@pytest.fixture
-def arm(station: Station, sim: FrankaSim) -> Iterator[Fr3Arm]:
+@pytest.fixture(scope="module")
+def driver(station: Station, sim: FrankaSim) -> Iterator[Fr3Arm]:
+    """The module's one driver, which is not connected where a test closed it."""
     here = Fr3Settings(address="127.0.0.1", realtime="ignore")
-    arm = Fr3Arm(station.model_copy(update={"fr3": here}))
-    arm.connect()
-    if arm.state().mode is ArmMode.REFLEX:  # of a test that is tried again
-        arm.recover()
-    yield arm
-    arm.close()
+    driver = Fr3Arm(station.model_copy(update={"fr3": here}))
+    yield driver
+    driver.close()
+
+
+@pytest.fixture
+def arm(driver: Fr3Arm) -> Fr3Arm:
+    driver.connect()
+    if driver.state().mode is ArmMode.REFLEX:  # of a test that is tried again
+        driver.recover()
+    return driver
+
+
+@pytest.fixture
+def free(sim: FrankaSim, driver: Fr3Arm) -> FrankaSim:
+    """The robot, which takes one driver at a time, without ours."""
+    driver.close()
+    return sim
 
 
 def nod(arm: Fr3Arm, by_rad: float = 0.8, duration_s: float = 5.0) -> Trajectory:
@@ -182,9 +195,8 @@ def test_closing_in_motion_brakes_it(arm: Fr3Arm) -> None:
     assert isinstance(motion, Motion) and not motion.finished
 
 
-def test_a_driver_that_is_frozen_in_motion_has_its_arm_at_rest_within_a_second(
-    station: Station, sim: FrankaSim
-) -> None:
+@pytest.mark.usefixtures("free")
+def test_a_driver_that_is_frozen_in_motion_has_its_arm_at_rest_within_a_second() -> None:
     command = [sys.executable, "-m", "stand_ins.fr3_driver", "127.0.0.1"]
     with subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True) as driver:
         assert driver.stdout is not None
@@ -234,8 +246,9 @@ def test_an_address_without_a_robot_is_refused_with_what_to_do(station: Station)
         Fr3Arm(nobody).connect()
 
 
+@pytest.mark.usefixtures("free")
 @pytest.mark.skipif(_REALTIME_KERNEL.exists(), reason="this kernel is a real-time one")
-def test_without_a_realtime_kernel_it_is_refused_where_one_is_required(station: Station, sim: FrankaSim) -> None:
+def test_without_a_realtime_kernel_it_is_refused_where_one_is_required(station: Station) -> None:
     strict = station.model_copy(update={"fr3": Fr3Settings(address="127.0.0.1", realtime="enforce")})
     with pytest.raises(DriverUnavailable, match=r"PREEMPT_RT|real-time priority|Memory cannot be locked"):
         Fr3Arm(strict).connect()

@@ -14,7 +14,7 @@ from config.load import load_station
 from drivers.panda_hand.hand import PandaHand
 from stand_ins.franka import ADDRESS, FrankaSim, missing
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.xdist_group("franka")  # its ports are fixed: one simulator at a time
 OBJECT_M = 0.04
 STATION = load_station().model_copy(update={"panda_hand": PandaHandSettings(address=ADDRESS)})
 
