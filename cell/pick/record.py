@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from bus import topics
+from bus.clock import WALL_CLOCK, DeadlineClock
 from bus.codec import decode
 from bus.codes import Code
 from bus.errors import BadPayload, CycleFailure, RecordingError
@@ -50,6 +51,7 @@ class CycleLog:
         patience_s: longest duration of one step of the disk.
         clock_ns: UTC clock.
         on_failure: called once, on any thread, as soon as the recording has failed: the cycle must stop.
+        clock: the clock of ``patience_s``.
     """
 
     def __init__(
@@ -59,9 +61,11 @@ class CycleLog:
         patience_s: float,
         clock_ns: Callable[[], int] = time.time_ns,
         on_failure: Callable[[CycleFailure], None] = lambda _: None,
+        clock: DeadlineClock = WALL_CLOCK,
     ) -> None:
         self.path = path
         self._clock_ns, self._patience_s, self._on_failure = clock_ns, patience_s, on_failure
+        self._clock = clock
         self._change = threading.Condition()  # guards the six attributes below
         self._queue: list[_Stamped] = []
         self._waiting_bytes = 0
@@ -69,7 +73,7 @@ class CycleLog:
         self._result: dict[str, str] | None = None
         self._error: RecordingError | None = None
         self._replies = 0
-        self._step_began_s: float | None = time.monotonic()  # None between steps
+        self._step_began_s: float | None = clock.now_s()  # None between steps
         self._opened = threading.Event()
         self._writer = OwnedThread(Role.CYCLE_LOG, lambda: self._run(open_recorder)).start()
 
@@ -102,8 +106,9 @@ class CycleLog:
     def check(self) -> None:
         """Raises: CycleFailure(RECORDING) when writing has failed, or the disk is taking too long."""
         began_s = self._step_began_s
-        if self._error is None and began_s is not None and time.monotonic() - began_s > self._patience_s:
-            self._fail(RecordingError(f"The disk of {self.path} blocks: nothing for {self._patience_s:.1f} s."))
+        if self._error is None and began_s is not None and self._clock.now_s() - began_s > self._patience_s:
+            text = f"The disk of {self.path} blocks: nothing for {self._patience_s:.1f} s.{self._clock.busy_note()}"
+            self._fail(RecordingError(text))
         if self._error is not None:
             raise CycleFailure(Code.RECORDING, self._error.text) from self._error
 
@@ -167,12 +172,12 @@ class CycleLog:
         """Write and flush batch by batch; at the end the result closes the file. Raises: RecordingError."""
         while (batch := self._next_batch()) and self._error is None:
             for item in batch:
-                self._step_began_s = time.monotonic()
+                self._step_began_s = self._clock.now_s()
                 self._put(recorder, item)
             recorder.flush()
             self._step_began_s = None
         if self._result is not None and self._error is None:
-            self._step_began_s = time.monotonic()
+            self._step_began_s = self._clock.now_s()
             recorder.close(self._result)
 
     def _next_batch(self) -> list[_Stamped]:
