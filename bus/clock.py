@@ -16,6 +16,8 @@ from bus.starvation import Starvation, StarvationMeter, load_now
 
 _LOOK_S = 0.05
 _MEASURE_S = 0.2
+_LONGEST_S = 0.3
+"""Most time between two measurements [s]: a later one shows that this process did not run."""
 
 
 class DeadlineClock(Protocol):
@@ -69,6 +71,9 @@ class WallClock:
 class StarvedClock:
     """Computing time: 1 s passes while this process does the work of 1 s, however long that takes.
 
+    It needs a thread in `run`. No caller of another member waits for a measurement, which reads many files: each read
+    releases the interpreter lock, and takes 5 ms where another thread computes.
+
     Args:
         wall_s: monotonic clock.
         measure: returns the starvation since its last call.
@@ -80,19 +85,33 @@ class StarvedClock:
         self, wall_s: Callable[[], float] = time.monotonic, measure: Callable[[], Starvation] | None = None
     ) -> None:
         self._wall_s, self._measure = wall_s, measure or StarvationMeter().measure
-        self._turn = threading.Lock()  # guards the four below
-        self._now_s = 0.0
-        self._looked_s = self._measured_s = wall_s()
         self._starvation = self._measure()
+        self._turn = threading.Lock()  # guards the three below
+        self._measured_at_s = wall_s()
+        self._then_s = self._shown_s = 0.0  # the time at the last measurement, and as it was last shown
+
+    def run(self) -> None:
+        """Measure for ever."""
+        while True:
+            time.sleep(_MEASURE_S)
+            self.tick()
+
+    def tick(self) -> None:
+        """Measure once; to be called every 0.2 s."""
+        starvation = self._measure()
+        with self._turn:
+            now_s = self._then_s + self._since(starvation.slowdown)
+            self._then_s = self._shown_s = max(self._shown_s, now_s)
+            self._measured_at_s, self._starvation = self._wall_s(), starvation
 
     def now_s(self) -> float:
         with self._turn:
-            wall_s = self._wall_s()
-            if wall_s - self._measured_s >= _MEASURE_S:
-                self._measured_s, self._starvation = wall_s, self._measure()
-            self._now_s += (wall_s - self._looked_s) / self._starvation.slowdown
-            self._looked_s = wall_s
-            return self._now_s
+            self._shown_s = max(self._shown_s, self._then_s + self._since(self._starvation.slowdown))
+            return self._shown_s
+
+    def _since(self, slowdown: float) -> float:
+        """Return the time since the last measurement."""
+        return min(self._wall_s() - self._measured_at_s, _LONGEST_S) / slowdown
 
     def wait_for(self, is_done: Callable[[float], object], limit_s: float) -> bool:
         end_s = self.now_s() + limit_s
@@ -101,7 +120,6 @@ class StarvedClock:
         return bool(done)
 
     def starvation(self) -> Starvation:
-        self.now_s()
         return self._starvation
 
     def busy_note(self) -> str:

@@ -237,7 +237,7 @@ class Bus:
             advice = "Is the node that serves it running? See `cell status`."
             if self._security is not None:
                 advice += f" Or the certificate of {self._security} may not ask this: docs/security.md."
-            raise NoReply(f"Nobody answers {name!r}.", advice)
+            raise NoReply(f"Nobody answers {name!r}.{self.clock.busy_note()}", advice)
         return heard_in(replies, self._root, name, timeout_s, record, self.clock)
 
     def request(

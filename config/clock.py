@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import cache
 
 from bus.clock import WALL_CLOCK, DeadlineClock, StarvedClock
+from bus.threads import OwnedThread, Role
 from config.schema import Station
 
 
@@ -20,4 +21,6 @@ def clock_of(station: Station) -> DeadlineClock:
 
 @cache
 def _starved_clock() -> StarvedClock:
-    return StarvedClock()
+    clock = StarvedClock()
+    OwnedThread(Role.CLOCK, clock.run).start()
+    return clock

@@ -105,7 +105,7 @@ class NodeMonitor:
                 self._alive.discard(name)
                 self._gone_since_s.setdefault(name, self._clock.now_s())
         if not is_alive:
-            self._on_lost(name, CycleFailure(Code.NODE_LOST, f"The node {name!r} is gone."))
+            self._on_lost(name, CycleFailure(Code.NODE_LOST, f"The node {name!r} is gone.{self._clock.busy_note()}"))
 
     def hear(self, sample: Sample) -> None:
         """Process a sample of a stream; it counts when it is decodable and differs from the last one."""
