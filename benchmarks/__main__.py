@@ -13,6 +13,7 @@ import typer
 
 from benchmarks import (
     alignment,
+    busy,
     calibration,
     detection,
     fleet,
@@ -227,6 +228,21 @@ def torn_(
 ) -> None:
     """Recordings killed at random moments, or damaged: messages lost of what was flushed, and unreadable files."""
     typer.echo(json.dumps(torn.run(kills, min(cells, kills), damages, seed, endpoint, _teller(as_json))))
+
+
+@app.command(name="busy")
+def busy_(
+    starts: Annotated[int, typer.Option(min=1)] = 10,
+    cycles: Annotated[int, typer.Option(min=1, help="Picks of each start.")] = 5,
+    loops: Annotated[int, typer.Option(min=0, help="Busy processes beside it.")] = 12,
+    bare: Annotated[bool, typer.Option(help="Without compiled modules and shaders, as just installed.")] = True,
+    endpoint: Annotated[str, typer.Option(help="Free loopback endpoint for its cells.")] = "tcp/127.0.0.1:7494",
+    overrides: Annotated[list[str] | None, typer.Option("--set", help="key=value")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
+) -> None:
+    """`cell start --cycles N` beside busy loops: starts that succeeded, seconds each, why the others failed."""
+    settings = [f"bus.endpoint={endpoint}", *(overrides or [])]
+    typer.echo(json.dumps(busy.run(starts, cycles, loops, bare, settings, _teller(as_json))))
 
 
 @app.command(name="fleet")

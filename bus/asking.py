@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import queue
 import time
+from collections.abc import Callable
+from contextlib import suppress
 from typing import NamedTuple
 
 import zenoh
 
+from bus.clock import DeadlineClock
 from bus.codec import decode
 from bus.commands import ErrorReply
 from bus.errors import BusError, CellError, ReplyTimeout, TwoAnswers
@@ -19,6 +22,11 @@ AS_ERROR = encoding_of(ErrorReply)  # a timeout has another encoding: Zenoh itse
 _ROUTES_S, _AGAIN_S = 1.0, 0.002
 _OTHERS_S = 2.0
 """Wait for other repliers [s]. A lone replier ends with its last reply; a frozen one is gone after its lease (1 s)."""
+_NEVER_S = 24 * 3600.0
+"""Timeout given to Zenoh, which counts wall time, where the deadline is not wall time [s]."""
+
+_Arriving = queue.SimpleQueue["zenoh.Reply | None"]
+"""Replies as they come; None ends them."""
 
 
 class Signed(NamedTuple):
@@ -40,6 +48,7 @@ def replies_to(
     encoding: str,
     timeout_s: float,
     signed: Signed,
+    clock: DeadlineClock,
     others_s: float = _OTHERS_S,
 ) -> list[zenoh.Reply]:
     """Send one query on the complete ``key`` and return the replies of every session that serves it.
@@ -50,8 +59,9 @@ def replies_to(
     Args:
         question: the encoded payload.
         encoding: its Zenoh encoding.
-        timeout_s: how long Zenoh waits for each reply [s].
+        timeout_s: how long each reply may take [s].
         signed: the sender, sent along with the query.
+        clock: the clock of ``timeout_s`` and ``others_s``.
         others_s: how long further repliers may take after the first reply [s].
 
     Returns:
@@ -60,42 +70,93 @@ def replies_to(
     Raises:
         BusError: the session is closed.
         TwoAnswers: another session serves the key too, and does not answer within ``others_s``.
+        ReplyTimeout: the time is over by a clock other than wall time; Zenoh reports its own timeout as a reply.
     """
-    give_up_s = time.monotonic() + min(_ROUTES_S, timeout_s)
+    give_up_s = clock.now_s() + min(_ROUTES_S, timeout_s)
     while True:
-        arriving: queue.SimpleQueue[zenoh.Reply | None] = queue.SimpleQueue()  # None ends the replies
+        arriving, unwanted = _Arriving(), zenoh.CancellationToken()
         try:
             session.get(
                 key,
                 zenoh.handlers.Callback(arriving.put, lambda: arriving.put(None)),  # noqa: B023 - used in this round only
                 payload=question,
                 encoding=encoding,
-                timeout=timeout_s,
+                timeout=_zenohs(timeout_s, clock),
                 target=zenoh.QueryTarget.ALL,
                 consolidation=zenoh.ConsolidationMode.NONE,
                 accept_replies=zenoh.ReplyKeyExpr.ANY,
                 source_info=signed.source,
                 attachment=signed.seal,
+                cancellation_token=unwanted,
             )
         except zenoh.ZError as error:
             raise BusError(f"Cannot ask {key}: the bus is closed.") from error
-        replies = _collected(arriving, key, others_s)
-        if replies or time.monotonic() > give_up_s:
+        try:
+            replies = _collected(arriving, key, timeout_s, others_s, clock)
+        except BusError:
+            unwanted.cancel()  # type: ignore[no-untyped-call]
+            raise
+        if replies or clock.now_s() > give_up_s:
             return replies
         time.sleep(_AGAIN_S)
 
 
-def _collected(arriving: queue.SimpleQueue[zenoh.Reply | None], key: str, others_s: float) -> list[zenoh.Reply]:
-    """Return the replies up to their end. Raises: TwoAnswers when they do not end ``others_s`` after the first."""
+def tokens_on(session: zenoh.Session, key: str, timeout_s: float, clock: DeadlineClock) -> list[zenoh.Reply]:
+    """Return the liveliness tokens on ``key`` that are known within ``timeout_s``."""
+    arriving = _Arriving()
+    found = zenoh.handlers.Callback(arriving.put, lambda: arriving.put(None))
+    session.liveliness().get(key, found, timeout=_zenohs(timeout_s, clock))
+    replies: list[zenoh.Reply] = []
+    with suppress(queue.Empty):
+        while (reply := _taken(arriving, _ours(timeout_s, clock), clock)) is not None:
+            replies.append(reply)
+    return replies
+
+
+def _zenohs(timeout_s: float, clock: DeadlineClock) -> float:
+    """Return the timeout given to Zenoh."""
+    return _NEVER_S if clock.is_slowed else timeout_s
+
+
+def _ours(timeout_s: float, clock: DeadlineClock) -> float | None:
+    """Return the timeout that is kept here; None where Zenoh keeps it."""
+    return timeout_s if clock.is_slowed else None
+
+
+def _collected(
+    arriving: _Arriving, key: str, timeout_s: float, others_s: float, clock: DeadlineClock
+) -> list[zenoh.Reply]:
+    """Return the replies up to their end.
+
+    Raises: TwoAnswers when they do not end ``others_s`` after the first; ReplyTimeout.
+    """
     replies: list[zenoh.Reply] = []
     while True:
         try:
-            reply = arriving.get(timeout=others_s if replies else None)
+            reply = _taken(arriving, others_s if replies else _ours(timeout_s, clock), clock)
         except queue.Empty:
-            raise _two_answers(f"Another session serves {key!r} too, and lets it wait.") from None
+            if replies:
+                raise _two_answers(f"Another session serves {key!r} too, and lets it wait.") from None
+            raise timed_out(key.split("/", 2)[-1], timeout_s, clock) from None
         if reply is None:
             return replies
         replies.append(reply)
+
+
+def _taken(arriving: _Arriving, limit_s: float | None, clock: DeadlineClock) -> zenoh.Reply | None:
+    """Wait for the next reply; None ends them. Raises: Empty after ``limit_s``."""
+    if limit_s is None:
+        return arriving.get()
+    taken: list[zenoh.Reply | None] = []
+
+    def take(seconds: float) -> bool:
+        with suppress(queue.Empty):
+            taken.append(arriving.get(timeout=seconds))
+        return bool(taken)
+
+    if not clock.wait_for(take, limit_s):
+        raise queue.Empty
+    return taken[0]
 
 
 def replier_of(replies: list[zenoh.Reply], name: str) -> str:
@@ -113,7 +174,9 @@ def _two_answers(text: str) -> TwoAnswers:
     )
 
 
-def samples_in(replies: list[zenoh.Reply], root: str, name: str, timeout_s: float, record: Tap) -> list[Sample]:
+def samples_in(
+    replies: list[zenoh.Reply], root: str, name: str, timeout_s: float, record: Tap, clock: DeadlineClock
+) -> list[Sample]:
     """Turn the replies to a query on ``name`` into samples, and record each.
 
     Args:
@@ -121,6 +184,7 @@ def samples_in(replies: list[zenoh.Reply], root: str, name: str, timeout_s: floa
         name: the query's key below ``root``.
         timeout_s: the query's timeout [s], for the error text.
         record: receives every sample, and the error if one came.
+        clock: the clock of ``timeout_s``, for the error text.
 
     Raises:
         CellError: the error that a reply carries, as its own type.
@@ -133,7 +197,7 @@ def samples_in(replies: list[zenoh.Reply], root: str, name: str, timeout_s: floa
         if reply.ok is None:
             if reply.err is not None and str(reply.err.encoding) == AS_ERROR:
                 record(Sample(f"{name}/error", AS_ERROR, reply.err.payload.to_bytes()))
-            raise _error_from(reply.err, f"{name!r} got no answer within {timeout_s:.1f} s.")
+            raise _error_from(reply.err, lambda: timed_out(name, timeout_s, clock))
         key = str(reply.ok.key_expr).removeprefix(root)
         key = f"{key}/reply" if key == name else key
         samples.append(Sample(key, str(reply.ok.encoding), reply.ok.payload.to_bytes(), replier))
@@ -142,7 +206,15 @@ def samples_in(replies: list[zenoh.Reply], root: str, name: str, timeout_s: floa
     return samples
 
 
-def _error_from(failure: zenoh.ReplyError | None, timeout_text: str) -> CellError:
+def timed_out(name: str, timeout_s: float, clock: DeadlineClock) -> ReplyTimeout:
+    """Return the error of a query on ``name`` that was not answered; it says when the machine is too busy."""
+    return ReplyTimeout(
+        f"{name!r} got no answer within {timeout_s:.1f} s.{clock.busy_note()}",
+        "Who serves it is busy or frozen: `cell status` shows its loops.",
+    )
+
+
+def _error_from(failure: zenoh.ReplyError | None, late: Callable[[], ReplyTimeout]) -> CellError:
     if failure is None or failure.payload.to_bytes() == b"Timeout":
-        return ReplyTimeout(timeout_text, "Who serves it is busy or frozen: `cell status` shows its loops.")
+        return late()
     return error_from_reply(decode(ErrorReply, failure.payload.to_bytes()))

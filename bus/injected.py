@@ -17,6 +17,7 @@ import zenoh
 
 from bus import topics
 from bus.answering import Answers
+from bus.clock import WALL_CLOCK, DeadlineClock
 from bus.codec import decode, encode
 from bus.commands import Event, Nothing
 from bus.errors import BadPayload
@@ -82,10 +83,16 @@ class FaultyBus(Faulty, Bus):
     """
 
     def __init__(
-        self, session: zenoh.Session, cell_id: str, security: Path | None = None, *, is_host: bool = False
+        self,
+        session: zenoh.Session,
+        cell_id: str,
+        security: Path | None = None,
+        *,
+        is_host: bool = False,
+        clock: DeadlineClock = WALL_CLOCK,
     ) -> None:
         Faulty.__init__(self, Fault.NONE, delay_s=1.0)
-        Bus.__init__(self, session, cell_id, security, is_host=is_host)
+        Bus.__init__(self, session, cell_id, security, is_host=is_host, clock=clock)
         self._kept: list[zenoh.Query] = []  # never answered while stuck; guarded by `_turn`
 
     def _on_fault(self, fault: Fault) -> None:

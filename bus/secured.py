@@ -38,6 +38,15 @@ _OUR_RULES: dict[str, Any] = {
     "transport/shared_memory/enabled": False,
     "adminspace/enabled": False,
 }
+_STARVED_MS = 60_000
+_STARVED_RULES: dict[str, Any] = {
+    # Zenoh counts wall time, so it must not disconnect a process that is only starved. The connection of a dead process
+    # ends at once all the same, and `cell.nodes.health` finds a frozen one.
+    "transport/link/tx/lease": _STARVED_MS,
+    "transport/unicast/accept_timeout": _STARVED_MS,
+    "transport/unicast/open_timeout": _STARVED_MS,
+    "transport/link/tx/queue/congestion_control/block/wait_before_close": _STARVED_MS * 1000,
+}
 _HUB_RULES: dict[str, Any] = {
     # a frozen program whose link is full is disconnected; otherwise every session waits for it for 5 s
     "transport/link/tx/queue/congestion_control/block/wait_before_close": 500_000,
@@ -62,7 +71,12 @@ def is_encrypted(endpoint: str) -> bool:
 
 
 def session_config(
-    mode: str, *, listen: Sequence[str] | None, connect: Sequence[str] | None, file: Path | None
+    mode: str,
+    *,
+    listen: Sequence[str] | None,
+    connect: Sequence[str] | None,
+    file: Path | None,
+    is_slowed: bool = False,
 ) -> zenoh.Config:
     """Return the configuration of one session.
 
@@ -70,12 +84,14 @@ def session_config(
         mode: of Zenoh: client, peer or router.
         listen, connect: endpoints that replace the file's; None = the file's.
         file: a Zenoh configuration (JSON5); paths in it are relative to its folder. None: loopback only.
+        is_slowed: deadlines are not wall time (`bus.clock.DeadlineClock`).
 
     Raises:
         ConfigError: names everything that is missing for a safe session.
     """
     config = _read(file) if file is not None else zenoh.Config()
-    for key, value in (_OUR_RULES | (_HUB_RULES if mode != "client" else {})).items():
+    rules = _OUR_RULES | (_STARVED_RULES if is_slowed else {}) | (_HUB_RULES if mode != "client" else {})
+    for key, value in rules.items():
         config.insert_json5(key, json.dumps(value))
     config.insert_json5("mode", json.dumps(mode))
     for key, endpoints in (("listen/endpoints", listen), ("connect/endpoints", connect)):

@@ -22,7 +22,8 @@ import zenoh
 from bus import topics
 from bus.access import asked, is_sealed, refusal, source_of
 from bus.answering import Answers, payload_of, refuse, reply_to
-from bus.asking import Signed, replies_to, samples_in
+from bus.asking import Signed, replies_to, samples_in, tokens_on
+from bus.clock import WALL_CLOCK, DeadlineClock
 from bus.codec import decode, encode
 from bus.errors import BadPayload, BusError, CellUnreachable, NoReply, PortOccupied, Refused
 from bus.frozen import Message
@@ -35,6 +36,7 @@ from bus.worker import SerialWorker
 _log = logging.getLogger(__name__)
 
 MessageT = TypeVar("MessageT", bound=Message)
+_TOKENS_S = 1.0
 _LATE_S = 1.0
 """How late Zenoh may report the end of a query [s]."""
 _LAST_NUMBER = 0xFFFFFFFF
@@ -53,12 +55,19 @@ class Bus:
     Attributes:
         tap: receives everything this process publishes, asks and is answered; set by a recorder.
         seal: of the secret that the cell shares with the nodes it starts; None for every other process.
+        clock: the clock of every deadline of this process (`config.clock.clock_of`).
     """
 
     def __init__(
-        self, session: zenoh.Session, cell_id: str, security: Path | None = None, *, is_host: bool = False
+        self,
+        session: zenoh.Session,
+        cell_id: str,
+        security: Path | None = None,
+        *,
+        is_host: bool = False,
+        clock: DeadlineClock = WALL_CLOCK,
     ) -> None:
-        self.cell_id, self._is_host = cell_id, is_host
+        self.cell_id, self._is_host, self.clock = cell_id, is_host, clock
         self._root = f"{topics.ROOT}/{cell_id}/"
         self.tap: Tap | None = None
         self._session = session
@@ -79,6 +88,7 @@ class Bus:
         beyond: str | None = None,
         router: str | None = None,
         security: Path | None = None,
+        clock: DeadlineClock = WALL_CLOCK,
     ) -> Bus:
         """Open the cell's own endpoint.
 
@@ -93,9 +103,10 @@ class Bus:
         """
         listen = [endpoint, beyond] if beyond else [endpoint]
         security = None if all(is_loopback(one) for one in (*listen, router) if one) else security
-        config = session_config("peer", listen=listen, connect=[router] if router else [], file=security)
+        connect, waits = [router] if router else [], clock.is_slowed
+        config = session_config("peer", listen=listen, connect=connect, file=security, is_slowed=waits)
         try:
-            return cls(zenoh.open(config), cell_id, security, is_host=True)
+            return cls(zenoh.open(config), cell_id, security, is_host=True, clock=clock)
         except zenoh.ZError as error:
             also = ", or an address is not this machine's" if beyond else ""
             raise PortOccupied(
@@ -104,12 +115,14 @@ class Bus:
             ) from error
 
     @classmethod
-    def join(cls, cell_id: str, endpoint: str, *, security: Path | None = None) -> Bus:
+    def join(
+        cls, cell_id: str, endpoint: str, *, security: Path | None = None, clock: DeadlineClock = WALL_CLOCK
+    ) -> Bus:
         """Connect to a running cell, or to a router. Raises: CellUnreachable; ConfigError as `listen`."""
-        security = None if is_loopback(endpoint) else security
-        config = session_config("client", listen=[], connect=[endpoint], file=security)
+        security, waits = None if is_loopback(endpoint) else security, clock.is_slowed
+        config = session_config("client", listen=[], connect=[endpoint], file=security, is_slowed=waits)
         try:
-            return cls(zenoh.open(config), cell_id, security)
+            return cls(zenoh.open(config), cell_id, security, clock=clock)
         except zenoh.ZError as error:
             advice = "Start it with `cell start`, or name its --config."
             if security is not None:
@@ -218,13 +231,14 @@ class Bus:
         record = self._record if topic.logged else _do_not_record
         record(Sample(f"{name}/query", encoding, question))
         key = f"{self._root}{name}"
-        replies = replies_to(self._session, key, question, encoding, timeout_s, self._signed(key, question))
+        signed = self._signed(key, question)
+        replies = replies_to(self._session, key, question, encoding, timeout_s, signed, self.clock)
         if not replies:
             advice = "Is the node that serves it running? See `cell status`."
             if self._security is not None:
                 advice += f" Or the certificate of {self._security} may not ask this: docs/security.md."
-            raise NoReply(f"Nobody answers {name!r}.", advice)
-        return samples_in(replies, self._root, name, timeout_s, record)
+            raise NoReply(f"Nobody answers {name!r}.{self.clock.busy_note()}", advice)
+        return samples_in(replies, self._root, name, timeout_s, record, self.clock)
 
     def request(
         self, topic: Topic, request: Message, answer_type: type[MessageT], *, timeout_s: float, **fields: str
@@ -281,9 +295,8 @@ class Bus:
         """
         encoding = encoding_of(topic.asks)
         key, question = f"{self._root}{topic.key}", encode(request)
-        replies = replies_to(
-            self._session, key, question, encoding, timeout_s, self._signed(key, question), others_s=timeout_s
-        )
+        signed = self._signed(key, question)
+        replies = replies_to(self._session, key, question, encoding, timeout_s, signed, self.clock, others_s=timeout_s)
         answers = [reply.ok for reply in replies if reply.ok is not None]
         return {str(answer.key_expr).split("/")[1]: answer.payload.to_bytes() for answer in answers}
 
@@ -295,7 +308,9 @@ class Bus:
         """
         key, encoding = self.key(topic, **fields), encoding_of(topic.asks)
         signed = self._signed(key, b"{}")
-        replies = replies_to(self._session, key, b"{}", encoding, timeout_s, signed, others_s=timeout_s + _LATE_S)
+        replies = replies_to(
+            self._session, key, b"{}", encoding, timeout_s, signed, self.clock, others_s=timeout_s + _LATE_S
+        )
         payloads = ((one.replier_id, one.ok.payload if one.ok is not None else None) for one in replies)
         return {str(who.zid): said.to_bytes() if said is not None else b"" for who, said in payloads if who is not None}
 
@@ -314,7 +329,7 @@ class Bus:
 
     def alive(self, topic: Topic) -> set[str]:
         """Return the names whose token of ``topic``, a key with one field, is held now."""
-        replies = self._session.liveliness().get(self.key(topic, name="*"), timeout=1.0)
+        replies = tokens_on(self._session, self.key(topic, name="*"), _TOKENS_S, self.clock)
         return {self._short(reply.ok.key_expr).split("/")[1] for reply in replies if reply.ok is not None}
 
     def watch_alive(self, topic: Topic, callback: Callable[[str, bool], None]) -> None:

@@ -46,6 +46,8 @@ class Role(StrEnum):
     """The published poses of the arm's links."""
     RETENTION = "retention"
     """The deletion of old recordings."""
+    CLOCK = "clock"
+    """The measurement of this process's starvation."""
     PROBE = "probe"
     """One check of the doctor, which may never return."""
 

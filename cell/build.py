@@ -18,6 +18,7 @@ from cell.daemon.retention import Retention
 from cell.daemon.robot_tf import RobotTf
 from cell.nodes.process import freeze_gc, limit_malloc_arenas
 from cell.nodes.supervisor import Supervisor
+from config.clock import clock_of
 from config.schema import Station
 from drivers.node import registry
 from drivers.remote import remote_devices
@@ -110,5 +111,10 @@ def _listen(station: Station) -> Bus:
             "For other machines set bus.listen, or bus.router, beside it; see docs/security.md.",
         )
     return Bus.listen(
-        station.cell_id, settings.endpoint, beyond=settings.listen, router=settings.router, security=settings.zenoh
+        station.cell_id,
+        settings.endpoint,
+        beyond=settings.listen,
+        router=settings.router,
+        security=settings.zenoh,
+        clock=clock_of(station),
     )

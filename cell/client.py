@@ -9,7 +9,6 @@ import queue
 import re
 import socket
 import threading
-import time
 import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -25,6 +24,7 @@ from bus.session import Bus
 from bus.threads import OwnedThread, Role
 from bus.topics import Topic
 from cell.machine.leases import CELL_CLIENT, HEARTBEAT_S, NEEDS_LEASE, NEEDS_TOKEN
+from config.clock import clock_of
 from config.schema import Station
 
 SETTLED = frozenset({"Stopped", "Idle", "Complete", "Aborted"})
@@ -52,7 +52,7 @@ class Client:
 
     def __init__(self, bus: Bus, ask_timeout_s: float, also: tuple[Topic, ...] = (), client_id: str = "") -> None:
         self._bus = bus
-        self._timeout_s = ask_timeout_s
+        self._timeout_s, self._now_s = ask_timeout_s, bus.clock.now_s
         self.client_id = client_id or client_name("cell")
         self.is_gone = False
         self._heartbeat: OwnedThread | None = None
@@ -153,10 +153,10 @@ class Client:
 
         Raises: ReplyTimeout, CellUnreachable.
         """
-        give_up_s = time.monotonic() + timeout_s
+        give_up_s = self._now_s() + timeout_s
         while (state := self.state()).state not in wanted:
-            if time.monotonic() > give_up_s:
-                raise ReplyTimeout(f"The cell is still {state.state} after {timeout_s:.0f} s.", "See `cell status`.")
+            if self._now_s() > give_up_s:
+                raise self._late(f"The cell is still {state.state} after {timeout_s:.0f} s.")
             self._await((topics.STATE,), give_up_s)
         return state
 
@@ -167,15 +167,15 @@ class Client:
 
         Raises: ReplyTimeout, CellUnreachable.
         """
-        give_up_s = time.monotonic() + timeout_s
+        give_up_s = self._now_s() + timeout_s
         while True:
             result = self._result(cycle_id)
             if result is not None and not result.retried_as:
                 return result
             if result is not None:
                 cycle_id = result.retried_as
-            elif time.monotonic() > give_up_s:
-                raise ReplyTimeout(f"Cycle {cycle_id} gave no result within {timeout_s:.0f} s.", "See `cell status`.")
+            elif self._now_s() > give_up_s:
+                raise self._late(f"Cycle {cycle_id} gave no result within {timeout_s:.0f} s.")
             else:
                 self._await((topics.RESULT,), give_up_s)
 
@@ -197,15 +197,15 @@ class Client:
 
         Raises: ReplyTimeout, CellUnreachable.
         """
-        give_up_s = time.monotonic() + timeout_s
-        while time.monotonic() < give_up_s:
+        give_up_s = self._now_s() + timeout_s
+        while self._now_s() < give_up_s:
             sample = self._await((topics.STATE, topics.RESULT), give_up_s)
             with suppress(BadPayload):
                 if sample is not None and sample.key == topics.STATE.key:
                     return decode(CellState, sample.payload)
                 if sample is not None:
                     return decode(CycleResult, sample.payload)
-        raise ReplyTimeout(f"The cell has said nothing for {timeout_s:.0f} s.", "See `cell status`.")
+        raise self._late(f"The cell has said nothing for {timeout_s:.0f} s.")
 
     def heard(self) -> Iterator[Sample]:
         """The samples received since the last call, oldest first; does not wait."""
@@ -215,8 +215,8 @@ class Client:
 
     def _await(self, of: tuple[Topic, ...], give_up_s: float) -> Sample | None:
         """The next sample on one of these topics; None after a short time without one. Raises: CellUnreachable."""
-        give_up_s = min(give_up_s, time.monotonic() + _ASK_AGAIN_S)
-        while (left_s := give_up_s - time.monotonic()) > 0:
+        give_up_s = min(give_up_s, self._now_s() + _ASK_AGAIN_S)
+        while (left_s := give_up_s - self._now_s()) > 0:
             try:
                 sample = self._heard.get(timeout=left_s)
             except queue.Empty:
@@ -227,6 +227,10 @@ class Client:
             if any(sample.key == topic.key for topic in of):
                 return sample
         return None
+
+    def _late(self, text: str) -> ReplyTimeout:
+        """Return the error of a wait that is over; it says when the machine is too busy."""
+        return ReplyTimeout(f"{text}{self._bus.clock.busy_note()}", "See `cell status`.")
 
     def _require_there(self) -> None:
         """Refuse to wait for a lost cell. Raises: CellUnreachable."""
@@ -246,7 +250,8 @@ def connect(station: Station, also: tuple[Topic, ...] = (), *, client_id: str = 
 
     Raises: CellUnreachable; ConfigError for an unsafe connection.
     """
-    with Bus.join(station.cell_id, station.bus.endpoint, security=station.bus.zenoh) as bus:
+    clock = clock_of(station)
+    with Bus.join(station.cell_id, station.bus.endpoint, security=station.bus.zenoh, clock=clock) as bus:
         yield Client(bus, station.bus.ask_timeout_s, also, client_id)
 
 

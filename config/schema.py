@@ -14,6 +14,7 @@ from pydantic import Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from bus.lazy import LazyModule
+from bus.secured import is_loopback
 from config.base import (
     UNSHOWN,
     Chunk,
@@ -510,7 +511,14 @@ class Station(Settings):
         return any(node.driver == "sim" for node in self.nodes.values())
 
     @property
+    def is_simulation(self) -> bool:
+        """True when every device is simulated, and every process is on this machine."""
+        bus = self.bus
+        is_here = is_loopback(bus.endpoint) and bus.listen is None and bus.router is None
+        return is_here and all(node.driver == "sim" for node in self.nodes.values())
+
+    @property
     def silence_s(self) -> float:
         """Longest silence of the sender of motions (``bus.silence_s``); longer where simulated time is not real."""
-        is_timeless = self.simulated and self.sim.pace == 0
+        is_timeless = self.sim.pace == 0 and all(node.driver == "sim" for node in self.nodes.values())
         return max(self.bus.silence_s, self.bus.stale_s) if is_timeless else self.bus.silence_s

@@ -23,6 +23,8 @@ from drivers.interface import Devices
 _log = logging.getLogger(__name__)
 AskT = TypeVar("AskT", HandMove, HandGrasp)
 _MOTION_SLACK_S = 30.0
+_DRAWING_S = 30.0
+"""Least timeout of a capture in simulation, which renders, and first compiles shaders [s]."""
 _LONGEST_HOLD_S = 24 * 3600.0
 
 
@@ -148,7 +150,8 @@ def _asked(kind: type[AskT], **values: float) -> AskT:
 def remote_devices(bus: Bus, station: Station) -> Devices:
     """Return connected remote devices of the whole cell; with a presenter only where a node simulates."""
     timeout_s = station.bus.ask_timeout_s
-    camera, arm, hand = RemoteCamera(bus, timeout_s), RemoteArm(bus, timeout_s), RemoteHand(bus, timeout_s)
+    camera_s = max(timeout_s, _DRAWING_S) if station.simulated else timeout_s
+    camera, arm, hand = RemoteCamera(bus, camera_s), RemoteArm(bus, timeout_s), RemoteHand(bus, timeout_s)
     presenter = RemotePresenter(bus, timeout_s) if station.simulated else None
     for device in (camera, arm, hand, presenter):
         if device is not None:

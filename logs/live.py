@@ -20,6 +20,7 @@ from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from google.protobuf.message import DecodeError
 
 from bus import topics
+from bus.clock import WALL_CLOCK, DeadlineClock
 from bus.codec import schema_of
 from bus.errors import ConfigError
 from bus.sample import Sample
@@ -168,9 +169,9 @@ def _part(sample: Sample) -> str:
 
 
 @contextmanager
-def watching(cell_id: str, endpoint: str, port: int) -> Iterator[LiveView]:
+def watching(cell_id: str, endpoint: str, port: int, clock: DeadlineClock = WALL_CLOCK) -> Iterator[LiveView]:
     """A live view of the running cell at ``endpoint``. Raises: ConfigError, CellUnreachable."""
-    with Bus.join(cell_id, endpoint) as bus, closing(LiveView(bus, port)) as view:
+    with Bus.join(cell_id, endpoint, clock=clock) as bus, closing(LiveView(bus, port)) as view:
         yield view
 
 

@@ -22,6 +22,7 @@ from cell.nodes.supervisor import Supervisor
 from cell.terminal.printing import out
 from cell.terminal.signals import ending
 from config.charuco import board_image
+from config.clock import clock_of
 from config.load import DEFAULT_STATION, load_station
 from config.schema import Station
 from config.station_file import mounting_lines, require_writable, write_mounting
@@ -56,7 +57,7 @@ def _surveyor(station: Station, quiet: bool) -> Iterator[Surveyor]:
             out.line(line)
 
     say(f"starting {', '.join(station.nodes)}; the arm will move")
-    with Bus.listen(station.cell_id, station.bus.endpoint) as bus:
+    with Bus.listen(station.cell_id, station.bus.endpoint, clock=clock_of(station)) as bus:
         supervisor = Supervisor(
             station, lambda name, code: say(f"the node {name!r} ended with exit code {code}"), seal=bus.seal
         )

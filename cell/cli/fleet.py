@@ -17,6 +17,7 @@ from bus.frozen import Message
 from bus.secured import session_config
 from bus.session import Bus
 from cell.terminal.signals import on_end
+from config.clock import clock_of
 from config.schema import Station
 
 _EVERY = "*"
@@ -64,7 +65,7 @@ class Member(NamedTuple):
 def fleet(station: Station) -> list[Member]:
     """All cells that answer at the station's ``bus.endpoint``, by name. Raises: CellUnreachable; ConfigError."""
     settings = station.bus
-    with Bus.join(_EVERY, settings.endpoint, security=settings.zenoh) as bus:
+    with Bus.join(_EVERY, settings.endpoint, security=settings.zenoh, clock=clock_of(station)) as bus:
         states = bus.survey(topics.STATE_NOW, Nothing(), timeout_s=settings.ask_timeout_s)
         healths = bus.survey(topics.HEALTH_NOW, Nothing(), timeout_s=settings.ask_timeout_s)
     return [

@@ -22,6 +22,7 @@ from cell.daemon.systemd import Service, takes_commands
 from cell.machine.owner import refuse
 from cell.terminal.printing import err
 from cell.terminal.signals import on_end
+from config.clock import clock_of
 from config.load import DEFAULT_STATION, load_station
 from config.schema import RetrySettings, Station
 from logs import live
@@ -112,7 +113,9 @@ def _occupied(station: Station, error: PortOccupied) -> PortOccupied:
 
 def _live_view(station: Station, port: int | None) -> AbstractContextManager[live.LiveView | None]:
     """Context with the live view for Foxglove; empty without a ``port``."""
-    return nullcontext() if port is None else live.watching(station.cell_id, station.bus.endpoint, port)
+    if port is None:
+        return nullcontext()
+    return live.watching(station.cell_id, station.bus.endpoint, port, clock_of(station))
 
 
 def _stay(screen: Screen) -> None:

@@ -21,6 +21,7 @@ from cell.machine import standstill
 from cell.machine.gate import Gate
 from cell.pick.cycle import FAULTS, Cycle, Equipment, Publish
 from cell.pick.record import CycleLog
+from config.clock import clock_of
 from config.scene import placing_at
 from config.schema import Station
 from drivers.interface import ObjectPresenter
@@ -63,7 +64,7 @@ class Actions:
     ) -> None:
         self._under, self._gate = under, gate
         self._equipment, self._nodes_alive = equipment, nodes_alive
-        self._station = equipment.station
+        self._station, self._clock = equipment.station, clock_of(equipment.station)
         self.table = SimulatedTable(presenter, equipment.station)
         self._publish, self._on_stage, self._on_result, self._on_fault = publish, on_stage, on_result, on_fault
         self._number = -1  # number of the pick, the same for all its attempts
@@ -112,6 +113,7 @@ class Actions:
             path,
             station.recording.patience_s,
             on_failure=self._on_fault,
+            clock=self._clock,
         )
 
     def _name_object(self, cycle: Cycle, ask: Callable[[], str]) -> None:
@@ -161,11 +163,11 @@ class Actions:
 
     def hold(self) -> None:
         """Hold all motion until the arm rests. Raises: CycleFailure when it does not."""
-        standstill.hold(self._equipment.arm, self._gate, self._station.arm.rest_s)
+        standstill.hold(self._equipment.arm, self._gate, self._station.arm.rest_s, self._clock)
 
     def unhold(self) -> None:
         """Resume the held motion. Raises: MotionRefused, BusError."""
-        standstill.unhold(self._equipment.arm, self._gate)
+        standstill.unhold(self._equipment.arm, self._gate, self._clock)
 
     def stop(self, no_action_running: Callable[[float], bool]) -> None:
         """Stop until no action runs and the arm rests; the open cycle ends. Raises: CycleFailure.
@@ -174,9 +176,8 @@ class Actions:
             no_action_running: waits up to a time [s]; True when no other action runs.
         """
         try:
-            standstill.stop(
-                self._equipment.arm, self._equipment.hand, self._gate, no_action_running, self._station.arm.rest_s
-            )
+            arm, hand, rest_s = self._equipment.arm, self._equipment.hand, self._station.arm.rest_s
+            standstill.stop(arm, hand, self._gate, no_action_running, rest_s, self._clock)
         finally:
             if self._cycle is not None:
                 self._cycle.interrupt()

@@ -90,9 +90,9 @@ class Daemon:
             self._on_fault,
             under,
         )
-        self._monitor = NodeMonitor(station, self._on_lost, restarts)
+        self._monitor = NodeMonitor(station, self._on_lost, restarts, bus.clock)
         self._batches = BatchControl(self._actions, self.publisher, station.retry)
-        self._leases = Leases(self._batches.lose_lease, station.silence_s, LOOK_PERIOD_S)
+        self._leases = Leases(self._batches.lose_lease, station.silence_s, LOOK_PERIOD_S, clock=bus.clock)
         self._watchdog = Watchdog(
             station,
             self._monitor,
@@ -159,8 +159,9 @@ class Daemon:
         """Stop all actions, then end the machine; idempotent."""
         if "stop" in available(self.machine.state):
             self.command("stop", CommandRequest(client_id=CELL_CLIENT))
-        give_up_s = time.monotonic() + _CLOSE_PATIENCE_S
-        while self.machine.state in (State.STOPPING, State.ABORTING) and time.monotonic() < give_up_s:
+        now_s = self._bus.clock.now_s
+        give_up_s = now_s() + _CLOSE_PATIENCE_S
+        while self.machine.state in (State.STOPPING, State.ABORTING) and now_s() < give_up_s:
             time.sleep(0.02)
         self._watchdog.close()
         self.machine.close()

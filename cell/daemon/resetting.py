@@ -15,6 +15,7 @@ from bus.messages import ArmMode
 from cell.machine.gate import Gate
 from cell.pick.cycle import Equipment
 from cell.pick.fingers import require_at
+from config.clock import clock_of
 from logs.mcap.recorder import ensure_space
 from planning.motion import move
 from planning.scene import Scene
@@ -45,9 +46,17 @@ def reset(e: Equipment, gate: Gate, nodes_alive: set[str]) -> None:
     _to_capture_pose(e, gate, state.q_rad)
     hand = e.station.hand
     require_at(_move(gate, lambda: e.hand.move(hand.max_width_m, hand.speed_m_s)), hand.max_width_m)
-    age_s = (time.time_ns() - e.camera.capture().stamp_ns) / 1e9
+    _require_fresh(e)
+
+
+def _require_fresh(e: Equipment) -> None:
+    """Refuse a frame older than ``camera.max_age_s``. Raises: CycleFailure."""
+    clock = clock_of(e.station)
+    asked_ns, asked_s = time.time_ns(), clock.now_s()
+    stamp_ns = e.camera.capture().stamp_ns
+    age_s = (asked_ns - stamp_ns) / 1e9 + clock.now_s() - asked_s
     if age_s > e.station.camera.max_age_s:
-        raise CycleFailure(Code.STALE_FRAME, f"The camera's newest frame is {age_s:.1f} s old.")
+        raise CycleFailure(Code.STALE_FRAME, f"The camera's newest frame is {age_s:.1f} s old.{clock.busy_note()}")
 
 
 def _to_capture_pose(e: Equipment, gate: Gate, q_rad: Joints) -> None:

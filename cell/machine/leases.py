@@ -13,6 +13,7 @@ from collections.abc import Callable
 from functools import partial
 
 from bus import topics
+from bus.clock import WALL_CLOCK, DeadlineClock
 from bus.errors import Refused
 from bus.sample import Sample
 from bus.session import Bus
@@ -41,7 +42,7 @@ class Leases:
         silence_s: longest gap in the holder's heartbeat.
         look_s: period of `look`.
         arrival_s: longest delay of a token after the command that needs it was received.
-        clock_s: monotonic clock.
+        clock: the clock of all three.
     """
 
     def __init__(
@@ -50,10 +51,11 @@ class Leases:
         silence_s: float,
         look_s: float,
         arrival_s: float = ARRIVAL_S,
-        clock_s: Callable[[], float] = time.monotonic,
+        clock: DeadlineClock = WALL_CLOCK,
     ) -> None:
+        self._clock = clock
         self._on_lost, self._silence_s, self._arrival_s = on_lost, silence_s, arrival_s
-        self._new_silence = partial(Silence, silence_s, look_s, clock_s)
+        self._new_silence = partial(Silence, silence_s, look_s, clock.now_s)
         self._alive: set[str] = set()
         self._change = threading.Condition()
         self._silence = self._new_silence()  # of the holder's heartbeat
@@ -88,7 +90,8 @@ class Leases:
             if not self._silence.is_broken() or not holder:
                 return
             self.holder = ""
-        self._on_lost(holder, f"no heartbeat for {self._silence_s:.1f} s")
+        busy = self._clock.busy_note().removesuffix(".")
+        self._on_lost(holder, f"no heartbeat for {self._silence_s:.1f} s{'.' if busy else ''}{busy}")
 
     def must_wait(self, verb: str, client_id: str) -> bool:
         """True when `require` would wait for the client's token."""
@@ -104,9 +107,9 @@ class Leases:
         """
         if verb not in NEEDS_LEASE | NEEDS_TOKEN:
             return
-        patience_s = max(0.0, received_s + self._arrival_s - time.monotonic())
+        left_s = max(0.0, received_s + self._arrival_s - time.monotonic())
         with self._change:
-            is_there = self._change.wait_for(lambda: client_id in self._alive, patience_s)
+            is_there = self._clock.wait_for(partial(self._change.wait_for, lambda: client_id in self._alive), left_s)
             holder = self.holder
         if not is_there:
             raise Refused(

@@ -1,23 +1,27 @@
 """Monitors the nodes: their liveliness tokens (dead, killed) and their streams (frozen).
 
-A stream counts as alive only while its messages are decodable and new.
+A stream counts as alive only while its messages are decodable and new. In a simulation, where token and streams have
+more time, the state of a node's process shows that a signal has halted it.
 """
 
 from __future__ import annotations
 
 import logging
-import os
+import math
 import threading
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 from bus import topics
+from bus.clock import WALL_CLOCK, DeadlineClock
 from bus.codec import decode
 from bus.codes import Code
 from bus.commands import CellHealth, Health, NodeHealth
 from bus.errors import BadPayload, CycleFailure
 from bus.messages import HandState
 from bus.sample import Sample
+from bus.secured import LEASE_MS
 from bus.session import Bus
 from bus.wire import arm_stamp_ns
 from config.schema import Station
@@ -31,14 +35,17 @@ _LATE_S = 2 * LOOK_PERIOD_S
 _SLOW = 0.6
 """A loop below this share of its rate answers everything, but is broken."""
 
-_BUSY = 1.5
-"""Runnable processes per core from which on a process may wait longer than a stream may be silent."""
+_HALTED_S = LEASE_MS / 1000
+"""Longest halt of a node's process [wall s]: with deadlines in wall time its token would go then."""
 _UNREADABLE, _REPEATED = "unreadable", "repeated"
 
 
-def load_now() -> tuple[float, int]:
-    """Runnable processes of this machine, averaged over a minute, and its cores."""
-    return os.getloadavg()[0], os.cpu_count() or 1
+def is_halted(pid: int) -> bool:
+    """True when a signal (SIGSTOP, a debugger) has halted a process of this machine."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] in "Tt"
+    except (OSError, IndexError):  # the process is gone, or the system is not Linux
+        return False
 
 
 class NodeMonitor:
@@ -47,7 +54,8 @@ class NodeMonitor:
     Args:
         on_lost: called with (node, failure) once when a node is lost: its token is gone, or a stream of it is silent.
         restarts: gives the number of restarts of a node.
-        load: gives the runnable processes of this machine, averaged over 1 min, and its cores.
+        clock: the clock of all silence.
+        is_halted: tells whether a signal has halted a process of this machine.
     """
 
     def __init__(
@@ -55,9 +63,10 @@ class NodeMonitor:
         station: Station,
         on_lost: Callable[[str, CycleFailure], None],
         restarts: Callable[[str], int],
-        load: Callable[[], tuple[float, int]] = load_now,
+        clock: DeadlineClock = WALL_CLOCK,
+        is_halted: Callable[[int], bool] = is_halted,
     ) -> None:
-        self._load = load
+        self._clock, self._is_halted = clock, is_halted
         self._nodes = station.nodes
         self._stale_s, self._frozen_s = station.bus.stale_s, station.bus.frozen_s
         self._known = {key for name in station.nodes for key in self._streams(name)}
@@ -65,12 +74,13 @@ class NodeMonitor:
         self._changing = threading.Lock()
         self._alive: set[str] = set()
         self._gone_since_s: dict[str, float] = {}
-        self._heard_s: dict[str, float] = {}  # monotonic, by key, of the streams of living nodes
+        self._heard_s: dict[str, float] = {}  # by the clock, by key, of the streams of living nodes
         self._stamps_ns: dict[str, int] = {}  # of the newest state received there
         self._useless: dict[str, str] = {}  # the error of messages received there instead
         self._said: dict[str, Health] = {}
         self._silent: set[str] = set()
-        self._looked_s = time.monotonic()
+        self._halted_since_s: dict[str, float] = {}  # wall time; inf once it was reported
+        self._looked_s = self._clock.now_s()
 
     def listen(self, bus: Bus) -> None:
         """Subscribe to tokens; samples of streams go to `hear` once `cell.nodes.speakers` has identified their node."""
@@ -86,16 +96,16 @@ class NodeMonitor:
                     known.pop(key, None)
                 self._silent.discard(key)
                 if is_alive:
-                    self._heard_s[key] = time.monotonic()
+                    self._heard_s[key] = self._clock.now_s()
             if is_alive:
                 self._alive.add(name)
                 self._gone_since_s.pop(name, None)
                 self._said.pop(name, None)  # health of an earlier process
             else:
                 self._alive.discard(name)
-                self._gone_since_s.setdefault(name, time.monotonic())
+                self._gone_since_s.setdefault(name, self._clock.now_s())
         if not is_alive:
-            self._on_lost(name, CycleFailure(Code.NODE_LOST, f"The node {name!r} is gone."))
+            self._on_lost(name, CycleFailure(Code.NODE_LOST, f"The node {name!r} is gone.{self._clock.busy_note()}"))
 
     def hear(self, sample: Sample) -> None:
         """Process a sample of a stream; it counts when it is decodable and differs from the last one."""
@@ -114,7 +124,7 @@ class NodeMonitor:
                 self._useless[sample.key] = _REPEATED
             else:
                 self._stamps_ns[sample.key] = stamp_ns
-                self._heard_s[sample.key] = time.monotonic()
+                self._heard_s[sample.key] = self._clock.now_s()
                 self._useless.pop(sample.key, None)
                 self._silent.discard(sample.key)
 
@@ -129,7 +139,9 @@ class NodeMonitor:
 
     def look(self) -> None:
         """Report every stream that has just fallen silent; time in which this process was suspended does not count."""
-        now_s = time.monotonic()
+        if self._clock.is_slowed:
+            self._look_for_halted()
+        now_s = self._clock.now_s()
         self._forgive(now_s)
         for name in self._nodes:
             for key, limit_s in self._streams(name).items():
@@ -140,6 +152,17 @@ class NodeMonitor:
                         self._silent.add(key)
                 if is_new:
                     self._on_lost(name, self._loss(name, key, age_s))
+
+    def _look_for_halted(self) -> None:
+        """Report every node whose process has just been halted for too long."""
+        now_s = time.monotonic()
+        for name, said in list(self._said.items()):
+            if name not in self._alive or not self._is_halted(said.pid):
+                self._halted_since_s.pop(name, None)
+            elif now_s - self._halted_since_s.setdefault(name, now_s) > _HALTED_S:
+                self._halted_since_s[name] = math.inf
+                text = f"The node {name!r} hangs: its process {said.pid} has been halted by a signal."
+                self._on_lost(name, CycleFailure(Code.NODE_LOST, text))
 
     def _loss(self, name: str, key: str, age_s: float) -> CycleFailure:
         """The failure for a silent stream: its device, when the node reports it or repeats itself; else the node."""
@@ -155,12 +178,10 @@ class NodeMonitor:
 
     def _starved(self, said: Health | None) -> str:
         """A note that this machine is too busy, if it is: a starved node is not at fault; else ""."""
-        load, cores = self._load()
+        busy = self._clock.busy_note()
         missed = {name: loop.missed for name, loop in (said.loops if said is not None else {}).items() if loop.missed}
-        if load <= _BUSY * cores:
-            return ""
         left_out = "; ".join(f"{name} had left out {count} rounds" for name, count in missed.items())
-        return f" This machine is too busy: load {load:.1f} on {cores} cores{'; ' if left_out else ''}{left_out}."
+        return f"{busy.removesuffix('.')}; {left_out}." if busy and left_out else busy
 
     def _forgive(self, now_s: float) -> None:
         late_s = max(0.0, now_s - self._looked_s - _LATE_S)
@@ -174,7 +195,7 @@ class NodeMonitor:
         with self._changing:
             health_key = topics.NODE_HEALTH.key.format(name=name)
             since_s = self._gone_since_s.get(name, self._heard_s.get(health_key))
-        return 0.0 if since_s is None else time.monotonic() - since_s
+        return 0.0 if since_s is None else self._clock.now_s() - since_s
 
     def health(self) -> CellHealth:
         """The cell's health now."""

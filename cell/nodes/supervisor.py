@@ -23,6 +23,7 @@ from typing import IO
 from pydantic import Field
 
 from bus import topics
+from bus.clock import DeadlineClock
 from bus.codec import decode, encode
 from bus.commands import ErrorReply
 from bus.errors import BadPayload, CellError, DriverUnavailable
@@ -34,6 +35,7 @@ from cell.machine.leases import CELL_CLIENT
 from cell.nodes.process import freeze_gc, limit_malloc_arenas
 from cell.terminal.printing import log_plainly
 from cell.terminal.signals import on_end
+from config.clock import clock_of
 from config.load import station_from
 from config.schema import Station
 from drivers.node.link import join_cell
@@ -75,6 +77,7 @@ class Supervisor:
         spawn: Callable[[str, Station], subprocess.Popen[str]] | None = None,
     ) -> None:
         self._station, self._start_child = station, spawn or partial(_child, seal=seal)
+        self._clock = clock_of(station)
         self._on_exit, self._on_back = on_exit, on_back
         self._children: dict[str, subprocess.Popen[str]] = {}
         self._restarts: dict[str, int] = {}
@@ -89,7 +92,7 @@ class Supervisor:
             if node.run == "here":
                 self._spawn(name)
         for name, child in self._children.items():
-            _await_ready(name, child)
+            _await_ready(name, child, self._clock)
             self._serving.add(name)
         for name in self._children:
             self._watchers.append(OwnedThread(Role.SUPERVISOR, partial(self._monitor, name), of=name).start())
@@ -102,9 +105,7 @@ class Supervisor:
             if child.stdin is not None and not child.stdin.closed:
                 child.stdin.close()
         for name, child in self._children.items():
-            try:
-                child.wait(_STOP_TIMEOUT_S)
-            except subprocess.TimeoutExpired:
+            if not self._clock.wait_for(partial(_has_ended, child), _STOP_TIMEOUT_S):
                 _log.warning("node %s did not end by itself; killing it", name)
                 child.kill()
                 child.wait()
@@ -154,7 +155,7 @@ class Supervisor:
         pause_s = _FIRST_PAUSE_S
         while not self._closing.wait(pause_s) and self._spawn(name):
             try:
-                _await_ready(name, self._children[name])
+                _await_ready(name, self._children[name], self._clock)
             except CellError as error:
                 _log.warning("node %s cannot be brought back yet: %s", name, error)
                 pause_s = min(2 * pause_s, _LONGEST_PAUSE_S)
@@ -182,19 +183,21 @@ def _child(name: str, station: Station, seal: Seal | None = None) -> subprocess.
     return child
 
 
-def _await_ready(name: str, child: subprocess.Popen[str]) -> None:
+def _await_ready(name: str, child: subprocess.Popen[str], clock: DeadlineClock) -> None:
     """Wait for the child's first line. Raises: DriverUnavailable, or the child's error; the child has ended then."""
     assert child.stdout is not None
-    line = _line_within(child.stdout, START_TIMEOUT_S)
+    line = _line_within(child.stdout, START_TIMEOUT_S, clock)
     try:
         ready = decode(Ready, line.encode())
     except BadPayload as error:
         child.kill()
         raise DriverUnavailable(
-            f"The node {name!r} did not start (exit code {child.wait()}).", "Its own message stands above."
+            f"The node {name!r} did not start (exit code {child.wait()}).{clock.busy_note()}",
+            "Its own message stands above.",
         ) from error
     if ready.error is not None:
-        child.wait(_STOP_TIMEOUT_S)
+        if not clock.wait_for(partial(_has_ended, child), _STOP_TIMEOUT_S):
+            child.kill()
         raise error_from_reply(ready.error)
 
 
@@ -205,11 +208,18 @@ def _close_pipes(child: subprocess.Popen[str]) -> None:
                 pipe.close()
 
 
-def _line_within(stream: IO[str], timeout_s: float) -> str:
+def _line_within(stream: IO[str], timeout_s: float, clock: DeadlineClock) -> str:
     """The stream's next line, or "" after ``timeout_s`` or at its end."""
     with selectors.DefaultSelector() as selector:
         selector.register(stream, selectors.EVENT_READ)
-        return stream.readline() if selector.select(timeout_s) else ""
+        return stream.readline() if clock.wait_for(selector.select, timeout_s) else ""
+
+
+def _has_ended(child: subprocess.Popen[str], timeout_s: float) -> bool:
+    """Wait for the end of ``child``, for ``timeout_s`` at most; True when it has ended."""
+    with suppress(subprocess.TimeoutExpired):
+        child.wait(timeout_s)
+    return child.returncode is not None
 
 
 def _own_stdout() -> IO[str]:

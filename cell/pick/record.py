@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from bus import topics
+from bus.clock import WALL_CLOCK, DeadlineClock
 from bus.codec import decode
 from bus.codes import Code
 from bus.errors import BadPayload, CycleFailure, RecordingError
@@ -52,6 +53,7 @@ class CycleLog:
         backlog_bytes: how much may wait for the disk.
         clock_ns: UTC clock.
         on_failure: called once, on any thread, as soon as the recording has failed: the cycle must stop.
+        clock: the clock of ``patience_s``.
     """
 
     def __init__(
@@ -63,10 +65,11 @@ class CycleLog:
         on_failure: Callable[[CycleFailure], None] = lambda _: None,
         gather_s: float = _GATHER_S,
         backlog_bytes: int = BACKLOG_BYTES,
+        clock: DeadlineClock = WALL_CLOCK,
     ) -> None:
         self.path = path
         self._clock_ns, self._patience_s, self._on_failure = clock_ns, patience_s, on_failure
-        self._gather_s, self._backlog_bytes = gather_s, backlog_bytes
+        self._gather_s, self._backlog_bytes, self._clock = gather_s, backlog_bytes, clock
         self._change = threading.Condition()  # guards the six attributes below
         self._queue: list[_Stamped] = []
         self._waiting_bytes = 0
@@ -74,7 +77,7 @@ class CycleLog:
         self._result: dict[str, str] | None = None
         self._error: RecordingError | None = None
         self._replies = 0
-        self._step_began_s: float | None = time.monotonic()  # None between steps
+        self._step_began_s: float | None = clock.now_s()  # None between steps
         self._opened = threading.Event()
         self._writer = OwnedThread(Role.CYCLE_LOG, lambda: self._run(open_recorder)).start()
 
@@ -107,8 +110,9 @@ class CycleLog:
     def check(self) -> None:
         """Raises: CycleFailure(RECORDING) when writing has failed, or the disk is taking too long."""
         began_s = self._step_began_s
-        if self._error is None and began_s is not None and time.monotonic() - began_s > self._patience_s:
-            self._fail(RecordingError(f"The disk of {self.path} blocks: nothing for {self._patience_s:.1f} s."))
+        if self._error is None and began_s is not None and self._clock.now_s() - began_s > self._patience_s:
+            text = f"The disk of {self.path} blocks: nothing for {self._patience_s:.1f} s.{self._clock.busy_note()}"
+            self._fail(RecordingError(text))
         if self._error is not None:
             raise CycleFailure(Code.RECORDING, self._error.text) from self._error
 
@@ -172,12 +176,12 @@ class CycleLog:
         """Write and flush batch by batch; at the end the result closes the file. Raises: RecordingError."""
         while (batch := self._next_batch()) and self._error is None:
             for item in batch:
-                self._step_began_s = time.monotonic()
+                self._step_began_s = self._clock.now_s()
                 self._put(recorder, item)
             recorder.flush()
             self._step_began_s = None
         if self._result is not None and self._error is None:
-            self._step_began_s = time.monotonic()
+            self._step_began_s = self._clock.now_s()
             recorder.close(self._result)
 
     def _next_batch(self) -> list[_Stamped]:

@@ -14,6 +14,7 @@ from bus import topics
 from bus.commands import CellState, Nothing
 from bus.errors import CellUnreachable, NoReply, Refused
 from bus.session import Bus
+from config.clock import clock_of
 from config.schema import Station
 from logs.mcap.names import reading
 from logs.mcap.reader import require_finished
@@ -67,7 +68,7 @@ def _payloads(file: IO[bytes]) -> Iterator[Payload]:
 def require_no_live_cell(station: Station) -> None:
     """Refuse while the recorded cell is running, to avoid confusion with it. Raises: Refused."""
     try:
-        with Bus.join(station.cell_id, station.bus.endpoint) as bus:
+        with Bus.join(station.cell_id, station.bus.endpoint, clock=clock_of(station)) as bus:
             bus.request(topics.STATE_NOW, Nothing(), CellState, timeout_s=_LIVE_TIMEOUT_S)
     except (CellUnreachable, NoReply):
         return

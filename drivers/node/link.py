@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from bus.lazy import LazyModule
 from bus.session import Bus
+from config.clock import clock_of
 from config.schema import Station
 
 if TYPE_CHECKING:
@@ -24,4 +25,4 @@ def join_cell(station: Station, security: Path | None = None) -> Bus:
     Raises: ConfigError, CellUnreachable.
     """
     kind = injected.FaultyBus if station.faults.allowed else Bus
-    return kind.join(station.cell_id, station.bus.endpoint, security=security)
+    return kind.join(station.cell_id, station.bus.endpoint, security=security, clock=clock_of(station))

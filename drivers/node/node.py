@@ -73,7 +73,7 @@ class Node:
         self._last_fault = ""
         self._motions = 0  # running motions of the arm; guarded by the condition below
         self._motion_change = threading.Condition()
-        self._cell = Silence(station.silence_s, _LISTEN_PERIOD_S)
+        self._cell = Silence(station.silence_s, _LISTEN_PERIOD_S, bus.clock.now_s)
         self._was_heard = False  # a cell that never sent a heartbeat cannot have fallen silent
         self._untold = ""  # why the arm braked by itself, kept until the cell is heard again
         self._loops: list[Loop] = []
@@ -249,7 +249,7 @@ class Node:
             self._was_heard = False  # brake once; armed again by the next heartbeat
             arm.stop()
             text = f"The cell has said nothing for {silent_s:.2f} s while the arm moved: the arm braked on its path."
-            self._untold = self._last_fault = text
+            self._untold = self._last_fault = text + self._bus.clock.busy_note()
 
     def _tell_why_it_braked(self) -> None:
         """Publish why the arm braked, once the cell is there to receive it."""

@@ -95,6 +95,14 @@ def test_our_rules_hold_whatever_the_file_says(keys: Path) -> None:
     assert {key: json.loads(config.get_json(key)) for key in said} == said
 
 
+def test_only_a_simulation_gives_the_starved_more_time_than_the_lease() -> None:
+    def lease_ms(is_slowed: bool) -> int:
+        config = session_config("peer", listen=["tcp/127.0.0.1:0"], connect=[], file=None, is_slowed=is_slowed)
+        return int(config.get_json("transport/link/tx/lease"))
+
+    assert lease_ms(False) == LEASE_MS and lease_ms(True) >= 60 * LEASE_MS
+
+
 @pytest.mark.parametrize("endpoint", ["tcp/10.0.0.1:7447", "tcp/0.0.0.0:7447", "udp/127.0.0.1:7447", "ws/10.0.0.1:1"])
 def test_in_the_clear_nothing_leaves_loopback_not_even_with_a_good_file(keys: Path, endpoint: str) -> None:
     assert not is_loopback(endpoint)

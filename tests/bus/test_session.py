@@ -5,10 +5,14 @@ from __future__ import annotations
 import queue
 import threading
 from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 
 import pytest
 
 from bus import topics
+from bus.clock import StarvedClock
+from bus.codec import encode
 from bus.commands import CommandReply, CommandRequest, Nothing
 from bus.errors import (
     BadPayload,
@@ -24,6 +28,7 @@ from bus.errors import (
 from bus.messages import HandState
 from bus.sample import Asked, Sample
 from bus.session import Bus
+from bus.starvation import Starvation
 
 HAND = HandState(stamp_ns=1, width_m=0.04, is_moving=False, is_homed=True)
 
@@ -109,6 +114,78 @@ def test_an_answer_that_does_not_come_is_a_timeout(cell: Bus, client: Bus) -> No
     with pytest.raises(ReplyTimeout):
         cell.ask(topics.HAND_HOME, Nothing(), timeout_s=0.3)
     release.set()
+
+
+class Machine:
+    """A wall clock that stands until the test moves it, of a machine on which a second of work takes ten."""
+
+    def __init__(self) -> None:
+        self.wall_s = 0.0
+        self.looks = threading.Semaphore(0)
+        self.clock = StarvedClock(self._look, lambda: Starvation(10.0, 14.0, 2))
+
+    def _look(self) -> float:
+        self.looks.release()
+        return self.wall_s
+
+    def passes(self, wall_s: float) -> None:
+        for _ in range(round(wall_s / 0.2)):
+            self.wall_s += 0.2
+            self.clock.tick()
+
+    def await_looks(self, count: int) -> None:
+        """Until somebody who waits has looked at the clock so many times more."""
+        while self.looks.acquire(blocking=False):
+            pass
+        for _ in range(count):
+            assert self.looks.acquire(timeout=10)
+
+
+@contextmanager
+def asked(cell: Bus, node: Bus) -> Iterator[tuple[Machine, Future[list[Sample]], threading.Event]]:
+    """A question with a timeout of 1 s under way, and what lets its answer come."""
+    machine, release = Machine(), threading.Event()
+    cell.clock = machine.clock
+
+    def home(_payload: bytes, _asked: Asked) -> HandState:
+        release.wait(10)
+        return HAND
+
+    node.answer(topics.HAND_HOME, home, worker="hand")
+    with ThreadPoolExecutor(1) as pool:
+        asking = pool.submit(cell.ask, topics.HAND_HOME, Nothing(), timeout_s=1.0)
+        machine.await_looks(5)
+        try:
+            yield machine, asking, release
+        finally:
+            release.set()
+
+
+def test_in_a_simulation_an_answer_is_waited_for_as_long_as_the_machine_is_busy(cell: Bus, client: Bus) -> None:
+    with asked(cell, client) as (machine, asking, release):
+        machine.passes(9.0)
+        machine.await_looks(5)
+        release.set()
+        (answer,) = asking.result(10)
+    assert answer.payload == encode(HAND)
+
+
+def test_one_that_is_later_than_that_is_a_timeout_that_says_how_busy(cell: Bus, client: Bus) -> None:
+    with asked(cell, client) as (machine, asking, _):
+        machine.passes(11.0)
+        with pytest.raises(ReplyTimeout, match=r"This machine is too busy: load 14\.0 on 2 cores.*takes 10 s"):
+            asking.result(10)
+    client.answer(topics.HAND_NOW, lambda _payload, _asked: HAND, worker="state")
+    assert cell.request(topics.HAND_NOW, Nothing(), HandState, timeout_s=1.0) == HAND, "what was given up is forgotten"
+
+
+def test_a_node_that_dies_ends_the_wait_whatever_the_patience(cell: Bus, endpoint: str) -> None:
+    with Bus.join("test", endpoint) as node, asked(cell, node) as (machine, asking, _):
+        node.close()
+        machine.await_looks(60)  # by now it has asked again, and will for as long as a node's routes may take
+        machine.passes(11.0)
+        with pytest.raises(NoReply):
+            asking.result(10)
 
 
 def test_questions_and_answers_are_tapped(cell: Bus, client: Bus) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from bus.arrays import Joints
+from bus.clock import WALL_CLOCK
 from bus.codes import Code
 from bus.commands import Presented, PresentRequest
 from bus.errors import CycleFailure, DriverError, MotionRefused
@@ -237,7 +238,7 @@ def test_a_motion_that_was_over_as_the_hold_came_needs_no_resume(bench: Bench, m
 
 def test_a_motion_that_neither_goes_on_nor_ends_is_an_error(bench: Bench) -> None:
     with bench.gate.motion(), pytest.raises(MotionRefused):
-        standstill.unhold(bench.arm, bench.gate, ending_s=0.01)
+        standstill.unhold(bench.arm, bench.gate, WALL_CLOCK, ending_s=0.01)
 
 
 def test_an_object_that_cannot_be_presented_is_the_reason_of_its_cycle(make_bench: Callable[..., Bench]) -> None:

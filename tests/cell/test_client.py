@@ -8,6 +8,7 @@ from typing import Any, cast
 import pytest
 
 from bus import topics
+from bus.clock import WALL_CLOCK
 from bus.codec import encode
 from bus.commands import CellState
 from bus.errors import CellUnreachable
@@ -24,7 +25,7 @@ CELL, STRANGER = "cell's own session", "another session"
 class ScriptedBus:
     """Answers with one state after the other, and lets the test put samples of others on the cell's keys."""
 
-    cell = CELL
+    cell, clock = CELL, WALL_CLOCK
 
     def __init__(self, *states: CellState) -> None:
         self._states = list(states)

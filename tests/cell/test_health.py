@@ -5,21 +5,24 @@ from __future__ import annotations
 import os
 import queue
 import signal
+import subprocess
 import time
 from collections.abc import Callable
 
 import numpy as np
 import pytest
 
+from bus.clock import WALL_CLOCK, DeadlineClock, StarvedClock, WallClock
 from bus.codec import encode
 from bus.codes import Code
 from bus.commands import CellHealth, Health, LoopHealth
 from bus.errors import CycleFailure
 from bus.messages import ArmMode, ArmState, HandState
 from bus.sample import Sample
+from bus.starvation import Starvation
 from bus.wire import arm_state_to_wire
 from cell import client
-from cell.nodes.health import NodeMonitor
+from cell.nodes.health import NodeMonitor, is_halted
 from config.load import load_station
 from config.schema import Station
 
@@ -27,12 +30,17 @@ from config.schema import Station
 class Bench:
     """A watch with the simulated cell's one node, and what it told of."""
 
-    def __init__(self, stale_s: float = 0.05, load: float = 0.5) -> None:
+    def __init__(self, stale_s: float = 0.05, clock: DeadlineClock = WALL_CLOCK) -> None:
         self._stamp_ns = 0
+        self.halted: set[int] = set()
         self.lost: queue.SimpleQueue[CycleFailure] = queue.SimpleQueue()
         station = load_station(None, [f"bus.stale_s={stale_s}"])
         self.monitor = NodeMonitor(
-            station, lambda name, failure: self.lost.put(failure), lambda name: 2, lambda: (load, 2)
+            station,
+            lambda name, failure: self.lost.put(failure),
+            lambda name: 2,
+            clock,
+            lambda pid: pid in self.halted,
         )
 
     def hear(self, key: str, payload: bytes | None = None) -> None:
@@ -57,7 +65,7 @@ def _said(rate_hz: float, fault: str = "") -> Health:
 
 @pytest.mark.parametrize(("load", "is_blamed"), [(0.5, False), (12.0, True)])
 def test_a_starved_node_is_called_that(load: float, is_blamed: bool) -> None:
-    bench = Bench(load=load)
+    bench = Bench(clock=WallClock(load=lambda: Starvation(1.0, load, 2)))
     bench.monitor.change("sim", True)
     bench.monitor.hear(Sample("node/sim/health", "", encode(_said(100.0))))
     bench.hear("arm/state")
@@ -69,6 +77,84 @@ def test_a_starved_node_is_called_that(load: float, is_blamed: bool) -> None:
     text = bench.lost.get().text
     busy = "This machine is too busy: load 12.0 on 2 cores; arm.state had left out 3 rounds."
     assert (busy in text) is is_blamed and "'sim' hangs" in text
+
+
+class Machine:
+    """A wall clock that stands until the test moves it, and how busy the machine is."""
+
+    def __init__(self, slowdown: float) -> None:
+        self.wall_s, self.slowdown = 0.0, slowdown
+        self.clock = StarvedClock(lambda: self.wall_s, lambda: Starvation(self.slowdown, 14.0, 2))
+
+    def passes(self) -> None:
+        """A twentieth of a second."""
+        self.wall_s += 0.05
+        self.clock.tick()
+
+    def until_lost(self, bench: Bench, patience_s: float = 1000.0) -> float:
+        """How long it takes until a node is lost, by the wall clock, looked at 20 times a second."""
+        began_s = self.wall_s
+        while bench.lost.empty():
+            self.passes()
+            assert self.wall_s - began_s < patience_s
+            bench.monitor.look()
+        return self.wall_s - began_s
+
+
+@pytest.mark.parametrize("slowdown", [1.0, 30.0])
+def test_in_a_simulation_a_node_that_hangs_is_lost_in_proportion_to_how_busy_the_machine_is(slowdown: float) -> None:
+    machine = Machine(slowdown)
+    bench = Bench(stale_s=5.0, clock=machine.clock)
+    bench.monitor.change("sim", True)
+    bench.monitor.hear(Sample("node/sim/health", "", encode(_said(100.0))))
+    bench.hear("arm/state")
+    assert machine.until_lost(bench) == pytest.approx(3.0 * slowdown, abs=0.5 * slowdown), "bus.frozen_s is 3 s"
+    text = bench.lost.get().text
+    assert "'sim' hangs" in text and ("a second of work takes 30 s" in text) is (slowdown == 30.0)
+
+
+def test_a_node_that_a_signal_has_halted_is_lost_within_a_second_however_patient_the_cell(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    machine = Machine(30.0)
+    bench = Bench(stale_s=5.0, clock=machine.clock)
+    monkeypatch.setattr("cell.nodes.health.time.monotonic", lambda: machine.wall_s)
+    bench.monitor.change("sim", True)
+    bench.monitor.hear(Sample("node/sim/health", "", encode(_said(100.0))))
+    bench.halted.add(1)
+    assert machine.until_lost(bench) == pytest.approx(1.0, abs=0.2)
+    assert "its process 1 has been halted by a signal" in bench.lost.get().text
+    for _ in range(40):
+        machine.passes()
+        bench.monitor.look()
+    assert bench.lost.empty(), "it is told once"
+
+
+def test_a_process_that_goes_on_soon_was_not_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+    machine = Machine(30.0)
+    bench = Bench(stale_s=5.0, clock=machine.clock)
+    monkeypatch.setattr("cell.nodes.health.time.monotonic", lambda: machine.wall_s)
+    bench.monitor.change("sim", True)
+    bench.monitor.hear(Sample("node/sim/health", "", encode(_said(100.0))))
+    for _ in range(5):
+        bench.halted ^= {1}
+        for _ in range(15):
+            machine.passes()
+            bench.monitor.look()
+    assert bench.lost.empty()
+
+
+def test_a_halted_process_is_seen_as_such_by_its_state() -> None:
+    with subprocess.Popen(["sleep", "60"]) as process:
+        try:
+            assert not is_halted(process.pid)
+            process.send_signal(signal.SIGSTOP)
+            _until(lambda: is_halted(process.pid), 5)
+            process.send_signal(signal.SIGCONT)
+            _until(lambda: not is_halted(process.pid), 5)
+        finally:
+            process.kill()
+    assert not is_halted(process.pid)
 
 
 def test_a_node_is_healthy_while_its_token_is_there_and_its_streams_flow() -> None:

@@ -11,13 +11,17 @@ from collections.abc import Iterator
 import pytest
 
 from bus import topics
+from bus.clock import WallClock
 from bus.commands import CommandReply, CommandRequest
 from bus.errors import Refused
 from bus.sample import Sample
 from bus.session import Bus
+from bus.starvation import Starvation
 from cell import client
 from cell.machine.leases import Leases
 from config.schema import Station
+
+IDLE = Starvation(1.0, 1.0, 2)
 
 
 @pytest.fixture
@@ -86,7 +90,7 @@ class _Clock:
 
 
 def _beating(clock: _Clock, lost: list[tuple[str, str]]) -> Leases:
-    leases = Leases(lambda *said: lost.append(said), silence_s=0.5, look_s=0.05, clock_s=clock)
+    leases = Leases(lambda *said: lost.append(said), silence_s=0.5, look_s=0.05, clock=WallClock(clock, lambda: IDLE))
     leases.change("app", True)
     assert leases.take("pick", "app") == "app"
     return leases

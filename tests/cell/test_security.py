@@ -53,10 +53,11 @@ def site(request: pytest.FixtureRequest, keys: Path, new_endpoint: Callable[[], 
         if request.param == "router":
             config = session_config("router", listen=[door], connect=None, file=keys / "router.json5")
             stack.enter_context(zenoh.open(config))
-            ways = {"router": door}
+            beyond, router = None, door
         else:
-            ways = {"beyond": door}
-        cell = stack.enter_context(Bus.listen("test", new_endpoint(), security=keys / "cell.json5", **ways))
+            beyond, router = door, None
+        security = keys / "cell.json5"
+        cell = stack.enter_context(Bus.listen("test", new_endpoint(), beyond=beyond, router=router, security=security))
         site = Site(
             lambda role: stack.enter_context(Bus.join("test", door, security=keys / f"{role}.json5")),
             cell,
