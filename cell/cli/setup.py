@@ -9,7 +9,7 @@ import typer
 from cell.cli import live as watching
 from cell.cli.options import Config, Json, Set
 from cell.doctor import examine
-from cell.nodes import supervisor
+from cell.nodes import child
 from cell.terminal.printing import out
 from config.load import DEFAULT_STATION, load_station
 
@@ -40,4 +40,4 @@ def node(
     overrides: Set = None,
 ) -> None:
     """Serve one driver node on the bus (for nodes with run = "elsewhere"; the daemon runs the others)."""
-    supervisor.serve_until_interrupted(name, load_station(config, overrides or []))
+    child.serve_until_interrupted(name, load_station(config, overrides or []))

@@ -1,61 +1,36 @@
 """Supervises driver nodes as child processes: vendor SDKs crash and hold the GIL, so each node is isolated.
 
-The child gets its station as one JSON line on stdin, and in another line the secret that it shares with the cell. It
-answers with one line on stdout when it serves (or why it cannot), and ends when its stdin closes, so it never outlives
-the daemon.
+The child's half is `cell.nodes.child`. It gets its station as one JSON line on stdin, and in another line the secret
+that it shares with the cell. It answers with one line on stdout, `cell.nodes.ready.Ready`, and ends when its stdin
+closes, so it never outlives the daemon.
 """
 
 from __future__ import annotations
 
-import io
-import json
 import logging
-import os
 import selectors
 import subprocess
 import sys
 import threading
 from collections.abc import Callable
-from contextlib import ExitStack, suppress
+from contextlib import suppress
 from functools import partial
 from typing import IO
 
-from pydantic import Field
-
-from bus import topics
 from bus.clock import DeadlineClock
-from bus.codec import decode, encode
-from bus.commands import ErrorReply
+from bus.codec import decode
 from bus.errors import BadPayload, CellError, DriverUnavailable
-from bus.frozen import Message
-from bus.remote_errors import error_from_reply, error_reply
+from bus.remote_errors import error_from_reply
 from bus.seal import Seal
-from bus.threads import OwnedThread, Role, handled_by
-from cell.machine.leases import CELL_CLIENT
-from cell.nodes.process import freeze_gc, limit_malloc_arenas
-from cell.terminal.printing import log_plainly
-from cell.terminal.signals import on_end
+from bus.threads import OwnedThread, Role
+from cell.nodes.ready import Ready
 from config.clock import clock_of
-from config.load import station_from
 from config.schema import Station
-from drivers.node.link import join_cell
-from drivers.node.node import Node
-from drivers.node.registry import open_devices
 
 _log = logging.getLogger(__name__)
 START_TIMEOUT_S = 60.0
 _STOP_TIMEOUT_S = 5.0
-_DEFECT_EXIT_CODE = 70
-"""EX_SOFTWARE of sysexits.h."""
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.5, 30.0
-
-
-class Ready(Message):
-    """The child's first line: ready, or the error that prevents it."""
-
-    node: str
-    pid: int = Field(ge=0)
-    error: ErrorReply | None = None
 
 
 class Supervisor:
@@ -167,7 +142,7 @@ class Supervisor:
 
 def _child(name: str, station: Station, seal: Seal | None = None) -> subprocess.Popen[str]:
     child = subprocess.Popen(
-        [sys.executable, "-P", "-m", "cell.nodes.supervisor", name],  # -P: the working folder must not hide our modules
+        [sys.executable, "-P", "-m", "cell.nodes", name],  # -P: the working folder must not hide our modules
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         encoding="utf-8",  # independent of the terminal's
@@ -220,79 +195,3 @@ def _has_ended(child: subprocess.Popen[str], timeout_s: float) -> bool:
     with suppress(subprocess.TimeoutExpired):
         child.wait(timeout_s)
     return child.returncode is not None
-
-
-def _own_stdout() -> IO[str]:
-    """This process's stdout, reserved for our lines: output of vendor libraries goes to stderr from now on."""
-    ours = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")
-    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
-    return ours
-
-
-def _serve_supervised(name: str, stdin: IO[str], stdout: IO[str]) -> int:
-    """The child's side: read the station, serve node ``name``, end when stdin closes. Returns the exit code."""
-    limit_malloc_arenas()
-    station, secret = station_from(json.loads(stdin.readline())), bytes.fromhex(stdin.readline())
-    try:
-        with join_cell(station) as bus:
-            bus.seal = Seal(secret) if secret else None
-            node = Node(name, bus, open_devices(station.nodes[name].driver, station), station)
-            with handled_by(partial(_end_by_defect, node)):
-                node.open()
-                _say(stdout, Ready(node=name, pid=os.getpid()))
-                with freeze_gc():
-                    stdin.read()
-                node.close()
-    except CellError as error:
-        _say(stdout, Ready(node=name, pid=os.getpid(), error=error_reply(error)))
-        return error.exit_code
-    return 0
-
-
-def _end_by_defect(node: Node, name: str, defect: BaseException) -> None:
-    """End this process after a defect. The arm stops first, and the cell receives the reason."""
-    try:
-        node.end_by_defect(name, defect)
-    finally:
-        logging.shutdown()
-        os._exit(_DEFECT_EXIT_CODE)
-
-
-def serve_until_interrupted(name: str, station: Station) -> None:
-    """Serve a node in a terminal of its own (``run = "elsewhere"``) until Ctrl-C, SIGTERM or SIGHUP.
-
-    When the cell or the link to it is lost, the arm stops, because no stop of the cell could reach it.
-    """
-    limit_malloc_arenas()
-    ended = threading.Event()
-    on_end(ended.set)
-    with ExitStack() as stack:
-        bus = stack.enter_context(join_cell(station, station.bus.zenoh))
-        node = Node(name, bus, open_devices(station.nodes[name].driver, station), station)
-        stack.enter_context(handled_by(partial(_end_by_defect, node)))
-        node.open()
-
-        def change(client_id: str, is_alive: bool) -> None:
-            if client_id == CELL_CLIENT and not is_alive:
-                _log.warning("the cell, or the link to it, is gone")
-                bus.worker("arm-stop").submit(node.halt)
-
-        bus.watch_alive(topics.LEASE, change)
-        try:
-            with freeze_gc():
-                ended.wait()
-        finally:
-            node.close()
-
-
-def _say(stdout: IO[str], ready: Ready) -> None:
-    stdout.write(encode(ready).decode() + "\n")
-    stdout.flush()
-
-
-if __name__ == "__main__":  # the child, without the imports of the command line
-    log_plainly()
-    stdin = io.TextIOWrapper(sys.stdin.buffer, encoding="utf-8")
-    code = _serve_supervised(sys.argv[1], stdin, _own_stdout())
-    logging.shutdown()
-    os._exit(code)  # immediately: a thread inside MuJoCo or an SDK would abort the interpreter

@@ -18,8 +18,10 @@ from typing import Any, cast
 import pytest
 
 from bus.cancel import Cancel
+from bus.clock import StarvedClock
 from bus.commands import CommandRequest
 from bus.session import Bus
+from bus.starvation import Starvation
 from bus.threads import OwnedThread, Role, handled_by
 from cell.daemon.daemon import Daemon
 from cell.daemon.retention import Retention
@@ -160,6 +162,12 @@ def _retention(bench: Bench) -> None:
     bench.ending.callback(Retention(settings, broken, clock_ns=broken).start().close)
 
 
+def _clock(bench: Bench) -> None:
+    measurements = iter([Starvation(1.0, 1.0, 2)])
+    clock = StarvedClock(measure=lambda: next(measurements, None) or broken())
+    OwnedThread(Role.CLOCK, clock.run).start()
+
+
 STARTS: dict[Role, Callable[[Bench], Any]] = {
     Role.MACHINE: lambda bench: bench.daemon.machine.decide(broken),
     Role.ACTION: _action,
@@ -177,6 +185,7 @@ STARTS: dict[Role, Callable[[Bench], Any]] = {
     Role.LIVE_VIEW: _live_view,
     Role.ROBOT_TF: _robot_tf,
     Role.RETENTION: _retention,
+    Role.CLOCK: _clock,
     Role.PROBE: lambda bench: answer_within(0.01, broken),
 }
 
