@@ -12,6 +12,9 @@ from config.endpoints import require_endpoint
 class BusSettings(Settings):
     """Communication of the cell's processes: on loopback; beyond it, with certificates and access control.
 
+    The times below are wall time where anything is real. In a simulation on one machine they are computing time, which
+    passes as slowly as the machine is busy (`config.clock`).
+
     Attributes:
         endpoint: where programs find the cell. The cell's own is on loopback; another machine's file names the cell's
             `listen`, or the router.

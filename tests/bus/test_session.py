@@ -11,7 +11,6 @@ from contextlib import contextmanager
 import pytest
 
 from bus import topics
-from bus.clock import StarvedClock
 from bus.codec import encode
 from bus.commands import CommandReply, CommandRequest, Nothing
 from bus.errors import (
@@ -28,7 +27,7 @@ from bus.errors import (
 from bus.messages import HandState
 from bus.sample import Asked, Sample
 from bus.session import Bus
-from bus.starvation import Starvation
+from tests.stand_ins.starved import StarvedMachine
 
 HAND = HandState(stamp_ns=1, width_m=0.04, is_moving=False, is_homed=True)
 
@@ -116,35 +115,10 @@ def test_an_answer_that_does_not_come_is_a_timeout(cell: Bus, client: Bus) -> No
     release.set()
 
 
-class Machine:
-    """A wall clock that stands until the test moves it, of a machine on which a second of work takes ten."""
-
-    def __init__(self) -> None:
-        self.wall_s = 0.0
-        self.looks = threading.Semaphore(0)
-        self.clock = StarvedClock(self._look, lambda: Starvation(10.0, 14.0, 2))
-
-    def _look(self) -> float:
-        self.looks.release()
-        return self.wall_s
-
-    def passes(self, wall_s: float) -> None:
-        for _ in range(round(wall_s / 0.2)):
-            self.wall_s += 0.2
-            self.clock.tick()
-
-    def await_looks(self, count: int) -> None:
-        """Until somebody who waits has looked at the clock so many times more."""
-        while self.looks.acquire(blocking=False):
-            pass
-        for _ in range(count):
-            assert self.looks.acquire(timeout=10)
-
-
 @contextmanager
-def asked(cell: Bus, node: Bus) -> Iterator[tuple[Machine, Future[list[Sample]], threading.Event]]:
+def asked(cell: Bus, node: Bus) -> Iterator[tuple[StarvedMachine, Future[list[Sample]], threading.Event]]:
     """A question with a timeout of 1 s under way, and what lets its answer come."""
-    machine, release = Machine(), threading.Event()
+    machine, release = StarvedMachine(), threading.Event()
     cell.clock = machine.clock
 
     def home(_payload: bytes, _asked: Asked) -> HandState:

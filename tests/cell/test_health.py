@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from bus.clock import WALL_CLOCK, DeadlineClock, StarvedClock, WallClock
+from bus.clock import WALL_CLOCK, DeadlineClock, WallClock
 from bus.codec import encode
 from bus.codes import Code
 from bus.commands import CellHealth, Health, LoopHealth
@@ -25,6 +25,7 @@ from cell import client
 from cell.nodes.health import NodeMonitor, is_halted
 from config.load import load_station
 from config.schema import Station
+from tests.stand_ins.starved import StarvedMachine
 
 
 class Bench:
@@ -79,36 +80,24 @@ def test_a_starved_node_is_called_that(load: float, is_blamed: bool) -> None:
     assert (busy in text) is is_blamed and "'sim' hangs" in text
 
 
-class Machine:
-    """A wall clock that stands until the test moves it, and how busy the machine is."""
-
-    def __init__(self, slowdown: float) -> None:
-        self.wall_s, self.slowdown = 0.0, slowdown
-        self.clock = StarvedClock(lambda: self.wall_s, lambda: Starvation(self.slowdown, 14.0, 2))
-
-    def passes(self) -> None:
-        """A twentieth of a second."""
-        self.wall_s += 0.05
-        self.clock.tick()
-
-    def until_lost(self, bench: Bench, patience_s: float = 1000.0) -> float:
-        """How long it takes until a node is lost, by the wall clock, looked at 20 times a second."""
-        began_s = self.wall_s
-        while bench.lost.empty():
-            self.passes()
-            assert self.wall_s - began_s < patience_s
-            bench.monitor.look()
-        return self.wall_s - began_s
+def _until_lost(bench: Bench, machine: StarvedMachine) -> float:
+    """How long it takes until a node is lost, by the wall clock, looked at 20 times a second."""
+    began_s = machine.wall_s
+    while bench.lost.empty():
+        machine.passes(0.05)
+        assert machine.wall_s - began_s < 1000.0
+        bench.monitor.look()
+    return machine.wall_s - began_s
 
 
 @pytest.mark.parametrize("slowdown", [1.0, 30.0])
 def test_in_a_simulation_a_node_that_hangs_is_lost_in_proportion_to_how_busy_the_machine_is(slowdown: float) -> None:
-    machine = Machine(slowdown)
+    machine = StarvedMachine(slowdown)
     bench = Bench(stale_s=5.0, clock=machine.clock)
     bench.monitor.change("sim", True)
     bench.monitor.hear(Sample("node/sim/health", "", encode(_said(100.0))))
     bench.hear("arm/state")
-    assert machine.until_lost(bench) == pytest.approx(3.0 * slowdown, abs=0.5 * slowdown), "bus.frozen_s is 3 s"
+    assert _until_lost(bench, machine) == pytest.approx(3.0 * slowdown, abs=0.5 * slowdown), "bus.frozen_s is 3 s"
     text = bench.lost.get().text
     assert "'sim' hangs" in text and ("a second of work takes 30 s" in text) is (slowdown == 30.0)
 
@@ -116,22 +105,22 @@ def test_in_a_simulation_a_node_that_hangs_is_lost_in_proportion_to_how_busy_the
 def test_a_node_that_a_signal_has_halted_is_lost_within_a_second_however_patient_the_cell(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    machine = Machine(30.0)
+    machine = StarvedMachine(30.0)
     bench = Bench(stale_s=5.0, clock=machine.clock)
     monkeypatch.setattr("cell.nodes.health.time.monotonic", lambda: machine.wall_s)
     bench.monitor.change("sim", True)
     bench.monitor.hear(Sample("node/sim/health", "", encode(_said(100.0))))
     bench.halted.add(1)
-    assert machine.until_lost(bench) == pytest.approx(1.0, abs=0.2)
+    assert _until_lost(bench, machine) == pytest.approx(1.0, abs=0.2)
     assert "its process 1 has been halted by a signal" in bench.lost.get().text
     for _ in range(40):
-        machine.passes()
+        machine.passes(0.05)
         bench.monitor.look()
     assert bench.lost.empty(), "it is told once"
 
 
 def test_a_process_that_goes_on_soon_was_not_lost(monkeypatch: pytest.MonkeyPatch) -> None:
-    machine = Machine(30.0)
+    machine = StarvedMachine(30.0)
     bench = Bench(stale_s=5.0, clock=machine.clock)
     monkeypatch.setattr("cell.nodes.health.time.monotonic", lambda: machine.wall_s)
     bench.monitor.change("sim", True)
@@ -139,7 +128,7 @@ def test_a_process_that_goes_on_soon_was_not_lost(monkeypatch: pytest.MonkeyPatc
     for _ in range(5):
         bench.halted ^= {1}
         for _ in range(15):
-            machine.passes()
+            machine.passes(0.05)
             bench.monitor.look()
     assert bench.lost.empty()
 

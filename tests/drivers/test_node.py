@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from bus import topics
+from bus.clock import WALL_CLOCK, DeadlineClock
 from bus.codec import decode
 from bus.commands import Event, Health, Heartbeat, Nothing
 from bus.errors import DriverUnavailable
@@ -27,6 +28,7 @@ from drivers.interface import Arm, Devices
 from drivers.motion.unmoved import unmoved
 from drivers.node.node import Node
 from drivers.remote import RemoteArm
+from tests.stand_ins.starved import StarvedMachine
 
 STILL = Trajectory(raw_q_rad=np.repeat(np.array([[0.0, -0.5, 0.0, -2.0, 0.0, 1.5, 0.8]]), 2, axis=0), window=1)
 REST = ArmState(stamp_ns=1, mode=ArmMode.IDLE, q_rad=STILL.start_q_rad, dq_rad_s=np.zeros(7), tau_ext_nm=np.zeros(7))
@@ -69,9 +71,11 @@ def cell(station: Station, endpoint: str) -> Iterator[Bus]:
 
 
 @contextmanager
-def node_of(station: Station, arm: PatientArm | None = None, name: str = "sim") -> Iterator[Node]:
+def node_of(
+    station: Station, arm: PatientArm | None = None, name: str = "sim", clock: DeadlineClock = WALL_CLOCK
+) -> Iterator[Node]:
     devices = Devices(arm=cast(Arm, arm)) if arm is not None else Devices()
-    with Bus.join(station.cell_id, station.bus.endpoint) as bus:
+    with Bus.join(station.cell_id, station.bus.endpoint, clock=clock) as bus:
         node = Node(name, bus, devices, station)
         node.open()
         try:
@@ -132,10 +136,10 @@ def test_who_a_node_is_can_be_asked(cell: Bus, station: Station) -> None:
 
 
 @contextmanager
-def moving(cell: Bus, station: Station) -> Iterator[PatientArm]:
+def moving(cell: Bus, station: Station, clock: DeadlineClock = WALL_CLOCK) -> Iterator[PatientArm]:
     """A motion under way that the cell has asked for."""
     arm = PatientArm()
-    with node_of(station, arm):
+    with node_of(station, arm, clock=clock):
         remote = RemoteArm(cell, 5.0)
         remote.connect()
         until(lambda: "sim" in cell.alive(topics.NODE_ALIVE))
@@ -171,6 +175,21 @@ def test_an_arm_brakes_when_the_cell_that_was_heard_falls_silent_and_says_so(cel
         until(is_told)
     event = decode(Event, events[0].payload)
     assert event.code == "CELL_SILENT" and "said nothing" in event.text
+
+
+def test_in_a_simulation_a_cell_may_be_silent_for_as_much_longer_as_the_machine_is_busy(
+    cell: Bus, station: Station
+) -> None:
+    machine = StarvedMachine(slowdown=10.0)
+    with moving(cell, station, machine.clock) as arm:
+        _beat(cell, 0.3)
+        silent_s = 0.0
+        while arm.moving.is_set():
+            silent_s += 0.5
+            machine.passes(0.5)
+            machine.await_looks(2)  # the node's, whether it is to brake
+            assert silent_s < 60.0
+    assert silent_s == pytest.approx(10.0 * station.silence_s, abs=2.0)
 
 
 def test_a_strangers_heartbeat_does_not_keep_an_arm_moving(cell: Bus, station: Station) -> None:
