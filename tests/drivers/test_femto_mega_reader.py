@@ -89,7 +89,7 @@ TORN: dict[str, Odd] = {
 @pytest.mark.parametrize("torn", TORN)
 def test_frames_that_cannot_be_used_are_counted_and_the_next_good_one_is_taken(torn: str) -> None:
     orbbec = FakeOrbbec()
-    with connected(orbbec) as camera:
+    with connected(orbbec, lost_after_s=30.0) as camera:
         orbbec.odd.extend([TORN[torn]] * 3)
         until(lambda: camera.readings()["broken_frames"] == 3)
         assert camera.capture().depth_m.shape == (6, 8)
@@ -199,7 +199,7 @@ def test_an_end_that_nobody_foresaw_is_told_and_the_camera_lost_until_it_is_conn
 @pytest.mark.parametrize("step_s", [-3600.0, -0.3, 0.3, 3600.0])
 def test_a_step_of_the_wall_clock_loses_no_frame_and_shows_only_in_the_stamps(step_s: float) -> None:
     orbbec = FakeOrbbec()
-    with connected(orbbec) as camera:
+    with connected(orbbec, lost_after_s=30.0) as camera:
         orbbec.utc_step_ns = round(step_s * 1e9)
         for _ in range(3):
             asked_ns, number = orbbec.utc_ns(), orbbec.number
