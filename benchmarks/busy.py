@@ -20,17 +20,24 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from benchmarks.openness import trouble
+
 _LOOP = "while 1: pass"
 _PATIENCE_S = 3600.0
 """A start that takes longer hangs."""
 
 
 class Started(NamedTuple):
-    """One start: how many of its picks succeeded, how long it took, and why it failed; "" when it did not."""
+    """One start: how many of its picks succeeded, how long it took, and why it failed; "" when it did not.
+
+    Attributes:
+        unreadable: what is wrong with its recordings.
+    """
 
     picked: int
     wall_s: float
     failure: str
+    unreadable: tuple[str, ...] = ()
 
 
 def run(
@@ -54,6 +61,7 @@ def run(
         "wall_s": [round(wall_s, 1) for wall_s in walls_s],
         "wall_s_median": round(float(np.median(walls_s)), 1),
         "failures": [one.failure for one in done if one.failure],
+        "unreadable": [why for one in done for why in one.unreadable],
     }
 
 
@@ -82,7 +90,9 @@ def _start(cycles: int, folder: Path, bare: bool, overrides: list[str]) -> Start
         return Started(0, _PATIENCE_S, f"not over after {_PATIENCE_S:.0f} s")
     said = [json.loads(line) for line in ended.stdout.splitlines()]
     picked = [one for one in said if one.get("result") == "SUCCESS"]
-    return Started(len(picked), time.monotonic() - began_s, _failure(ended, said))
+    wall_s = time.monotonic() - began_s
+    troubles = [trouble(Path(one["recording"])) for one in said if "recording" in one]
+    return Started(len(picked), wall_s, _failure(ended, said), tuple(why for why in troubles if why))
 
 
 def _failure(ended: subprocess.CompletedProcess[str], said: list[dict[str, Any]]) -> str:
