@@ -7,16 +7,14 @@ from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
-from urllib.parse import unquote
 
 import numpy as np
 import numpy.typing as npt
 
 from bus.errors import ConfigError
 from bus.messages import ModelReply
-from bus.redaction import keep_secret, quoted, redacted
-from bus.secrets import checked_secret, read_secret
-from config.schema import HostedSettings, Station
+from bus.redaction import quoted
+from config.schema import Station
 from perception.models.api_key import key_of
 from perception.models.base import GoalImageModel
 from perception.models.budget import LEDGER, Budget
