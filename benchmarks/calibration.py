@@ -6,7 +6,7 @@ from collections.abc import Callable
 from statistics import median
 from typing import Any
 
-from cell.hand_eye import Surveyor, moved
+from cell.hand_eye_survey import Surveyor, moved
 from config.load import load_station
 from drivers.node.registry import open_devices
 from drivers.sim.optics import hand_from_cameras

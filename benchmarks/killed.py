@@ -20,7 +20,7 @@ from bus.errors import BusError, RecordingError, Refused
 from bus.sample import Sample
 from bus.session import Bus
 from cell import client
-from cell.replay.stages import STAGES
+from cell.replay.compared_stages import STAGES
 from config.load import load_station
 from logs.mcap.reader import read_cycle
 

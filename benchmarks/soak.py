@@ -25,7 +25,7 @@ from benchmarks.growth import Grown, Growth
 from benchmarks.trials import Outcome, Trial, explains, is_logged, rows_of, trials
 from bus.commands import CommandRequest, Health, NodeHealth
 from bus.errors import BusError, RecordingError, Refused
-from bus.injection import PARTS, Fault
+from bus.fault_injection import PARTS, Fault
 from bus.messages import CycleResult
 from cell import client
 from cell.machine.owner import refuse

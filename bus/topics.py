@@ -28,9 +28,9 @@ from bus.commands import (
     ResultRequest,
     Stranger,
 )
+from bus.fault_injection import FaultRequest
 from bus.foxglove import FoxgloveType
 from bus.frozen import Message
-from bus.injection import FaultRequest
 from bus.messages import (
     ArmState,
     Attempt,

@@ -28,9 +28,9 @@ from perception.models import Models, open_models
 from planning.robot import Robot
 
 if TYPE_CHECKING:
-    from cell import injection
+    from cell import fault_injection
 else:
-    injection = LazyModule("cell.injection")  # only where faults are allowed
+    fault_injection = LazyModule("cell.fault_injection")  # only where faults are allowed
 
 
 @contextmanager
@@ -43,7 +43,7 @@ def running_cell(station: Station, observer: Observer) -> Iterator[Daemon]:
     for node in station.nodes.values():
         registry.require(node.driver)
     robot = Robot(station)
-    faults = injection.Injection(station) if station.faults.allowed else None
+    faults = fault_injection.FaultInjection(station) if station.faults.allowed else None
     with (
         closing(_models(station, faults)) as models,
         _listen(station) as bus,
@@ -96,7 +96,7 @@ def running_cell(station: Station, observer: Observer) -> Iterator[Daemon]:
             supervisor.close()
 
 
-def _models(station: Station, faults: injection.Injection | None) -> Models:
+def _models(station: Station, faults: fault_injection.FaultInjection | None) -> Models:
     """Open the models, with fault injection where the station allows it. Raises: as `open_models`."""
     models = open_models(station, os.environ)
     return models if faults is None else faults.around(models)

@@ -17,7 +17,7 @@ from bus import topics
 from bus.codec import decode
 from bus.commands import CellHealth, CellState, CommandReply, CommandRequest, Heartbeat, Nothing, ResultRequest
 from bus.errors import BadPayload, BusError, CellUnreachable, NoReply, Refused, ReplyTimeout
-from bus.injection import Fault, FaultRequest, Part
+from bus.fault_injection import Fault, FaultRequest, Part
 from bus.messages import CycleResult
 from bus.sample import Sample
 from bus.session import Bus

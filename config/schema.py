@@ -35,8 +35,8 @@ from config.base import (
 )
 from config.bus import BusSettings
 from config.calibration import CalibrationSettings
+from config.fault_injection import FaultSettings
 from config.hardware import FemtoMegaSettings, Fr3Settings, PandaHandSettings
-from config.injection import FaultSettings
 
 # Imported when a value is checked with them, so that a program that only sends "stop" does not wait for them.
 numpy: Any = LazyModule("numpy")

@@ -30,10 +30,10 @@ from perception.goal.parts import GoalParts, take_apart
 from perception.goal.target import choose
 from perception.grasps.rank import grasps_of_rod, rank
 from perception.models import Models
+from perception.observed_object import GoalImage, ObservedObject
 from perception.rectangles.metric import matches
 from perception.scene.heightmap import MARGIN_M
 from perception.scene.segment import Scene, segment
-from perception.subject import GoalImage, ObservedObject
 
 Array = npt.NDArray[np.float64]
 

@@ -19,7 +19,7 @@ from perception.geometry.lift import project
 from perception.goal.imagine import ROD_COLORS
 from perception.grasps import antipodal
 from perception.models.painter import paint as paint_rod
-from perception.subject import ObservedObject, RodColor
+from perception.observed_object import ObservedObject, RodColor
 from stand_ins.model_server import Picture
 
 _STATION = load_station()

@@ -17,8 +17,8 @@ from perception.geometry.depth import Rgbd
 from perception.geometry.rod import rectangle
 from perception.goal.imagine import observed_object_of
 from perception.grasps import antipodal
+from perception.observed_object import ObservedObject
 from perception.scene.segment import Mask, Scene, image_points
-from perception.subject import ObservedObject
 
 _FOCAL_PX = 1000.0
 _HEIGHT_M = 0.04

@@ -17,7 +17,7 @@ from bus.errors import CellError, ConfigError
 from bus.session import Bus
 from bus.transforms import to_wxyz
 from cell.cli.options import Config, Json, Set
-from cell.hand_eye import Surveyor, moved
+from cell.hand_eye_survey import Surveyor, moved
 from cell.nodes.supervisor import Supervisor
 from cell.terminal.printing import out
 from cell.terminal.signals import ending

@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from bus.commands import CellState
-from bus.injection import PARTS, Fault
+from bus.fault_injection import PARTS, Fault
 from cell import client
 from cell.cli.options import Config, Json, Set, finite
 from cell.cli.pick import attended, connected

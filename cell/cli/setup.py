@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from cell.cli import live as watching
+from cell.cli import watch as watching
 from cell.cli.options import Config, Json, Set
 from cell.doctor import examine
 from cell.nodes import child

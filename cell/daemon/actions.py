@@ -37,7 +37,7 @@ class Actions:
     """The actions of one cell, each run in a thread of its own by the `Machine`; at most one cycle is open.
 
     Args:
-        gate: every motion passes it (`cell.machine.holding`).
+        gate: every motion passes it (`cell.machine.hold_state`).
         presenter: puts objects on the simulated table; None on hardware.
         nodes_alive: returns the names of the nodes that are up.
         publish, on_stage: publish a message; called when a stage begins.

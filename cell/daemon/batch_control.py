@@ -1,6 +1,6 @@
 """Controls the sequence of picks: a command begins a batch, its results end it; in between the cell commands itself.
 
-All of it runs on the machine's owner thread, in order of arrival. `cell.machine.holding` decides whether the cell is
+All of it runs on the machine's owner thread, in order of arrival. `cell.machine.hold_state` decides whether the cell is
 held.
 """
 

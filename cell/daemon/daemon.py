@@ -21,7 +21,7 @@ from bus.session import Bus
 from cell.daemon.actions import Actions
 from cell.daemon.batch_control import BatchControl
 from cell.daemon.publisher import Observer, Publisher
-from cell.machine.holding import Holding
+from cell.machine.hold_state import HoldState
 from cell.machine.leases import CELL_CLIENT, Leases
 from cell.machine.owner import TURN_S, Action, Machine, refuse
 from cell.machine.states import State, available
@@ -78,10 +78,10 @@ class Daemon:
             raise DriverError("The cell needs a camera, an arm and a hand.", "Check `serves` in the station file.")
         self._bus = bus
         self.publisher = Publisher(bus, Views(robot.base_from_tcp), observer, lambda: self._actions.cycle_id)
-        holding = Holding()
+        hold_state = HoldState()
         self._actions = Actions(
             Equipment(camera, arm, hand, robot, station, models),
-            holding.gate,
+            hold_state.gate,
             devices.presenter,
             lambda: bus.alive(topics.NODE_ALIVE),
             self.publisher.publish,
@@ -108,7 +108,7 @@ class Daemon:
         self._published_s = -TURN_S
         self.machine = Machine(
             self._actions_by_state(),
-            holding,
+            hold_state,
             self._batches.enter,
             self._batches.accept,
             on_turn=self._publish_heartbeat,

@@ -24,8 +24,8 @@ class Row:
     """One kind of fault in one part.
 
     Attributes:
-        part: of `bus.injection.PARTS`, or ``node``: a node's process.
-        word: of `bus.injection.Fault`, or the signal's.
+        part: of `bus.fault_injection.PARTS`, or ``node``: a node's process.
+        word: of `bus.fault_injection.Fault`, or the signal's.
         sets_in: the moment of the cycle for which ``result`` and ``code`` hold; ``begin`` is before its first stage.
         result, code: of that cycle.
         does: what the cell detects and does. ``then``: what is needed to recover besides clear and reset.

@@ -2,7 +2,7 @@
 
 An acting state runs an `Action` in a thread of its own; an action never decides the next state. Every run of an action
 has a number: the end of a run that a stop left behind is not taken for the end of another, and nothing begins while
-one still runs. `Holding` knows whether the cell is held, and why; only this thread changes it.
+one still runs. `HoldState` knows whether the cell is held, and why; only this thread changes it.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from bus.codes import Code
 from bus.commands import CommandReply, CommandRequest
 from bus.errors import CellError, CycleFailure, Refused
 from bus.threads import OwnedThread, Role, report_defect
-from cell.machine.holding import Holding
+from cell.machine.hold_state import HoldState
 from cell.machine.leases import CELL_CLIENT
 from cell.machine.states import (
     BEGINNING,
@@ -102,12 +102,12 @@ class Machine:
     def __init__(
         self,
         actions: Mapping[State, Action],
-        holding: Holding,
+        hold_state: HoldState,
         on_state: Callable[[State, str], None],
         on_accept: Callable[[str, CommandRequest], str],
         on_turn: Callable[[], None] = lambda: None,
     ) -> None:
-        self._actions, self.holding = actions, holding
+        self._actions, self.hold_state = actions, hold_state
         self._on_state, self._on_accept, self._on_turn = on_state, on_accept, on_turn
         self._inbox: queue.SimpleQueue[_Item | None] = queue.SimpleQueue()
         self._answered: dict[tuple[str, str, str], CommandReply] = {}
@@ -153,16 +153,16 @@ class Machine:
         A Stopped machine stays Stopped.
         """
         self._inbox.put(_Fault(failure))  # queued before the action that the gate interrupts can end
-        self.holding.gate.halt(failure)
+        self.hold_state.gate.halt(failure)
 
     def defect(self, failure: CycleFailure) -> None:
         """Report a defect of the cell itself: as `fault`, but from every state."""
         self._inbox.put(_Fault(failure, is_defect=True))
-        self.holding.gate.halt(failure)
+        self.hold_state.gate.halt(failure)
 
     def hold(self, reason: str) -> None:
         """Hold before the next motion begins. Called by the owner thread, in a state that can be held."""
-        self.holding.close(reason)
+        self.hold_state.close(reason)
         self.post("hold", _OWN, reason)
 
     def hold_soon(self, reason: str) -> None:
@@ -172,7 +172,7 @@ class Machine:
         elif self.state is State.RESETTING:
             self.post("stop", _OWN, reason)
         elif self.state in _NOT_YET:
-            self.holding.reason = reason
+            self.hold_state.reason = reason
 
     @property
     def is_owned(self) -> bool:
@@ -257,7 +257,7 @@ class Machine:
             cycle_id = self._on_accept(command.verb, request)
         except CellError as refusal:
             return self._refusal(refusal)
-        self.holding.accept(command.verb, command.reason, is_own=request.client_id == CELL_CLIENT)
+        self.hold_state.accept(command.verb, command.reason, is_own=request.client_id == CELL_CLIENT)
         if target in PAUSING:
             self._held, self._ended_held = self._run, None
         self._enter(target, command.reason)
@@ -323,12 +323,12 @@ class Machine:
             report_defect(str(Role.MACHINE), defect)
             if state not in (State.ABORTING, State.ABORTED):
                 self.fault(CycleFailure(Code.INTERNAL, f"{type(defect).__name__}: {defect}."))
-        if self.holding.is_due(state):
-            self.post("hold", _OWN, self.holding.reason)
+        if self.hold_state.is_due(state):
+            self.post("hold", _OWN, self.hold_state.reason)
 
     def _enter(self, state: State, reason: str) -> None:
         if state in _STOPPING:
-            self.holding.reason = ""
+            self.hold_state.reason = ""
         run = self._run = _Run(next(self._numbers), state)
         if state in self._actions:
             self._open.add(run)

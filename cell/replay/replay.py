@@ -15,7 +15,7 @@ from bus.codes import Code
 from bus.errors import ConfigError, CycleFailure, RecordingError
 from bus.frozen import Message
 from bus.messages import Detections, Failure, PickPlan, StageName, StageRecord
-from cell.replay.stages import STAGES, Stage
+from cell.replay.compared_stages import STAGES, Stage
 from config.load import station_from
 from config.schema import Station
 from logs.compare import Difference, compare

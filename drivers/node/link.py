@@ -11,9 +11,9 @@ from config.clock import clock_of
 from config.schema import Station
 
 if TYPE_CHECKING:
-    from bus import injected
+    from bus import faulty_bus
 else:
-    injected = LazyModule("bus.injected")  # only where faults are allowed
+    faulty_bus = LazyModule("bus.faulty_bus")  # only where faults are allowed
 
 
 def join_cell(station: Station, security: Path | None = None) -> Bus:
@@ -24,5 +24,5 @@ def join_cell(station: Station, security: Path | None = None) -> Bus:
 
     Raises: ConfigError, CellUnreachable.
     """
-    kind = injected.FaultyBus if station.faults.allowed else Bus
+    kind = faulty_bus.FaultyBus if station.faults.allowed else Bus
     return kind.join(station.cell_id, station.bus.endpoint, security=security, clock=clock_of(station))

@@ -32,10 +32,10 @@ from drivers.node.guard import Guard, HandGuard
 from drivers.node.loops import Loop
 
 if TYPE_CHECKING:
-    from bus.injected import Spoilable
-    from drivers.node import injection
+    from bus.faulty_bus import Spoilable
+    from drivers.node import fault_injection
 else:
-    injection = LazyModule("drivers.node.injection")  # only where faults are allowed
+    fault_injection = LazyModule("drivers.node.fault_injection")  # only where faults are allowed
 
 ARM_STATE_PERIOD_S = 0.01
 HAND_STATE_PERIOD_S = 0.05
@@ -64,7 +64,7 @@ class Node:
     def __init__(self, name: str, bus: Bus, devices: Devices, station: Station) -> None:
         self._faults: dict[str, Spoilable] = {}
         if station.faults.allowed:
-            devices, self._faults = injection.faulty_devices(devices, station.faults)
+            devices, self._faults = fault_injection.faulty_devices(devices, station.faults)
         self._name, self._bus, self._devices, self._station = name, bus, devices, station
         self._arm = Guard(devices.arm, station) if devices.arm is not None else None
         self._started_s = time.monotonic()
@@ -100,7 +100,7 @@ class Node:
         if self._devices.presenter is not None:
             self._serve_presenter(self._devices.presenter)
         if self._station.faults.allowed:
-            injection.allow_faults(self._bus, self._faults, self._station.faults)
+            fault_injection.allow_faults(self._bus, self._faults, self._station.faults)
         self._every(_PULSE, HEALTH_PERIOD_S, self._publish_health)
         self._bus.answer(topics.NODE_NOW, lambda _payload, _asked: self._health(), worker="state", name=self._name)
         self._bus.announce(topics.NODE_ALIVE, name=self._name)

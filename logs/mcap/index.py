@@ -16,10 +16,10 @@ from bus import topics
 from bus.codec import Json, decode
 from bus.errors import BadPayload, RecordingError
 from bus.messages import Attempt, CycleResult
+from logs.mcap.finished_reader import Summary, records
 from logs.mcap.names import found_below, is_folder, reading, shown
 from logs.mcap.reader import STATION, require_ours, station_tree
 from logs.mcap.recorder import PART
-from logs.mcap.whole import Summary, records
 
 FINE = ("SUCCESS", "EMPTY")
 """Results that need no attention."""

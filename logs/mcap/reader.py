@@ -20,11 +20,11 @@ from bus.commands import CellState, Event, Health
 from bus.errors import BadPayload, RecordingError
 from bus.messages import Attempt, CycleResult, Execution, Frame, HandState, ModelReply, Observation, StageRecord, View
 from bus.wire import arm_joints, frame_from_wire
+from logs.mcap.finished_reader import records
 from logs.mcap.migrate import Content, migrate
 from logs.mcap.names import reading, shown
 from logs.mcap.recorder import PART
 from logs.mcap.records import Damage
-from logs.mcap.whole import records
 
 STAGE_TOPICS = (topics.CAPTURE, topics.DETECT, topics.PLAN, topics.EXECUTE, topics.VERIFY, topics.DELIVER)
 STATION = "station.json"

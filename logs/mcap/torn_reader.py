@@ -18,6 +18,7 @@ from mcap.opcode import Opcode
 from mcap.records import McapRecord
 from mcap.writer import MCAP0_MAGIC
 
+from logs.mcap.finished_reader import Summary
 from logs.mcap.records import (
     HEAD,
     IN_CHUNK,
@@ -30,7 +31,6 @@ from logs.mcap.records import (
     framed,
     parsed,
 )
-from logs.mcap.whole import Summary
 
 _KEPT = (*IN_CHUNK, Opcode.ATTACHMENT, Opcode.METADATA)
 _KNOWN = (*_KEPT, *INDICES, Opcode.CHUNK)

@@ -9,7 +9,7 @@ from scipy import ndimage
 from perception.align.silhouette import Similarity
 from perception.geometry.crop import Crop
 from perception.goal.parts import GoalParts
-from perception.subject import ObservedObject
+from perception.observed_object import ObservedObject
 
 _NEAR_PX = 30
 

@@ -18,8 +18,8 @@ from perception.align.base import Shape
 from perception.align.silhouette import Similarity, outline, silhouette_fits
 from perception.geometry.window import Window
 from perception.goal.parts import GoalParts, background_color
+from perception.observed_object import ObservedObject
 from perception.scene.segment import Mask
-from perception.subject import ObservedObject
 
 _CHANGED = 24
 _UNMOVED_BONUS = 0.02

@@ -21,9 +21,9 @@ from perception.geometry.depth import Rgbd
 from perception.geometry.window import Window, decode_picture
 from perception.goal.prompts import prompt
 from perception.models.base import GoalImageModel
+from perception.observed_object import Answer, GoalImage, ObservedObject, RodColor
 from perception.scene.heightmap import height_map
 from perception.scene.segment import Scene, hue_of
-from perception.subject import Answer, GoalImage, ObservedObject, RodColor
 
 ROD_COLORS = (
     RodColor("magenta", (255, 0, 200)),

@@ -11,8 +11,8 @@ import numpy.typing as npt
 from bus.codes import Code
 from bus.errors import CycleFailure
 from perception.geometry.window import Window
+from perception.observed_object import ObservedObject
 from perception.scene.segment import Mask, hue_of
-from perception.subject import ObservedObject
 
 _HUE_APART, _MIN_SATURATION, _MIN_VALUE = 8, 110, 60
 _STANDS_OUT = 24

@@ -16,8 +16,8 @@ from bus.messages import Grasp
 from bus.transforms import apply, from_rotation, inverse
 from config.schema import Station
 from perception.grasps.antipodal import WEIGHTS, Closings, close, weighted
+from perception.observed_object import ObservedObject
 from perception.scene.heightmap import HeightMap, height_map
-from perception.subject import ObservedObject
 
 _SNAP_M = np.array([0.0, -0.004, 0.004, -0.008, 0.008, -0.012, 0.012])
 _SNAP_RAD = np.deg2rad([0.0, -6.0, 6.0, -12.0, 12.0])

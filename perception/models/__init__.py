@@ -24,7 +24,7 @@ from perception.models.hosted import HostedModel
 from perception.models.recorded import RecordedModel, SpoiledModel
 from perception.models.registry import PROVIDERS, is_replayed, open_local
 from perception.models.sam import Sam
-from perception.models.way import Way
+from perception.models.server_route import ServerRoute
 from perception.scene.segment import Scene
 
 
@@ -98,7 +98,7 @@ def _imaginer(station: Station, environ: Mapping[str, str], folder: Path) -> Goa
             )
     module: Any = import_module(PROVIDERS[name].module)
     key = key_of(station, module.KEY_VARIABLE, environ)
-    line = Line(Way(settings.base_url or module.SERVER, environ).transport)
+    line = Line(ServerRoute(settings.base_url or module.SERVER, environ).transport)
     try:
         provider = getattr(module, PROVIDERS[name].name)(settings, key, line)
     except (OSError, ValueError, ImportError) as error:

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bus.cancel import Cancel
-from perception.subject import Answer, ObservedObject
+from perception.observed_object import Answer, ObservedObject
 
 
 class GoalImageModel(Protocol):

@@ -15,7 +15,7 @@ from config.schema import HostedSettings
 from perception.models.errors import ModelError
 from perception.models.exchange import Line, Reply
 from perception.models.reply import entries, member, parsed, picture, raw, refused, unreadable, usage_of, words
-from perception.subject import Answer
+from perception.observed_object import Answer
 
 KEY_VARIABLE = "GEMINI_API_KEY"
 SERVER = "https://generativelanguage.googleapis.com"

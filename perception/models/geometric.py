@@ -18,7 +18,7 @@ from config.schema import Station
 from perception.grasps import antipodal
 from perception.grasps.antipodal import Closings
 from perception.models.painter import paint
-from perception.subject import Answer, ObservedObject
+from perception.observed_object import Answer, ObservedObject
 
 _STICK_OUT_M = 0.035
 _COVER_M = 0.002

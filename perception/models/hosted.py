@@ -21,7 +21,7 @@ from perception.geometry.window import Window, encode_png
 from perception.models.budget import Budget
 from perception.models.calls import Call, GivenUp
 from perception.models.errors import ModelError
-from perception.subject import Answer, ObservedObject
+from perception.observed_object import Answer, ObservedObject
 
 _log = logging.getLogger(__name__)
 

@@ -12,8 +12,8 @@ from bus.transforms import apply
 from config.schema import Station
 from perception.geometry.lift import lift_pixels
 from perception.models.geometric import GeometricModel, axis_in_words
+from perception.observed_object import Answer, ObservedObject
 from perception.rectangles.network import GraspNetwork
-from perception.subject import Answer, ObservedObject
 
 
 class NetworkModel(GeometricModel):

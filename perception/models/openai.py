@@ -24,7 +24,7 @@ from perception.models.reply import (
     usage_of,
     words,
 )
-from perception.subject import Answer
+from perception.observed_object import Answer
 
 KEY_VARIABLE = "OPENAI_API_KEY"
 SERVER = "https://api.openai.com/v1"

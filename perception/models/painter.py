@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from perception.geometry.lift import project
-from perception.subject import GoalImage, ObservedObject
+from perception.observed_object import GoalImage, ObservedObject
 
 _HIDING_M = 0.003
 """Tolerance: a surface hides the rod also when measured this far behind it, because depth is noisy."""

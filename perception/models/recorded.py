@@ -9,7 +9,7 @@ from bus.cancel import Cancel
 from bus.errors import CycleFailure, RecordingError
 from bus.messages import ModelReply
 from perception.models.base import GoalImageModel
-from perception.subject import Answer
+from perception.observed_object import Answer
 
 
 class RecordedModel:
@@ -56,7 +56,7 @@ class RecordedModel:
 
 
 class SpoiledModel:
-    """An embedded model in the replay of a cycle with injected faults allowed (`perception.models.injection`).
+    """An embedded model in the replay of a cycle with injected faults allowed (`perception.models.fault_injection`).
 
     A recorded failure is raised again, and a recorded picture is returned, because an embedded model's own is never
     recorded; every other answer is computed anew.

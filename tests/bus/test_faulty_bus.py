@@ -12,9 +12,9 @@ from bus import topics
 from bus.codec import decode
 from bus.commands import Nothing
 from bus.errors import BadPayload, BusError, NoReply, ReplyTimeout
+from bus.fault_injection import Fault, FaultRequest
+from bus.faulty_bus import FaultyBus, answer_faults
 from bus.frozen import Message
-from bus.injected import FaultyBus, answer_faults
-from bus.injection import Fault, FaultRequest
 from bus.messages import HandState
 from bus.sample import Asked, Sample
 from bus.session import Bus

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from cell.hand_eye import moved
+from cell.hand_eye_survey import moved
 from config.load import load_station
 from drivers.sim.optics import hand_from_cameras
 from planning.robot import hand_from_color

@@ -155,7 +155,9 @@ def test_a_board_may_have_any_name(in_process: Run, tmp_path: Path) -> None:
 
 
 def test_the_version_is_said(in_process: Run) -> None:
-    assert re.fullmatch(r"cell \d+\.\d+\.\d+( \(commit [0-9a-f]{12}\+?\))?\n", in_process("--version").stdout)
+    assert re.fullmatch(
+        r"cell \d+\.\d+\.\d+(\.dev\d+)?( \(commit [0-9a-f]{12}\+?\))?\n", in_process("--version").stdout
+    )
 
 
 def test_a_defect_is_called_one_and_is_no_success(

@@ -15,12 +15,12 @@ from bus import topics
 from bus.codec import encode
 from bus.codes import Code
 from bus.errors import CycleFailure
-from bus.injection import Fault
+from bus.fault_injection import Fault
 from bus.messages import HandState
 from bus.sample import Sample
 from bus.topics import encoding_of
 from cell.pick.record import BACKLOG_BYTES, CycleLog
-from logs.mcap.injection import FaultyDisk
+from logs.mcap.fault_injection import FaultyDisk
 from logs.mcap.recorder import Recorder
 
 PATIENCE_S = 0.3

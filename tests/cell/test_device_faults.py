@@ -11,15 +11,15 @@ import pytest
 
 from bus.codes import Code
 from bus.errors import CycleFailure, DeviceLost, StaleFrame
-from bus.injection import Fault
+from bus.fault_injection import Fault
 from bus.messages import CycleResult, Frame
 from cell.daemon.actions import Actions
 from cell.machine.gate import Gate
 from cell.pick.capture import capture
 from cell.pick.cycle import Equipment
 from config.load import load_station
+from drivers.node.fault_injection import FaultyArm, FaultyCamera, FaultyHand
 from drivers.node.guard import Guard
-from drivers.node.injection import FaultyArm, FaultyCamera, FaultyHand
 from drivers.node.registry import open_devices
 from perception.models import open_models
 from planning.robot import Robot

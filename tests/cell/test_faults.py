@@ -14,7 +14,7 @@ from benchmarks.growth import Growth
 from benchmarks.soak import soak, soak_station, summary
 from benchmarks.trials import Outcome, Trial, trials
 from bus.errors import ConfigError, Refused
-from bus.injection import PARTS, Fault
+from bus.fault_injection import PARTS, Fault
 from cell import client
 from cell.build import running_cell
 from cell.cli.commands import command_line

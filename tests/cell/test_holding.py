@@ -16,7 +16,7 @@ from bus.messages import CycleResult
 from cell.daemon.actions import Actions
 from cell.daemon.batch_control import BatchControl
 from cell.daemon.publisher import Publisher
-from cell.machine.holding import Holding
+from cell.machine.hold_state import HoldState
 from cell.machine.owner import Machine
 from cell.machine.states import PAUSES, State
 from config.schema import RetrySettings
@@ -29,7 +29,7 @@ SETTLED = {State.STOPPED, State.IDLE, State.COMPLETE, State.ABORTED, State.HELD,
 class _Actions:
     """What `BatchControl` and the machine use of the actions: motions through a real gate, without devices."""
 
-    holding: Holding = field(default_factory=Holding)
+    hold_state: HoldState = field(default_factory=HoldState)
     result: str = "SUCCESS"
 
     @property
@@ -44,7 +44,7 @@ class _Actions:
         return ""
 
     def move(self) -> None:
-        with self.holding.gate.motion():
+        with self.hold_state.gate.motion():
             pass
 
 
@@ -73,14 +73,14 @@ class Bench:
                 State.EXECUTE: moves,
                 State.COMPLETING: self._complete,
                 State.HOLDING: still,
-                State.UNHOLDING: self.actions.holding.gate.release,
+                State.UNHOLDING: self.actions.hold_state.gate.release,
                 State.SUSPENDING: still,
-                State.UNSUSPENDING: self.actions.holding.gate.release,
+                State.UNSUSPENDING: self.actions.hold_state.gate.release,
                 State.STOPPING: self._stop,
                 State.ABORTING: self._stop,
                 State.CLEARING: still,
             },
-            self.actions.holding,
+            self.actions.hold_state,
             self.batches.enter,
             self.batches.accept,
         )
@@ -141,7 +141,7 @@ def test_a_lease_lost_between_two_picks_ends_the_start_and_leaves_nothing_shut(v
     assert bench.settle() is State.IDLE
     assert bench.machine.command("start", OPERATOR.model_copy(update={"cycles": 3})).ok
     state = bench.settle()
-    assert lost and (bench.actions.holding.gate.held, state in PAUSES) in ((False, False), (True, True))
+    assert lost and (bench.actions.hold_state.gate.held, state in PAUSES) in ((False, False), (True, True))
     assert any("lease of 'op' was lost" in reason for _, reason in bench.publisher.states)
     assert bench.machine.command("unhold" if state in PAUSES else "reset", OPERATOR).ok
     assert bench.settle() in (State.IDLE, State.COMPLETE)
@@ -178,7 +178,7 @@ def test_the_gate_is_shut_exactly_while_the_cell_is_held(steps: list[str], when:
             cycles = {"cycles": 3} if step == "start" else {}
             bench.machine.command(step, OPERATOR.model_copy(update=cycles))
     state = bench.settle()
-    holding = bench.actions.holding
-    assert holding.gate.held == (state in PAUSES) or holding.gate.halted
-    assert (holding.reason != "") == (state in PAUSES), "who asks why it is held is told"
+    hold_state = bench.actions.hold_state
+    assert hold_state.gate.held == (state in PAUSES) or hold_state.gate.halted
+    assert (hold_state.reason != "") == (state in PAUSES), "who asks why it is held is told"
     bench.close()

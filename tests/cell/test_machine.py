@@ -11,7 +11,7 @@ import pytest
 from bus.codes import Code
 from bus.commands import CommandRequest
 from bus.errors import CellError, CycleFailure
-from cell.machine.holding import Holding
+from cell.machine.hold_state import HoldState
 from cell.machine.owner import Machine
 from cell.machine.states import State
 
@@ -24,7 +24,7 @@ class Bench:
         self.states: queue.SimpleQueue[tuple[State, str]] = queue.SimpleQueue()
         self.accepted: list[str] = []
         self.machine = Machine(
-            self.actions, Holding(), lambda state, reason: self.states.put((state, reason)), self._accept
+            self.actions, HoldState(), lambda state, reason: self.states.put((state, reason)), self._accept
         )
 
     def _accept(self, verb: str, _request: CommandRequest) -> str:

@@ -201,7 +201,7 @@ def test_only_the_modules_of_printing_print(room: str) -> None:
             used = set(_names_used(ast.parse(path.read_text()))) & _NOT_ELSEWHERE
             allowed = (
                 {"rich.console.Console", "rich.text.Text"}
-                if name in ("cell/cli/live.py", "cell/cli/live_view.py")
+                if name in ("cell/cli/watch.py", "cell/cli/watch_screen.py")
                 else set()
             )
             assert not used - allowed, f"{name} uses {used}: print with cell.terminal.printing or cell.terminal.drawing"

@@ -20,10 +20,10 @@ from bus.errors import ConfigError, NoReply, RecordingError, Refused
 from bus.messages import Alignment, Detections
 from bus.session import Bus
 from cell.cli.commands import command_line
+from cell.replay.compared_stages import STAGES
 from cell.replay.folder import replay_folder
 from cell.replay.replay import Replay, Request, replay
 from cell.replay.republish import Payload, await_listener, payloads, republish, require_no_live_cell
-from cell.replay.stages import STAGES
 from cell.replay.view import consequence, to_json, verdict
 from config.load import load_station
 from logs.compare import leaves

@@ -21,7 +21,7 @@ from bus.messages import Execution
 from bus.session import Bus
 from cell import client
 from cell.daemon.systemd import Service, takes_commands
-from cell.machine.holding import Holding
+from cell.machine.hold_state import HoldState
 from cell.machine.owner import Machine
 from config.schema import Station
 from drivers.remote import RemoteArm
@@ -179,7 +179,7 @@ def test_a_machine_takes_commands_unless_its_thread_hangs() -> None:
         released.wait(60)
         return ""
 
-    machine = Machine({}, Holding(), lambda _state, _reason: None, on_accept)
+    machine = Machine({}, HoldState(), lambda _state, _reason: None, on_accept)
     machine.start()
     assert takes_commands(machine) and machine.state == "Stopped"
     answers: list[bool] = []

@@ -11,7 +11,7 @@ from rich.console import Console
 from bus.codes import Code
 from bus.commands import CellState, Event, Health
 from bus.messages import CycleResult
-from cell.cli.live_view import HISTORY, Model, view
+from cell.cli.watch_screen import HISTORY, Model, view
 
 NOW_S, NOW_NS = 100.0, 50_000_000_000
 EMPTY = Model("lab", ("robot", "camera"), takes_keys=True)

@@ -15,11 +15,11 @@ import pytest
 from bus.codec import encode
 from bus.commands import CellState, CommandReply, CommandRequest, Health
 from bus.errors import NoReply, Refused
+from bus.fault_injection import Fault, FaultRequest
 from bus.frozen import Message
-from bus.injection import Fault, FaultRequest
 from bus.sample import Sample
 from bus.topics import encoding_of
-from cell.cli.live import Commander, Watcher
+from cell.cli.watch import Commander, Watcher
 from cell.client import Client, client_name
 from config.load import load_station
 

@@ -17,7 +17,7 @@ from config.schema import Station
 from docs.examples.hand_driver.acme_gripper import open_devices as open_example
 from drivers.fr3.arm import Fr3Arm
 from drivers.interface import Arm, Camera, Devices, Hand, ObjectPresenter
-from drivers.node.injection import FaultyArm, FaultyCamera, FaultyHand
+from drivers.node.fault_injection import FaultyArm, FaultyCamera, FaultyHand
 from drivers.node.node import Node
 from drivers.node.registry import open_devices
 from drivers.panda_hand.hand import PandaHand

@@ -18,7 +18,7 @@ from bus.session import Bus
 from bus.trajectory import Trajectory
 from config.load import load_station
 from drivers.interface import Arm, Devices, Hand
-from drivers.node.injection import FaultyArm, FaultyHand
+from drivers.node.fault_injection import FaultyArm, FaultyHand
 from drivers.node.node import Node
 from drivers.remote import RemoteArm, RemoteHand
 from drivers.sim.arm import SimArm

@@ -12,15 +12,22 @@ import pytest
 
 from bus import topics
 from bus.errors import BusError, DeviceLost, MotionRefused
-from bus.injected import FaultyBus
-from bus.injection import Fault, FaultRequest
+from bus.fault_injection import Fault, FaultRequest
+from bus.faulty_bus import FaultyBus
 from bus.messages import ArmMode, Frame, HandState, Motion
 from bus.session import Bus
 from bus.trajectory import Trajectory
 from config.load import load_station
 from drivers.interface import Devices, Reporting
+from drivers.node.fault_injection import (
+    ABSURD_WIDTH_M,
+    WRONG_JOINT_RAD,
+    WRONG_WIDTH_M,
+    FaultyArm,
+    FaultyCamera,
+    FaultyHand,
+)
 from drivers.node.guard import Guard
-from drivers.node.injection import ABSURD_WIDTH_M, WRONG_JOINT_RAD, WRONG_WIDTH_M, FaultyArm, FaultyCamera, FaultyHand
 from drivers.node.node import Node
 from drivers.node.registry import open_devices
 from drivers.remote import RemoteArm, RemoteHand

@@ -13,15 +13,15 @@ from benchmarks.baselines.flat import flat_object
 from bus.cancel import Cancel
 from bus.codes import Code
 from bus.errors import CycleFailure
-from bus.injection import Fault
+from bus.fault_injection import Fault
 from bus.messages import ModelReply
-from cell.injection import Injection
+from cell.fault_injection import FaultInjection
 from config.load import load_station
 from perception.detector import Proposal, propose
 from perception.goal.imagine import Conversation
 from perception.models import Models, open_models, replayed_models
-from perception.models.injection import FaultyModel
-from perception.subject import ObservedObject
+from perception.models.fault_injection import FaultyModel
+from perception.observed_object import ObservedObject
 
 STATION = load_station(None, ["faults.allowed=true", "faults.delay_s=0.1", "perception.hosted.deadline_s=0.1"])
 
@@ -39,7 +39,7 @@ def observed_object() -> ObservedObject:
 
 @pytest.fixture
 def models() -> Models:
-    return Injection(STATION).around(open_models(STATION, {}))
+    return FaultInjection(STATION).around(open_models(STATION, {}))
 
 
 def spoil(models: Models, fault: Fault) -> None:

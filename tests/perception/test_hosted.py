@@ -25,7 +25,7 @@ from perception.geometry.window import Window, decode_picture, encode_png
 from perception.goal.imagine import Conversation
 from perception.models import open_models, replayed_models
 from perception.models.budget import Budget
-from perception.subject import ObservedObject
+from perception.observed_object import ObservedObject
 from stand_ins.drift import NONE, Drift
 from stand_ins.model_server import Fault, ModelServer
 from stand_ins.painter import paint, say

@@ -26,7 +26,7 @@ from perception.models.exchange import Line
 from perception.models.gemini import GeminiProvider
 from perception.models.hosted import HostedModel
 from perception.models.openai import OpenAIProvider
-from perception.subject import Answer, ObservedObject
+from perception.observed_object import Answer, ObservedObject
 
 KEY = "sk-0123456789abcdef"
 MODEL_CODES = {code for code in Code if code.startswith("MODEL_")}

@@ -13,9 +13,9 @@ import pytest
 from bus.cancel import Cancel
 from bus.codes import Code
 from bus.errors import CycleFailure
-from bus.injection import Fault
+from bus.fault_injection import Fault
 from bus.messages import ModelReply, Usage
-from cell.injection import Injection
+from cell.fault_injection import FaultInjection
 from cell.pick.detect import detect_unless_halted
 from config.load import load_station
 from config.schema import HostedSettings, PriceSettings
@@ -23,9 +23,9 @@ from perception.detector import detect
 from perception.models import Models, open_models
 from perception.models.budget import Budget
 from perception.models.errors import ModelError
+from perception.models.fault_injection import FaultyModel
 from perception.models.hosted import HostedModel
-from perception.models.injection import FaultyModel
-from perception.subject import Answer
+from perception.observed_object import Answer
 from tests.perception.conftest import BAR, Look
 
 STATION = load_station(
@@ -145,7 +145,7 @@ def test_a_stop_between_proposals_ends_the_embedded_model_too(look: Look) -> Non
 
 
 def test_a_stop_ends_an_injected_hang(look: Look) -> None:
-    models = Injection(STATION).around(open_models(STATION, {}))
+    models = FaultInjection(STATION).around(open_models(STATION, {}))
     assert isinstance(models.imaginer, FaultyModel)
     models.imaginer.fault = Fault.STUCK
     began = threading.Event()

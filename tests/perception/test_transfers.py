@@ -22,7 +22,7 @@ from perception.models.errors import ModelError
 from perception.models.exchange import Line
 from perception.models.gemini import GeminiProvider
 from perception.models.openai import OpenAIProvider
-from perception.models.way import Way, proxy_to
+from perception.models.server_route import ServerRoute, proxy_to
 
 SERVER = "https://models.example/v1"
 HEAD = b"HTTP/1.1 200 OK\r\nContent-Type: application/json\r\nContent-Length: 100000\r\n\r\n"
@@ -74,7 +74,7 @@ def take_slowly(connection: socket.socket) -> None:
 
 def fault_of(url: str, timeout_s: float = DEADLINE_S, prompt: str = "Say.") -> ModelError:
     how = HostedSettings(text_model="t", image_model="i", base_url=url)
-    provider = OpenAIProvider(how, "key", Line(Way(url, {}).transport))
+    provider = OpenAIProvider(how, "key", Line(ServerRoute(url, {}).transport))
     with pytest.raises(ModelError) as caught:
         provider.complete(prompt, None, timeout_s)
     return caught.value
@@ -105,7 +105,7 @@ def test_gemini_has_the_same_deadline() -> None:
     with listening(drip(HEAD, b" ")) as url:
         how = HostedSettings(text_model="t", image_model="i", base_url=url)
         with pytest.raises(ModelError) as caught:
-            GeminiProvider(how, "key", Line(Way(url, {}).transport)).complete("Say.", None, DEADLINE_S)
+            GeminiProvider(how, "key", Line(ServerRoute(url, {}).transport)).complete("Say.", None, DEADLINE_S)
     assert caught.value.code is Code.MODEL_TIMEOUT
 
 
@@ -196,11 +196,11 @@ def test_no_proxy_is_asked_for_this_machine(url: str) -> None:
 )
 def test_a_proxy_that_cannot_be_used_is_told_at_the_start(value: str, says: str) -> None:
     with pytest.raises(ConfigError, match=says) as refusal:
-        Way(SERVER, {"ALL_PROXY": value})
+        ServerRoute(SERVER, {"ALL_PROXY": value})
     assert "pass-word" not in str(refusal.value) + redacted(value)
 
 
 def test_certificates_that_are_not_there_are_told_at_the_start(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("SSL_CERT_FILE", str(tmp_path / "none.pem"))
     with pytest.raises(ConfigError, match="certificates"):
-        Way(SERVER, {})
+        ServerRoute(SERVER, {})

@@ -12,7 +12,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 from bus.codes import Code
 from bus.commands import CommandRequest
 from bus.errors import CycleFailure
-from cell.machine.holding import Holding
+from cell.machine.hold_state import HoldState
 from cell.machine.owner import Machine
 from cell.machine.states import State
 
@@ -60,7 +60,7 @@ class MachineMatchesItsTable(RuleBasedStateMachine):
         self.works: dict[str, _Work] = {}  # of the state now, and of the one that it pauses
         self.machine = Machine(
             {State(name): self._work_of(name) for name in ACTING},
-            Holding(),
+            HoldState(),
             lambda state, reason: None,
             lambda verb, request: "",
         )

@@ -10,7 +10,7 @@ from bus.codes import Code
 from bus.errors import CycleFailure
 from config.schema import Station
 from perception.models.painter import paint
-from perception.subject import Answer, ObservedObject
+from perception.observed_object import Answer, ObservedObject
 
 _HALF_ROD_M = 0.08
 

@@ -19,7 +19,7 @@ from perception.models.deadline import Deadline, DeadlineBackend
 _SOCKS = ("socks5", "socks5h")
 
 
-class Way:
+class ServerRoute:
     """Opens connections to one server.
 
     Args:

@@ -21,8 +21,8 @@ from bus.clock import WALL_CLOCK, DeadlineClock
 from bus.codec import decode, encode
 from bus.commands import Event, Nothing
 from bus.errors import BadPayload
+from bus.fault_injection import Fault, FaultRequest
 from bus.frozen import Message
-from bus.injection import Fault, FaultRequest
 from bus.sample import Asked, Handler, Sample
 from bus.session import Bus
 from bus.topics import Topic, encoding_of

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import model_validator
 
-from bus.injection import PARTS, Fault
+from bus.fault_injection import PARTS, Fault
 from config.base import Seconds, Settings
 
 

@@ -8,11 +8,11 @@ from pathlib import Path
 
 REPOSITORY = Path(__file__).parents[2]
 INJECTION = {
-    "bus.injected",
-    "cell.injection",
-    "drivers.node.injection",
-    "logs.mcap.injection",
-    "perception.models.injection",
+    "bus.faulty_bus",
+    "cell.fault_injection",
+    "drivers.node.fault_injection",
+    "logs.mcap.fault_injection",
+    "perception.models.fault_injection",
 }
 RUN = """
 import os
@@ -29,7 +29,7 @@ with running_cell(station, lambda topic, message: None), join_cell(station) as b
     node = Node("sim", bus, Devices(), station)
     node.open()
     node.close()
-print(*sorted(name for name in sys.modules if "inject" in name), flush=True)
+print(*sorted(name for name in sys.modules if "fault_injection" in name or name == "bus.faulty_bus"), flush=True)
 os._exit(0)  # as a node does: native threads may still run
 """
 """A cell and a node of it in one process: without devices, which would only take time to start."""
@@ -45,7 +45,9 @@ def _imported(endpoint: str, folder: Path, *overrides: str) -> set[str]:
 
 
 def test_a_cell_and_its_node_import_no_fault_unless_faults_are_allowed(endpoint: str, tmp_path: Path) -> None:
-    assert _imported(endpoint, tmp_path) == {"bus.injection", "config.injection"}, "the words for them alone"
+    assert _imported(endpoint, tmp_path) == {"bus.fault_injection", "config.fault_injection"}, (
+        "the words for them alone"
+    )
 
 
 def test_where_faults_are_allowed_they_are_there(endpoint: str, tmp_path: Path) -> None:

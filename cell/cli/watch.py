@@ -31,7 +31,7 @@ from bus.messages import CycleResult
 from bus.sample import Sample
 from bus.topics import encoding_of
 from cell import client
-from cell.cli.live_view import HISTORY, KEYS, QUIT, Model, view
+from cell.cli.watch_screen import HISTORY, KEYS, QUIT, Model, view
 from cell.client import SETTLED, Client
 from cell.machine.states import ENDING
 from cell.terminal.drawing import console

@@ -12,11 +12,11 @@ import numpy.typing as npt
 from bus.cancel import Cancel
 from bus.codes import Code
 from bus.errors import CycleFailure
-from bus.injected import Faulty
-from bus.injection import Fault
+from bus.fault_injection import Fault
+from bus.faulty_bus import Faulty
 from perception.geometry.window import Window, encode_png
 from perception.models.base import GoalImageModel
-from perception.subject import Answer, ObservedObject
+from perception.observed_object import Answer, ObservedObject
 
 _LOOK_S = 0.05
 _PICTURE_PX = 512

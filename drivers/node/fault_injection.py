@@ -19,12 +19,12 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from bus.errors import DeviceLost
-from bus.injected import Faulty, FaultyBus, Spoilable, answer_faults
-from bus.injection import Fault
+from bus.fault_injection import Fault
+from bus.faulty_bus import Faulty, FaultyBus, Spoilable, answer_faults
 from bus.messages import ArmState, Frame, HandState, Motion
 from bus.session import Bus
 from bus.trajectory import Trajectory
-from config.injection import FaultSettings
+from config.fault_injection import FaultSettings
 from drivers.interface import Arm, Camera, Devices, Hand, Reporting
 from drivers.motion.stops import Stops
 from drivers.motion.unmoved import unmoved

@@ -6,18 +6,18 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import BinaryIO
 
+from bus.faulty_bus import Spoilable, answer_faults
 from bus.frozen import Message
-from bus.injected import Spoilable, answer_faults
 from bus.session import Bus
 from bus.topics import Topic
 from config.schema import Station
-from logs.mcap.injection import FaultyDisk
+from logs.mcap.fault_injection import FaultyDisk
 from logs.mcap.recorder import Output
 from perception.models import Models
-from perception.models.injection import FaultyModel
+from perception.models.fault_injection import FaultyModel
 
 
-class Injection:
+class FaultInjection:
     """The parts of one cell that accept faults, each with its initial fault of the station file."""
 
     def __init__(self, station: Station) -> None:

@@ -6,8 +6,8 @@ import errno
 import os
 from typing import BinaryIO
 
-from bus.injected import Faulty
-from bus.injection import Fault
+from bus.fault_injection import Fault
+from bus.faulty_bus import Faulty
 
 
 class FaultyDisk(Faulty):

@@ -10,7 +10,7 @@ _PAUSING = ("hold", "suspend")
 _AFRESH = ("reset", "clear", "start", "pick")
 
 
-class Holding:
+class HoldState:
     """The hold state. Only the machine's owner thread changes it; any thread may read it.
 
     Attributes:

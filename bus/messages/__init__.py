@@ -1,0 +1,46 @@
+"""Frozen types of every message in the cell.
+
+SI units and radians; frames are named in the fields (``a_from_b`` maps b-coordinates to a); times are integer
+nanoseconds UTC. Frames: ``base``, ``flange``, ``hand``, ``tcp`` (z = approach, y = closing axis), ``color`` (the colour
+camera, optical: x right, y down, z forward), ``depth``. Definitions: docs/frames.md.
+"""
+
+from bus.messages.cycle import Attempt, CycleResult, Failure, ResultT, StageName, StageRecord
+from bus.messages.detections import Alignment, Detections, Drift, Evidence, ModelReply, Usage
+from bus.messages.devices import ArmMode, ArmState, CameraModel, Frame, HandState, Motion
+from bus.messages.execution import Delivery, Execution, SegmentRun, Verdict
+from bus.messages.grasps import Grasp, Rectangle
+from bus.messages.observation import Observation, View
+from bus.messages.plan import PickPlan, Segment, SegmentName
+
+__all__ = [
+    "Alignment",
+    "ArmMode",
+    "ArmState",
+    "Attempt",
+    "CameraModel",
+    "CycleResult",
+    "Delivery",
+    "Detections",
+    "Drift",
+    "Evidence",
+    "Execution",
+    "Failure",
+    "Frame",
+    "Grasp",
+    "HandState",
+    "ModelReply",
+    "Motion",
+    "Observation",
+    "PickPlan",
+    "Rectangle",
+    "ResultT",
+    "Segment",
+    "SegmentName",
+    "SegmentRun",
+    "StageName",
+    "StageRecord",
+    "Usage",
+    "Verdict",
+    "View",
+]
