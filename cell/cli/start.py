@@ -10,15 +10,15 @@ from typing import Annotated
 import typer
 
 from bus.commands import MAX_CYCLES, CommandRequest
-from bus.errors import BusError, PortOccupied
+from bus.errors import PortOccupied
 from bus.messages import CycleResult
-from cell import client
 from cell.build import running_cell
 from cell.cli.console import Screen
 from cell.cli.options import Config, Json, Set
 from cell.daemon.batch import Batch
 from cell.daemon.daemon import Daemon
 from cell.daemon.systemd import Service, takes_commands
+from cell.doctor.reach import running
 from cell.machine.owner import refuse
 from cell.terminal.printing import err
 from cell.terminal.signals import on_end
@@ -100,10 +100,7 @@ def _run(
 
 def _occupied(station: Station, error: PortOccupied) -> PortOccupied:
     """The error with the program that uses the port: this very cell, or another program."""
-    try:
-        with client.connect(station) as cell:
-            cell.state()
-    except BusError:
+    if running(station) is None:
         return error
     return PortOccupied(
         f"A cell already runs here: {station.cell_id} at {station.bus.endpoint}.",

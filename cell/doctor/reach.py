@@ -98,7 +98,7 @@ def model_server(station: Station, proxies: Mapping[str, str] | None = None) -> 
 # --- the bus and its participants -------------------------------------------------------------------------------------
 
 
-def _running(station: Station) -> tuple[str, list[str]] | None:
+def running(station: Station) -> tuple[str, list[str]] | None:
     """The state and the live nodes of the cell at the station's endpoint; None when no cell answers."""
 
     def ask() -> tuple[str, list[str]] | None:
@@ -132,9 +132,9 @@ def bus(station: Station) -> Finding:
     taken = _is_free(endpoint)
     if not taken:
         return ok(name, f"{endpoint} is free for this cell")
-    running = _running(station)
-    if running is not None:
-        return ok(name, f"The cell {station.cell_id!r} is running at {endpoint}: {running[0]}")
+    found = running(station)
+    if found is not None:
+        return ok(name, f"The cell {station.cell_id!r} is running at {endpoint}: {found[0]}")
     advice = "Set bus.endpoint to a free port, e.g. tcp/127.0.0.1:7448, or end the program (ss -ltnp names it)."
     return fix(name, f"{endpoint} cannot be used ({taken}), and no cell {station.cell_id!r} answers there.", advice)
 
@@ -146,8 +146,8 @@ def nodes(station: Station) -> Finding:
         return skip(name, "All nodes are started by the cell itself.")
     if not _is_free(station.bus.endpoint):
         return skip(name, f"No cell is running; once it is, start {', '.join(outside)} with `cell node`.")
-    running = _running(station)
-    missing = [one for one in outside if running is None or one not in running[1]]
+    found = running(station)
+    missing = [one for one in outside if found is None or one not in found[1]]
     if missing:
         advice = "; ".join(f"cell node {one} --config ..." for one in missing)
         return fix(name, f"Not up: {', '.join(missing)}.", advice)

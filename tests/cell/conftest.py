@@ -37,14 +37,20 @@ def daemon(options: list[str]) -> Iterator[Cell]:
 
 
 @pytest.fixture(scope="module")
+def pace() -> float:
+    """Simulated seconds a second, in the cells that a module's tests share."""
+    return 1.0
+
+
+@pytest.fixture(scope="module")
 def shared_options(tmp_path_factory: pytest.TempPathFactory, new_endpoint: Callable[[], str]) -> list[str]:
     """Settings of the cell that a module's tests share."""
     return _options(new_endpoint(), tmp_path_factory.mktemp("shared"))
 
 
 @pytest.fixture(scope="module")
-def _shared(shared_options: list[str]) -> Iterator[Cell]:
-    with _running(shared_options) as cell:
+def _shared(shared_options: list[str], pace: float) -> Iterator[Cell]:
+    with _running(shared_options, pace) as cell:
         yield cell
 
 
@@ -56,8 +62,8 @@ def shared_daemon(_shared: Cell) -> Cell:
 
 
 @pytest.fixture(scope="module")
-def _shared_here(shared_options: list[str]) -> Iterator[Station]:
-    station = load_station(None, [*shared_options[1::2], "sim.pace=1"])
+def _shared_here(shared_options: list[str], pace: float) -> Iterator[Station]:
+    station = load_station(None, [*shared_options[1::2], f"sim.pace={pace}"])
     with running_cell(station, lambda topic, message: None):
         yield station
 
@@ -110,10 +116,10 @@ def _options(endpoint: str, folder: Path) -> list[str]:
 
 
 @contextmanager
-def _running(options: list[str]) -> Iterator[Cell]:
+def _running(options: list[str], pace: float = 1.0) -> Iterator[Cell]:
     station = load_station(None, options[1::2])
     process = subprocess.Popen(
-        [sys.executable, "-m", "cell", "start", "--no-report", "--set", "sim.pace=1", *options],
+        [sys.executable, "-m", "cell", "start", "--no-report", "--set", f"sim.pace={pace}", *options],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

@@ -81,7 +81,8 @@ def test_no_egl(in_process: Run, options: list[str], monkeypatch: pytest.MonkeyP
 def test_an_occupied_port(in_process: Run, options: list[str], endpoint: str) -> None:
     host, port = endpoint.removeprefix("tcp/").split(":")
     with socket.create_server((host, int(port))):
-        _says(in_process("start", "--cycles", "1", *options), 4, endpoint, "cell status")
+        done = in_process("start", "--cycles", "1", *options)
+        _says(done, 4, endpoint, "cell status")
 
 
 def test_no_cell_to_talk_to(in_process: Run, options: list[str]) -> None:

@@ -149,6 +149,12 @@ with client.connect(load_station(None, sys.argv[1:])) as cell:
 """
 
 
+@pytest.fixture(scope="module")
+def pace() -> float:
+    """Twice real time: slow enough to stop a motion in the midst of it."""
+    return 2.0
+
+
 @pytest.fixture
 def picker(shared_cell: Station, shared_options: list[str]) -> Iterator[subprocess.Popen[str]]:
     """A program whose pick is under way."""
