@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from typing import TYPE_CHECKING, Any
 
 from bus.errors import ConfigError
@@ -33,6 +33,25 @@ else:
     fault_injection = LazyModule("cell.fault_injection")  # only where faults are allowed
 
 
+class _News:
+    """Passes news of nodes and recordings on to the daemon, which is built after those who have them."""
+
+    def __init__(self) -> None:
+        self.daemon: Daemon | None = None
+
+    def node_ended(self, name: str, code: int) -> None:
+        if self.daemon is not None:
+            self.daemon.lose_node(name, f"The node {name!r} ended with exit code {code}.")
+
+    def node_is_back(self, name: str) -> None:
+        if self.daemon is not None:
+            self.daemon.welcome_node(name)
+
+    def event(self, *said: Any) -> None:
+        if self.daemon is not None:
+            self.daemon.publisher.publish_event(*said)
+
+
 @contextmanager
 def running_cell(station: Station, observer: Observer) -> Iterator[Daemon]:
     """A whole cell: bus, its local nodes, daemon. All of it is closed again on every path.
@@ -42,58 +61,35 @@ def running_cell(station: Station, observer: Observer) -> Iterator[Daemon]:
     limit_malloc_arenas()
     for node in station.nodes.values():
         registry.require(node.driver)
-    robot = Robot(station)
+    robot, news = Robot(station), _News()
     faults = fault_injection.FaultInjection(station) if station.faults.allowed else None
-    with (
-        closing(_models(station, faults)) as models,
-        _listen(station) as bus,
-    ):
-        daemons: list[Daemon] = []  # empty before the daemon is built; a node may end earlier
-
-        def on_exit(name: str, code: int) -> None:
-            for daemon in daemons:
-                daemon.lose_node(name, f"The node {name!r} ended with exit code {code}.")
-
-        def on_back(name: str) -> None:
-            for daemon in daemons:
-                daemon.welcome_node(name)
-
-        def publish_event(*said: Any) -> None:
-            for daemon in daemons:
-                daemon.publisher.publish_event(*said)
-
-        supervisor, retention = (
-            Supervisor(station, on_exit, on_back, bus.seal),
-            Retention(station.recording, publish_event),
+    with ExitStack() as stack:
+        models = stack.enter_context(closing(_models(station, faults)))
+        bus = stack.enter_context(_listen(station))
+        supervisor = stack.enter_context(closing(Supervisor(station, news.node_ended, news.node_is_back, bus.seal)))
+        retention = Retention(station.recording, news.event)
+        supervisor.start()
+        daemon = news.daemon = Daemon(
+            station,
+            bus,
+            remote_devices(bus, station),
+            robot,
+            models,
+            retention.after_cycles(observer),
+            supervisor.restarts,
+            supervisor.end_frozen,
+            plain if faults is None else faults.under,
         )
-        try:
-            supervisor.start()
-            devices = remote_devices(bus, station)
-            hear = retention.after_cycles(observer)
-            daemon = Daemon(
-                station,
-                bus,
-                devices,
-                robot,
-                models,
-                hear,
-                supervisor.restarts,
-                supervisor.end_frozen,
-                plain if faults is None else faults.under,
-            )
-            daemons.append(daemon)
-            if faults is not None:
-                faults.answer(bus, daemon.publisher.publish)
-            with handled_by(daemon.on_defect):
-                daemon.open()
-                daemon.publisher.publish_recovered(recover_leftovers(station.recording.folder))
-                try:
-                    with freeze_gc(), closing(retention.start()), closing(RobotTf(bus, robot, daemon.is_ours)):
-                        yield daemon
-                finally:
-                    daemon.close()
-        finally:
-            supervisor.close()
+        if faults is not None:
+            faults.answer(bus, daemon.publisher.publish)
+        stack.enter_context(handled_by(daemon.on_defect))
+        daemon.open()
+        stack.callback(daemon.close)
+        daemon.publisher.publish_recovered(recover_leftovers(station.recording.folder))
+        stack.enter_context(freeze_gc())
+        stack.enter_context(closing(retention.start()))
+        stack.enter_context(closing(RobotTf(bus, robot, daemon.is_ours)))
+        yield daemon
 
 
 def _models(station: Station, faults: fault_injection.FaultInjection | None) -> Models:
