@@ -14,13 +14,13 @@ import threading
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as NotYet
-from dataclasses import dataclass
 
 from bus.codes import Code
 from bus.commands import CommandReply, CommandRequest
 from bus.errors import CellError, CycleFailure, Refused
 from bus.threads import OwnedThread, Role, report_defect
 from cell.machine.hold_state import HoldState
+from cell.machine.inbox import Act, Command, Done, Fault, Item, Run
 from cell.machine.leases import CELL_CLIENT
 from cell.machine.states import (
     BEGINNING,
@@ -49,44 +49,6 @@ Action = Callable[[], None]
 """The action of an acting state. A `CycleFailure` or other `CellError` that it raises aborts the machine."""
 
 
-@dataclass(frozen=True)
-class _Command:
-    verb: str
-    request: CommandRequest
-    reply: Future[CommandReply]
-    reason: str
-
-
-@dataclass(frozen=True)
-class _Run:
-    """One run of an acting state's action."""
-
-    number: int
-    state: State
-
-
-@dataclass(frozen=True)
-class _Done:
-    run: _Run
-    error: CellError | None
-
-
-@dataclass(frozen=True)
-class _Fault:
-    failure: CycleFailure
-    is_defect: bool = False
-
-
-@dataclass(frozen=True)
-class _Act:
-    """A decision for the owner thread, between two commands."""
-
-    act: Callable[[], None]
-
-
-_Item = _Command | _Done | _Fault | _Act
-
-
 class Machine:
     """States, commands and actions of one cell.
 
@@ -109,18 +71,18 @@ class Machine:
     ) -> None:
         self._actions, self.hold_state = actions, hold_state
         self._on_state, self._on_accept, self._on_turn = on_state, on_accept, on_turn
-        self._inbox: queue.SimpleQueue[_Item | None] = queue.SimpleQueue()
+        self._inbox: queue.SimpleQueue[Item | None] = queue.SimpleQueue()
         self._answered: dict[tuple[str, str, str], CommandReply] = {}
         self.state = State.STOPPED
         self._why = self._why_aborted = ""
         self._numbers = itertools.count(1)
-        self._run = self._held = _Run(0, State.STOPPED)  # the run of the state, and that of the held state
-        self._ended_held: _Done | None = None  # the end of the held state's action during the pause
+        self._run = self._held = Run(0, State.STOPPED)  # the run of the state, and that of the held state
+        self._ended_held: Done | None = None  # the end of the held state's action during the pause
         self._thread = OwnedThread(Role.MACHINE, self._own)
         self._ended = threading.Event()
-        self._open: set[_Run] = set()  # runs whose end was not yet processed; used by the owner thread
+        self._open: set[Run] = set()  # runs whose end was not yet processed; used by the owner thread
         self._runs_change = threading.Condition()
-        self._running: set[_Run] = set()  # runs under way; guarded by `_runs_change`
+        self._running: set[Run] = set()  # runs under way; guarded by `_runs_change`
 
     def start(self) -> None:
         """Start the owner thread in Stopped: nothing moves before a command."""
@@ -131,7 +93,7 @@ class Machine:
         """Request a command, from any thread, and wait for the reply, which says whether it was accepted."""
         reply: Future[CommandReply] = Future()
         reason = f"command {verb!r} from {request.client_id or 'a client'}"
-        self._inbox.put(_Command(verb, request, reply, reason))
+        self._inbox.put(Command(verb, request, reply, reason))
         while True:
             try:
                 return reply.result(_LOOK_S)
@@ -141,23 +103,23 @@ class Machine:
 
     def post(self, verb: str, request: CommandRequest, reason: str = "") -> None:
         """Request a command without waiting for the reply: for the owner thread itself, and for callbacks."""
-        self._inbox.put(_Command(verb, request, Future(), reason))
+        self._inbox.put(Command(verb, request, Future(), reason))
 
     def decide(self, act: Callable[[], None]) -> None:
         """Let the owner thread run ``act``, after the queued items; does not wait."""
-        self._inbox.put(_Act(act))
+        self._inbox.put(Act(act))
 
     def fault(self, failure: CycleFailure) -> None:
         """Report a failure outside any action (e.g. a lost node): all motion ends, and the machine aborts.
 
         A Stopped machine stays Stopped.
         """
-        self._inbox.put(_Fault(failure))  # queued before the action that the gate interrupts can end
+        self._inbox.put(Fault(failure))  # queued before the action that the gate interrupts can end
         self.hold_state.gate.halt(failure)
 
     def defect(self, failure: CycleFailure) -> None:
         """Report a defect of the cell itself: as `fault`, but from every state."""
-        self._inbox.put(_Fault(failure, is_defect=True))
+        self._inbox.put(Fault(failure, is_defect=True))
         self.hold_state.gate.halt(failure)
 
     def hold(self, reason: str) -> None:
@@ -201,7 +163,7 @@ class Machine:
         finally:
             self._ended.set()
 
-    def _next(self) -> _Item | None:
+    def _next(self) -> Item | None:
         while True:
             try:
                 self._on_turn()
@@ -212,21 +174,21 @@ class Machine:
             except queue.Empty:
                 continue
 
-    def _take(self, item: _Item) -> None:
-        if isinstance(item, _Command):
+    def _take(self, item: Item) -> None:
+        if isinstance(item, Command):
             item.reply.set_result(self._decide(item))
-        elif isinstance(item, _Done):
+        elif isinstance(item, Done):
             self._finish(item)
-        elif isinstance(item, _Act):
+        elif isinstance(item, Act):
             item.act()
         elif self.state not in (State.ABORTING, State.ABORTED) and (item.is_defect or self.state is not State.STOPPED):
             self._enter(State.ABORTING, str(item.failure))
 
-    def _survive(self, item: _Item, defect: Exception) -> None:
+    def _survive(self, item: Item, defect: Exception) -> None:
         """Handle a defect while processing an item: its client gets a reply, and the machine aborts."""
         failure = CycleFailure(Code.INTERNAL, f"{type(defect).__name__}: {defect}.")
         report_defect(str(Role.MACHINE), defect)
-        if isinstance(item, _Command) and not item.reply.done():
+        if isinstance(item, Command) and not item.reply.done():
             item.reply.set_result(self._refusal(failure))
         if self.state not in (State.ABORTING, State.ABORTED):
             self._enter(State.ABORTING, str(failure))
@@ -241,7 +203,7 @@ class Machine:
             available=getattr(error, "available", ()) or available(self.state),
         )
 
-    def _decide(self, command: _Command) -> CommandReply:
+    def _decide(self, command: Command) -> CommandReply:
         """Accept or refuse; a repeated command id of the same client gets the same reply without acting twice.
 
         Commands that stop present motion always act, whatever their id, because a client's counter may restart.
@@ -278,7 +240,7 @@ class Machine:
                 code="STILL_RUNNING",
             )
 
-    def _finish(self, done: _Done) -> None:
+    def _finish(self, done: Done) -> None:
         self._open.discard(done.run)
         if done.run == self._held and self.state in PAUSES:
             self._finish_held(done)
@@ -295,7 +257,7 @@ class Machine:
         else:
             self._enter(NEXT[done.run.state], self._why if done.run.state in PAUSING else "")
 
-    def _finish_held(self, done: _Done) -> None:
+    def _finish_held(self, done: Done) -> None:
         """Handle the end of the held action, whose last motion was just over: a success waits for the pause's end."""
         if done.error is None:
             self._ended_held = done
@@ -329,7 +291,7 @@ class Machine:
     def _enter(self, state: State, reason: str) -> None:
         if state in _STOPPING:
             self.hold_state.reason = ""
-        run = self._run = _Run(next(self._numbers), state)
+        run = self._run = Run(next(self._numbers), state)
         if state in self._actions:
             self._open.add(run)
             with self._runs_change:
@@ -338,9 +300,9 @@ class Machine:
         if state in self._actions:
             OwnedThread(Role.ACTION, lambda: self._work(run), of=str(state)).start()
         elif state in NEXT:
-            self._inbox.put(_Done(run, None))
+            self._inbox.put(Done(run, None))
 
-    def _work(self, run: _Run) -> None:
+    def _work(self, run: Run) -> None:
         error: CellError | None = CycleFailure(Code.INTERNAL, f"What {run.state} does ended without a word.")
         try:
             self._actions[run.state]()
@@ -351,7 +313,7 @@ class Machine:
             _log.exception("defect in %s", run.state)
             error = CycleFailure(Code.INTERNAL, f"{type(defect).__name__}: {defect}.")
         finally:
-            self._inbox.put(_Done(run, error))  # before the run is over: no later end may overtake it
+            self._inbox.put(Done(run, error))  # before the run is over: no later end may overtake it
             with self._runs_change:
                 self._running.discard(run)
                 self._runs_change.notify_all()
