@@ -13,6 +13,8 @@ from cell.machine.states import State
 
 @dataclass(frozen=True)
 class Command:
+    """A command of a client or of the cell itself; ``reason``: said with the state that it leads to."""
+
     verb: str
     request: CommandRequest
     reply: Future[CommandReply]
@@ -29,12 +31,16 @@ class Run:
 
 @dataclass(frozen=True)
 class Done:
+    """The end of a run; ``error``: None after success."""
+
     run: Run
     error: CellError | None
 
 
 @dataclass(frozen=True)
 class Fault:
+    """A failure outside any action; ``is_defect``: of the cell's own process."""
+
     failure: CycleFailure
     is_defect: bool = False
 
