@@ -13,11 +13,14 @@ from collections.abc import Callable
 from typing import Protocol
 
 from bus.starvation import Starvation, StarvationMeter, load_now
+from bus.threads import OwnedThread, Role
 
 _LOOK_S = 0.05
 _MEASURE_S = 0.2
 _LONGEST_S = 0.3
 """Most time between two measurements [s]: a later one shows that this process did not run."""
+_ORDINARY = 2.0
+"""Slowdown of a cell that is alone on two cores: every deadline allows for it."""
 
 
 class DeadlineClock(Protocol):
@@ -69,10 +72,10 @@ class WallClock:
 
 
 class StarvedClock:
-    """Computing time: 1 s passes while this process does the work of 1 s, however long that takes.
+    """Computing time: 1 s passes while this process does the work of 1 s. Wall time where the load is ordinary.
 
-    It needs a thread in `run`. No caller of another member waits for a measurement, which reads many files: each read
-    releases the interpreter lock, and takes 5 ms where another thread computes.
+    It needs `start`: no caller of `now_s` waits for a measurement, which reads many files; each read releases the
+    interpreter lock, and takes 5 ms where another thread computes.
 
     Args:
         wall_s: monotonic clock.
@@ -90,8 +93,12 @@ class StarvedClock:
         self._measured_at_s = wall_s()
         self._then_s = self._shown_s = 0.0  # the time at the last measurement, and as it was last shown
 
-    def run(self) -> None:
-        """Measure for ever."""
+    def start(self) -> StarvedClock:
+        """Measure from now on, in a thread of its own; returns itself."""
+        OwnedThread(Role.CLOCK, self._run).start()
+        return self
+
+    def _run(self) -> None:
         while True:
             time.sleep(_MEASURE_S)
             self.tick()
@@ -111,7 +118,8 @@ class StarvedClock:
 
     def _since(self, slowdown: float) -> float:
         """Return the time since the last measurement."""
-        return min(self._wall_s() - self._measured_at_s, _LONGEST_S) / slowdown
+        since_s = min(self._wall_s() - self._measured_at_s, _LONGEST_S)
+        return since_s / slowdown if slowdown > _ORDINARY else since_s
 
     def wait_for(self, is_done: Callable[[float], object], limit_s: float) -> bool:
         end_s = self.now_s() + limit_s

@@ -30,7 +30,7 @@ class Starvation(NamedTuple):
     Attributes:
         slowdown: wall time for the work that takes 1 s when every thread has a core at once; at least 1.
         load: runnable threads of the whole machine.
-        cores: number of cores that this process may run on.
+        cores: of the whole machine.
     """
 
     slowdown: float
@@ -56,7 +56,7 @@ class StarvationMeter:
     Args:
         threads: returns the counts of this process.
         runnable: returns the number of runnable threads of this machine.
-        cores: number of cores that this process may run on; None = as the operating system says.
+        cores: of this machine; None = as the operating system says.
     """
 
     def __init__(
@@ -104,4 +104,5 @@ def _runnable() -> float:
 
 
 def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    """Return the number of this machine's cores: its load is of all of them, whichever this process may use."""
+    return os.cpu_count() or 1

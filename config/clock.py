@@ -5,7 +5,6 @@ from __future__ import annotations
 from functools import cache
 
 from bus.clock import WALL_CLOCK, DeadlineClock, StarvedClock
-from bus.threads import OwnedThread, Role
 from config.schema import Station
 
 
@@ -21,6 +20,4 @@ def clock_of(station: Station) -> DeadlineClock:
 
 @cache
 def _starved_clock() -> StarvedClock:
-    clock = StarvedClock()
-    OwnedThread(Role.CLOCK, clock.run).start()
-    return clock
+    return StarvedClock().start()

@@ -36,7 +36,9 @@ def machine() -> Machine:
     return Machine()
 
 
-def test_on_an_idle_machine_its_time_is_wall_time(machine: Machine) -> None:
+@pytest.mark.parametrize("slowdown", [1.0, 1.9])
+def test_where_the_load_is_a_cells_own_its_time_is_wall_time(machine: Machine, slowdown: float) -> None:
+    machine.starvation = Starvation(slowdown, 3.0, 2)
     assert machine.passes(3.0) == pytest.approx(3.0)
 
 

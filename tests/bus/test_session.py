@@ -27,7 +27,7 @@ from bus.errors import (
 from bus.messages import HandState
 from bus.sample import Asked, Sample
 from bus.session import Bus
-from tests.stand_ins.starved import StarvedMachine
+from stand_ins.starved import StarvedMachine
 
 HAND = HandState(stamp_ns=1, width_m=0.04, is_moving=False, is_homed=True)
 

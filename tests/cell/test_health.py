@@ -25,7 +25,7 @@ from cell import client
 from cell.nodes.health import NodeMonitor, is_halted
 from config.load import load_station
 from config.schema import Station
-from tests.stand_ins.starved import StarvedMachine
+from stand_ins.starved import StarvedMachine
 
 
 class Bench:

@@ -102,6 +102,11 @@ def _model_call(bench: Bench) -> None:
     goes_on.set()
 
 
+def _clock(bench: Bench) -> None:
+    measures = iter([lambda: Starvation(1.0, 1.0, 2), broken])
+    StarvedClock(measure=lambda: next(measures)()).start()
+
+
 def _watchdog(bench: Bench) -> None:
     monitor = NodeMonitor(bench.station, lambda name, failure: None, lambda name: 0)
     watchdog = Watchdog(bench.station, monitor, broken, broken, broken, monitor.health)

@@ -28,7 +28,7 @@ from drivers.interface import Arm, Devices
 from drivers.motion.unmoved import unmoved
 from drivers.node.node import Node
 from drivers.remote import RemoteArm
-from tests.stand_ins.starved import StarvedMachine
+from stand_ins.starved import StarvedMachine
 
 STILL = Trajectory(raw_q_rad=np.repeat(np.array([[0.0, -0.5, 0.0, -2.0, 0.0, 1.5, 0.8]]), 2, axis=0), window=1)
 REST = ArmState(stamp_ns=1, mode=ArmMode.IDLE, q_rad=STILL.start_q_rad, dq_rad_s=np.zeros(7), tau_ext_nm=np.zeros(7))
