@@ -167,12 +167,6 @@ def _retention(bench: Bench) -> None:
     bench.ending.callback(Retention(settings, broken, clock_ns=broken).start().close)
 
 
-def _clock(bench: Bench) -> None:
-    measurements = iter([Starvation(1.0, 1.0, 2)])
-    clock = StarvedClock(measure=lambda: next(measurements, None) or broken())
-    OwnedThread(Role.CLOCK, clock.run).start()
-
-
 STARTS: dict[Role, Callable[[Bench], Any]] = {
     Role.MACHINE: lambda bench: bench.daemon.machine.decide(broken),
     Role.ACTION: _action,
