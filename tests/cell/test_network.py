@@ -128,6 +128,7 @@ def net() -> Iterator[Net]:
     net.clear()
 
 
+@pytest.mark.realtime  # deadlines over a network are wall time, whatever the load
 def test_a_pick_over_four_machines_and_a_cut_cable(net: Net, tmp_path: Path) -> None:
     keys = tmp_path / "keys"
     make_keys(keys, [ROUTER])
