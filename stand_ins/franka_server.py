@@ -18,6 +18,7 @@ def main() -> None:
     options.add_argument("--object-width-m", type=float)
     asked = options.parse_args()
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)  # an orphan would keep the ports
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background commands ignore it
     with contextlib.suppress(OSError):  # it stands for a robot, which is never late; only root may ask for that
         os.nice(-10)
         Path("/proc/self/autogroup").write_text("-10")
