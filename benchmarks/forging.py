@@ -22,8 +22,8 @@ from bus.codec import encode
 from bus.commands import CellHealth, CellState, Event, Health, Heartbeat
 from bus.errors import BadPayload, CellError
 from bus.messages import ArmMode, ArmState, CycleResult, HandState
+from bus.sensor_codec import arm_q_rad, arm_state_to_wire, transforms_to_wire
 from bus.topics import Topic, encoding_of
-from bus.wire import arm_q_rad, arm_state_to_wire, transforms_to_wire
 from logs.mcap.reader import read_cycle
 
 FORGED = "forged by a stranger"

@@ -19,8 +19,8 @@ from bus import topics
 from bus.codec import schema_of
 from bus.messages import ArmMode, ArmState
 from bus.sample import Sample
+from bus.sensor_codec import arm_state_to_wire, frame_to_wire
 from bus.topics import encoding_of
-from bus.wire import arm_state_to_wire, frame_to_wire
 from cell.pick.record import CycleLog
 from config.load import load_station
 from drivers.node.registry import open_devices

@@ -25,9 +25,9 @@ from bus.commands import CommandReply, CommandRequest, Nothing
 from bus.messages import CameraModel, Frame
 from bus.sample import Sample
 from bus.secured import session_config
+from bus.sensor_codec import frame_from_wire, frame_to_wire
 from bus.session import Bus
 from bus.topics import encoding_of
-from bus.wire import frame_from_wire, frame_to_wire
 
 _CELL = "travel"
 _FRAME, _COMMAND = "plain/frame", "plain/command"

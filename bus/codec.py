@@ -1,4 +1,4 @@
-"""Encodes our own messages as JSON, decodes them, and gives the schema of every payload. Sensor data: `bus.wire`."""
+"""Encodes and decodes our own messages (JSON), and gives the schema of every payload. Sensors: `bus.sensor_codec`."""
 
 from __future__ import annotations
 

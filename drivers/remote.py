@@ -14,9 +14,9 @@ from bus import topics
 from bus.commands import HandGrasp, HandMove, Nothing, Presented, PresentRequest
 from bus.errors import CellError, HandFault, NotConnected
 from bus.messages import ArmState, Frame, HandState, Motion
+from bus.sensor_codec import frame_from_wire
 from bus.session import Bus
 from bus.trajectory import Trajectory
-from bus.wire import frame_from_wire
 from config.schema import Station
 from drivers.interface import Devices
 

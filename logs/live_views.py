@@ -31,9 +31,9 @@ from bus.arrays import Joints, Mask, Transform
 from bus.commands import Event
 from bus.frozen import Message
 from bus.messages import Detections, Grasp, PickPlan, Segment, StageRecord, View
+from bus.sensor_codec import stamp
 from bus.topics import Topic
 from bus.transforms import apply, to_wxyz
-from bus.wire import stamp
 from config.franka_hand import FINGER_LENGTH_M, FINGER_TIP_M, FINGER_TIP_SIZE_M
 
 _logger = logging.getLogger(__name__)

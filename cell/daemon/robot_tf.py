@@ -17,9 +17,9 @@ from bus.codec import decode
 from bus.errors import BadPayload, BusError
 from bus.messages import HandState
 from bus.sample import Sample
+from bus.sensor_codec import arm_q_rad, arm_stamp_ns, transforms_to_wire
 from bus.session import Bus
 from bus.threads import OwnedThread, Role
-from bus.wire import arm_q_rad, arm_stamp_ns, transforms_to_wire
 from planning.links import Links
 from planning.robot import Robot
 

@@ -22,8 +22,8 @@ from bus.errors import BadPayload, CycleFailure
 from bus.messages import HandState
 from bus.sample import Sample
 from bus.secured import LEASE_MS
+from bus.sensor_codec import arm_stamp_ns
 from bus.session import Bus
-from bus.wire import arm_stamp_ns
 from config.schema import Station
 
 _log = logging.getLogger(__name__)

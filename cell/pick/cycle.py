@@ -35,8 +35,8 @@ from bus.messages import (
     Verdict,
     View,
 )
+from bus.sensor_codec import transforms_to_wire
 from bus.topics import Topic
-from bus.wire import transforms_to_wire
 from cell.machine.gate import Gate
 from cell.pick.capture import capture, require_sight
 from cell.pick.detect import detect_unless_halted

@@ -18,7 +18,7 @@ from cell.pick.detect import detect
 from cell.pick.plan import plan
 from cell.pick.verify import verify
 from config.schema import Station
-from logs.compare import Tolerance
+from logs.differences import Tolerance
 from logs.mcap.reader import CycleRecord
 from perception.models import Models
 from planning.robot import Robot

@@ -18,7 +18,7 @@ from bus.messages import Detections, Failure, PickPlan, StageName, StageRecord
 from cell.replay.compared_stages import STAGES, Stage
 from config.load import station_from
 from config.schema import Station
-from logs.compare import Difference, compare
+from logs.differences import Difference, compare
 from logs.mcap.reader import CycleRecord
 from perception.models import Models, open_models, replayed_models
 from planning.robot import Robot

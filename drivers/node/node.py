@@ -21,11 +21,11 @@ from bus.frozen import Message
 from bus.lazy import LazyModule
 from bus.messages import Motion
 from bus.sample import Asked, Sample
+from bus.sensor_codec import arm_state_to_wire, frame_to_wire
 from bus.session import Bus
 from bus.silence import Silence
 from bus.topics import Topic, encoding_of
 from bus.trajectory import Trajectory
-from bus.wire import arm_state_to_wire, frame_to_wire
 from config.schema import Station
 from drivers.interface import Arm, Camera, Devices, Hand, ObjectPresenter, Reporting
 from drivers.node.guard import Guard, HandGuard

@@ -19,7 +19,7 @@ from bus.codec import Json, MessageT, decode
 from bus.commands import CellState, Event, Health
 from bus.errors import BadPayload, RecordingError
 from bus.messages import Attempt, CycleResult, Execution, Frame, HandState, ModelReply, Observation, StageRecord, View
-from bus.wire import arm_joints, frame_from_wire
+from bus.sensor_codec import arm_joints, frame_from_wire
 from logs.mcap.finished_reader import records
 from logs.mcap.migrate import Content, migrate
 from logs.mcap.names import reading, shown

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from bus.codes import Code
 from bus.errors import CycleFailure
-from bus.pictures import is_whole, size_of
+from bus.picture_header import is_whole, size_of
 from perception.geometry.crop import Crop
 
 _ROOM = 1.9

@@ -9,14 +9,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from bus import codec, topics, wire
+from bus import codec, sensor_codec, topics
 from bus.errors import BadPayload
 from bus.messages import Frame, HandState
 from bus.trajectory import Trajectory
 
 
 def test_a_frame_survives_the_wire(frame: Frame) -> None:
-    back = wire.frame_from_wire(wire.frame_to_wire(frame))
+    back = sensor_codec.frame_from_wire(sensor_codec.frame_to_wire(frame))
     assert back.stamp_ns == frame.stamp_ns
     assert back.color_camera == frame.color_camera and back.depth_camera == frame.depth_camera
     np.testing.assert_allclose(back.color_from_depth, frame.color_from_depth, atol=1e-12)
@@ -25,31 +25,31 @@ def test_a_frame_survives_the_wire(frame: Frame) -> None:
 
 
 def test_decoding_the_same_bytes_twice_gives_the_same_frame(frame: Frame) -> None:
-    parts = wire.frame_to_wire(frame)
-    first, second = wire.frame_from_wire(parts), wire.frame_from_wire(parts)
+    parts = sensor_codec.frame_to_wire(frame)
+    first, second = sensor_codec.frame_from_wire(parts), sensor_codec.frame_from_wire(parts)
     assert first.model_dump_json() == second.model_dump_json()
 
 
 @pytest.mark.parametrize("missing", [topic.key for topic in topics.FRAME_PARTS])
 def test_an_incomplete_frame_names_what_is_missing(frame: Frame, missing: str) -> None:
-    parts = wire.frame_to_wire(frame)
+    parts = sensor_codec.frame_to_wire(frame)
     del parts[missing]
     with pytest.raises(BadPayload, match=missing):
-        wire.frame_from_wire(parts)
+        sensor_codec.frame_from_wire(parts)
 
 
 def test_parts_of_two_frames_are_refused(frame: Frame) -> None:
-    parts = wire.frame_to_wire(frame)
-    later = wire.frame_to_wire(frame.model_copy(update={"stamp_ns": frame.stamp_ns + 1}))
+    parts = sensor_codec.frame_to_wire(frame)
+    later = sensor_codec.frame_to_wire(frame.model_copy(update={"stamp_ns": frame.stamp_ns + 1}))
     with pytest.raises(BadPayload, match="different stamps"):
-        wire.frame_from_wire({**parts, topics.CAMERA_DEPTH.key: later[topics.CAMERA_DEPTH.key]})
+        sensor_codec.frame_from_wire({**parts, topics.CAMERA_DEPTH.key: later[topics.CAMERA_DEPTH.key]})
 
 
 @pytest.mark.parametrize("part", [topic.key for topic in topics.FRAME_PARTS])
 def test_a_damaged_part_is_a_bad_payload(frame: Frame, part: str) -> None:
-    parts = wire.frame_to_wire(frame)
+    parts = sensor_codec.frame_to_wire(frame)
     with pytest.raises(BadPayload):
-        wire.frame_from_wire({**parts, part: parts[part][: len(parts[part]) // 2]})
+        sensor_codec.frame_from_wire({**parts, part: parts[part][: len(parts[part]) // 2]})
 
 
 @given(hnp.arrays(np.float64, (3, 7), elements=st.floats(-3, 3, allow_nan=False)))

@@ -19,8 +19,8 @@ from bus.commands import CellHealth, Health, LoopHealth
 from bus.errors import CycleFailure
 from bus.messages import ArmMode, ArmState, HandState
 from bus.sample import Sample
+from bus.sensor_codec import arm_state_to_wire
 from bus.starvation import Starvation
-from bus.wire import arm_state_to_wire
 from cell import client
 from cell.nodes.health import NodeMonitor, is_halted
 from config.load import load_station

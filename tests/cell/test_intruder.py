@@ -12,7 +12,7 @@ from benchmarks.tally import Tally
 from bus import topics
 from bus.codec import decode
 from bus.commands import CellState
-from bus.wire import arm_q_rad
+from bus.sensor_codec import arm_q_rad
 
 
 def _series(tries: int, only: tuple[str, ...] = ()) -> list[str]:

@@ -26,7 +26,7 @@ from cell.replay.replay import Replay, Request, replay
 from cell.replay.republish import Payload, await_listener, payloads, republish, require_no_live_cell
 from cell.replay.view import consequence, to_json, verdict
 from config.load import load_station
-from logs.compare import leaves
+from logs.differences import leaves
 from logs.mcap.reader import CycleRecord, read_cycle
 from perception.align import align
 from planning.robot import Robot

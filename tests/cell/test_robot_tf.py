@@ -13,9 +13,9 @@ import pytest
 
 from bus import topics
 from bus.messages import ArmMode, ArmState, HandState
+from bus.sensor_codec import arm_state_to_wire
 from bus.session import Bus
 from bus.threads import handled_by
-from bus.wire import arm_state_to_wire
 from cell.daemon.robot_tf import RobotTf
 from cell.daemon.runinfo import robot_description
 from config.load import load_station

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bus import codec, topics, wire
+from bus import codec, sensor_codec, topics
 from bus.codes import Code
 from bus.commands import CellState
 from bus.frozen import Message
@@ -165,7 +165,7 @@ def record(tmp_path: Path, frame: Frame) -> Record:
             recorder.write(topic.key, encoding_of(topic.says), codec.encode(message), log_time_ns=time_ns)
 
         for seen in (frame, frame.model_copy(update={"stamp_ns": frame.stamp_ns + 1})):
-            for key, payload in wire.frame_to_wire(seen).items():
+            for key, payload in sensor_codec.frame_to_wire(seen).items():
                 says = next(topic.says for topic in topics.FRAME_PARTS if topic.key == key)
                 recorder.write(key, encoding_of(says), payload, log_time_ns=time_ns)
         state = CellState(state="Execute", stage="", cycle_id=name, since_ns=1, available=("stop",), reason="")

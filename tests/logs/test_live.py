@@ -22,8 +22,8 @@ from bus import topics
 from bus.commands import CellState, Event
 from bus.errors import ConfigError
 from bus.messages import Frame
+from bus.sensor_codec import frame_to_wire, transforms_to_wire
 from bus.session import Bus
-from bus.wire import frame_to_wire, transforms_to_wire
 from logs import live
 
 pytest.importorskip("foxglove", reason="foxglove-sdk is not installed")

@@ -34,10 +34,10 @@ from bus.messages import (
     View,
 )
 from bus.rejection import Rejection
+from bus.sensor_codec import frame_from_wire, frame_to_wire
 from bus.topics import Topic, encoding_of
 from bus.trajectory import Trajectory
-from bus.wire import frame_from_wire, frame_to_wire
-from logs.compare import compare
+from logs.differences import compare
 from logs.mcap.migrate import SCHEMA_VERSION
 from logs.mcap.reader import CycleRecord, read_cycle
 from logs.mcap.recorder import Recorder

@@ -23,8 +23,8 @@ from bus import topics
 from bus.codec import encode
 from bus.errors import BadPayload, RecordingError
 from bus.messages import Frame, HandState
+from bus.sensor_codec import frame_to_wire
 from bus.topics import encoding_of
-from bus.wire import frame_to_wire
 from logs.mcap.recorder import PART, Recorder, ensure_space
 
 NOW_NS = 1_700_000_000_000_000_000

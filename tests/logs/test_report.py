@@ -14,7 +14,7 @@ from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
 from bus.commands import Event, Health
 from bus.errors import RecordingError
 from bus.messages import ArmMode, ArmState, Attempt
-from bus.wire import arm_state_to_wire
+from bus.sensor_codec import arm_state_to_wire
 from logs.mcap.reader import Timed, read_cycle
 from logs.report.cycle_report import configuration_changes, write_report
 from logs.report.day_report import INDEX, days, write_cycle, write_day

@@ -14,7 +14,7 @@ from bus import topics
 from bus.codes import Code
 from bus.commands import Event
 from bus.messages import Detections, Frame
-from bus.wire import stamp_ns
+from bus.sensor_codec import stamp_ns
 from logs.live_views import Views, pictures
 from logs.mcap.reader import CycleRecord, read_cycle
 

@@ -15,7 +15,7 @@ from cell.pick.capture import capture
 from config.load import load_station
 from config.schema import Station
 from drivers.node.registry import open_devices
-from logs.compare import compare
+from logs.differences import compare
 from perception.detector import detect as detect_with
 from perception.detector import ignore_reply
 from perception.models import open_models

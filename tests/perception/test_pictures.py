@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from bus.codes import Code
 from bus.errors import CycleFailure
-from bus.pictures import is_whole, size_of
+from bus.picture_header import is_whole, size_of
 from perception.geometry.window import Window, decode_picture
 
 WINDOW = Window(0, 0, 128)

@@ -12,12 +12,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bus import topics, wire
+from bus import sensor_codec, topics
 from bus.codec import decode
 from bus.errors import BadPayload
 from bus.frozen import Message
 from bus.messages import CameraModel, Frame
-from bus.pictures import require_picture
+from bus.picture_header import require_picture
 
 TYPES = sorted(
     {kind for kind in topics.types_by_encoding().values() if isinstance(kind, type) and issubclass(kind, Message)},
@@ -70,7 +70,7 @@ def _frame() -> Frame:
     )
 
 
-PARTS = wire.frame_to_wire(_frame())
+PARTS = sensor_codec.frame_to_wire(_frame())
 COLOR, DEPTH, COLOR_LENS, DEPTH_LENS, TF = (topic.key for topic in topics.FRAME_PARTS)
 
 
@@ -121,13 +121,13 @@ NO_FRAMES = [
 
 
 def test_the_frame_that_the_others_are_made_of_is_one() -> None:
-    assert wire.frame_from_wire(PARTS).color.shape == (6, 8, 3)
+    assert sensor_codec.frame_from_wire(PARTS).color.shape == (6, 8, 3)
 
 
 @pytest.mark.parametrize(("key", "path", "value"), NO_FRAMES, ids=[f"{key} {path}" for key, path, _ in NO_FRAMES])
 def test_what_is_no_frame_is_refused(key: str, path: str, value: Any) -> None:
     with pytest.raises(BadPayload) as refused:
-        wire.frame_from_wire(_changed(key, _set(path, value)))
+        sensor_codec.frame_from_wire(_changed(key, _set(path, value)))
     assert str(refused.value).isprintable()
 
 
@@ -137,7 +137,9 @@ def test_any_bytes_for_a_part_are_read_or_refused(key: str, data: st.DataObject)
     whole = PARTS[key]
     at = data.draw(st.integers(0, len(whole) - 1))
     other = data.draw(st.binary(max_size=20))
-    _read_or_refused(lambda: wire.frame_from_wire({**PARTS, key: whole[:at] + other + whole[at + len(other) :]}))
+    _read_or_refused(
+        lambda: sensor_codec.frame_from_wire({**PARTS, key: whole[:at] + other + whole[at + len(other) :]})
+    )
 
 
 @given(st.sampled_from([COLOR_LENS, DEPTH_LENS]), st.lists(NUMBERS, max_size=10), st.lists(NUMBERS, max_size=9))
@@ -146,13 +148,13 @@ def test_any_numbers_for_a_lens_are_read_or_refused(key: str, k: list[float], d:
         _set("K", k)(message)
         _set("D", d)(message)
 
-    _read_or_refused(lambda: wire.frame_from_wire(_changed(key, change)))
+    _read_or_refused(lambda: sensor_codec.frame_from_wire(_changed(key, change)))
 
 
 @given(st.binary(max_size=60))
 def test_any_bytes_are_an_arm_state_or_are_refused(payload: bytes) -> None:
-    _read_or_refused(lambda: wire.arm_stamp_ns(payload))
-    _read_or_refused(lambda: wire.arm_q_rad(payload))
+    _read_or_refused(lambda: sensor_codec.arm_stamp_ns(payload))
+    _read_or_refused(lambda: sensor_codec.arm_q_rad(payload))
 
 
 @given(st.sampled_from([b"\xff\xd8", b"\x89PNG\r\n\x1a\n", b""]), st.binary(max_size=40))

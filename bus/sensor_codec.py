@@ -24,7 +24,7 @@ from bus import topics
 from bus.arrays import Joints
 from bus.errors import BadPayload
 from bus.messages import ArmState, CameraModel, Frame
-from bus.pictures import require_picture
+from bus.picture_header import require_picture
 from bus.transforms import from_wxyz
 
 _JPEG_QUALITY = 95

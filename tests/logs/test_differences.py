@@ -14,7 +14,7 @@ from bus.codes import Code
 from bus.messages import Alignment, Failure, HandState, Rectangle, Verdict
 from bus.rejection import Rejection
 from bus.trajectory import Trajectory
-from logs.compare import POSE, Tolerance, compare
+from logs.differences import POSE, Tolerance, compare
 
 VERDICT = Verdict(
     held=True, code=None, reason="Held.", hold_s=3.0, width_min_m=0.03, load_n=math.nan, cleared_fraction=1.0

@@ -36,7 +36,7 @@ from bus.messages import (
     Verdict,
 )
 from bus.rejection import Rejection
-from logs.compare import POSE, Difference, Tolerance, compare
+from logs.differences import POSE, Difference, Tolerance, compare
 
 _UNCOMPARED = ("latency_s", "took_s")
 NUMBERS = st.floats(-1e3, 1e3) | st.just(math.nan)
