@@ -7,7 +7,10 @@ from __future__ import annotations
 
 import errno
 import logging
+import os
 import sys
+from contextlib import suppress
+from typing import NoReturn
 
 import typer
 
@@ -21,8 +24,27 @@ _NOBODY_READS = (errno.EPIPE, errno.EIO)
 _USAGE, _DEFECT = 2, 5
 
 
-def main() -> None:
-    """Entry point: every error becomes one clear line and its exit code; only a defect gets a traceback, in the log."""
+def run() -> None:
+    """Entry point: carry out the command of this process, and end at once.
+
+    A native thread (Zenoh, MuJoCo) that entered Python while the interpreter shuts down would abort the process.
+    """
+    try:
+        main()
+    except SystemExit as end:
+        code = int(end.code or 0)
+    logging.shutdown()
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError):  # nobody reads it any more, or it is closed
+            stream.flush()
+    os._exit(code)
+
+
+def main() -> NoReturn:
+    """Carry out the command of this process, and exit.
+
+    Every error becomes one clear line and its exit code; only a defect gets a traceback, in the log.
+    """
     log_plainly()
     code = _carry_out()
     if out.lost is not None and code == 0 and getattr(out.lost, "errno", None) not in _NOBODY_READS:
@@ -86,4 +108,4 @@ def _defect(error: Exception) -> int:
 
 
 if __name__ == "__main__":
-    main()
+    run()
