@@ -46,8 +46,10 @@ class _Work:
     def __init__(self) -> None:
         self.begun, self.end = threading.Event(), threading.Event()
         self.fails = False
+        self.thread = threading.current_thread()  # until it runs
 
     def __call__(self) -> None:
+        self.thread = threading.current_thread()
         self.begun.set()
         assert self.end.wait(60)
         if self.fails:
@@ -88,10 +90,16 @@ class MachineMatchesItsTable(RuleBasedStateMachine):
         return over
 
     def _settle(self, over: Sequence[_Work]) -> None:
-        """Everything queued before has been acted on once this is answered, and the new work has begun."""
+        """Everything queued before has been acted on once this is answered, and the new work has begun.
+
+        What a stop left behind is over, too: while one of its ends is not taken, nothing else may begin.
+        """
         self.machine.command("settle", CommandRequest())
         for work in over:
             work.end.set()
+        for work in over:
+            work.thread.join(60)
+        self.machine.command("settle", CommandRequest())
         if self.state in self.works:
             assert self.works[self.state].begun.wait(60)
 
@@ -115,8 +123,8 @@ class MachineMatchesItsTable(RuleBasedStateMachine):
                 self.paused_from, self.ended_in_pause = before, False
             over = self._enter(target)
         reply = self.machine.command(verb, CommandRequest())
+        assert reply.ok == (before in sources), reply
         self._settle(over)
-        assert reply.ok == (before in sources)
         if not reply.ok:
             assert (reply.code, reply.state) == ("WRONG_STATE", before) and reply.reason
             assert verb not in reply.available
