@@ -9,7 +9,7 @@ from bus.frozen import Message
 
 
 class Fault(StrEnum):
-    """How a part misbehaves."""
+    """The way in which a part misbehaves."""
 
     NONE = "none"
     """No fault."""

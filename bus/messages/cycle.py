@@ -60,7 +60,7 @@ class StageRecord(Message, Generic[ResultT]):
 
 
 class CycleResult(Message):
-    """How one cycle ended.
+    """The result of one cycle.
 
     Attributes:
         object: name of the presented object in simulation, "" on hardware.

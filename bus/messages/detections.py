@@ -50,7 +50,7 @@ class ModelReply(Message):
 
 
 class Drift(Message):
-    """How far the goal image departs from the parts it must keep (hosted models treat masks as advisory).
+    """The departure of the goal image from the parts it must keep (hosted models treat masks as advisory).
 
     Attributes:
         changed_outside: share of the background whose colour changed.

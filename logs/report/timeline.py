@@ -114,7 +114,7 @@ def _why(record: CycleRecord) -> tuple[str, str]:
 
 
 def _parted(fault: Event) -> tuple[str, str]:
-    """What happened and what to do, also for an event that has both in its text."""
+    """The text and the advice of a fault, also of one that has both in its text."""
     advices = (fault.advice, *ADVICE.values())
     advice = next((advice for advice in advices if advice and fault.text.endswith(advice)), fault.advice)
     return fault.text.removesuffix(advice).strip(), advice
