@@ -93,7 +93,7 @@ def _axis_px(observed_object: ObservedObject) -> np.ndarray:
 
 def _minor_axis_px(observed_object: ObservedObject) -> np.ndarray:
     """Ends (2, 2) of the shortest way through the middle, for what is wider than the jaw."""
-    rows, columns = np.nonzero(observed_object.scene.object_mask)
+    rows, columns = np.nonzero(observed_object.mask)
     pixels = np.stack([columns, rows], axis=1).astype(float)
     values, axes = np.linalg.eigh(np.cov(pixels.T))
     half = axes[:, 0] * (2 * np.sqrt(values[0]) + 0.12 * observed_object.rgbd.camera.width)

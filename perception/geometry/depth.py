@@ -38,10 +38,18 @@ class Rgbd:
 
 
 def register(frame: Frame) -> Rgbd:
+    """The RGB-D image of a frame; see `registered`."""
+    return registered(frame)[0]
+
+
+def registered(frame: Frame) -> tuple[Rgbd, npt.NDArray[np.int32]]:
     """Undistort the colour image and reproject the depth image into it; the nearest surface wins.
 
     A frame whose depth is registered already keeps its depth pixels. A depth pixel covers about 1.5 colour pixels (NFOV
     depth, 720p colour), so each is splatted onto 2 x 2 pixels.
+
+    Returns:
+        The RGB-D image, and for each of its pixels (H, W) the flat index of its depth pixel, -1 = none.
     """
     camera = frame.color_camera.model_copy(update={"distortion": ()})
     color = frame.color
@@ -49,12 +57,14 @@ def register(frame: Frame) -> Rgbd:
         matrix = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
         color = np.asarray(cv2.undistort(np.asarray(color), matrix, np.array(frame.color_camera.distortion)))
     depth_m = without_flying_pixels(frame.depth_m)
+    valid = np.flatnonzero(np.isfinite(depth_m)).astype(np.int32)
     if frame.depth_camera == camera and np.array_equal(frame.color_from_depth, np.eye(4)):
-        return Rgbd(color, depth_m, camera)
-    valid = np.isfinite(depth_m)
-    points = rays(frame.depth_camera)[valid] * depth_m[valid][:, None].astype(float)
-    points = apply(frame.color_from_depth, points)
-    return Rgbd(color, _splat(points, camera), camera)
+        source = np.full(depth_m.size, -1, dtype=np.int32)
+        source[valid] = valid
+        return Rgbd(color, depth_m, camera), source.reshape(depth_m.shape)
+    points = rays(frame.depth_camera).reshape(-1, 3)[valid] * depth_m.ravel()[valid][:, None].astype(float)
+    splat_m, nearest = _splat(apply(frame.color_from_depth, points), camera)
+    return Rgbd(color, splat_m, camera), np.where(nearest >= 0, valid[nearest], -1).astype(np.int32)
 
 
 def without_flying_pixels(depth_m: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
@@ -79,14 +89,16 @@ def rays(camera: CameraModel) -> npt.NDArray[np.float64]:
     return np.concatenate([xy, np.ones((len(xy), 1))], axis=1).reshape(camera.height, camera.width, 3)
 
 
-def _splat(points: npt.NDArray[np.float64], camera: CameraModel) -> npt.NDArray[np.float32]:
-    """Z-buffer (H, W) [m] of points (n, 3) in the camera frame."""
-    corner = np.floor(project(points, camera)).astype(int)
-    z = points[:, 2].astype(np.float32)
-    nearest = np.full(camera.height * camera.width, np.inf, dtype=np.float32)
-    for dv, du in _SPLAT:
-        u, v = corner[:, 0] + du, corner[:, 1] + dv
-        inside = (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
-        np.minimum.at(nearest, (v * camera.width + u)[inside], z[inside])
-    nearest[np.isinf(nearest)] = np.nan
-    return nearest.reshape(camera.height, camera.width)
+def _splat(
+    points: npt.NDArray[np.float64], camera: CameraModel
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.int32]]:
+    """Z-buffer (H, W) [m] of points (n, 3) in the camera frame, NaN = none; and the index of the point there, or -1."""
+    order = np.argsort(-points[:, 2], kind="stable").astype(np.int32)
+    corner = np.floor(project(points[order], camera)).astype(np.int32)
+    u, v = (corner[:, axis, None] + np.array([one[1 - axis] for one in _SPLAT], dtype=np.int32) for axis in (0, 1))
+    inside = (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
+    index = np.full(camera.height * camera.width, -1, dtype=np.int32)
+    # far points first: the last one written, which is the nearest, stays
+    index[(v * camera.width + u)[inside]] = np.repeat(order, len(_SPLAT))[inside.ravel()]
+    depth_m = np.where(index >= 0, points[:, 2].astype(np.float32)[index], np.float32(np.nan))
+    return depth_m.reshape(camera.height, camera.width), index.reshape(camera.height, camera.width)

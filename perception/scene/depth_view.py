@@ -1,0 +1,106 @@
+"""What the depth camera sees, in its own pixels: points, and whether a place in space was seen to be free."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from bus.arrays import Transform
+from bus.messages import CameraModel, Observation
+from bus.transforms import inverse
+from perception.geometry.depth import rays, without_flying_pixels
+
+_HOLE_M = 0.012
+"""A pixel without depth counts as near as the nearest surface so far around it; without any, as not seen at all."""
+_FINE_M = 0.0008
+"""An image with smaller pixels on the scene is thinned out: the height map's cells are 2 mm wide."""
+_BEHIND_M = 0.004
+"""A place is free when what is seen in its direction lies so much farther."""
+
+Depth = npt.NDArray[np.float32]
+Points = npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class DepthView:
+    """The depth image without flying pixels.
+
+    Attributes:
+        depth_m: (h, w) z-depth, NaN = none. ``camera``: its model, with distortion.
+        base_from_depth: (4, 4) pose of the depth camera.
+        points_base: (h, w, 3) [m], NaN = none.
+    """
+
+    depth_m: Depth
+    camera: CameraModel
+    base_from_depth: Transform
+    points_base: Points
+
+    @classmethod
+    def of(cls, observation: Observation) -> DepthView:
+        """The depth image of an observation."""
+        frame = observation.frame
+        base_from_depth = observation.view.base_from_color @ frame.color_from_depth
+        depth_m = without_flying_pixels(frame.depth_m)
+        points = moved(_rays(frame.depth_camera) * depth_m[..., None], base_from_depth)
+        return cls(depth_m, frame.depth_camera, base_from_depth, points)
+
+    @cached_property
+    def pixel_m(self) -> float:
+        """Size of a pixel on the scene [m], at the median depth."""
+        return float(np.nanmedian(self.depth_m[::4, ::4])) / self.camera.fx
+
+    @cached_property
+    def nearest_m(self) -> Depth:
+        """(h, w) the measured depth, in holes the nearest depth around them; NaN in the middle of large holes."""
+        depth_m = np.where(np.isnan(self.depth_m), np.float32(np.inf), self.depth_m)
+        side_px = 2 * int(np.ceil(_HOLE_M / self.pixel_m)) + 1
+        around = cv2.erode(depth_m, np.ones((side_px, side_px), np.uint8))
+        filled = np.where(np.isinf(depth_m), around, depth_m)
+        return np.where(np.isinf(filled), np.float32(np.nan), filled)
+
+    def is_free(self, points_base: npt.NDArray[np.floating]) -> npt.NDArray[np.bool_]:
+        """Whether the camera sees past each point (n, 3) [m]; not outside the image, nor where there is no depth."""
+        pixels, z = self.pixels(points_base)
+        inside = (z > 0) & (pixels >= 0).all(axis=1)
+        inside &= (pixels[:, 0] < self.camera.width) & (pixels[:, 1] < self.camera.height)
+        u, v = np.where(inside[:, None], pixels, 0).T
+        return np.asarray(inside & (self.nearest_m[v, u] > z + np.float32(_BEHIND_M)))  # NaN compares false
+
+    def pixels(self, points_base: npt.NDArray[np.floating]) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]:
+        """The nearest pixels (n, 2) = (u, v) of points (n, 3) [m], maybe outside the image, and their z-depth (n,)."""
+        x, y, z = moved(points_base.astype(np.float32)[None], inverse(self.base_from_depth))[0].T
+        scale = 1 / np.where(z > 0, z, np.float32(np.nan))
+        x, y = _distorted(x * scale, y * scale, self.camera)
+        u = np.rint(np.nan_to_num(self.camera.fx * x + self.camera.cx, nan=-1.0)).clip(-1, 1 << 20)
+        v = np.rint(np.nan_to_num(self.camera.fy * y + self.camera.cy, nan=-1.0)).clip(-1, 1 << 20)
+        return np.stack([u, v], axis=1).astype(np.int32), z
+
+
+def moved(points: Points, to_from: Transform) -> Points:
+    """Points (h, w, 3) of a frame in another one, ``to_from`` (4, 4); fast, in single precision."""
+    return np.asarray(cv2.transform(points, to_from[:3].astype(np.float32)))
+
+
+@lru_cache(maxsize=4)
+def _rays(camera: CameraModel) -> Points:
+    return rays(camera).astype(np.float32)
+
+
+def _distorted(
+    x: npt.NDArray[np.float32], y: npt.NDArray[np.float32], camera: CameraModel
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    """Image coordinates, in focal lengths, after the lens's distortion (docs/frames.md)."""
+    if not camera.distortion:
+        return x, y
+    k1, k2, p1, p2, k3, k4, k5, k6 = (np.float32(value) for value in (*camera.distortion, *(0.0,) * 8)[:8])
+    r2 = x * x + y * y
+    radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
+    return (
+        x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
+        y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
+    )

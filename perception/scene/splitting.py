@@ -1,0 +1,106 @@
+"""Tells touching things apart on the height map: by steps, by valleys between two rises, and by colour."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+
+from perception.scene.heightmap import CELL_M, Heights, Labels
+
+_STEP_M = 0.009
+"""A step inside 10 mm that separates two things."""
+_VALLEY_M, _ACROSS_CELLS = 0.0025, 3
+"""A cell is a valley when the mean of the two points 6 mm to either side is so much higher."""
+_GROWN_CELLS = 6
+_MIN_CELLS = 25
+"""1 cm2: smaller pieces belong to the instance beside them."""
+_COLOR_STEP = 14.0
+"""CIE76 distance inside 6 mm at which an even patch of colour ends."""
+_SMOOTH_PX = 3
+
+Mask = npt.NDArray[np.bool_]
+
+
+def pieces(surface_m: Heights, raised: Mask) -> Labels:
+    """Number (ny, nx) the things among the raised cells, from 1 on, the largest first; 0 = none.
+
+    Args:
+        surface_m: (ny, nx) heights. ``raised``: (ny, nx) the cells above the table that may belong to an object.
+    """
+    smooth = cv2.GaussianBlur(cv2.medianBlur(surface_m, _SMOOTH_PX), (0, 0), 1.0)
+    cut = _steps(smooth, raised) | _valleys(smooth, raised)
+    return _numbered(raised, raised & ~cut)
+
+
+def color_patches(lab: npt.NDArray[np.float32], raised: Mask) -> Labels:
+    """Number (ny, nx) the even patches of colour among the raised cells, from 1 on; 0 = none.
+
+    Args:
+        lab: (ny, nx, 3) CIELAB.
+    """
+    smooth = np.asarray(cv2.medianBlur(lab.clip(-127, 127).astype(np.float32), _SMOOTH_PX))
+    apart = np.zeros(raised.shape, dtype=np.float32)
+    for axis in (0, 1):
+        difference = np.linalg.norm(np.roll(smooth, 1, axis) - np.roll(smooth, -2, axis), axis=2)
+        both = np.roll(raised, 1, axis) & np.roll(raised, -2, axis)
+        apart = np.maximum(apart, np.where(both, difference, 0))
+    return _numbered(raised, raised & (apart < _COLOR_STEP))
+
+
+def _steps(smooth: Heights, raised: Mask) -> Mask:
+    """Cells beside a step between two raised places."""
+    kernel = np.ones((5, 5), np.uint8)
+    high = cv2.dilate(np.where(raised, smooth, np.float32(-1)), kernel)
+    low = cv2.erode(np.where(raised, smooth, np.float32(9)), kernel)
+    return np.asarray(high - low > _STEP_M)
+
+
+def _valleys(smooth: Heights, raised: Mask) -> Mask:
+    """Cells between two rises, along any of four directions."""
+    low = np.where(raised, smooth, np.float32(-np.inf))
+    valley = np.zeros(raised.shape, dtype=bool)
+    reach = _ACROSS_CELLS
+    padded = np.pad(low, reach, constant_values=-np.inf)
+    ny, nx = raised.shape
+    for dy, dx in ((0, reach), (reach, 0), (2, 2), (2, -2)):
+        one = padded[reach + dy : reach + dy + ny, reach + dx : reach + dx + nx]
+        other = padded[reach - dy : reach - dy + ny, reach - dx : reach - dx + nx]
+        valley |= (one + other) / 2 - smooth > _VALLEY_M
+    return valley & raised
+
+
+def _numbered(raised: Mask, core: Mask) -> Labels:
+    """Components of the cores, grown over the rest of the raised cells; the largest has the number 1."""
+    opened = cv2.morphologyEx(core.astype(np.uint8), cv2.MORPH_OPEN, np.ones((2, 2), np.uint8))
+    _, labels = cv2.connectedComponents(opened, connectivity=4)
+    areas = np.bincount(labels.ravel())
+    labels[areas[labels] < _MIN_CELLS] = 0
+    _grow(labels, raised, _GROWN_CELLS)
+    _, rest = cv2.connectedComponents((raised & (labels == 0)).astype(np.uint8), connectivity=8)
+    labels = np.where(rest > 0, labels.max() + rest, labels)
+    areas = np.bincount(labels.ravel(), minlength=1)
+    small = (areas[labels] < _MIN_CELLS) & (labels > 0)
+    labels[small] = 0
+    _grow(labels, raised, 2 * _GROWN_CELLS)
+    return _by_size(labels)
+
+
+def _grow(labels: npt.NDArray[np.int32], raised: Mask, reach: int) -> None:
+    """Give raised cells without a number that of the nearest numbered cell, within ``reach`` cells."""
+    if not labels.any():
+        return
+    distance, nearest = ndimage.distance_transform_edt(labels == 0, return_indices=True)
+    grown = raised & (labels == 0) & (distance <= reach)
+    labels[grown] = labels[tuple(nearest)][grown]
+
+
+def _by_size(labels: npt.NDArray[np.int32]) -> Labels:
+    areas = np.bincount(labels.ravel(), minlength=1)
+    areas[0] = 0
+    order = np.argsort(-areas, kind="stable")
+    kept = order[areas[order] * CELL_M**2 >= _MIN_CELLS * CELL_M**2]
+    number = np.zeros(len(areas), dtype=np.int16)
+    number[kept] = np.arange(1, len(kept) + 1)
+    return np.asarray(number[labels])
