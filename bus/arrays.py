@@ -46,6 +46,12 @@ def _frozen(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return copy
 
 
+def _measured(depth_m: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Return depth [m] with NaN for what devices write where they measured nothing: 0, a negative number, infinity."""
+    is_hole = (depth_m <= 0) | np.isinf(depth_m)
+    return np.where(is_hole, np.float32(np.nan), depth_m) if is_hole.any() else depth_m
+
+
 def _schema(shape: Shape) -> dict[str, Any]:
     """Return the JSON schema of both forms in which an array of ``shape`` travels."""
     lists: dict[str, Any] = {"type": "number"}
@@ -60,9 +66,13 @@ def _field(parse: Callable[[Any], Any], pack: Callable[[Any], Any], schema: dict
     return Annotated[Any, BeforeValidator(parse), PlainSerializer(pack, when_used="json"), WithJsonSchema(schema)]
 
 
-def array_of(dtype: str, *shape: int | None) -> Any:
-    """Return the pydantic field type of an array of ``dtype`` and ``shape``; ``None`` stands for any length."""
-    return _field(lambda value: _frozen(unpack_array(value, dtype, shape)), pack_array, _schema(shape))
+def array_of(dtype: str, *shape: int | None, made: Callable[[Any], Any] = lambda array: array) -> Any:
+    """Return the pydantic field type of an array of ``dtype`` and ``shape``; ``None`` stands for any length.
+
+    Args:
+        made: what becomes of an array that fits.
+    """
+    return _field(lambda value: _frozen(made(unpack_array(value, dtype, shape))), pack_array, _schema(shape))
 
 
 def _image(channels: int, dtype: str) -> Any:
@@ -89,7 +99,7 @@ else:
     Transform = array_of("float64", 4, 4)  # homogeneous; a_from_b maps b-coordinates to a
     Vector3 = array_of("float64", 3)
     Points = array_of("float32", None, 3)  # [m]
-    DepthImage = array_of("float32", None, None)  # [m], NaN = invalid
+    DepthImage = array_of("float32", None, None, made=_measured)  # [m], NaN = invalid
     ColorImage = _image(3, "uint8")  # RGB
     Mask = _image(1, "bool")
     LabelImage = _image(1, "uint8")  # numbers, 0 = none

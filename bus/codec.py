@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from bus import topics
 from bus.commands import BusSchema, Health, TopicSchema
-from bus.errors import BadPayload
+from bus.errors import BadFrame, BadPayload
 from bus.frozen import Message
 from bus.lazy import LazyModule
 
@@ -40,6 +40,8 @@ def decode(payload_type: type[MessageT], payload: bytes) -> MessageT:
         return payload_type.model_validate_json(payload)
     except ValidationError as error:
         why = _first_of(error)
+    except BadFrame as error:
+        why = error.text.rstrip(".")
     except Exception as error:  # noqa: BLE001 - NumPy and OpenCV may raise any type on foreign bytes
         why = f"payload: {type(error).__name__}: {error}"
     raise BadPayload(f"Not a valid {payload_type.__name__}: {_line(why)}.")

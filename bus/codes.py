@@ -27,6 +27,7 @@ class Code(StrEnum):
     MODEL_DRIFT = "MODEL_DRIFT"
     SPEND_LIMIT = "SPEND_LIMIT"
     STALE_FRAME = "STALE_FRAME"
+    BAD_FRAME = "BAD_FRAME"
     ARM_REFLEX = "ARM_REFLEX"
     MOTION_REFUSED = "MOTION_REFUSED"
     HAND_FAULT = "HAND_FAULT"
@@ -64,6 +65,8 @@ ADVICE: dict[Code, str] = {
     Code.SPEND_LIMIT: "Raise perception.hosted.max_cycle_usd or max_day_usd, or use the embedded model.",
     Code.MODEL_DRIFT: "The goal image no longer shows the observed object; try again or use another model.",
     Code.STALE_FRAME: "Check the camera's cable, power and node.",
+    Code.BAD_FRAME: "Correct that field where the frame is made, in the camera's driver or your program: docs/frames.md"
+    " says what it has to be. Then `cell clear` and `cell reset`.",
     Code.ARM_REFLEX: "Clear what the arm touched, then `cell clear` and `cell reset`.",
     Code.MOTION_REFUSED: "The guard refused the motion; the report names the limit. Nothing moved.",
     Code.HAND_FAULT: "Check the hand's power and home it again with `cell reset`.",

@@ -20,7 +20,8 @@
     │   ├── MotionRefused        the guard's check failed; nothing moved
     │   ├── ArmReflex            the arm stopped itself; needs recover()
     │   ├── HandFault            the hand did not do what was asked
-    │   └── StaleFrame           the camera gave no fresh frame
+    │   ├── StaleFrame           the camera gave no fresh frame
+    │   └── BadFrame             a frame or camera pose that cannot be one; the text names the field
     ├── CalibrationError      1  a calibration has no good result
     └── CycleFailure          1  a stage of the cycle ended it: .code from bus.codes
 """
@@ -176,6 +177,12 @@ class StaleFrame(DriverError):
     """The camera gave no fresh frame."""
 
     code = "STALE_FRAME"
+
+
+class BadFrame(DriverError):
+    """A frame or a camera pose cannot be one: sizes, channels, units, intrinsics, or a pose that is not rigid."""
+
+    code = "BAD_FRAME"
 
 
 class CalibrationError(CellError):

@@ -24,14 +24,13 @@ from bus import topics
 from bus.arrays import Joints
 from bus.errors import BadPayload
 from bus.messages import ArmState, CameraModel, Frame
+from bus.messages.frame_checks import LENSES
 from bus.picture_header import require_picture
 from bus.transforms import from_wxyz
 
 _JPEG_QUALITY = 95
 _JOINTS = 7
 _YEAR_10000_S = 253_402_300_800
-_LENSES = (0, 4, 5, 8, 12, 14)
-"""The numbers of distortion coefficients that OpenCV accepts."""
 
 
 def stamp(stamp_ns: int) -> Timestamp:
@@ -76,7 +75,12 @@ def frame_to_wire(frame: Frame) -> dict[str, bytes]:
 
 
 def frame_from_wire(parts: Mapping[str, bytes]) -> Frame:
-    """Return the frame behind the five payloads. Raises: BadPayload for a missing, broken or inconsistent one."""
+    """Return the frame behind the five payloads.
+
+    Raises:
+        BadPayload: one of them is missing or broken, or they do not fit together.
+        BadFrame: they can be read, and are no frame all the same: another unit, a baseline of metres.
+    """
     missing = [topic.key for topic in topics.FRAME_PARTS if topic.key not in parts]
     if missing:
         raise BadPayload(f"A frame needs {', '.join(missing)}.")
@@ -126,7 +130,7 @@ def _calibration(camera: CameraModel, frame_id: str, when: Timestamp) -> CameraC
 
 def _camera_model(message: CameraCalibration) -> CameraModel:
     k = message.K
-    fits = np.isfinite([*k, *message.D]).all() and min(k[0], k[4]) > 0 and len(message.D) in _LENSES
+    fits = np.isfinite([*k, *message.D]).all() and min(k[0], k[4]) > 0 and len(message.D) in LENSES
     if not fits:
         raise BadPayload(f"The calibration of {message.frame_id!r} is none of a camera.")
     return CameraModel(

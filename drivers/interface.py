@@ -24,7 +24,7 @@ class Camera(Protocol):
         """Open the camera. Raises: DriverUnavailable."""
 
     def capture(self) -> Frame:
-        """Return one fresh frame, exposed after the call. Raises: StaleFrame, DeviceLost."""
+        """Return one fresh frame, exposed after the call. Raises: StaleFrame, DeviceLost, BadFrame (by making it)."""
 
     def close(self) -> None:
         """Close the camera; idempotent."""

@@ -54,7 +54,7 @@ class RemoteCamera(_Remote):
     """A camera served on the bus."""
 
     def capture(self) -> Frame:
-        """Return one fresh frame, as `Camera.capture`. Raises: BadPayload for a broken frame."""
+        """Return one fresh frame, as `Camera.capture`. Raises: BadPayload, BadFrame, as `frame_from_wire`."""
         sample = self._link().ask(topics.CAMERA_CAPTURE, Nothing(), timeout_s=self._timeout_s)
         return frame_from_wire({part.key: part.payload for part in sample})
 

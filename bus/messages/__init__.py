@@ -5,9 +5,10 @@ nanoseconds UTC. Frames: ``base``, ``flange``, ``hand``, ``tcp`` (z = approach, 
 camera, optical: x right, y down, z forward), ``depth``. Definitions: docs/frames.md.
 """
 
+from bus.messages.camera_model import CameraModel
 from bus.messages.cycle import Attempt, CycleResult, Failure, ResultT, StageName, StageRecord
 from bus.messages.detections import Alignment, Detections, Drift, Evidence, ModelReply, Usage
-from bus.messages.devices import ArmMode, ArmState, CameraModel, Frame, HandState, Motion
+from bus.messages.devices import ArmMode, ArmState, Frame, HandState, Motion
 from bus.messages.execution import Delivery, Execution, SegmentRun, Verdict
 from bus.messages.grasps import Grasp, Rectangle
 from bus.messages.observation import Observation, View

@@ -3,27 +3,21 @@
 from __future__ import annotations
 
 from enum import StrEnum
+from typing import Any, Self
+
+from pydantic import ModelWrapValidatorHandler, model_validator
 
 from bus.arrays import ColorImage, DepthImage, Joints, JointSamples, Samples, Transform
 from bus.frozen import Message
-
-
-class CameraModel(Message):
-    """A pinhole camera with OpenCV's rational distortion (Brown-Conrady K6 on the Femto Mega; docs/frames.md).
-
-    Attributes:
-        width, height: image size [px].
-        fx, fy, cx, cy: intrinsics [px], pixel centres at integers.
-        distortion: (k1, k2, p1, p2, k3, k4, k5, k6), or empty for none.
-    """
-
-    width: int
-    height: int
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-    distortion: tuple[float, ...] = ()
+from bus.messages.camera_model import CameraModel
+from bus.messages.frame_checks import (
+    made,
+    require_baseline,
+    require_lens,
+    require_metres,
+    require_rgb,
+    require_size,
+)
 
 
 class Frame(Message):
@@ -32,8 +26,11 @@ class Frame(Message):
     Attributes:
         stamp_ns: middle of the exposure, UTC.
         color: (H, W, 3) RGB, distorted by ``color_camera``.
-        depth_m: (h, w) z-depth in the depth camera, NaN = invalid, distorted by ``depth_camera``.
+        depth_m: (h, w) z-depth in the depth camera, NaN = invalid, distorted by ``depth_camera``. What is 0, negative
+            or infinite becomes NaN.
         color_from_depth: (4, 4) pose of the depth camera in the colour camera [m].
+
+    Raises: BadFrame: a field cannot be one of a frame; the text names it, what it is and what it has to be.
     """
 
     stamp_ns: int
@@ -42,6 +39,20 @@ class Frame(Message):
     color_camera: CameraModel
     depth_camera: CameraModel
     color_from_depth: Transform
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _require_sound(cls, values: Any, make: ModelWrapValidatorHandler[Self]) -> Self:
+        if isinstance(values, dict):
+            require_rgb("Frame.color", values.get("color"))
+        frame = made("Frame", values, make)
+        require_lens("Frame.color_camera", frame.color_camera)
+        require_lens("Frame.depth_camera", frame.depth_camera)
+        require_size("Frame.color", frame.color, "Frame.color_camera", frame.color_camera)
+        require_size("Frame.depth_m", frame.depth_m, "Frame.depth_camera", frame.depth_camera)
+        require_baseline("Frame.color_from_depth", frame.color_from_depth)
+        require_metres("Frame.depth_m", frame.depth_m)
+        return frame
 
 
 class ArmMode(StrEnum):

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from typing import Any, Self
+
+from pydantic import ModelWrapValidatorHandler, model_validator
+
 from bus.arrays import Transform
 from bus.frozen import Message
 from bus.messages.devices import ArmState, Frame
+from bus.messages.frame_checks import made, require_rigid
 
 
 class View(Message):
     """The camera pose of one frame. The frame itself travels and is recorded as images, found by its stamp.
+
+    A pose that is not rigid is a `bus.errors.BadFrame`.
 
     Attributes:
         stamp_ns: of the frame, UTC.
@@ -19,6 +26,13 @@ class View(Message):
     stamp_ns: int
     arm: ArmState
     base_from_color: Transform
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _require_sound(cls, values: Any, make: ModelWrapValidatorHandler[Self]) -> Self:
+        view = made("View", values, make)
+        require_rigid("View.base_from_color", view.base_from_color)
+        return view
 
 
 class Observation(Message):

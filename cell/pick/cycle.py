@@ -12,6 +12,7 @@ from bus.arrays import Transform
 from bus.codes import Code
 from bus.errors import (
     ArmReflex,
+    BadFrame,
     BusError,
     CycleFailure,
     DeviceLost,
@@ -54,8 +55,8 @@ from planning.robot import Robot
 ResultT = TypeVar("ResultT", bound=Message)
 Publish = Callable[[Topic, "Message | bytes"], None]
 
-FAULTS = {Code.ARM_REFLEX, Code.MOTION_REFUSED, Code.HAND_FAULT, Code.STALE_FRAME, Code.DEVICE_LOST, Code.NODE_LOST,
-          Code.RECORDING, Code.INTERNAL}  # fmt: skip
+FAULTS = {Code.ARM_REFLEX, Code.MOTION_REFUSED, Code.HAND_FAULT, Code.STALE_FRAME, Code.BAD_FRAME, Code.DEVICE_LOST,
+          Code.NODE_LOST, Code.RECORDING, Code.INTERNAL}  # fmt: skip
 """Codes that abort the machine: a device or the cell itself failed, not the pick."""
 
 _CODE_OF_ERROR: tuple[tuple[type[Exception], Code], ...] = (
@@ -63,6 +64,7 @@ _CODE_OF_ERROR: tuple[tuple[type[Exception], Code], ...] = (
     (MotionRefused, Code.MOTION_REFUSED),
     (HandFault, Code.HAND_FAULT),
     (StaleFrame, Code.STALE_FRAME),
+    (BadFrame, Code.BAD_FRAME),
     (DeviceLost, Code.DEVICE_LOST),
     (BusError, Code.NODE_LOST),
     (DriverError, Code.INTERNAL),

@@ -17,7 +17,7 @@ from mcap.records import Attachment, Channel, McapRecord, Message, Metadata
 from bus import topics
 from bus.codec import Json, MessageT, decode
 from bus.commands import CellState, Event, Health
-from bus.errors import BadPayload, RecordingError
+from bus.errors import BadFrame, BadPayload, RecordingError
 from bus.messages import (
     Attempt,
     CycleResult,
@@ -178,7 +178,7 @@ def recorded_number(tree: object, *keys: str) -> float | None:
 
 def _cycle(raw: Content) -> CycleRecord:
     stages = dict(_stages(raw))
-    frames, is_recovered = dict(_frames(raw)), RECOVERED in raw.metadata
+    frames, is_whole = _frames(raw)
     capture, execute = stages.get("capture"), stages.get("execute")
     execution: Execution | None = execute.result if execute is not None else None
     results, attempts = raw.payloads.get(topics.RESULT.key, []), raw.payloads.get(topics.ATTEMPT.key, [])
@@ -187,8 +187,8 @@ def _cycle(raw: Content) -> CycleRecord:
         metadata=raw.metadata,
         station=raw.station or {},
         stages=stages,
-        observation=_observation(capture.result if capture is not None else None, frames, is_recovered),
-        after=_observation(execution.after if execution is not None else None, frames, is_recovered),
+        observation=_observation(capture.result if capture is not None else None, frames, is_whole),
+        after=_observation(execution.after if execution is not None else None, frames, is_whole),
         result=decode(CycleResult, results[-1][1]) if results else None,
         attempt=decode(Attempt, attempts[0][1]) if attempts else Attempt(cycle_id=raw.metadata["cycle_id"]),
         scene=_scene(raw, stages.get("detect")),
@@ -235,25 +235,35 @@ def _arm_states(raw: Content) -> Iterator[Timed[JointStates]]:
             yield Timed(log_time_ns, arm_joints(payload))
 
 
-def _frames(raw: Content) -> Iterator[tuple[int, Frame]]:
-    """All recorded frames by their stamp [ns UTC]. The five parts of a frame are recorded together, in order."""
+def _frames(raw: Content) -> tuple[dict[int, Frame], bool]:
+    """All recorded frames by their stamp [ns UTC], and whether every frame that was used must be among them.
+
+    The five parts of a frame are recorded together, in order. Of a recovered file some may be missing, and an older one
+    may hold a frame that today no cycle would use.
+    """
+    frames: dict[int, Frame] = {}
+    is_whole = RECOVERED not in raw.metadata
     columns = [raw.payloads.get(topic.key, []) for topic in topics.FRAME_PARTS]
-    if len({len(column) for column in columns}) > 1 and RECOVERED not in raw.metadata:
+    if len({len(column) for column in columns}) > 1 and is_whole:
         raise BadPayload("Parts of a frame are missing.")
     for parts in zip(*columns, strict=False):  # in a torn file, parts of the last frame may be missing
-        with suppress(BadPayload):  # an undecodable frame was never used: its capture failed
-            frame = frame_from_wire(
-                {topic.key: payload for topic, (_, payload) in zip(topics.FRAME_PARTS, parts, strict=True)}
-            )
-            yield frame.stamp_ns, frame
+        payloads = {topic.key: payload for topic, (_, payload) in zip(topics.FRAME_PARTS, parts, strict=True)}
+        try:
+            frame = frame_from_wire(payloads)
+            frames[frame.stamp_ns] = frame
+        except BadPayload:  # an undecodable frame was never used: its capture failed
+            continue
+        except BadFrame:
+            is_whole = False
+    return frames, is_whole
 
 
-def _observation(view: View | None, frames: dict[int, Frame], is_recovered: bool) -> Observation | None:
+def _observation(view: View | None, frames: dict[int, Frame], is_whole: bool) -> Observation | None:
     if view is None:
         return None
     frame = frames.get(view.stamp_ns)
     if frame is None:
-        if is_recovered:
+        if not is_whole:
             return None
         raise BadPayload(f"The frame with the stamp {view.stamp_ns} is missing.")
     return Observation(view=view, frame=frame)

@@ -11,7 +11,7 @@ from hypothesis.extra import numpy as hnp
 
 from bus import codec, sensor_codec, topics
 from bus.errors import BadPayload
-from bus.messages import Frame, HandState
+from bus.messages import ArmMode, ArmState, Frame, HandState, View
 from bus.trajectory import Trajectory
 
 
@@ -71,6 +71,14 @@ def test_trajectories_travel_bit_for_bit(q_rad: np.ndarray) -> None:
 def test_a_payload_that_does_not_fit_names_the_field(payload: bytes, names: str) -> None:
     with pytest.raises(BadPayload, match=names):
         codec.decode(HandState, payload)
+
+
+def test_a_view_from_a_mirrored_camera_is_a_bad_payload_that_says_so() -> None:
+    rest = np.zeros(7)
+    arm = ArmState(stamp_ns=1, mode=ArmMode.IDLE, q_rad=rest, dq_rad_s=rest, tau_ext_nm=rest)
+    view = View(stamp_ns=1, arm=arm, base_from_color=np.eye(4))
+    with pytest.raises(BadPayload, match=r"Not a valid View: View.base_from_color mirrors"):
+        codec.decode(View, codec.encode(view.model_copy(update={"base_from_color": np.diag([1.0, 1.0, -1.0, 1.0])})))
 
 
 def test_arrays_in_messages_are_read_only() -> None:

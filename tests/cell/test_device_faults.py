@@ -88,6 +88,18 @@ def test_a_camera_that_sticks_in_mid_cycle_shows_no_second_look(bench: Bench) ->
     assert failure.failure is Code.STALE_FRAME and "old frame" in failure.text
 
 
+def test_a_camera_whose_frames_cannot_be_aborts_the_cell_and_the_field_is_named(bench: Bench) -> None:
+    whole = bench.camera.capture
+
+    def capture_rgba() -> Frame:
+        frame = whole()
+        return Frame(**{**dict(frame), "color": np.dstack([frame.color, frame.color[..., :1]])})
+
+    bench.spoil["capture"] = lambda: setattr(bench.camera, "capture", capture_rgba)
+    failure = bench.failure()
+    assert failure.failure is Code.BAD_FRAME and "Frame.color" in failure.text and "RGBA" in failure.text
+
+
 def test_a_camera_that_is_off_is_a_lost_device(bench: Bench) -> None:
     bench.spoil["capture"] = _set(bench.camera, Fault.OFF)
     assert bench.failure().failure is Code.DEVICE_LOST

@@ -16,9 +16,10 @@ import pytest
 from bus import topics
 from bus.clock import WALL_CLOCK, DeadlineClock
 from bus.codec import decode
+from bus.codes import ADVICE, Code
 from bus.commands import Event, Health, Heartbeat, Nothing
-from bus.errors import DriverUnavailable
-from bus.messages import ArmMode, ArmState, Motion
+from bus.errors import BadFrame, DriverUnavailable
+from bus.messages import ArmMode, ArmState, Frame, Motion
 from bus.sample import Sample
 from bus.session import Bus
 from bus.trajectory import Trajectory
@@ -27,7 +28,7 @@ from config.schema import Station
 from drivers.interface import Arm, Devices
 from drivers.motion.unmoved import unmoved
 from drivers.node.node import Node
-from drivers.remote import RemoteArm
+from drivers.remote import RemoteArm, RemoteCamera
 from stand_ins.starved import StarvedMachine
 
 STILL = Trajectory(raw_q_rad=np.repeat(np.array([[0.0, -0.5, 0.0, -2.0, 0.0, 1.5, 0.8]]), 2, axis=0), window=1)
@@ -58,6 +59,21 @@ class PatientArm:
         self._stopped.set()
 
 
+class RgbaCamera:
+    """Its pictures have four channels: a driver's mistake, told where it makes a frame."""
+
+    def __init__(self, frame: Frame) -> None:
+        self._frame = frame
+
+    def connect(self) -> None: ...
+
+    def close(self) -> None: ...
+
+    def capture(self) -> Frame:
+        color = np.dstack([self._frame.color, self._frame.color[..., :1]])
+        return Frame(**{**dict(self._frame), "color": color})
+
+
 @pytest.fixture
 def station(endpoint: str) -> Station:
     """Patient enough for a busy machine."""
@@ -72,9 +88,13 @@ def cell(station: Station, endpoint: str) -> Iterator[Bus]:
 
 @contextmanager
 def node_of(
-    station: Station, arm: PatientArm | None = None, name: str = "sim", clock: DeadlineClock = WALL_CLOCK
+    station: Station,
+    arm: PatientArm | None = None,
+    name: str = "sim",
+    clock: DeadlineClock = WALL_CLOCK,
+    camera: RgbaCamera | None = None,
 ) -> Iterator[Node]:
-    devices = Devices(arm=cast(Arm, arm)) if arm is not None else Devices()
+    devices = Devices(camera=camera, arm=cast(Arm, arm) if arm is not None else None)
     with Bus.join(station.cell_id, station.bus.endpoint, clock=clock) as bus:
         node = Node(name, bus, devices, station)
         node.open()
@@ -101,6 +121,17 @@ def test_a_name_is_served_once_and_the_second_is_told_of_the_firsts_process(cell
     until(lambda: not cell.alive(topics.NODE_ALIVE))
     with node_of(station):  # the name is free again
         pass
+
+
+def test_a_frame_that_cannot_be_is_refused_at_its_node_and_named_to_who_asked(
+    cell: Bus, station: Station, frame: Frame
+) -> None:
+    with node_of(station, camera=RgbaCamera(frame)):
+        camera = RemoteCamera(cell, timeout_s=60)
+        camera.connect()
+        with pytest.raises(BadFrame, match=r"Frame.color has the shape \(90, 160, 4\).*RGBA") as refused:
+            camera.capture()
+    assert refused.value.code == Code.BAD_FRAME and refused.value.advice == ADVICE[Code.BAD_FRAME]
 
 
 def test_of_many_that_begin_in_the_same_moment_one_stays(cell: Bus, station: Station) -> None:

@@ -166,6 +166,16 @@ def test_both_observations_come_back_as_the_stages_had_them(recording: Path, fra
         assert compare(_view(taken.stamp_ns), seen.view, {}) == []
 
 
+def test_an_older_recording_of_a_frame_that_no_cycle_would_use_now_is_read_without_its_picture(
+    tmp_path: Path, said: list[tuple[Topic, Message]], frame: Frame, second_frame: Frame
+) -> None:
+    """Its depth was of another unit, and its cycle ended in detection; nothing checked frames then."""
+    far = frame.model_copy(update={"depth_m": frame.depth_m * 1000})
+    cycle = read_cycle(_write(tmp_path / "cycle.mcap", said, [far, second_frame]))
+    assert cycle.observation is None and cycle.after is not None
+    assert list(cycle.stages) == ["capture", "plan", "execute", "verify"]
+
+
 def test_everything_else_comes_back_in_order_with_its_time(recording: Path) -> None:
     cycle = read_cycle(recording)
     assert (cycle.cycle_id, cycle.station, cycle.result) == (CYCLE_ID, STATION, RESULT)
