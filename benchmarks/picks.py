@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bus.messages import Grasp
-from config.schema import Box, NodeSettings, Table, SceneSettings, Station
+from config.schema import Box, NodeSettings, SceneSettings, Station, Table
 from planning.candidates import Approach, approaches, grasp_pose, twins
 from planning.kinematics import inverse, limit_distance_rad, q7_grid
 from planning.line import tcp_line

@@ -17,6 +17,7 @@ from bus.messages import Detections, Grasp, ModelReply, Observation, ObservedSce
 from config.schema import Station
 from perception.evidence import evidence_of
 from perception.geometry.crop import Crop, Mask
+from perception.geometry.inputs import checked
 from perception.geometry.rod import rectangle
 from perception.goal.axes import axes_of
 from perception.goal.imagine import Conversation, OnReply, observed_object_of
@@ -63,13 +64,13 @@ def detect(
         on_scene: called with what was seen, before anything is looked for in it.
 
     Raises:
-        CycleFailure: NO_TABLE, TABLE_MOVED, TOO_NEAR, NO_OBJECT, NOT_SEEN, NO_DEPTH, TARGET_NOT_FOUND, NO_GRASP,
-            MODEL_*, SPEND_LIMIT or STOPPED. Of several proposals, one that succeeds is enough.
+        CycleFailure: BAD_FRAME, NO_TABLE, TABLE_MOVED, TOO_NEAR, NO_OBJECT, NOT_SEEN, NO_DEPTH, TARGET_NOT_FOUND,
+            NO_GRASP, MODEL_*, SPEND_LIMIT or STOPPED. Of several proposals, one that succeeds is enough.
     """
     cancel = cancel or Cancel()
     cancel.raise_if_set("detect")
     models.imaginer.begin()
-    scene, seen = _see(observation, station, on_scene)
+    scene, seen = _see(checked(observation), station, on_scene)
     closings = graded(search(scene.heights, station), seen.instances)
     talk = Conversation(models.imaginer, on_reply, cancel=cancel)
     targets = choose(scene, closings, talk, station, models.sam)

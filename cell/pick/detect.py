@@ -12,8 +12,8 @@ from bus.errors import CycleFailure
 from bus.messages import Detections, ModelReply, Observation
 from bus.threads import OwnedThread, Role
 from config.schema import Station
-from perception.detector import detect as vlad_grasp
 from perception.detector import OnScene, ignore_reply
+from perception.detector import detect as vlad_grasp
 from perception.goal.imagine import OnReply
 from perception.models import Models
 

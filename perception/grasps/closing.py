@@ -21,7 +21,7 @@ TABLE_CLEARANCE_M = 0.003
 HOLD_M = 0.022
 """Largest depth of the finger tips below the visible edge: deeper, hidden overhangs meet the finger's face first."""
 _MIN_HOLD_M = 0.003
-_OVER_M = 0.003
+OVER_M = 0.003
 """Clearance of finger tips and palm above what may be occupied below them."""
 _LEVELS_M = np.array([0.0015, 0.006, 0.012, 0.018], dtype=np.float32)
 """Heights above the finger tips at which contacts are looked for."""
@@ -174,7 +174,7 @@ def _closed(
         palm_m = _palm_top(heights, centers_m + axis * touch.middle_m[:, None], axis) - PALM_ABOVE_TIP_M
         under_m = profile.under_fingers_m(touch.middle_m, opening_m)
         edge_m = np.minimum(profile.edge_m(left, touch.left_m, 1.0), profile.edge_m(right, touch.right_m, -1.0))
-        lowest_m = np.maximum(np.maximum(under_m, palm_m) + _OVER_M, TABLE_CLEARANCE_M)
+        lowest_m = np.maximum(np.maximum(under_m, palm_m) + OVER_M, TABLE_CLEARANCE_M)
         tip_m = np.maximum(lowest_m, edge_m - HOLD_M)
         left, right = profile.contacts(tip_m + _LEVELS_M[0], half_m)
         touch = _touch(left, right)

@@ -63,7 +63,7 @@ def grasps_of_rod(ends_base: Array, rectangle: int, observed_object: ObservedObj
     base_from_table = observed_object.scene.table.base_from_table
     grasps = _approach(ends_base, rectangle, base_from_table, observed_object.scene.heights, observed_object, station)
     for tilt_rad in () if grasps else _TILTS_RAD:
-        base_from_level = _tilted(ends_base, float(tilt_rad), base_from_table)
+        base_from_level = tilted(ends_base, float(tilt_rad), base_from_table)
         heights = observed_object.scene.heights_along(base_from_level, observed_object.instance.number)
         grasps += _approach(ends_base, rectangle, base_from_level, heights, observed_object, station)
     return grasps
@@ -78,6 +78,18 @@ def rank(grasps: list[Grasp], station: Station) -> tuple[Grasp, ...]:
 def pose(closings: Closings, index: int) -> Transform:
     """level_from_tcp (4, 4) of a closing: y along the closing axis, z down."""
     return _pose(closings.center_m[index], float(closings.heading_rad[index]), float(closings.tcp_m[index]))
+
+
+def tilted(ends_base: Array, tilt_rad: float, base_from_table: Transform) -> Transform:
+    """base_from_level (4, 4): origin on the table below the rod, z turned about the rod's heading."""
+    ends = apply(inverse(base_from_table), ends_base)
+    along = (ends[1] - ends[0]) * np.array([1.0, 1.0, 0.0])
+    along = along / np.linalg.norm(along)
+    across, up = np.array([-along[1], along[0], 0.0]), np.array([0.0, 0.0, 1.0])
+    side = np.cos(tilt_rad) * across + np.sin(tilt_rad) * up
+    normal = np.cos(tilt_rad) * up - np.sin(tilt_rad) * across
+    x_m, y_m = ends.mean(axis=0)[:2]
+    return np.asarray(base_from_table @ from_rotation(np.column_stack([along, side, normal]), (x_m, y_m, 0.0)))
 
 
 def _approach(
@@ -144,18 +156,6 @@ def _judged(
 def _scored(closings: Closings, terms: dict[str, Array]) -> Closings:
     score = np.where(np.isfinite(closings.score), weighted(terms, _WEIGHTS), -np.inf)
     return replace(closings, terms=terms, score=score)
-
-
-def _tilted(ends_base: Array, tilt_rad: float, base_from_table: Transform) -> Transform:
-    """base_from_level (4, 4): origin on the table below the rod, z turned about the rod's heading."""
-    ends = apply(inverse(base_from_table), ends_base)
-    along = (ends[1] - ends[0]) * np.array([1.0, 1.0, 0.0])
-    along = along / np.linalg.norm(along)
-    across, up = np.array([-along[1], along[0], 0.0]), np.array([0.0, 0.0, 1.0])
-    side = np.cos(tilt_rad) * across + np.sin(tilt_rad) * up
-    normal = np.cos(tilt_rad) * up - np.sin(tilt_rad) * across
-    x_m, y_m = ends.mean(axis=0)[:2]
-    return np.asarray(base_from_table @ from_rotation(np.column_stack([along, side, normal]), (x_m, y_m, 0.0)))
 
 
 def _pose(center_m: Array, heading_rad: float, tcp_m: float) -> Transform:

@@ -56,6 +56,8 @@ def _cylinder(ends: Array, radius_m: float, observed_object: ObservedObject) -> 
     pad = 2 * radius_m / float(ends[:, 2].min()) * camera.fx + 2
     u0, v0 = np.maximum(np.floor(box.min(axis=0) - pad), 0).astype(int)
     u1, v1 = np.minimum(np.ceil(box.max(axis=0) + pad), [camera.width - 1, camera.height - 1]).astype(int)
+    if u1 < u0 or v1 < v0:  # beside the picture
+        return depth_m, normals
     u, v = np.meshgrid(np.arange(u0, u1 + 1), np.arange(v0, v1 + 1))
     rays = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(u.shape)], axis=-1)
     # |(ray z - end) - along ((ray z - end) . along)| = radius, for the smaller z

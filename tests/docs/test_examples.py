@@ -15,10 +15,10 @@ from config.load import load_station
 from docs.examples.goal_model.acme_model import Crosswise
 from drivers.node import registry as drivers
 from drivers.sim.objects import object_names, require_presentable
-from perception.detector import propose
 from perception.goal.imagine import Conversation
 from perception.models import Models
 from perception.models import registry as models
+from perception.proposal import propose
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 STATION = load_station()

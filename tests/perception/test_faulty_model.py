@@ -17,11 +17,11 @@ from bus.fault_injection import Fault
 from bus.messages import ModelReply
 from cell.fault_injection import FaultInjection
 from config.load import load_station
-from perception.detector import Proposal, propose
 from perception.goal.imagine import Conversation
 from perception.models import Models, open_models, replayed_models
 from perception.models.fault_injection import FaultyModel
 from perception.observed_object import ObservedObject
+from perception.proposal import Proposal, propose
 
 STATION = load_station(None, ["faults.allowed=true", "faults.delay_s=0.1", "perception.hosted.deadline_s=0.1"])
 

@@ -19,9 +19,9 @@ from benchmarks.datasets.jacquard import read_jacquard
 from bus.errors import ConfigError
 from bus.messages import ModelReply, Rectangle
 from config.load import load_station
-from perception.detector import propose
 from perception.goal.imagine import Conversation
 from perception.models import open_models
+from perception.proposal import propose
 from perception.rectangles.metric import iou, matches
 from perception.rectangles.network import GraspNetwork
 

@@ -10,8 +10,8 @@ from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.transforms import apply
 from config.schema import Station
-from perception.models.painter import paint
 from perception.geometry.lift import lift
+from perception.models.painter import paint
 from perception.observed_object import Answer, ObservedObject
 
 _HALF_ROD_M = 0.08
