@@ -64,7 +64,12 @@ def registered(frame: Frame) -> tuple[Rgbd, npt.NDArray[np.int32]]:
         return Rgbd(color, depth_m, camera), source.reshape(depth_m.shape)
     points = rays(frame.depth_camera).reshape(-1, 3)[valid] * depth_m.ravel()[valid][:, None].astype(float)
     splat_m, nearest = _splat(apply(frame.color_from_depth, points), camera)
-    return Rgbd(color, splat_m, camera), np.where(nearest >= 0, valid[nearest], -1).astype(np.int32)
+    return Rgbd(color, splat_m, camera), _of(valid, nearest)
+
+
+def _of(valid: npt.NDArray[np.int32], nearest: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
+    """The entries of ``valid`` (n,) at the indices ``nearest`` (H, W); -1 where these are -1."""
+    return np.append(valid, np.int32(-1))[nearest]
 
 
 def without_flying_pixels(depth_m: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
@@ -100,5 +105,6 @@ def _splat(
     index = np.full(camera.height * camera.width, -1, dtype=np.int32)
     # far points first: the last one written, which is the nearest, stays
     index[(v * camera.width + u)[inside]] = np.repeat(order, len(_SPLAT))[inside.ravel()]
-    depth_m = np.where(index >= 0, points[:, 2].astype(np.float32)[index], np.float32(np.nan))
+    depth_m = np.full(len(index), np.nan, dtype=np.float32)
+    depth_m[index >= 0] = points[index[index >= 0], 2]
     return depth_m.reshape(camera.height, camera.width), index.reshape(camera.height, camera.width)

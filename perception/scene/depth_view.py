@@ -63,17 +63,28 @@ class DepthView:
         filled = np.where(np.isinf(depth_m), around, depth_m)
         return np.where(np.isinf(filled), np.float32(np.nan), filled)
 
-    def is_free(self, points_base: npt.NDArray[np.floating]) -> npt.NDArray[np.bool_]:
-        """Whether the camera sees past each point (n, 3) [m]; not outside the image, nor where there is no depth."""
+    def in_view(self, points_base: Points) -> npt.NDArray[np.bool_]:
+        """Whether each point (n, 3) [m] lies inside the image."""
         pixels, z = self.pixels(points_base)
-        inside = (z > 0) & (pixels >= 0).all(axis=1)
-        inside &= (pixels[:, 0] < self.camera.width) & (pixels[:, 1] < self.camera.height)
-        u, v = np.where(inside[:, None], pixels, 0).T
-        return np.asarray(inside & (self.nearest_m[v, u] > z + np.float32(_BEHIND_M)))  # NaN compares false
+        return self._inside(pixels, z)
 
-    def pixels(self, points_base: npt.NDArray[np.floating]) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]:
+    def is_hidden(self, points_base: Points) -> npt.NDArray[np.bool_]:
+        """Whether each point (n, 3) [m] lies behind what is seen in its direction, or nothing is seen there.
+
+        Points outside the image are not hidden: they are not in view.
+        """
+        pixels, z = self.pixels(points_base)
+        inside = self._inside(pixels, z)
+        u, v = np.where(inside[:, None], pixels, 0).T
+        return np.asarray(inside & ~(self.nearest_m[v, u] > z + np.float32(_BEHIND_M)))  # NaN compares false
+
+    def _inside(self, pixels: npt.NDArray[np.int32], z: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
+        inside = (z > 0) & (pixels >= 0).all(axis=1)
+        return np.asarray(inside & (pixels[:, 0] < self.camera.width) & (pixels[:, 1] < self.camera.height))
+
+    def pixels(self, points_base: Points) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]:
         """The nearest pixels (n, 2) = (u, v) of points (n, 3) [m], maybe outside the image, and their z-depth (n,)."""
-        x, y, z = moved(points_base.astype(np.float32)[None], inverse(self.base_from_depth))[0].T
+        x, y, z = moved(points_base[None], inverse(self.base_from_depth))[0].T
         scale = 1 / np.where(z > 0, z, np.float32(np.nan))
         x, y = _distorted(x * scale, y * scale, self.camera)
         u = np.rint(np.nan_to_num(self.camera.fx * x + self.camera.cx, nan=-1.0)).clip(-1, 1 << 20)

@@ -21,7 +21,7 @@ from perception.scene.depth_view import DepthView, moved
 from perception.scene.heightmap import Grid, HeightMap, Labels, bound, highest
 from perception.scene.outline import outlined
 from perception.scene.region import raised, region_corners_m, within
-from perception.scene.splitting import color_patches, pieces
+from perception.scene.splitting import color_patches, pieces, things
 from perception.scene.table import Table, find_table
 
 _MIN_PIXELS = 60
@@ -113,14 +113,14 @@ def _height_map(
     known = np.isfinite(points_level[..., 2])
     seen = highest(grid, points_level[known])
     surface_m, point = seen.continued_m, seen.point_within(_SPARSE_CELLS)
-    raised_cells = (point >= 0) & is_raised[known][point]
-    cell_lab = np.where(raised_cells[..., None], lab[known][point], np.float32(0))
+    raised_cells, cell_lab = point >= 0, np.zeros((*grid.shape, 3), dtype=np.float32)
+    raised_cells[raised_cells] = is_raised[known][point[raised_cells]]
+    cell_lab[raised_cells] = lab[known][point[raised_cells]]
+    bound_m = bound(grid, seen.height_m, view, base_from_level)
+    surface_m = np.where(np.isinf(seen.height_m), np.minimum(surface_m, bound_m), surface_m)
+    parts = pieces(surface_m, raised_cells)
     return HeightMap(
-        surface_m,
-        bound(grid, seen.height_m, view, base_from_level),
-        pieces(surface_m, raised_cells),
-        color_patches(cell_lab, raised_cells),
-        grid.origin_m,
+        surface_m, bound_m, things(parts, cell_lab), parts, color_patches(cell_lab, raised_cells), grid.origin_m
     )
 
 
