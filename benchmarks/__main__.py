@@ -127,6 +127,7 @@ def scenes_(
     cache: Annotated[Path | None, typer.Option(help="Where scenes are kept, to measure again in seconds.")] = None,
     jobs: Annotated[int, typer.Option(min=1)] = 1,
     sheet: Annotated[Path | None, typer.Option(help="Where a picture of every scene and its grasp goes.")] = None,
+    lifts: Annotated[bool, typer.Option("--lifts", help="Lift each best grasp in simulation, too.")] = False,
     check_judge: Annotated[int, typer.Option(min=0, help="Only lift so many judged grasps of the development.")] = 0,
     overrides: Annotated[list[str] | None, typer.Option("--set", help="key=value")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
@@ -137,7 +138,7 @@ def scenes_(
         return
 
     def wanted(n: int, seed: int) -> heaps.Wanted:
-        return heaps.Wanted(n, seed, objects, cache, tuple(overrides or ()))
+        return heaps.Wanted(n, seed, objects, cache, tuple(overrides or ()), lifted=lifts)
 
     several, first, report = counts or heaps.COUNTS, _seeds(development), _seeds(seeds)
     if check_judge:

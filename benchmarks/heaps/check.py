@@ -14,6 +14,7 @@ from benchmarks.heaps.candidates import Truth
 from benchmarks.heaps.heap import Heap
 from benchmarks.heaps.judge import COLLIDES, SEAM, TRUE, Judge, Verdict
 from benchmarks.heaps.lift import lift
+from benchmarks.heaps.oracle import is_robust
 
 _ON_FACES, _ANYWHERE = 300, 4000
 _JUDGED = 120
@@ -29,6 +30,10 @@ class Judged:
     base_from_tcp: Array
     opening_m: float
     verdict: Verdict
+
+    def is_robust(self) -> bool:
+        """Whether it is true under small errors, too."""
+        return self.verdict.name == TRUE and is_robust(Judge.of(self.heap), self.base_from_tcp, self.opening_m)
 
 
 def against_physics(heaps: Iterable[Heap], lifts: int) -> dict[str, Any]:
@@ -50,6 +55,9 @@ def against_physics(heaps: Iterable[Heap], lifts: int) -> dict[str, Any]:
         tally["unstable"] += done.unstable
         tally["touched"] += done.touched
         tally["held"] += bool(done.held) if one.verdict.body is None else one.verdict.body in done.held
+        if one.is_robust():
+            tally["robust"] += 1
+            tally["robust_held"] += one.verdict.body in done.held
         tally["with_others"] += len(done.held) > 1
     return {"lifts": count, **_disagreements(seen), "by_verdict": {name: dict(seen[name]) for name in sorted(seen)}}
 
@@ -60,6 +68,8 @@ def _disagreements(seen: dict[str, Counter[str]]) -> dict[str, Any]:
     return {
         "true_but_lost": true["lifts"] - true["held"],
         "of_true": true["lifts"],
+        "robust_but_lost": true["robust"] - true["robust_held"],
+        "of_robust": true["robust"],
         "not_true_but_held": sum(seen[name]["held"] for name in others),
         "of_not_true": sum(seen[name]["lifts"] for name in others),
         "free_but_touched": sum(tally["touched"] for name, tally in seen.items() if name != COLLIDES),

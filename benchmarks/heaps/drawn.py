@@ -83,5 +83,6 @@ def _pixels(heap: Heap, points_base: Array) -> npt.NDArray[np.int32]:
 
 
 def _write(image: Image, text: str, y_px: int, color: tuple[int, int, int]) -> None:
-    cv2.putText(image, text, (5, y_px), cv2.FONT_HERSHEY_SIMPLEX, 0.42, (255, 255, 255), 3, cv2.LINE_AA)
+    (width_px, _), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.42, 1)
+    cv2.rectangle(image, (0, y_px - 12), (width_px + 10, y_px + 4), (255, 255, 255), -1)
     cv2.putText(image, text, (5, y_px), cv2.FONT_HERSHEY_SIMPLEX, 0.42, color, 1, cv2.LINE_AA)

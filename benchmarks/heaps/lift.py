@@ -26,6 +26,8 @@ _HELD_SHARE = 0.8
 """A body that rose by this share of the lift is held."""
 _TIMESTEP_S = 0.001
 _DOWN_M, _DOWN_S, _CLOSE_S, _UP_S, _HOLD_S = 0.10, 0.5, 0.7, 0.8, 0.3
+_LAG_S = 0.15
+"""Until the servo is where it was sent."""
 _TOUCH_N = 2.0
 """More force than this on the hand on its way down is a collision."""
 _FRICTION = (0.8, 0.008, 0.8e-4)
@@ -62,6 +64,7 @@ def lift(heap: Heap, base_from_tcp: Array, opening_m: float) -> Lifted:
     data.joint("slide").qpos[0] = _DOWN_M
     data.joint("left").qpos[0] = data.joint("right").qpos[0] = open_m
     touched = _move(model, data, _DOWN_M, 0.0, (open_m, open_m), _DOWN_S)
+    touched |= _move(model, data, 0.0, 0.0, (open_m, open_m), _LAG_S)
     bodies = [model.body(f"loose-{index}").id for index in _loose(heap)]
     before_m = data.xipos[bodies, 2].copy()
     _move(model, data, 0.0, 0.0, (open_m, -_SQUEEZE_M), _CLOSE_S)

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import numpy as np
 
 from benchmarks.heaps import oracle
 from benchmarks.heaps.check import against_physics
@@ -20,6 +21,7 @@ from benchmarks.heaps.drawn import Image, tile, write_tiles
 from benchmarks.heaps.figures import REFUSED, Row, figures
 from benchmarks.heaps.heap import Heap, obtain, path_of
 from benchmarks.heaps.judge import TRUE, Judge
+from benchmarks.heaps.lift import lift
 from bus.errors import CycleFailure
 
 COUNTS = (1, 3, 5, 10, 20)
@@ -32,7 +34,7 @@ class Wanted:
     Attributes:
         objects, cache: where the objects' folder lies, and scenes are kept; None = nowhere.
         overrides: settings of the station, as ``key=value``.
-        drawn: whether a picture of it is wanted.
+        drawn, lifted: whether a picture of it, and a simulated lift, are wanted.
     """
 
     n: int
@@ -41,6 +43,7 @@ class Wanted:
     cache: Path | None
     overrides: tuple[str, ...] = ()
     drawn: bool = False
+    lifted: bool = False
 
 
 def evaluate(heaps: Iterable[Heap], detect: Detect, overrides: tuple[str, ...] = ()) -> list[Row]:
@@ -105,9 +108,8 @@ def run(
         for row, drawn in _measured(tasks, jobs):
             rows.append(row)
             tiles += [] if drawn is None else [(row.outcome == TRUE, drawn)]
-            tell(
-                f"{name} {len(rows)}/{len(tasks)} n={row.n} seed={row.seed} {row.outcome} {row.why} {row.cpu_ms:.0f} ms"
-            )
+            done = f"{name} {len(rows)}/{len(tasks)} n={row.n} seed={row.seed}{'' if row.feasible else ' infeasible'}"
+            tell(f"{done} {row.outcome} {row.why} {row.cpu_ms:.0f} ms")
         shown |= figures(rows) if name == "report" else {name: figures(rows)}
     if sheet is not None and tiles:
         write_tiles(sheet, [drawn for _, drawn in sorted(tiles, key=lambda one: one[0])])
@@ -134,6 +136,9 @@ def _measure(one: Wanted) -> tuple[Row, Image | None]:
     cv2.setNumThreads(1)
     heap = scene(one)
     row = evaluate_one(heap, _product(), one.overrides)
+    if one.lifted and row.pose is not None:
+        done = lift(heap, np.array(row.pose), row.opening_m)
+        row = replace(row, lifted=not done.touched and len(done.held) == 1)
     return row, tile(heap, row) if one.drawn else None
 
 
