@@ -52,12 +52,12 @@ class Robust:
         return cls(None if pose is None else np.array(pose), told["opening_m"], told["judged"])
 
 
-def search(heap: Heap) -> Robust:
-    """Try grasps square to faces first, then any, until one is robust or the tries are used up."""
+def search(heap: Heap, rounds: int = _ROUNDS) -> Robust:
+    """Try grasps square to faces, then any, ``rounds`` times, until one is robust or the tries are used up."""
     truth, judge = Truth(heap), Judge.of(heap)
     rng = np.random.default_rng([heap.seed, heap.n, 4])
     judged = 0
-    for draw, count in ((truth.on_faces, _ON_FACES), (truth.anywhere, _ANYWHERE)) * _ROUNDS:
+    for draw, count in ((truth.on_faces, _ON_FACES), (truth.anywhere, _ANYWHERE)) * rounds:
         for grasp, opening_m in _poses(draw(count, rng), heap):
             if judged == _MOST_JUDGED:
                 break
