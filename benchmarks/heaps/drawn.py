@@ -42,7 +42,8 @@ def tile(heap: Heap, row: Row) -> Image:
     )
     possible = {True: "", False: " infeasible", None: " ?"}[heap.feasible]
     _write(small, f"n{row.n} s{row.seed} {row.kind} {row.pair}{possible}", 14, (0, 0, 0))
-    _write(small, f"{row.outcome} {row.why}"[:52], 30, color)
+    physics = {True: " (lifted)", False: " (lost)", None: ""}[row.lifted]
+    _write(small, f"{row.outcome}{physics} {row.why}"[:52], 30, color)
     return small
 
 

@@ -109,7 +109,8 @@ def run(
             rows.append(row)
             tiles += [] if drawn is None else [(row.outcome == TRUE, drawn)]
             done = f"{name} {len(rows)}/{len(tasks)} n={row.n} seed={row.seed}{'' if row.feasible else ' infeasible'}"
-            tell(f"{done} {row.outcome} {row.why} {row.cpu_ms:.0f} ms")
+            physics = {True: " lifted", False: " lost", None: ""}[row.lifted]
+            tell(f"{done} {row.outcome} {row.why}{physics} {row.cpu_ms:.0f} ms")
         shown |= figures(rows) if name == "report" else {name: figures(rows)}
     if sheet is not None and tiles:
         write_tiles(sheet, [drawn for _, drawn in sorted(tiles, key=lambda one: one[0])])
