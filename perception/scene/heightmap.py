@@ -6,7 +6,7 @@ See docs/frames.md.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 
 import cv2
@@ -73,6 +73,13 @@ class HeightMap:
             np.pad(self.pieces, 1).ravel(),
             np.pad(self.patches, 1).ravel(),
         )
+
+    def part(self, window: tuple[slice, slice]) -> HeightMap:
+        """The part of the map inside a window of rows and columns, which begins inside the map."""
+        rows, columns = window
+        origin_m = self.origin_m + np.array([columns.start, rows.start]) * CELL_M
+        maps = {one.name: np.ascontiguousarray(getattr(self, one.name)[window]) for one in fields(self)[:-1]}
+        return HeightMap(**maps, origin_m=origin_m)
 
     def xy_m(self, rows: npt.NDArray[np.int64], columns: npt.NDArray[np.int64]) -> Array:
         """Positions (n, 2) of cells."""

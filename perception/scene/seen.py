@@ -179,8 +179,8 @@ def _depth_share(scene: Scene, number: int) -> float:
     if not ours.any():
         return 1.0
     crop = Crop.around(ours, _BESIDE_PX)
-    mask, hole = crop.of(ours), np.isnan(crop.of(scene.rgbd.depth_m))
-    lab = cv2.cvtColor(cv2.blur(crop.of(scene.rgbd.color), (3, 3)), cv2.COLOR_RGB2LAB).astype(float)
+    mask, hole = crop.of(ours)[::2, ::2], np.isnan(crop.of(scene.rgbd.depth_m))[::2, ::2]
+    lab = cv2.cvtColor(cv2.blur(crop.of(scene.rgbd.color), (3, 3)), cv2.COLOR_RGB2LAB)[::2, ::2].astype(float)
     rest = ~mask & ~hole
     if rest.sum() < _FEWEST or mask.sum() < _FEWEST:
         return 1.0

@@ -42,8 +42,8 @@ def pieces(surface_m: Heights, raised: Mask) -> Labels:
 def things(parts: Labels, lab: npt.NDArray[np.float32]) -> Labels:
     """Number (ny, nx) the things that pieces (ny, nx) make up, from 1 on, the largest first; 0 = none.
 
-    Pieces that touch are one thing when they have one colour, or when one is small: a stapler has levels, a drone thin
-    arms. That a grasp must not reach over two pieces with a valley between them does not depend on it.
+    Pieces that touch are one thing when they have one colour; a small one belongs to the neighbour it touches most: a
+    stapler has levels, a drone thin arms. That no grasp reaches over a valley between two pieces depends on neither.
 
     Args:
         lab: (ny, nx, 3) CIELAB.
@@ -53,8 +53,10 @@ def things(parts: Labels, lab: npt.NDArray[np.float32]) -> Labels:
     total = [np.bincount(parts.ravel(), lab[..., axis].ravel(), count) for axis in range(3)]
     color = np.stack(total, axis=1) / np.maximum(area, 1)[:, None] * _SHADED
     apart = np.linalg.norm(color[:, None] - color[None], axis=2)
-    is_small = np.minimum(area[:, None], area[None]) < _SMALL_CELLS
-    together = (_borders(parts, count) >= _MIN_BORDER) & ((apart < _ALIKE) | is_small)
+    border = _borders(parts, count)
+    together = (border >= _MIN_BORDER) & (apart < _ALIKE)
+    small = np.flatnonzero((area < _SMALL_CELLS) & (border.max(axis=1) >= _MIN_BORDER))
+    together[small, border[small].argmax(axis=1)] = True  # with one neighbour only, so that it joins no two others
     together[0], together[:, 0] = False, False
     _, group = connected_components(together, directed=False)
     group = np.asarray(group, dtype=np.int32) + 1
