@@ -74,6 +74,18 @@ class HeightMap:
             np.pad(self.patches, 1).ravel(),
         )
 
+    @cached_property
+    def middles(self) -> tuple[Array, Array]:
+        """The middle (k, 2) and the rms radius (k,) [m] of the cells of every number; of number 0, none of ours."""
+        cells = np.flatnonzero(self.labels)
+        rows, columns = np.divmod(cells, self.labels.shape[1])
+        number, xy_m = self.labels.ravel()[cells], self.xy_m(rows, columns)
+        count = int(number.max(initial=0)) + 1
+        area = np.maximum(np.bincount(number, minlength=count), 1)
+        middle = np.stack([np.bincount(number, xy_m[:, axis], count) for axis in (0, 1)], axis=1) / area[:, None]
+        off2 = ((xy_m - middle[number]) ** 2).sum(axis=1)
+        return middle, np.sqrt(np.bincount(number, off2, count) / area)
+
     def part(self, window: tuple[slice, slice]) -> HeightMap:
         """The part of the map inside a window of rows and columns, which begins inside the map."""
         rows, columns = window

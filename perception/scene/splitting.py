@@ -21,7 +21,8 @@ _MIN_CELLS = 25
 _COLOR_STEP = 14.0
 """CIE76 distance inside 6 mm at which an even patch of colour ends."""
 _SMOOTH_PX = 3
-_MIN_BORDER = 4
+_MIN_BORDER = 3
+_VESSEL_M2, _INSIDE_SHARE = 0.03, 0.7
 _ALIKE, _SMALL_CELLS = 10.0, 300
 _SHADED = np.array([0.3, 1.0, 1.0])
 """Lightness counts less than hue: a thing's levels are lit differently."""
@@ -42,7 +43,7 @@ def pieces(surface_m: Heights, raised: Mask) -> Labels:
 def things(parts: Labels, lab: npt.NDArray[np.float32]) -> Labels:
     """Number (ny, nx) the things that pieces (ny, nx) make up, from 1 on, the largest first; 0 = none.
 
-    Pieces that touch are one thing when they have one colour; a small one belongs to the neighbour it touches most: a
+    Pieces that touch are one thing when they have one colour; a small one belongs to the neighbour it is most like: a
     stapler has levels, a drone thin arms. That no grasp reaches over a valley between two pieces depends on neither.
 
     Args:
@@ -56,12 +57,31 @@ def things(parts: Labels, lab: npt.NDArray[np.float32]) -> Labels:
     border = _borders(parts, count)
     together = (border >= _MIN_BORDER) & (apart < _ALIKE)
     small = np.flatnonzero((area < _SMALL_CELLS) & (border.max(axis=1) >= _MIN_BORDER))
-    together[small, border[small].argmax(axis=1)] = True  # with one neighbour only, so that it joins no two others
+    likest = np.where(border >= _MIN_BORDER, apart, np.inf)[small].argmin(axis=1)
+    together[small, likest] = True  # with one neighbour only, so that it joins no two others
     together[0], together[:, 0] = False, False
     _, group = connected_components(together, directed=False)
     group = np.asarray(group, dtype=np.int32) + 1
     group[0] = 0
-    return _by_size(np.asarray(group[parts]))
+    return _by_size(_with_insides(np.asarray(group[parts])))
+
+
+def _with_insides(labels: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
+    """The things (ny, nx), each with what lies inside its outline: a cup with its floor, a box with what is in it."""
+    labels = labels.copy()
+    for label in np.argsort(-np.bincount(labels.ravel()), kind="stable"):
+        ours = (labels == label).astype(np.uint8)
+        if label == 0 or not ours.any():
+            continue
+        contours, _ = cv2.findContours(ours, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+        whole = cv2.drawContours(np.zeros_like(ours), contours, -1, 1, cv2.FILLED)
+        if whole.sum() * CELL_M**2 > _VESSEL_M2:  # a bin, not a vessel
+            continue
+        inside = np.bincount(labels[whole > 0], minlength=int(labels.max()) + 1)
+        share = inside / np.maximum(np.bincount(labels.ravel(), minlength=len(inside)), 1)
+        share[0] = 0.0
+        labels[np.isin(labels, np.flatnonzero(share > _INSIDE_SHARE))] = label
+    return labels
 
 
 def _borders(parts: Labels, count: int) -> npt.NDArray[np.int64]:
