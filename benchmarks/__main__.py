@@ -133,6 +133,9 @@ def scenes_(
     objects: Annotated[Path, typer.Option(help="The folder object_sim.")] = _OBJECTS,
     cache: Annotated[Path | None, typer.Option(help="Where scenes are kept, to measure again in seconds.")] = None,
     jobs: Annotated[int, typer.Option(min=1)] = 1,
+    sheet: Annotated[Path | None, typer.Option(help="Where a picture of every scene and its grasp goes.")] = None,
+    lifts: Annotated[bool, typer.Option("--lifts", help="Lift each best grasp in simulation, too.")] = False,
+    check_judge: Annotated[int, typer.Option(min=0, help="Only lift so many judged grasps of the development.")] = 0,
     overrides: Annotated[list[str] | None, typer.Option("--set", help="key=value")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
 ) -> None:
@@ -142,10 +145,13 @@ def scenes_(
         return
 
     def wanted(n: int, seed: int) -> heaps.Wanted:
-        return heaps.Wanted(n, seed, objects, cache, tuple(overrides or ()))
+        return heaps.Wanted(n, seed, objects, cache, tuple(overrides or ()), lifted=lifts)
 
-    both = (_seeds(development), _seeds(seeds))
-    typer.echo(json.dumps(heaps.run(counts or heaps.COUNTS, *both, wanted, jobs, _teller(as_json))))
+    several, first, report = counts or heaps.COUNTS, _seeds(development), _seeds(seeds)
+    if check_judge:
+        typer.echo(json.dumps(heaps.check_judge(several, first, wanted, check_judge)))
+    else:
+        typer.echo(json.dumps(heaps.run(several, first, report, wanted, jobs, sheet, _teller(as_json))))
 
 
 def _seeds(text: str) -> range:

@@ -414,7 +414,7 @@ class PerceptionSettings(Settings):
     rectangle_margin_m: SizeOrNone = 0.0
     """Free space of the opening on each side; 0 as in the paper."""
     min_object_height_m: Size = 0.006
-    min_table_seen: Fraction = 0.5
+    min_table_seen: Fraction = 0.7
     """Nothing on the table counts as an empty table only when this share of the pick region was seen."""
     rod_radius_m: Size = 0.004
     max_grasps: Annotated[int, Field(ge=1, le=100)] = 12

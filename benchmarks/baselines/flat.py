@@ -45,7 +45,7 @@ def flat_object(color: npt.NDArray[np.uint8], object_mask: Mask, m_per_px: float
 def _without_fixtures(station: Station) -> Station:
     """The station with nothing on its table, and all of it searched."""
     scene = station.scene
-    tray = scene.tray.model_copy(update={"center_m": (10.0, 10.0, 0.0)})
+    tray = scene.tray.model_copy(update={"center_m": (5.0, 5.0, 0.0)})
     bare = {"pick_region_m": (-2.0, 2.0, -2.0, 2.0), "tray": tray, "obstacles": (), "bins": ()}
     return station.model_copy(update={"scene": scene.model_copy(update=bare)})
 

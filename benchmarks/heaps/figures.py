@@ -23,6 +23,7 @@ class Row:
         feasible: the oracle's answer; None = it was not asked.
         cpu_ms: of the detection.
         pose: (4, 4) ``base_from_tcp`` of the best grasp, as nested tuples; None where refused. ``opening_m``: its own.
+        lifted: whether a simulated lift touched nothing on its way down, and held one body; None = not simulated.
     """
 
     n: int
@@ -36,6 +37,7 @@ class Row:
     pose: tuple[tuple[float, ...], ...] | None = None
     opening_m: float = float("nan")
     score: float = float("nan")
+    lifted: bool | None = None
 
 
 def figures(rows: Sequence[Row]) -> dict[str, Any]:
@@ -48,6 +50,7 @@ def _of_one(rows: Sequence[Row]) -> dict[str, Any]:
     feasible = [row for row in rows if row.feasible or not asked]
     refused = [row for row in rows if row.outcome == REFUSED]
     cpu_ms = np.array([row.cpu_ms for row in rows])
+    lifts = any(row.lifted is not None for row in rows)
     count = Counter(row.outcome for row in rows)
     return {
         "scenes": len(rows),
@@ -58,6 +61,7 @@ def _of_one(rows: Sequence[Row]) -> dict[str, Any]:
             for name in (REFUSED, "seam", "collides", "slips", "thin", "off", "nothing")
         },
         "refused_feasible": _share([row for row in refused if row.feasible], feasible) if asked else None,
+        "lifted": _share([row for row in feasible if row.lifted], feasible) if lifts else None,
         "refused_by_code": dict(Counter(row.why for row in refused)),
         "cpu_ms": {"median": round(float(np.median(cpu_ms))), "p95": round(float(np.percentile(cpu_ms, 95)))},
     }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -49,7 +49,7 @@ class Heap:
         base_from_color: (4, 4) the camera's pose as the station has it; ``true_base_from_color`` as it is.
         base_from_table: (4, 4) the table's true pose: its top is z = 0 of ``table``.
         parts: of all bodies, and of walls and tray.
-        feasible: whether the oracle found a robust grasp; None = it was not asked.
+        feasible: whether `oracle.search` finds a robust grasp; None = it was not asked.
     """
 
     n: int
@@ -115,10 +115,9 @@ def save(heap: Heap, cache: Path) -> None:
     cache.mkdir(parents=True, exist_ok=True)
     path = path_of(cache, heap.n, heap.seed)
     partial = path.with_suffix(f".{os.getpid()}.partial.npz")
-    feasible = -1 if heap.feasible is None else int(heap.feasible)
     np.savez_compressed(
         partial,
-        numbers=np.array([heap.n, heap.seed, feasible]),
+        numbers=np.array([heap.n, heap.seed]),
         texts=np.array([heap.kind, heap.pair, *heap.names]),
         color=heap.color,
         depth_m=heap.depth_m,
@@ -134,14 +133,13 @@ def save(heap: Heap, cache: Path) -> None:
 def load(path: Path) -> Heap:
     """Read a scene from the cache."""
     with np.load(path) as file:
-        n, seed, feasible = (int(number) for number in file["numbers"])
+        n, seed = (int(number) for number in file["numbers"][:2])
         kind, pair, *names = (str(text) for text in file["texts"])
         corners = np.split(file["corners"], np.cumsum(file["counts"])[:-1])
         parts = tuple(Part(one, int(body)) for one, body in zip(corners, file["bodies"], strict=True))
         given, truth, base_from_table = file["poses"]
         return Heap(
             n, seed, kind, pair, tuple(names), file["color"], file["depth_m"], given, truth, base_from_table, parts,
-            None if feasible < 0 else bool(feasible),
         )  # fmt: skip
 
 
@@ -153,8 +151,3 @@ def obtain(n: int, seed: int, objects: Path, cache: Path | None) -> Heap:
     if cache is not None:
         save(heap, cache)
     return heap
-
-
-def with_feasible(heap: Heap, feasible: bool) -> Heap:
-    """Return the scene with the oracle's answer."""
-    return replace(heap, feasible=feasible)

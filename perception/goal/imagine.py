@@ -22,7 +22,6 @@ from perception.geometry.window import Window, decode_picture
 from perception.goal.prompts import prompt
 from perception.models.base import GoalImageModel
 from perception.observed_object import Answer, Axis, GoalImage, ObservedObject, RodColor
-from perception.scene.heightmap import MARGIN_M
 from perception.scene.scene import Scene
 
 ROD_COLORS = (
@@ -39,6 +38,7 @@ BACKGROUNDS = {
     (20, 70, 60): "dark green",
 }
 _HUE_APART = 14
+_MARGIN_M = 0.06
 _NEAR_BACKGROUND = 48
 
 Step = Literal["locate", "reason", "direct", "render"]
@@ -93,7 +93,7 @@ def observed_object_of(
         instances: the things of the scene. ``number``: of the object.
         outline: (H, W) of the object in the colour image.
         axes: along which the jaw could close on it.
-        margin_px: around the object; None = enough for what the hand may collide with.
+        margin_px: around the object; None = enough for a rod that sticks out.
     """
     rgbd = scene.rgbd
     crop = Crop.around(outline, _margin_px(scene, outline) if margin_px is None else margin_px)
@@ -117,9 +117,9 @@ def observed_object_of(
 
 
 def _margin_px(scene: Scene, outline: Mask) -> int:
-    """Margin around the object [px] that contains everything the hand may collide with."""
+    """Margin around the object [px] that contains a rod which sticks out."""
     nearest_m = float(np.nanmin(scene.rgbd.depth_m[outline]))
-    return int(np.ceil(MARGIN_M * scene.rgbd.camera.fx / nearest_m))
+    return int(np.ceil(_MARGIN_M * scene.rgbd.camera.fx / nearest_m))
 
 
 def imagine(talk: Conversation, observed_object: ObservedObject, station: Station) -> GoalImage:

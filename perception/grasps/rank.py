@@ -29,9 +29,11 @@ _TILTS_RAD = np.deg2rad([20.0, -20.0])
 """Approaches other than the vertical one, about the rod; used only where the vertical one yields no grasp."""
 _WIDTH_APART_M = 0.010
 _TESTED = 12
-_WEIGHTS = {**WEIGHTS, "in_view": 1.0, "depth": 1.0, "unmoved": 1.0, "consistent": 0.4}
-"""Besides the closing's own criteria: the object is whole in the image; all of it has depth; the rod was hardly moved;
-the measured width is the imagined one."""
+_WEIGHTS = {**WEIGHTS, "seen": 2.0, "unmoved": 1.0, "consistent": 0.4}
+"""Besides the closing's own criteria: all of the object has depth and is in the image; the rod was hardly moved; the
+measured width is the imagined one."""
+_CUT = 0.5
+"""How much of an object that the image's border cuts counts as seen."""
 
 Array = npt.NDArray[np.float64]
 
@@ -47,10 +49,8 @@ class _Rod:
 
 def graded(closings: Closings, instances: tuple[Instance, ...]) -> Closings:
     """The closings, scored also by how completely the thing they hold was seen."""
-    in_view = np.array([1.0, *(float(one.in_view) for one in instances)])
-    depth = np.array([1.0, *(one.depth_share for one in instances)])
-    terms = {**closings.terms, "in_view": in_view[closings.instance], "depth": depth[closings.instance]}
-    return _scored(closings, terms)
+    seen = np.array([1.0, *(one.depth_share * (1.0 if one.in_view else _CUT) for one in instances)])
+    return _scored(closings, {**closings.terms, "seen": seen[closings.instance]})
 
 
 def grasps_of_rod(ends_base: Array, rectangle: int, observed_object: ObservedObject, station: Station) -> list[Grasp]:

@@ -20,9 +20,11 @@ from perception.scene.heightmap import CELL_M, HeightMap, Heights
 _HEADINGS = 16
 _LEVEL_M = 0.008
 _ROW_CELLS = 2
+_GROUP_CELLS, _MARGIN_CELLS = 21, 65
+"""Things less than 40 mm apart are looked at together; around them, as far as the palm reaches."""
 _FINGER_ACROSS_M, _PALM_M = 0.020, (0.20, 0.064)
 _PAD_M = 0.018
-_MIN_WIDTH_M = 0.003
+_MIN_WIDTH_M, _OVER_TIP_M = 0.003, 0.003
 _BIN_M = 0.010
 """Candidates are picked by turns from bins of this size and each heading, so that no part of the scene is left out."""
 _MOST, _TESTED = 1200, 120
@@ -53,13 +55,25 @@ class Candidates:
 
 def search(heights: HeightMap, station: Station) -> Closings:
     """Closings all over the map, scored, the best of them also by how many pose errors they survive."""
-    found = _candidates(heights, station, _CLEARANCES_M[0])
+    found = _everywhere(heights, station, _CLEARANCES_M[0])
     if len(found.center_m) < _FEWER * _MOST:
-        found = _both(found, _candidates(heights, station, _CLEARANCES_M[1]))
+        found = _both(found, _everywhere(heights, station, _CLEARANCES_M[1]))
     chosen = _spread(found)
     coarse = close(heights, chosen.center_m, chosen.heading_rad, chosen.slice_m, station)
     fine = _refined(coarse, heights, station)
     return tested(joined([coarse, fine]), heights, station, _TESTED)
+
+
+def _everywhere(heights: HeightMap, station: Station, clearance_m: float) -> Candidates:
+    """The candidates of every group of things; between groups that lie apart nothing is looked for."""
+    found = Candidates(np.zeros((0, 2)), np.zeros(0), np.zeros(0))
+    near = cv2.dilate((heights.labels > 0).astype(np.uint8), np.ones((_GROUP_CELLS, _GROUP_CELLS), np.uint8))
+    _, _, boxes, _ = cv2.connectedComponentsWithStats(near)
+    for left, top, width, height, _ in boxes[1:]:
+        margin = _MARGIN_CELLS - _GROUP_CELLS // 2
+        window = np.s_[max(0, top - margin) : top + height + margin, max(0, left - margin) : left + width + margin]
+        found = _both(found, _candidates(heights.part(window), station, clearance_m))
+    return found
 
 
 def _refined(closings: Closings, heights: HeightMap, station: Station) -> Closings:
@@ -111,33 +125,31 @@ def _both(one: Candidates, other: Candidates) -> Candidates:
 
 def _along(heights: HeightMap, heading_rad: float, station: Station, clearance_m: float) -> Candidates:
     """The runs of one heading."""
-    turned = _Turned.of(heights, heading_rad)
-    hand = station.hand
-    finger = turned.highest_around(turned.bound_m, hand.finger_thickness_m, _FINGER_ACROSS_M)
+    turned, hand = _Turned.of(heights, heading_rad), station.hand
+    is_object = turned.is_object[::_ROW_CELLS]
+    finger = turned.highest_around(turned.bound_m, hand.finger_thickness_m, _FINGER_ACROSS_M)[::_ROW_CELLS]
     palm = turned.highest_around(turned.bound_m, *_PALM_M)[::_ROW_CELLS]
     pad = turned.highest_around(turned.surface_m, 0.0, _PAD_M)[::_ROW_CELLS]
-    finger = finger[::_ROW_CELLS]
-    is_object = turned.is_object[::_ROW_CELLS]
-    centers, slices = [], []
+    top_m = np.where(is_object, pad, np.float32(0)).max(axis=1)
     beside = (clearance_m + hand.finger_thickness_m / 2) / CELL_M
-    for tip_m in _levels(pad, is_object):
-        row, first, last = _runs((pad > tip_m + 0.003) & (pad < 9), hand)
+    cells, slices = [np.zeros((0, 2))], [np.zeros(0)]
+    for tip_m in _levels(float(top_m.max(initial=0.0))):
+        rows = np.flatnonzero(top_m > tip_m + _OVER_TIP_M)
+        row, first, last = _runs(pad[rows] > tip_m + _OVER_TIP_M, hand)
+        row = rows[row]
         left = np.clip(np.rint(first - beside).astype(int), 0, pad.shape[1] - 1)
         right = np.clip(np.rint(last + beside).astype(int), 0, pad.shape[1] - 1)
         middle = (first + last) // 2
         fits = (finger[row, left] < tip_m - 0.001) & (finger[row, right] < tip_m - 0.001)
         fits &= (palm[row, middle] < tip_m + PALM_ABOVE_TIP_M - 0.001) & is_object[row, middle]
-        centers.append(np.stack([(first + last)[fits] / 2, row[fits] * _ROW_CELLS], axis=1))
-        slices.append(np.full(int(fits.sum()), tip_m + 0.003))
-    where = np.concatenate(centers) if centers else np.zeros((0, 2))
-    return Candidates(
-        turned.xy_m(where), np.full(len(where), heading_rad), np.concatenate(slices) if slices else np.zeros(0)
-    )
+        cells.append(np.stack([(first + last)[fits] / 2, row[fits] * _ROW_CELLS], axis=1))
+        slices.append(np.full(int(fits.sum()), tip_m + _OVER_TIP_M))
+    center_m = turned.xy_m(np.concatenate(cells))
+    return Candidates(center_m, np.full(len(center_m), heading_rad), np.concatenate(slices))
 
 
-def _levels(pad: Heights, is_object: npt.NDArray[np.bool_]) -> Array:
+def _levels(top_m: float) -> Array:
     """Tip heights to look at, from the table up to just below the highest object."""
-    top_m = float(pad[is_object].max()) if is_object.any() else 0.0
     return np.arange(TABLE_CLEARANCE_M, max(top_m - 0.004, TABLE_CLEARANCE_M + 1e-4), _LEVEL_M)
 
 

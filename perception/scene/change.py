@@ -7,6 +7,7 @@ import numpy as np
 from bus.messages import Detections, Observation
 from bus.transforms import apply
 from config.schema import Station
+from perception.geometry.depth import without_flying_pixels
 from perception.scene.depth_view import DepthView, moved
 from perception.scene.table import find_table
 
@@ -24,7 +25,7 @@ def cleared_fraction(detections: Detections, before: Observation, after: Observa
     """
     was = detections.evidence.observed_points.astype(float)
     lay = np.unique(_cells(apply(before.view.base_from_color, was)), axis=0)
-    now = DepthView.of(after).points_base
+    now = DepthView.of(after, without_flying_pixels(after.frame.depth_m)).points_base
     height_m = moved(now, find_table(now, station).table_from_base)[..., 2]
     low = np.isfinite(height_m) & (height_m < _HANGING_M)
     standing = height_m[low] >= station.perception.min_object_height_m

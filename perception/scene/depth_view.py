@@ -12,12 +12,10 @@ import numpy.typing as npt
 from bus.arrays import Transform
 from bus.messages import CameraModel, Observation
 from bus.transforms import inverse
-from perception.geometry.depth import rays, without_flying_pixels
+from perception.geometry.depth import rays
 
-_HOLE_M = 0.012
-"""A pixel without depth counts as near as the nearest surface so far around it; without any, as not seen at all."""
-_FINE_M = 0.0008
-"""An image with smaller pixels on the scene is thinned out: the height map's cells are 2 mm wide."""
+_NARROW_M, _SHADOW_M, _STEP_M = 0.003, 0.016, 0.015
+"""See `DepthView.nearest_m`: how far a narrow hole's rim is, how far a shadow reaches, what counts as a step."""
 _BEHIND_M = 0.004
 """A place is free when what is seen in its direction lies so much farther."""
 
@@ -41,11 +39,10 @@ class DepthView:
     points_base: Points
 
     @classmethod
-    def of(cls, observation: Observation) -> DepthView:
-        """The depth image of an observation."""
+    def of(cls, observation: Observation, depth_m: Depth) -> DepthView:
+        """The depth image of an observation; ``depth_m`` (h, w): it, without flying pixels."""
         frame = observation.frame
         base_from_depth = observation.view.base_from_color @ frame.color_from_depth
-        depth_m = without_flying_pixels(frame.depth_m)
         points = moved(_rays(frame.depth_camera) * depth_m[..., None], base_from_depth)
         return cls(depth_m, frame.depth_camera, base_from_depth, points)
 
@@ -56,24 +53,41 @@ class DepthView:
 
     @cached_property
     def nearest_m(self) -> Depth:
-        """(h, w) the measured depth, in holes the nearest depth around them; NaN in the middle of large holes."""
-        depth_m = np.where(np.isnan(self.depth_m), np.float32(np.inf), self.depth_m)
-        side_px = 2 * int(np.ceil(_HOLE_M / self.pixel_m)) + 1
-        around = cv2.erode(depth_m, np.ones((side_px, side_px), np.uint8))
-        filled = np.where(np.isinf(depth_m), around, depth_m)
+        """(h, w) the measured depth; in holes, how near what fills them may be; NaN where nobody can say.
+
+        A narrow hole is as near as its rim. A wider one beside a step is the shadow of what is near there, and counts
+        as near as that. Any other hole may hide anything: glass, something black, or nearer than the camera measures.
+        """
+        is_hole = np.isnan(self.depth_m)
+        rim_m = cv2.erode(np.where(is_hole, np.float32(np.inf), self.depth_m), _box(_NARROW_M, self.pixel_m))
+        near_m = cv2.erode(np.where(is_hole, np.float32(np.inf), self.depth_m), _box(_SHADOW_M, self.pixel_m))
+        far_m = cv2.dilate(np.where(is_hole, np.float32(0), self.depth_m), _box(_SHADOW_M, self.pixel_m))
+        filled = np.where(far_m - near_m > _STEP_M, near_m, rim_m)
+        filled = np.where(is_hole, filled, self.depth_m)
         return np.where(np.isinf(filled), np.float32(np.nan), filled)
 
-    def is_free(self, points_base: npt.NDArray[np.floating]) -> npt.NDArray[np.bool_]:
-        """Whether the camera sees past each point (n, 3) [m]; not outside the image, nor where there is no depth."""
+    def in_view(self, points_base: Points) -> npt.NDArray[np.bool_]:
+        """Whether each point (n, 3) [m] lies inside the image."""
         pixels, z = self.pixels(points_base)
-        inside = (z > 0) & (pixels >= 0).all(axis=1)
-        inside &= (pixels[:, 0] < self.camera.width) & (pixels[:, 1] < self.camera.height)
-        u, v = np.where(inside[:, None], pixels, 0).T
-        return np.asarray(inside & (self.nearest_m[v, u] > z + np.float32(_BEHIND_M)))  # NaN compares false
+        return self._inside(pixels, z)
 
-    def pixels(self, points_base: npt.NDArray[np.floating]) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]:
+    def is_hidden(self, points_base: Points) -> npt.NDArray[np.bool_]:
+        """Whether each point (n, 3) [m] lies behind what is seen in its direction, or nothing is seen there.
+
+        Points outside the image are not hidden: they are not in view.
+        """
+        pixels, z = self.pixels(points_base)
+        inside = self._inside(pixels, z)
+        u, v = np.where(inside[:, None], pixels, 0).T
+        return np.asarray(inside & ~(self.nearest_m[v, u] > z + np.float32(_BEHIND_M)))  # NaN compares false
+
+    def _inside(self, pixels: npt.NDArray[np.int32], z: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
+        inside = (z > 0) & (pixels >= 0).all(axis=1)
+        return np.asarray(inside & (pixels[:, 0] < self.camera.width) & (pixels[:, 1] < self.camera.height))
+
+    def pixels(self, points_base: Points) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]:
         """The nearest pixels (n, 2) = (u, v) of points (n, 3) [m], maybe outside the image, and their z-depth (n,)."""
-        x, y, z = moved(points_base.astype(np.float32)[None], inverse(self.base_from_depth))[0].T
+        x, y, z = moved(points_base[None], inverse(self.base_from_depth))[0].T
         scale = 1 / np.where(z > 0, z, np.float32(np.nan))
         x, y = _distorted(x * scale, y * scale, self.camera)
         u = np.rint(np.nan_to_num(self.camera.fx * x + self.camera.cx, nan=-1.0)).clip(-1, 1 << 20)
@@ -84,6 +98,12 @@ class DepthView:
 def moved(points: Points, to_from: Transform) -> Points:
     """Points (h, w, 3) of a frame in another one, ``to_from`` (4, 4); fast, in single precision."""
     return np.asarray(cv2.transform(points, to_from[:3].astype(np.float32)))
+
+
+def _box(reach_m: float, pixel_m: float) -> npt.NDArray[np.uint8]:
+    """A square kernel that reaches so far to each side."""
+    side_px = 2 * int(np.ceil(reach_m / pixel_m)) + 1
+    return np.ones((side_px, side_px), np.uint8)
 
 
 @lru_cache(maxsize=4)

@@ -6,7 +6,7 @@ See docs/frames.md.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 
 import cv2
@@ -36,16 +36,18 @@ class HeightMap:
     """Heights over a grid of x and y of the level frame.
 
     Attributes:
-        surface_m: (ny, nx) the highest seen point; unseen cells continue their nearest neighbour.
+        surface_m: (ny, nx) the highest seen point; unseen cells continue their nearest neighbour, below the bound.
         bound_m: (ny, nx) the height up to which the cell may be occupied: the surface, or where nothing was seen the
             lowest height above which the camera saw past it.
-        labels: (ny, nx) the instance in the cell, 0 = none. ``patches``: its even patch of colour, 0 = none.
+        labels: (ny, nx) the thing in the cell, 0 = none. ``pieces``: the piece of it that steps and valleys part from
+            others. ``patches``: its even patch of colour.
         origin_m: (x, y) of the centre of cell [0, 0].
     """
 
     surface_m: Heights
     bound_m: Heights
     labels: Labels
+    pieces: Labels
     patches: Labels
     origin_m: Array
 
@@ -68,8 +70,28 @@ class HeightMap:
             np.pad(self.bound_m, 1, constant_values=_CEILING_M).ravel(),
             np.pad(cv2.dilate(self.bound_m, np.ones((5, 5), np.uint8)), 1, constant_values=_CEILING_M).ravel(),
             np.pad(self.labels, 1).ravel(),
+            np.pad(self.pieces, 1).ravel(),
             np.pad(self.patches, 1).ravel(),
         )
+
+    @cached_property
+    def middles(self) -> tuple[Array, Array]:
+        """The middle (k, 2) and the rms radius (k,) [m] of the cells of every number; of number 0, none of ours."""
+        cells = np.flatnonzero(self.labels)
+        rows, columns = np.divmod(cells, self.labels.shape[1])
+        number, xy_m = self.labels.ravel()[cells], self.xy_m(rows, columns)
+        count = int(number.max(initial=0)) + 1
+        area = np.maximum(np.bincount(number, minlength=count), 1)
+        middle = np.stack([np.bincount(number, xy_m[:, axis], count) for axis in (0, 1)], axis=1) / area[:, None]
+        off2 = ((xy_m - middle[number]) ** 2).sum(axis=1)
+        return middle, np.sqrt(np.bincount(number, off2, count) / area)
+
+    def part(self, window: tuple[slice, slice]) -> HeightMap:
+        """The part of the map inside a window of rows and columns, which begins inside the map."""
+        rows, columns = window
+        origin_m = self.origin_m + np.array([columns.start, rows.start]) * CELL_M
+        maps = {one.name: np.ascontiguousarray(getattr(self, one.name)[window]) for one in fields(self)[:-1]}
+        return HeightMap(**maps, origin_m=origin_m)
 
     def xy_m(self, rows: npt.NDArray[np.int64], columns: npt.NDArray[np.int64]) -> Array:
         """Positions (n, 2) of cells."""
@@ -88,6 +110,7 @@ class Framed:
     bound_m: Heights
     around_m: Heights
     labels: Labels
+    pieces: Labels
     patches: Labels
 
 
@@ -135,7 +158,9 @@ class Seen:
 
     @property
     def continued_m(self) -> Heights:
-        """(ny, nx) heights, unseen cells filled from the nearest seen one."""
+        """(ny, nx) heights, unseen cells filled from the nearest seen one; 0 when nothing was seen."""
+        if (self.point < 0).all():
+            return np.zeros(self.height_m.shape, dtype=np.float32)
         return np.asarray(self.height_m.ravel()[self.nearest])
 
     def point_within(self, cells: float) -> npt.NDArray[np.int32]:
@@ -153,12 +178,17 @@ def highest(grid: Grid, points: npt.NDArray[np.float32]) -> Seen:
     np.maximum.at(top, cell[inside], key)
     point = np.where(top == np.iinfo(np.int64).min, -1, top & 0xFFFFFFFF).astype(np.int32).reshape(grid.shape)
     distance, nearest = ndimage.distance_transform_edt(point < 0, return_indices=True)
-    height_m = np.where(point >= 0, points[point, 2], np.float32(-np.inf))
+    height_m = np.full(grid.shape, -np.inf, dtype=np.float32)
+    height_m[point >= 0] = points[point[point >= 0], 2]
     return Seen(height_m, point, distance.astype(np.float32), nearest[0] * grid.shape[1] + nearest[1])
 
 
 def bound(grid: Grid, height_m: Heights, view: DepthView, base_from_level: Transform) -> Heights:
     """Up to which height each cell may be occupied: see `HeightMap.bound_m`.
+
+    An unseen cell whose foot is outside the image may be occupied up to the ceiling. Above any other cell the camera
+    looks down until something hides what is below; the upper end of a column near the border, which is not in view,
+    counts as free, as it does above a seen cell.
 
     Args:
         height_m: (ny, nx) the highest seen point, -inf = unseen.
@@ -166,11 +196,18 @@ def bound(grid: Grid, height_m: Heights, view: DepthView, base_from_level: Trans
     bound_m = height_m.copy()
     active = np.flatnonzero(np.isinf(height_m))
     level_m = max(_CEILING_M, float(height_m.max(initial=0.0)))
+
+    def column_base(cells: npt.NDArray[np.integer], z_m: float) -> npt.NDArray[np.float32]:
+        xyz = np.column_stack([grid.centers_m(cells), np.full(len(cells), z_m)]).astype(np.float32)
+        return np.asarray(moved(xyz[None], base_from_level)[0])
+
+    in_view = view.in_view(column_base(active, 0.0))
+    bound_m.flat[active[~in_view]] = level_m
+    active = active[in_view]
     while len(active) and level_m > 0:
-        xyz = np.column_stack([grid.centers_m(active), np.full(len(active), level_m)]).astype(np.float32)
-        free = view.is_free(moved(xyz[None], base_from_level)[0])
-        bound_m.flat[active[~free]] = level_m
-        active = active[free]
+        hidden = view.is_hidden(column_base(active, level_m))
+        bound_m.flat[active[hidden]] = level_m
+        active = active[~hidden]
         level_m -= _LEVEL_M
     bound_m.flat[active] = 0.0
     bound_m[bound_m < _TABLE_NOISE_M] = 0.0

@@ -16,12 +16,12 @@ from bus.arrays import Transform
 from bus.messages import Observation
 from bus.transforms import inverse
 from config.schema import Station
-from perception.geometry.depth import Rgbd, registered
+from perception.geometry.depth import Rgbd, registered, without_flying_pixels
 from perception.scene.depth_view import DepthView, moved
 from perception.scene.heightmap import Grid, HeightMap, Labels, bound, highest
 from perception.scene.outline import outlined
 from perception.scene.region import raised, region_corners_m, within
-from perception.scene.splitting import color_patches, pieces
+from perception.scene.splitting import color_patches, pieces, things
 from perception.scene.table import Table, find_table
 
 _MIN_PIXELS = 60
@@ -92,14 +92,16 @@ class Scene:
 
 def observe(observation: Observation, station: Station) -> Scene:
     """Make the model of one observation. Raises: CycleFailure(NO_TABLE, TOO_NEAR) when no table is seen."""
-    (rgbd, source), view = registered(observation.frame), DepthView.of(observation)
+    depth_m = without_flying_pixels(observation.frame.depth_m)
+    (rgbd, source), view = registered(observation.frame, depth_m), DepthView.of(observation, depth_m)
     table = find_table(view.points_base, station)
     points_table = moved(view.points_base, table.table_from_base)
     is_raised = raised(view.points_base, points_table[..., 2], station)
-    lab = _lab(rgbd, source, view.depth_m.shape)
+    lab = _lab(rgbd, source, is_raised)
     footprint = points_table[is_raised][:, :2] if is_raised.any() else region_corners_m(station)
     grid = Grid.around(footprint)
     heights = _height_map(view, grid, points_table, lab, is_raised, table.base_from_table)
+    heights = _without_tall(heights, station.scene.max_height_m)
     heights, labels = _in_region(heights, grid, points_table, is_raised, within(view.points_base, station))
     return Scene(
         rgbd, source, view, observation.view.base_from_color, table, points_table, is_raised, lab, labels, heights
@@ -113,15 +115,24 @@ def _height_map(
     known = np.isfinite(points_level[..., 2])
     seen = highest(grid, points_level[known])
     surface_m, point = seen.continued_m, seen.point_within(_SPARSE_CELLS)
-    raised_cells = (point >= 0) & is_raised[known][point]
-    cell_lab = np.where(raised_cells[..., None], lab[known][point], np.float32(0))
+    raised_cells, cell_lab = point >= 0, np.zeros((*grid.shape, 3), dtype=np.float32)
+    raised_cells[raised_cells] = is_raised[known][point[raised_cells]]
+    cell_lab[raised_cells] = lab[known][point[raised_cells]]
+    bound_m = bound(grid, seen.height_m, view, base_from_level)
+    surface_m = np.where(np.isinf(seen.height_m), np.minimum(surface_m, bound_m), surface_m)
+    parts = pieces(surface_m, raised_cells)
     return HeightMap(
-        surface_m,
-        bound(grid, seen.height_m, view, base_from_level),
-        pieces(surface_m, raised_cells),
-        color_patches(cell_lab, raised_cells),
-        grid.origin_m,
+        surface_m, bound_m, things(parts, cell_lab), parts, color_patches(cell_lab, raised_cells), grid.origin_m
     )
+
+
+def _without_tall(heights: HeightMap, max_height_m: float) -> HeightMap:
+    """The map without the things that reach above ``max_height_m``: the arm and a camera stand begin lower down."""
+    tall = cv2.dilate((heights.surface_m > max_height_m).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+    if not tall.any():
+        return heights
+    reaching = np.unique(heights.labels[tall])
+    return replace(heights, labels=np.where(np.isin(heights.labels, reaching), 0, heights.labels).astype(np.int16))
 
 
 def _in_region(
@@ -138,10 +149,11 @@ def _in_region(
     return replace(heights, labels=number[heights.labels]), number[labels]
 
 
-def _lab(rgbd: Rgbd, source: npt.NDArray[np.int32], shape: tuple[int, ...]) -> Points:
-    """CIELAB (h, w, 3) of the depth image's pixels, from the colour pixels that they were registered to."""
+def _lab(rgbd: Rgbd, source: npt.NDArray[np.int32], is_raised: Mask) -> Points:
+    """CIELAB (h, w, 3) of the raised depth pixels, from the colour pixels that they were registered to; 0 elsewhere."""
     lab = cv2.cvtColor(rgbd.color, cv2.COLOR_RGB2LAB).reshape(-1, 3)
-    out = np.zeros((shape[0] * shape[1], 3), dtype=np.float32)
+    out = np.zeros((is_raised.size, 3), dtype=np.float32)
     at = np.flatnonzero(source.ravel() >= 0)
+    at = at[is_raised.ravel()[source.ravel()[at]]]
     out[source.ravel()[at]] = lab[at]
-    return out.reshape(*shape, 3)
+    return out.reshape(*is_raised.shape, 3)

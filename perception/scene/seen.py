@@ -21,8 +21,6 @@ from perception.scene.scene import Scene
 _CELL_M = 0.005
 _HOLE_M2 = 3e-4
 """A hole in the depth this large may hide an object, when its colour is not the table's."""
-_ANY_HOLE_M2 = 25e-4
-"""A hole this large may hide an object whatever its colour."""
 _FOREIGN = 25.0
 """Squared standard deviations from the table's colour above which a pixel is not the table."""
 _FOREIGN_SHARE = 0.3
@@ -55,7 +53,7 @@ class RegionView:
         x_m, y_m = np.meshgrid(np.arange(x_min, x_max, _CELL_M), np.arange(y_min, y_max, _CELL_M))
         z_m = x_m * scene.table.slope_x + y_m * scene.table.slope_y + scene.table.height_m
         points = np.stack([x_m, y_m, z_m], axis=-1).reshape(-1, 3)
-        in_depth, z = scene.view.pixels(points)
+        in_depth, z = scene.view.pixels(points.astype(np.float32))
         camera = scene.view.camera
         measured = _inside(in_depth, z, (camera.height, camera.width))
         column, row = np.where(measured[:, None], in_depth, 0).T
@@ -84,18 +82,13 @@ class RegionView:
             cv2.fillConvexPoly(region, corners, 1)
         return np.asarray((region > 0) & np.isnan(rgbd.depth_m))
 
-    def largest_hole(self) -> tuple[float, bool]:
-        """Area [m2] of the largest hole, and whether its colour is not the table's; a foreign one counts first."""
+    def largest_foreign_hole_m2(self) -> float:
+        """Area [m2] of the largest hole whose colour is not the table's; 0 for none."""
         holes = self.inside & ~self.is_seen
         opened = cv2.morphologyEx(holes.astype(np.uint8), cv2.MORPH_OPEN, np.ones((2, 2), np.uint8))
         count, labels = cv2.connectedComponents(opened)
-        foreign = self._foreign
-        found = [
-            (bool(foreign[labels == label].mean() > _FOREIGN_SHARE), float((labels == label).sum()) * _CELL_M**2)
-            for label in range(1, count)
-        ]
-        is_foreign, area = max(found, default=(False, 0.0))
-        return (area, True) if is_foreign and area > _HOLE_M2 else (max((one[1] for one in found), default=0.0), False)
+        foreign = [label for label in range(1, count) if self._foreign[labels == label].mean() > _FOREIGN_SHARE]
+        return max((float((labels == label).sum()) * _CELL_M**2 for label in foreign), default=0.0)
 
     @cached_property
     def _foreign(self) -> Mask:
@@ -126,18 +119,17 @@ def require_something(scene: Scene, region: RegionView, station: Station) -> Non
 
     Raises:
         CycleFailure: NO_OBJECT when enough of the table was seen and no hole hides anything; NO_DEPTH for a hole of
-            another colour than the table's, or a large one; NOT_SEEN when too little was seen.
+            another colour than the table's; NOT_SEEN when too little was seen.
     """
     if scene.count:
         return
     needed = station.perception.min_table_seen
-    hole_m2, is_foreign = region.largest_hole()
-    if (is_foreign and hole_m2 > _HOLE_M2) or (hole_m2 > _ANY_HOLE_M2 and region.share >= needed):
-        color = " and another colour than the table" if is_foreign else ""
+    hole_m2 = region.largest_foreign_hole_m2()
+    if hole_m2 > _HOLE_M2:
         raise CycleFailure(
             Code.NO_DEPTH,
-            f"Nothing rises above the table, but {hole_m2 * 1e4:.0f} cm2 of it have no depth{color}:"
-            " glass, something black or shiny, or nearer than the camera measures?",
+            f"Nothing rises above the table, but {hole_m2 * 1e4:.0f} cm2 of it have no depth and another colour than"
+            " the table: glass, something black or shiny, or nearer than the camera measures?",
         )
     if region.share < needed:
         raise CycleFailure(
@@ -187,8 +179,8 @@ def _depth_share(scene: Scene, number: int) -> float:
     if not ours.any():
         return 1.0
     crop = Crop.around(ours, _BESIDE_PX)
-    mask, hole = crop.of(ours), np.isnan(crop.of(scene.rgbd.depth_m))
-    lab = cv2.cvtColor(cv2.blur(crop.of(scene.rgbd.color), (3, 3)), cv2.COLOR_RGB2LAB).astype(float)
+    mask, hole = crop.of(ours)[::2, ::2], np.isnan(crop.of(scene.rgbd.depth_m))[::2, ::2]
+    lab = cv2.cvtColor(cv2.blur(crop.of(scene.rgbd.color), (3, 3)), cv2.COLOR_RGB2LAB)[::2, ::2].astype(float)
     rest = ~mask & ~hole
     if rest.sum() < _FEWEST or mask.sum() < _FEWEST:
         return 1.0

@@ -106,14 +106,15 @@ def require_where_configured(table: Table, station: Station) -> None:
 
 
 def _near(points_base: Points, station: Station) -> Array:
-    """About `_POINTS` of the points (n, 3) in and around the pick region that may be the table's."""
+    """About `_POINTS` of the points (n, 3) that may be the table's, in and around the pick region if it is in view."""
     x_min, x_max, y_min, y_max = station.scene.pick_region_m
     coarse = points_base[::3, ::3].reshape(-1, 3)
     x, y, z = coarse.T
     inside = (x > x_min - _AROUND_M) & (x < x_max + _AROUND_M) & (y > y_min - _AROUND_M) & (y < y_max + _AROUND_M)
-    inside &= np.abs(z - np.float32(station.scene.table.top_m)) < _SEARCHED_M
-    near = coarse[inside].astype(float)
-    return near[:: max(1, len(near) // _POINTS)]
+    level = np.abs(z - np.float32(station.scene.table.top_m)) < _SEARCHED_M
+    in_view = np.count_nonzero(inside & level) >= _MIN_POINTS
+    near = coarse[inside & level if in_view or np.isfinite(z[inside]).any() else level]
+    return np.asarray(near[:: max(1, len(near) // _POINTS)], dtype=float)
 
 
 def _fills_view(points_base: Points, station: Station) -> bool:

@@ -40,7 +40,7 @@ def test_the_model_lays_its_rod_across_the_narrow_side() -> None:
     cv2.fillPoly(mask, [corners], 1)
     model = Crosswise(STATION)
     proposal = propose(
-        Conversation(model, lambda reply: None), flat_object(color, mask > 0, 0.001), Models(model), STATION
+        Conversation(model, lambda reply: None), flat_object(color, mask > 0, 0.001, STATION), Models(model), STATION
     )
     ends = proposal.ends[0]
     assert np.linalg.norm(ends[1] - ends[0]) == pytest.approx(0.040, abs=0.006)

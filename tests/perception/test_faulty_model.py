@@ -34,7 +34,7 @@ def observed_object() -> ObservedObject:
     corners = cv2.boxPoints(((240, 180), (130, 40), 30)).astype(int)
     cv2.fillPoly(color, [corners], (40, 90, 200))
     cv2.fillPoly(mask, [corners], 1)
-    return flat_object(color, mask > 0, 0.001)
+    return flat_object(color, mask > 0, 0.001, STATION)
 
 
 @pytest.fixture

@@ -44,7 +44,7 @@ def observed_object() -> ObservedObject:
     mask = np.zeros((360, 480), np.uint8)
     cv2.fillPoly(mask, [corners], 1)
     cv2.circle(color, (275, 200), 12, (230, 220, 60), -1)
-    return flat_object(color, mask > 0, 0.001)
+    return flat_object(color, mask > 0, 0.001, load_station())
 
 
 @pytest.fixture

@@ -68,25 +68,25 @@ def test_of_several_the_one_with_the_best_grasp_is_taken(look: Look) -> None:
 
 
 def test_a_pixel_names_the_target_also_from_beside_it(look: Look) -> None:
-    other = BAR._replace(columns=(300, 400), rows=(40, 64))
-    for pixel in ("[350, 50]", "[350, 80]"):
-        assert _detect(look([BAR, other]), f"perception.target.pixel={pixel}").evidence.object_mask[50, 350]
+    other = BAR._replace(columns=(300, 400), rows=(180, 204))
+    for pixel in ("[350, 190]", "[350, 220]"):
+        assert _detect(look([BAR, other]), f"perception.target.pixel={pixel}").evidence.object_mask[190, 350]
     with pytest.raises(CycleFailure, match="no object within") as failure:
         _detect(look([BAR, other]), "perception.target.pixel=[240, 300]")
     assert failure.value.failure is Code.TARGET_NOT_FOUND
 
 
 def test_words_name_the_target_and_the_model_points_at_it(look: Look, tmp_path: Path) -> None:
-    other = BAR._replace(columns=(300, 400), rows=(40, 64))
+    other = BAR._replace(columns=(300, 400), rows=(180, 204))
 
     def point(prompt: str, image: np.ndarray | None) -> str:
-        return "747, 111" if "Find this object in it: the upper bar" in prompt else say(prompt, image)
+        return "747, 410" if "Find this object in it: the right bar" in prompt else say(prompt, image)
 
     replies: list[ModelReply] = []
     with ModelServer(paint, say=point) as server:
-        station = _hosted(server, tmp_path, "perception.target.text=the upper bar")
+        station = _hosted(server, tmp_path, "perception.target.text=the right bar")
         with closing(open_models(station, KEY)) as models:
-            assert detect(look([BAR, other]), station, models, replies.append).evidence.object_mask[50, 350]
+            assert detect(look([BAR, other]), station, models, replies.append).evidence.object_mask[190, 350]
     assert [reply.step for reply in replies] == ["locate", "reason", "direct", "render"]
 
 
@@ -208,7 +208,7 @@ def test_a_table_that_was_seen_and_on_which_nothing_rises_is_empty(look: Look) -
 )
 def test_a_table_is_empty_only_when_enough_of_it_was_seen(columns: tuple[int, int], code: Code, look: Look) -> None:
     glass = Box(columns, (0, 360), None, (165, 165, 165))
-    assert _code(look([glass]), "scene.pick_region_m=[0.2, 0.7, -0.2, 0.2]") is code
+    assert _code(look([glass]), "scene.pick_region_m=[0.2, 0.7, -0.2, 0.2]", "perception.min_table_seen=0.5") is code
 
 
 def test_a_pick_region_outside_the_view_was_not_seen(look: Look) -> None:
@@ -228,7 +228,7 @@ def test_the_bar_is_taken_across_and_every_term_is_named(look: Look) -> None:
     best = _detect(look([BAR])).grasps[0]
     assert abs(best.base_from_tcp[1, 1]) > 0.99, "closing along base y, across the bar"
     assert best.width_m == pytest.approx(24 * 0.57 / 450, abs=0.005)
-    assert set(best.terms) >= {"square", "solid", "wide", "robust", "consistent", "in_view", "depth"}
+    assert set(best.terms) >= {"square", "solid", "wide", "robust", "consistent", "seen"}
     assert all(0 <= value <= 1 for value in best.terms.values()) and 0 <= best.score <= 1
 
 
