@@ -30,11 +30,12 @@ from bus import topics
 from bus.arrays import Joints, Mask, Transform
 from bus.commands import Event
 from bus.frozen import Message
-from bus.messages import Detections, Grasp, PickPlan, Segment, StageRecord, View
+from bus.messages import Detections, Grasp, ObservedScene, PickPlan, Segment, StageRecord, View
 from bus.sensor_codec import stamp
 from bus.topics import Topic
 from bus.transforms import apply, to_wxyz
 from config.franka_hand import FINGER_LENGTH_M, FINGER_TIP_M, FINGER_TIP_SIZE_M
+from logs.scene_picture import color_of, draw_scene, outlines_px, places_px
 
 _logger = logging.getLogger(__name__)
 
@@ -45,6 +46,7 @@ _GREEN, _ORANGE, _BLUE, _GREY = (0.2, 0.9, 0.3), (1.0, 0.6, 0.1), (0.3, 0.6, 1.0
 _FINGER_M, _PALM_M = (*FINGER_TIP_SIZE_M, FINGER_LENGTH_M), (0.03, 0.12, 0.02)
 """A simplified hand, in the tcp's axes."""
 _PATH_STEP = 40  # of the 1 kHz samples
+_NUMBER_PX, _PLAIN = 14.0, 128
 _LEVEL = {"info": Log.INFO, "warning": Log.WARNING, "error": Log.ERROR}
 
 
@@ -76,6 +78,8 @@ class Views:
         """The Foxglove messages of one message; none for most kinds."""
         if isinstance(message, Event):
             yield _log(message.severity, message.code, f"{message.text} {message.advice}".strip())
+        if isinstance(message, ObservedScene):
+            yield from self._seen(message)
         if not isinstance(message, StageRecord):
             return
         if message.failure is not None:
@@ -107,6 +111,14 @@ class Views:
             _line(grasps, np.stack([middle - half, middle + half]), _BLUE, alpha=max(0.2, min(1.0, grasp.score)))
         yield topics.VIEW_SCENE, scene.SerializeToString()
 
+    def _seen(self, scene: ObservedScene) -> Iterator[Drawn]:
+        """What a failed detection saw: on grey, since the image itself is not in the message."""
+        plain = np.full((*scene.labels.shape, 3), _PLAIN, dtype=np.uint8)
+        yield topics.VIEW_COLOR, self._image(draw_scene(plain, scene))
+        message = ImageAnnotations()
+        self._add_things(message, scene)
+        yield topics.VIEW_ANNOTATIONS, message.SerializeToString()
+
     def _planned(self, plan: PickPlan, grasp: Grasp) -> SceneUpdate:
         scene = SceneUpdate()
         _gripper(self._entity(scene, "gripper", "base"), grasp)
@@ -132,7 +144,7 @@ class Views:
         return bytes(image.SerializeToString())
 
     def _annotations(self, found: Detections) -> ImageAnnotations:
-        """Rectangles, the best grasp's first and green, and outlines of the masks, in the undistorted colour image."""
+        """Rectangles, the best grasp's green, outlines of the masks and of all things, in the undistorted image."""
         message = ImageAnnotations()
         best = found.grasps[0].rectangle if found.grasps else None
         for index, rectangle in enumerate(found.rectangles):
@@ -141,7 +153,20 @@ class Views:
         for mask, color in masks:
             for outline in _outlines(mask):
                 self._loop(message, outline, color)
+        self._add_things(message, found.scene)
         return message
+
+    def _add_things(self, message: ImageAnnotations, scene: ObservedScene) -> None:
+        """The outline of every thing, in the colour of its number, and the number."""
+        for one in scene.instances:
+            red, green, blue = (part / 255 for part in color_of(one.number))
+            for outline in outlines_px(scene.labels == one.number):
+                self._loop(message, outline, (red, green, blue))
+        for number, (u, v) in places_px(scene.labels, [one.number for one in scene.instances]).items():
+            text = message.texts.add(timestamp=stamp(self._seen_ns), text=str(number), font_size=_NUMBER_PX)
+            text.position.x, text.position.y = float(u), float(v)
+            text.text_color.CopyFrom(_color((1.0, 1.0, 1.0)))
+            text.background_color.CopyFrom(_color((0.1, 0.13, 0.17), 0.7))
 
     def _loop(self, message: ImageAnnotations, corners_px: Array, color: tuple[float, float, float]) -> None:
         annotation = message.points.add(

@@ -91,6 +91,7 @@ _ANGLE = Tolerance(1e-3, "rad")
 _JOINT = Tolerance(1e-4, "rad")
 """Corresponds to 0.1 mm at the tcp. Time-optimal timing amplifies rounding of another processor to up to 1e-5 rad."""
 _EXACT_ENOUGH = Tolerance(1e-9, "")
+_SHARE = Tolerance(1e-4, "")
 
 STAGES: tuple[Stage, ...] = (
     Stage("capture", topics.CAPTURE),
@@ -114,14 +115,24 @@ STAGES: tuple[Stage, ...] = (
             "evidence.alignment.observed_from_goal": Tolerance(0.05, "mm|deg"),
             "evidence.alignment.*": _EXACT_ENOUGH,
             "evidence.drift.*": _EXACT_ENOUGH,
+            "scene.table.base_from_table": Tolerance(0.05, "mm|deg"),
+            "scene.table.offset_m": _LENGTH,
+            "scene.table.tilt_rad": _ANGLE,
+            "scene.region_seen": _SHARE,
+            "scene.instances[*].top_m": _LENGTH,
+            "scene.instances[*].size_m": _LENGTH,
+            "scene.instances[*].depth_share": _SHARE,
+            "tried[*].score": Tolerance(1e-6, ""),
         },
         (
-            ("segment", ("evidence.color", "evidence.object_mask")),
+            ("see", ("scene", "evidence.color")),
+            ("outline", ("evidence.object_mask",)),
             ("imagine", ("evidence.goal_",)),
             ("lift", ("evidence.observed_points",)),
             ("drift", ("evidence.drift",)),
             ("align", ("evidence.alignment", "evidence.aligned_points")),
             ("project", ("evidence.rod_", "rectangles")),
+            ("try", ("tried",)),
             ("rank", ("grasps", "evidence.sample", "evidence.agreement")),
         ),
     ),

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from bus.messages import ObservedScene
 from bus.packing import pack_image, unpack_image
 
 Json = dict[str, Any]
@@ -24,6 +25,11 @@ def with_scene(payload: bytes) -> bytes:
     for grasp in found["grasps"]:
         grasp["instance"] = 1
     return json.dumps(record).encode()
+
+
+def is_made_up(scene: ObservedScene) -> bool:
+    """Whether a scene is of `with_scene`: its thing has no size, as nothing that was seen can be."""
+    return any(not one.size_m.any() for one in scene.instances)
 
 
 def _scene(mask: Any) -> Json:

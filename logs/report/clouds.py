@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bus.codec import Json
-from bus.messages import Detections, Grasp
+from bus.messages import Detections, Evidence, Grasp
 from bus.transforms import apply
 from config.franka_hand import FINGER_LENGTH_M, FINGER_TIP_M
 from logs.report.figures import FONT
@@ -41,22 +41,15 @@ class View(NamedTuple):
     after: list[bool]
 
 
-def clouds(found: Detections, grasp: Grasp | None, base_from_color: Array) -> View:
+def clouds(found: Detections, grasp: Grasp | None, base_from_color: Array, is_painted: bool) -> View:
     """The observed and the imagined points before and after alignment, the rod's run, and the hand at ``grasp``.
 
     Args:
         base_from_color: (4, 4).
+        is_painted: the rod was painted into the observed image: there is nothing imagined beside what was observed.
     """
     evidence = found.evidence
-    goal_from_observed = np.linalg.inv(np.asarray(evidence.alignment.observed_from_goal))
-    rod = evidence.rod_points.astype(float)
-    dots = (
-        ("observed", evidence.observed_points, _OBSERVED, 1.8, True, True),
-        ("imagined, as lifted", evidence.goal_points, _IMAGINED, 1.8, True, False),
-        ("its rod", apply(goal_from_observed, rod), _ROD, 2.2, True, False),
-        ("imagined, carried back", evidence.aligned_points, _IMAGINED, 1.8, False, True),
-        ("rod, carried back", rod, _ROD, 2.2, False, True),
-    )
+    dots = _painted_dots(evidence) if is_painted else _imagined_dots(evidence)
     data = [
         _trace(
             name, _thin(points.astype(float)), base_from_color, mode="markers", marker={"size": size, "color": color}
@@ -75,6 +68,29 @@ def clouds(found: Detections, grasp: Grasp | None, base_from_color: Array) -> Vi
     for trace, visible in zip(data, after, strict=True):
         trace["visible"] = visible
     return View({"data": data, "layout": _LAYOUT}, before, after)
+
+
+Dots = tuple[tuple[str, npt.NDArray[np.floating], str, float, bool, bool], ...]
+"""Name, points (n, 3) in ``color``, colour and size of each cloud; whether it is of before, and of after."""
+
+
+def _painted_dots(evidence: Evidence) -> Dots:
+    return (
+        ("observed", evidence.observed_points, _OBSERVED, 1.8, True, True),
+        ("rod", evidence.rod_points, _ROD, 2.2, True, True),
+    )
+
+
+def _imagined_dots(evidence: Evidence) -> Dots:
+    goal_from_observed = np.linalg.inv(np.asarray(evidence.alignment.observed_from_goal))
+    rod = evidence.rod_points.astype(float)
+    return (
+        ("observed", evidence.observed_points, _OBSERVED, 1.8, True, True),
+        ("imagined, as lifted", evidence.goal_points, _IMAGINED, 1.8, True, False),
+        ("its rod", apply(goal_from_observed, rod), _ROD, 2.2, True, False),
+        ("imagined, carried back", evidence.aligned_points, _IMAGINED, 1.8, False, True),
+        ("rod, carried back", rod, _ROD, 2.2, False, True),
+    )
 
 
 def _trace(name: str, points: Array, base_from_points: Array, **style: object) -> Json:

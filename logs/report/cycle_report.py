@@ -14,7 +14,11 @@ from logs.mcap.names import telling
 from logs.mcap.reader import CycleRecord, recorded_number
 from logs.report import evidence, figures, images
 from logs.report.page import Chart, Fact, Figure, packed_plotly, script_json, write_page
+from logs.report.scene import scene_view
 from logs.report.timeline import Timeline, summarize
+
+_MOVING = {"execute", "deliver"}
+"""The stages that move the arm."""
 
 Result = TypeVar("Result")
 
@@ -45,7 +49,9 @@ def _content(record: CycleRecord) -> Json:
     runs = _runs(record)
     chosen = evidence.choice(record, found)
     view, motion = evidence.alignment_view(record, found, chosen), _motion(record, runs, timeline)
-    thumbnail = evidence.thumbnail(record, found, chosen)
+    scene = scene_view(record, found)
+    thumbnail = evidence.thumbnail(record, found, chosen, scene)
+    charts = _all_charts(view, motion)
     return {
         "timeline": timeline,
         "cycle_id": record.cycle_id,
@@ -55,11 +61,14 @@ def _content(record: CycleRecord) -> Json:
         "thumbnail": thumbnail,
         "summary": script_json(_summary(record, timeline, thumbnail)),
         "seen": evidence.seen(record, found),
+        "scene": scene,
+        "scene_uri": images.data_uri(scene.picture) if scene is not None else "",
+        "painted": evidence.is_painted(found),
         "imagined": evidence.imagined(found),
         "replies": [{**dict(reply), "uri": images.file_uri(reply.image_png)} for reply in record.replies],
         "drift": evidence.drift(record, found),
         "clouds": view,
-        "charts": script_json(_all_charts(view, motion)),
+        "charts": script_json(charts),
         "rectangles": evidence.rectangles(found, chosen),
         "grasps": evidence.grasps(found),
         "rejected": evidence.rejections(chosen),
@@ -71,7 +80,7 @@ def _content(record: CycleRecord) -> Json:
         "log": _log(record, timeline),
         "changes": configuration_changes(record.station),
         "metadata": record.metadata,
-        "plotly": packed_plotly() if view or runs or record.hand or record.arm else "",
+        "plotly": packed_plotly() if charts else "",
     }
 
 
@@ -106,7 +115,9 @@ def _runs(record: CycleRecord) -> list[SegmentRun]:
 
 
 def _motion(record: CycleRecord, runs: list[SegmentRun], timeline: Timeline) -> dict[str, list[Chart]]:
-    """Charts of the joints and of the hand; either may be empty."""
+    """Charts of the joints and of the hand; none of a cycle that ended before it moved."""
+    if not runs and not _MOVING & {*record.stages, timeline.ended_in}:
+        return {"joints": [], "hand": []}
     execution = _result(record, "execute", Execution)
     grasped = execution.grasped if execution is not None else None
     hand: list[Chart] = []

@@ -13,8 +13,11 @@ from logs.mcap.reader import CycleRecord, recorded_number
 from logs.report import images
 from logs.report.clouds import clouds
 from logs.report.page import Chart, Fact, Picture
+from logs.report.scene import SceneView, css_color
 
 _THUMBNAIL_PX = 240
+_PAINTED = "painted"
+"""The alignment's method where the model painted its rod into the observed image (`bus.messages.Alignment`)."""
 
 
 class Choice(NamedTuple):
@@ -38,10 +41,16 @@ class AlignmentView(NamedTuple):
 
 
 class ShownGrasp(NamedTuple):
-    """A grasp as found, and how far it was moved from the imagined rod onto the observed surface [mm]."""
+    """A grasp as found, and how far it was moved from the imagined rod onto the observed surface [mm].
+
+    Attributes:
+        number, color: of the thing it holds; the colour in CSS.
+    """
 
     found: Grasp
     snapped_mm: float
+    number: int
+    color: str
 
 
 def choice(record: CycleRecord, found: Detections | None) -> Choice:
@@ -55,11 +64,13 @@ def choice(record: CycleRecord, found: Detections | None) -> Choice:
     return Choice(best, ())
 
 
-def thumbnail(record: CycleRecord, found: Detections | None, chosen: Choice) -> str:
+def thumbnail(record: CycleRecord, found: Detections | None, chosen: Choice, scene: SceneView | None) -> str:
     """A small image of the cycle as a data URI; "" when nothing was captured."""
     if found is not None:
         near = images.crop(images.annotated(found, *chosen), found.evidence.object_mask, margin_px=40)
         return images.data_uri(near, width_px=_THUMBNAIL_PX)
+    if scene is not None:
+        return images.data_uri(scene.picture, width_px=_THUMBNAIL_PX)
     seen = record.observation
     return images.data_uri(seen.frame.color, width_px=_THUMBNAIL_PX) if seen is not None else ""
 
@@ -83,16 +94,22 @@ def imagined(found: Detections | None) -> list[Picture]:
         return []
     evidence = found.evidence
     around = evidence.object_mask | evidence.goal_rod_mask
+    origin = "as painted" if is_painted(found) else "found in it"
     return [
         Picture("Goal image: the imagined rod", images.data_uri(images.crop(evidence.goal_image, around))),
-        Picture("Rod found in it", images.data_uri(images.crop(evidence.goal_rod_mask, around))),
-        Picture("Object found in it", images.data_uri(images.crop(evidence.goal_object_mask, around))),
+        Picture(f"Rod {origin}", images.data_uri(images.crop(evidence.goal_rod_mask, around))),
+        Picture(f"Object {origin}", images.data_uri(images.crop(evidence.goal_object_mask, around))),
     ]
 
 
+def is_painted(found: Detections | None) -> bool:
+    """Whether the rod was painted into the observed image: then nothing can have drifted, and nothing was aligned."""
+    return found is not None and found.evidence.alignment.method == _PAINTED
+
+
 def drift(record: CycleRecord, found: Detections | None) -> list[Fact]:
-    """The drift of the goal image, beside its limits."""
-    if found is None:
+    """The drift of the goal image, beside its limits; none of a painted one."""
+    if found is None or is_painted(found):
         return []
     drift = found.evidence.drift
 
@@ -115,7 +132,9 @@ def alignment_view(record: CycleRecord, found: Detections | None, chosen: Choice
     if found is None or record.observation is None:
         return None
     grasp = found.grasps[chosen.grasp or 0] if found.grasps else None
-    view = clouds(found, grasp, np.asarray(record.observation.view.base_from_color))
+    view = clouds(found, grasp, np.asarray(record.observation.view.base_from_color), is_painted(found))
+    if is_painted(found):
+        return AlignmentView(Chart("The observed points, the rod, and the hand", view.figure), view.before, view.after)
     alignment = found.evidence.alignment
     title = (
         f"{alignment.method}: scale {alignment.scale:.3f}, residual {alignment.residual:.3f} of the object's radius, "
@@ -139,7 +158,7 @@ def grasps(found: Detections | None) -> list[ShownGrasp]:
     def moved_mm(grasp: Grasp) -> float:
         return float(np.linalg.norm(grasp.base_from_tcp[:3, 3] - grasp.imagined_base_from_tcp[:3, 3]) * 1e3)
 
-    return [ShownGrasp(grasp, moved_mm(grasp)) for grasp in found.grasps]
+    return [ShownGrasp(grasp, moved_mm(grasp), grasp.instance, css_color(grasp.instance)) for grasp in found.grasps]
 
 
 def rejections(chosen: Choice) -> dict[int, list[str]]:

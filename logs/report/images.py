@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from bus.messages import Detections, Rectangle
+from bus.messages import Detections, Frame, Rectangle
 from bus.rejection import Rejection
 
 _OUTLINE_RGB, _CHOSEN_RGB, _OTHER_RGB, _REJECTED_RGB = (10, 200, 120), (255, 214, 10), (235, 240, 245), (240, 80, 80)
@@ -40,6 +40,15 @@ def file_uri(image: bytes | None) -> str:
         return ""
     kind = "jpeg" if image.startswith(b"\xff\xd8") else "png"
     return f"data:image/{kind};base64,{base64.b64encode(image).decode()}"
+
+
+def undistorted(frame: Frame) -> Image:
+    """The colour image (H, W, 3) of a frame without its lens's distortion, as detect sees it."""
+    camera = frame.color_camera
+    if not camera.distortion:
+        return frame.color
+    matrix = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
+    return np.asarray(cv2.undistort(np.asarray(frame.color), matrix, np.array(camera.distortion)), dtype=np.uint8)
 
 
 def annotated(found: Detections, grasp: int | None, rejections: Iterable[Rejection]) -> Image:

@@ -197,6 +197,9 @@ def record(tmp_path: Path, frame: Frame) -> Record:
         code = None
         for stage, (topic, result) in _stages(frame).items():
             code = Code.NO_GRASP if stage == failed else None
+            if stage == failed == "detect":
+                assert isinstance(result, Detections)
+                say(topics.SCENE, result.scene)
             rejected = REJECTED if stage == "plan" else ()
             failure = None if code is None else Failure(code=code, text=f"{stage} failed.", rejected=rejected)
             say(

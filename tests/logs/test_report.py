@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from html import unescape
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
 
 from bus.commands import Event, Health
 from bus.errors import RecordingError
-from bus.messages import ArmMode, ArmState, Attempt
+from bus.messages import ArmMode, ArmState, Attempt, Detections, Tried
 from bus.sensor_codec import arm_state_to_wire
 from logs.mcap.reader import Timed, read_cycle
 from logs.report.cycle_report import configuration_changes, write_report
@@ -25,6 +26,14 @@ Record = Callable[..., Path]
 HOSTILE = "<script>alert('arm')</script>"
 SECTIONS = ("timeline", "seen", "imagined", "aligned", "grasps", "plan", "motion", "verdict", "log", "configuration",
             "about")  # fmt: skip
+MISSING: dict[str | None, tuple[str, ...]] = {
+    "capture": ("seen", "aligned", "grasps", "plan", "motion", "verdict"),
+    "detect": ("aligned", "grasps", "plan", "motion", "verdict"),
+    "plan": ("plan", "motion", "verdict"),
+    "execute": ("verdict",),
+    "verify": ("verdict",),
+}
+"""By the stage that failed: the sections of which there is nothing to show."""
 FIGURES = {"clouds", *(f"joints-{n}" for n in range(4)), *(f"hand-{n}" for n in range(3))}
 
 
@@ -36,20 +45,76 @@ def _section(page: str, name: str) -> str:
     return page[page.index(f'<section id="{name}">') :].partition("</section>")[0]
 
 
-@pytest.mark.parametrize("failed", [None, "capture", "detect", "plan", "execute", "verify"])
-def test_every_section_is_there_wherever_the_cycle_ended(record: Record, tmp_path: Path, failed: str | None) -> None:
+def _words(html: str) -> str:
+    """The text of a part of a page, in one line."""
+    return " ".join(unescape(re.sub(r"<[^>]*>", " ", html)).split())
+
+
+def _retold(record: Record, tmp_path: Path, **changes: object) -> str:
+    """The page of a cycle whose detections have these fields."""
+    told = read_cycle(record())
+    detect = told.stages["detect"]
+    assert detect.result is not None
+    result = detect.result.model_copy(update=changes)
+    stages = {**told.stages, "detect": detect.model_copy(update={"result": result})}
+    return write_report(replace(told, stages=stages), tmp_path / "page.html").read_text()
+
+
+@pytest.mark.parametrize("failed", [None, *MISSING])
+def test_a_section_is_there_when_there_is_something_in_it(record: Record, tmp_path: Path, failed: str | None) -> None:
     page = _page(record, tmp_path, failed)
-    for section in SECTIONS:
-        assert f'<section id="{section}">' in page
+    assert re.findall(r'<section id="(\w+)">', page) == [one for one in SECTIONS if one not in MISSING.get(failed, ())]
     assert ("FAILED NO_GRASP" in page) == (failed is not None)
     assert (f"{failed} failed." in page) == (failed is not None)
 
 
-def test_a_section_that_was_not_reached_says_where_the_cycle_ended(record: Record, tmp_path: Path) -> None:
+def test_a_failed_detection_carries_no_charts(record: Record, tmp_path: Path) -> None:
     page = _page(record, tmp_path, "detect")
-    for name in ("imagined", "aligned", "grasps", "plan", "motion", "verdict"):
-        assert "The cycle ended in <b>detect</b>." in _section(page, name)
-    assert "Nothing was captured" not in page
+    assert "data-figure" not in page and len(page) < 1e6
+
+
+@pytest.mark.parametrize("failed", [None, "detect"])
+def test_what_was_seen_is_shown_also_of_a_failed_detection(record: Record, tmp_path: Path, failed: str | None) -> None:
+    seen = _words(_section(_page(record, tmp_path, failed), "seen"))
+    assert "height over the station's table +3.0 mm at most ±15 mm" in seen
+    assert "tilt 0.6° at most 5°" in seen
+    assert "seen of the pick region 97% at least" in seen
+    assert "1 80 x 30 x 50 mm 98%" in seen and "cut by the border" not in seen
+
+
+def test_a_thing_that_was_half_seen_is_marked(record: Record, tmp_path: Path) -> None:
+    told = read_cycle(record("detect"))
+    assert told.scene is not None
+    cut = told.scene.instances[0].model_copy(update={"number": 2, "in_view": False, "depth_share": 0.5})
+    two = told.scene.model_copy(update={"instances": (*told.scene.instances, cut)})
+    page = write_report(replace(told, scene=two), tmp_path / "page.html").read_text()
+    assert "2 80 x 30 x 50 mm 50% cut by the border" in _words(_section(page, "seen"))
+
+
+def test_every_try_is_shown_with_its_score_or_its_reason(record: Record, tmp_path: Path) -> None:
+    second = Tried(instance=1, sample=1, code="MODEL_DRIFT", text="Another object.")
+    seen = _words(_section(_retold(record, tmp_path, tried=(Tried(instance=1, sample=0, score=0.7), second)), "seen"))
+    assert "thing proposal best grasp 1 1 0.70 1 2 MODEL_DRIFT Another object." in seen
+
+
+def test_a_scene_that_only_the_reader_made_up_is_not_shown(record: Record, tmp_path: Path) -> None:
+    told = read_cycle(record())
+    assert told.scene is not None
+    nothing = told.scene.instances[0].model_copy(update={"size_m": np.zeros(3)})
+    made_up = told.scene.model_copy(update={"instances": (nothing,)})
+    page = write_report(replace(told, scene=made_up), tmp_path / "page.html").read_text()
+    assert "pick region" not in _section(page, "seen") and "<th>thing</th>" not in page
+
+
+def test_a_painted_rod_is_told_without_an_alignment(record: Record, tmp_path: Path) -> None:
+    detections = read_cycle(record()).stages["detect"].result
+    assert isinstance(detections, Detections)
+    found = detections.evidence
+    alignment = found.alignment.model_copy(update={"method": "painted"})
+    page = _retold(record, tmp_path, evidence=found.model_copy(update={"alignment": alignment}))
+    assert "nothing had to be carried back" in _section(page, "aligned")
+    assert "data-view" not in _section(page, "aligned") and "residual" not in _section(page, "aligned")
+    assert "outline overlaps" not in _section(page, "imagined")
 
 
 def test_a_failed_plan_shows_every_grasp_with_the_reason_of_its_rejection(record: Record, tmp_path: Path) -> None:
@@ -142,13 +207,14 @@ def test_a_browser_draws_every_figure_and_complains_of_nothing(browser: Page, re
 
 
 def test_a_browser_shows_the_day_and_a_cycle_that_did_not_move(browser: Page, record: Record, tmp_path: Path) -> None:
-    for name, failed in (("20260101T080000000", None), ("20260101T090000000", "capture")):
+    tries = (("20260101T080000000", None), ("20260101T090000000", "capture"), ("20260101T100000000", "detect"))
+    for name, failed in tries:
         write_cycle(record(failed, name))
     (day,) = days(tmp_path)
     write_day(day)
-    for page in ("20260101T090000000.html", INDEX):
+    for page in ("20260101T090000000.html", "20260101T100000000.html", INDEX):
         browser.open(tmp_path / page, 390)
         assert browser.value(_WIDTH) <= 390
         assert browser.errors == []
-    assert browser.value("document.querySelectorAll('svg circle').length") == 6
+    assert browser.value("document.querySelectorAll('svg circle').length") == 8
     assert browser.value("[...document.images].every((one) => one.naturalWidth > 0)")

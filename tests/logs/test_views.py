@@ -61,13 +61,35 @@ def test_images_annotations_and_cloud_are_of_the_captured_frame(drawn: Drawn, cy
 
 
 def test_rectangles_have_their_corners_and_masks_their_outline(drawn: Drawn, frame: Frame) -> None:
-    ((rectangle, *outlines),) = ([*message.points] for message in drawn[topics.VIEW_ANNOTATIONS.key])
+    (annotations,) = drawn[topics.VIEW_ANNOTATIONS.key]
+    rectangle, *outlines = annotations.points
     assert stamp_ns(rectangle.timestamp) == frame.stamp_ns
     corners = np.array([(point.x, point.y) for point in rectangle.points])
     assert np.allclose(corners.mean(axis=0), (75.0, 40.0))
     assert np.allclose(sorted(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1)), (12, 12, 30, 30))
     outline = np.array([(point.x, point.y) for point in outlines[0].points])
     assert (outline.min(axis=0).tolist(), outline.max(axis=0).tolist()) == ([60.0, 30.0], [89.0, 49.0])
+
+
+def test_every_thing_has_its_outline_and_its_number(drawn: Drawn) -> None:
+    (annotations,) = drawn[topics.VIEW_ANNOTATIONS.key]
+    corners = np.array([(point.x, point.y) for point in annotations.points[-1].points])
+    assert (corners.min(axis=0).tolist(), corners.max(axis=0).tolist()) == ([60.0, 30.0], [89.0, 49.0])
+    (number,) = annotations.texts
+    assert number.text == "1" and 60 <= number.position.x <= 89 and 30 <= number.position.y <= 49
+
+
+def test_what_a_failed_detection_saw_is_drawn_on_grey(cycle: CycleRecord, frame: Frame) -> None:
+    views = Views(lambda _: np.eye(4))
+    assert cycle.scene is not None
+    list(views.of(cycle.stages["capture"]))
+    drawn = {topic.key: topic.says.FromString(payload) for topic, payload in views.of(cycle.scene)}
+    assert set(drawn) == {topics.VIEW_COLOR.key, topics.VIEW_ANNOTATIONS.key}
+    picture, annotations = drawn[topics.VIEW_COLOR.key], drawn[topics.VIEW_ANNOTATIONS.key]
+    pixels = cv2.imdecode(np.frombuffer(picture.data, np.uint8), cv2.IMREAD_COLOR)
+    assert pixels is not None and pixels.shape[:2] == cycle.scene.labels.shape
+    assert np.ptp(pixels[45, 85].astype(int)) > 40 and np.ptp(pixels[70, 40].astype(int)) < 12  # coloured, grey
+    assert stamp_ns(picture.timestamp) == stamp_ns(annotations.texts[0].timestamp) == frame.stamp_ns
 
 
 def test_the_scene_has_rod_grasps_gripper_and_paths_each_in_its_frame(drawn: Drawn) -> None:
