@@ -87,12 +87,14 @@ def without_flying_pixels(depth_m: npt.NDArray[np.float32]) -> npt.NDArray[np.fl
 
 
 @lru_cache(maxsize=4)
-def _undistortion(camera: CameraModel) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
-    """Where each pixel of the undistorted image lies in the distorted one: columns and rows (H, W)."""
+def _undistortion(camera: CameraModel) -> tuple[npt.NDArray[np.int16], npt.NDArray[np.uint16]]:
+    """OpenCV's maps, in fixed point, from the undistorted image (H, W) to the distorted one."""
     matrix = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
     size = (camera.width, camera.height)
-    u, v = cv2.initUndistortRectifyMap(matrix, np.array(camera.distortion), np.eye(3), matrix, size, cv2.CV_32FC1)
-    return np.asarray(u), np.asarray(v)
+    whole, part = cv2.initUndistortRectifyMap(
+        matrix, np.array(camera.distortion), np.eye(3), matrix, size, cv2.CV_16SC2
+    )
+    return np.asarray(whole), np.asarray(part)
 
 
 @lru_cache(maxsize=4)

@@ -14,7 +14,7 @@ from perception.grasps.closing import Closings
 from perception.grasps.search import search
 from perception.scene.scene import Scene
 
-_NAMED = 5
+_NAMED, _TINY_M = 5, 1e-6
 
 
 def why_none(
@@ -50,6 +50,9 @@ def _things(seen: ObservedScene) -> str:
 
 
 def _hidden(scene: Scene, station: Station) -> int:
-    """How many closings there would be if what was not seen were free."""
-    heights = replace(scene.heights, bound_m=scene.heights.surface_m)
-    return int(np.isfinite(search(heights, station).score).sum())
+    """How many closings there would be if what was not seen were free down to the table."""
+    heights = scene.heights
+    is_unseen = heights.bound_m > heights.surface_m + _TINY_M
+    surface_m = np.where(is_unseen, np.float32(0), heights.surface_m)
+    free = replace(heights, surface_m=surface_m, bound_m=surface_m)
+    return int(np.isfinite(search(free, station).score).sum())

@@ -97,6 +97,8 @@ class DepthView:
 
 def moved(points: Points, to_from: Transform) -> Points:
     """Points (h, w, 3) of a frame in another one, ``to_from`` (4, 4); fast, in single precision."""
+    if points.size == 0:  # OpenCV has no empty images
+        return points
     return np.asarray(cv2.transform(points, to_from[:3].astype(np.float32)))
 
 

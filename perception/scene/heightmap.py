@@ -68,6 +68,7 @@ class HeightMap:
         return Framed(
             np.pad(self.surface_m, 1).ravel(),
             np.pad(self.bound_m, 1, constant_values=_CEILING_M).ravel(),
+            np.pad(cv2.dilate(self.bound_m, np.ones((3, 3), np.uint8)), 1, constant_values=_CEILING_M).ravel(),
             np.pad(cv2.dilate(self.bound_m, np.ones((5, 5), np.uint8)), 1, constant_values=_CEILING_M).ravel(),
             np.pad(self.labels, 1).ravel(),
             np.pad(self.pieces, 1).ravel(),
@@ -103,11 +104,13 @@ class Framed:
     """The flattened maps of a `HeightMap`, with a rim; indexed by `HeightMap.cells`.
 
     Attributes:
-        around_m: the highest bound within 4 mm, to look for what lies below a palm in steps of 10 mm.
+        beside_m, around_m: the highest bound within 2 and 4 mm: fingers pass other things at a distance, and what lies
+            below a palm is looked for in steps of 10 mm.
     """
 
     surface_m: Heights
     bound_m: Heights
+    beside_m: Heights
     around_m: Heights
     labels: Labels
     pieces: Labels

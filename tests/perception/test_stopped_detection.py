@@ -157,7 +157,7 @@ def test_a_stop_ends_an_injected_hang(look: Look) -> None:
         began.set()
         return wrapped.reason(*asked)
 
-    models.imaginer._model = SimpleNamespace(name="said", is_hosted=False, begin=wrapped.begin, reason=reason)  # type: ignore[assignment]
+    models.imaginer._model = SimpleNamespace(name="said", is_hosted=False, begin=wrapped.begin, reason=reason)
     said = stopped(look, models, began.is_set)
     assert [reply.failure for reply in said] == [Code.STOPPED]
 
