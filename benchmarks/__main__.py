@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -23,6 +24,7 @@ from benchmarks import (
     intruder,
     models,
     planning,
+    real_frames,
     recordings,
     soak,
     stopping,
@@ -30,6 +32,7 @@ from benchmarks import (
     travel,
 )
 from benchmarks.drifted import REGIMES
+from benchmarks.heaps import run as heaps
 from benchmarks.openness import trouble
 from bus.commands import CommandRequest
 from bus.errors import CellError
@@ -43,6 +46,7 @@ _ENDS_THE_RUN = ("EMPTY", "ABORTED")
 _NEXT_COMMAND = {"Aborted": "clear", "Stopped": "reset", "Complete": "reset", "Idle": "start"}
 """What an operator does to go on after a run that ended early."""
 _CHECKOUT = Path(__file__).resolve().parents[1]
+_OBJECTS = Path(os.environ.get("VLAD_CELL_DATA", "../shared/data")) / "meshes" / "object_sim"
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, help=__doc__)
 
@@ -102,17 +106,61 @@ def detect_(
 
 @app.command(name="grasps")
 def grasps_(
-    dataset: Annotated[str, typer.Option(help="cornell or jacquard")],
+    dataset: Annotated[str, typer.Option(help="cornell, jacquard, or rgbd")],
     root: Annotated[Path, typer.Option(help="The dataset's folder.")],
     detector: Annotated[str, typer.Option(help="vlad, antipodal, or onnx:PATH")] = "vlad",
-    sheet: Annotated[Path | None, typer.Option(help="Where a picture of the failures goes.")] = None,
+    sheet: Annotated[Path | None, typer.Option(help="Where a picture goes: of the failures; of all, for rgbd.")] = None,
     overrides: Annotated[list[str] | None, typer.Option("--set", help="key=value")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
 ) -> None:
-    """Grasp rectangles on labelled images: the share that matches a label (IoU >= 25 %, 30 degrees)."""
+    """Grasp rectangles on labelled images: the share that matches a label (IoU >= 25 %, 30 degrees).
+
+    rgbd: real frames with depth and without labels, through the whole detection: found, refused by code, CPU time [s].
+    """
+    if dataset == "rgbd":
+        typer.echo(json.dumps(real_frames.run(root, overrides or [], _teller(as_json), sheet)))
+        return
     if dataset not in grasps.DATASETS:
-        raise typer.BadParameter(f"{dataset!r} is none of {', '.join(grasps.DATASETS)}")
+        raise typer.BadParameter(f"{dataset!r} is none of {', '.join([*grasps.DATASETS, 'rgbd'])}")
     typer.echo(json.dumps(grasps.run(dataset, root, detector, overrides or [], _teller(as_json), sheet)))
+
+
+@app.command(name="scenes")
+def scenes_(
+    counts: Annotated[list[int] | None, typer.Option("--n", help="Objects in a heap. Repeatable.")] = None,
+    seeds: Annotated[str, typer.Option(help="A:B, seeds to report on; nothing may be tuned on them.")] = "1000:1100",
+    development: Annotated[str, typer.Option(help="A:B, seeds shown beside: those to tune on.")] = "0:30",
+    objects: Annotated[Path, typer.Option(help="The folder object_sim.")] = _OBJECTS,
+    cache: Annotated[Path | None, typer.Option(help="Where scenes are kept, to measure again in seconds.")] = None,
+    jobs: Annotated[int, typer.Option(min=1)] = 1,
+    sheet: Annotated[Path | None, typer.Option(help="Where a picture of every scene and its grasp goes.")] = None,
+    lifts: Annotated[bool, typer.Option("--lifts", help="Lift each best grasp in simulation, too.")] = False,
+    check_judge: Annotated[int, typer.Option(min=0, help="Only lift so many judged grasps of the development.")] = 0,
+    overrides: Annotated[list[str] | None, typer.Option("--set", help="key=value")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
+) -> None:
+    """Heaps of real shapes seen once from above: shares of true and bad grasps, judged on the true shapes."""
+    if not objects.is_dir():
+        typer.echo(json.dumps({"skipped": f"There is no folder {objects}: name object_sim with --objects."}))
+        return
+
+    def wanted(n: int, seed: int) -> heaps.Wanted:
+        return heaps.Wanted(n, seed, objects, cache, tuple(overrides or ()), lifted=lifts)
+
+    several, first, report = counts or heaps.COUNTS, _seeds(development), _seeds(seeds)
+    if check_judge:
+        typer.echo(json.dumps(heaps.check_judge(several, first, wanted, check_judge)))
+    else:
+        typer.echo(json.dumps(heaps.run(several, first, report, wanted, jobs, sheet, _teller(as_json))))
+
+
+def _seeds(text: str) -> range:
+    """``A:B`` as the seeds from A to before B; empty where they are equal."""
+    try:
+        first, end = (int(part) for part in text.split(":"))
+    except ValueError as error:
+        raise typer.BadParameter(f"{text!r} is not of the form A:B, like 0:30") from error
+    return range(first, end)
 
 
 @app.command(name="models")

@@ -21,9 +21,10 @@ from bus.errors import CycleFailure
 from bus.messages import Rectangle
 from config.load import load_station
 from config.schema import Station
-from perception.detector import grasps_of, ignore_reply, propose
+from perception.detector import ignore_reply
 from perception.goal.imagine import Conversation
 from perception.models import open_models
+from perception.proposal import grasps_of, propose
 from perception.rectangles.metric import MAX_APART_RAD, MIN_IOU, angle_apart_rad, iou, matches
 from perception.rectangles.network import GraspNetwork
 
@@ -93,7 +94,7 @@ def _detector(name: str, station: Station, m_per_px: float) -> Detector:
 
     def vlad(sample: Sample) -> Rectangle:
         models.imaginer.begin()
-        observed_object = flat_object(sample.color, _mask(sample), m_per_px)
+        observed_object = flat_object(sample.color, _mask(sample), m_per_px, station)
         proposal = propose(Conversation(models.imaginer, ignore_reply), observed_object, models, station)
         try:
             return proposal.rectangles[grasps_of(proposal, observed_object, station)[0].rectangle]
@@ -101,7 +102,7 @@ def _detector(name: str, station: Station, m_per_px: float) -> Detector:
             return proposal.rectangles[-1]
 
     def antipodal(sample: Sample) -> Rectangle:
-        return flat_rectangle(flat_object(sample.color, _mask(sample), m_per_px), station)
+        return flat_rectangle(flat_object(sample.color, _mask(sample), m_per_px, station), station)
 
     return {"vlad": vlad, "antipodal": antipodal}[name]
 

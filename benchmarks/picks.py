@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bus.messages import Grasp
-from config.schema import Box, NodeSettings, SceneSettings, Station
+from config.schema import Box, NodeSettings, SceneSettings, Station, Table
 from planning.candidates import Approach, approaches, grasp_pose, twins
 from planning.kinematics import inverse, limit_distance_rad, q7_grid
 from planning.line import tcp_line
@@ -19,7 +19,7 @@ from planning.search import LIMIT_MARGIN_RAD
 
 Array = npt.NDArray[np.float64]
 
-TABLE = Box(name="table", center_m=(0.45, 0.0, -0.02), size_m=(1.5, 2.0, 0.04))
+TABLE = Table(name="table", center_m=(0.45, 0.0, -0.02), size_m=(1.5, 2.0, 0.04))
 PLACE_M = (0.40, 0.45, 0.20)
 _BIN_M = (0.46, 0.0, 0.36, 0.46)  # centre x, y and inner size
 _WALL_M, _WALL_HEIGHT_M = 0.010, 0.08

@@ -91,6 +91,7 @@ if TYPE_CHECKING:
     ColorImage = npt.NDArray[np.uint8]
     DepthImage = npt.NDArray[np.float32]
     Mask = npt.NDArray[np.bool_]
+    LabelImage = npt.NDArray[np.uint8]
 else:
     Joints = array_of("float64", 7)  # [rad] or [rad/s] or [Nm], base to wrist
     JointSamples = array_of("float64", None, 7)  # (n, 7), one row per sample
@@ -101,6 +102,7 @@ else:
     DepthImage = array_of("float32", None, None, made=_measured)  # [m], NaN = invalid
     ColorImage = _image(3, "uint8")  # RGB
     Mask = _image(1, "bool")
+    LabelImage = _image(1, "uint8")  # numbers, 0 = none
     Blob = Annotated[
         bytes,
         BeforeValidator(unpack_blob),

@@ -9,6 +9,10 @@ class Code(StrEnum):
     NO_OBJECT = "NO_OBJECT"
     TARGET_NOT_FOUND = "TARGET_NOT_FOUND"
     NOT_SEEN = "NOT_SEEN"
+    NO_DEPTH = "NO_DEPTH"
+    NO_TABLE = "NO_TABLE"
+    TABLE_MOVED = "TABLE_MOVED"
+    TOO_NEAR = "TOO_NEAR"
     NO_GRASP = "NO_GRASP"
     UNREACHABLE = "UNREACHABLE"
     COLLISION = "COLLISION"
@@ -40,8 +44,13 @@ class Code(StrEnum):
 ADVICE: dict[Code, str] = {
     Code.NO_OBJECT: "Put an object into the pick region, inside the camera's view.",
     Code.TARGET_NOT_FOUND: "Name it differently, or point at it by its pixel: the picture is in the report.",
-    Code.NOT_SEEN: "Look at the report's picture: is the lens covered, the table in view and at its height, glass or"
-    " something shiny on it?",
+    Code.NOT_SEEN: "Look at the report's picture: is the lens covered, the pick region in view, and nothing in front of"
+    " it? Look from above, or from another side (arm.capture_q_rad).",
+    Code.NO_DEPTH: "The camera cannot measure glass, black and shiny things, nor what is too near: take it out by hand,"
+    " dull it, or look from farther away.",
+    Code.NO_TABLE: "Is the table in view, and scene.table at its height? If it did not move, calibrate the camera.",
+    Code.TABLE_MOVED: "Calibrate the camera with `cell calibrate`, or correct scene.table in the station file.",
+    Code.TOO_NEAR: "Look from farther away (arm.capture_q_rad), or take the object out by hand.",
     Code.NO_GRASP: "Turn the object so that a side narrower than the jaw faces the camera.",
     Code.UNREACHABLE: "Move the object nearer to the middle of the pick region.",
     Code.COLLISION: "Move the object away from the tray, the table's edge and the arm.",

@@ -41,6 +41,7 @@ from bus.messages import (
     HandState,
     ModelReply,
     Motion,
+    ObservedScene,
     PickPlan,
     StageRecord,
     Verdict,
@@ -96,6 +97,8 @@ EVENT = Topic("event", "publish", Event, speaker="both")
 
 ATTEMPT = Topic("cycle/attempt", "publish", Attempt)
 CAPTURE = Topic("cycle/capture", "publish", StageRecord[View])
+SCENE = Topic("cycle/scene", "publish", ObservedScene)
+"""Of a cycle whose detection failed: a successful one holds it in its result."""
 DETECT = Topic("cycle/detect", "publish", StageRecord[Detections])
 PLAN = Topic("cycle/plan", "publish", StageRecord[PickPlan])
 EXECUTE = Topic("cycle/execute", "publish", StageRecord[Execution])

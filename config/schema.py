@@ -143,6 +143,23 @@ class Box(Settings):
     size_m: tuple[Size, Size, Size]
 
 
+class Table(Box):
+    """The table; its top is where objects lie.
+
+    Attributes:
+        tolerance_mm, tolerance_deg: the largest height above or below it, and the largest tilt, at which the camera may
+            see it. Grasps follow the seen table; beyond this the cycle ends with TABLE_MOVED.
+    """
+
+    tolerance_mm: Positive = 15.0
+    tolerance_deg: Annotated[float, Field(gt=0, le=12)] = 5.0
+
+    @property
+    def top_m(self) -> float:
+        """Height of its top in ``base``."""
+        return self.center_m[2] + self.size_m[2] / 2
+
+
 class Bin(Settings):
     """Four walls on the table, axis-aligned in ``base``; the table is the floor.
 
@@ -198,9 +215,10 @@ class SceneSettings(Settings):
         place_m: tcp position at which the object is released, above the tray's floor.
         place_pattern_m: offsets from it along x and y of ``base``, one per cycle, so that objects do not pile up.
         bins: bins with objects to pick; the pick region lies inside one, or outside all.
+        max_height_m: what rises higher above the table is no object: the arm, a camera stand.
     """
 
-    table: Box = Box(name="table", center_m=(0.45, 0.0, -0.02), size_m=(0.9, 1.4, 0.04))
+    table: Table = Table(name="table", center_m=(0.45, 0.0, -0.02), size_m=(0.9, 1.4, 0.04))
     tray: Box = Box(name="tray", center_m=(0.40, 0.45, 0.01), size_m=(0.30, 0.22, 0.02))
     tray_wall_height_m: SizeOrNone = 0.04
     pick_region_m: tuple[Metres, Metres, Metres, Metres] = (0.32, 0.60, -0.20, 0.20)
@@ -208,6 +226,7 @@ class SceneSettings(Settings):
     place_pattern_m: Annotated[tuple[tuple[Metres, Metres], ...], Field(min_length=1)] = ((0.0, 0.0),)
     obstacles: tuple[Box, ...] = ()
     bins: tuple[Bin, ...] = ()
+    max_height_m: Size = 0.35
 
     @field_validator("pick_region_m")
     @classmethod
@@ -245,7 +264,12 @@ class ImagineSettings(Settings):
     steps: Literal[1, 3] = 3
     """3 = reason, direct, render; 1 = render at once (the paper's ablation)."""
     samples: Annotated[int, Field(ge=1, le=8)] = 1
-    """Number of proposals; the one with the best grasp is kept, and their agreement is reported."""
+    """Number of proposals for one object; their agreement is reported."""
+    targets: Annotated[int, Field(ge=1, le=20)] = 4
+    """Most objects for which a rod is imagined. When one fails the next is tried; the embedded model, whose rods cost
+    nothing, goes on after a success, so that planning has more to choose from."""
+    budget_s: Positive = 60.0
+    """After so much time no further object is tried."""
 
 
 class PriceSettings(Settings):
@@ -390,7 +414,7 @@ class PerceptionSettings(Settings):
     rectangle_margin_m: SizeOrNone = 0.0
     """Free space of the opening on each side; 0 as in the paper."""
     min_object_height_m: Size = 0.006
-    min_table_seen: Fraction = 0.5
+    min_table_seen: Fraction = 0.7
     """Nothing on the table counts as an empty table only when this share of the pick region was seen."""
     rod_radius_m: Size = 0.004
     max_grasps: Annotated[int, Field(ge=1, le=100)] = 12

@@ -33,13 +33,20 @@ Array = npt.NDArray[np.float64]
 _EXAMINED = 16  # arm configurations tried for a viewpoint
 
 
-def plan_pick(scene: Scene, grasps: Sequence[Grasp], q_now_rad: Joints, missed: Sequence[Transform] = ()) -> PickPlan:
+def plan_pick(
+    scene: Scene,
+    grasps: Sequence[Grasp],
+    q_now_rad: Joints,
+    missed: Sequence[Transform] = (),
+    scene_of: Callable[[Grasp], Scene] | None = None,
+) -> PickPlan:
     """Choose the first feasible of ``grasps`` (best first) and plan every motion of its pick.
 
     Args:
         scene: the obstacles, the robot and its station.
         q_now_rad: (7,) the arm's position at rest.
         missed: ``base_from_tcp`` (4, 4) of grasps that closed on nothing before; grasps like them are left out.
+        scene_of: the scene in which a grasp's own object is the target, all others are obstacles; None = ``scene``.
 
     Raises:
         CycleFailure: NO_GRASP without grasps, or when all are like a missed one; MOTION_REFUSED or COLLISION when the
@@ -59,7 +66,8 @@ def plan_pick(scene: Scene, grasps: Sequence[Grasp], q_now_rad: Joints, missed: 
     left_out = {rejection.grasp for rejection in rejected}
     for approach in approaches(grasps, scene.station, left_out):
         try:
-            segments = plan_approach(scene, approach, np.asarray(q_now_rad))
+            aimed = scene if scene_of is None else scene_of(approach.grasp)
+            segments = plan_approach(aimed, approach, np.asarray(q_now_rad))
         except Infeasible as why:
             rejected.append(
                 Rejection(grasp=approach.index, tilt_rad=approach.tilt_rad, code=why.code, reason=why.reason)

@@ -17,7 +17,6 @@ from bus.transforms import apply, inverse
 from config.load import load_station
 from perception.geometry.lift import project
 from perception.goal.imagine import ROD_COLORS
-from perception.grasps import antipodal
 from perception.models.painter import paint as paint_rod
 from perception.observed_object import ObservedObject, RodColor
 from stand_ins.model_server import Picture
@@ -71,29 +70,24 @@ def _subject(image: Image, prompt: str) -> ObservedObject:
     """The picture as a flat scene at the prompt's scale, its rod in the prompt's colour."""
     scale = _SCALE.search(prompt)
     m_per_px = 1e-3 / float(scale.group(1)) if scale else 0.15 / image.shape[0]
-    observed_object = flat_object(image, object_mask(image), m_per_px)
+    observed_object = flat_object(image, object_mask(image), m_per_px, _STATION)
     color = next((color for color in ROD_COLORS if color.name in prompt), ROD_COLORS[0])
     return replace(observed_object, masked=image, rod=RodColor(color.name, color.rgb))
 
 
 def _axis_px(observed_object: ObservedObject) -> np.ndarray:
-    """Ends (2, 2) of the best antipodal axis, sticking out."""
-    closings = antipodal.propose(observed_object.heights, _STATION)
-    best = closings.distinct(1)
-    if not best:
+    """Ends (2, 2) of the best axis, sticking out."""
+    if not observed_object.axes:
         return _minor_axis_px(observed_object)
-    heading = closings.heading_rad[best[0]]
-    half = (closings.width_m[best[0]] / 2 + _STICK_OUT_M) * np.array([np.cos(heading), np.sin(heading), 0.0])
-    center = np.append(closings.center_m[best[0]], _LEVEL_M)
-    return project(
-        apply(inverse(observed_object.base_from_color), np.stack([center - half, center + half])),
-        observed_object.rgbd.camera,
-    )
+    contacts = observed_object.axes[0].ends_base
+    along = (contacts[1] - contacts[0]) / np.linalg.norm(contacts[1] - contacts[0])
+    ends_base = contacts + np.outer([-_STICK_OUT_M, _STICK_OUT_M], along)
+    return project(apply(inverse(observed_object.base_from_color), ends_base), observed_object.rgbd.camera)
 
 
 def _minor_axis_px(observed_object: ObservedObject) -> np.ndarray:
     """Ends (2, 2) of the shortest way through the middle, for what is wider than the jaw."""
-    rows, columns = np.nonzero(observed_object.scene.object_mask)
+    rows, columns = np.nonzero(observed_object.mask)
     pixels = np.stack([columns, rows], axis=1).astype(float)
     values, axes = np.linalg.eigh(np.cov(pixels.T))
     half = axes[:, 0] * (2 * np.sqrt(values[0]) + 0.12 * observed_object.rgbd.camera.width)

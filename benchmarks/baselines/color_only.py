@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from bus.codes import Code
 from bus.errors import CycleFailure
-from perception.scene.segment import Mask
+from perception.geometry.crop import Mask
 
 _SHRINK = 4
 _SURFACE_SHARE = 0.45

@@ -1,4 +1,4 @@
-"""A scene from an image without usable depth: the object is a prism of its own outline, seen from straight above.
+"""A scene from an image without usable depth: its things are prisms of their own outline, seen from straight above.
 
 Results are valid in the image; lengths along the line of sight are invented, so it never moves an arm.
 """
@@ -10,43 +10,70 @@ import numpy.typing as npt
 
 from bus.codes import Code
 from bus.errors import CycleFailure
-from bus.messages import CameraModel, Rectangle
+from bus.messages import ArmMode, ArmState, CameraModel, Frame, Observation, Rectangle, View
 from bus.transforms import apply, inverse
 from config.schema import Station
-from perception.geometry.depth import Rgbd
+from perception.geometry.crop import Mask
 from perception.geometry.rod import rectangle
+from perception.goal.axes import axes_of
 from perception.goal.imagine import observed_object_of
-from perception.grasps import antipodal
+from perception.goal.target import by_best_grasp
+from perception.grasps.rank import graded
+from perception.grasps.search import search
 from perception.observed_object import ObservedObject
-from perception.scene.segment import Mask, Scene, image_points
+from perception.scene.scene import observe
+from perception.scene.seen import RegionView, described
 
 _FOCAL_PX = 1000.0
 _HEIGHT_M = 0.04
 
 
-def flat_object(color: npt.NDArray[np.uint8], object_mask: Mask, m_per_px: float) -> ObservedObject:
-    """The subject of an imagining, at the scale of ``m_per_px`` on the object's upper side."""
+def flat_object(color: npt.NDArray[np.uint8], object_mask: Mask, m_per_px: float, station: Station) -> ObservedObject:
+    """The thing with the best grasp; ``m_per_px`` is the scale on its upper side. Raises: CycleFailure(NO_OBJECT)."""
+    anywhere = _without_fixtures(station)
+    scene = observe(_observation(color, object_mask, m_per_px), anywhere)
+    if not scene.count:
+        raise CycleFailure(Code.NO_OBJECT, "Nothing stands out from the surface.")
+    seen = described(scene, RegionView.of(scene, anywhere))
+    closings = graded(search(scene.heights, station), seen.instances)
+    number = by_best_grasp(scene, closings)[0]
+    axes = axes_of(closings, number, scene)
+    outline, margin_px = scene.color_labels == number, max(object_mask.shape)  # so the crop is the whole image
+    return observed_object_of(scene, seen.instances, number, outline, axes, margin_px)[0]
+
+
+def _without_fixtures(station: Station) -> Station:
+    """The station with nothing on its table, and all of it searched."""
+    scene = station.scene
+    tray = scene.tray.model_copy(update={"center_m": (5.0, 5.0, 0.0)})
+    bare = {"pick_region_m": (-2.0, 2.0, -2.0, 2.0), "tray": tray, "obstacles": (), "bins": ()}
+    return station.model_copy(update={"scene": scene.model_copy(update=bare)})
+
+
+def _observation(color: npt.NDArray[np.uint8], object_mask: Mask, m_per_px: float) -> Observation:
+    """The image over a table from straight above, what is masked 40 mm high."""
     height, width = object_mask.shape
-    camera = CameraModel(
-        width=width, height=height, fx=_FOCAL_PX, fy=_FOCAL_PX, cx=(width - 1) / 2, cy=(height - 1) / 2
-    )
+    center = {"cx": (width - 1) / 2, "cy": (height - 1) / 2}
+    camera = CameraModel(width=width, height=height, fx=_FOCAL_PX, fy=_FOCAL_PX, **center)
     top_m = _FOCAL_PX * m_per_px
     base_from_color = np.diag([1.0, -1.0, -1.0, 1.0])
     base_from_color[2, 3] = top_m + _HEIGHT_M
-    depth_m = np.where(object_mask, top_m, top_m + _HEIGHT_M).astype(np.float32)
-    rgbd = Rgbd(color, depth_m, camera)
-    points_base = image_points(rgbd, base_from_color)
-    return observed_object_of(rgbd, Scene(points_base, points_base[..., 2], object_mask), base_from_color)
+    still = np.zeros(7)
+    arm = ArmState(stamp_ns=1, mode=ArmMode.IDLE, q_rad=still, dq_rad_s=still, tau_ext_nm=still)
+    frame = Frame(
+        stamp_ns=1,
+        color=color,
+        depth_m=np.where(object_mask, top_m, top_m + _HEIGHT_M).astype(np.float32),
+        color_camera=camera,
+        depth_camera=camera,
+        color_from_depth=np.eye(4),
+    )
+    return Observation(view=View(stamp_ns=1, arm=arm, base_from_color=base_from_color), frame=frame)
 
 
 def flat_rectangle(observed_object: ObservedObject, station: Station) -> Rectangle:
-    """The antipodal search alone: its best closing as a rectangle. Raises: CycleFailure(NO_GRASP)."""
-    closings = antipodal.propose(observed_object.heights, station)
-    best = closings.distinct(1)
-    if not best:
+    """The search alone: its best closing as a rectangle. Raises: CycleFailure(NO_GRASP)."""
+    if not observed_object.axes:
         raise CycleFailure(Code.NO_GRASP, "No two opposite faces fit the jaw.")
-    heading, width_m = closings.heading_rad[best[0]], closings.width_m[best[0]]
-    half = width_m / 2 * np.array([np.cos(heading), np.sin(heading), 0.0])
-    center = np.append(closings.center_m[best[0]], _HEIGHT_M)
-    ends = apply(inverse(observed_object.base_from_color), np.stack([center - half, center + half]))
+    ends = apply(inverse(observed_object.base_from_color), observed_object.axes[0].ends_base)
     return rectangle(ends, observed_object.rgbd.camera, station)

@@ -13,6 +13,7 @@ from bus.messages.execution import Delivery, Execution, SegmentRun, Verdict
 from bus.messages.grasps import Grasp, Rectangle
 from bus.messages.observation import Observation, View
 from bus.messages.plan import PickPlan, Segment, SegmentName
+from bus.messages.scene import Instance, ObservedScene, SeenTable, Tried
 
 __all__ = [
     "Alignment",
@@ -30,17 +31,21 @@ __all__ = [
     "Frame",
     "Grasp",
     "HandState",
+    "Instance",
     "ModelReply",
     "Motion",
     "Observation",
+    "ObservedScene",
     "PickPlan",
     "Rectangle",
     "ResultT",
+    "SeenTable",
     "Segment",
     "SegmentName",
     "SegmentRun",
     "StageName",
     "StageRecord",
+    "Tried",
     "Usage",
     "Verdict",
     "View",

@@ -8,6 +8,7 @@ from bus.arrays import Blob, ColorImage, Mask, Points, Transform, Vector3
 from bus.codes import Code
 from bus.frozen import Message
 from bus.messages.grasps import Grasp, Rectangle
+from bus.messages.scene import ObservedScene, Tried
 
 
 class Usage(Message):
@@ -73,7 +74,7 @@ class Alignment(Message):
     """The transform from the imagined object to the observed one (paper, Algorithm 1, stage 2), and its quality.
 
     Attributes:
-        method: e.g. ``silhouette_3d``.
+        method: e.g. ``silhouette_3d``; ``painted``: the model painted into the observed image, so nothing has moved.
         observed_from_goal: (4, 4) in the colour frame: rotation x scale and translation [m]; where the method allows
             for it, also a stretch along the goal's optical axis (monocular relief is unreliable).
         scale: its scale.
@@ -123,8 +124,15 @@ class Evidence(Message):
 
 
 class Detections(Message):
-    """detect: ranked grasps, best first, and the evidence."""
+    """detect: ranked grasps, best first, and the evidence.
+
+    Attributes:
+        rectangles, grasps: of every proposal that survived; ``evidence``: of the one with the best grasp.
+        scene: what was seen. ``tried``: every rod that was imagined, in order.
+    """
 
     rectangles: tuple[Rectangle, ...]
     grasps: tuple[Grasp, ...]
     evidence: Evidence
+    scene: ObservedScene
+    tried: tuple[Tried, ...]

@@ -45,7 +45,8 @@ class Grasp(Message):
         base_from_tcp: (4, 4) [m]: tcp z = approach direction, tcp y = closing axis, origin between the pads.
         width_m: object width between the pads; ``opening_m``: hand width to approach with.
         score: higher is better; the weighted mean of ``terms``, each named and between 0 and 1.
-        rectangle: index of the rectangle it came from.
+        instance: number of the thing it holds (`bus.messages.ObservedScene`). ``rectangle``: index of the rectangle it
+            came from.
         imagined_base_from_tcp: (4, 4), the same grasp as the transferred rod gives it, before the snap to the surface.
     """
 
@@ -56,3 +57,4 @@ class Grasp(Message):
     rectangle: int
     imagined_base_from_tcp: Transform
     terms: dict[str, float]
+    instance: int = 0

@@ -15,6 +15,9 @@ WITH_ANOTHER_GRASP = frozenset({Code.GRASP_MISSED})
 WITH_A_NEW_LOOK = frozenset(
     {
         Code.NOT_SEEN,
+        Code.NO_DEPTH,
+        Code.NO_TABLE,
+        Code.TOO_NEAR,
         Code.NO_GRASP,
         Code.UNREACHABLE,
         Code.COLLISION,

@@ -26,11 +26,13 @@ from bus.frozen import Message
 from bus.messages import (
     Attempt,
     CycleResult,
+    Detections,
     Execution,
     Failure,
     HandState,
     ModelReply,
     Observation,
+    ObservedScene,
     PickPlan,
     StageName,
     Verdict,
@@ -130,7 +132,7 @@ class Cycle:
         found = self._stage(
             "detect",
             topics.DETECT,
-            lambda: detect_unless_halted(before, e.station, e.models, self._say_reply, lambda: self.gate.halted),
+            lambda: self._detect(before),
         )
         chosen = self._plan = self._stage(
             "plan",
@@ -204,6 +206,18 @@ class Cycle:
         return ("SUCCESS" if self.verdict.held else "FAILED"), self.verdict.code, self.verdict.reason
 
     # --- stages -------------------------------------------------------------------------------------------------------
+
+    def _detect(self, before: Observation) -> Detections:
+        """Detect; what was seen is published alone when there is no result to hold it."""
+        e, seen = self.equipment, list[ObservedScene]()
+        try:
+            return detect_unless_halted(
+                before, e.station, e.models, self._say_reply, lambda: self.gate.halted, seen.append
+            )
+        except CycleFailure:
+            for scene in seen:
+                self.publish(topics.SCENE, scene)
+            raise
 
     def _say_reply(self, reply: ModelReply) -> None:
         self.publish(topics.MODEL_REPLY, reply)

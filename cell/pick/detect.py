@@ -12,8 +12,8 @@ from bus.errors import CycleFailure
 from bus.messages import Detections, ModelReply, Observation
 from bus.threads import OwnedThread, Role
 from config.schema import Station
+from perception.detector import OnScene, ignore_reply
 from perception.detector import detect as vlad_grasp
-from perception.detector import ignore_reply
 from perception.goal.imagine import OnReply
 from perception.models import Models
 
@@ -29,15 +29,17 @@ def detect(
     models: Models,
     on_reply: OnReply = ignore_reply,
     cancel: Cancel | None = None,
+    on_scene: OnScene | None = None,
 ) -> Detections:
     """Ranked grasps and their evidence.
 
     Args:
         on_reply: called with the record of every call to the goal-image model. ``cancel``: a stop request.
+        on_scene: called with what was seen.
 
     Raises: CycleFailure, as `perception.detector.detect`.
     """
-    return vlad_grasp(observation, station, models, on_reply, cancel)
+    return vlad_grasp(observation, station, models, on_reply, cancel, on_scene)
 
 
 def detect_unless_halted(
@@ -46,6 +48,7 @@ def detect_unless_halted(
     models: Models,
     on_reply: OnReply,
     halted: Callable[[], bool],
+    on_scene: OnScene | None = None,
 ) -> Detections:
     """`detect`, abandoned immediately on a stop: a hosted model may take minutes, and its call cannot be cancelled.
 
@@ -59,7 +62,7 @@ def detect_unless_halted(
 
     def work() -> None:
         try:
-            outcome.put(detect(observation, station, models, replies.on_reply, cancel))
+            outcome.put(detect(observation, station, models, replies.on_reply, cancel, on_scene))
         except BaseException as error:  # noqa: BLE001 - handed to the waiting thread, which raises it
             outcome.put(error)
 

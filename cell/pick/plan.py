@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 from bus.arrays import Transform
 from bus.cancel import Cancel
-from bus.messages import Detections, Observation, PickPlan
+from bus.messages import Detections, Grasp, Observation, PickPlan
 from config.schema import Station
 from perception.scene.surroundings import surroundings
 from planning.pick import plan_pick
@@ -28,6 +30,14 @@ def plan(
 
     Raises: CycleFailure (NO_GRASP, UNREACHABLE, COLLISION, MOTION_REFUSED; STOPPED by ``cancel``).
     """
-    points_base, target = surroundings(observation, detections.evidence.object_mask)
-    scene = Scene.of(robot, station, Sight(points_base, target), cancel=cancel)
-    return plan_pick(scene, detections.grasps, observation.view.arm.q_rad, missed)
+
+    @cache
+    def aimed_at(instance: int) -> Scene:
+        points_base, target = surroundings(observation, detections.scene.labels == instance)
+        return Scene.of(robot, station, Sight(points_base, target), cancel=cancel)
+
+    def scene_of(grasp: Grasp) -> Scene:
+        return aimed_at(grasp.instance)
+
+    grasps = detections.grasps
+    return plan_pick(scene_of(grasps[0]), grasps, observation.view.arm.q_rad, missed, scene_of)

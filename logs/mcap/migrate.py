@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 
 from bus.codec import Json
 from bus.errors import RecordingError
+from logs.mcap.unseen_scene import with_scene
 
 
 @dataclass
@@ -52,10 +53,17 @@ def _split_dirty(content: Content) -> None:
     content.metadata["dirty"] = "unknown" if commit == "unknown" else known
 
 
+def _say_what_was_seen(content: Content) -> None:
+    key = "cycle/detect"
+    if key in content.payloads:
+        content.payloads[key] = [(time_ns, with_scene(payload)) for time_ns, payload in content.payloads[key]]
+
+
 MIGRATIONS: tuple[Migration, ...] = (
     Migration(0, "The version is named: what names none is of before.", _nothing),
     Migration(1, "Whether the checkout had changes is `dirty`, no longer a + behind the commit.", _split_dirty),
     Migration(2, "A plan that failed lists what it rejected: nothing, where that was not kept.", _nothing),
+    Migration(3, "Detect says what it saw, and which thing each grasp holds: its one object.", _say_what_was_seen),
 )
 SCHEMA_VERSION = len(MIGRATIONS)
 """The version of new recordings."""

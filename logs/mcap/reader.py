@@ -18,7 +18,19 @@ from bus import topics
 from bus.codec import Json, MessageT, decode
 from bus.commands import CellState, Event, Health
 from bus.errors import BadFrame, BadPayload, RecordingError
-from bus.messages import Attempt, CycleResult, Execution, Frame, HandState, ModelReply, Observation, StageRecord, View
+from bus.messages import (
+    Attempt,
+    CycleResult,
+    Detections,
+    Execution,
+    Frame,
+    HandState,
+    ModelReply,
+    Observation,
+    ObservedScene,
+    StageRecord,
+    View,
+)
 from bus.sensor_codec import arm_joints, frame_from_wire
 from logs.mcap.finished_reader import records
 from logs.mcap.migrate import Content, migrate
@@ -61,6 +73,7 @@ class CycleRecord:
         attempt: the attempt of the pick that this cycle is.
         observation, after: the capture before the pick, and the one while holding; None when not reached.
         replies: all calls to the goal-image model, in order.
+        scene: what detect saw; None when it did not come so far.
         states, events, hand: messages of the cell and the hand, in order.
         health: health messages of the nodes, node by node. ``arm``: the arm's states as foxglove.JointStates.
     """
@@ -74,6 +87,7 @@ class CycleRecord:
     result: CycleResult | None
     attempt: Attempt
     replies: tuple[ModelReply, ...] = ()
+    scene: ObservedScene | None = None
     states: tuple[Timed[CellState], ...] = ()
     events: tuple[Timed[Event], ...] = ()
     hand: tuple[Timed[HandState], ...] = ()
@@ -177,6 +191,7 @@ def _cycle(raw: Content) -> CycleRecord:
         after=_observation(execution.after if execution is not None else None, frames, is_whole),
         result=decode(CycleResult, results[-1][1]) if results else None,
         attempt=decode(Attempt, attempts[0][1]) if attempts else Attempt(cycle_id=raw.metadata["cycle_id"]),
+        scene=_scene(raw, stages.get("detect")),
         replies=tuple(decode(ModelReply, payload) for _, payload in raw.payloads.get(topics.MODEL_REPLY.key, [])),
         states=_timed(raw, topics.STATE.key, CellState),
         events=_timed(raw, topics.EVENT.key, Event),
@@ -184,6 +199,14 @@ def _cycle(raw: Content) -> CycleRecord:
         health=tuple(said for key in raw.payloads if _HEALTH.fullmatch(key) for said in _timed(raw, key, Health)),
         arm=tuple(_arm_states(raw)),
     )
+
+
+def _scene(raw: Content, detect: Stage | None) -> ObservedScene | None:
+    """What was seen: in the result of detect, or of a detection that failed on its own."""
+    if detect is not None and isinstance(detect.result, Detections):
+        return detect.result.scene
+    alone = raw.payloads.get(topics.SCENE.key, [])
+    return decode(ObservedScene, alone[-1][1]) if alone else None
 
 
 def _stages(raw: Content) -> Iterator[tuple[str, Stage]]:

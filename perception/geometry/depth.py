@@ -19,6 +19,7 @@ from perception.geometry.lift import project
 _CRITERIA = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-9)
 _FLYING_M = 0.008
 _FLYING_NEIGHBOURS = 4
+_NOTHING = np.iinfo(np.int64).max
 _SPLAT = ((0, 0), (0, 1), (1, 0), (1, 1))
 
 
@@ -38,23 +39,39 @@ class Rgbd:
 
 
 def register(frame: Frame) -> Rgbd:
+    """The RGB-D image of a frame; see `registered`."""
+    return registered(frame, without_flying_pixels(frame.depth_m))[0]
+
+
+def registered(frame: Frame, depth_m: npt.NDArray[np.float32]) -> tuple[Rgbd, npt.NDArray[np.int32]]:
     """Undistort the colour image and reproject the depth image into it; the nearest surface wins.
 
     A frame whose depth is registered already keeps its depth pixels. A depth pixel covers about 1.5 colour pixels (NFOV
     depth, 720p colour), so each is splatted onto 2 x 2 pixels.
+
+    Args:
+        depth_m: (h, w) of the frame, without flying pixels.
+
+    Returns:
+        The RGB-D image, and for each of its pixels (H, W) the flat index of its depth pixel, -1 = none.
     """
     camera = frame.color_camera.model_copy(update={"distortion": ()})
-    color = frame.color
+    color = np.asarray(frame.color)
     if frame.color_camera.distortion:
-        matrix = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
-        color = np.asarray(cv2.undistort(np.asarray(color), matrix, np.array(frame.color_camera.distortion)))
-    depth_m = without_flying_pixels(frame.depth_m)
+        color = np.asarray(cv2.remap(color, *_undistortion(frame.color_camera), cv2.INTER_LINEAR))
+    valid = np.flatnonzero(np.isfinite(depth_m)).astype(np.int32)
     if frame.depth_camera == camera and np.array_equal(frame.color_from_depth, np.eye(4)):
-        return Rgbd(color, depth_m, camera)
-    valid = np.isfinite(depth_m)
-    points = rays(frame.depth_camera)[valid] * depth_m[valid][:, None].astype(float)
-    points = apply(frame.color_from_depth, points)
-    return Rgbd(color, _splat(points, camera), camera)
+        source = np.full(depth_m.size, -1, dtype=np.int32)
+        source[valid] = valid
+        return Rgbd(color, depth_m, camera), source.reshape(depth_m.shape)
+    points = rays(frame.depth_camera).reshape(-1, 3)[valid] * depth_m.ravel()[valid][:, None].astype(float)
+    splat_m, nearest = _splat(apply(frame.color_from_depth, points), camera)
+    return Rgbd(color, splat_m, camera), _of(valid, nearest)
+
+
+def _of(valid: npt.NDArray[np.int32], nearest: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
+    """The entries of ``valid`` (n,) at the indices ``nearest`` (H, W); -1 where these are -1."""
+    return np.append(valid, np.int32(-1))[nearest]
 
 
 def without_flying_pixels(depth_m: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
@@ -70,6 +87,15 @@ def without_flying_pixels(depth_m: npt.NDArray[np.float32]) -> npt.NDArray[np.fl
 
 
 @lru_cache(maxsize=4)
+def _undistortion(camera: CameraModel) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    """Where each pixel of the undistorted image lies in the distorted one: columns and rows (H, W)."""
+    matrix = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
+    size = (camera.width, camera.height)
+    u, v = cv2.initUndistortRectifyMap(matrix, np.array(camera.distortion), np.eye(3), matrix, size, cv2.CV_32FC1)
+    return np.asarray(u), np.asarray(v)
+
+
+@lru_cache(maxsize=4)
 def rays(camera: CameraModel) -> npt.NDArray[np.float64]:
     """Undistorted rays (h, w, 3) with z = 1 of all pixels of a distorted camera."""
     u, v = np.meshgrid(np.arange(camera.width, dtype=float), np.arange(camera.height, dtype=float))
@@ -79,14 +105,20 @@ def rays(camera: CameraModel) -> npt.NDArray[np.float64]:
     return np.concatenate([xy, np.ones((len(xy), 1))], axis=1).reshape(camera.height, camera.width, 3)
 
 
-def _splat(points: npt.NDArray[np.float64], camera: CameraModel) -> npt.NDArray[np.float32]:
-    """Z-buffer (H, W) [m] of points (n, 3) in the camera frame."""
-    corner = np.floor(project(points, camera)).astype(int)
-    z = points[:, 2].astype(np.float32)
-    nearest = np.full(camera.height * camera.width, np.inf, dtype=np.float32)
+def _splat(
+    points: npt.NDArray[np.float64], camera: CameraModel
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.int32]]:
+    """Z-buffer (H, W) [m] of points (n, 3) in the camera frame, NaN = none; and the index of the point there, or -1."""
+    corner = np.floor(project(points, camera)).astype(np.int32)
+    # depth in steps of 10 um and index in one number, because the minimum must say which point it was
+    key = (np.rint(points[:, 2] * 1e5).astype(np.int64) << 32) | np.arange(len(points))
+    nearest = np.full(camera.height * camera.width, _NOTHING)
     for dv, du in _SPLAT:
         u, v = corner[:, 0] + du, corner[:, 1] + dv
         inside = (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
-        np.minimum.at(nearest, (v * camera.width + u)[inside], z[inside])
-    nearest[np.isinf(nearest)] = np.nan
-    return nearest.reshape(camera.height, camera.width)
+        np.minimum.at(nearest, (v * camera.width + u)[inside], key[inside])
+    is_seen = nearest != _NOTHING
+    index = np.where(is_seen, nearest & 0xFFFFFFFF, -1).astype(np.int32)
+    depth_m = np.full(len(index), np.nan, dtype=np.float32)
+    depth_m[is_seen] = points[index[is_seen], 2]
+    return depth_m.reshape(camera.height, camera.width), index.reshape(camera.height, camera.width)

@@ -23,7 +23,7 @@ def carried_depth(parts: GoalParts, observed_object: ObservedObject, fit: Simila
     nearest
     observed one. The rod takes the level of the middle of the object's seen surface.
     """
-    observed = np.where(observed_object.scene.object_mask, observed_object.rgbd.depth_m, np.nan)
+    observed = np.where(observed_object.mask, observed_object.rgbd.depth_m, np.nan)
     rows, columns = np.nonzero(parts.object)
     seen_at = np.rint(fit(np.stack([columns, rows], axis=1).astype(float))).astype(int)
     nearest = _filled(observed)
@@ -36,7 +36,7 @@ def carried_depth(parts: GoalParts, observed_object: ObservedObject, fit: Simila
 
 def scaled_to_observed(estimated_m: DepthImage, parts: GoalParts, observed_object: ObservedObject) -> DepthImage:
     """A monocular depth estimate (H, W) [m], scaled so that its median over the object equals the observed median."""
-    observed_m = float(np.nanmedian(observed_object.rgbd.depth_m[observed_object.scene.object_mask]))
+    observed_m = float(np.nanmedian(observed_object.rgbd.depth_m[observed_object.mask]))
     return np.asarray(estimated_m * (observed_m / float(np.median(estimated_m[parts.object]))), dtype=np.float32)
 
 

@@ -12,18 +12,34 @@ import numpy.typing as npt
 
 from bus.codes import Code
 from bus.errors import CycleFailure
-from bus.messages import Drift
+from bus.messages import Alignment, Drift
 from config.schema import DriftSettings
 from perception.align.base import Shape
 from perception.align.silhouette import Similarity, outline, silhouette_fits
+from perception.geometry.crop import Mask
 from perception.geometry.window import Window
 from perception.goal.parts import GoalParts, background_color
 from perception.observed_object import ObservedObject
-from perception.scene.segment import Mask
 
 _CHANGED = 24
 _UNMOVED_BONUS = 0.02
 """Overlap (IoU) by which a turned fit must exceed the unmoved one."""
+
+NO_DRIFT = Drift(
+    changed_outside=0.0, other_objects=0.0, silhouette_iou=1.0, shift_px=0.0, turn_rad=0.0, scale=1.0, color_shift=0.0
+)
+NOTHING_MOVED = Alignment(
+    method="painted",
+    observed_from_goal=np.eye(4),
+    scale=1.0,
+    chamfer_m2=0.0,
+    goal_to_observed_m=0.0,
+    observed_to_goal_m=0.0,
+    residual=0.0,
+    hypotheses=0,
+    took_s=0.0,
+)
+"""Drift and alignment of a model that painted its rod into the observed image."""
 
 Image = npt.NDArray[np.uint8]
 
@@ -42,7 +58,7 @@ def register(goal: Shape, observed: Mask) -> tuple[Similarity, float]:
 
 def measure(image: Image, parts: GoalParts, observed_object: ObservedObject, fit: Similarity, overlap: float) -> Drift:
     """Measure the drift of a goal image (H, W, 3); ``fit`` and ``overlap`` (IoU) come from `register`."""
-    observed = observed_object.scene.object_mask
+    observed = observed_object.mask
     rows, columns = np.nonzero(parts.object)
     center_px = np.array([columns.mean(), rows.mean()])
     return Drift(
@@ -75,8 +91,8 @@ def require_faithful(drift: Drift, limits: DriftSettings) -> None:
 
 
 def _changed_outside(image: Image, parts: GoalParts, observed_object: ObservedObject) -> float:
-    window = Window.around(observed_object.scene.object_mask)
-    ours = (observed_object.scene.object_mask | parts.object | parts.others | parts.rod).astype(np.uint8)
+    window = Window.around(observed_object.mask)
+    ours = (observed_object.mask | parts.object | parts.others | parts.rod).astype(np.uint8)
     free = window.cut(cv2.dilate(ours, np.ones((9, 9))), 1) == 0
     background = background_color(image, window, observed_object.background)
     part = window.cut(image, observed_object.background).astype(np.int16)

@@ -11,19 +11,18 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from bus.arrays import Transform
 from bus.cancel import Cancel
 from bus.codes import Code
 from bus.errors import CycleFailure
-from bus.messages import ModelReply
+from bus.messages import Instance, ModelReply
 from config.schema import Station
-from perception.geometry.depth import Rgbd
+from perception.geometry.color import hue_of
+from perception.geometry.crop import Crop, Mask
 from perception.geometry.window import Window, decode_picture
 from perception.goal.prompts import prompt
 from perception.models.base import GoalImageModel
-from perception.observed_object import Answer, GoalImage, ObservedObject, RodColor
-from perception.scene.heightmap import height_map
-from perception.scene.segment import Scene, hue_of
+from perception.observed_object import Answer, Axis, GoalImage, ObservedObject, RodColor
+from perception.scene.scene import Scene
 
 ROD_COLORS = (
     RodColor("magenta", (255, 0, 200)),
@@ -39,6 +38,7 @@ BACKGROUNDS = {
     (20, 70, 60): "dark green",
 }
 _HUE_APART = 14
+_MARGIN_M = 0.06
 _NEAR_BACKGROUND = 48
 
 Step = Literal["locate", "reason", "direct", "render"]
@@ -79,18 +79,47 @@ class Conversation:
         return answer
 
 
-def observed_object_of(rgbd: Rgbd, scene: Scene, base_from_color: Transform) -> ObservedObject:
-    """The model's input: the object alone on a plain background, its height map, and the colour its rod must have.
+def observed_object_of(
+    scene: Scene,
+    instances: tuple[Instance, ...],
+    number: int,
+    outline: Mask,
+    axes: tuple[Axis, ...] = (),
+    margin_px: int | None = None,
+) -> tuple[ObservedObject, Crop]:
+    """The model's input: the object alone on a plain background, and the colour its rod must have; and its crop.
 
     Args:
-        base_from_color: (4, 4) pose of the colour camera.
+        instances: the things of the scene. ``number``: of the object.
+        outline: (H, W) of the object in the colour image.
+        axes: along which the jaw could close on it.
+        margin_px: around the object; None = enough for a rod that sticks out.
     """
-    background = free_background(rgbd.color[scene.object_mask])
-    masked = np.where(scene.object_mask[..., None], rgbd.color, np.array(background, dtype=np.uint8))
-    heights = height_map(scene)
-    return ObservedObject(
-        rgbd, scene, heights, masked, background, base_from_color, free_rod_color(rgbd.color[scene.object_mask])
+    rgbd = scene.rgbd
+    crop = Crop.around(outline, _margin_px(scene, outline) if margin_px is None else margin_px)
+    part, mask = crop.rgbd(rgbd), crop.of(outline)
+    background = free_background(part.color[mask])
+    masked = np.where(mask[..., None], part.color, np.array(background, dtype=np.uint8))
+    observed_object = ObservedObject(
+        scene=scene,
+        instances=instances,
+        instance=instances[number - 1],
+        rgbd=part,
+        mask=mask,
+        height_m=crop.of(scene.height_m),
+        masked=masked,
+        background=background,
+        base_from_color=scene.base_from_color,
+        rod=free_rod_color(part.color[mask]),
+        axes=axes,
     )
+    return observed_object, crop
+
+
+def _margin_px(scene: Scene, outline: Mask) -> int:
+    """Margin around the object [px] that contains a rod which sticks out."""
+    nearest_m = float(np.nanmin(scene.rgbd.depth_m[outline]))
+    return int(np.ceil(_MARGIN_M * scene.rgbd.camera.fx / nearest_m))
 
 
 def imagine(talk: Conversation, observed_object: ObservedObject, station: Station) -> GoalImage:
@@ -119,7 +148,7 @@ def imagine(talk: Conversation, observed_object: ObservedObject, station: Statio
 
 def _px_per_mm(observed_object: ObservedObject, station: Station) -> str:
     """The scale [px/mm], at the object's depth, of the picture that a hosted model is shown."""
-    mask, camera = observed_object.scene.object_mask, observed_object.rgbd.camera
+    mask, camera = observed_object.mask, observed_object.rgbd.camera
     enlarged = station.perception.hosted.size_px / Window.around(mask).side_px
     return f"{enlarged * camera.fx / float(np.nanmedian(observed_object.rgbd.depth_m[mask])) / 1e3:.2f}"
 
@@ -129,7 +158,7 @@ def _goal(answer: Answer, observed_object: ObservedObject) -> GoalImage:
         return answer.goal
     if answer.image_png is None:
         raise CycleFailure(Code.MODEL_NO_IMAGE, f"The model drew nothing, but said: {answer.text[:200]}")
-    window = Window.around(observed_object.scene.object_mask)
+    window = Window.around(observed_object.mask)
     plain = np.full_like(observed_object.masked, np.array(observed_object.background, dtype=np.uint8))
     return GoalImage(window.paste(decode_picture(answer.image_png, window, observed_object.background), plain), None)
 

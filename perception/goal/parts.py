@@ -10,9 +10,10 @@ import numpy.typing as npt
 
 from bus.codes import Code
 from bus.errors import CycleFailure
+from perception.geometry.color import hue_of
+from perception.geometry.crop import Mask
 from perception.geometry.window import Window
 from perception.observed_object import ObservedObject
-from perception.scene.segment import Mask, hue_of
 
 _HUE_APART, _MIN_SATURATION, _MIN_VALUE = 8, 110, 60
 _STANDS_OUT = 24
@@ -47,7 +48,7 @@ def take_apart(image: Image, observed_object: ObservedObject) -> GoalParts:
     rod = _rod(image, observed_object.rod.rgb)
     if rod.sum() < _MIN_ROD_PX:
         raise CycleFailure(Code.MODEL_NO_ROD, "There is no rod in the goal image.")
-    window = Window.around(observed_object.scene.object_mask)
+    window = Window.around(observed_object.mask)
     background = background_color(image, window, observed_object.background)
     rim = cv2.dilate(rod.astype(np.uint8), np.ones((3, 3))) > 0
     foreground = (np.abs(image.astype(np.int16) - background).max(axis=2) > _STANDS_OUT) & ~rim

@@ -1,9 +1,8 @@
-"""Chooses the target among the objects in the pick region: by words, by a pixel, or the one with the best grasp."""
+"""Chooses the targets among the things in the pick region: by words, by a pixel, or those with the best grasps."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -11,60 +10,63 @@ import numpy.typing as npt
 from bus.codes import Code
 from bus.errors import CycleFailure
 from config.schema import Station
+from perception.geometry.crop import Mask
 from perception.goal.imagine import Conversation
 from perception.goal.prompts import prompt
-from perception.grasps import antipodal
+from perception.grasps.closing import Closings
 from perception.models.sam import Sam
-from perception.scene.heightmap import height_map
-from perception.scene.segment import Mask, Scene
+from perception.scene.scene import Scene
 
 _NEAR_PX = 40.0
-"""Largest distance [px] of a given pixel from the outline of the object it selects."""
+"""Largest distance [px] of a given pixel from the thing it selects."""
 _PIXEL = re.compile(r"(\d+)\D+(\d+)")
 
 
-def choose(
-    scenes: Sequence[Scene], color: npt.NDArray[np.uint8], talk: Conversation, station: Station, sam: Sam | None = None
-) -> Scene:
-    """The scene whose object is the target (`config.schema.PerceptionSettings.target`).
+def choose(scene: Scene, closings: Closings, talk: Conversation, station: Station, sam: Sam | None = None) -> list[int]:
+    """The numbers of the targets, the best first (`config.schema.PerceptionSettings.target`).
 
     Args:
-        scenes: one per object in the pick region. ``color``: (H, W, 3) RGB.
+        closings: of the search over the whole scene, which rank the things when no target is named.
         sam: finds a target given in words, if it reads text; otherwise the goal-image model locates it.
 
     Raises: CycleFailure(TARGET_NOT_FOUND); as the model, when the model is asked.
     """
     target = station.perception.target
     if target.text is not None and sam is not None and sam.reads_text:
-        return _most_covered(scenes, sam.by_text(color, target.text), target.text)
+        return [_most_covered(scene, sam.by_text(scene.rgbd.color, target.text), target.text)]
     if target.text is not None:
-        return at_pixel(scenes, _pointed_at(target.text, color, talk, station))
+        return [at_pixel(scene, _pointed_at(target.text, scene.rgbd.color, talk, station))]
     if target.pixel is not None:
-        return at_pixel(scenes, target.pixel)
-    if len(scenes) == 1:
-        return scenes[0]
-    scores = [_graspable(scene, station) for scene in scenes]
-    return scenes[int(np.argmax(scores))]
+        return [at_pixel(scene, target.pixel)]
+    return by_best_grasp(scene, closings)
 
 
-def at_pixel(scenes: Sequence[Scene], pixel: tuple[float, float]) -> Scene:
-    """The object at a pixel (u, v), or the nearest one within 40 px. Raises: CycleFailure(TARGET_NOT_FOUND)."""
-    distances = [_distance_px(scene.object_mask, pixel) for scene in scenes]
-    nearest = int(np.argmin(distances))
-    if distances[nearest] > _NEAR_PX:
+def by_best_grasp(scene: Scene, closings: Closings) -> list[int]:
+    """Every thing of the scene, the one with the best closing first; those without any last, the largest first."""
+    best = np.full(scene.count + 1, -np.inf)
+    np.maximum.at(best, closings.instance, closings.score)
+    return [int(number) for number in np.argsort(-best[1:], kind="stable") + 1]
+
+
+def at_pixel(scene: Scene, pixel: tuple[float, float]) -> int:
+    """The thing at a pixel (u, v), or the nearest one within 40 px. Raises: CycleFailure(TARGET_NOT_FOUND)."""
+    rows, columns = np.nonzero(scene.color_labels)
+    distance = np.hypot(columns - pixel[0], rows - pixel[1])
+    nearest = int(np.argmin(distance))
+    if distance[nearest] > _NEAR_PX:
         raise CycleFailure(
             Code.TARGET_NOT_FOUND,
             f"There is no object within {_NEAR_PX:.0f} px of ({pixel[0]:.0f}, {pixel[1]:.0f}); the nearest is "
-            f"{distances[nearest]:.0f} px away.",
+            f"{distance[nearest]:.0f} px away.",
         )
-    return scenes[nearest]
+    return int(scene.color_labels[rows[nearest], columns[nearest]])
 
 
-def _most_covered(scenes: Sequence[Scene], mask: Mask, text: str) -> Scene:
-    shared = [int((scene.object_mask & mask).sum()) for scene in scenes]
-    if max(shared) == 0:
+def _most_covered(scene: Scene, mask: Mask, text: str) -> int:
+    shared = np.bincount(scene.color_labels[mask], minlength=scene.count + 1)[1:]
+    if shared.max() == 0:
         raise CycleFailure(Code.TARGET_NOT_FOUND, f"What SAM takes for {text!r} is no object in the pick region.")
-    return scenes[int(np.argmax(shared))]
+    return int(shared.argmax()) + 1
 
 
 def _pointed_at(text: str, color: npt.NDArray[np.uint8], talk: Conversation, station: Station) -> tuple[float, float]:
@@ -77,13 +79,3 @@ def _pointed_at(text: str, color: npt.NDArray[np.uint8], talk: Conversation, sta
         raise CycleFailure(Code.TARGET_NOT_FOUND, f"The model does not see {text!r}: {answer.strip()[:120]}")
     shrink = max(color.shape[:2]) / size_px
     return float(found.group(1)) * shrink, float(found.group(2)) * shrink
-
-
-def _graspable(scene: Scene, station: Station) -> float:
-    scores = antipodal.propose(height_map(scene), station).score
-    return float(scores.max()) if len(scores) else -np.inf
-
-
-def _distance_px(mask: Mask, pixel: tuple[float, float]) -> float:
-    rows, columns = np.nonzero(mask)
-    return float(np.hypot(columns - pixel[0], rows - pixel[1]).min())

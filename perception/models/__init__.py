@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from bus.errors import ConfigError
 from bus.messages import ModelReply
 from bus.redaction import quoted
 from config.schema import Station
+from perception.geometry.crop import Mask
 from perception.models.api_key import key_of
 from perception.models.base import GoalImageModel
 from perception.models.budget import LEDGER, Budget
@@ -25,7 +26,6 @@ from perception.models.recorded import RecordedModel, SpoiledModel
 from perception.models.registry import PROVIDERS, is_replayed, open_local
 from perception.models.sam import Sam
 from perception.models.server_route import ServerRoute
-from perception.scene.segment import Scene
 
 
 @dataclass(frozen=True)
@@ -45,17 +45,17 @@ class Models:
         """Release connections and memory."""
         self.imaginer.close()
 
-    def refined(self, scene: Scene, color: npt.NDArray[np.uint8]) -> Scene:
-        """The scene with SAM's outline of the object in its bounding box; unchanged without SAM.
+    def refined(self, outline: Mask, color: npt.NDArray[np.uint8]) -> Mask:
+        """SAM's outline (H, W) of the object in the bounding box of ``outline``; unchanged without SAM.
 
         Args:
             color: (H, W, 3) RGB.
         """
         if self.sam is None:
-            return scene
-        rows, columns = np.nonzero(scene.object_mask)
+            return outline
+        rows, columns = np.nonzero(outline)
         box_px = (float(columns.min()), float(rows.min()), float(columns.max()), float(rows.max()))
-        return replace(scene, object_mask=self.sam.by_box(color, box_px))
+        return self.sam.by_box(color, box_px)
 
 
 def open_models(station: Station, environ: Mapping[str, str]) -> Models:

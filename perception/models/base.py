@@ -18,9 +18,11 @@ class GoalImageModel(Protocol):
 
     Attributes:
         name: recorded with every reply.
+        is_hosted: its calls cost money or minutes; it is asked about the next object only when one fails.
     """
 
     name: str
+    is_hosted: bool
 
     def begin(self) -> None:
         """Begin a cycle; its cost is counted from zero."""

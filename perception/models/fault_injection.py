@@ -36,7 +36,7 @@ class FaultyModel(Faulty):
     ) -> None:
         super().__init__(fault, delay_s)
         self._model, self._deadline_s = model, deadline_s
-        self.name = model.name
+        self.name, self.is_hosted = model.name, model.is_hosted
 
     def begin(self) -> None:
         """Begin a cycle of the wrapped model."""
@@ -91,10 +91,10 @@ class FaultyModel(Faulty):
 
 def _another(observed_object: ObservedObject) -> bytes:
     """A disc of a colour that the object does not have, with a rod through it, at the object's place."""
-    window = Window.around(observed_object.scene.object_mask)
+    window = Window.around(observed_object.mask)
     picture = np.full((_PICTURE_PX, _PICTURE_PX, 3), observed_object.background, dtype=np.uint8)
     middle, radius = _PICTURE_PX // 2, _PICTURE_PX // 4
-    median = np.median(observed_object.rgbd.color[observed_object.scene.object_mask], axis=0)
+    median = np.median(observed_object.rgbd.color[observed_object.mask], axis=0)
     cv2.circle(picture, (middle, middle), radius, tuple(255 - int(value) for value in median), -1)
     cv2.line(picture, (middle // 4, middle), (_PICTURE_PX - middle // 4, middle), observed_object.rod.rgb, 12)
     return encode_png(picture, max(_PICTURE_PX, window.side_px))

@@ -1,4 +1,4 @@
-"""The embedded goal-image model: it reasons from depth and silhouette, and paints the rod itself.
+"""The embedded goal-image model: it takes the best axis of the whole-scene search, and paints the rod itself.
 
 It needs no network and no training, and is deterministic. One instance works on one object at a time.
 """
@@ -6,6 +6,7 @@ It needs no network and no training, and is deterministic. One instance works on
 from __future__ import annotations
 
 import re
+from collections import Counter
 
 import numpy as np
 import numpy.typing as npt
@@ -15,13 +16,10 @@ from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.transforms import apply, inverse
 from config.schema import Station
-from perception.grasps import antipodal
-from perception.grasps.antipodal import Closings
 from perception.models.painter import paint
 from perception.observed_object import Answer, ObservedObject
 
 _STICK_OUT_M = 0.035
-_COVER_M = 0.002
 _NUMBER = r"(-?\d+\.\d+)"
 _AXIS = re.compile(rf"from \({_NUMBER}, {_NUMBER}, {_NUMBER}\) to \({_NUMBER}, {_NUMBER}, {_NUMBER}\)")
 
@@ -29,12 +27,15 @@ Array = npt.NDArray[np.float64]
 
 
 class GeometricModel:
-    """Antipodal reasoning on the observed height map, and a shaded cylinder along the chosen axis.
+    """The axes along which the jaw could close on the object, and a shaded cylinder along the chosen one.
 
-    Asked again in the same cycle, it proposes the next best distinct axis.
+    Asked again about the same object in the same cycle, it proposes the next best axis.
     """
 
     name = "geometric"
+    is_hosted = False
+    _knows_run = True
+    """Whether the axis ends at the contacts."""
 
     def __init__(self, station: Station) -> None:
         self._station = station
@@ -42,7 +43,7 @@ class GeometricModel:
 
     def begin(self) -> None:
         """Begin a cycle; the proposals start from the best axis again."""
-        self._proposed: list[int] = []  # a new list: a call that a stop left running may still append to the old one
+        self._asked: Counter[int] = Counter()  # a new one: a call that a stop left running may still count in the old
 
     def locate(self, color: npt.NDArray[np.uint8], prompt: str, cancel: Cancel) -> Answer:
         """Refuse any image (H, W, 3), because it understands no words. Raises: CycleFailure(TARGET_NOT_FOUND)."""
@@ -50,20 +51,17 @@ class GeometricModel:
         raise CycleFailure(Code.TARGET_NOT_FOUND, text)
 
     def reason(self, observed_object: ObservedObject, prompt: str, cancel: Cancel) -> Answer:
-        """The best antipodal axis, as text. Raises: CycleFailure(NO_GRASP)."""
-        proposed = self._proposed
-        closings = antipodal.propose(observed_object.heights, self._station)
-        ranked = closings.distinct(len(proposed) + 1)
-        if len(ranked) <= len(proposed):
+        """The best axis, as text. Raises: CycleFailure(NO_GRASP)."""
+        number, axes = observed_object.instance.number, observed_object.axes
+        proposed = self._asked[number]
+        if len(axes) <= proposed:
             raise CycleFailure(Code.NO_GRASP, "No two opposite faces fit the jaw and can be reached from above.")
-        chosen = ranked[len(proposed)]
-        proposed.append(chosen)
-        scene = observed_object.scene
+        self._asked[number] += 1
+        chosen = axes[proposed]
         return Answer(
-            f"The object is {scene.height_m[scene.object_mask].max() * 1e3:.0f} mm high. Two opposite faces "
-            f"{closings.width_m[chosen] * 1e3:.1f} mm apart fit the jaw; of {np.isfinite(closings.score).sum()} "
-            f"feasible axes this one scores {closings.score[chosen]:.2f}. "
-            + axis_in_words(*self._axis(closings, chosen))
+            f"The object is {observed_object.instance.size_m[2] * 1e3:.0f} mm high. Two opposite faces "
+            f"{chosen.width_m * 1e3:.1f} mm apart fit the jaw; of {len(axes)} axes this is number {proposed + 1}, and "
+            f"scores {chosen.score:.2f}. " + axis_in_words(*chosen.ends_base)
         )
 
     def direct(self, observed_object: ObservedObject, prompt: str, cancel: Cancel) -> Answer:
@@ -74,20 +72,15 @@ class GeometricModel:
         """Paint the rod; parts behind the object stay hidden. Without an axis in the prompt it reasons first."""
         text = prompt if _AXIS.search(prompt) else self.reason(observed_object, prompt, cancel).text
         axis = _axis_text(text)
-        ends_base = np.array([float(value) for value in re.findall(_NUMBER, axis)]).reshape(2, 3)
-        ends = apply(inverse(observed_object.base_from_color), ends_base)
-        return Answer(f"rod {axis}", goal=paint(observed_object, ends, self._station.perception.rod_radius_m))
+        run_base = np.array([float(value) for value in re.findall(_NUMBER, axis)]).reshape(2, 3)
+        along = (run_base[1] - run_base[0]) / np.linalg.norm(run_base[1] - run_base[0])
+        ends_base = run_base + np.outer([-_STICK_OUT_M, _STICK_OUT_M], along)
+        run, ends = (apply(inverse(observed_object.base_from_color), points) for points in (run_base, ends_base))
+        radius_m = self._station.perception.rod_radius_m
+        return Answer(f"rod {axis}", goal=paint(observed_object, ends, radius_m, run if self._knows_run else None))
 
     def close(self) -> None:
         """Do nothing; there are no resources."""
-
-    def _axis(self, closings: Closings, index: int) -> tuple[Array, Array]:
-        """Ends (3,), (3,) of the rod in ``base`` [m]: at the contacts' height, inside the object, above the table."""
-        radius_m, heading = self._station.perception.rod_radius_m, closings.heading_rad[index]
-        half = (closings.width_m[index] / 2 + _STICK_OUT_M) * np.array([np.cos(heading), np.sin(heading), 0.0])
-        level_m = max(min(closings.tcp_m[index], closings.edge_m[index] - radius_m - _COVER_M), radius_m + _COVER_M / 2)
-        center = np.append(closings.center_m[index], level_m)
-        return center - half, center + half
 
 
 def axis_in_words(start_m: Array, end_m: Array) -> str:

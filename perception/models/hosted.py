@@ -57,7 +57,7 @@ class HostedModel:
     def __init__(
         self, provider: Provider, settings: HostedSettings, budget: Budget, clock: Callable[[], float] = time.monotonic
     ) -> None:
-        self.name = provider.name
+        self.name, self.is_hosted = provider.name, True
         self._provider, self._settings, self._budget, self._clock = provider, settings, budget, clock
         self._left_behind: list[Call[Answer]] = []
 
@@ -82,8 +82,8 @@ class HostedModel:
 
     def render(self, observed_object: ObservedObject, prompt: str, cancel: Cancel) -> Answer:
         """The goal image as a picture of the window. Raises: CycleFailure."""
-        window = Window.around(observed_object.scene.object_mask)
-        kept = window.cut(observed_object.scene.object_mask.astype(np.uint8) * 255, 0)
+        window = Window.around(observed_object.mask)
+        kept = window.cut(observed_object.mask.astype(np.uint8) * 255, 0)
         keep_png = encode_png(np.dstack([kept, kept, kept, kept]), self._settings.size_px)
         png = self._shown(observed_object)
         return self._call(lambda timeout_s: self._provider.edit(png, keep_png, prompt, timeout_s), cancel)
@@ -98,7 +98,7 @@ class HostedModel:
         self._provider.close()
 
     def _shown(self, observed_object: ObservedObject) -> bytes:
-        window = Window.around(observed_object.scene.object_mask)
+        window = Window.around(observed_object.mask)
         return encode_png(window.cut(observed_object.masked, observed_object.background), self._settings.size_px)
 
     # --- asking -------------------------------------------------------------------------------------------------------

@@ -23,6 +23,7 @@ class NetworkModel(GeometricModel):
     """
 
     name = "onnx"
+    _knows_run = False
 
     def __init__(self, station: Station) -> None:
         super().__init__(station)
@@ -42,6 +43,6 @@ class NetworkModel(GeometricModel):
 
     def _lifted(self, ends_px: npt.NDArray[np.float64], observed_object: ObservedObject) -> npt.NDArray[np.float64]:
         """(2, 3) [m] in the camera frame: at the middle level of the object's seen surface, less the rod's radius."""
-        depth_m = float(np.nanmedian(observed_object.level_depth_m[observed_object.scene.object_mask]))
+        depth_m = float(np.nanmedian(observed_object.level_depth_m[observed_object.mask]))
         radius_m = self._station.perception.rod_radius_m
         return lift_pixels(ends_px, np.full(2, depth_m + 2 * radius_m), observed_object.rgbd.camera)

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from perception.geometry.lift import project
-from perception.observed_object import GoalImage, ObservedObject
+from perception.observed_object import GoalImage, ObservedObject, PaintedRod
 
 _HIDING_M = 0.003
 """Tolerance: a surface hides the rod also when measured this far behind it, because depth is noisy."""
@@ -16,11 +16,15 @@ _LIGHT = np.array([-0.35, -0.45, -0.82])  # towards the light, camera frame
 Array = npt.NDArray[np.float64]
 
 
-def paint(observed_object: ObservedObject, ends: Array, radius_m: float) -> GoalImage:
+def paint(observed_object: ObservedObject, ends: Array, radius_m: float, run: Array | None = None) -> GoalImage:
     """The masked image with a rod, z-buffered with the object.
 
     Args:
         ends: (2, 3) [m] of the rod, in the camera frame.
+        run: (2, 3) [m] its run through the object, if it is known.
+
+    Returns:
+        The picture, and its parts, which are known because they were painted here.
     """
     observed_m = _filled(observed_object)
     depth_m, normals = _cylinder(ends, radius_m, observed_object)
@@ -30,12 +34,12 @@ def paint(observed_object: ObservedObject, ends: Array, radius_m: float) -> Goal
     rod = np.clip(np.array(observed_object.rod.rgb) * shade, 0, 255)
     image = np.where(visible[..., None], rod, observed_object.masked).astype(np.uint8)
     goal_depth_m = np.where(visible, depth_m, observed_object.rgbd.depth_m).astype(np.float32)
-    return GoalImage(image, goal_depth_m)
+    return GoalImage(image, goal_depth_m, PaintedRod(visible, observed_object.mask & ~visible, run))
 
 
 def _filled(observed_object: ObservedObject) -> npt.NDArray[np.float32]:
     """Observed depth (H, W) of the object with pinholes filled from the nearest surface beside them; NaN elsewhere."""
-    observed = np.where(observed_object.scene.object_mask, observed_object.rgbd.depth_m, np.inf).astype(np.float32)
+    observed = np.where(observed_object.mask, observed_object.rgbd.depth_m, np.inf).astype(np.float32)
     closed = cv2.erode(cv2.dilate(-observed, np.ones((5, 5))), np.ones((5, 5)))
     return np.where(np.isinf(closed), np.nan, -closed).astype(np.float32)
 
@@ -52,6 +56,8 @@ def _cylinder(ends: Array, radius_m: float, observed_object: ObservedObject) -> 
     pad = 2 * radius_m / float(ends[:, 2].min()) * camera.fx + 2
     u0, v0 = np.maximum(np.floor(box.min(axis=0) - pad), 0).astype(int)
     u1, v1 = np.minimum(np.ceil(box.max(axis=0) + pad), [camera.width - 1, camera.height - 1]).astype(int)
+    if u1 < u0 or v1 < v0:  # beside the picture
+        return depth_m, normals
     u, v = np.meshgrid(np.arange(u0, u1 + 1), np.arange(v0, v1 + 1))
     rays = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(u.shape)], axis=-1)
     # |(ray z - end) - along ((ray z - end) . along)| = radius, for the smaller z

@@ -18,7 +18,7 @@ class RecordedModel:
     def __init__(self, replies: Iterable[ModelReply]) -> None:
         self._replies = list(replies)
         self._left: list[ModelReply] = []
-        self.name = self._replies[0].model if self._replies else ""
+        self.name, self.is_hosted = self._replies[0].model if self._replies else "", True
 
     def begin(self) -> None:
         """Do nothing; the replies of the recorded cycle are in order."""
@@ -65,7 +65,7 @@ class SpoiledModel:
     def __init__(self, model: GoalImageModel, replies: Iterable[ModelReply]) -> None:
         self._model, self._replies = model, list(replies)
         self._asked = 0
-        self.name = model.name
+        self.name, self.is_hosted = model.name, model.is_hosted
 
     def begin(self) -> None:
         """Begin a cycle of the embedded model."""

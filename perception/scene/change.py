@@ -7,8 +7,9 @@ import numpy as np
 from bus.messages import Detections, Observation
 from bus.transforms import apply
 from config.schema import Station
-from perception.geometry.depth import register
-from perception.scene.segment import height_above_table, image_points
+from perception.geometry.depth import without_flying_pixels
+from perception.scene.depth_view import DepthView, moved
+from perception.scene.table import find_table
 
 _CELL_M = 0.004
 _HANGING_M = 0.15
@@ -24,8 +25,8 @@ def cleared_fraction(detections: Detections, before: Observation, after: Observa
     """
     was = detections.evidence.observed_points.astype(float)
     lay = np.unique(_cells(apply(before.view.base_from_color, was)), axis=0)
-    now = image_points(register(after.frame), after.view.base_from_color)
-    height_m = height_above_table(now)
+    now = DepthView.of(after, without_flying_pixels(after.frame.depth_m)).points_base
+    height_m = moved(now, find_table(now, station).table_from_base)[..., 2]
     low = np.isfinite(height_m) & (height_m < _HANGING_M)
     standing = height_m[low] >= station.perception.min_object_height_m
     share = _means(lay, _cells(now[low]), standing)

@@ -1,84 +1,214 @@
-"""An orthographic height map of the table around the object, in ``base``; it is independent of the camera's tilt."""
+"""Orthographic height maps of the scene: what was seen, and what must count as occupied because it was not.
+
+The *level* frame of a map has its z axis against the approach; for an approach from above it is the table's own frame.
+See docs/frames.md.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
 from bus.arrays import Transform
-from bus.transforms import apply
-from perception.scene.segment import Scene
+from perception.scene.depth_view import DepthView, moved
 
 CELL_M = 0.002
 MARGIN_M = 0.13
-"""Margin around the object: room for the palm (0.2 m long)."""
+"""Margin around the objects: room for the palm (0.2 m long)."""
+_CEILING_M, _LEVEL_M = 0.20, 0.006
+"""Unseen cells are examined from the ceiling, or the highest point if that is higher, downwards in such levels."""
+
+_TABLE_NOISE_M = 0.003
+"""What is lower is the table and the noise of its depth."""
 
 Array = npt.NDArray[np.float64]
+Heights = npt.NDArray[np.float32]
+Labels = npt.NDArray[np.int16]
 
 
 @dataclass(frozen=True)
 class HeightMap:
-    """Heights above the table on a grid over x and y of ``base``.
+    """Heights over a grid of x and y of the level frame.
 
     Attributes:
-        height_m: (ny, nx), every cell filled (unseen ones from their nearest neighbour).
-        is_object: (ny, nx) mask of the object.
+        surface_m: (ny, nx) the highest seen point; unseen cells continue their nearest neighbour, below the bound.
+        bound_m: (ny, nx) the height up to which the cell may be occupied: the surface, or where nothing was seen the
+            lowest height above which the camera saw past it.
+        labels: (ny, nx) the thing in the cell, 0 = none. ``pieces``: the piece of it that steps and valleys part from
+            others. ``patches``: its even patch of colour.
         origin_m: (x, y) of the centre of cell [0, 0].
     """
 
-    height_m: Array
-    is_object: npt.NDArray[np.bool_]
+    surface_m: Heights
+    bound_m: Heights
+    labels: Labels
+    pieces: Labels
+    patches: Labels
     origin_m: Array
 
-    def at(self, x: Array, y: Array) -> Array:
-        """Heights [m] at points ``x``, ``y`` [m] of any shape; 0 (the table) outside the map."""
-        ny, nx = self.height_m.shape
-        # The map has a rim of table, one cell wide, and points outside are clipped to it.
-        column = ((x - self.origin_m[0]) * (1 / CELL_M) + 1.5).astype(np.int32)
-        row = ((y - self.origin_m[1]) * (1 / CELL_M) + 1.5).astype(np.int32)
+    def cells(self, x: npt.NDArray[np.floating], y: npt.NDArray[np.floating]) -> npt.NDArray[np.int32]:
+        """Indices into `Framed` maps of points ``x``, ``y`` [m] of any shape; points outside take the frame's."""
+        ny, nx = self.surface_m.shape
+        column = ((x - np.float32(self.origin_m[0])) * np.float32(1 / CELL_M) + np.float32(1.5)).astype(np.int32)
+        row = ((y - np.float32(self.origin_m[1])) * np.float32(1 / CELL_M) + np.float32(1.5)).astype(np.int32)
         np.clip(column, 0, nx + 1, out=column)
         np.clip(row, 0, ny + 1, out=row)
         row *= nx + 2
         row += column
-        return np.asarray(self._framed.take(row))
+        return row
 
     @cached_property
-    def _framed(self) -> Array:
-        return np.pad(self.height_m, 1).ravel()
+    def framed(self) -> Framed:
+        """The maps with a rim of one cell: the table, and unseen up to the ceiling."""
+        return Framed(
+            np.pad(self.surface_m, 1).ravel(),
+            np.pad(self.bound_m, 1, constant_values=_CEILING_M).ravel(),
+            np.pad(cv2.dilate(self.bound_m, np.ones((5, 5), np.uint8)), 1, constant_values=_CEILING_M).ravel(),
+            np.pad(self.labels, 1).ravel(),
+            np.pad(self.pieces, 1).ravel(),
+            np.pad(self.patches, 1).ravel(),
+        )
+
+    @cached_property
+    def middles(self) -> tuple[Array, Array]:
+        """The middle (k, 2) and the rms radius (k,) [m] of the cells of every number; of number 0, none of ours."""
+        cells = np.flatnonzero(self.labels)
+        rows, columns = np.divmod(cells, self.labels.shape[1])
+        number, xy_m = self.labels.ravel()[cells], self.xy_m(rows, columns)
+        count = int(number.max(initial=0)) + 1
+        area = np.maximum(np.bincount(number, minlength=count), 1)
+        middle = np.stack([np.bincount(number, xy_m[:, axis], count) for axis in (0, 1)], axis=1) / area[:, None]
+        off2 = ((xy_m - middle[number]) ** 2).sum(axis=1)
+        return middle, np.sqrt(np.bincount(number, off2, count) / area)
+
+    def part(self, window: tuple[slice, slice]) -> HeightMap:
+        """The part of the map inside a window of rows and columns, which begins inside the map."""
+        rows, columns = window
+        origin_m = self.origin_m + np.array([columns.start, rows.start]) * CELL_M
+        maps = {one.name: np.ascontiguousarray(getattr(self, one.name)[window]) for one in fields(self)[:-1]}
+        return HeightMap(**maps, origin_m=origin_m)
 
     def xy_m(self, rows: npt.NDArray[np.int64], columns: npt.NDArray[np.int64]) -> Array:
         """Positions (n, 2) of cells."""
         return np.stack([columns * CELL_M + self.origin_m[0], rows * CELL_M + self.origin_m[1]], axis=1)
 
 
-def height_map(scene: Scene, level_from_base: Transform | None = None) -> HeightMap:
-    """The map of the highest point seen in every cell.
+@dataclass(frozen=True)
+class Framed:
+    """The flattened maps of a `HeightMap`, with a rim; indexed by `HeightMap.cells`.
+
+    Attributes:
+        around_m: the highest bound within 4 mm, to look for what lies below a palm in steps of 10 mm.
+    """
+
+    surface_m: Heights
+    bound_m: Heights
+    around_m: Heights
+    labels: Labels
+    pieces: Labels
+    patches: Labels
+
+
+@dataclass(frozen=True)
+class Grid:
+    """The cells that a map covers: ``shape`` (ny, nx) from ``origin_m`` (x, y) on."""
+
+    origin_m: Array
+    shape: tuple[int, int]
+
+    @classmethod
+    def around(cls, xy_m: npt.NDArray[np.floating], margin_m: float = MARGIN_M) -> Grid:
+        """The grid that covers points (n, 2) and a margin around them."""
+        low, high = xy_m.min(axis=0).astype(float) - margin_m, xy_m.max(axis=0).astype(float) + margin_m
+        nx, ny = np.ceil((high - low) / CELL_M).astype(int) + 1
+        return cls(low, (int(ny), int(nx)))
+
+    def index(self, xy_m: npt.NDArray[np.floating]) -> npt.NDArray[np.int32]:
+        """Flat cell indices (n,) of points (n, 2); -1 outside."""
+        ny, nx = self.shape
+        column = np.rint((xy_m[:, 0] - self.origin_m[0]) * (1 / CELL_M)).astype(np.int32)
+        row = np.rint((xy_m[:, 1] - self.origin_m[1]) * (1 / CELL_M)).astype(np.int32)
+        inside = (column >= 0) & (column < nx) & (row >= 0) & (row < ny)
+        return np.where(inside, row * nx + column, -1)
+
+    def centers_m(self, cells: npt.NDArray[np.integer]) -> Array:
+        """Centres (n, 2) of flat cell indices (n,)."""
+        rows, columns = np.divmod(cells, self.shape[1])
+        return np.stack([columns * CELL_M, rows * CELL_M], axis=1) + self.origin_m
+
+
+@dataclass(frozen=True)
+class Seen:
+    """The highest seen point of every cell.
+
+    Attributes:
+        height_m: (ny, nx), -inf where nothing was seen. ``point``: (ny, nx) its index, -1 where there is none.
+        distance_cells, nearest: (ny, nx) how far the nearest seen cell is, and its flat index.
+    """
+
+    height_m: Heights
+    point: npt.NDArray[np.int32]
+    distance_cells: Heights
+    nearest: npt.NDArray[np.int64]
+
+    @property
+    def continued_m(self) -> Heights:
+        """(ny, nx) heights, unseen cells filled from the nearest seen one; 0 when nothing was seen."""
+        if (self.point < 0).all():
+            return np.zeros(self.height_m.shape, dtype=np.float32)
+        return np.asarray(self.height_m.ravel()[self.nearest])
+
+    def point_within(self, cells: float) -> npt.NDArray[np.int32]:
+        """(ny, nx) the point of each cell, or of the nearest seen one at most so far away; -1 for none."""
+        return np.where(self.distance_cells <= cells, self.point.ravel()[self.nearest], -1)
+
+
+def highest(grid: Grid, points: npt.NDArray[np.float32]) -> Seen:
+    """The highest of the points (n, 3) in each cell of the grid; of equals the last."""
+    cell = grid.index(points[:, :2])
+    inside = np.flatnonzero(cell >= 0)
+    # height in steps of 10 um and index in one number, because the maximum must say which point it was
+    key = (np.rint(points[inside, 2] * 1e5).astype(np.int64) << 32) | inside
+    top = np.full(grid.shape[0] * grid.shape[1], np.iinfo(np.int64).min)
+    np.maximum.at(top, cell[inside], key)
+    point = np.where(top == np.iinfo(np.int64).min, -1, top & 0xFFFFFFFF).astype(np.int32).reshape(grid.shape)
+    distance, nearest = ndimage.distance_transform_edt(point < 0, return_indices=True)
+    height_m = np.full(grid.shape, -np.inf, dtype=np.float32)
+    height_m[point >= 0] = points[point[point >= 0], 2]
+    return Seen(height_m, point, distance.astype(np.float32), nearest[0] * grid.shape[1] + nearest[1])
+
+
+def bound(grid: Grid, height_m: Heights, view: DepthView, base_from_level: Transform) -> Heights:
+    """Up to which height each cell may be occupied: see `HeightMap.bound_m`.
+
+    An unseen cell whose foot is outside the image may be occupied up to the ceiling. Above any other cell the camera
+    looks down until something hides what is below; the upper end of a column near the border, which is not in view,
+    counts as free, as it does above a seen cell.
 
     Args:
-        level_from_base: (4, 4); project along this frame's -z instead of the table's; heights are then its z.
+        height_m: (ny, nx) the highest seen point, -inf = unseen.
     """
-    used = np.isfinite(scene.height_m)
-    ours = scene.object_mask[used]
-    points = np.stack([scene.points_base[..., 0][used], scene.points_base[..., 1][used], scene.height_m[used]])
-    if level_from_base is not None:
-        points = apply(level_from_base, points.T.astype(float)).T.astype(np.float32)
-    low, high = points[:2, ours].min(axis=1) - MARGIN_M, points[:2, ours].max(axis=1) + MARGIN_M
-    low = low.astype(float)
-    nx, ny = np.ceil((high - low) / CELL_M).astype(int) + 1
-    column = np.rint((points[0] - low[0]) * (1 / CELL_M)).astype(np.int32)
-    row = np.rint((points[1] - low[1]) * (1 / CELL_M)).astype(np.int32)
-    near = (column >= 0) & (column < nx) & (row >= 0) & (row < ny)
-    flat = row[near] * nx + column[near]
-    grid = np.full(nx * ny, -np.inf)
-    np.maximum.at(grid, flat, points[2, near].astype(float))
-    belongs = np.zeros(nx * ny, dtype=bool)
-    belongs[flat[ours[near]]] = True
-    grid, belongs = grid.reshape(ny, nx), belongs.reshape(ny, nx)
-    unseen = np.isinf(grid)
-    nearest = ndimage.distance_transform_edt(unseen, return_distances=False, return_indices=True)
-    filled = grid[tuple(nearest)]
-    return HeightMap(filled, ndimage.binary_closing(belongs) | belongs, low)
+    bound_m = height_m.copy()
+    active = np.flatnonzero(np.isinf(height_m))
+    level_m = max(_CEILING_M, float(height_m.max(initial=0.0)))
+
+    def column_base(cells: npt.NDArray[np.integer], z_m: float) -> npt.NDArray[np.float32]:
+        xyz = np.column_stack([grid.centers_m(cells), np.full(len(cells), z_m)]).astype(np.float32)
+        return np.asarray(moved(xyz[None], base_from_level)[0])
+
+    in_view = view.in_view(column_base(active, 0.0))
+    bound_m.flat[active[~in_view]] = level_m
+    active = active[in_view]
+    while len(active) and level_m > 0:
+        hidden = view.is_hidden(column_base(active, level_m))
+        bound_m.flat[active[hidden]] = level_m
+        active = active[~hidden]
+        level_m -= _LEVEL_M
+    bound_m.flat[active] = 0.0
+    bound_m[bound_m < _TABLE_NOISE_M] = 0.0
+    return bound_m

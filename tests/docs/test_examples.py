@@ -15,10 +15,10 @@ from config.load import load_station
 from docs.examples.goal_model.acme_model import Crosswise
 from drivers.node import registry as drivers
 from drivers.sim.objects import object_names, require_presentable
-from perception.detector import propose
 from perception.goal.imagine import Conversation
 from perception.models import Models
 from perception.models import registry as models
+from perception.proposal import propose
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 STATION = load_station()
@@ -40,7 +40,7 @@ def test_the_model_lays_its_rod_across_the_narrow_side() -> None:
     cv2.fillPoly(mask, [corners], 1)
     model = Crosswise(STATION)
     proposal = propose(
-        Conversation(model, lambda reply: None), flat_object(color, mask > 0, 0.001), Models(model), STATION
+        Conversation(model, lambda reply: None), flat_object(color, mask > 0, 0.001, STATION), Models(model), STATION
     )
     ends = proposal.ends[0]
     assert np.linalg.norm(ends[1] - ends[0]) == pytest.approx(0.040, abs=0.006)

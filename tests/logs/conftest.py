@@ -25,12 +25,16 @@ from bus.messages import (
     Frame,
     Grasp,
     HandState,
+    Instance,
     ModelReply,
     Motion,
+    ObservedScene,
     PickPlan,
     Rectangle,
+    SeenTable,
     Segment,
     SegmentRun,
+    Tried,
     Verdict,
     View,
 )
@@ -67,6 +71,7 @@ def _detections(frame: Frame) -> Detections:
                 width_m=0.03,
                 opening_m=0.045,
                 score=0.7,
+                instance=1,
                 rectangle=0,
                 imagined_base_from_tcp=pose,
                 terms={"flat": 0.9, "patch": 0.5},
@@ -106,6 +111,23 @@ def _detections(frame: Frame) -> Detections:
             sample=0,
             agreement=1.0,
         ),
+        scene=scene_of(mask),
+        tried=(Tried(instance=1, sample=0, score=0.7),),
+    )
+
+
+def scene_of(mask: np.ndarray) -> ObservedScene:
+    """One thing where the mask (H, W) is, on a table 3 mm too high; a corner of the region was not seen."""
+    unseen = np.zeros_like(mask)
+    unseen[:8, :8] = True
+    thing = Instance(number=1, top_m=np.array([0.45, 0.0, 0.05]), size_m=np.array([0.08, 0.03, 0.05]), in_view=True,
+                     depth_share=0.98)  # fmt: skip
+    return ObservedScene(
+        table=SeenTable(base_from_table=np.eye(4), offset_m=0.003, tilt_rad=0.01),
+        region_seen=0.97,
+        instances=(thing,),
+        labels=mask.astype(np.uint8),
+        unseen=unseen,
     )
 
 

@@ -20,11 +20,11 @@ from drivers.sim.arm import SimArm
 from drivers.sim.camera import SimCamera
 from drivers.sim.world import World
 from perception.detector import detect, ignore_reply
-from perception.geometry.depth import register
-from perception.grasps.antipodal import TABLE_CLEARANCE_M
+from perception.grasps.closing import OVER_M
 from perception.models import open_models
 from perception.scene.change import cleared_fraction
-from perception.scene.segment import Scene, segment
+from perception.scene.scene import Scene, observe
+from perception.scene.seen import RegionView, require_something
 from planning.kinematics import inverse, q7_grid
 from planning.robot import Robot, flange_pose
 from planning.scene import Scene as Surroundings
@@ -49,9 +49,8 @@ class Bin:
     def look(self) -> Observation:
         return capture(self.camera, self.arm, self.robot)
 
-    def scenes(self) -> tuple[Scene, ...]:
-        seen = self.look()
-        return segment(register(seen.frame), seen.view.base_from_color, self.station)
+    def observed(self) -> Scene:
+        return observe(self.look(), self.station)
 
     def nearest(self, place_m: np.ndarray) -> str:
         """The body whose origin is nearest to a place (x, y)."""
@@ -78,11 +77,16 @@ def filled() -> Iterator[Callable[..., Bin]]:
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_every_object_is_one_cluster_and_no_wall_is_one(filled: Callable[..., Bin], seed: int) -> None:
+def test_no_thing_is_of_two_objects_or_of_a_wall_and_hardly_an_object_is_two(
+    filled: Callable[..., Bin], seed: int
+) -> None:
+    """The remote's ring, of another colour than its handle, may be a thing of its own."""
     bin_ = filled(seed)
-    scenes = bin_.scenes()
-    middles = [np.nanmean(scene.points_base[scene.object_mask], axis=0)[:2] for scene in scenes]
-    assert sorted(bin_.nearest(middle) for middle in middles) == sorted(bin_.world.objects)
+    scene = bin_.observed()
+    points = scene.view.points_base
+    middles = [points[scene.labels == number].mean(axis=0)[:2] for number in range(1, scene.count + 1)]
+    assert {bin_.nearest(middle) for middle in middles} == set(bin_.world.objects)
+    assert len(middles) <= len(bin_.world.objects) + 1
 
 
 @pytest.mark.parametrize("wall_height_m", [0.045, 0.08])
@@ -92,7 +96,8 @@ def test_walls_alone_are_an_empty_bin(filled: Callable[..., Bin], seed: int, wal
     bin_.take_away("object-0")
     for _ in range(3):
         with pytest.raises(CycleFailure) as failure:
-            bin_.scenes()
+            scene = bin_.observed()
+            require_something(scene, RegionView.of(scene, bin_.station), bin_.station)
         assert failure.value.failure is Code.NO_OBJECT
 
 
@@ -114,7 +119,7 @@ def test_a_place_is_cleared_when_its_object_left_whatever_the_neighbours_do(
 def test_where_detection_lets_the_palm_pass_the_planner_does_too(filled: Callable[..., Bin]) -> None:
     """The lowest tcp over a wall that detection allows: the planner's hand clears the wall."""
     bin_ = filled(0, clutter=1, wall_height_m=0.08)
-    tcp_m = bin_.station.scene.bins[0].wall_height_m + TABLE_CLEARANCE_M - PALM_ABOVE_TIP_M + FINGER_TIP_M + 1e-3
+    tcp_m = bin_.station.scene.bins[0].wall_height_m + OVER_M - PALM_ABOVE_TIP_M + FINGER_TIP_M + 1e-3
     base_from_tcp = np.diag([1.0, -1.0, -1.0, 1.0])  # closes along y, the palm over the left wall
     base_from_tcp[:3, 3] = 0.46, 0.2, tcp_m
     touches = [bin_.scene.collision(q_rad, 0.08) for q_rad in inverse(flange_pose(base_from_tcp), q7_grid())]

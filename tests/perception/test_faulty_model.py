@@ -17,11 +17,11 @@ from bus.fault_injection import Fault
 from bus.messages import ModelReply
 from cell.fault_injection import FaultInjection
 from config.load import load_station
-from perception.detector import Proposal, propose
 from perception.goal.imagine import Conversation
 from perception.models import Models, open_models, replayed_models
 from perception.models.fault_injection import FaultyModel
 from perception.observed_object import ObservedObject
+from perception.proposal import Proposal, propose
 
 STATION = load_station(None, ["faults.allowed=true", "faults.delay_s=0.1", "perception.hosted.deadline_s=0.1"])
 
@@ -34,7 +34,7 @@ def observed_object() -> ObservedObject:
     corners = cv2.boxPoints(((240, 180), (130, 40), 30)).astype(int)
     cv2.fillPoly(color, [corners], (40, 90, 200))
     cv2.fillPoly(mask, [corners], 1)
-    return flat_object(color, mask > 0, 0.001)
+    return flat_object(color, mask > 0, 0.001, STATION)
 
 
 @pytest.fixture

@@ -20,12 +20,12 @@ from bus.errors import ConfigError, CycleFailure, RecordingError
 from bus.messages import ModelReply
 from config.load import load_station
 from config.schema import HostedSettings, Station
-from perception.detector import Proposal, propose
 from perception.geometry.window import Window, decode_picture, encode_png
 from perception.goal.imagine import Conversation
 from perception.models import open_models, replayed_models
 from perception.models.budget import Budget
 from perception.observed_object import ObservedObject
+from perception.proposal import Proposal, propose
 from stand_ins.drift import NONE, Drift
 from stand_ins.model_server import Fault, ModelServer
 from stand_ins.painter import paint, say
@@ -44,7 +44,7 @@ def observed_object() -> ObservedObject:
     mask = np.zeros((360, 480), np.uint8)
     cv2.fillPoly(mask, [corners], 1)
     cv2.circle(color, (275, 200), 12, (230, 220, 60), -1)
-    return flat_object(color, mask > 0, 0.001)
+    return flat_object(color, mask > 0, 0.001, load_station())
 
 
 @pytest.fixture

@@ -19,6 +19,7 @@ from bus.cancel import Cancel
 from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.redaction import keep_secret
+from config.load import load_station
 from config.schema import HostedSettings
 from perception.geometry.window import encode_png
 from perception.models.budget import Budget
@@ -61,7 +62,7 @@ Send = Callable[..., Answer]
 def observed_object() -> ObservedObject:
     mask = np.zeros((90, 120), bool)
     mask[30:60, 40:80] = True
-    return flat_object(np.full((90, 120, 3), 90, np.uint8), mask, 0.001)
+    return flat_object(np.full((90, 120, 3), 90, np.uint8), mask, 0.001, load_station())
 
 
 @pytest.fixture(scope="module")

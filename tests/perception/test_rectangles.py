@@ -19,9 +19,9 @@ from benchmarks.datasets.jacquard import read_jacquard
 from bus.errors import ConfigError
 from bus.messages import ModelReply, Rectangle
 from config.load import load_station
-from perception.detector import propose
 from perception.goal.imagine import Conversation
 from perception.models import open_models
+from perception.proposal import propose
 from perception.rectangles.metric import iou, matches
 from perception.rectangles.network import GraspNetwork
 
@@ -212,7 +212,7 @@ def test_a_network_can_imagine_the_rod(tmp_path: Path) -> None:
     cv2.fillPoly(color, [corners_px], (40, 90, 200))
     cv2.fillPoly(mask, [corners_px], 1)
     station = load_station(None, ["perception.model=onnx", f"perception.onnx.path={_network(tmp_path / 'n.onnx', 4)}"])
-    models, observed_object = open_models(station, {}), flat_object(color, mask > 0, 0.001)
+    models, observed_object = open_models(station, {}), flat_object(color, mask > 0, 0.001, station)
     models.imaginer.begin()
     replies: list[ModelReply] = []
     found = propose(Conversation(models.imaginer, replies.append), observed_object, models, station).rectangles[0]

@@ -14,18 +14,15 @@ from benchmarks.baselines.color_only import segment_by_color
 from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.messages import Detections, ModelReply, Observation
-from bus.transforms import inverse
 from cell.pick.detect import detect_unless_halted
 from config.load import load_station
 from config.schema import Station
 from perception.detector import detect, ignore_reply
-from perception.geometry.crop import Crop
-from perception.geometry.depth import register
 from perception.goal.imagine import free_background, free_rod_color
-from perception.grasps.rank import _approach, _tilted
+from perception.grasps.rank import tilted
+from perception.grasps.search import search
 from perception.models import Models, open_models
-from perception.scene.heightmap import height_map
-from perception.scene.segment import segment
+from perception.scene.scene import observe
 from stand_ins.model_server import Fault, ModelServer
 from stand_ins.painter import paint, say
 from tests.perception.conftest import BAR, PLATE, Box, Look
@@ -59,8 +56,8 @@ def _hosted(server: ModelServer, folder: Path, *overrides: str) -> Station:
 
 def test_objects_come_largest_first(look: Look) -> None:
     observation = look([BAR, PLATE])
-    scenes = segment(register(observation.frame), observation.view.base_from_color, _station())
-    areas = [int(scene.object_mask.sum()) for scene in scenes]
+    scene = observe(observation, _station())
+    areas = [int(scene.outline(number).sum()) for number in range(1, scene.count + 1)]
     assert areas == pytest.approx([160 * 150, 100 * 24], rel=0.05)
 
 
@@ -71,25 +68,25 @@ def test_of_several_the_one_with_the_best_grasp_is_taken(look: Look) -> None:
 
 
 def test_a_pixel_names_the_target_also_from_beside_it(look: Look) -> None:
-    other = BAR._replace(columns=(300, 400), rows=(40, 64))
-    for pixel in ("[350, 50]", "[350, 80]"):
-        assert _detect(look([BAR, other]), f"perception.target.pixel={pixel}").evidence.object_mask[50, 350]
+    other = BAR._replace(columns=(300, 400), rows=(180, 204))
+    for pixel in ("[350, 190]", "[350, 220]"):
+        assert _detect(look([BAR, other]), f"perception.target.pixel={pixel}").evidence.object_mask[190, 350]
     with pytest.raises(CycleFailure, match="no object within") as failure:
         _detect(look([BAR, other]), "perception.target.pixel=[240, 300]")
     assert failure.value.failure is Code.TARGET_NOT_FOUND
 
 
 def test_words_name_the_target_and_the_model_points_at_it(look: Look, tmp_path: Path) -> None:
-    other = BAR._replace(columns=(300, 400), rows=(40, 64))
+    other = BAR._replace(columns=(300, 400), rows=(180, 204))
 
     def point(prompt: str, image: np.ndarray | None) -> str:
-        return "747, 111" if "Find this object in it: the upper bar" in prompt else say(prompt, image)
+        return "747, 410" if "Find this object in it: the right bar" in prompt else say(prompt, image)
 
     replies: list[ModelReply] = []
     with ModelServer(paint, say=point) as server:
-        station = _hosted(server, tmp_path, "perception.target.text=the upper bar")
+        station = _hosted(server, tmp_path, "perception.target.text=the right bar")
         with closing(open_models(station, KEY)) as models:
-            assert detect(look([BAR, other]), station, models, replies.append).evidence.object_mask[50, 350]
+            assert detect(look([BAR, other]), station, models, replies.append).evidence.object_mask[190, 350]
     assert [reply.step for reply in replies] == ["locate", "reason", "direct", "render"]
 
 
@@ -110,8 +107,7 @@ def test_the_embedded_model_understands_no_words(look: Look) -> None:
 
 
 def _mask(look: Look, boxes: list[Box]) -> np.ndarray:
-    observation = look(boxes)
-    return segment(register(observation.frame), observation.view.base_from_color, _station())[0].object_mask
+    return observe(look(boxes), _station()).outline(1)
 
 
 def test_a_hole_that_only_depth_leaves_is_closed(look: Look) -> None:
@@ -184,7 +180,7 @@ def _ends(observation: Observation, mask: np.ndarray) -> Code | None:
     ids=["dark", "one dark pixel", "none"],
 )
 def test_an_outline_without_any_depth_was_not_seen(mask: np.ndarray, look: Look) -> None:
-    assert _ends(look([BAR, DARK]), mask) is Code.NOT_SEEN
+    assert _ends(look([BAR, DARK]), mask) is Code.NO_DEPTH
 
 
 @given(
@@ -193,14 +189,14 @@ def test_an_outline_without_any_depth_was_not_seen(mask: np.ndarray, look: Look)
 @settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_no_outline_is_a_defect(corner: tuple[int, int], size: tuple[int, int], look: Look) -> None:
     where = (slice(start, start + extent) for start, extent in zip(corner, size, strict=True))
-    assert _ends(look([BAR, DARK]), _outline(*where)) in (None, Code.NOT_SEEN, Code.NO_GRASP, *_OF_MODEL)
+    assert _ends(look([BAR, DARK]), _outline(*where)) in (None, Code.NO_DEPTH, Code.NO_GRASP, *_OF_MODEL)
 
 
 _OF_MODEL = tuple(code for code in Code if code.startswith("MODEL_"))
 
 
 def test_a_camera_that_measures_nothing_sees_no_table(look: Look) -> None:
-    assert _code(look([Box((0, 480), (0, 360), None, (10, 10, 10))])) is Code.NOT_SEEN
+    assert _code(look([Box((0, 480), (0, 360), None, (10, 10, 10))])) is Code.NO_TABLE
 
 
 def test_a_table_that_was_seen_and_on_which_nothing_rises_is_empty(look: Look) -> None:
@@ -212,7 +208,7 @@ def test_a_table_that_was_seen_and_on_which_nothing_rises_is_empty(look: Look) -
 )
 def test_a_table_is_empty_only_when_enough_of_it_was_seen(columns: tuple[int, int], code: Code, look: Look) -> None:
     glass = Box(columns, (0, 360), None, (165, 165, 165))
-    assert _code(look([glass]), "scene.pick_region_m=[0.2, 0.7, -0.2, 0.2]") is code
+    assert _code(look([glass]), "scene.pick_region_m=[0.2, 0.7, -0.2, 0.2]", "perception.min_table_seen=0.5") is code
 
 
 def test_a_pick_region_outside_the_view_was_not_seen(look: Look) -> None:
@@ -232,21 +228,20 @@ def test_the_bar_is_taken_across_and_every_term_is_named(look: Look) -> None:
     best = _detect(look([BAR])).grasps[0]
     assert abs(best.base_from_tcp[1, 1]) > 0.99, "closing along base y, across the bar"
     assert best.width_m == pytest.approx(24 * 0.57 / 450, abs=0.005)
-    assert set(best.terms) >= {"flat", "solid", "central", "robust", "consistent"}
+    assert set(best.terms) >= {"square", "solid", "wide", "robust", "consistent", "seen"}
     assert all(0 <= value <= 1 for value in best.terms.values()) and 0 <= best.score <= 1
 
 
 def test_a_tilted_approach_turns_about_the_rod(look: Look) -> None:
-    observation = look([BAR])
-    scene = segment(register(observation.frame), observation.view.base_from_color, _station())[0]
+    station = _station()
+    scene = observe(look([BAR]), station)
     ends = np.array([[0.32, 0.075, 0.015], [0.32, 0.12, 0.015]])
-    base_from_level = _tilted(ends, np.deg2rad(20))
-    grasps = _approach(ends, 0, base_from_level, height_map(scene, inverse(base_from_level)), _station())
-    assert grasps
-    for grasp in grasps:
-        rotation = grasp.base_from_tcp[:3, :3]
-        assert np.degrees(np.arccos(-rotation[2, 2])) == pytest.approx(20, abs=0.1)
-        assert np.linalg.det(rotation) == pytest.approx(1) and abs(rotation[2, 1]) < 0.1, "the axis stays level"
+    base_from_level = tilted(ends, np.deg2rad(20), scene.table.base_from_table)
+    heights = scene.heights_along(base_from_level, 1)
+    assert np.isfinite(search(heights, station).score).any()
+    rotation = base_from_level[:3, :3]
+    assert np.degrees(np.arccos(rotation[2, 2])) == pytest.approx(20, abs=0.5)
+    assert np.linalg.det(rotation) == pytest.approx(1) and abs(rotation[2, 0]) < 0.1, "the axis stays level"
 
 
 def test_the_best_of_several_proposals_is_kept_and_their_agreement_told(look: Look) -> None:
@@ -263,16 +258,6 @@ def test_one_good_proposal_is_enough(look: Look, tmp_path: Path) -> None:
         with closing(open_models(station, KEY)) as models:
             found = detect(look([BAR]), station, models, ignore_reply)
     assert found.evidence.sample == 1 and found.evidence.agreement == 0.5
-
-
-def test_a_crop_lifts_to_the_same_points(look: Look) -> None:
-    observation = look([BAR])
-    rgbd = register(observation.frame)
-    scene = segment(rgbd, observation.view.base_from_color, _station())[0]
-    crop = Crop.around(scene.object_mask, 30)
-    part = segment(crop.rgbd(rgbd), observation.view.base_from_color, _station())[0]
-    np.testing.assert_allclose(part.points_base[40, 40], scene.points_base[crop.top + 40, crop.left + 40], atol=1e-6)
-    np.testing.assert_array_equal(crop.back(crop.of(scene.object_mask), np.zeros((360, 480), bool)), scene.object_mask)
 
 
 # --- a stop ----------------------------------------------------------------------------------------------------------

@@ -7,6 +7,8 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -149,7 +151,13 @@ def test_a_stop_ends_an_injected_hang(look: Look) -> None:
     assert isinstance(models.imaginer, FaultyModel)
     models.imaginer.fault = Fault.STUCK
     began = threading.Event()
-    threading.Timer(0.3, began.set).start()
+    wrapped = models.imaginer._model
+
+    def reason(*asked: Any) -> Answer:
+        began.set()
+        return wrapped.reason(*asked)
+
+    models.imaginer._model = SimpleNamespace(name="said", is_hosted=False, begin=wrapped.begin, reason=reason)  # type: ignore[assignment]
     said = stopped(look, models, began.is_set)
     assert [reply.failure for reply in said] == [Code.STOPPED]
 

@@ -8,7 +8,9 @@ import numpy.typing as npt
 from bus.cancel import Cancel
 from bus.codes import Code
 from bus.errors import CycleFailure
+from bus.transforms import apply
 from config.schema import Station
+from perception.geometry.lift import lift
 from perception.models.painter import paint
 from perception.observed_object import Answer, ObservedObject
 
@@ -19,6 +21,7 @@ class Crosswise:
     """The three steps of the paper's stage 1. ``name`` stands in every recorded reply."""
 
     name = "acme"
+    is_hosted = False  # its calls cost nothing
 
     def __init__(self, station: Station) -> None:
         self._radius_m = station.perception.rod_radius_m
@@ -37,8 +40,8 @@ class Crosswise:
 
     def render(self, observed_object: ObservedObject, prompt: str, cancel: Cancel) -> Answer:
         """Half way up the object, across it; ``goal`` is the observed image with the rod painted into it."""
-        points = observed_object.scene.points_base[observed_object.scene.object_mask]
-        points = points[np.isfinite(points).all(axis=1)].astype(float)
+        rgbd = observed_object.rgbd
+        points = apply(observed_object.base_from_color, lift(observed_object.mask, rgbd.depth_m, rgbd.camera))
         level_m = max(points[:, 2].max() / 2, 2 * self._radius_m)  # the table is z = 0 of base
         middle = np.append(np.median(points[:, :2], axis=0), level_m)
         narrow = np.linalg.eigh(np.cov(points[:, :2].T))[1][:, 0]

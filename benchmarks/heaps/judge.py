@@ -1,0 +1,204 @@
+"""Judges a grasp on the true shapes: is the way down free, what do the pads meet, and do the contacts hold it?
+
+All in the grasp's own frame: x across the finger, y the closing axis, z up against the approach, the origin between the
+finger tips. So the approach may lean. Stricter than physics: nothing may turn or slide into the jaw.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from benchmarks.heaps.clipping import Solid, box_near, half_spaces, moved
+from benchmarks.heaps.heap import FIXED, Heap, Part
+from bus.transforms import from_rotation, inverse
+from config.franka_hand import FINGER_TIP_M, PALM_ABOVE_TIP_M
+from config.schema import HandSettings
+
+TRUE, SEAM, COLLIDES, SLIPS, THIN, OFF, NOTHING = "true", "seam", "collides", "slips", "thin", "off", "nothing"
+VERDICTS = (TRUE, SEAM, COLLIDES, SLIPS, THIN, OFF, NOTHING)
+
+FRICTION = 0.5
+PALM_SIZE_M = (0.064, 0.200)
+"""Of the hand's body, across the fingers and along the closing axis (collision mesh, rounded up)."""
+_OVER_TABLE_M = 0.0005
+_FINGER_STEP_M, _PALM_STEP_M = 0.001, 0.002
+_PAD_M, _PAD_LINES = 0.019, 14
+_LOW_M, _HIGH_M, _HIGH_LINES = 0.0005, 0.041, 18
+_RUBBER_M = 0.001
+"""Contacts this near to the first one belong to its patch: the pad yields."""
+_THINNEST_M, _LEAST_LINES = 0.002, 3
+_OFF_MIDDLE_M = 0.008
+_CONE_COS = float(1 / np.hypot(1.0, FRICTION))
+_FAR_M = 10.0
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What becomes of a grasp.
+
+    Attributes:
+        name: one of `VERDICTS`. ``why``: a few words.
+        body: index of the body that is held, where it is one.
+        width_m: between the contacts; NaN without any.
+    """
+
+    name: str
+    why: str = ""
+    body: int | None = None
+    width_m: float = float("nan")
+
+
+@dataclass(frozen=True)
+class _Patch:
+    """The contacts of one pad: (k, 3) places, (k, 3) outward normals of the facets, and (k,) bodies."""
+
+    places: Array
+    normals: Array
+    bodies: npt.NDArray[np.int64]
+
+
+class Judge:
+    """Judges grasps in one scene.
+
+    Args:
+        parts: of all bodies and fixed things, in ``base``.
+        base_from_table: (4, 4); the table's top is z = 0 of ``table``.
+        hand: gives the fingers' width and thickness, and the widest opening.
+    """
+
+    def __init__(self, parts: Sequence[Part], base_from_table: Array, hand: HandSettings) -> None:
+        self._parts = [(part.body, half_spaces(part.corners), part.corners) for part in parts]
+        self._table, self._hand = base_from_table, hand
+
+    @classmethod
+    def of(cls, heap: Heap) -> Judge:
+        """Return the judge of a scene."""
+        return cls(heap.parts, heap.base_from_table, heap.station().hand)
+
+    def judge(self, base_from_tcp: Array, opening_m: float) -> Verdict:
+        """Judge a grasp.
+
+        Args:
+            base_from_tcp: (4, 4): tcp z = approach, tcp y = closing axis, as `bus.messages.Grasp`.
+            opening_m: between the pads on the way down; more than the hand's widest counts as that.
+        """
+        half_m = min(opening_m, self._hand.max_width_m) / 2
+        grasp_from_base = inverse(base_from_tcp @ _TCP_FROM_GRASP)
+        near = [(body, moved(planes, corners, grasp_from_base)) for body, planes, corners in self._parts]
+        near = [(body, solid) for body, solid in near if box_near(solid, *self._reach(half_m))]
+        hit = self._hit(near, grasp_from_base, half_m)
+        return Verdict(COLLIDES, hit) if hit else self._closed(near, half_m)
+
+    def _reach(self, half_m: float) -> tuple[Array, Array]:
+        """The box (2 x (3,)) outside of which nothing matters; open above."""
+        x_m, y_m = PALM_SIZE_M[0] / 2, max(PALM_SIZE_M[1] / 2, half_m + self._hand.finger_thickness_m)
+        return np.array([-x_m, -y_m, 0.0]), np.array([x_m, y_m, _FAR_M])
+
+    # --- the way down ------------------------------------------------------------------------------------------------
+
+    def _hit(self, near: Sequence[tuple[int, Solid]], grasp_from_base: Array, half_m: float) -> str:
+        """What the hand meets on the way down, "" for nothing: what stands over a foot and reaches its bottom."""
+        x_m, outer_m = self._hand.finger_width_m / 2, half_m + self._hand.finger_thickness_m
+        palm_m = (PALM_SIZE_M[0] / 2, PALM_SIZE_M[1] / 2)
+        feet = (
+            ("finger", (-x_m, x_m), (-outer_m, -half_m), 0.0, _FINGER_STEP_M),
+            ("finger", (-x_m, x_m), (half_m, outer_m), 0.0, _FINGER_STEP_M),
+            ("palm", (-palm_m[0], palm_m[0]), (-palm_m[1], palm_m[1]), PALM_ABOVE_TIP_M, _PALM_STEP_M),
+        )
+        for name, x_range, y_range, bottom_m, step_m in feet:
+            if _table_above(grasp_from_base @ self._table, x_range, y_range, bottom_m):
+                return f"{name} in the table"
+            lines = _grid(x_range, y_range, step_m)
+            low, high = np.array([*lines.min(axis=0)[:2], bottom_m]), np.array([*lines.max(axis=0)[:2], _FAR_M])
+            for body, solid in near:
+                if box_near(solid, low, high) and solid.clip(lines, 2).leave.max() > bottom_m:
+                    return f"{name} in {'a wall' if body == FIXED else f'body {body}'}"
+        return ""
+
+    # --- closing -----------------------------------------------------------------------------------------------------
+
+    def _closed(self, near: Sequence[tuple[int, Solid]], half_m: float) -> Verdict:
+        left, right = self._contacts(near, half_m)
+        if left is None or right is None:
+            return Verdict(NOTHING, "nothing between the pads")
+        start, end = float(left.places[:, 1].min()), float(right.places[:, 1].max())
+        width_m = end - start
+        bodies = sorted({*left.bodies.tolist(), *right.bodies.tolist()})
+        if FIXED in bodies:
+            return Verdict(COLLIDES, "a wall between the pads", None, width_m)
+        if len(bodies) > 1:
+            return Verdict(SEAM, f"bodies {bodies}", None, width_m)
+        if width_m < _THINNEST_M or min(len(left.bodies), len(right.bodies)) < _LEAST_LINES:
+            return Verdict(THIN, f"{len(left.bodies)} and {len(right.bodies)} lines", bodies[0], width_m)
+        if abs(start + end) / 2 > _OFF_MIDDLE_M:
+            return Verdict(OFF, f"{abs(start + end) * 500:.0f} mm off the middle", bodies[0], width_m)
+        if not _holds(left, right):
+            return Verdict(SLIPS, "no two contacts within both friction cones", bodies[0], width_m)
+        return Verdict(TRUE, "", bodies[0], width_m)
+
+    def _contacts(self, near: Sequence[tuple[int, Solid]], half_m: float) -> tuple[_Patch | None, _Patch | None]:
+        """What the pads, from the left and from the right, meet first; None for nothing."""
+        x_m, z_m = np.linspace(-_PAD_M / 2, _PAD_M / 2, _PAD_LINES), np.linspace(_LOW_M, _HIGH_M, _HIGH_LINES)
+        x, z = (one.ravel() for one in np.meshgrid(x_m, z_m, indexing="ij"))
+        lines = np.stack([x, np.zeros(x.size), z], axis=1)
+        low, high = np.array([-_PAD_M / 2, -half_m, _LOW_M]), np.array([_PAD_M / 2, half_m, _HIGH_M])
+        chords = [(body, solid.clip(lines, 1)) for body, solid in near if box_near(solid, low, high)]
+        if not chords:
+            return None, None
+        bodies = np.array([body for body, _ in chords])
+        entry, leave = np.array([one.entry for _, one in chords]), np.array([one.leave for _, one in chords])
+        between = (entry < half_m) & (leave > -half_m)  # (parts, lines)
+        if not between.any():
+            return None, None
+        left, right = np.where(between, entry, np.inf), np.where(between, leave, -np.inf)
+        normals = (np.array([one.entry_normal for _, one in chords]), np.array([one.leave_normal for _, one in chords]))
+        return _patch(left, 1.0, normals[0], bodies, lines), _patch(-right, -1.0, normals[1], bodies, lines)
+
+
+_TCP_FROM_GRASP = from_rotation(np.diag([-1.0, 1.0, -1.0]), (0.0, 0.0, FINGER_TIP_M))
+
+
+def _table_above(
+    grasp_from_table: Array, x_range: tuple[float, float], y_range: tuple[float, float], bottom_m: float
+) -> bool:
+    """Whether a corner of the level foot is less than the clearance above the table."""
+    up, on_table = grasp_from_table[:3, 2], grasp_from_table[:3, 3]
+    corners = np.array([[x, y, bottom_m] for x in x_range for y in y_range])
+    return bool(((corners - on_table) @ up).min() < _OVER_TABLE_M)
+
+
+def _grid(x_range: tuple[float, float], y_range: tuple[float, float], step_m: float) -> Array:
+    """Return points (m, 3) at z = 0 over a rectangle, its edges included."""
+    sides = [np.linspace(low, high, round((high - low) / step_m) + 1) for low, high in (x_range, y_range)]
+    x, y = (one.ravel() for one in np.meshgrid(*sides, indexing="ij"))
+    return np.stack([x, y, np.zeros(x.size)], axis=1)
+
+
+def _patch(depth: Array, sign: float, normals: Array, bodies: npt.NDArray[np.int64], lines: Array) -> _Patch:
+    """The first contacts: each line's first, of those within the rubber's yield of the very first.
+
+    Args:
+        depth: (parts, lines) how far a pad travels until it meets each part, from its own side.
+        sign: of the closing axis for this pad.
+    """
+    part, line = depth.argmin(axis=0), np.arange(depth.shape[1])
+    first = depth[part, line]
+    kept = np.flatnonzero(first < first.min() + _RUBBER_M)
+    places = lines[kept].copy()
+    places[:, 1] = sign * first[kept]
+    return _Patch(places, normals[part[kept], kept], bodies[part[kept]])
+
+
+def _holds(left: _Patch, right: _Patch) -> bool:
+    """Whether the line between some two contacts lies within the friction cones of both facets."""
+    across = right.places[None] - left.places[:, None]
+    across /= np.maximum(np.linalg.norm(across, axis=2, keepdims=True), 1e-9)
+    inward = -(across * left.normals[:, None]).sum(axis=2)
+    outward = (across * right.normals[None]).sum(axis=2)
+    return bool((np.minimum(inward, outward) >= _CONE_COS).any())

@@ -1,0 +1,68 @@
+"""What detect saw before it looked for grasps: the table, the things on it, and what was not seen."""
+
+from __future__ import annotations
+
+from bus.arrays import LabelImage, Mask, Transform, Vector3
+from bus.frozen import Message
+
+
+class SeenTable(Message):
+    """The table as it was seen.
+
+    Attributes:
+        base_from_table: (4, 4): z along the plane's normal.
+        offset_m: its height over the station's table, at the middle of the pick region.
+        tilt_rad: angle between it and the station's table, which is level.
+    """
+
+    base_from_table: Transform
+    offset_m: float
+    tilt_rad: float
+
+
+class Instance(Message):
+    """One thing on the table.
+
+    Attributes:
+        number: its value in `ObservedScene.labels`, from 1 on.
+        top_m: (3,) its highest point in ``base``. ``size_m``: (3,) length, width and height of the box around it.
+        in_view: false when the image's border cuts it.
+        depth_share: share of its pixels that have depth; what has its colour and none, beside it, counts as missing.
+    """
+
+    number: int
+    top_m: Vector3
+    size_m: Vector3
+    in_view: bool
+    depth_share: float
+
+
+class ObservedScene(Message):
+    """The model of the scene. Images are in the undistorted colour image.
+
+    Attributes:
+        region_seen: share of the pick region where the table or something on it was seen.
+        labels: (H, W) the number of the thing in each pixel, 0 = none.
+        unseen: (H, W) the pixels of the pick region without depth.
+    """
+
+    table: SeenTable
+    region_seen: float
+    instances: tuple[Instance, ...]
+    labels: LabelImage
+    unseen: Mask
+
+
+class Tried(Message):
+    """One rod that was imagined, and what became of it.
+
+    Attributes:
+        instance: number of the thing; ``sample``: of the proposal, from 0.
+        score: of its best grasp; None with a failure, whose code and text say why.
+    """
+
+    instance: int
+    sample: int
+    score: float | None = None
+    code: str = ""
+    text: str = ""

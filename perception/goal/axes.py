@@ -1,0 +1,29 @@
+"""The axes along which the jaw could close on one thing, from the search over the whole scene. In ``base``."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bus.transforms import apply
+from perception.grasps.closing import Closings
+from perception.observed_object import Axis
+from perception.scene.scene import Scene
+
+_MOST = 8
+_INSIDE_M = 0.004
+"""The axis runs at least so far below the edge: on the object, not above it."""
+
+
+def axes_of(closings: Closings, instance: int, scene: Scene) -> tuple[Axis, ...]:
+    """The best distinct axes of one thing, the best first."""
+    ours = closings.taken(np.flatnonzero((closings.instance == instance) & np.isfinite(closings.score)))
+    return tuple(_axis(ours, index, scene) for index in ours.distinct(_MOST))
+
+
+def _axis(closings: Closings, index: int, scene: Scene) -> Axis:
+    heading, width_m = closings.heading_rad[index], closings.width_m[index]
+    half = width_m / 2 * np.array([np.cos(heading), np.sin(heading), 0.0])
+    level_m = max(min(closings.tcp_m[index], closings.edge_m[index] - _INSIDE_M), _INSIDE_M)
+    center = np.append(closings.center_m[index], level_m)
+    ends = apply(scene.table.base_from_table, np.stack([center - half, center + half]))
+    return Axis(ends, float(closings.score[index]))

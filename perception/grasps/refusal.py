@@ -1,0 +1,55 @@
+"""Why a scene with things in it yields no grasp, in words that say what to do."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from bus.codes import Code
+from bus.errors import CycleFailure
+from bus.messages import ObservedScene
+from config.schema import Station
+from perception.grasps.closing import Closings
+from perception.grasps.search import search
+from perception.scene.scene import Scene
+
+_NAMED = 5
+
+
+def why_none(
+    failures: list[CycleFailure], closings: Closings, scene: Scene, seen: ObservedScene, station: Station
+) -> CycleFailure:
+    """The failure of a detection without any grasp.
+
+    A model's failure stands as it is. Otherwise: NOT_SEEN when there would be grasps if the space that the camera did
+    not see were free, else NO_GRASP.
+    """
+    of_model = [failure for failure in failures if failure.failure is not Code.NO_GRASP]
+    if of_model:
+        return of_model[0]
+    if np.isfinite(closings.score).any() and failures:
+        return failures[0]
+    hidden = _hidden(scene, station)
+    if hidden:
+        text = f"{hidden} ways to grasp would be free if the camera saw the space beside them"
+        return CycleFailure(Code.NOT_SEEN, f"{text}: look from above, or from another side.")
+    return CycleFailure(
+        Code.NO_GRASP,
+        f"The jaw opens {station.hand.max_width_m * 1e3:.0f} mm and fits nowhere on {_things(seen)}: no two opposite"
+        " faces with room for the fingers beside them.",
+    )
+
+
+def _things(seen: ObservedScene) -> str:
+    widths = [f"{one.size_m[1] * 1e3:.0f} mm" for one in seen.instances[:_NAMED]]
+    if len(seen.instances) == 1:
+        return f"the thing there, which is {widths[0]} wide"
+    more = ", ..." if len(seen.instances) > _NAMED else ""
+    return f"the {len(seen.instances)} things there, which are {', '.join(widths)}{more} wide"
+
+
+def _hidden(scene: Scene, station: Station) -> int:
+    """How many closings there would be if what was not seen were free."""
+    heights = replace(scene.heights, bound_m=scene.heights.surface_m)
+    return int(np.isfinite(search(heights, station).score).sum())

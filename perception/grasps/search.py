@@ -1,0 +1,241 @@
+"""Searches a whole height map for grasps: every heading, every height, every place where fingers fit beside material.
+
+For each heading the map is turned so that the closing axis is x. Runs of material between free room on both sides
+become candidates; a share of them, spread evenly over places and headings, is closed and scored.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from config.franka_hand import PALM_ABOVE_TIP_M
+from config.schema import HandSettings, Station
+from perception.grasps.closing import TABLE_CLEARANCE_M, Closings, close, joined, weighted
+from perception.scene.heightmap import CELL_M, HeightMap, Heights
+
+_HEADINGS = 16
+_LEVEL_M = 0.008
+_ROW_CELLS = 2
+_GROUP_CELLS, _MARGIN_CELLS = 21, 65
+"""Things less than 40 mm apart are looked at together; around them, as far as the palm reaches."""
+_FINGER_ACROSS_M, _PALM_M = 0.020, (0.20, 0.064)
+_PAD_M = 0.018
+_MIN_WIDTH_M, _OVER_TIP_M = 0.003, 0.003
+_BIN_M = 0.010
+"""Candidates are picked by turns from bins of this size and each heading, so that no part of the scene is left out."""
+_MOST, _TESTED = 1200, 120
+_BEST, _BEST_APART_M, _BEST_APART_RAD = 40, 0.010, float(np.deg2rad(15))
+_TURNS_RAD, _SIDES_M = np.deg2rad([-8.0, -4.0, 0.0, 4.0, 8.0]), np.array([-0.004, 0.0, 0.004])
+_FEWER = 0.5
+"""Below this share of `_MOST` candidates, those with little room for the fingers are added."""
+_CLEARANCES_M = (0.004, 0.002)
+_ERRORS = np.array([[0.003, 0, 0], [-0.003, 0, 0], [0, 0.003, 0], [0, -0.003, 0], [0, 0, 0.087], [0, 0, -0.087]])
+"""Pose errors that a grasp should survive: along and across the closing axis [m], and of the heading [rad]."""
+_ROBUST_CLEARANCE_M = 0.0035
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Places to close the jaw at; arrays of length n."""
+
+    center_m: Array
+    heading_rad: Array
+    slice_m: Array
+
+    def taken(self, chosen: npt.NDArray[np.integer]) -> Candidates:
+        """The chosen ones, in their order."""
+        return Candidates(self.center_m[chosen], self.heading_rad[chosen], self.slice_m[chosen])
+
+
+def search(heights: HeightMap, station: Station) -> Closings:
+    """Closings all over the map, scored, the best of them also by how many pose errors they survive."""
+    found = _everywhere(heights, station, _CLEARANCES_M[0])
+    if len(found.center_m) < _FEWER * _MOST:
+        found = _both(found, _everywhere(heights, station, _CLEARANCES_M[1]))
+    chosen = _spread(found)
+    coarse = close(heights, chosen.center_m, chosen.heading_rad, chosen.slice_m, station)
+    fine = _refined(coarse, heights, station)
+    return tested(joined([coarse, fine]), heights, station, _TESTED)
+
+
+def _everywhere(heights: HeightMap, station: Station, clearance_m: float) -> Candidates:
+    """The candidates of every group of things; between groups that lie apart nothing is looked for."""
+    found = Candidates(np.zeros((0, 2)), np.zeros(0), np.zeros(0))
+    near = cv2.dilate((heights.labels > 0).astype(np.uint8), np.ones((_GROUP_CELLS, _GROUP_CELLS), np.uint8))
+    _, _, boxes, _ = cv2.connectedComponentsWithStats(near)
+    for left, top, width, height, _ in boxes[1:]:
+        margin = _MARGIN_CELLS - _GROUP_CELLS // 2
+        window = np.s_[max(0, top - margin) : top + height + margin, max(0, left - margin) : left + width + margin]
+        found = _both(found, _candidates(heights.part(window), station, clearance_m))
+    return found
+
+
+def _refined(closings: Closings, heights: HeightMap, station: Station) -> Closings:
+    """The best distinct closings, turned and moved across by a little: the search's headings are 11 deg apart."""
+    best = closings.taken(closings.distinct(_BEST, _BEST_APART_M, _BEST_APART_RAD))
+    turn_rad, side_m = (grid.ravel() for grid in np.meshgrid(_TURNS_RAD, _SIDES_M))
+    headings = best.heading_rad[:, None] + turn_rad
+    across = np.stack([-np.sin(best.heading_rad), np.cos(best.heading_rad)], axis=1)
+    centers = best.center_m[:, None] + side_m[:, None] * across[:, None]
+    slices_m = np.repeat(best.slice_m, len(turn_rad))
+    return close(heights, centers.reshape(-1, 2), headings.ravel(), slices_m, station)
+
+
+def tested(closings: Closings, heights: HeightMap, station: Station, most: int) -> Closings:
+    """The closings with the term ``robust``: the best ``most`` are tested, the others count as surviving nothing."""
+    feasible = np.argsort(-closings.score, kind="stable")[: min(most, int(np.isfinite(closings.score).sum()))]
+    robust = np.zeros(len(closings.score))
+    robust[feasible] = _survived(closings, feasible, heights, station)
+    terms = {**closings.terms, "robust": robust}
+    return replace(closings, terms=terms, score=np.where(np.isfinite(closings.score), weighted(terms), -np.inf))
+
+
+def _survived(closings: Closings, chosen: npt.NDArray[np.intp], heights: HeightMap, station: Station) -> Array:
+    """Share (n,) of the pose errors after which the jaw still closes."""
+    heading = closings.heading_rad[chosen]
+    along = np.stack([np.cos(heading), np.sin(heading)], axis=1)
+    across = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    centers = closings.center_m[chosen, None] + _ERRORS[:, :1] * along[:, None] + _ERRORS[:, 1:2] * across[:, None]
+    headings = (heading[:, None] + _ERRORS[:, 2]).ravel()
+    slices_m = np.repeat(closings.slice_m[chosen], len(_ERRORS))
+    erred = close(heights, centers.reshape(-1, 2), headings, slices_m, station, clearance_m=_ROBUST_CLEARANCE_M)
+    same = erred.instance == np.repeat(closings.instance[chosen], len(_ERRORS))
+    return np.asarray((np.isfinite(erred.score) & same).reshape(len(chosen), len(_ERRORS)).mean(axis=1))
+
+
+def _candidates(heights: HeightMap, station: Station, clearance_m: float) -> Candidates:
+    """Every run of material with room for the fingers, over all headings."""
+    found = [
+        _along(heights, float(heading), station, clearance_m) for heading in np.arange(_HEADINGS) * (np.pi / _HEADINGS)
+    ]
+    return Candidates(*(np.concatenate([getattr(one, name) for one in found]) for name in
+                        ("center_m", "heading_rad", "slice_m")))  # fmt: skip
+
+
+def _both(one: Candidates, other: Candidates) -> Candidates:
+    return Candidates(*(np.concatenate([getattr(one, name), getattr(other, name)]) for name in
+                        ("center_m", "heading_rad", "slice_m")))  # fmt: skip
+
+
+def _along(heights: HeightMap, heading_rad: float, station: Station, clearance_m: float) -> Candidates:
+    """The runs of one heading."""
+    turned, hand = _Turned.of(heights, heading_rad), station.hand
+    is_object = turned.is_object[::_ROW_CELLS]
+    finger = turned.highest_around(turned.bound_m, hand.finger_thickness_m, _FINGER_ACROSS_M)[::_ROW_CELLS]
+    palm = turned.highest_around(turned.bound_m, *_PALM_M)[::_ROW_CELLS]
+    pad = turned.highest_around(turned.surface_m, 0.0, _PAD_M)[::_ROW_CELLS]
+    top_m = np.where(is_object, pad, np.float32(0)).max(axis=1)
+    beside = (clearance_m + hand.finger_thickness_m / 2) / CELL_M
+    cells, slices = [np.zeros((0, 2))], [np.zeros(0)]
+    for tip_m in _levels(float(top_m.max(initial=0.0))):
+        rows = np.flatnonzero(top_m > tip_m + _OVER_TIP_M)
+        row, first, last = _runs(pad[rows] > tip_m + _OVER_TIP_M, hand)
+        row = rows[row]
+        left = np.clip(np.rint(first - beside).astype(int), 0, pad.shape[1] - 1)
+        right = np.clip(np.rint(last + beside).astype(int), 0, pad.shape[1] - 1)
+        middle = (first + last) // 2
+        fits = (finger[row, left] < tip_m - 0.001) & (finger[row, right] < tip_m - 0.001)
+        fits &= (palm[row, middle] < tip_m + PALM_ABOVE_TIP_M - 0.001) & is_object[row, middle]
+        cells.append(np.stack([(first + last)[fits] / 2, row[fits] * _ROW_CELLS], axis=1))
+        slices.append(np.full(int(fits.sum()), tip_m + _OVER_TIP_M))
+    center_m = turned.xy_m(np.concatenate(cells))
+    return Candidates(center_m, np.full(len(center_m), heading_rad), np.concatenate(slices))
+
+
+def _levels(top_m: float) -> Array:
+    """Tip heights to look at, from the table up to just below the highest object."""
+    return np.arange(TABLE_CLEARANCE_M, max(top_m - 0.004, TABLE_CLEARANCE_M + 1e-4), _LEVEL_M)
+
+
+def _runs(
+    solid: npt.NDArray[np.bool_], hand: HandSettings
+) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    """Row, first and last column of every run along the rows that fits into the jaw; also of two neighbours as one."""
+    framed = np.pad(solid, ((0, 0), (1, 1)))
+    changes = np.flatnonzero(framed[:, 1:] != framed[:, :-1])  # begin and end of every run, by turns
+    row, first = np.divmod(changes[::2], solid.shape[1] + 1)
+    last = changes[1::2] % (solid.shape[1] + 1) - 1
+    pair = np.flatnonzero(row[1:] == row[:-1])
+    row, first, last = (
+        np.concatenate(both) for both in ((row, row[pair]), (first, first[pair]), (last, last[pair + 1]))
+    )
+    width_m = (last - first + 1) * CELL_M
+    fits = (width_m >= _MIN_WIDTH_M) & (width_m <= hand.max_width_m)
+    return row[fits], first[fits], last[fits]
+
+
+def _spread(found: Candidates) -> Candidates:
+    """At most `_MOST` of the candidates, by turns from bins of place and heading, the deepest of each bin first."""
+    place = np.floor(found.center_m / _BIN_M).astype(np.int64)
+    keys = np.column_stack([place, np.rint(found.heading_rad * 1e3).astype(np.int64)])
+    order = np.lexsort((found.slice_m, keys[:, 2], keys[:, 1], keys[:, 0]))
+    ordered = keys[order]
+    starts = np.flatnonzero(np.r_[True, (ordered[1:] != ordered[:-1]).any(axis=1)]) if len(order) else np.zeros(0, int)
+    turn = np.arange(len(order)) - np.repeat(starts, np.diff(np.r_[starts, len(order)]))
+    kept = order[np.argsort(turn, kind="stable")]
+    first_turn = int((turn == 0).sum())
+    if first_turn > _MOST:
+        kept = kept[np.linspace(0, first_turn - 1, _MOST).astype(int)]
+    return found.taken(kept[:_MOST])
+
+
+@dataclass(frozen=True)
+class _Turned:
+    """A height map turned so that the closing axis is x. ``origin_m``, ``axis``: its place in the level frame."""
+
+    surface_m: Heights
+    bound_m: Heights
+    is_object: npt.NDArray[np.bool_]
+    center_m: Array
+    heading_rad: float
+
+    @classmethod
+    def of(cls, heights: HeightMap, heading_rad: float) -> _Turned:
+        """Turn a map about its middle."""
+        ny, nx = heights.surface_m.shape
+        c, s = np.cos(heading_rad), np.sin(heading_rad)
+        size = (int(np.ceil(abs(nx * c) + abs(ny * s))), int(np.ceil(abs(nx * s) + abs(ny * c))))
+        middle, center = np.array([nx - 1, ny - 1]) / 2, np.array([size[0] - 1, size[1] - 1]) / 2
+        turn = np.array([[c, -s], [s, c]])
+        matrix = np.column_stack([turn, middle - turn @ center])
+
+        def warped(image: npt.NDArray[np.generic], beyond: float) -> npt.NDArray[np.float32]:
+            flags = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
+            turned = cv2.warpAffine(
+                image,
+                matrix,
+                size,
+                flags=flags,
+                borderMode=cv2.BORDER_CONSTANT,
+                borderValue=(beyond,),
+            )
+            return np.asarray(turned)
+
+        return cls(
+            warped(heights.surface_m, 0.0),
+            warped(heights.bound_m, 0.2),
+            warped((heights.labels > 0).astype(np.uint8), 0.0) > 0,
+            heights.origin_m + middle * CELL_M,
+            heading_rad,
+        )
+
+    def highest_around(self, image: Heights, along_m: float, across_m: float) -> Heights:
+        """The highest value in a box around each cell: ``along_m`` on x, ``across_m`` on y."""
+        box = np.ones((_odd(across_m), _odd(along_m)), np.uint8)
+        return np.asarray(cv2.dilate(image, box, borderType=cv2.BORDER_REPLICATE))
+
+    def xy_m(self, cells: Array) -> Array:
+        """Positions (n, 2) in the level frame of cells (n, 2) = (column, row)."""
+        off = (cells - np.array([self.surface_m.shape[1] - 1, self.surface_m.shape[0] - 1]) / 2) * CELL_M
+        c, s = np.cos(self.heading_rad), np.sin(self.heading_rad)
+        return np.asarray(self.center_m + off @ np.array([[c, s], [-s, c]]))
+
+
+def _odd(length_m: float) -> int:
+    return round(length_m / CELL_M) | 1

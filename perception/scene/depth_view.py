@@ -1,0 +1,126 @@
+"""What the depth camera sees, in its own pixels: points, and whether a place in space was seen to be free."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from bus.arrays import Transform
+from bus.messages import CameraModel, Observation
+from bus.transforms import inverse
+from perception.geometry.depth import rays
+
+_NARROW_M, _SHADOW_M, _STEP_M = 0.003, 0.016, 0.015
+"""See `DepthView.nearest_m`: how far a narrow hole's rim is, how far a shadow reaches, what counts as a step."""
+_BEHIND_M = 0.004
+"""A place is free when what is seen in its direction lies so much farther."""
+
+Depth = npt.NDArray[np.float32]
+Points = npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class DepthView:
+    """The depth image without flying pixels.
+
+    Attributes:
+        depth_m: (h, w) z-depth, NaN = none. ``camera``: its model, with distortion.
+        base_from_depth: (4, 4) pose of the depth camera.
+        points_base: (h, w, 3) [m], NaN = none.
+    """
+
+    depth_m: Depth
+    camera: CameraModel
+    base_from_depth: Transform
+    points_base: Points
+
+    @classmethod
+    def of(cls, observation: Observation, depth_m: Depth) -> DepthView:
+        """The depth image of an observation; ``depth_m`` (h, w): it, without flying pixels."""
+        frame = observation.frame
+        base_from_depth = observation.view.base_from_color @ frame.color_from_depth
+        points = moved(_rays(frame.depth_camera) * depth_m[..., None], base_from_depth)
+        return cls(depth_m, frame.depth_camera, base_from_depth, points)
+
+    @cached_property
+    def pixel_m(self) -> float:
+        """Size of a pixel on the scene [m], at the median depth."""
+        return float(np.nanmedian(self.depth_m[::4, ::4])) / self.camera.fx
+
+    @cached_property
+    def nearest_m(self) -> Depth:
+        """(h, w) the measured depth; in holes, how near what fills them may be; NaN where nobody can say.
+
+        A narrow hole is as near as its rim. A wider one beside a step is the shadow of what is near there, and counts
+        as near as that. Any other hole may hide anything: glass, something black, or nearer than the camera measures.
+        """
+        is_hole = np.isnan(self.depth_m)
+        rim_m = cv2.erode(np.where(is_hole, np.float32(np.inf), self.depth_m), _box(_NARROW_M, self.pixel_m))
+        near_m = cv2.erode(np.where(is_hole, np.float32(np.inf), self.depth_m), _box(_SHADOW_M, self.pixel_m))
+        far_m = cv2.dilate(np.where(is_hole, np.float32(0), self.depth_m), _box(_SHADOW_M, self.pixel_m))
+        filled = np.where(far_m - near_m > _STEP_M, near_m, rim_m)
+        filled = np.where(is_hole, filled, self.depth_m)
+        return np.where(np.isinf(filled), np.float32(np.nan), filled)
+
+    def in_view(self, points_base: Points) -> npt.NDArray[np.bool_]:
+        """Whether each point (n, 3) [m] lies inside the image."""
+        pixels, z = self.pixels(points_base)
+        return self._inside(pixels, z)
+
+    def is_hidden(self, points_base: Points) -> npt.NDArray[np.bool_]:
+        """Whether each point (n, 3) [m] lies behind what is seen in its direction, or nothing is seen there.
+
+        Points outside the image are not hidden: they are not in view.
+        """
+        pixels, z = self.pixels(points_base)
+        inside = self._inside(pixels, z)
+        u, v = np.where(inside[:, None], pixels, 0).T
+        return np.asarray(inside & ~(self.nearest_m[v, u] > z + np.float32(_BEHIND_M)))  # NaN compares false
+
+    def _inside(self, pixels: npt.NDArray[np.int32], z: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
+        inside = (z > 0) & (pixels >= 0).all(axis=1)
+        return np.asarray(inside & (pixels[:, 0] < self.camera.width) & (pixels[:, 1] < self.camera.height))
+
+    def pixels(self, points_base: Points) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]:
+        """The nearest pixels (n, 2) = (u, v) of points (n, 3) [m], maybe outside the image, and their z-depth (n,)."""
+        x, y, z = moved(points_base[None], inverse(self.base_from_depth))[0].T
+        scale = 1 / np.where(z > 0, z, np.float32(np.nan))
+        x, y = _distorted(x * scale, y * scale, self.camera)
+        u = np.rint(np.nan_to_num(self.camera.fx * x + self.camera.cx, nan=-1.0)).clip(-1, 1 << 20)
+        v = np.rint(np.nan_to_num(self.camera.fy * y + self.camera.cy, nan=-1.0)).clip(-1, 1 << 20)
+        return np.stack([u, v], axis=1).astype(np.int32), z
+
+
+def moved(points: Points, to_from: Transform) -> Points:
+    """Points (h, w, 3) of a frame in another one, ``to_from`` (4, 4); fast, in single precision."""
+    return np.asarray(cv2.transform(points, to_from[:3].astype(np.float32)))
+
+
+def _box(reach_m: float, pixel_m: float) -> npt.NDArray[np.uint8]:
+    """A square kernel that reaches so far to each side."""
+    side_px = 2 * int(np.ceil(reach_m / pixel_m)) + 1
+    return np.ones((side_px, side_px), np.uint8)
+
+
+@lru_cache(maxsize=4)
+def _rays(camera: CameraModel) -> Points:
+    return rays(camera).astype(np.float32)
+
+
+def _distorted(
+    x: npt.NDArray[np.float32], y: npt.NDArray[np.float32], camera: CameraModel
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    """Image coordinates, in focal lengths, after the lens's distortion (docs/frames.md)."""
+    if not camera.distortion:
+        return x, y
+    k1, k2, p1, p2, k3, k4, k5, k6 = (np.float32(value) for value in (*camera.distortion, *(0.0,) * 8)[:8])
+    r2 = x * x + y * y
+    radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
+    return (
+        x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
+        y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
+    )

@@ -1,0 +1,199 @@
+"""What was seen and what was not: how much of the pick region, each thing on it, and whether an empty one is empty."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from bus.codes import Code
+from bus.errors import CycleFailure
+from bus.messages import Instance, ObservedScene, SeenTable
+from bus.transforms import apply, inverse
+from config.schema import Station
+from perception.geometry.crop import Crop
+from perception.scene.heightmap import CELL_M
+from perception.scene.scene import Scene
+
+_CELL_M = 0.005
+_HOLE_M2 = 3e-4
+"""A hole in the depth this large may hide an object, when its colour is not the table's."""
+_FOREIGN = 25.0
+"""Squared standard deviations from the table's colour above which a pixel is not the table."""
+_FOREIGN_SHARE = 0.3
+_FEWEST = 20
+_BESIDE_PX, _BORDER_PX, _RIM_PX = 25, 3, 5
+_OBJECT_M = 0.012
+
+Mask = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class RegionView:
+    """The pick region as the camera sees it, at points 5 mm apart on the seen table.
+
+    Attributes:
+        shape: (ny, nx). ``is_seen``: (ny, nx) the points where table or an object was measured.
+        pixels: (n, 2) of the colour image. ``inside``: (ny, nx) the points inside that image.
+    """
+
+    scene: Scene
+    shape: tuple[int, int]
+    is_seen: Mask
+    inside: Mask
+    pixels: npt.NDArray[np.int64]
+
+    @classmethod
+    def of(cls, scene: Scene, station: Station) -> RegionView:
+        """Project the region's points into the images."""
+        x_min, x_max, y_min, y_max = station.scene.pick_region_m
+        x_m, y_m = np.meshgrid(np.arange(x_min, x_max, _CELL_M), np.arange(y_min, y_max, _CELL_M))
+        z_m = x_m * scene.table.slope_x + y_m * scene.table.slope_y + scene.table.height_m
+        points = np.stack([x_m, y_m, z_m], axis=-1).reshape(-1, 3)
+        in_depth, z = scene.view.pixels(points.astype(np.float32))
+        camera = scene.view.camera
+        measured = _inside(in_depth, z, (camera.height, camera.width))
+        column, row = np.where(measured[:, None], in_depth, 0).T
+        is_seen = measured & (scene.points_table[row, column, 2] > -_OBJECT_M)
+        in_color = apply(inverse(scene.base_from_color), points)
+        scale = 1 / np.where(in_color[:, 2] > 0, in_color[:, 2], np.nan)
+        model = scene.rgbd.camera
+        u, v = in_color[:, 0] * scale * model.fx + model.cx, in_color[:, 1] * scale * model.fy + model.cy
+        pixels = np.rint(np.nan_to_num(np.stack([u, v], axis=1), nan=-1.0)).astype(np.int64)
+        inside = _inside(pixels, in_color[:, 2], (model.height, model.width))
+        return cls(scene, x_m.shape, is_seen.reshape(x_m.shape), inside.reshape(x_m.shape), pixels)
+
+    @property
+    def share(self) -> float:
+        """Share of the region that was seen."""
+        return float(self.is_seen.mean())
+
+    @cached_property
+    def unseen(self) -> Mask:
+        """(H, W) the pixels of the region, in the colour image, without depth."""
+        rgbd = self.scene.rgbd
+        u, v = np.where(self.inside.reshape(-1, 1), self.pixels, 0).T
+        corners = cv2.convexHull(np.stack([u, v], axis=1)[self.inside.ravel()].astype(np.int32)) if u.any() else None
+        region = np.zeros(rgbd.depth_m.shape, dtype=np.uint8)
+        if corners is not None:
+            cv2.fillConvexPoly(region, corners, 1)
+        return np.asarray((region > 0) & np.isnan(rgbd.depth_m))
+
+    def largest_foreign_hole_m2(self) -> float:
+        """Area [m2] of the largest hole whose colour is not the table's; 0 for none."""
+        holes = self.inside & ~self.is_seen
+        opened = cv2.morphologyEx(holes.astype(np.uint8), cv2.MORPH_OPEN, np.ones((2, 2), np.uint8))
+        count, labels = cv2.connectedComponents(opened)
+        foreign = [label for label in range(1, count) if self._foreign[labels == label].mean() > _FOREIGN_SHARE]
+        return max((float((labels == label).sum()) * _CELL_M**2 for label in foreign), default=0.0)
+
+    @cached_property
+    def _foreign(self) -> Mask:
+        """(ny, nx) the points whose colour is not the table's; none when too little of it was seen."""
+        seen = self.is_seen & self.inside
+        if seen.sum() < _FEWEST:
+            return np.zeros(self.shape, dtype=bool)
+        lab = cv2.cvtColor(cv2.blur(self.scene.rgbd.color, (5, 5)), cv2.COLOR_RGB2LAB)
+        u, v = np.where(self.inside.reshape(-1, 1), self.pixels, 0).T
+        sampled = lab[v, u].reshape(*self.shape, 3).astype(float)
+        return np.asarray(_apart(sampled, sampled[seen]) > _FOREIGN)
+
+
+def described(scene: Scene, region: RegionView) -> ObservedScene:
+    """The scene as a message."""
+    table = scene.table
+    return ObservedScene(
+        table=SeenTable(base_from_table=table.base_from_table, offset_m=table.offset_m, tilt_rad=table.tilt_rad),
+        region_seen=region.share,
+        instances=tuple(_instance(scene, number) for number in range(1, scene.count + 1)),
+        labels=_with_rims(scene),
+        unseen=region.unseen,
+    )
+
+
+def require_something(scene: Scene, region: RegionView, station: Station) -> None:
+    """End the detection of a pick region in which nothing rises above the table.
+
+    Raises:
+        CycleFailure: NO_OBJECT when enough of the table was seen and no hole hides anything; NO_DEPTH for a hole of
+            another colour than the table's; NOT_SEEN when too little was seen.
+    """
+    if scene.count:
+        return
+    needed = station.perception.min_table_seen
+    hole_m2 = region.largest_foreign_hole_m2()
+    if hole_m2 > _HOLE_M2:
+        raise CycleFailure(
+            Code.NO_DEPTH,
+            f"Nothing rises above the table, but {hole_m2 * 1e4:.0f} cm2 of it have no depth and another colour than"
+            " the table: glass, something black or shiny, or nearer than the camera measures?",
+        )
+    if region.share < needed:
+        raise CycleFailure(
+            Code.NOT_SEEN,
+            f"Nothing rises above the table, but only {region.share:.0%} of the pick region was seen;"
+            f" {needed:.0%} are needed.",
+        )
+    raise CycleFailure(
+        Code.NO_OBJECT, f"Nothing rises above the table inside the pick region, of which {region.share:.0%} was seen."
+    )
+
+
+def _with_rims(scene: Scene) -> npt.NDArray[np.uint8]:
+    """The numbers (H, W) of the things, also in pixels without depth at their rims."""
+    labels = scene.color_labels.astype(np.uint8)
+    around = cv2.dilate(labels, np.ones((_RIM_PX, _RIM_PX), np.uint8))
+    return np.where((labels == 0) & np.isnan(scene.rgbd.depth_m), around, labels)
+
+
+def _instance(scene: Scene, number: int) -> Instance:
+    """Place, size and completeness of one thing."""
+    points = scene.points_table[scene.labels == number].astype(float)
+    (_, (one_m, other_m), _) = cv2.minAreaRect(points[:, :2].astype(np.float32))
+    top = points[points[:, 2].argmax()]
+    return Instance(
+        number=number,
+        top_m=apply(scene.table.base_from_table, top[None])[0],
+        size_m=np.array([max(one_m, other_m), min(one_m, other_m), top[2]]) + np.array([CELL_M, CELL_M, 0.0]) / 2,
+        in_view=not _at_border(scene, number),
+        depth_share=_depth_share(scene, number),
+    )
+
+
+def _at_border(scene: Scene, number: int) -> bool:
+    """Whether the border of the colour or the depth image cuts the thing."""
+    for labels in (scene.labels, scene.color_labels):
+        rim = np.ones(labels.shape, dtype=bool)
+        rim[_BORDER_PX:-_BORDER_PX, _BORDER_PX:-_BORDER_PX] = False
+        if (labels[rim] == number).any():
+            return True
+    return False
+
+
+def _depth_share(scene: Scene, number: int) -> float:
+    """Share of the thing's pixels with depth; those without are beside it and have its colour."""
+    ours = scene.color_labels == number
+    if not ours.any():
+        return 1.0
+    crop = Crop.around(ours, _BESIDE_PX)
+    mask, hole = crop.of(ours)[::2, ::2], np.isnan(crop.of(scene.rgbd.depth_m))[::2, ::2]
+    lab = cv2.cvtColor(cv2.blur(crop.of(scene.rgbd.color), (3, 3)), cv2.COLOR_RGB2LAB)[::2, ::2].astype(float)
+    rest = ~mask & ~hole
+    if rest.sum() < _FEWEST or mask.sum() < _FEWEST:
+        return 1.0
+    missing = hole & (_apart(lab, lab[mask]) < _apart(lab, lab[rest]))
+    return float(mask.sum() / (mask.sum() + missing.sum()))
+
+
+def _apart(lab: npt.NDArray[np.float64], samples: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Squared standard deviations (...) of colours (..., 3) from the mean of samples (n, 3)."""
+    mean, covariance = samples.mean(axis=0), np.cov(samples.T) + 4.0 * np.eye(3)
+    off = lab - mean
+    return np.asarray((off @ np.linalg.inv(covariance) * off).sum(axis=-1))
+
+
+def _inside(pixels: npt.NDArray[np.integer], z: npt.NDArray[np.floating], shape: tuple[int, int]) -> Mask:
+    return np.asarray((z > 0) & (pixels >= 0).all(axis=1) & (pixels[:, 0] < shape[1]) & (pixels[:, 1] < shape[0]))
