@@ -7,8 +7,8 @@ import numpy as np
 from bus.messages import Detections, Observation
 from bus.transforms import apply
 from config.schema import Station
-from perception.geometry.depth import without_flying_pixels
-from perception.scene.depth_view import DepthView, moved
+from perception.geometry.depth import moved, without_flying_pixels
+from perception.scene.depth_view import DepthView
 from perception.scene.table import find_table
 
 _CELL_M = 0.004

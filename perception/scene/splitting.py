@@ -6,12 +6,13 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
+from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from perception.scene.heightmap import CELL_M, Heights, Labels
 
-_STEP_M = 0.009
-"""A step inside 10 mm that separates two things."""
+_STEP_M = 0.005
+"""A step from one cell to the next that parts two pieces: steeper than 68 degrees."""
 _VALLEY_M, _ACROSS_CELLS = 0.0025, 3
 """A cell is a valley when the mean of the two points 6 mm to either side is so much higher."""
 _FAR_BELOW_M = -10.0
@@ -22,7 +23,7 @@ _COLOR_STEP = 14.0
 """CIE76 distance inside 6 mm at which an even patch of colour ends."""
 _SMOOTH_PX = 3
 _MIN_BORDER = 3
-_VESSEL_M2, _INSIDE_SHARE = 0.03, 0.7
+_VESSEL_M2, _INSIDE_SHARE, _GAP_CELLS = 0.03, 0.7, 9
 _ALIKE, _SMALL_CELLS = 10.0, 300
 _SHADED = np.array([0.3, 1.0, 1.0])
 """Lightness counts less than hue: a thing's levels are lit differently."""
@@ -36,8 +37,9 @@ def pieces(surface_m: Heights, raised: Mask) -> Labels:
     Args:
         surface_m: (ny, nx) heights. ``raised``: (ny, nx) the cells above the table that may belong to an object.
     """
-    smooth = cv2.GaussianBlur(cv2.medianBlur(surface_m, _SMOOTH_PX), (0, 0), 1.0)
-    return _numbered(raised, raised & ~(_steps(smooth, raised) | _valleys(smooth, raised)))
+    smooth = cv2.medianBlur(surface_m, _SMOOTH_PX)
+    inside = raised & ~_valleys(cv2.GaussianBlur(smooth, (0, 0), 1.0), raised)
+    return _grown(_without_steps(smooth, inside), raised)
 
 
 def things(parts: Labels, lab: npt.NDArray[np.float32]) -> Labels:
@@ -69,19 +71,28 @@ def things(parts: Labels, lab: npt.NDArray[np.float32]) -> Labels:
 def _with_insides(labels: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
     """The things (ny, nx), each with what lies inside its outline: a cup with its floor, a box with what is in it."""
     labels = labels.copy()
-    for label in np.argsort(-np.bincount(labels.ravel()), kind="stable"):
-        ours = (labels == label).astype(np.uint8)
-        if label == 0 or not ours.any():
+    sizes = np.bincount(labels.ravel())
+    for label in np.argsort(-sizes, kind="stable"):
+        if label == 0 or not (labels == label).any():
             continue
-        contours, _ = cv2.findContours(ours, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-        whole = cv2.drawContours(np.zeros_like(ours), contours, -1, 1, cv2.FILLED)
+        rows, columns = np.nonzero(labels == label)
+        window = np.s_[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
+        whole = _outline_filled(labels[window] == label)
         if whole.sum() * CELL_M**2 > _VESSEL_M2:  # a bin, not a vessel
             continue
-        inside = np.bincount(labels[whole > 0], minlength=int(labels.max()) + 1)
-        share = inside / np.maximum(np.bincount(labels.ravel(), minlength=len(inside)), 1)
-        share[0] = 0.0
-        labels[np.isin(labels, np.flatnonzero(share > _INSIDE_SHARE))] = label
+        inside = np.bincount(labels[window][whole], minlength=len(sizes)) > _INSIDE_SHARE * np.maximum(sizes, 1)
+        inside[0] = False
+        labels[inside[labels]] = label
     return labels
+
+
+def _outline_filled(ours: Mask) -> Mask:
+    """A thing (ny, nx) with everything inside its outline, which may have gaps where its rim was not seen."""
+    framed = np.pad(ours.astype(np.uint8), _GAP_CELLS)
+    closed = cv2.morphologyEx(framed, cv2.MORPH_CLOSE, np.ones((_GAP_CELLS, _GAP_CELLS), np.uint8))
+    contours, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    whole = cv2.drawContours(np.zeros_like(closed), contours, -1, 1, cv2.FILLED)
+    return np.asarray(whole[_GAP_CELLS:-_GAP_CELLS, _GAP_CELLS:-_GAP_CELLS] > 0)
 
 
 def _borders(parts: Labels, count: int) -> npt.NDArray[np.int64]:
@@ -105,15 +116,25 @@ def color_patches(lab: npt.NDArray[np.float32], raised: Mask) -> Labels:
         difference = np.linalg.norm(np.roll(smooth, 1, axis) - np.roll(smooth, -2, axis), axis=2)
         both = np.roll(raised, 1, axis) & np.roll(raised, -2, axis)
         apart = np.maximum(apart, np.where(both, difference, 0))
-    return _numbered(raised, raised & (apart < _COLOR_STEP))
+    even = (raised & (apart < _COLOR_STEP)).astype(np.uint8)
+    return _grown(cv2.connectedComponents(even, connectivity=4)[1], raised)
 
 
-def _steps(smooth: Heights, raised: Mask) -> Mask:
-    """Cells beside a step between two raised places."""
-    kernel = np.ones((5, 5), np.uint8)
-    high = cv2.dilate(np.where(raised, smooth, np.float32(-1)), kernel)
-    low = cv2.erode(np.where(raised, smooth, np.float32(9)), kernel)
-    return np.asarray(high - low > _STEP_M)
+def _without_steps(smooth: Heights, inside: Mask) -> npt.NDArray[np.int32]:
+    """Components (ny, nx) of the cells ``inside`` between whose neighbours there is no step, from 1 on; 0 = none."""
+    cells = np.full(inside.shape, -1, dtype=np.int32)
+    cells[inside] = np.arange(int(inside.sum()), dtype=np.int32)
+    pairs = []
+    for one, other in ((np.s_[:, 1:], np.s_[:, :-1]), (np.s_[1:], np.s_[:-1])):
+        level = inside[one] & inside[other] & (np.abs(smooth[one] - smooth[other]) < _STEP_M)
+        pairs.append(np.stack([cells[one][level], cells[other][level]]))
+    first, second = np.concatenate(pairs, axis=1)
+    count = int(inside.sum())
+    graph = coo_array((np.ones(len(first), dtype=np.int8), (first, second)), shape=(count, count))
+    _, group = connected_components(graph, directed=False)
+    labels = np.zeros(inside.shape, dtype=np.int32)
+    labels[inside] = group + 1
+    return labels
 
 
 def _valleys(smooth: Heights, raised: Mask) -> Mask:
@@ -130,20 +151,19 @@ def _valleys(smooth: Heights, raised: Mask) -> Mask:
     return valley & raised
 
 
-def _numbered(raised: Mask, core: Mask) -> Labels:
-    """Components of the cores, grown over the rest of the raised cells; the largest has the number 1."""
-    opened = cv2.morphologyEx(core.astype(np.uint8), cv2.MORPH_OPEN, np.ones((2, 2), np.uint8))
-    _, labels = cv2.connectedComponents(opened, connectivity=4)
-    areas = np.bincount(labels.ravel())
-    labels[areas[labels] < _MIN_CELLS] = 0
+def _grown(labels: npt.NDArray[np.int32], raised: Mask) -> Labels:
+    """The components that are large enough, grown over the other raised cells; the largest has the number 1."""
+    labels = _large(labels)
     _grow(labels, raised, _GROWN_CELLS)
     _, rest = cv2.connectedComponents((raised & (labels == 0)).astype(np.uint8), connectivity=8)
-    labels = np.where(rest > 0, labels.max() + rest, labels)
-    areas = np.bincount(labels.ravel(), minlength=1)
-    small = (areas[labels] < _MIN_CELLS) & (labels > 0)
-    labels[small] = 0
+    labels = _large(np.where(rest > 0, labels.max() + rest, labels))
     _grow(labels, raised, 2 * _GROWN_CELLS)
     return _by_size(labels)
+
+
+def _large(labels: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
+    """The components of at least `_MIN_CELLS`; 0 in the others."""
+    return np.where(np.bincount(labels.ravel())[labels] < _MIN_CELLS, 0, labels).astype(np.int32)
 
 
 def _grow(labels: npt.NDArray[np.int32], raised: Mask, reach: int) -> None:
