@@ -42,7 +42,7 @@ class OnnxSession:
         try:
             self._session = runtime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
         except self._states.InvalidProtobuf as error:
-            raise ConfigError(f"{path} is no ONNX file.") from error
+            raise ConfigError(f"{path} is no ONNX file.", source) from error
         except self._refusals as error:
             raise ConfigError(f"{path} is no network that onnxruntime can run ({error}).") from error
         self._input, self.channels, self.size_px = self._read_input()
@@ -67,8 +67,10 @@ class OnnxSession:
         return ConfigError(f"{self._path} has the tensors {inputs} -> {outputs}.", self._needed)
 
     def try_out(self) -> list[Array]:
-        """The outputs for zeros: declared shapes may differ from the actual ones. Raises: ConfigError."""
-        return self.run(np.zeros((self.channels, self.size_px, self.size_px), dtype=np.float32))
+        """The outputs for a ramp of values: declared shapes may differ from the actual ones. Raises: ConfigError."""
+        side = self.size_px
+        ramp = np.linspace(-2, 2, side * side, dtype=np.float32).reshape(1, side, side)
+        return self.run(np.repeat(ramp, self.channels, axis=0))
 
     def run(self, planes: Array) -> list[Array]:
         """All outputs for one image (C, S, S). Raises: ConfigError when onnxruntime cannot run the network."""

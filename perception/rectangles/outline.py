@@ -106,7 +106,7 @@ def _contour(mask: Mask) -> tuple[Array, Array]:
     points = np.concatenate([np.zeros((0, 2), int), *(contour[:, 0] for contour in contours)])
     points = points[:: max(1, -(-len(points) // _CONTOUR_POINTS))]
     v, u = (gradient[points[:, 1], points[:, 0]] for gradient in np.gradient(smooth))
-    normals = np.stack([u, v], axis=1)
+    normals = np.stack([u, v], axis=1).astype(float)
     return points.astype(float), normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
 
 
@@ -171,7 +171,9 @@ def _off_center(mask: Mask, center: Array) -> Array:
 
 def _rims(points: Array, inward: Array, jaw: Jaw) -> list[Closing]:
     """Closings on the wall along the outline; those further up in the image score more."""
-    some = np.concatenate([[points[:, 1].argmin()], np.arange(0, len(points), _RIM_STEP)])
+    summit = np.flatnonzero(points[:, 1] <= points[:, 1].min() + 1)
+    middle = np.abs(points[summit, 0] - points[summit, 0].mean()).argmin()
+    some = np.concatenate([[summit[middle]], np.arange(0, len(points), _RIM_STEP)])
     run_px = _RIM_RUN * jaw.finger_px
     centers = points[some] + inward[some] * run_px / 2
     angles = np.arctan2(inward[some, 1], inward[some, 0]) % np.pi
