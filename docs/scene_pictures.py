@@ -148,7 +148,7 @@ def _heights(one: Look, shape: tuple[int, ...]) -> Image:
 
 
 def _things_m(heights: HeightMap, aspect: float) -> tuple[Array, Array]:
-    """The lowest and the highest (x, y) of a part of the map around the things, ``aspect`` times as wide in y as in x."""
+    """The lowest and highest (x, y) of a part of the map around the things, ``aspect`` times as wide in y as in x."""
     rows, columns = np.nonzero(heights.labels)
     places = heights.xy_m(rows, columns)
     low, high = places.min(axis=0) - 0.03, places.max(axis=0) + 0.03
@@ -160,7 +160,7 @@ def _things_m(heights: HeightMap, aspect: float) -> tuple[Array, Array]:
 def _shaded(heights: HeightMap) -> Image:
     """(ny, nx, 3)."""
     shades = np.clip(heights.surface_m / heights.surface_m[heights.labels > 0].max() * 255, 0, 255)
-    colors = cv2.applyColorMap(shades.astype(np.uint8), cv2.COLORMAP_VIRIDIS)[..., ::-1].copy()
+    colors: Image = np.array(cv2.applyColorMap(shades.astype(np.uint8), cv2.COLORMAP_VIRIDIS)[..., ::-1])
     colors[heights.bound_m > heights.surface_m + 0.003] = HIDDEN_RGB
     return colors
 
@@ -169,7 +169,7 @@ def _shaded(heights: HeightMap) -> Image:
 
 
 def table_picture(one: Look) -> Image:
-    """The grasp in the image, and from aside: the seen table, the station's, and the fingers that follow the seen one."""
+    """The grasp in the image, and from aside: the seen table, the station's, the fingers that follow the seen one."""
     assert one.found is not None
     image = crop(annotated(one.found, 0, ()), one.seen.labels > 0, 2 * MARGIN_PX)
     table = one.seen.table
