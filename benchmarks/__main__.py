@@ -26,6 +26,7 @@ from benchmarks import (
     planning,
     real_frames,
     recordings,
+    segmenters,
     soak,
     stopping,
     torn,
@@ -108,12 +109,16 @@ def detect_(
 def grasps_(
     dataset: Annotated[str, typer.Option(help="cornell, jacquard, or rgbd")],
     root: Annotated[Path, typer.Option(help="The dataset's folder.")],
-    detector: Annotated[str, typer.Option(help="vlad, antipodal, or onnx:PATH")] = "vlad",
+    detector: Annotated[str, typer.Option(help="vlad (with antipodal), antipodal, search, or onnx:PATH")] = "vlad",
     sheet: Annotated[Path | None, typer.Option(help="Where a picture goes: of the failures; of all, for rgbd.")] = None,
+    masks: Annotated[bool, typer.Option("--masks", help="Jacquard: overlap of segmenters with its masks.")] = False,
     overrides: Annotated[list[str] | None, typer.Option("--set", help="key=value")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
 ) -> None:
-    """Grasp rectangles on labelled images: the share that matches a label (IoU >= 25 %, 30 degrees).
+    """Grasp rectangles on labelled images: the share that matches a label (IoU >= 25 %, 30 degrees), of both halves.
+
+    antipodal: the search on the object's outline alone; vlad: the same through the imagined rod; search: the search
+    over a whole scene, on made-up heights.
 
     rgbd: real frames with depth and without labels, through the whole detection: found, refused by code, CPU time [s].
     """
@@ -122,6 +127,13 @@ def grasps_(
         return
     if dataset not in grasps.DATASETS:
         raise typer.BadParameter(f"{dataset!r} is none of {', '.join([*grasps.DATASETS, 'rgbd'])}")
+    if not (detector in grasps.DETECTORS or detector.startswith("onnx:")):
+        raise typer.BadParameter(f"{detector!r} is none of {', '.join([*grasps.DETECTORS, 'onnx:PATH'])}")
+    if masks and dataset != "jacquard":
+        raise typer.BadParameter("only jacquard has masks")
+    if masks:
+        typer.echo(json.dumps(segmenters.overlaps(root, overrides or [], _teller(as_json))))
+        return
     typer.echo(json.dumps(grasps.run(dataset, root, detector, overrides or [], _teller(as_json), sheet)))
 
 

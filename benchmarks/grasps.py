@@ -5,32 +5,38 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from benchmarks.baselines.color_only import segment_by_color
 from benchmarks.baselines.flat import flat_object, flat_rectangle
+from benchmarks.baselines.outlined import imagined_rectangle, jaw_of, outlined_object, outlined_rectangle
 from benchmarks.datasets.cornell import read_cornell
 from benchmarks.datasets.jacquard import read_jacquard
-from benchmarks.datasets.sample import Sample
+from benchmarks.datasets.sample import Half, Sample
+from benchmarks.segmenters import Segmenter, segmenter_of
 from benchmarks.sheet import write_sheet
 from bus.errors import CycleFailure
 from bus.messages import Rectangle
 from config.load import load_station
 from config.schema import Station
 from perception.detector import ignore_reply
+from perception.geometry.crop import Mask
 from perception.goal.imagine import Conversation
 from perception.models import open_models
-from perception.proposal import grasps_of, propose
+from perception.proposal import propose
 from perception.rectangles.metric import MAX_APART_RAD, MIN_IOU, angle_apart_rad, iou, matches
 from perception.rectangles.network import GraspNetwork
 
 _TILE_PX, _COLUMNS = 240, 6
+DETECTORS = ("vlad", "antipodal", "search")
+SKIPPED = "skipped"
+"""Outcome of an image without the depth that a detector needs."""
 
-Detector = Callable[[Sample], Rectangle]
+Detector = Callable[[Sample, Mask], Rectangle | None]
+"""The rectangle of an image whose object is masked; None = the image lacks what this detector needs."""
 
 
 class Dataset(NamedTuple):
@@ -42,7 +48,7 @@ class Dataset(NamedTuple):
 
 
 DATASETS = {
-    "cornell": Dataset(read_cornell, 0.0010, ("perception.rectangle_margin_m=0.006",)),
+    "cornell": Dataset(read_cornell, 0.0010, ("perception.rectangle_margin_m=0.010",)),
     "jacquard": Dataset(
         read_jacquard,
         0.0008,
@@ -52,9 +58,10 @@ DATASETS = {
 
 
 class Outcome(NamedTuple):
-    """One image: what was predicted, or why nothing was."""
+    """One image: what was predicted, or why nothing was; and what was taken for the object."""
 
     sample: Sample
+    mask: Mask | None
     predicted: Rectangle | None
     reason: str
 
@@ -67,60 +74,108 @@ def run(
     tell: Callable[[str], None],
     sheet: Path | None = None,
 ) -> dict[str, Any]:
-    """Every image of a dataset; ``sheet``: where a picture of the failures goes."""
+    """Every image of a dataset, through ``detector``; ``vlad`` is printed beside ``antipodal``, its search alone.
+
+    Args:
+        sheet: where a picture of the failures goes.
+    """
     chosen = DATASETS[dataset]
-    detect = _detector(detector, load_station(None, [*chosen.settings, *overrides]), chosen.m_per_px)
-    outcomes = []
+    station = load_station(None, [*chosen.settings, *overrides])
+    segmenter = segmenter_of(station, tell)
+    detectors = {name: _detector(name, station, chosen.m_per_px) for name in _rows(detector)}
+    outcomes: dict[str, list[Outcome]] = {name: [] for name in detectors}
     for sample in chosen.read(root):
-        outcomes.append(_judged(sample, detect))
-        tell(f"{sample.name} {outcomes[-1].reason}")
-    failures = [outcome for outcome in outcomes if outcome.reason != "success"]
+        masked = _masked(sample, segmenter)
+        for name, detect in detectors.items():
+            outcomes[name].append(_judged(sample, masked, detect))
+        tell(f"{sample.name} {' '.join(found[-1].reason for found in outcomes.values())}")
+    failures = [one for one in outcomes[detector] if one.reason not in ("success", SKIPPED)]
     if sheet is not None and failures:
         contact_sheet(failures, sheet)
+    return _figures(dataset, detector, outcomes, segmenter.name)
+
+
+def _rows(detector: str) -> tuple[str, ...]:
+    return ("vlad", "antipodal") if detector == "vlad" else (detector,)
+
+
+def _figures(dataset: str, detector: str, outcomes: dict[str, list[Outcome]], segmenter: str) -> dict[str, Any]:
+    asked = [one for one in outcomes[detector] if one.reason != SKIPPED]
+    is_masked = all(one.sample.mask is not None for one in outcomes[detector])
     return {
         "dataset": dataset,
         "detector": detector,
-        "images": len(outcomes),
-        "success_rate": 1 - len(failures) / max(len(outcomes), 1),
-        "by_reason": Counter(outcome.reason for outcome in failures),
+        "masks": "given" if is_masked else segmenter,
+        "images": len(asked),
+        "skipped": len(outcomes[detector]) - len(asked),
+        "success_rate": _rate(asked),
+        "by_reason": Counter(one.reason for one in asked if one.reason != "success"),
+        **{half: _half(half, outcomes) for half in get_args(Half)},
     }
+
+
+def _half(half: Half, outcomes: dict[str, list[Outcome]]) -> dict[str, Any]:
+    """Images and the success rate of every row, of one half of the objects."""
+    asked = {
+        name: [one for one in found if one.sample.half == half and one.reason != SKIPPED]
+        for name, found in outcomes.items()
+    }
+    return {"images": max(map(len, asked.values())), **{name: _rate(found) for name, found in asked.items()}}
+
+
+def _rate(outcomes: list[Outcome]) -> float | None:
+    """Share of successes; None of nothing."""
+    return sum(one.reason == "success" for one in outcomes) / len(outcomes) if outcomes else None
 
 
 def _detector(name: str, station: Station, m_per_px: float) -> Detector:
     if name.startswith("onnx:"):
         network = GraspNetwork(Path(name.removeprefix("onnx:")))
-        return lambda sample: network.detect(sample.color, sample.depth_m)
-    models = open_models(station, {})
+        return lambda sample, mask: (
+            None
+            if network.needs_depth and sample.depth_m is None
+            else network.detect(sample.color, sample.depth_m, mask)
+        )
+    models, jaw = open_models(station, {}), jaw_of(station, m_per_px)
 
-    def vlad(sample: Sample) -> Rectangle:
+    def vlad(sample: Sample, mask: Mask) -> Rectangle:
         models.imaginer.begin()
-        observed_object = flat_object(sample.color, _mask(sample), m_per_px, station)
+        observed_object = outlined_object(sample.color, mask, jaw, m_per_px, station)
         proposal = propose(Conversation(models.imaginer, ignore_reply), observed_object, models, station)
-        try:
-            return proposal.rectangles[grasps_of(proposal, observed_object, station)[0].rectangle]
-        except CycleFailure:  # the made-up height forbids it; the rectangle is the paper's all the same
-            return proposal.rectangles[-1]
+        return imagined_rectangle(proposal, observed_object, jaw)
 
-    def antipodal(sample: Sample) -> Rectangle:
-        return flat_rectangle(flat_object(sample.color, _mask(sample), m_per_px, station), station)
+    def whole_scene(sample: Sample, mask: Mask) -> Rectangle:
+        return flat_rectangle(flat_object(sample.color, mask, m_per_px, station), station)
 
-    return {"vlad": vlad, "antipodal": antipodal}[name]
+    return {"vlad": vlad, "antipodal": lambda sample, mask: outlined_rectangle(mask, jaw), "search": whole_scene}[name]
 
 
-def _mask(sample: Sample) -> npt.NDArray[np.bool_]:
-    return sample.mask if sample.mask is not None else segment_by_color(sample.color)
-
-
-def _judged(sample: Sample, detect: Detector) -> Outcome:
+def _masked(sample: Sample, segmenter: Segmenter) -> Mask | CycleFailure:
+    if sample.mask is not None:
+        return sample.mask
     try:
-        predicted = detect(sample)
+        return segmenter.mask(sample.color)
     except CycleFailure as failure:
-        return Outcome(sample, None, str(failure.failure))
+        return failure
+
+
+def _judged(sample: Sample, masked: Mask | CycleFailure, detect: Detector) -> Outcome:
+    if isinstance(masked, CycleFailure):
+        return Outcome(sample, None, None, str(masked.failure))
+    try:
+        predicted = detect(sample, masked)
+    except CycleFailure as failure:
+        return Outcome(sample, masked, None, str(failure.failure))
+    return Outcome(sample, masked, predicted, SKIPPED if predicted is None else _reason(predicted, sample))
+
+
+def _reason(predicted: Rectangle, sample: Sample) -> str:
+    """``success``, or what of place and angle no label agrees with."""
     if any(matches(predicted, truth) for truth in sample.truths):
-        return Outcome(sample, predicted, "success")
+        return "success"
     overlapping = [truth for truth in sample.truths if iou(predicted, truth) >= MIN_IOU]
     turned = [truth for truth in sample.truths if angle_apart_rad(predicted, truth) <= MAX_APART_RAD]
-    return Outcome(sample, predicted, "angle" if overlapping else "place" if turned else "both")
+    return "angle" if overlapping else "place" if turned else "both"
 
 
 def contact_sheet(outcomes: list[Outcome], path: Path) -> None:
@@ -132,6 +187,9 @@ def _tile(outcome: Outcome) -> npt.NDArray[np.uint8]:
     image = outcome.sample.color.copy()
     for truth in outcome.sample.truths:
         cv2.polylines(image, [np.rint(truth.corners_px()).astype(np.int32)], True, (40, 170, 60), 1, cv2.LINE_AA)
+    if outcome.mask is not None:
+        contours, _ = cv2.findContours(outcome.mask.astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+        cv2.drawContours(image, contours, -1, (60, 80, 255), 1)
     if outcome.predicted is not None:
         cv2.polylines(
             image, [np.rint(outcome.predicted.corners_px()).astype(np.int32)], True, (230, 30, 30), 2, cv2.LINE_AA

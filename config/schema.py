@@ -359,6 +359,16 @@ class SamSettings(Settings):
     device: str = "cpu"
 
 
+class SalientSettings(Settings):
+    """A salient-object network of the U-2-Net family, which marks what stands out. Needs the extra ``vlad-cell[onnx]``.
+
+    Attributes:
+        path: its ``.onnx`` file; ``just salient`` fetches u2netp.onnx (4.6 MB).
+    """
+
+    path: SystemPath = Path("weights/u2netp.onnx")
+
+
 class DepthProSettings(Settings):
     """Depth Pro: a folder or a hub id, and its device. Needs the extra ``vlad-cell[models]``."""
 
@@ -399,8 +409,10 @@ class PerceptionSettings(Settings):
     onnx: OnnxSettings = OnnxSettings()
     imagine: ImagineSettings = ImagineSettings()
     hosted: HostedSettings = HostedSettings()
-    segmenter: Literal["depth", "sam"] = "depth"
+    segmenter: Literal["depth", "sam", "salient"] = "depth"
+    """Depth finds the objects; ``sam`` and ``salient`` redraw their outlines in the colour image."""
     sam: SamSettings = SamSettings()
+    salient: SalientSettings = SalientSettings()
     target: TargetSettings = TargetSettings()
     goal_depth: Literal["observed", "depth_pro"] = "observed"
     """Depth of the goal image: the model's own if it knows it, else the height of the observed object; or Depth Pro."""

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from bus.codes import Code
 from bus.errors import CycleFailure
-from bus.messages import ArmMode, ArmState, CameraModel, Frame, Observation, Rectangle, View
+from bus.messages import ArmMode, ArmState, CameraModel, Frame, Instance, Observation, Rectangle, View
 from bus.transforms import apply, inverse
 from config.schema import Station
 from perception.geometry.crop import Mask
@@ -21,7 +21,7 @@ from perception.goal.target import by_best_grasp
 from perception.grasps.rank import graded
 from perception.grasps.search import search
 from perception.observed_object import ObservedObject
-from perception.scene.scene import observe
+from perception.scene.scene import Scene, observe
 from perception.scene.seen import RegionView, described
 
 _FOCAL_PX = 1000.0
@@ -30,16 +30,23 @@ _HEIGHT_M = 0.04
 
 def flat_object(color: npt.NDArray[np.uint8], object_mask: Mask, m_per_px: float, station: Station) -> ObservedObject:
     """The thing with the best grasp; ``m_per_px`` is the scale on its upper side. Raises: CycleFailure(NO_OBJECT)."""
+    scene, instances = flat_scene(color, object_mask, m_per_px, station)
+    closings = graded(search(scene.heights, station), instances)
+    number = by_best_grasp(scene, closings)[0]
+    axes = axes_of(closings, number, scene)
+    outline, margin_px = scene.color_labels == number, max(object_mask.shape)  # so the crop is the whole image
+    return observed_object_of(scene, instances, number, outline, axes, margin_px)[0]
+
+
+def flat_scene(
+    color: npt.NDArray[np.uint8], object_mask: Mask, m_per_px: float, station: Station
+) -> tuple[Scene, tuple[Instance, ...]]:
+    """The scene and the things in it, what is masked 40 mm high. Raises: CycleFailure(NO_OBJECT)."""
     anywhere = _without_fixtures(station)
     scene = observe(_observation(color, object_mask, m_per_px), anywhere)
     if not scene.count:
         raise CycleFailure(Code.NO_OBJECT, "Nothing stands out from the surface.")
-    seen = described(scene, RegionView.of(scene, anywhere))
-    closings = graded(search(scene.heights, station), seen.instances)
-    number = by_best_grasp(scene, closings)[0]
-    axes = axes_of(closings, number, scene)
-    outline, margin_px = scene.color_labels == number, max(object_mask.shape)  # so the crop is the whole image
-    return observed_object_of(scene, seen.instances, number, outline, axes, margin_px)[0]
+    return scene, described(scene, RegionView.of(scene, anywhere)).instances
 
 
 def _without_fixtures(station: Station) -> Station:

@@ -6,12 +6,13 @@ way, both ends of 79 % of the closing axes lie beside the object; read the other
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.datasets.sample import Sample, read_color, read_depth, read_image, require_folder
+from benchmarks.datasets.sample import Sample, halves, read_color, read_depth, read_image, require_folder
 from bus.errors import ConfigError
 from bus.messages import Rectangle
 
@@ -23,7 +24,10 @@ def read_jacquard(root: Path, depth: str = "perfect_depth") -> Iterator[Sample]:
     require_folder(root)
     if depth not in _DEPTHS:
         raise ConfigError(f"Jacquard has no depth {depth!r}.", f"There are: {', '.join(_DEPTHS)}.")
-    for picture in sorted(root.rglob("*_RGB.png")):
+    pictures = sorted(root.rglob("*_RGB.png"))
+    images = Counter(picture.parent for picture in pictures)
+    half_of = dict(zip(images, halves(list(images.values())), strict=True))
+    for picture in pictures:
         stem = picture.name.removesuffix("_RGB.png")
         mask, deep = (picture.with_name(f"{stem}_{kind}") for kind in ("mask.png", f"{depth}.tiff"))
         yield Sample(
@@ -32,6 +36,7 @@ def read_jacquard(root: Path, depth: str = "perfect_depth") -> Iterator[Sample]:
             depth_m=read_depth(deep) if deep.exists() else None,
             mask=_mask(mask),
             truths=read_labels(picture.with_name(f"{stem}_grasps.txt")),
+            half=half_of[picture.parent],
         )
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -11,6 +13,8 @@ import numpy.typing as npt
 
 from bus.errors import ConfigError
 from bus.messages import Rectangle
+
+Half = Literal["development", "report"]
 
 
 @dataclass(frozen=True)
@@ -21,6 +25,7 @@ class Sample:
         color: (H, W, 3) RGB.
         depth_m: (H, W), NaN = unknown; None = the sample has none. Not always z-depth: see the dataset.
         mask: (H, W) of the object, where the dataset gives it.
+        half: what may be tuned on it, or only reported; whole objects belong to one of the two.
     """
 
     name: str
@@ -28,6 +33,18 @@ class Sample:
     depth_m: npt.NDArray[np.float32] | None
     mask: npt.NDArray[np.bool_] | None
     truths: tuple[Rectangle, ...]
+    half: Half
+
+
+def halves(images: Sequence[int]) -> list[Half]:
+    """The half of each object, given its number of images: the one that has fewer so far, so both get as many."""
+    so_far: dict[Half, int] = {"development": 0, "report": 0}
+    chosen: list[Half] = []
+    for count in images:
+        half: Half = "development" if so_far["development"] <= so_far["report"] else "report"
+        so_far[half] += count
+        chosen.append(half)
+    return chosen
 
 
 def read_image(path: Path, flags: int = cv2.IMREAD_UNCHANGED) -> npt.NDArray[np.generic]:

@@ -24,6 +24,7 @@ from perception.models.exchange import Line
 from perception.models.hosted import HostedModel
 from perception.models.recorded import RecordedModel, SpoiledModel
 from perception.models.registry import PROVIDERS, is_replayed, open_local
+from perception.models.salient import Salient
 from perception.models.sam import Sam
 from perception.models.server_route import ServerRoute
 
@@ -34,11 +35,13 @@ class Models:
 
     Attributes:
         imaginer: the goal-image model.
-        sam, depth: None = the depth segmenter, or the observed depth, is used instead.
+        sam, salient: at most one; without them the outline is the one that depth gives.
+        depth: None = the observed depth is used instead.
     """
 
     imaginer: GoalImageModel
     sam: Sam | None = None
+    salient: Salient | None = None
     depth: DepthPro | None = None
 
     def close(self) -> None:
@@ -46,11 +49,13 @@ class Models:
         self.imaginer.close()
 
     def refined(self, outline: Mask, color: npt.NDArray[np.uint8]) -> Mask:
-        """SAM's outline (H, W) of the object in the bounding box of ``outline``; unchanged without SAM.
+        """The outline (H, W) of an object, redrawn by SAM in its bounding box, or by a salient-object network near it.
 
         Args:
-            color: (H, W, 3) RGB.
+            outline: (H, W) as depth gives it. ``color``: (H, W, 3) RGB.
         """
+        if self.salient is not None:
+            return self.salient.outlined(color, outline)
         if self.sam is None:
             return outline
         rows, columns = np.nonzero(outline)
@@ -80,11 +85,11 @@ def replayed_models(station: Station, replies: Iterable[ModelReply]) -> Models:
     return Models(SpoiledModel(embedded, replies) if station.faults.allowed else embedded, *_local(station))
 
 
-def _local(station: Station) -> tuple[Sam | None, DepthPro | None]:
-    settings = station.perception
+def _local(station: Station) -> tuple[Sam | None, Salient | None, DepthPro | None]:
+    settings, pro = station.perception, station.perception.depth_pro
     sam = Sam(settings.sam.weights, settings.sam.device) if settings.segmenter == "sam" else None
-    pro = settings.depth_pro
-    return sam, DepthPro(pro.weights, pro.device) if settings.goal_depth == "depth_pro" else None
+    salient = Salient(settings.salient.path) if settings.segmenter == "salient" else None
+    return sam, salient, DepthPro(pro.weights, pro.device) if settings.goal_depth == "depth_pro" else None
 
 
 def _imaginer(station: Station, environ: Mapping[str, str], folder: Path) -> GoalImageModel:

@@ -31,7 +31,8 @@ class NetworkModel(GeometricModel):
 
     def reason(self, observed_object: ObservedObject, prompt: str, cancel: Cancel) -> Answer:
         """The network's rectangle, as an axis in ``base``, as text."""
-        found = self._network.detect(observed_object.rgbd.color, observed_object.rgbd.depth_m)
+        rgbd, outline = observed_object.scene.rgbd, observed_object.scene.outline(observed_object.instance.number)
+        found = self._network.detect(rgbd.color, rgbd.depth_m, outline)
         direction = np.array([np.cos(found.angle_rad), np.sin(found.angle_rad)])
         half_px = found.width_px / 2 * direction
         ends_px = np.array(found.center_px) + np.stack([-half_px, half_px])
@@ -45,4 +46,4 @@ class NetworkModel(GeometricModel):
         """(2, 3) [m] in the camera frame: at the middle level of the object's seen surface, less the rod's radius."""
         depth_m = float(np.nanmedian(observed_object.level_depth_m[observed_object.mask]))
         radius_m = self._station.perception.rod_radius_m
-        return lift_pixels(ends_px, np.full(2, depth_m + 2 * radius_m), observed_object.rgbd.camera)
+        return lift_pixels(ends_px, np.full(2, depth_m + 2 * radius_m), observed_object.scene.rgbd.camera)

@@ -223,7 +223,7 @@ def test_a_network_can_imagine_the_rod(tmp_path: Path) -> None:
 def test_what_is_no_grasp_network_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="tensors"):
         GraspNetwork(_network(tmp_path / "three.onnx", outputs=3))
-    with pytest.raises(ConfigError, match="no network"):
+    with pytest.raises(ConfigError, match="there is no file"):
         GraspNetwork(tmp_path / "nothing.onnx")
     (tmp_path / "text.onnx").write_text("no network at all")
     with pytest.raises(ConfigError, match="no ONNX file"):
@@ -236,6 +236,6 @@ def test_a_depth_network_needs_depth(tmp_path: Path) -> None:
 
 
 def test_without_onnxruntime_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr("perception.rectangles.network.find_spec", lambda name: None)
+    monkeypatch.setattr("perception.onnx_session.find_spec", lambda name: None)
     with pytest.raises(ConfigError, match=r"vlad-cell\[onnx\]"):
         GraspNetwork(tmp_path / "n.onnx")
