@@ -136,9 +136,9 @@ def _things_m(heights: HeightMap, aspect: float) -> tuple[Array, Array]:
 def _shaded(heights: HeightMap) -> Image:
     """(ny, nx, 3)."""
     shades = np.clip(heights.surface_m / heights.surface_m[heights.labels > 0].max() * 255, 0, 255)
-    colors = cv2.applyColorMap(shades.astype(np.uint8), cv2.COLORMAP_VIRIDIS)[..., ::-1].copy()
+    colors: Image = np.array(cv2.applyColorMap(shades.astype(np.uint8), cv2.COLORMAP_VIRIDIS)[..., ::-1])
     colors[heights.bound_m > heights.surface_m + 0.003] = HIDDEN_RGB
-    return np.asarray(colors, dtype=np.uint8)
+    return colors
 
 
 # --- table ------------------------------------------------------------------------------------------------------------

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
-from importlib.util import find_spec
-
+from benchmarks.aligners import kiss, teaser
 from benchmarks.aligners.icp import icp
+from benchmarks.aligners.optional import Package
 from benchmarks.aligners.pca_printed import pca_cfopt_printed
-from benchmarks.aligners.teaser import PACKAGE, teaser
 from perception.align import METHODS
 
-ALL = {**METHODS, "pca_cfopt_printed": pca_cfopt_printed, "icp": icp, "teaser": teaser}
+ALL = {
+    **METHODS,
+    "pca_cfopt_printed": pca_cfopt_printed,
+    "icp": icp,
+    "kiss_matcher": kiss.kiss_matcher,
+    "teaser": teaser.teaser,
+}
 """By name, as `perception.align.align` takes them."""
-ALIGNERS = tuple(name for name in ALL if name != "teaser" or find_spec(PACKAGE) is not None)
+OPTIONAL: dict[str, Package] = {"kiss_matcher": kiss.PACKAGE, "teaser": teaser.PACKAGE}
+"""The package that a method needs, by the method's name."""
+ALIGNERS = tuple(name for name in ALL if name not in OPTIONAL or OPTIONAL[name].is_here)
 """The names of those that can be used here."""

@@ -6,21 +6,20 @@ The sizes are made equal first and its own scale estimate stays off: a degenerat
 
 from __future__ import annotations
 
-from importlib import import_module
-from importlib.util import find_spec
+from functools import partial
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
+from benchmarks.aligners.optional import Package, equal_sizes
 from bus.codes import Code
-from bus.errors import ConfigError, CycleFailure
-from bus.transforms import affine
-from perception.align.base import Array, Fit, Shape, rms_radius_m
+from bus.errors import CycleFailure
+from perception.align.base import Array, Fit, Shape
 from perception.geometry.lift import subsample
 
-PACKAGE = "teaserpp_python"
+PACKAGE = Package("teaserpp_python", "TEASER++", "Build MIT-SPARK/TEASER-plusplus with its Python bindings.")
 _POINTS = 300
 _BINS = 24
 _FARTHEST = 3.0
@@ -37,24 +36,7 @@ def teaser(goal: Shape, observed: Shape) -> Fit:
         ConfigError: TEASER++ is not installed.
         CycleFailure: MODEL_DRIFT for fewer than 10 correspondences.
     """
-    if find_spec(PACKAGE) is None:
-        raise ConfigError(
-            "The alignment 'teaser' needs TEASER++.",
-            "Build MIT-SPARK/TEASER-plusplus with its Python bindings.",
-        )
-    goal_center, observed_center = goal.points.mean(axis=0), observed.points.mean(axis=0)
-    goal_m, observed_m = rms_radius_m(goal.points), rms_radius_m(observed.points)
-    ours = subsample((goal.points - goal_center) / goal_m, _POINTS)
-    theirs = subsample((observed.points - observed_center) / observed_m, _POINTS)
-    pairs = correspondences(ours, theirs)
-    if len(pairs) < _MIN_PAIRS:
-        raise CycleFailure(
-            Code.MODEL_DRIFT, f"Only {len(pairs)} points of the imagined object correspond to observed ones."
-        )
-    rotation, shift = _solve(ours[pairs[:, 0]], theirs[pairs[:, 1]])
-    scale = observed_m / goal_m
-    matrix = scale * rotation
-    return Fit(affine(matrix, observed_center + observed_m * shift - matrix @ goal_center), scale, 1)
+    return equal_sizes(goal, observed, partial(_matched, PACKAGE.load("teaser")))
 
 
 def correspondences(goal: Array, observed: Array) -> npt.NDArray[np.int64]:
@@ -72,9 +54,19 @@ def _histograms(cloud: Array) -> Array:
     return np.stack([np.cumsum(np.histogram(row, edges)[0]) / len(cloud) for row in apart])
 
 
-def _solve(goal: Array, observed: Array) -> tuple[Array, Array]:
+def _matched(package: Any, goal: Array, observed: Array) -> tuple[Array, Array]:
+    """Rotation (3, 3) and translation (3,) of two clouds (n, 3), (m, 3) in rms radii. Raises: CycleFailure."""
+    ours, theirs = subsample(goal, _POINTS), subsample(observed, _POINTS)
+    pairs = correspondences(ours, theirs)
+    if len(pairs) < _MIN_PAIRS:
+        raise CycleFailure(
+            Code.MODEL_DRIFT, f"Only {len(pairs)} points of the imagined object correspond to observed ones."
+        )
+    return _solve(package, ours[pairs[:, 0]], theirs[pairs[:, 1]])
+
+
+def _solve(package: Any, goal: Array, observed: Array) -> tuple[Array, Array]:
     """Rotation (3, 3) and translation (3,) of corresponding points (k, 3)."""
-    package: Any = import_module(PACKAGE)
     params = package.RobustRegistrationSolver.Params()
     params.cbar2, params.noise_bound, params.estimate_scaling = 1.0, _NOISE, False
     params.rotation_gnc_factor, params.rotation_max_iterations, params.rotation_cost_threshold = 1.4, 100, 1e-12

@@ -12,9 +12,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from bus.arrays import Transform
 from bus.messages import CameraModel, Frame
-from bus.transforms import apply
-from perception.geometry.lift import project
 
 _CRITERIA = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-9)
 _FLYING_M = 0.008
@@ -64,9 +63,16 @@ def registered(frame: Frame, depth_m: npt.NDArray[np.float32]) -> tuple[Rgbd, np
         source = np.full(depth_m.size, -1, dtype=np.int32)
         source[valid] = valid
         return Rgbd(color, depth_m, camera), source.reshape(depth_m.shape)
-    points = rays(frame.depth_camera).reshape(-1, 3)[valid] * depth_m.ravel()[valid][:, None].astype(float)
-    splat_m, nearest = _splat(apply(frame.color_from_depth, points), camera)
+    points = rays(frame.depth_camera).reshape(-1, 3)[valid].astype(np.float32) * depth_m.ravel()[valid][:, None]
+    splat_m, nearest = _splat(moved(points[None], frame.color_from_depth)[0], camera)
     return Rgbd(color, splat_m, camera), _of(valid, nearest)
+
+
+def moved(points: npt.NDArray[np.float32], to_from: Transform) -> npt.NDArray[np.float32]:
+    """Points (h, w, 3) of a frame in another one, ``to_from`` (4, 4); fast, in single precision."""
+    if points.size == 0:  # OpenCV has no empty images
+        return points
+    return np.asarray(cv2.transform(points, to_from[:3].astype(np.float32)))
 
 
 def _of(valid: npt.NDArray[np.int32], nearest: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
@@ -108,19 +114,21 @@ def rays(camera: CameraModel) -> npt.NDArray[np.float64]:
 
 
 def _splat(
-    points: npt.NDArray[np.float64], camera: CameraModel
+    points: npt.NDArray[np.float32], camera: CameraModel
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.int32]]:
     """Z-buffer (H, W) [m] of points (n, 3) in the camera frame, NaN = none; and the index of the point there, or -1."""
-    corner = np.floor(project(points, camera)).astype(np.int32)
+    x, y, z = points.T
+    left = np.floor(x / z * np.float32(camera.fx) + np.float32(camera.cx)).astype(np.int32)
+    top = np.floor(y / z * np.float32(camera.fy) + np.float32(camera.cy)).astype(np.int32)
     # depth in steps of 10 um and index in one number, because the minimum must say which point it was
-    key = (np.rint(points[:, 2] * 1e5).astype(np.int64) << 32) | np.arange(len(points))
+    key = (np.rint(z * np.float32(1e5)).astype(np.int64) << 32) | np.arange(len(points))
     nearest = np.full(camera.height * camera.width, _NOTHING)
     for dv, du in _SPLAT:
-        u, v = corner[:, 0] + du, corner[:, 1] + dv
+        u, v = left + du, top + dv
         inside = (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
         np.minimum.at(nearest, (v * camera.width + u)[inside], key[inside])
     is_seen = nearest != _NOTHING
     index = np.where(is_seen, nearest & 0xFFFFFFFF, -1).astype(np.int32)
     depth_m = np.full(len(index), np.nan, dtype=np.float32)
-    depth_m[is_seen] = points[index[is_seen], 2]
+    depth_m[is_seen] = z[index[is_seen]]
     return depth_m.reshape(camera.height, camera.width), index.reshape(camera.height, camera.width)

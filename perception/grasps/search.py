@@ -27,8 +27,8 @@ _PAD_M = 0.018
 _MIN_WIDTH_M, _OVER_TIP_M = 0.003, 0.003
 _BIN_M = 0.010
 """Candidates are picked by turns from bins of this size and each heading, so that no part of the scene is left out."""
-_MOST, _TESTED = 1200, 120
-_BEST, _BEST_APART_M, _BEST_APART_RAD = 40, 0.010, float(np.deg2rad(15))
+_MOST, _TESTED = 900, 90
+_BEST, _BEST_APART_M, _BEST_APART_RAD = 30, 0.010, float(np.deg2rad(15))
 _TURNS_RAD, _SIDES_M = np.deg2rad([-8.0, -4.0, 0.0, 4.0, 8.0]), np.array([-0.004, 0.0, 0.004])
 _FEWER = 0.5
 """Below this share of `_MOST` candidates, those with little room for the fingers are added."""

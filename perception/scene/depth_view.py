@@ -12,7 +12,7 @@ import numpy.typing as npt
 from bus.arrays import Transform
 from bus.messages import CameraModel, Observation
 from bus.transforms import inverse
-from perception.geometry.depth import rays
+from perception.geometry.depth import moved, rays
 
 _NARROW_M, _SHADOW_M, _STEP_M = 0.003, 0.016, 0.015
 """See `DepthView.nearest_m`: how far a narrow hole's rim is, how far a shadow reaches, what counts as a step."""
@@ -93,13 +93,6 @@ class DepthView:
         u = np.rint(np.nan_to_num(self.camera.fx * x + self.camera.cx, nan=-1.0)).clip(-1, 1 << 20)
         v = np.rint(np.nan_to_num(self.camera.fy * y + self.camera.cy, nan=-1.0)).clip(-1, 1 << 20)
         return np.stack([u, v], axis=1).astype(np.int32), z
-
-
-def moved(points: Points, to_from: Transform) -> Points:
-    """Points (h, w, 3) of a frame in another one, ``to_from`` (4, 4); fast, in single precision."""
-    if points.size == 0:  # OpenCV has no empty images
-        return points
-    return np.asarray(cv2.transform(points, to_from[:3].astype(np.float32)))
 
 
 def _box(reach_m: float, pixel_m: float) -> npt.NDArray[np.uint8]:

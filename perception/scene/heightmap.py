@@ -15,7 +15,8 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from bus.arrays import Transform
-from perception.scene.depth_view import DepthView, moved
+from perception.geometry.depth import moved
+from perception.scene.depth_view import DepthView
 
 CELL_M = 0.002
 MARGIN_M = 0.13

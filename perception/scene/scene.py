@@ -16,9 +16,9 @@ from bus.arrays import Transform
 from bus.messages import Observation
 from bus.transforms import inverse
 from config.schema import Station
-from perception.geometry.depth import Rgbd, registered, without_flying_pixels
-from perception.scene.depth_view import DepthView, moved
-from perception.scene.heightmap import Grid, HeightMap, Labels, bound, highest
+from perception.geometry.depth import Rgbd, moved, registered, without_flying_pixels
+from perception.scene.depth_view import DepthView
+from perception.scene.heightmap import Grid, HeightMap, Heights, Labels, Seen, bound, highest
 from perception.scene.outline import outlined
 from perception.scene.region import raised, region_corners_m, within
 from perception.scene.splitting import color_patches, pieces, things
@@ -80,14 +80,14 @@ class Scene:
         return outlined(self.color_labels == instance, np.isfinite(self.rgbd.depth_m), self.rgbd.color)
 
     def heights_along(self, base_from_level: Transform, instance: int) -> HeightMap:
-        """The height map around one thing, seen against the z axis of a level frame (4, 4)."""
+        """The height map around one thing, seen against the z axis of a level frame (4, 4); each thing is one piece."""
         points = moved(self.view.points_base, inverse(base_from_level))
-        ours = self.labels == instance
-        grid = Grid.around(points[ours][:, :2])
-        heights = _height_map(self.view, grid, points, self.lab, self.is_raised, base_from_level)
-        known = np.isfinite(points[..., 2])
-        point = highest(grid, points[known]).point_within(_SPARSE_CELLS)
-        return replace(heights, labels=np.where(point >= 0, self.labels[known][point], 0).astype(np.int16))
+        known, grid = np.isfinite(points[..., 2]), Grid.around(points[self.labels == instance][:, :2])
+        seen = highest(grid, points[known])
+        surface_m, bound_m = _heights(seen, grid, self.view, base_from_level)
+        point, labels = seen.point_within(_SPARSE_CELLS), np.zeros(grid.shape, dtype=np.int16)
+        labels[point >= 0] = self.labels[known][point[point >= 0]]
+        return HeightMap(surface_m, bound_m, labels, labels, labels, grid.origin_m)
 
 
 def observe(observation: Observation, station: Station) -> Scene:
@@ -114,16 +114,21 @@ def _height_map(
     """The height map of points (h, w, 3) in a level frame."""
     known = np.isfinite(points_level[..., 2])
     seen = highest(grid, points_level[known])
-    surface_m, point = seen.continued_m, seen.point_within(_SPARSE_CELLS)
+    point = seen.point_within(_SPARSE_CELLS)
     raised_cells, cell_lab = point >= 0, np.zeros((*grid.shape, 3), dtype=np.float32)
     raised_cells[raised_cells] = is_raised[known][point[raised_cells]]
     cell_lab[raised_cells] = lab[known][point[raised_cells]]
-    bound_m = bound(grid, seen.height_m, view, base_from_level)
-    surface_m = np.where(np.isinf(seen.height_m), np.minimum(surface_m, bound_m), surface_m)
+    surface_m, bound_m = _heights(seen, grid, view, base_from_level)
     parts = pieces(surface_m, raised_cells)
     return HeightMap(
         surface_m, bound_m, things(parts, cell_lab), parts, color_patches(cell_lab, raised_cells), grid.origin_m
     )
+
+
+def _heights(seen: Seen, grid: Grid, view: DepthView, base_from_level: Transform) -> tuple[Heights, Heights]:
+    """Surface and bound (ny, nx): see `HeightMap`."""
+    bound_m = bound(grid, seen.height_m, view, base_from_level)
+    return np.where(np.isinf(seen.height_m), np.minimum(seen.continued_m, bound_m), seen.height_m), bound_m
 
 
 def _without_tall(heights: HeightMap, max_height_m: float) -> HeightMap:

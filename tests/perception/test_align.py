@@ -1,8 +1,8 @@
-"""Every alignment method, those it is compared with too, on an object whose true motion between two images is known."""
+"""Every alignment method that needs no other package, on an object whose true motion between two images is known."""
 
 from __future__ import annotations
 
-from importlib.util import find_spec
+import re
 
 import cv2
 import numpy as np
@@ -11,8 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from benchmarks.aligners import ALIGNERS, ALL
-from benchmarks.aligners.teaser import PACKAGE, correspondences
+from benchmarks import alignment
+from benchmarks.aligners import ALIGNERS, ALL, OPTIONAL
+from benchmarks.aligners.optional import equal_sizes
+from benchmarks.aligners.teaser import correspondences
 from bus.codes import Code
 from bus.errors import ConfigError, CycleFailure
 from bus.messages import CameraModel
@@ -23,7 +25,8 @@ from perception.align.silhouette import outline
 
 CAMERA = CameraModel(width=320, height=240, fx=300.0, fy=300.0, cx=160.0, cy=120.0)
 NOTHING = np.zeros((240, 320), dtype=bool)
-GOOD = tuple(name for name in ALIGNERS if name != "pca_cfopt_printed")
+OURS = tuple(name for name in ALIGNERS if name not in OPTIONAL)
+GOOD = tuple(name for name in OURS if name != "pca_cfopt_printed")
 
 
 def _shape(
@@ -78,7 +81,7 @@ def test_the_formula_as_printed_lets_the_cloud_collapse() -> None:
     assert found.scale < 0.1 and found.observed_to_goal_m > 5 * found.goal_to_observed_m
 
 
-@pytest.mark.parametrize("method", ALIGNERS)
+@pytest.mark.parametrize("method", OURS)
 def test_the_same_shapes_give_the_same_bits(method: str) -> None:
     one, other = (align(method, _shape(turn_deg=40), _shape(), methods=ALL) for _ in range(2))
     np.testing.assert_array_equal(one.observed_from_goal, other.observed_from_goal)
@@ -105,6 +108,25 @@ def test_the_outline_closes_the_band_that_the_rod_hides() -> None:
     assert (closed & whole).sum() / (closed | whole).sum() > 0.99
 
 
+def test_a_method_of_another_package_turns_the_goal_back_and_equals_the_sizes() -> None:
+    """The package is stood for by the true turn: what is ours is the way there and back."""
+    goal, observed = _shape(turn_deg=70, scale=1.2), _shape()
+    turn = Rotation.from_euler("z", -70, degrees=True).as_matrix()
+    found = equal_sizes(goal, observed, lambda ours, theirs: (turn, theirs.mean(axis=0) - turn @ ours.mean(axis=0)))
+    assert found.scale == pytest.approx(1 / 1.2, rel=0.05)
+    np.testing.assert_allclose(apply(found.observed_from_goal, goal.points).mean(axis=0), observed.points.mean(axis=0))
+    np.testing.assert_allclose(found.observed_from_goal[:3, :3], found.scale * turn)
+
+
+def test_success_without_symmetries_is_counted_beside_the_other_and_a_missing_package_is_said() -> None:
+    lines: list[str] = []
+    figures = alignment.run("mild", 2, 0, tell=lines.append)
+    assert all(figures[name]["success_strict"] <= figures[name]["success"] for name in ALIGNERS)
+    assert set(figures["left_out"]) == set(ALL) - set(ALIGNERS)
+    told = [line for line in lines if line.startswith(tuple(f"| {name} |" for name in ALIGNERS))]
+    assert len(told) == len(ALIGNERS) and "100.0 %" in told[0]
+
+
 def test_teaser_s_correspondences_are_blind_to_turns() -> None:
     cloud = np.random.default_rng(1).normal(size=(200, 3)) * [1.2, 0.7, 0.4]
     turn = Rotation.from_euler("xyz", [0.4, 0.2, 1.9]).as_matrix()
@@ -113,7 +135,11 @@ def test_teaser_s_correspondences_are_blind_to_turns() -> None:
     assert len(pairs) > 60 and (order[pairs[:, 1]] == pairs[:, 0]).mean() > 0.9
 
 
-@pytest.mark.skipif(find_spec(PACKAGE) is not None, reason="TEASER++ is installed here")
-def test_without_teaser_the_error_says_what_to_do() -> None:
-    with pytest.raises(ConfigError, match="Build MIT-SPARK"):
-        align("teaser", _shape(), _shape(), methods=ALL)
+@pytest.mark.parametrize("method", OPTIONAL)
+def test_without_its_package_a_method_says_how_to_get_it(method: str) -> None:
+    package = OPTIONAL[method]
+    if package.is_here:
+        pytest.skip(f"{package.name} is installed here")
+    with pytest.raises(ConfigError, match=f"needs {re.escape(package.name)}") as refused:
+        align(method, _shape(), _shape(), methods=ALL)
+    assert refused.value.advice == package.advice
