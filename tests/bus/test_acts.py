@@ -176,7 +176,7 @@ def test_who_serves_a_key_too_and_never_answers_is_noticed(site: Site) -> None:
     other = site.stranger.declare_queryable("cell/test/hand/now", kept.append, complete=True)
     try:
         with pytest.raises(TwoAnswers, match="lets it wait"):
-            site.cell.request(topics.HAND_NOW, Nothing(), HandState, timeout_s=60)
+            _asked_until_both_are_known(site)
     finally:
         other.undeclare()  # type: ignore[no-untyped-call]
 
