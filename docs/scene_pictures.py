@@ -16,13 +16,14 @@ import numpy as np
 os.environ.setdefault("MUJOCO_GL", "egl")  # headless; MuJoCo reads it when it is first imported
 
 from benchmarks.heaps.heap import make
-from benchmarks.heaps.shapes import Shape, box
+from benchmarks.heaps.shapes import Shape
 from bus.errors import CycleFailure
 from bus.messages import Detections, Grasp, ObservedScene
 from bus.transforms import apply
 from config.franka_hand import FINGER_LENGTH_M, FINGER_TIP_M
 from config.schema import Station
 from docs.chart import FAINT, Array, Chart, Image, blank
+from docs.heap_shapes import HEAP, TALL, WIDE
 from docs.tiles import column, row, save, titled
 from logs.report.images import annotated, crop
 from logs.scene_picture import color_of, draw_scene
@@ -38,38 +39,13 @@ HEIGHT_PX, MARGIN_PX = 300, 70
 SEEN_RGB, HAND_RGB, STATION_RGB, HIDDEN_RGB = (47, 111, 222), (31, 138, 91), (196, 61, 92), (60, 66, 74)
 _SLICE_M = 0.012
 _CLOSINGS = 150
-_SIDES = np.arange(20) * 2 * np.pi / 20
-
-
-def prism(name: str, radius_m: float, height_m: float) -> Shape:
-    """A can."""
-    ring = radius_m * np.stack([np.cos(_SIDES), np.sin(_SIDES)], axis=1)
-    ends = [np.column_stack([ring, np.full(len(ring), z)]) for z in (-height_m / 2, height_m / 2)]
-    return Shape(name, (np.concatenate(ends),), 700.0)
-
-
-def mug(radius_m: float = 0.038, height_m: float = 0.08, wall_m: float = 0.005) -> Shape:
-    """A cup without a handle: a floor, and a wall of convex pieces."""
-    parts = [prism("floor", radius_m, wall_m).parts[0] - [0.0, 0.0, (height_m - wall_m) / 2]]
-    for turn in np.stack([_SIDES, _SIDES + _SIDES[1]], axis=1):
-        edge = np.array([[r * np.cos(a), r * np.sin(a)] for a in turn for r in (radius_m - wall_m, radius_m)])
-        parts.append(np.concatenate([np.column_stack([edge, np.full(4, z)]) for z in (-height_m / 2, height_m / 2)]))
-    return Shape("mug", tuple(parts), 900.0)
-
-
-HEAP = (
-    box("brick", (0.03, 0.06, 0.045)), box("cube", (0.05, 0.05, 0.05)), box("slab", (0.04, 0.12, 0.03)),
-    box("book", (0.025, 0.09, 0.06)), box("plank", (0.018, 0.16, 0.05)), prism("can", 0.03, 0.10),
-    prism("tin", 0.035, 0.04), prism("stick", 0.012, 0.14), prism("disc", 0.04, 0.02), mug(),
-)  # fmt: skip
-WIDE, TALL = box("plate", (0.15, 0.12, 0.04)), box("crate", (0.20, 0.20, 0.20))
 HEAP_SEED, TILTED_SEED, REFUSED_SEED = 2, 52, 4
 TABLE_ELSEWHERE = 'scene.table={name="table", center_m=[0.45, 0.0, -0.045], size_m=[0.9, 1.4, 0.04]}'
 
 
 @dataclass(frozen=True)
 class Look:
-    """One scene, and what detect made of it. ``color``: (H, W, 3) undistorted; ``failure``: None with ``found``."""
+    """One scene, and what detect made of it: ``found`` or ``failure``."""
 
     station: Station
     scene: Scene
@@ -148,7 +124,7 @@ def _heights(one: Look, shape: tuple[int, ...]) -> Image:
 
 
 def _things_m(heights: HeightMap, aspect: float) -> tuple[Array, Array]:
-    """The lowest and the highest (x, y) of a part of the map around the things, ``aspect`` times as wide in y as in x."""
+    """The lowest and the highest (x, y) around the things, ``aspect`` times as long in y as in x."""
     rows, columns = np.nonzero(heights.labels)
     places = heights.xy_m(rows, columns)
     low, high = places.min(axis=0) - 0.03, places.max(axis=0) + 0.03
@@ -160,7 +136,7 @@ def _things_m(heights: HeightMap, aspect: float) -> tuple[Array, Array]:
 def _shaded(heights: HeightMap) -> Image:
     """(ny, nx, 3)."""
     shades = np.clip(heights.surface_m / heights.surface_m[heights.labels > 0].max() * 255, 0, 255)
-    colors = cv2.applyColorMap(shades.astype(np.uint8), cv2.COLORMAP_VIRIDIS)[..., ::-1].copy()
+    colors: Image = np.array(cv2.applyColorMap(shades.astype(np.uint8), cv2.COLORMAP_VIRIDIS)[..., ::-1])
     colors[heights.bound_m > heights.surface_m + 0.003] = HIDDEN_RGB
     return colors
 
@@ -169,7 +145,7 @@ def _shaded(heights: HeightMap) -> Image:
 
 
 def table_picture(one: Look) -> Image:
-    """The grasp in the image, and from aside: the seen table, the station's, and the fingers that follow the seen one."""
+    """The grasp in the image, and from aside: the seen table, the station's, the fingers that follow the seen one."""
     assert one.found is not None
     image = crop(annotated(one.found, 0, ()), one.seen.labels > 0, 2 * MARGIN_PX)
     table = one.seen.table

@@ -14,20 +14,17 @@ from typing import Any
 import cv2
 import numpy as np
 import numpy.typing as npt
-from foxglove_schemas_protobuf.Color_pb2 import Color
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
-from foxglove_schemas_protobuf.ImageAnnotations_pb2 import ImageAnnotations
 from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
 from foxglove_schemas_protobuf.Log_pb2 import Log
 from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
 from foxglove_schemas_protobuf.Point3_pb2 import Point3
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
-from foxglove_schemas_protobuf.PointsAnnotation_pb2 import PointsAnnotation
 from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 
 from bus import topics
-from bus.arrays import Joints, Mask, Transform
+from bus.arrays import Joints, Transform
 from bus.commands import Event
 from bus.frozen import Message
 from bus.messages import Detections, Grasp, ObservedScene, PickPlan, Segment, StageRecord, View
@@ -35,18 +32,18 @@ from bus.sensor_codec import stamp
 from bus.topics import Topic
 from bus.transforms import apply, to_wxyz
 from config.franka_hand import FINGER_LENGTH_M, FINGER_TIP_M, FINGER_TIP_SIZE_M
-from logs.scene_picture import color_of, draw_scene, outlines_px, places_px
+from logs.image_annotations import BLUE, GREEN, GREY, ORANGE, annotated, color_message, with_things
+from logs.scene_picture import draw_scene
 
 _logger = logging.getLogger(__name__)
 
 Array = npt.NDArray[Any]
 Drawn = tuple[Topic, bytes]
 
-_GREEN, _ORANGE, _BLUE, _GREY = (0.2, 0.9, 0.3), (1.0, 0.6, 0.1), (0.3, 0.6, 1.0), (0.7, 0.7, 0.7)
 _FINGER_M, _PALM_M = (*FINGER_TIP_SIZE_M, FINGER_LENGTH_M), (0.03, 0.12, 0.02)
 """A simplified hand, in the tcp's axes."""
 _PATH_STEP = 40  # of the 1 kHz samples
-_NUMBER_PX, _PLAIN = 14.0, 128
+_PLAIN = 128
 _LEVEL = {"info": Log.INFO, "warning": Log.WARNING, "error": Log.ERROR}
 
 
@@ -99,32 +96,30 @@ class Views:
         seen = found.evidence
         yield topics.VIEW_COLOR, self._image(seen.color)
         yield topics.VIEW_GOAL, self._image(seen.goal_image)
-        yield topics.VIEW_ANNOTATIONS, self._annotations(found).SerializeToString()
+        yield topics.VIEW_ANNOTATIONS, annotated(found, self._seen_ns).SerializeToString()
         yield topics.VIEW_CLOUD, self._cloud(seen.observed_points).SerializeToString()
         scene = SceneUpdate()
         rod = self._entity(scene, "rod", "color")
-        _line(rod, np.asarray(seen.rod_ends), _ORANGE, thickness_m=0.004)
+        _line(rod, np.asarray(seen.rod_ends), ORANGE, thickness_m=0.004)
         grasps = self._entity(scene, "grasps", "base")
         for grasp in found.grasps:
             half = 0.5 * grasp.opening_m * grasp.base_from_tcp[:3, 1]
             middle = grasp.base_from_tcp[:3, 3]
-            _line(grasps, np.stack([middle - half, middle + half]), _BLUE, alpha=max(0.2, min(1.0, grasp.score)))
+            _line(grasps, np.stack([middle - half, middle + half]), BLUE, alpha=max(0.2, min(1.0, grasp.score)))
         yield topics.VIEW_SCENE, scene.SerializeToString()
 
     def _seen(self, scene: ObservedScene) -> Iterator[Drawn]:
         """What a failed detection saw: on grey, since the image itself is not in the message."""
         plain = np.full((*scene.labels.shape, 3), _PLAIN, dtype=np.uint8)
         yield topics.VIEW_COLOR, self._image(draw_scene(plain, scene))
-        message = ImageAnnotations()
-        self._add_things(message, scene)
-        yield topics.VIEW_ANNOTATIONS, message.SerializeToString()
+        yield topics.VIEW_ANNOTATIONS, with_things(scene, self._seen_ns).SerializeToString()
 
     def _planned(self, plan: PickPlan, grasp: Grasp) -> SceneUpdate:
         scene = SceneUpdate()
         _gripper(self._entity(scene, "gripper", "base"), grasp)
         for segment in plan.segments:
             path = self._entity(scene, f"path/{segment.name}", "base")
-            _line(path, self._tcp_path(segment), _GREEN if segment.name == "reach" else _GREY)
+            _line(path, self._tcp_path(segment), GREEN if segment.name == "reach" else GREY)
         return scene
 
     def _tcp_path(self, segment: Segment) -> Array:
@@ -143,41 +138,6 @@ class Views:
         image = CompressedImage(timestamp=stamp(self._seen_ns), frame_id="color", data=jpeg.tobytes(), format="jpeg")
         return bytes(image.SerializeToString())
 
-    def _annotations(self, found: Detections) -> ImageAnnotations:
-        """Rectangles, the best grasp's green, outlines of the masks and of all things, in the undistorted image."""
-        message = ImageAnnotations()
-        best = found.grasps[0].rectangle if found.grasps else None
-        for index, rectangle in enumerate(found.rectangles):
-            self._loop(message, rectangle.corners_px(), _GREEN if index == best else _BLUE)
-        masks = ((found.evidence.object_mask, _ORANGE), (found.evidence.goal_rod_mask, _GREY))
-        for mask, color in masks:
-            for outline in _outlines(mask):
-                self._loop(message, outline, color)
-        self._add_things(message, found.scene)
-        return message
-
-    def _add_things(self, message: ImageAnnotations, scene: ObservedScene) -> None:
-        """The outline of every thing, in the colour of its number, and the number."""
-        for one in scene.instances:
-            red, green, blue = (part / 255 for part in color_of(one.number))
-            for outline in outlines_px(scene.labels == one.number):
-                self._loop(message, outline, (red, green, blue))
-        for number, (u, v) in places_px(scene.labels, [one.number for one in scene.instances]).items():
-            text = message.texts.add(timestamp=stamp(self._seen_ns), text=str(number), font_size=_NUMBER_PX)
-            text.position.x, text.position.y = float(u), float(v)
-            text.text_color.CopyFrom(_color((1.0, 1.0, 1.0)))
-            text.background_color.CopyFrom(_color((0.1, 0.13, 0.17), 0.7))
-
-    def _loop(self, message: ImageAnnotations, corners_px: Array, color: tuple[float, float, float]) -> None:
-        annotation = message.points.add(
-            timestamp=stamp(self._seen_ns),
-            type=PointsAnnotation.LINE_LOOP,
-            outline_color=_color(color),
-            thickness=2.0,
-        )
-        for u, v in corners_px:
-            annotation.points.add(x=float(u), y=float(v))
-
     def _cloud(self, points: Array) -> PointCloud:
         """A point cloud of points (n, 3) [m] in ``color``."""
         packed = np.ascontiguousarray(points, "<f4")
@@ -194,17 +154,6 @@ def _log(severity: str, name: str, text: str) -> Drawn:
     return topics.VIEW_LOG, said.SerializeToString()
 
 
-def _outlines(mask: Mask) -> Iterator[Array]:
-    contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
-    for contour in contours:
-        if len(contour) > 2:
-            yield contour.reshape(-1, 2)
-
-
-def _color(color: tuple[float, float, float], alpha: float = 1.0) -> Color:
-    return Color(r=color[0], g=color[1], b=color[2], a=alpha)
-
-
 def _line(
     entity: SceneEntity,
     points: Array,
@@ -213,7 +162,7 @@ def _line(
     thickness_m: float = 0.002,
     alpha: float = 1.0,
 ) -> None:
-    line = entity.lines.add(type=LinePrimitive.LINE_STRIP, thickness=thickness_m, color=_color(color, alpha))
+    line = entity.lines.add(type=LinePrimitive.LINE_STRIP, thickness=thickness_m, color=color_message(color, alpha))
     line.pose.orientation.w = 1.0
     line.points.extend(Point3(x=float(x), y=float(y), z=float(z)) for x, y, z in points)
 
@@ -224,7 +173,7 @@ def _gripper(entity: SceneEntity, grasp: Grasp) -> None:
     behind = FINGER_TIP_M - 0.5 * FINGER_LENGTH_M
     palm = (0.0, 0.0, FINGER_TIP_M - FINGER_LENGTH_M - 0.5 * _PALM_M[2])
     for size, center in ((_FINGER_M, (0.0, apart, behind)), (_FINGER_M, (0.0, -apart, behind)), (_PALM_M, palm)):
-        cube = entity.cubes.add(color=_color(_GREEN, 0.6))
+        cube = entity.cubes.add(color=color_message(GREEN, 0.6))
         cube.size.x, cube.size.y, cube.size.z = size
         x, y, z = apply(grasp.base_from_tcp, np.array(center))
         cube.pose.position.x, cube.pose.position.y, cube.pose.position.z = float(x), float(y), float(z)

@@ -84,7 +84,7 @@ def _carried_back(goal: GoalImage, observed_object: ObservedObject, models: Mode
     rgbd, settings = observed_object.rgbd, station.perception
 
     # Stage 1: the parts of the goal image, and its drift from the observed object.
-    parts = take_apart(goal.image, observed_object)
+    parts = take_apart(goal.image, observed_object, models.salient)
     observed = Shape(observed_object.mask, np.zeros_like(parts.rod), rgbd.depth_m, rgbd.camera)
     outline_fit, overlap = register_outlines(Shape(parts.object, parts.rod, rgbd.depth_m, rgbd.camera), observed.mask)
     drift = measure(goal.image, parts, observed_object, outline_fit, overlap)

@@ -21,7 +21,8 @@ from perception.models.painter import paint as paint_rod
 from perception.observed_object import ObservedObject, RodColor
 from stand_ins.model_server import Picture
 
-_STATION = load_station()
+_STATION = load_station(None, ["hand.max_width_m=0.1"])
+"""A model that sees a picture does not know to the millimetre what fits the jaw."""
 _AXIS = re.compile(r"from pixel \((-?[\d.]+), (-?[\d.]+)\) to pixel \((-?[\d.]+), (-?[\d.]+)\)")
 _SCALE = re.compile(r"about ([\d.]+) pixels")
 _LEVEL_M = 0.02

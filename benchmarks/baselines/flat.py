@@ -31,7 +31,7 @@ _HEIGHT_M = 0.04
 def flat_object(color: npt.NDArray[np.uint8], object_mask: Mask, m_per_px: float, station: Station) -> ObservedObject:
     """The thing with the best grasp; ``m_per_px`` is the scale on its upper side. Raises: CycleFailure(NO_OBJECT)."""
     scene, instances = flat_scene(color, object_mask, m_per_px, station)
-    closings = graded(search(scene.heights, station), instances)
+    closings = graded(search(scene.heights, _without_fixtures(station)), instances)
     number = by_best_grasp(scene, closings)[0]
     axes = axes_of(closings, number, scene)
     outline, margin_px = scene.color_labels == number, max(object_mask.shape)  # so the crop is the whole image

@@ -18,8 +18,8 @@ from logs.report.page import Fact
 from logs.scene_picture import color_of, draw_scene
 
 _MARGIN_PX = 100
-_LEAST_DEPTH_SHARE = 0.9
-"""A thing with less depth is marked: its missing part may be what a finger meets."""
+_LEAST_DEPTH_SHARE = 0.7
+"""A thing with less depth is marked; of the simulated ones only the cup, into which the camera cannot see, has less."""
 
 Array = npt.NDArray[np.float64]
 

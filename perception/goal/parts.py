@@ -13,6 +13,7 @@ from bus.errors import CycleFailure
 from perception.geometry.color import hue_of
 from perception.geometry.crop import Mask
 from perception.geometry.window import Window
+from perception.models.salient import Salient
 from perception.observed_object import ObservedObject
 
 _HUE_APART, _MIN_SATURATION, _MIN_VALUE = 8, 110, 60
@@ -40,8 +41,11 @@ class GoalParts:
     others: Mask
 
 
-def take_apart(image: Image, observed_object: ObservedObject) -> GoalParts:
+def take_apart(image: Image, observed_object: ObservedObject, salient: Salient | None = None) -> GoalParts:
     """Segment a goal image (H, W, 3) on its plain background into rod, object and others.
+
+    Args:
+        salient: draws the object's outline; without it the object is what differs from the background.
 
     Raises: CycleFailure(MODEL_NO_ROD) without a rod, MODEL_DRIFT without an object.
     """
@@ -59,7 +63,10 @@ def take_apart(image: Image, observed_object: ObservedObject) -> GoalParts:
     chosen = labels == int(areas.argmax())
     small = np.flatnonzero(areas < _MIN_PART * areas.max())
     others = foreground & ~chosen & ~np.isin(labels, small)
-    return GoalParts(rod, foreground & chosen, others)
+    whole = foreground & chosen
+    if salient is not None:
+        whole = salient.outlined(image, whole) & ~rim
+    return GoalParts(rod, whole, others & ~whole)
 
 
 def _rod(image: Image, rgb: tuple[int, int, int]) -> Mask:

@@ -112,7 +112,7 @@ WEIGHTS = {
     "solid": 0.8,
     "room": 0.6,
     "level": 0.5,
-    "central": 0.3,
+    "central": 0.8,
 }
 """Weights of the criteria, fitted (logistic regression, no negative weights) to whether 9,382 grasps in 150 simulated
 heaps hold on the true shapes, the development seeds of `benchmarks scenes`. In their order: not narrow; room beside the

@@ -65,7 +65,7 @@ def search(heights: HeightMap, station: Station) -> Closings:
 
 
 def _everywhere(heights: HeightMap, station: Station, clearance_m: float) -> Candidates:
-    """The candidates of every group of things; between groups that lie apart nothing is looked for."""
+    """The candidates in the pick region; between groups of things that lie apart nothing is looked for."""
     found = Candidates(np.zeros((0, 2)), np.zeros(0), np.zeros(0))
     near = cv2.dilate((heights.labels > 0).astype(np.uint8), np.ones((_GROUP_CELLS, _GROUP_CELLS), np.uint8))
     _, _, boxes, _ = cv2.connectedComponentsWithStats(near)
@@ -73,7 +73,14 @@ def _everywhere(heights: HeightMap, station: Station, clearance_m: float) -> Can
         margin = _MARGIN_CELLS - _GROUP_CELLS // 2
         window = np.s_[max(0, top - margin) : top + height + margin, max(0, left - margin) : left + width + margin]
         found = _both(found, _candidates(heights.part(window), station, clearance_m))
-    return found
+    return found.taken(np.flatnonzero(_in_region(found.center_m, station)))
+
+
+def _in_region(center_m: Array, station: Station) -> npt.NDArray[np.bool_]:
+    """Whether the centres (n, 2) lie in the pick region; the table's frame has the x and y of ``base``."""
+    x_min, x_max, y_min, y_max = station.scene.pick_region_m
+    x, y = center_m.T
+    return np.asarray((x > x_min) & (x < x_max) & (y > y_min) & (y < y_max))
 
 
 def _refined(closings: Closings, heights: HeightMap, station: Station) -> Closings:

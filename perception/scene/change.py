@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bus.messages import Detections, Observation
-from bus.transforms import apply
+from bus.transforms import apply, inverse
 from config.schema import Station
 from perception.geometry.depth import moved, without_flying_pixels
 from perception.scene.depth_view import DepthView
@@ -23,8 +23,10 @@ def cleared_fraction(detections: Detections, before: Observation, after: Observa
     Cells that the second capture does not see (e.g. behind the held object) are left out; when less than a quarter is
     seen, the share is 0.
     """
-    was = detections.evidence.observed_points.astype(float)
-    lay = np.unique(_cells(apply(before.view.base_from_color, was)), axis=0)
+    was = apply(before.view.base_from_color, detections.evidence.observed_points.astype(float))
+    was_m = apply(inverse(detections.scene.table.base_from_table), was)[:, 2]
+    raised = was_m >= station.perception.min_object_height_m  # an outline holds a rim of table, too
+    lay = np.unique(_cells(was[raised] if raised.any() else was), axis=0)
     now = DepthView.of(after, without_flying_pixels(after.frame.depth_m)).points_base
     height_m = moved(now, find_table(now, station).table_from_base)[..., 2]
     low = np.isfinite(height_m) & (height_m < _HANGING_M)

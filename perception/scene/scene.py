@@ -25,7 +25,8 @@ from perception.scene.splitting import color_patches, pieces, things
 from perception.scene.table import Table, find_table
 
 _MIN_PIXELS = 60
-"""A thing reaches into the pick region when so many of its depth pixels do."""
+"""A thing lies in the pick region when so many of its depth pixels do, and the share below of them."""
+_INSIDE_SHARE = 0.25
 _MOST = 255
 _SPARSE_CELLS = 1.5
 """A cell without a point has that of the nearest cell so far away: seen at an angle, a surface's points lie apart."""
@@ -143,12 +144,13 @@ def _without_tall(heights: HeightMap, max_height_m: float) -> HeightMap:
 def _in_region(
     heights: HeightMap, grid: Grid, points_table: Points, is_raised: Mask, inside: Mask
 ) -> tuple[HeightMap, Labels]:
-    """The map and the depth pixels (h, w), numbered are only the things that reach into the pick region."""
+    """The map and the depth pixels (h, w), numbered are only the things that lie in the pick region."""
     labels = np.zeros(is_raised.shape, dtype=np.int16)
     labels[is_raised] = heights.labels.ravel()[grid.index(points_table[is_raised][:, :2])]
     pixels = np.bincount(labels[inside & is_raised], minlength=int(heights.labels.max(initial=0)) + 1)
     pixels[0] = 0
-    kept = np.flatnonzero(pixels >= _MIN_PIXELS)[:_MOST]
+    whole = np.maximum(np.bincount(labels[is_raised], minlength=len(pixels)), 1)
+    kept = np.flatnonzero((pixels >= _MIN_PIXELS) & (pixels >= _INSIDE_SHARE * whole))[:_MOST]
     number = np.zeros(len(pixels), dtype=np.int16)
     number[kept] = np.arange(1, len(kept) + 1)
     return replace(heights, labels=number[heights.labels]), number[labels]

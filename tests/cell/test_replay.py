@@ -13,11 +13,11 @@ import pytest
 import zenoh
 from typer.testing import CliRunner
 
-import perception.detector
+import perception.proposal
 from bus import topics
 from bus.commands import CellState
 from bus.errors import ConfigError, NoReply, RecordingError, Refused
-from bus.messages import Alignment, Detections
+from bus.messages import Detections
 from bus.session import Bus
 from cell.cli.commands import command_line
 from cell.replay.compared_stages import STAGES
@@ -28,10 +28,10 @@ from cell.replay.view import consequence, to_json, verdict
 from config.load import load_station
 from logs.differences import leaves
 from logs.mcap.reader import CycleRecord, read_cycle
-from perception.align import align
+from perception.goal.drift import NOTHING_MOVED
 from planning.robot import Robot
 
-PICK = Path(__file__).parents[1] / "golden" / "cycle-schema2.mcap"
+PICK = Path(__file__).parents[1] / "golden" / "cycle-schema4.mcap"
 
 
 @pytest.fixture(scope="module")
@@ -58,19 +58,17 @@ def test_chained_it_decides_the_same_too(record: CycleRecord, robot: Robot) -> N
 def test_a_change_in_align_is_the_first_difference(
     record: CycleRecord, robot: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def changed(*arguments: object, **named: object) -> Alignment:
-        found = align(*arguments, **named)  # type: ignore[arg-type]
-        moved = found.observed_from_goal.copy()
-        moved[0, 3] += 0.003
-        return found.model_copy(update={"observed_from_goal": moved})
-
-    monkeypatch.setattr(perception.detector, "align", changed)
+    moved = NOTHING_MOVED.observed_from_goal.copy()
+    moved[0, 3] += 0.003
+    monkeypatch.setattr(
+        perception.proposal, "NOTHING_MOVED", NOTHING_MOVED.model_copy(update={"observed_from_goal": moved})
+    )
     first = to_json(replay(record, Request(only="detect"), lambda _: robot))["first_difference"]
     assert (first["stage"], first["step"]) == ("detect", "align") and first["unit"] in ("mm", "m")
 
 
 def test_a_changed_setting_shows_its_consequence_down_to_the_chosen_grasp(record: CycleRecord, robot: Robot) -> None:
-    what_if = replay(record, Request(("perception.align=pca_cfopt",)), lambda _: robot)
+    what_if = replay(record, Request(("perception.approach_clearance_m=0.002",)), lambda _: robot)
     assert what_if.chained and verdict(what_if) == "different"
     detected, planned = list(consequence(what_if))
     assert detected.startswith("detect: ") and " -> " in detected, detected
@@ -79,7 +77,7 @@ def test_a_changed_setting_shows_its_consequence_down_to_the_chosen_grasp(record
 
 
 def test_a_setting_that_ends_the_cycle_earlier_says_so(record: CycleRecord, robot: Robot) -> None:
-    what_if = replay(record, Request(("perception.max_residual=1e-6",)), lambda _: robot)
+    what_if = replay(record, Request(("scene.table.tolerance_mm=0.001",)), lambda _: robot)
     assert set(what_if.not_reached) == {"plan", "verify"} and "detect ends it" in what_if.not_reached["plan"]
 
 

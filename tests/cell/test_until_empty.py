@@ -115,7 +115,7 @@ def test_results_then_the_summary_and_exit_0_and_a_replay_is_equal(bin_options: 
         "failed": 0,
         "objects_left": 0,
         "is_empty": True,
-        "reason": "Nothing rises above the table inside the pick region.",
+        "reason": "Nothing rises above the table inside the pick region, of which 100% was seen.",
     }
     assert in_process("replay", picked["recording"]).returncode == 0, "it was placed where the recording says"
 

@@ -28,7 +28,7 @@ from logs.mcap.reader import read_cycle
 
 Cell = tuple[subprocess.Popen[str], Station]
 InProcess = Callable[..., subprocess.CompletedProcess[str]]
-GOLDEN = Path(__file__).parents[1] / "golden" / "cycle-schema2.mcap"
+GOLDEN = Path(__file__).parents[1] / "golden" / "cycle-schema4.mcap"
 EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "trigger.py"
 
 

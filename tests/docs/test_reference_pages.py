@@ -17,7 +17,7 @@ from config.load import load_station
 from docs import bus_page, recording_page, settings_page
 from docs.fields import Row, lead, rows
 
-GOLDEN = Path(__file__).parents[1] / "golden" / "cycle-schema3.mcap"
+GOLDEN = Path(__file__).parents[1] / "golden" / "cycle-schema4.mcap"
 
 
 @pytest.mark.parametrize("of", [bus_page, settings_page, recording_page], ids=lambda of: of.PAGE.name)

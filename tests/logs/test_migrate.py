@@ -7,11 +7,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from mcap.reader import make_reader
 
 from bus.codes import Code
 from bus.errors import RecordingError
+from bus.messages import Detections
 from logs.mcap.migrate import MIGRATIONS, SCHEMA_VERSION, Content, migrate
 from logs.mcap.reader import read_cycle
 
@@ -19,7 +21,7 @@ GOLDEN = Path(__file__).parent.parent / "golden"
 STAGES = ["capture", "detect", "plan", "execute", "verify", "deliver"]
 
 
-@pytest.mark.parametrize("version", [1, 2])
+@pytest.mark.parametrize("version", [1, 2, 4])
 def test_a_recording_of_an_older_version_is_read_whole(version: int) -> None:
     cycle = read_cycle(GOLDEN / f"cycle-schema{version}.mcap")
     assert list(cycle.stages) == STAGES and all(stage.result for stage in cycle.stages.values())
@@ -36,6 +38,14 @@ def test_since_schema_3_a_failed_plan_lists_what_it_rejected() -> None:
     assert {one.reason for one in failure.rejected} == {
         f"approach: {finger} finger touches an observed obstacle" for finger in ("left", "right")
     }
+
+
+@pytest.mark.parametrize("version", [1, 2])
+def test_before_schema_4_the_scene_is_the_one_object_that_was_seen(version: int) -> None:
+    found = read_cycle(GOLDEN / f"cycle-schema{version}.mcap").stages["detect"].result
+    assert isinstance(found, Detections) and [one.number for one in found.scene.instances] == [1]
+    assert np.array_equal(found.scene.labels == 1, found.evidence.object_mask)
+    assert {grasp.instance for grasp in found.grasps} == {1}
 
 
 def test_every_channel_has_a_schema_and_foxgloves_are_named_so() -> None:

@@ -118,6 +118,13 @@ def test_what_stands_higher_than_an_object_may_is_none(look: Look) -> None:
     assert _count(look([BLOCK, stand]), "scene.max_height_m=0.1") == 1
 
 
+def test_what_hardly_reaches_into_the_region_is_none_and_no_grasp_lies_outside_it(look: Look) -> None:
+    """The bar lies from y = -0.005 to 0.025 m and from x = 0.39 to 0.51 m."""
+    assert _count(look([BLOCK]), "scene.pick_region_m=[0.49, 0.8, -0.3, 0.3]") == 0
+    found = _detect(look([BLOCK]), "scene.pick_region_m=[0.46, 0.8, -0.3, 0.3]")
+    assert all(grasp.base_from_tcp[0, 3] > 0.44 for grasp in found.grasps)
+
+
 def test_known_boxes_are_no_objects(look: Look) -> None:
     box = "scene.obstacles=[{name='stand', center_m=[0.52, 0.0, 0.02], size_m=[0.06, 0.06, 0.04]}]"
     stand = Box((275, 320), (160, 200), 0.04, RED)
