@@ -119,6 +119,44 @@ def test_depth_is_clipped_to_a_metre_about_its_mean(tmp_path: Path) -> None:
     assert found.width_px == pytest.approx(150) and found.height_px == pytest.approx(75)
 
 
+def test_a_grasp_is_looked_for_on_the_objects_only(tmp_path: Path) -> None:
+    """The brighter spot lies beside the object."""
+    color, on = np.zeros((96, 96, 3), np.uint8), np.zeros((96, 96), bool)
+    color[20:30, 20:30, 0], color[60:70, 60:70, 0] = 250, 120
+    on[56:74, 56:74] = True
+    network = _one_plane(tmp_path / "n.onnx", 3, 0)
+    np.testing.assert_allclose(network.detect(color, None).center_px, (24.5, 24.5), atol=2)
+    np.testing.assert_allclose(network.detect(color, None, on).center_px, (64.5, 64.5), atol=2)
+
+
+@pytest.mark.parametrize(("side_px", "scale"), [(30, 1.0), (160, 200 / SIZE)], ids=["fits", "larger than the network"])
+def test_objects_are_seen_at_the_image_s_own_scale(side_px: int, scale: float, tmp_path: Path) -> None:
+    color, on = np.zeros((480, 640, 3), np.uint8), np.zeros((480, 640), bool)
+    on[300 : 300 + side_px, 400 : 400 + side_px] = True
+    color[on] = (255, 0, 0)
+    spot = (400 + side_px // 2, 300 + side_px // 2)
+    cv2.circle(color, spot, max(3, side_px // 5), (255, 255, 0), -1)
+    found = _one_plane(tmp_path / "n.onnx", 3, 1).detect(color, None, on)
+    np.testing.assert_allclose(found.center_px, spot, atol=side_px / 5)
+    brightest = 1.0 - float((color[_around(on, round(SIZE * scale))] / 255).mean())
+    assert found.width_px == pytest.approx(150 * scale * brightest, rel=0.03), "a width of 1 is 150 of its pixels"
+
+
+def _around(on: np.ndarray, side: int) -> tuple[slice, slice]:
+    """The square of that side in the middle of the mask."""
+    rows, columns = np.flatnonzero(on.any(axis=1)), np.flatnonzero(on.any(axis=0))
+    top, left = ((int(line[0]) + int(line[-1]) + 1 - side) // 2 for line in (rows, columns))
+    return slice(top, top + side), slice(left, left + side)
+
+
+def test_a_square_at_the_rim_of_the_image_stays_inside(tmp_path: Path) -> None:
+    color, on = np.zeros((480, 640, 3), np.uint8), np.zeros((480, 640), bool)
+    on[470:480, 0:12] = True
+    color[472:478, 3:9] = 255
+    found = _one_plane(tmp_path / "n.onnx", 3, 0).detect(color, None, on)
+    np.testing.assert_allclose(found.center_px, (5.5, 474.5), atol=2)
+
+
 @pytest.mark.parametrize("shape", [(128, 256), (256, 128)])
 def test_the_middle_square_is_looked_at_at_the_network_s_size(shape: tuple[int, int], tmp_path: Path) -> None:
     depth_m = np.full(shape, 1.0, np.float32)

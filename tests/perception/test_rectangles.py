@@ -13,9 +13,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from onnx import TensorProto, helper
 
+from benchmarks import grasps
 from benchmarks.baselines.flat import flat_object
 from benchmarks.datasets.cornell import read_cornell
 from benchmarks.datasets.jacquard import read_jacquard
+from benchmarks.datasets.sample import halves
 from bus.errors import ConfigError
 from bus.messages import ModelReply, Rectangle
 from config.load import load_station
@@ -88,14 +90,14 @@ def test_corners_begin_along_the_closing_axis() -> None:
 # --- datasets --------------------------------------------------------------------------------------------------------
 
 
-def _cornell(root: Path, labels: str) -> Path:
+def _cornell(root: Path, labels: str, number: str = "0100") -> Path:
     for folder in ("rgb", "rgbd"):
-        (root / folder).mkdir()
-    cv2.imwrite(str(root / "rgbd/pcd0100r.png"), np.full((48, 64, 3), (10, 20, 30), np.uint8))
+        (root / folder).mkdir(parents=True, exist_ok=True)
+    cv2.imwrite(str(root / f"rgbd/pcd{number}r.png"), np.full((48, 64, 3), (10, 20, 30), np.uint8))
     depth_m = np.full((48, 64), 0.7, np.float32)
     depth_m[0, 0] = 0
-    cv2.imwrite(str(root / "rgbd/pcd0100d.tiff"), depth_m)
-    (root / "rgbd/pcd0100cpos.txt").write_text(labels)
+    cv2.imwrite(str(root / f"rgbd/pcd{number}d.tiff"), depth_m)
+    (root / f"rgbd/pcd{number}cpos.txt").write_text(labels)
     return root
 
 
@@ -150,6 +152,30 @@ def test_what_jacquard_lacks_is_named(tmp_path: Path) -> None:
 def test_a_missing_dataset_is_a_clear_error(read, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     with pytest.raises(ConfigError, match="no folder"):
         list(read(tmp_path / "nothing"))
+
+
+def test_whole_objects_belong_to_one_half_and_both_halves_have_as_many_images(tmp_path: Path) -> None:
+    assert halves([6, 4, 4, 1]) == ["development", "report", "report", "development"]
+    for number in ("0106", "0107", "0110"):  # sunglasses from two sides; a sandal
+        _cornell(tmp_path, "10 20\n40 20\n40 30\n10 30\n", number)
+    _cornell(tmp_path, "10 20\n40 20\n40 30\n10 30\n")
+    half_of = {sample.name: sample.half for sample in read_cornell(tmp_path)}
+    assert half_of == {"pcd0100": "development", "pcd0106": "report", "pcd0107": "report", "pcd0110": "development"}
+
+
+def test_images_without_the_depth_that_a_network_needs_are_skipped_and_counted(tmp_path: Path) -> None:
+    root = _cornell(tmp_path / "cornell", "10 20\n40 20\n40 30\n10 30\n")
+    _cornell(root, "10 20\n40 20\n40 30\n10 30\n", "0110")
+    (root / "rgbd/pcd0110d.tiff").unlink()
+    box = cv2.rectangle(np.full((480, 640, 3), 200, np.uint8), (260, 200), (380, 260), (0, 0, 90), -1)
+    for picture in root.glob("rgbd/*.png"):
+        cv2.imwrite(str(picture), box)
+    cv2.imwrite(str(root / "rgbd/pcd0100d.tiff"), np.full((480, 640), 0.7, np.float32))
+    network, none = _network(tmp_path / "n.onnx", 1), f"perception.salient.path={tmp_path / 'none.onnx'}"
+    told: list[str] = []
+    figures = grasps.run("cornell", root, f"onnx:{network}", [none], told.append)
+    assert (figures["images"], figures["skipped"], figures["masks"]) == (1, 1, "color")
+    assert "colour alone" in told[0] and "skipped" in told[-1]
 
 
 @pytest.mark.skipif(not DATA.is_dir(), reason="VLAD_CELL_DATA names no folder with cornell/ and jacquard/")
