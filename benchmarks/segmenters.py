@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks.baselines.color_only import segment_by_color
-from benchmarks.baselines.salient_only import segment_salient, without_surface
+from benchmarks.baselines.salient_only import segment_salient
 from benchmarks.datasets.jacquard import read_jacquard
 from bus.errors import ConfigError, CycleFailure
 from config.load import load_station
@@ -35,7 +35,10 @@ def segmenter_of(station: Station, tell: Callable[[str], None]) -> Segmenter:
     if not path.is_file():
         tell(f"There are no weights {path} (`just salient` fetches them): objects are found by colour alone.")
         return Segmenter("color", segment_by_color)
-    salient = Salient(path)
+    return _salient(Salient(path))
+
+
+def _salient(salient: Salient) -> Segmenter:
     return Segmenter("salient", lambda color: segment_salient(color, salient))
 
 
@@ -44,17 +47,16 @@ def overlaps(root: Path, overrides: list[str], tell: Callable[[str], None]) -> d
 
     Raises: ConfigError without the weights.
     """
-    path = load_station(None, overrides).perception.salient.path
-    salient = Salient(path)
+    salient = Salient(load_station(None, overrides).perception.salient.path)
+    segmenter = _salient(salient)
     by_view: dict[str, dict[str, float]] = {}
     for sample in read_jacquard(root):
         if sample.mask is None:
             raise ConfigError(f"{sample.name} has no mask.", "Is the dataset whole?")
-        found = _found(salient.object_of, sample.color)
         masks = {
             "color": _found(segment_by_color, sample.color),
-            "u2netp": found,
-            "both": without_surface(sample.color, found) if found.any() else found,
+            "u2netp": _found(salient.object_of, sample.color),
+            "both": _found(segmenter.mask, sample.color),
         }
         by_view[sample.name] = {name: _iou(mask, sample.mask) for name, mask in masks.items()}
         tell(f"{sample.name} " + ", ".join(f"{name} {value:.2f}" for name, value in by_view[sample.name].items()))

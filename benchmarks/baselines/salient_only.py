@@ -1,4 +1,4 @@
-"""The segmenter for images without depth: what stands out, less what has the colour of the surface around it.
+"""The segmenter for images without depth: what stands out, in form or else in colour, less the surface it encloses.
 
 A salient-object network fills what an object encloses - the ring of a roll of tape, the space between the temples of a
 pair of glasses -; there the surface is seen, and the jaw can go.
@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from benchmarks.baselines.color_only import segment_by_color
 from perception.geometry.crop import Crop, Mask
 from perception.models.salient import Salient
 
@@ -28,8 +29,12 @@ Array = npt.NDArray[np.float64]
 
 
 def segment_salient(color: Image, salient: Salient) -> Mask:
-    """The object on a plain surface (H, W). Raises: CycleFailure(TARGET_NOT_FOUND) when nothing stands out."""
-    return without_surface(color, salient.object_of(color))
+    """The object on a plain surface (H, W). Raises: CycleFailure(NO_OBJECT, TARGET_NOT_FOUND) when nothing stands out.
+
+    What is too small or too pale to be noticed for sure is noticed by its colour; its outline is the network's.
+    """
+    noticed = salient.noticed(color)
+    return without_surface(color, salient.near(color, segment_by_color(color) if noticed is None else noticed))
 
 
 def without_surface(color: Image, mask: Mask) -> Mask:

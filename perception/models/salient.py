@@ -20,7 +20,8 @@ _NEEDED = "Needed: (1, 3, S, S) float32 -> one map (1, 1, S, S) in 0..1, or U-2-
 _SALIENT = 0.5
 _SURE = 0.95
 """Peak of a map below which the object may be too small to be noticed: then the middle of the image is looked at alone.
-(On the development images of Cornell, objects of 60 x 20 px in 640 x 480 px peak at 0.6; in the middle part, at 1.)"""
+(On the development images of Cornell, objects of 60 x 20 px in 640 x 480 px peak at 0.6; in the middle part, at 1.)
+What the rim of the image cuts counts neither: there stand the feet of whoever watches."""
 _UNSEEN = 0.5
 _MIDDLE = 0.6
 """Side of that part over the image's."""
@@ -59,13 +60,28 @@ class Salient:
         Two looks: at the whole - or at its middle, if the object is too small to be noticed -, and closer at what was
         found. Raises: CycleFailure(TARGET_NOT_FOUND) when nothing stands out.
         """
-        noticed, peak = self._look(image, (slice(None), slice(None)))
-        if peak < _SURE:
-            again, its_peak = self._look(image, _middle(image.shape))
-            noticed, peak = (again, its_peak) if its_peak > peak else (noticed, peak)
-        if peak < _UNSEEN:
-            raise _unnoticed()
-        return _required(_largest(self._closer(image, _largest(noticed > _SALIENT)) > _SALIENT))
+        noticed = self.noticed(image)
+        if noticed is None:
+            whole, peak = self._look(image, (slice(None), slice(None)))
+            if peak < _UNSEEN:
+                raise _unnoticed()
+            noticed = _largest(whole > _SALIENT)
+        return self.near(image, noticed)
+
+    def noticed(self, image: Image) -> Mask | None:
+        """Roughly where (H, W) something stands out for sure that no border cuts; None = nowhere."""
+        for part in ((slice(None), slice(None)), _middle(image.shape)):
+            found, peak = self._look(image, part)
+            inside = _clear_of_rim((found > _SALIENT)[part])
+            if inside.any() and peak * float(found[part][inside].max()) >= _SURE:
+                mask = np.zeros(image.shape[:2], dtype=bool)
+                mask[part] = inside
+                return mask
+        return None
+
+    def near(self, image: Image, mask: Mask) -> Mask:
+        """The largest thing that stands out around a mask (H, W). Raises: CycleFailure(TARGET_NOT_FOUND)."""
+        return _required(_largest(self._closer(image, mask) > _SALIENT))
 
     def by_box(self, image: Image, box_px: tuple[float, float, float, float]) -> Mask:
         """The mask (H, W) of what stands out in a box (u0, v0, u1, v1) [px]. Raises: CycleFailure(TARGET_NOT_FOUND)."""
@@ -122,6 +138,13 @@ def _largest(mask: Mask) -> Mask:
     """The largest connected part of a mask (H, W)."""
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
     return np.asarray(labels == 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax())) if count > 1 else mask
+
+
+def _clear_of_rim(mask: Mask) -> Mask:
+    """The largest connected part of a mask (H, W) that does not touch its rim."""
+    _, labels = cv2.connectedComponents(mask.astype(np.uint8))
+    cut = np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))
+    return _largest(mask & ~np.isin(labels, cut))
 
 
 def _required(mask: Mask) -> Mask:
