@@ -122,6 +122,23 @@ def test_the_table_that_a_ring_encloses_is_not_the_object(salient: Salient) -> N
 
 
 @real
+def test_what_the_rim_of_the_picture_cuts_is_not_the_object(salient: Salient) -> None:
+    image, truth = _with_box(_table((480, 640)), (300, 250), (70, 24))
+    image[300:380, 590:] = (150, 30, 30)
+    found = salient.object_of(image)
+    assert _iou(found, truth) > 0.7 and not found[:, 590:].any()
+
+
+@real
+def test_what_the_network_does_not_notice_is_noticed_by_its_colour(
+    salient: Salient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    image, truth = _with_box(_table((480, 640)), (320, 250), (60, 30))
+    monkeypatch.setattr(salient, "noticed", lambda image: None)
+    assert _iou(segment_salient(image, salient), truth) > 0.8
+
+
+@real
 def test_a_station_redraws_its_outlines_with_it() -> None:
     image, truth = _with_box(_table(), (240, 180), (130, 60))
     station = load_station(None, ["perception.segmenter=salient", f"perception.salient.path={WEIGHTS}"])
