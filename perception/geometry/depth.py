@@ -107,9 +107,11 @@ def _undistortion(camera: CameraModel) -> tuple[npt.NDArray[np.int16], npt.NDArr
 def rays(camera: CameraModel) -> npt.NDArray[np.float64]:
     """Undistorted rays (h, w, 3) with z = 1 of all pixels of a distorted camera."""
     u, v = np.meshgrid(np.arange(camera.width, dtype=float), np.arange(camera.height, dtype=float))
+    if not camera.distortion:
+        return np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(u.shape)], axis=-1)
     pixels = np.stack([u.ravel(), v.ravel()], axis=1)[:, None]
     matrix = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
-    xy = cv2.undistortPoints(pixels, matrix, np.array(camera.distortion or (0.0,) * 4), criteria=_CRITERIA)[:, 0]
+    xy = cv2.undistortPoints(pixels, matrix, np.array(camera.distortion), criteria=_CRITERIA)[:, 0]
     return np.concatenate([xy, np.ones((len(xy), 1))], axis=1).reshape(camera.height, camera.width, 3)
 
 

@@ -179,6 +179,7 @@ def free_background(object_rgb: npt.NDArray[np.uint8]) -> tuple[int, int, int]:
     """The background colour that is close to the fewest of the object's pixels (n, 3); the first one of equals."""
 
     def taken(rgb: tuple[int, int, int]) -> int:
-        return int((np.abs(object_rgb.astype(int) - rgb).max(axis=1) < _NEAR_BACKGROUND).sum())
+        low, high = (np.array(rgb) + sign * (_NEAR_BACKGROUND - 1) for sign in (-1, 1))
+        return cv2.countNonZero(cv2.inRange(object_rgb[:, None], low, high))
 
     return min(BACKGROUNDS, key=taken)

@@ -29,10 +29,10 @@ def paint(observed_object: ObservedObject, ends: Array, radius_m: float, run: Ar
     observed_m = _filled(observed_object)
     depth_m, normals = _cylinder(ends, radius_m, observed_object)
     visible = np.isfinite(depth_m) & ~(observed_m < depth_m + _HIDING_M)
-    light = np.abs(normals @ (_LIGHT / np.linalg.norm(_LIGHT)))
-    shade = np.clip(0.35 + 0.65 * light, 0, 1)[..., None] + 0.25 * (light**12)[..., None]
-    rod = np.clip(np.array(observed_object.rod.rgb) * shade, 0, 255)
-    image = np.where(visible[..., None], rod, observed_object.masked).astype(np.uint8)
+    light = np.abs(normals[visible] @ (_LIGHT / np.linalg.norm(_LIGHT)))
+    shade = np.clip(0.35 + 0.65 * light, 0, 1) + 0.25 * light**12
+    image = observed_object.masked.copy()
+    image[visible] = np.clip(np.array(observed_object.rod.rgb) * shade[:, None], 0, 255).astype(np.uint8)
     goal_depth_m = np.where(visible, depth_m, observed_object.rgbd.depth_m).astype(np.float32)
     return GoalImage(image, goal_depth_m, PaintedRod(visible, observed_object.mask & ~visible, run))
 

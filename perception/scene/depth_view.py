@@ -82,8 +82,8 @@ class DepthView:
         return np.asarray(inside & ~(self.nearest_m[v, u] > z + np.float32(_BEHIND_M)))  # NaN compares false
 
     def _inside(self, pixels: npt.NDArray[np.int32], z: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
-        inside = (z > 0) & (pixels >= 0).all(axis=1)
-        return np.asarray(inside & (pixels[:, 0] < self.camera.width) & (pixels[:, 1] < self.camera.height))
+        u, v = pixels.T
+        return np.asarray((z > 0) & (u >= 0) & (v >= 0) & (u < self.camera.width) & (v < self.camera.height))
 
     def pixels(self, points_base: Points) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]:
         """The nearest pixels (n, 2) = (u, v) of points (n, 3) [m], maybe outside the image, and their z-depth (n,)."""

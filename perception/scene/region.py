@@ -18,7 +18,7 @@ Points = npt.NDArray[np.float32]
 
 
 def within(points_base: Points, station: Station, beside_m: float = 0.0) -> Mask:
-    """The points (h, w, 3) above or below the pick region, or at most ``beside_m`` beside it."""
+    """The points (..., 3) above or below the pick region, or at most ``beside_m`` beside it."""
     x_min, x_max, y_min, y_max = station.scene.pick_region_m
     x, y = points_base[..., 0], points_base[..., 1]
     inside = (x > x_min - beside_m) & (x < x_max + beside_m) & (y > y_min - beside_m) & (y < y_max + beside_m)
@@ -32,15 +32,14 @@ def raised(points_base: Points, height_m: npt.NDArray[np.float32], station: Stat
         height_m: (h, w) above the seen table. What rises above ``scene.max_height_m`` is no object.
     """
     found = (height_m > station.perception.min_object_height_m) & (height_m < station.scene.max_height_m)
-    found &= within(points_base, station, _BESIDE_M)
     at = np.flatnonzero(found)
     points = points_base.reshape(-1, 3)[at]
-    is_box = np.zeros(len(points), dtype=bool)
+    is_other = ~within(points, station, _BESIDE_M)
     for box in scene_boxes(station.scene)[1:]:
         half_m = np.array(box.size_m) / 2 + _FIXTURE_M
         off_m = points - np.array(box.center_m, dtype=np.float32)
-        is_box |= (np.abs(off_m[:, :2]) < half_m[:2]).all(axis=1) & (off_m[:, 2] < half_m[2])
-    found.ravel()[at[is_box]] = False
+        is_other |= (np.abs(off_m[:, :2]) < half_m[:2]).all(axis=1) & (off_m[:, 2] < half_m[2])
+    found.ravel()[at[is_other]] = False
     return found
 
 

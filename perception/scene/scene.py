@@ -158,9 +158,9 @@ def _in_region(
 
 def _lab(rgbd: Rgbd, source: npt.NDArray[np.int32], is_raised: Mask) -> Points:
     """CIELAB (h, w, 3) of the raised depth pixels, from the colour pixels that they were registered to; 0 elsewhere."""
-    lab = cv2.cvtColor(rgbd.color, cv2.COLOR_RGB2LAB).reshape(-1, 3)
     out = np.zeros((is_raised.size, 3), dtype=np.float32)
     at = np.flatnonzero(source.ravel() >= 0)
     at = at[is_raised.ravel()[source.ravel()[at]]]
-    out[source.ravel()[at]] = lab[at]
+    if len(at):
+        out[source.ravel()[at]] = cv2.cvtColor(rgbd.color.reshape(-1, 1, 3)[at], cv2.COLOR_RGB2LAB)[:, 0]
     return out.reshape(*is_raised.shape, 3)

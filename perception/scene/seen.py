@@ -152,12 +152,13 @@ def _with_rims(scene: Scene) -> npt.NDArray[np.uint8]:
 def _instance(scene: Scene, number: int) -> Instance:
     """Place, size and completeness of one thing."""
     points = scene.points_table[scene.labels == number].astype(float)
-    (_, (one_m, other_m), _) = cv2.minAreaRect(points[:, :2].astype(np.float32))
+    cells_m = scene.heights.xy_m(*np.nonzero(scene.heights.labels == number))
+    (_, (one_m, other_m), _) = cv2.minAreaRect(cells_m.astype(np.float32))
     top = points[points[:, 2].argmax()]
     return Instance(
         number=number,
         top_m=apply(scene.table.base_from_table, top[None])[0],
-        size_m=np.array([max(one_m, other_m), min(one_m, other_m), top[2]]) + np.array([CELL_M, CELL_M, 0.0]) / 2,
+        size_m=np.array([max(one_m, other_m), min(one_m, other_m), top[2]]) + np.array([CELL_M, CELL_M, 0.0]),
         in_view=not _at_border(scene, number),
         depth_share=_depth_share(scene, number),
     )
@@ -196,4 +197,5 @@ def _apart(lab: npt.NDArray[np.float64], samples: npt.NDArray[np.float64]) -> np
 
 
 def _inside(pixels: npt.NDArray[np.integer], z: npt.NDArray[np.floating], shape: tuple[int, int]) -> Mask:
-    return np.asarray((z > 0) & (pixels >= 0).all(axis=1) & (pixels[:, 0] < shape[1]) & (pixels[:, 1] < shape[0]))
+    u, v = pixels.T
+    return np.asarray((z > 0) & (u >= 0) & (v >= 0) & (u < shape[1]) & (v < shape[0]))
