@@ -198,7 +198,11 @@ def _closed(
     patch = (_near(left, touch.left_m) & _near(right, touch.right_m)).mean(axis=1)
     lean = np.arctan(np.abs(left_edge_m - right_edge_m) / np.maximum(touch.width_m, 0.005))
     across = np.maximum(profile.across_rad(left, touch.left_m), profile.across_rad(right, touch.right_m))
-    up = np.maximum(profile.up_rad(tip_m, left, touch.left_m, 1.0), profile.up_rad(tip_m, right, touch.right_m, -1.0))
+    above = profile.contacts_above(tip_m)
+    up = np.maximum(
+        profile.up_rad([one for one, _ in above], left, touch.left_m, 1.0),
+        profile.up_rad([other for _, other in above], right, touch.right_m, -1.0),
+    )
     angle = np.hypot(across, up)
     labels, parts, patches = profile.between(touch.left_m, touch.right_m)
     solid = profile.solid(touch.left_m, touch.right_m, edge_m)
@@ -291,16 +295,23 @@ class _Profile:
         self.heights_m = self._maps.surface_m.take(self._cells)
         self._bound_m = self._maps.bound_m.take(self._cells).max(axis=1)
         self._beside_m = self._maps.beside_m.take(self._cells).max(axis=1)
-        self._finger_m = hand.finger_thickness_m
+        self._finger_m, self._jaw_m = hand.finger_thickness_m, hand.max_width_m
+
+    def _within(self, half_m: float) -> tuple[Rays, Rays]:
+        """Places (k,) along the closing axis at most so far from the middle, and the heights (n, 7, k) there."""
+        inside = np.flatnonzero(np.abs(self.t_m) <= half_m)
+        part = np.s_[inside[0] : inside[-1] + 1]
+        return self.t_m[part], self.heights_m[..., part]
 
     def contacts(self, slice_m: Array, half_m: float) -> tuple[Rays, Rays]:
         """Position (n, 7) where each ray first meets material from the left and from the right; +-inf for none."""
-        inside = np.abs(self.t_m) <= half_m
-        solid = (self.heights_m > slice_m[:, None, None].astype(np.float32)) & inside
-        hit = solid.any(axis=2)
+        t_m, heights_m = self._within(half_m)
+        solid = heights_m > slice_m[:, None, None].astype(np.float32)
+        first = solid.argmax(axis=2)
+        hit = np.take_along_axis(solid, first[..., None], axis=2)[..., 0]
         half_step = np.float32(_STEP_M / 2)
-        left = np.where(hit, self.t_m[solid.argmax(axis=2)] - half_step, np.float32(np.inf))
-        right = np.where(hit, self.t_m[::-1][solid[..., ::-1].argmax(axis=2)] + half_step, np.float32(-np.inf))
+        left = np.where(hit, t_m[first] - half_step, np.float32(np.inf))
+        right = np.where(hit, t_m[::-1][solid[..., ::-1].argmax(axis=2)] + half_step, np.float32(-np.inf))
         return left, right
 
     def edge_m(self, contact: Rays, touch_m: Array, inward: float) -> Array:
@@ -315,13 +326,15 @@ class _Profile:
         near = _near(contact, touch_m)
         return np.asarray(np.arctan(np.abs(_slope(np.broadcast_to(_RAYS_M, contact.shape), contact, near))))
 
-    def up_rad(self, tip_m: Array, contact: Rays, touch_m: Array, inward: float) -> Array:
-        """Angle (n,) by which the face leans away from the pad."""
+    def contacts_above(self, tip_m: Array) -> list[tuple[Rays, Rays]]:
+        """The contacts at each higher level, wherever along the axis."""
+        return [self.contacts(tip_m + level_m, float(self.t_m[-1])) for level_m in _LEVELS_M[1:]]
+
+    def up_rad(self, above: list[Rays], contact: Rays, touch_m: Array, inward: float) -> Array:
+        """Angle (n,) by which the face leans away from the pad; ``above``: this side's contacts at each higher level."""
         near = _near(contact, touch_m)
-        slope = np.zeros(len(tip_m))
-        for level_m in _LEVELS_M[1:]:
-            left, right = self.contacts(tip_m + level_m, float(self.t_m[-1]))
-            higher = left if inward > 0 else right
+        slope = np.zeros(len(touch_m))
+        for level_m, higher in zip(_LEVELS_M[1:], above, strict=True):
             is_there = near & np.isfinite(higher)
             back = (np.where(is_there, higher, 0) - np.where(is_there, contact, 0)) * np.float32(inward)
             back_m = _median(np.where(is_there, back, np.nan))
@@ -331,14 +344,16 @@ class _Profile:
 
     def tilt_rad(self, left_m: Array, right_m: Array) -> Array:
         """Angle (n,) of the surface between the contacts along the closing axis; 0 where they are too near."""
-        between = (self.t_m > left_m[:, None] + 0.003) & (self.t_m < right_m[:, None] - 0.003)
-        middle = np.broadcast_to(self.t_m, between.shape), _middle_of_rays(self.heights_m)
+        t_m, heights_m = self._within(self._jaw_m / 2)
+        between = (t_m > left_m[:, None] + 0.003) & (t_m < right_m[:, None] - 0.003)
+        middle = np.broadcast_to(t_m, between.shape), _middle_of_rays(heights_m)
         return np.asarray(np.arctan(np.abs(_slope(*middle, between))))
 
     def solid(self, left_m: Array, right_m: Array, edge_m: Array) -> Array:
         """1 where the surface between the contacts has no valley below the edge, 0 from a deep one on; (n,)."""
-        between = (self.t_m >= left_m[:, None] + 0.002) & (self.t_m <= right_m[:, None] - 0.002)
-        middle = self.heights_m[:, 1:-1].max(axis=1)
+        t_m, heights_m = self._within(self._jaw_m / 2)
+        between = (t_m >= left_m[:, None] + 0.002) & (t_m <= right_m[:, None] - 0.002)
+        middle = heights_m[:, 1:-1].max(axis=1)
         low_m = np.where(between, middle, np.float32(np.inf)).min(axis=1)
         depth_m = np.where(between.any(axis=1), edge_m - low_m, 0.0)
         return np.asarray(1 - np.clip((depth_m - _VALLEY_M[0]) / (_VALLEY_M[1] - _VALLEY_M[0]), 0, 1))
@@ -406,7 +421,8 @@ def _median(values: npt.NDArray[np.floating]) -> Array:
 
 def _palm_top(heights: HeightMap, centers_m: Array, axis: Array) -> Array:
     """The highest (n,) that may be occupied below the palm."""
-    lateral = np.stack([-axis[:, 1], axis[:, 0]], axis=1)
-    points = centers_m[:, None] + axis[:, None] * _PALM[None, :, :1] + lateral[:, None] * _PALM[None, :, 1:]
-    cells = heights.cells(points[..., 0].astype(np.float32), points[..., 1].astype(np.float32))
+    x, y = centers_m.T[..., None].astype(np.float32)
+    c, s = axis.T[..., None].astype(np.float32)
+    along, across = _PALM.T.astype(np.float32)
+    cells = heights.cells(x + c * along - s * across, y + s * along + c * across)
     return np.asarray(heights.framed.around_m.take(cells).max(axis=1), dtype=float)

@@ -133,12 +133,12 @@ class Grid:
         return cls(low, (int(ny), int(nx)))
 
     def index(self, xy_m: npt.NDArray[np.floating]) -> npt.NDArray[np.int32]:
-        """Flat cell indices (n,) of points (n, 2); -1 outside."""
+        """Flat cell indices (n,) of points (n, 2); -1 outside, and for NaN."""
         ny, nx = self.shape
-        column = np.rint((xy_m[:, 0] - self.origin_m[0]) * (1 / CELL_M)).astype(np.int32)
-        row = np.rint((xy_m[:, 1] - self.origin_m[1]) * (1 / CELL_M)).astype(np.int32)
+        column = np.rint((xy_m[:, 0] - np.float32(self.origin_m[0])) * np.float32(1 / CELL_M))
+        row = np.rint((xy_m[:, 1] - np.float32(self.origin_m[1])) * np.float32(1 / CELL_M))
         inside = (column >= 0) & (column < nx) & (row >= 0) & (row < ny)
-        return np.where(inside, row * nx + column, -1)
+        return np.where(inside, row * np.float32(nx) + column, np.float32(-1)).astype(np.int32)
 
     def centers_m(self, cells: npt.NDArray[np.integer]) -> Array:
         """Centres (n, 2) of flat cell indices (n,)."""
@@ -173,11 +173,11 @@ class Seen:
 
 
 def highest(grid: Grid, points: npt.NDArray[np.float32]) -> Seen:
-    """The highest of the points (n, 3) in each cell of the grid; of equals the last."""
+    """The highest of the points (n, 3), NaN = none, in each cell of the grid; of equals the last."""
     cell = grid.index(points[:, :2])
     inside = np.flatnonzero(cell >= 0)
     # height in steps of 10 um and index in one number, because the maximum must say which point it was
-    key = (np.rint(points[inside, 2] * 1e5).astype(np.int64) << 32) | inside
+    key = (np.rint(points[inside, 2] * np.float32(1e5)).astype(np.int64) << 32) | inside
     top = np.full(grid.shape[0] * grid.shape[1], np.iinfo(np.int64).min)
     np.maximum.at(top, cell[inside], key)
     point = np.where(top == np.iinfo(np.int64).min, -1, top & 0xFFFFFFFF).astype(np.int32).reshape(grid.shape)

@@ -83,11 +83,11 @@ class Scene:
     def heights_along(self, base_from_level: Transform, instance: int) -> HeightMap:
         """The height map around one thing, seen against the z axis of a level frame (4, 4); each thing is one piece."""
         points = moved(self.view.points_base, inverse(base_from_level))
-        known, grid = np.isfinite(points[..., 2]), Grid.around(points[self.labels == instance][:, :2])
-        seen = highest(grid, points[known])
+        grid = Grid.around(points[self.labels == instance][:, :2])
+        seen = highest(grid, points.reshape(-1, 3))
         surface_m, bound_m = _heights(seen, grid, self.view, base_from_level)
         point, labels = seen.point_within(_SPARSE_CELLS), np.zeros(grid.shape, dtype=np.int16)
-        labels[point >= 0] = self.labels[known][point[point >= 0]]
+        labels[point >= 0] = self.labels.ravel()[point[point >= 0]]
         return HeightMap(surface_m, bound_m, labels, labels, labels, grid.origin_m)
 
 
@@ -113,12 +113,11 @@ def _height_map(
     view: DepthView, grid: Grid, points_level: Points, lab: Points, is_raised: Mask, base_from_level: Transform
 ) -> HeightMap:
     """The height map of points (h, w, 3) in a level frame."""
-    known = np.isfinite(points_level[..., 2])
-    seen = highest(grid, points_level[known])
+    seen = highest(grid, points_level.reshape(-1, 3))
     point = seen.point_within(_SPARSE_CELLS)
     raised_cells, cell_lab = point >= 0, np.zeros((*grid.shape, 3), dtype=np.float32)
-    raised_cells[raised_cells] = is_raised[known][point[raised_cells]]
-    cell_lab[raised_cells] = lab[known][point[raised_cells]]
+    raised_cells[raised_cells] = is_raised.ravel()[point[raised_cells]]
+    cell_lab[raised_cells] = lab.reshape(-1, 3)[point[raised_cells]]
     surface_m, bound_m = _heights(seen, grid, view, base_from_level)
     parts = pieces(surface_m, raised_cells)
     return HeightMap(

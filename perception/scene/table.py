@@ -128,7 +128,8 @@ def _fills_view(points_base: Points, station: Station) -> bool:
 def _best_plane(near: Array) -> Array | None:
     """Coefficients (3,) of the plane that most of the points (n, 3) support; None when none has enough of them."""
     planes = _planes(near)
-    below_m = _at(planes.T[..., None], near.T[:, None]) - near[:, 2]
+    single = near.T.astype(np.float32)
+    below_m = _at(planes.T[..., None].astype(np.float32), single[:, None]) - single[2]
     score = (np.abs(below_m) < _INLIER_M).sum(axis=1) - ((below_m > _BELOW_M[0]) & (below_m < _BELOW_M[1])).sum(axis=1)
     if not len(score) or score.max() < max(_MIN_SHARE * len(near), _MIN_POINTS / 3):
         return None
@@ -146,7 +147,7 @@ def _planes(near: Array) -> Array:
     return np.asarray(planes[np.hypot(planes[:, 0], planes[:, 1]) < _SEARCHED_SLOPE])
 
 
-def _at(coefficients: Array, points: Array) -> Array:
+def _at(coefficients: Array | Points, points: Array | Points) -> Array | Points:
     """Heights of planes (3, ...) at points (n, 2 or 3) or their transpose (2 or 3, 1, n)."""
     x, y = (points[..., 0], points[..., 1]) if coefficients.ndim == 1 else (points[0], points[1])
     return np.asarray(coefficients[0] * x + coefficients[1] * y + coefficients[2])
