@@ -331,7 +331,7 @@ class _Profile:
         return [self.contacts(tip_m + level_m, float(self.t_m[-1])) for level_m in _LEVELS_M[1:]]
 
     def up_rad(self, above: list[Rays], contact: Rays, touch_m: Array, inward: float) -> Array:
-        """Angle (n,) by which the face leans away from the pad; ``above``: this side's contacts at each higher level."""
+        """Angle (n,) by which the face leans back; ``above``: this side's contacts (n, 7) at each higher level."""
         near = _near(contact, touch_m)
         slope = np.zeros(len(touch_m))
         for level_m, higher in zip(_LEVELS_M[1:], above, strict=True):
