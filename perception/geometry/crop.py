@@ -35,12 +35,18 @@ class Crop:
     def around(mask: Mask, margin_px: int) -> Crop:
         """The bounding box of ``mask`` (H, W), enlarged by ``margin_px`` and clipped to the image."""
         rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-        height, width = mask.shape
+        window = slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
+        return Crop.enclosing(window, mask.shape, margin_px)
+
+    @staticmethod
+    def enclosing(window: tuple[slice, slice], shape: tuple[int, ...], margin_px: int) -> Crop:
+        """A window of rows and columns, enlarged by ``margin_px`` and clipped to an image of this shape (H, W)."""
+        rows, columns = window
         return Crop(
-            max(0, int(columns[0]) - margin_px),
-            max(0, int(rows[0]) - margin_px),
-            min(width, int(columns[-1]) + 1 + margin_px),
-            min(height, int(rows[-1]) + 1 + margin_px),
+            max(0, columns.start - margin_px),
+            max(0, rows.start - margin_px),
+            min(shape[1], columns.stop + margin_px),
+            min(shape[0], rows.stop + margin_px),
         )
 
     def of(self, image: npt.NDArray[ScalarT]) -> npt.NDArray[ScalarT]:

@@ -6,7 +6,7 @@ become candidates; a share of them, spread evenly over places and headings, is c
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import cv2
 import numpy as np
@@ -42,38 +42,45 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Candidates:
-    """Places to close the jaw at; arrays of length n."""
+    """Places to close the jaw at; arrays of length n. ``clearance_m``: room of each finger there."""
 
     center_m: Array
     heading_rad: Array
     slice_m: Array
+    clearance_m: Array
 
-    def taken(self, chosen: npt.NDArray[np.integer]) -> Candidates:
+    @classmethod
+    def joined(cls, parts: list[Candidates]) -> Candidates:
+        """Several candidates as one, in their order."""
+        return cls(*(np.concatenate([getattr(part, one.name) for part in parts]) for one in fields(cls)))
+
+    def taken(self, chosen: npt.NDArray[np.integer] | npt.NDArray[np.bool_]) -> Candidates:
         """The chosen ones, in their order."""
-        return Candidates(self.center_m[chosen], self.heading_rad[chosen], self.slice_m[chosen])
+        return Candidates(*(getattr(self, one.name)[chosen] for one in fields(self)))
 
 
 def search(heights: HeightMap, station: Station) -> Closings:
     """Closings all over the map, scored, the best of them also by how many pose errors they survive."""
-    found = _everywhere(heights, station, _CLEARANCES_M[0])
-    if len(found.center_m) < _FEWER * _MOST:
-        found = _both(found, _everywhere(heights, station, _CLEARANCES_M[1]))
-    chosen = _spread(found)
+    found = _everywhere(heights, station)
+    roomy = found.taken(found.clearance_m == _CLEARANCES_M[0])
+    chosen = _spread(found if len(roomy.center_m) < _FEWER * _MOST else roomy)
     coarse = close(heights, chosen.center_m, chosen.heading_rad, chosen.slice_m, station)
     fine = _refined(coarse, heights, station)
     return tested(joined([coarse, fine]), heights, station, _TESTED)
 
 
-def _everywhere(heights: HeightMap, station: Station, clearance_m: float) -> Candidates:
+def _everywhere(heights: HeightMap, station: Station) -> Candidates:
     """The candidates in the pick region; between groups of things that lie apart nothing is looked for."""
-    found = Candidates(np.zeros((0, 2)), np.zeros(0), np.zeros(0))
+    parts = [Candidates(np.zeros((0, 2)), np.zeros(0), np.zeros(0), np.zeros(0))]
     near = cv2.dilate((heights.labels > 0).astype(np.uint8), np.ones((_GROUP_CELLS, _GROUP_CELLS), np.uint8))
     _, _, boxes, _ = cv2.connectedComponentsWithStats(near)
     for left, top, width, height, _ in boxes[1:]:
         margin = _MARGIN_CELLS - _GROUP_CELLS // 2
         window = np.s_[max(0, top - margin) : top + height + margin, max(0, left - margin) : left + width + margin]
-        found = _both(found, _candidates(heights.part(window), station, clearance_m))
-    return found.taken(np.flatnonzero(_in_region(found.center_m, station)))
+        group = heights.part(window)
+        parts += [_along(group, float(index * np.pi / _HEADINGS), station) for index in range(_HEADINGS)]
+    found = Candidates.joined(parts)
+    return found.taken(_in_region(found.center_m, station))
 
 
 def _in_region(center_m: Array, station: Station) -> npt.NDArray[np.bool_]:
@@ -116,43 +123,33 @@ def _survived(closings: Closings, chosen: npt.NDArray[np.intp], heights: HeightM
     return np.asarray((np.isfinite(erred.score) & same).reshape(len(chosen), len(_ERRORS)).mean(axis=1))
 
 
-def _candidates(heights: HeightMap, station: Station, clearance_m: float) -> Candidates:
-    """Every run of material with room for the fingers, over all headings."""
-    found = [
-        _along(heights, float(heading), station, clearance_m) for heading in np.arange(_HEADINGS) * (np.pi / _HEADINGS)
-    ]
-    return Candidates(*(np.concatenate([getattr(one, name) for one in found]) for name in
-                        ("center_m", "heading_rad", "slice_m")))  # fmt: skip
-
-
-def _both(one: Candidates, other: Candidates) -> Candidates:
-    return Candidates(*(np.concatenate([getattr(one, name), getattr(other, name)]) for name in
-                        ("center_m", "heading_rad", "slice_m")))  # fmt: skip
-
-
-def _along(heights: HeightMap, heading_rad: float, station: Station, clearance_m: float) -> Candidates:
-    """The runs of one heading."""
+def _along(heights: HeightMap, heading_rad: float, station: Station) -> Candidates:
+    """Every run of material along one heading with room for the fingers."""
     turned, hand = _Turned.of(heights, heading_rad), station.hand
     is_object = turned.is_object[::_ROW_CELLS]
     finger = turned.highest_around(turned.bound_m, hand.finger_thickness_m, _FINGER_ACROSS_M)[::_ROW_CELLS]
     palm = turned.highest_around(turned.bound_m, *_PALM_M)[::_ROW_CELLS]
     pad = turned.highest_around(turned.surface_m, 0.0, _PAD_M)[::_ROW_CELLS]
     top_m = np.where(is_object, pad, np.float32(0)).max(axis=1)
-    beside = (clearance_m + hand.finger_thickness_m / 2) / CELL_M
-    cells, slices = [np.zeros((0, 2))], [np.zeros(0)]
+    cells, slices, rooms = [np.zeros((0, 2))], [np.zeros(0)], [np.zeros(0)]
     for tip_m in _levels(float(top_m.max(initial=0.0))):
         rows = np.flatnonzero(top_m > tip_m + _OVER_TIP_M)
         row, first, last = _runs(pad[rows] > tip_m + _OVER_TIP_M, hand)
         row = rows[row]
-        left = np.clip(np.rint(first - beside).astype(int), 0, pad.shape[1] - 1)
-        right = np.clip(np.rint(last + beside).astype(int), 0, pad.shape[1] - 1)
         middle = (first + last) // 2
-        fits = (finger[row, left] < tip_m - 0.001) & (finger[row, right] < tip_m - 0.001)
-        fits &= (palm[row, middle] < tip_m + PALM_ABOVE_TIP_M - 0.001) & is_object[row, middle]
-        cells.append(np.stack([(first + last)[fits] / 2, row[fits] * _ROW_CELLS], axis=1))
-        slices.append(np.full(int(fits.sum()), tip_m + _OVER_TIP_M))
+        free = (palm[row, middle] < tip_m + PALM_ABOVE_TIP_M - 0.001) & is_object[row, middle]
+        row, first, last = row[free], first[free], last[free]
+        for clearance_m in _CLEARANCES_M:
+            beside = (clearance_m + hand.finger_thickness_m / 2) / CELL_M
+            left = np.clip(np.rint(first - beside).astype(int), 0, pad.shape[1] - 1)
+            right = np.clip(np.rint(last + beside).astype(int), 0, pad.shape[1] - 1)
+            fits = (finger[row, left] < tip_m - 0.001) & (finger[row, right] < tip_m - 0.001)
+            cells.append(np.stack([(first + last)[fits] / 2, row[fits] * _ROW_CELLS], axis=1))
+            slices.append(np.full(int(fits.sum()), tip_m + _OVER_TIP_M))
+            rooms.append(np.full(int(fits.sum()), clearance_m))
     center_m = turned.xy_m(np.concatenate(cells))
-    return Candidates(center_m, np.full(len(center_m), heading_rad), np.concatenate(slices))
+    headings = np.full(len(center_m), heading_rad)
+    return Candidates(center_m, headings, np.concatenate(slices), np.concatenate(rooms))
 
 
 def _levels(top_m: float) -> Array:

@@ -8,6 +8,7 @@ from functools import cached_property
 import cv2
 import numpy as np
 import numpy.typing as npt
+from scipy import ndimage
 
 from bus.codes import Code
 from bus.errors import CycleFailure
@@ -28,7 +29,10 @@ _FEWEST = 20
 _BESIDE_PX, _BORDER_PX, _RIM_PX = 25, 3, 5
 _OBJECT_M = 0.012
 
+Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
+Window = tuple[slice, slice]
+"""Rows and columns of an image."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +112,7 @@ def described(scene: Scene, region: RegionView) -> ObservedScene:
     return ObservedScene(
         table=SeenTable(base_from_table=table.base_from_table, offset_m=table.offset_m, tilt_rad=table.tilt_rad),
         region_seen=region.share,
-        instances=tuple(_instance(scene, number) for number in range(1, scene.count + 1)),
+        instances=_instances(scene),
         labels=_with_rims(scene),
         unseen=region.unseen,
     )
@@ -149,38 +153,51 @@ def _with_rims(scene: Scene) -> npt.NDArray[np.uint8]:
     return np.where((labels == 0) & np.isnan(scene.rgbd.depth_m), around, labels)
 
 
-def _instance(scene: Scene, number: int) -> Instance:
-    """Place, size and completeness of one thing."""
-    points = scene.points_table[scene.labels == number].astype(float)
+def _instances(scene: Scene) -> tuple[Instance, ...]:
+    """Place, size and completeness of every thing."""
+    cut = _at_border(scene)
+    windows = zip(
+        *(ndimage.find_objects(labels, scene.count) for labels in (scene.labels, scene.color_labels)), strict=True
+    )
+    instances = []
+    for number, (in_depth, in_color) in enumerate(windows, start=1):
+        top, size_m = _extent(scene, number, in_depth)
+        instances.append(
+            Instance(
+                number=number,
+                top_m=apply(scene.table.base_from_table, top[None])[0],
+                size_m=size_m,
+                in_view=number not in cut,
+                depth_share=1.0 if in_color is None else _depth_share(scene, number, in_color),
+            )
+        )
+    return tuple(instances)
+
+
+def _extent(scene: Scene, number: int, window: Window) -> tuple[Array, Array]:
+    """The highest point (3,) of a thing in the table's frame, and its size (3,): longer side, shorter side, height."""
+    points = scene.points_table[window][scene.labels[window] == number].astype(float)
     cells_m = scene.heights.xy_m(*np.nonzero(scene.heights.labels == number))
     (_, (one_m, other_m), _) = cv2.minAreaRect(cells_m.astype(np.float32))
     top = points[points[:, 2].argmax()]
-    return Instance(
-        number=number,
-        top_m=apply(scene.table.base_from_table, top[None])[0],
-        size_m=np.array([max(one_m, other_m), min(one_m, other_m), top[2]]) + np.array([CELL_M, CELL_M, 0.0]),
-        in_view=not _at_border(scene, number),
-        depth_share=_depth_share(scene, number),
-    )
+    return top, np.array([max(one_m, other_m) + CELL_M, min(one_m, other_m) + CELL_M, top[2]])
 
 
-def _at_border(scene: Scene, number: int) -> bool:
-    """Whether the border of the colour or the depth image cuts the thing."""
+def _at_border(scene: Scene) -> set[int]:
+    """The things that the border of the colour or the depth image cuts."""
+    cut: set[int] = set()
     for labels in (scene.labels, scene.color_labels):
         rim = np.ones(labels.shape, dtype=bool)
         rim[_BORDER_PX:-_BORDER_PX, _BORDER_PX:-_BORDER_PX] = False
-        if (labels[rim] == number).any():
-            return True
-    return False
+        cut.update(np.unique(labels[rim]).tolist())
+    return cut
 
 
-def _depth_share(scene: Scene, number: int) -> float:
+def _depth_share(scene: Scene, number: int, window: Window) -> float:
     """Share of the thing's pixels with depth; those without are beside it and have its colour."""
-    ours = scene.color_labels == number
-    if not ours.any():
-        return 1.0
-    crop = Crop.around(ours, _BESIDE_PX)
-    mask, hole = crop.of(ours)[::2, ::2], np.isnan(crop.of(scene.rgbd.depth_m))[::2, ::2]
+    crop = Crop.enclosing(window, scene.color_labels.shape, _BESIDE_PX)
+    mask = crop.of(scene.color_labels)[::2, ::2] == number
+    hole = np.isnan(crop.of(scene.rgbd.depth_m))[::2, ::2]
     lab = cv2.cvtColor(cv2.blur(crop.of(scene.rgbd.color), (3, 3)), cv2.COLOR_RGB2LAB)[::2, ::2].astype(float)
     rest = ~mask & ~hole
     if rest.sum() < _FEWEST or mask.sum() < _FEWEST:

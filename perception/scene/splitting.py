@@ -72,11 +72,11 @@ def _with_insides(labels: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
     """The things (ny, nx), each with what lies inside its outline: a cup with its floor, a box with what is in it."""
     labels = labels.copy()
     sizes = np.bincount(labels.ravel())
+    windows = ndimage.find_objects(labels)
     for label in np.argsort(-sizes, kind="stable"):
-        if label == 0 or not (labels == label).any():
+        window = windows[label - 1] if label else None
+        if window is None or not (labels[window] == label).any():
             continue
-        rows, columns = np.nonzero(labels == label)
-        window = np.s_[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
         whole = _outline_filled(labels[window] == label)
         if whole.sum() * CELL_M**2 > _VESSEL_M2:  # a bin, not a vessel
             continue
