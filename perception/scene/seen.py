@@ -25,7 +25,7 @@ _HOLE_M2 = 3e-4
 _FOREIGN = 25.0
 """Squared standard deviations from the table's colour above which a pixel is not the table."""
 _FOREIGN_SHARE = 0.3
-_FEWEST = 20
+_FEWEST, _SAMPLES = 20, 10_000
 _BESIDE_PX, _BORDER_PX, _RIM_PX = 25, 3, 5
 _OBJECT_M = 0.012
 
@@ -177,10 +177,10 @@ def _instances(scene: Scene) -> tuple[Instance, ...]:
 def _extent(scene: Scene, number: int, window: Window) -> tuple[Array, Array]:
     """The highest point (3,) of a thing in the table's frame, and its size (3,): longer side, shorter side, height."""
     points = scene.points_table[window][scene.labels[window] == number].astype(float)
-    cells_m = scene.heights.xy_m(*np.nonzero(scene.heights.labels == number))
-    (_, (one_m, other_m), _) = cv2.minAreaRect(cells_m.astype(np.float32))
+    few = points[:: max(1, len(points) // _SAMPLES), :2].astype(np.float32)
+    (_, (one_m, other_m), _) = cv2.minAreaRect(few)
     top = points[points[:, 2].argmax()]
-    return top, np.array([max(one_m, other_m) + CELL_M, min(one_m, other_m) + CELL_M, top[2]])
+    return top, np.array([max(one_m, other_m), min(one_m, other_m), top[2]]) + np.array([CELL_M, CELL_M, 0.0]) / 2
 
 
 def _at_border(scene: Scene) -> set[int]:
