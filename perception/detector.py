@@ -5,7 +5,7 @@ The scene is seen once; then rods are imagined for one thing after another (`per
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -55,6 +55,7 @@ def detect(
     on_reply: OnReply,
     cancel: Cancel | None = None,
     on_scene: OnScene | None = None,
+    others: Sequence[Observation] = (),
 ) -> Detections:
     """Detect ranked grasps in the pick region, with their evidence. Pure, except for the models and their time.
 
@@ -62,6 +63,7 @@ def detect(
         on_reply: called with the record of every call to the goal-image model, as soon as the call ends.
         cancel: a stop request; checked before each proposal and each call.
         on_scene: called with what was seen, before anything is looked for in it.
+        others: observations of the same scene from other places.
 
     Raises:
         CycleFailure: BAD_FRAME, NO_TABLE, TABLE_MOVED, TOO_NEAR, NO_OBJECT, NOT_SEEN, NO_DEPTH, TARGET_NOT_FOUND,
@@ -70,7 +72,7 @@ def detect(
     cancel = cancel or Cancel()
     cancel.raise_if_set("detect")
     models.imaginer.begin()
-    scene, seen = _see(checked(observation), station, on_scene)
+    scene, seen = _see([checked(one) for one in (observation, *others)], station, on_scene)
     closings = graded(search(scene.heights, station), seen.instances)
     talk = Conversation(models.imaginer, on_reply, cancel=cancel)
     targets = choose(scene, closings, talk, station, models.sam)
@@ -81,9 +83,11 @@ def detect(
     return _detections(tries, station)
 
 
-def _see(observation: Observation, station: Station, on_scene: OnScene | None) -> tuple[Scene, ObservedScene]:
+def _see(
+    observations: Sequence[Observation], station: Station, on_scene: OnScene | None
+) -> tuple[Scene, ObservedScene]:
     """The model of the scene, also as a message. Raises: CycleFailure, when nothing can be grasped in it."""
-    scene = observe(observation, station)
+    scene = observe(observations[0], station, observations[1:])
     region = RegionView.of(scene, station)
     seen = described(scene, region)
     if on_scene is not None:

@@ -64,7 +64,7 @@ def grasps_of_rod(ends_base: Array, rectangle: int, observed_object: ObservedObj
     grasps = _approach(ends_base, rectangle, base_from_table, observed_object.scene.heights, observed_object, station)
     for tilt_rad in () if grasps else _TILTS_RAD:
         base_from_level = tilted(ends_base, float(tilt_rad), base_from_table)
-        heights = observed_object.scene.heights_along(base_from_level, observed_object.instance.number)
+        heights, base_from_level = observed_object.scene.along(base_from_level, observed_object.instance.number)
         grasps += _approach(ends_base, rectangle, base_from_level, heights, observed_object, station)
     return grasps
 

@@ -6,6 +6,7 @@ See docs/frames.md.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 
@@ -24,6 +25,9 @@ MARGIN_M = 0.13
 _CEILING_M, _LEVEL_M = 0.20, 0.006
 """Unseen cells are examined from the ceiling, or the highest point if that is higher, downwards in such levels."""
 
+_ALONG = float(np.cos(np.deg2rad(35)))
+_STILL_SEEN_M = 0.012
+"""A surface hides its own place from a level so little above it."""
 _TABLE_NOISE_M = 0.003
 """What is lower is the table and the noise of its depth."""
 
@@ -187,32 +191,61 @@ def highest(grid: Grid, points: npt.NDArray[np.float32]) -> Seen:
     return Seen(height_m, point, distance.astype(np.float32), nearest[0] * grid.shape[1] + nearest[1])
 
 
-def bound(grid: Grid, height_m: Heights, view: DepthView, base_from_level: Transform) -> Heights:
+def bound(grid: Grid, height_m: Heights, views: Sequence[DepthView], base_from_level: Transform) -> Heights:
     """Up to which height each cell may be occupied: see `HeightMap.bound_m`.
 
-    An unseen cell whose foot is outside the image may be occupied up to the ceiling. Above any other cell the camera
-    looks down until something hides what is below; the upper end of a column near the border, which is not in view,
-    counts as free, as it does above a seen cell.
+    A cell whose foot is outside every image may be occupied up to the ceiling. Above any other cell a camera looks down
+    until something hides what is below from all of them; the upper end of a column near the border, which is not in
+    view, counts as free. With one view nothing is above what it sees; a second one sees a wall from aside, without what
+    is above it.
 
     Args:
         height_m: (ny, nx) the highest seen point, -inf = unseen.
     """
-    bound_m = height_m.copy()
-    active = np.flatnonzero(np.isinf(height_m))
+    if len(views) == 1:
+        free_m = _free_above(grid, np.flatnonzero(np.isinf(height_m)), height_m, views[0], base_from_level)
+    else:
+        asked = np.flatnonzero(~_seen_along(grid, height_m, views, base_from_level))
+        free_m = np.minimum.reduce([_free_above(grid, asked, height_m, view, base_from_level) for view in views])
+        free_m = np.where(free_m < height_m + _STILL_SEEN_M, height_m, free_m)
+    bound_m = np.maximum(height_m, free_m)
+    bound_m[bound_m < _TABLE_NOISE_M] = 0.0
+    return np.asarray(bound_m)
+
+
+def _seen_along(
+    grid: Grid, height_m: Heights, views: Sequence[DepthView], base_from_level: Transform
+) -> npt.NDArray[np.bool_]:
+    """The cells (ny * nx,) whose highest seen point a view sees almost along the z axis: nothing is above it."""
+    seen = np.flatnonzero(np.isfinite(height_m))
+    tops = np.column_stack([grid.centers_m(seen), height_m.flat[seen] + _LEVEL_M]).astype(np.float32)
+    tops_base = moved(tops[None], base_from_level)[0]
+    along = np.zeros(height_m.size, dtype=bool)
+    for view in views:
+        ray = tops_base - view.base_from_depth[:3, 3].astype(np.float32)
+        cosine = -(ray @ base_from_level[:3, 2].astype(np.float32)) / np.linalg.norm(ray, axis=1)
+        along[seen] |= (cosine > _ALONG) & view.in_view(tops_base) & ~view.is_hidden(tops_base)
+    return along
+
+
+def _free_above(
+    grid: Grid, cells: npt.NDArray[np.intp], height_m: Heights, view: DepthView, base_from_level: Transform
+) -> Heights:
+    """The height (ny, nx) above which one view sees the columns of ``cells`` (flat indices) free; -inf elsewhere."""
+    free_m = np.full(height_m.shape, -np.inf, dtype=np.float32)
     level_m = max(_CEILING_M, float(height_m.max(initial=0.0)))
 
-    def column_base(cells: npt.NDArray[np.integer], z_m: float) -> npt.NDArray[np.float32]:
-        xyz = np.column_stack([grid.centers_m(cells), np.full(len(cells), z_m)]).astype(np.float32)
+    def column_base(of: npt.NDArray[np.integer], z_m: float) -> npt.NDArray[np.float32]:
+        xyz = np.column_stack([grid.centers_m(of), np.full(len(of), z_m)]).astype(np.float32)
         return np.asarray(moved(xyz[None], base_from_level)[0])
 
-    in_view = view.in_view(column_base(active, 0.0))
-    bound_m.flat[active[~in_view]] = level_m
-    active = active[in_view]
+    in_view = view.in_view(column_base(cells, 0.0))
+    free_m.flat[cells[~in_view]] = level_m
+    active = cells[in_view]
     while len(active) and level_m > 0:
         hidden = view.is_hidden(column_base(active, level_m))
-        bound_m.flat[active[hidden]] = level_m
+        free_m.flat[active[hidden]] = level_m
         active = active[~hidden]
         level_m -= _LEVEL_M
-    bound_m.flat[active] = 0.0
-    bound_m[bound_m < _TABLE_NOISE_M] = 0.0
-    return bound_m
+        active = active[height_m.flat[active] < level_m]
+    return free_m

@@ -16,8 +16,11 @@ from bus.messages import Instance, ObservedScene, SeenTable
 from bus.transforms import apply, inverse
 from config.schema import Station
 from perception.geometry.crop import Crop
+from perception.geometry.depth import Rgbd, moved
 from perception.scene.heightmap import CELL_M
+from perception.scene.look import Look
 from perception.scene.scene import Scene
+from perception.scene.table import Table
 
 _CELL_M = 0.005
 _HOLE_M2 = 3e-4
@@ -57,11 +60,7 @@ class RegionView:
         x_m, y_m = np.meshgrid(np.arange(x_min, x_max, _CELL_M), np.arange(y_min, y_max, _CELL_M))
         z_m = x_m * scene.table.slope_x + y_m * scene.table.slope_y + scene.table.height_m
         points = np.stack([x_m, y_m, z_m], axis=-1).reshape(-1, 3)
-        in_depth, z = scene.view.pixels(points.astype(np.float32))
-        camera = scene.view.camera
-        measured = _inside(in_depth, z, (camera.height, camera.width))
-        column, row = np.where(measured[:, None], in_depth, 0).T
-        is_seen = measured & (scene.points_table[row, column, 2] > -_OBJECT_M)
+        is_seen = np.logical_or.reduce([_measured(look, points, scene.table) for look in scene.looks])
         in_color = apply(inverse(scene.base_from_color), points)
         scale = 1 / np.where(in_color[:, 2] > 0, in_color[:, 2], np.nan)
         model = scene.rgbd.camera
@@ -104,6 +103,15 @@ class RegionView:
         u, v = np.where(self.inside.reshape(-1, 1), self.pixels, 0).T
         sampled = lab[v, u].reshape(*self.shape, 3).astype(float)
         return np.asarray(_apart(sampled, sampled[seen]) > _FOREIGN)
+
+
+def _measured(look: Look, points_base: Array, table: Table) -> Mask:
+    """Where (n,) a look measured the table, or what is above it, in the direction of points (n, 3) of the table."""
+    pixels, z = look.view.pixels(points_base.astype(np.float32))
+    measured = _inside(pixels, z, look.view.depth_m.shape)
+    u, v = np.where(measured[:, None], pixels, 0).T
+    height_m = moved(look.view.points_base[v, u][None], table.table_from_base)[0, :, 2]
+    return np.asarray(measured & (height_m > -_OBJECT_M))
 
 
 def described(scene: Scene, region: RegionView) -> ObservedScene:
@@ -155,50 +163,69 @@ def _with_rims(scene: Scene) -> npt.NDArray[np.uint8]:
 
 def _instances(scene: Scene) -> tuple[Instance, ...]:
     """Place, size and completeness of every thing."""
-    cut = _at_border(scene)
-    windows = zip(
-        *(ndimage.find_objects(labels, scene.count) for labels in (scene.labels, scene.color_labels)), strict=True
-    )
+    whole, shares = _in_view(scene), _depth_shares(scene)
     instances = []
-    for number, (in_depth, in_color) in enumerate(windows, start=1):
-        top, size_m = _extent(scene, number, in_depth)
+    for number, ours in enumerate(_groups(scene.cloud_labels, scene.count), start=1):
+        top, size_m = _extent(scene.cloud.points_table[ours].astype(float))
         instances.append(
             Instance(
                 number=number,
                 top_m=apply(scene.table.base_from_table, top[None])[0],
                 size_m=size_m,
-                in_view=number not in cut,
-                depth_share=1.0 if in_color is None else _depth_share(scene, number, in_color),
+                in_view=number in whole,
+                depth_share=shares[number - 1],
             )
         )
     return tuple(instances)
 
 
-def _extent(scene: Scene, number: int, window: Window) -> tuple[Array, Array]:
-    """The highest point (3,) of a thing in the table's frame, and its size (3,): longer side, shorter side, height."""
-    points = scene.points_table[window][scene.labels[window] == number].astype(float)
+def _groups(labels: npt.NDArray[np.int16], count: int) -> list[npt.NDArray[np.intp]]:
+    """The indices of the points of every number from 1 to ``count``, of labels (n,)."""
+    at = np.flatnonzero(labels)
+    at = at[np.argsort(labels[at], kind="stable")]
+    return np.split(at, np.cumsum(np.bincount(labels[at], minlength=count + 1)[1:-1]))[:count]
+
+
+def _extent(points: Array) -> tuple[Array, Array]:
+    """The highest of the points (n, 3) of a thing, and its size (3,): longer side, shorter side, height."""
     few = points[:: max(1, len(points) // _SAMPLES), :2].astype(np.float32)
     (_, (one_m, other_m), _) = cv2.minAreaRect(few)
     top = points[points[:, 2].argmax()]
     return top, np.array([max(one_m, other_m), min(one_m, other_m), top[2]]) + np.array([CELL_M, CELL_M, 0.0]) / 2
 
 
-def _at_border(scene: Scene) -> set[int]:
-    """The things that the border of the colour or the depth image cuts."""
-    cut: set[int] = set()
-    for labels in (scene.labels, scene.color_labels):
-        rim = np.ones(labels.shape, dtype=bool)
-        rim[_BORDER_PX:-_BORDER_PX, _BORDER_PX:-_BORDER_PX] = False
-        cut.update(np.unique(labels[rim]).tolist())
-    return cut
+def _in_view(scene: Scene) -> set[int]:
+    """The things that one of the looks shows without that the border of its colour or depth image cuts them."""
+    whole: set[int] = set()
+    for look_labels, color_labels in zip(scene.look_labels, scene.all_color_labels, strict=True):
+        whole |= set(np.unique(look_labels).tolist()) - _at_border(look_labels) - _at_border(color_labels)
+    return whole
 
 
-def _depth_share(scene: Scene, number: int, window: Window) -> float:
+def _at_border(labels: npt.NDArray[np.int16]) -> set[int]:
+    rim = np.ones(labels.shape, dtype=bool)
+    rim[_BORDER_PX:-_BORDER_PX, _BORDER_PX:-_BORDER_PX] = False
+    return set(np.unique(labels[rim]).tolist())
+
+
+def _depth_shares(scene: Scene) -> list[float]:
+    """Of each thing, the share of its pixels that have depth, in the look where that is greatest."""
+    shares = [
+        [
+            0.0 if window is None else _depth_share(look.rgbd, labels, number, window)
+            for number, window in enumerate(ndimage.find_objects(labels, scene.count), start=1)
+        ]
+        for look, labels in zip(scene.looks, scene.all_color_labels, strict=True)
+    ]
+    return [max(of_looks) or 1.0 for of_looks in zip(*shares, strict=True)]  # 0: no look has colour there
+
+
+def _depth_share(rgbd: Rgbd, labels: npt.NDArray[np.int16], number: int, window: Window) -> float:
     """Share of the thing's pixels with depth; those without are beside it and have its colour."""
-    crop = Crop.enclosing(window, scene.color_labels.shape, _BESIDE_PX)
-    mask = crop.of(scene.color_labels)[::2, ::2] == number
-    hole = np.isnan(crop.of(scene.rgbd.depth_m))[::2, ::2]
-    lab = cv2.cvtColor(cv2.blur(crop.of(scene.rgbd.color), (3, 3)), cv2.COLOR_RGB2LAB)[::2, ::2].astype(float)
+    crop = Crop.enclosing(window, labels.shape, _BESIDE_PX)
+    mask = crop.of(labels)[::2, ::2] == number
+    hole = np.isnan(crop.of(rgbd.depth_m))[::2, ::2]
+    lab = cv2.cvtColor(cv2.blur(crop.of(rgbd.color), (3, 3)), cv2.COLOR_RGB2LAB)[::2, ::2].astype(float)
     rest = ~mask & ~hole
     if rest.sum() < _FEWEST or mask.sum() < _FEWEST:
         return 1.0

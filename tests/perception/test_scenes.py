@@ -237,7 +237,7 @@ def test_a_tilted_approach_turns_about_the_rod(look: Look) -> None:
     scene = observe(look([BAR]), station)
     ends = np.array([[0.32, 0.075, 0.015], [0.32, 0.12, 0.015]])
     base_from_level = tilted(ends, np.deg2rad(20), scene.table.base_from_table)
-    heights = scene.heights_along(base_from_level, 1)
+    heights, _ = scene.along(base_from_level, 1)
     anywhere = _station("scene.pick_region_m=[-2, 2, -2, 2]")  # the level frame's x and y are its own
     assert np.isfinite(search(heights, anywhere).score).any()
     rotation = base_from_level[:3, :3]

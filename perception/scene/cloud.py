@@ -1,0 +1,87 @@
+"""The points of all looks as one cloud, in the table's frame: of one look its pixels, of several their voxel averages.
+
+A cloud and no truncated distance field: averages keep thin walls (docs/method.md has the figures).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from config.schema import Station
+from perception.geometry.depth import moved
+from perception.scene.look import LookOnTable
+from perception.scene.region import raised
+from perception.scene.table import Table
+
+_VOXEL_M = 0.002
+_BESIDE_M = 0.25
+"""Points so far beside the pick region matter to nothing that is done in it."""
+
+Mask = npt.NDArray[np.bool_]
+Points = npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class Cloud:
+    """Points of the scene, all (n, ...).
+
+    Attributes:
+        points_table: (n, 3) [m], NaN = none. ``lab``: (n, 3) CIELAB of the raised ones, 0 elsewhere.
+        is_raised: (n,) those that may belong to objects.
+        looks: (n,) how many looks saw the point.
+    """
+
+    points_table: Points
+    lab: Points
+    is_raised: Mask
+    looks: npt.NDArray[np.uint8]
+
+    @classmethod
+    def of(cls, looks: Sequence[LookOnTable], table: Table, station: Station) -> Cloud:
+        """Put the looks together."""
+        if len(looks) == 1:
+            (one,) = looks
+            size = one.is_raised.size
+            flat = one.points_table.reshape(-1, 3), one.lab.reshape(-1, 3), one.is_raised.ravel()
+            return cls(*flat, np.ones(size, dtype=np.uint8))
+        near = [_near(one.points_table, station) for one in looks]
+        points = np.concatenate([one.points_table.reshape(-1, 3)[at] for one, at in zip(looks, near, strict=True)])
+        lab = np.concatenate([one.lab.reshape(-1, 3)[at] for one, at in zip(looks, near, strict=True)])
+        seen_by = np.repeat(np.arange(len(looks)), [len(at) for at in near])
+        points, lab, count = averaged(points, lab, seen_by, _VOXEL_M)
+        return cls(points, lab, raised(moved(points[None], table.base_from_table)[0], points[:, 2], station), count)
+
+
+def averaged(
+    points: Points, lab: Points, seen_by: npt.NDArray[np.integer], voxel_m: float
+) -> tuple[Points, Points, npt.NDArray[np.uint8]]:
+    """The averages of points (n, 3) [m] and colours (n, 3) over cubes of side ``voxel_m``, in the cubes' order.
+
+    Args:
+        seen_by: (n,) which look saw each point, below 8.
+
+    Returns: the points (m, 3), their colours (m, 3), and how many looks saw each (m,).
+    """
+    cube = np.floor(points / np.float32(voxel_m)).astype(np.int64)
+    low = cube.min(axis=0)
+    extent = cube.max(axis=0) - low + 1
+    key = ((cube[:, 0] - low[0]) * extent[1] + cube[:, 1] - low[1]) * extent[2] + cube[:, 2] - low[2]
+    order = np.argsort(key, kind="stable")
+    starts = np.flatnonzero(np.r_[True, np.diff(key[order]) > 0])
+    count = np.diff(np.r_[starts, len(order)])[:, None]
+    values = np.column_stack([points, lab])[order].astype(np.float64)
+    means = (np.add.reduceat(values, starts) / count).astype(np.float32)
+    bits = np.bitwise_or.reduceat((1 << seen_by[order]).astype(np.uint8), starts)
+    return means[:, :3], means[:, 3:], np.unpackbits(bits[:, None], axis=1).sum(axis=1).astype(np.uint8)
+
+
+def _near(points_table: Points, station: Station) -> npt.NDArray[np.intp]:
+    """Flat indices of the points (h, w, 3) with depth in and around the pick region; the table has ``base``'s x, y."""
+    x_min, x_max, y_min, y_max = station.scene.pick_region_m
+    x, y = points_table[..., 0], points_table[..., 1]
+    inside = (x > x_min - _BESIDE_M) & (x < x_max + _BESIDE_M) & (y > y_min - _BESIDE_M) & (y < y_max + _BESIDE_M)
+    return np.flatnonzero(inside)
