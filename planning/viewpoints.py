@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from itertools import islice
 
 import numpy as np
+import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from bus.arrays import Joints, Transform
@@ -15,6 +16,8 @@ from config.schema import Station
 from planning.candidates import configurations
 from planning.robot import HAND_FROM_TCP, hand_from_color
 from planning.scene import Scene
+
+Array = npt.NDArray[np.float64]
 
 _DISTANCES_M = (0.45, 0.58)
 _TILTS_DEG = (0.0, 15.0, 28.0)
@@ -59,13 +62,23 @@ def _looks(station: Station) -> Iterator[Transform]:
             distance_m = _DISTANCES_M[turn % len(_DISTANCES_M)]
             roll_deg = _ROLLS_DEG[turn % len(_ROLLS_DEG)]
             turn += 1
-            # straight down, image up = base x, as from the capture pose
-            level = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-            tilt = Rotation.from_euler("ZY", [around_deg, tilt_deg], degrees=True).as_matrix()
-            untwist = Rotation.from_euler("z", -around_deg, degrees=True).as_matrix()
-            roll = Rotation.from_euler("z", roll_deg, degrees=True).as_matrix()
-            turned = tilt @ untwist @ level @ roll
-            yield from_rotation(turned, center_m - distance_m * turned[:, 2])
+            yield looking_at(center_m, distance_m, tilt_deg, around_deg, roll_deg)
+
+
+def looking_at(center_m: Array, distance_m: float, tilt_deg: float, around_deg: float, roll_deg: float) -> Transform:
+    """The pose (4, 4) of the colour camera that looks at a place.
+
+    Args:
+        center_m: (3,) the place in ``base``. ``tilt_deg``: from the vertical. ``around_deg``: azimuth of the camera
+            about the place, 0 on its +x side. ``roll_deg``: about the optical axis.
+    """
+    # straight down, image up = base x, as from the capture pose
+    level = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+    tilt = Rotation.from_euler("ZY", [around_deg, tilt_deg], degrees=True).as_matrix()
+    untwist = Rotation.from_euler("z", -around_deg, degrees=True).as_matrix()
+    roll = Rotation.from_euler("z", roll_deg, degrees=True).as_matrix()
+    turned = tilt @ untwist @ level @ roll
+    return from_rotation(turned, center_m - distance_m * turned[:, 2])
 
 
 def _reached(scene: Scene, station: Station, base_from_color: Transform, q_from_rad: Joints) -> Joints | None:

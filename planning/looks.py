@@ -1,0 +1,103 @@
+"""Where the wrist camera looks from when one look is not enough: a short table of viewpoints about a place.
+
+Measured: a fixed pair at 45 degrees sees as much as a search for the next best view (docs/method.md). Frames:
+docs/frames.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from itertools import islice
+
+import numpy as np
+import numpy.typing as npt
+
+from bus.arrays import Joints, Transform
+from bus.codes import Code
+from bus.errors import CycleFailure
+from bus.transforms import inverse
+from bus.trajectory import Trajectory
+from planning.candidates import configurations
+from planning.motion import move
+from planning.robot import HAND_FROM_TCP, hand_from_color
+from planning.scene import Scene
+from planning.viewpoints import looking_at
+
+_TABLE_DEG = ((45.0, 120.0), (45.0, 240.0), (30.0, 120.0), (30.0, 240.0), (45.0, 150.0), (45.0, 210.0), (30.0, 180.0))
+"""Tilt from the vertical, and azimuth about the place; azimuth 0 lies beyond it, seen from the robot."""
+_DISTANCES_M = (0.62, 0.70, 0.56)
+_ROLLS_DEG = (0.0, 35.0, -35.0, 70.0, -70.0)
+_EXAMINED = 8
+_APART_DEG = 25.0
+"""Two viewpoints so near to each other show the same."""
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Viewpoint:
+    """One place to look from.
+
+    Attributes:
+        tilt_deg, azimuth_deg: see `_TABLE_DEG`.
+        motion: from where the arm is.
+    """
+
+    tilt_deg: float
+    azimuth_deg: float
+    motion: Trajectory
+
+
+def next_look(scene: Scene, center_m: Array, q_now_rad: Joints, taken: Collection[tuple[float, float]]) -> Viewpoint:
+    """The first viewpoint about a place that the arm reaches, away from those ``taken``, (tilt, azimuth) [deg] each.
+
+    Args:
+        scene: the obstacles; also what was not seen must be among them.
+        center_m: (3,) in ``base``, the middle of what is looked at.
+        q_now_rad: (7,) where the arm rests.
+
+    Raises: CycleFailure(UNREACHABLE) when there is none.
+    """
+    why = "all of them were taken"
+    for tilt_deg, azimuth_deg in _TABLE_DEG:
+        if any(_apart_deg((tilt_deg, azimuth_deg), other) < _APART_DEG for other in taken):
+            continue
+        for q_rad in _configurations(scene, center_m, tilt_deg, azimuth_deg, q_now_rad):
+            try:
+                return Viewpoint(tilt_deg, azimuth_deg, move(scene, q_now_rad, q_rad))
+            except CycleFailure as failure:
+                why = failure.text
+                break  # another configuration of the same place hardly ever helps
+    raise CycleFailure(Code.UNREACHABLE, f"The camera reaches no other place to look from: {why}.")
+
+
+def _configurations(
+    scene: Scene, center_m: Array, tilt_deg: float, azimuth_deg: float, q_from_rad: Joints
+) -> Iterator[Joints]:
+    """Free configurations (7,) from which the camera looks at the place, the cheapest of each distance and roll."""
+    station = scene.station
+    color_from_tcp = inverse(hand_from_color(station.camera)) @ HAND_FROM_TCP
+    for distance_m in _DISTANCES_M:
+        poses = [looking_at(center_m, distance_m, tilt_deg, azimuth_deg, roll) @ color_from_tcp for roll in _ROLLS_DEG]
+        for q_rad, _ in islice(configurations(poses, q_from_rad), _EXAMINED):
+            if scene.collision(q_rad, station.hand.max_width_m) is None:
+                yield q_rad
+                break
+
+
+def _apart_deg(one: tuple[float, float], other: tuple[float, float]) -> float:
+    """Angle between two directions of view, given as (tilt, azimuth) [deg]."""
+    a, b = (_direction(*view) for view in (one, other))
+    return float(np.degrees(np.arccos(np.clip(a @ b, -1, 1))))
+
+
+def _direction(tilt_deg: float, azimuth_deg: float) -> Array:
+    tilt, azimuth = np.radians([tilt_deg, azimuth_deg])
+    return np.array([np.sin(tilt) * np.cos(azimuth), np.sin(tilt) * np.sin(azimuth), np.cos(tilt)])
+
+
+def direction_of(base_from_color: Transform) -> tuple[float, float]:
+    """Tilt and azimuth [deg] of the direction from what a camera (4, 4) looks at towards the camera."""
+    x, y, z = -base_from_color[:3, 2]
+    return float(np.degrees(np.arccos(np.clip(z, -1, 1)))), float(np.degrees(np.arctan2(y, x)) % 360)
