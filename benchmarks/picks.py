@@ -11,10 +11,11 @@ import numpy.typing as npt
 from bus.messages import Grasp
 from config.schema import Box, NodeSettings, SceneSettings, Station, Table
 from planning.candidates import Approach, approaches, grasp_pose, twins
+from planning.height_field import Sight
 from planning.kinematics import inverse, limit_distance_rad, q7_grid
 from planning.line import tcp_line
 from planning.robot import Robot, flange_pose
-from planning.scene import Scene, Sight
+from planning.scene import Scene
 from planning.search import LIMIT_MARGIN_RAD
 
 Array = npt.NDArray[np.float64]
@@ -53,7 +54,7 @@ class Problem:
     def scene(self, robot: Robot) -> Scene:
         """What the planner is given."""
         if self.sight is not None:
-            return Scene.of(robot, robot.station, self.sight, (TABLE,))
+            return Scene.of(robot, robot.station, *([self.sight] if self.sight else []), boxes=(TABLE,))
         return Scene(robot, robot.station, self.boxes, target=self.target_points)
 
 

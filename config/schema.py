@@ -84,6 +84,21 @@ class CameraSettings(Settings):
     max_age_s: Seconds = 2.0
 
 
+class CaptureSettings(Settings):
+    """How often the scene is looked at before a pick.
+
+    Attributes:
+        views: 1, 2 or 3 looks; ``auto`` looks again only when nothing can be grasped, the best grasp is weak, or no way
+            to it is free.
+        most_views: most looks of ``auto``.
+        weak_score: a best grasp that scores less is worth another look.
+    """
+
+    views: Literal[1, 2, 3, "auto"] = "auto"
+    most_views: Annotated[int, Field(ge=1, le=5)] = 3
+    weak_score: Fraction = 0.8
+
+
 class ArmSettings(Settings):
     """Named joint configurations [rad] and the arm's motion limits.
 
@@ -520,6 +535,7 @@ class Station(Settings):
     recording: RecordingSettings = RecordingSettings()
     nodes: dict[Chunk, NodeSettings] = Field(min_length=1)
     camera: CameraSettings = CameraSettings()
+    capture: CaptureSettings = CaptureSettings()
     arm: ArmSettings = ArmSettings()
     hand: HandSettings = HandSettings()
     scene: SceneSettings = SceneSettings()

@@ -24,9 +24,9 @@ from drivers.sim.scene import ARM_JOINTS, compose
 from logs.mcap.reader import CycleRecord, read_cycle
 from logs.report.figures import JOINT_COLORS
 from perception.scene.surroundings import surroundings
-from planning.height_field import CELL_M
+from planning.height_field import CELL_M, Sight
 from planning.robot import Robot
-from planning.scene import Scene, Sight
+from planning.scene import Scene
 
 FOLDER = Path(__file__).parent / "planning"
 SIZE_PX = (640, 480)

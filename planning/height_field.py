@@ -36,6 +36,19 @@ _BESIDE_TARGET_PX = 2
 """Depth at the target's outline mixes with the background's."""
 
 
+@dataclass(frozen=True)
+class Sight:
+    """What one look shows of the scene.
+
+    Attributes:
+        points_base: (H, W, 3) [m] in ``base``, NaN = no depth; neighbours on one surface are nearer than a cell.
+        target: (H, W) the object to be grasped.
+    """
+
+    points_base: Points
+    target: npt.NDArray[np.bool_]
+
+
 @dataclass(frozen=True, eq=False)
 class ObservedHeightField:
     """Heights over a grid of ``base`` x and y.
@@ -65,28 +78,72 @@ class ObservedHeightField:
         return Thing(_NAME, coal.makeOctree(self.points - [0.0, 0.0, CELL_M / 2], CELL_M))
 
 
-def observed_field(points_base: Points, target: Mask, boxes: Sequence[Box]) -> ObservedHeightField | None:
-    """Return the obstacles in one depth image; None when it shows only known boxes and the target.
+def observed_field(sights: Sequence[Sight], boxes: Sequence[Box]) -> ObservedHeightField | None:
+    """Return the obstacles in one depth image or several; None when they show only known boxes and the target.
+
+    What one image shows is there. What is only hidden from one of several images is free where another one sees past.
 
     Args:
-        points_base: (H, W, 3) [m] in ``base``, NaN = no depth; neighbours on one surface are nearer than a cell.
-        target: (H, W) the object to be grasped.
         boxes: the known boxes; the first is the table.
     """
-    around = ndimage.binary_dilation(target, iterations=_BESIDE_TARGET_PX)
-    points = np.where(around[..., None], np.float32(np.inf), points_base)
     table_m = boxes[0].center_m[2] + boxes[0].size_m[2] / 2 + KNOWN_M
-    single = points[np.isfinite(points[..., 2]) & (points[..., 2] > table_m)]
-    sheets = (_sheets(points, table_m), _sheets(points.transpose(1, 0, 2), table_m))
-    seen = np.concatenate([_unknown(some.astype(float), boxes) for some in (single, *sheets)])
+    shown = [_around_target(sight) for sight in sights]
+    single = _unknown(np.concatenate([_above(points, table_m) for points in shown]), boxes)
+    hidden = [_unknown(_shadows(points, table_m), boxes) for points in shown]
+    seen = np.concatenate([single, *hidden])
     if not len(seen):
         return None
     low = np.floor(seen[:, :2].min(axis=0) / CELL_M) - 1
-    column, row = (np.floor(seen[:, :2] / CELL_M) - low).astype(int).T
-    height_m = np.full((row.max() + 3, column.max() + 3), boxes[0].center_m[2] - boxes[0].size_m[2] / 2)
-    for dr, dc in ((0, 0), (0, 1), (1, 0), (1, 1)):  # the corners of the point's cell
-        np.maximum.at(height_m, (row + dr, column + dc), seen[:, 2])
-    return ObservedHeightField(low * CELL_M, height_m, seen)
+    columns, rows = (np.floor(seen[:, :2].max(axis=0) / CELL_M) - low).astype(int) + 3
+    nothing = np.full((rows, columns), boxes[0].center_m[2] - boxes[0].size_m[2] / 2)
+    if len(sights) == 1:
+        return ObservedHeightField(low * CELL_M, _raised_to(nothing, seen, low), seen)
+    maps = [_raised_to(_floor_of(nothing, points, low), one, low) for points, one in zip(shown, hidden, strict=True)]
+    height_m = np.maximum(_raised_to(nothing, single, low), np.fmin.reduce([nothing * np.nan, *maps]))
+    height_m = np.where(np.isnan(height_m), nothing, height_m)
+    kept = [one[one[:, 2] <= _at(height_m, one, low) + _BESIDE_M[3, 0]] for one in hidden]
+    return ObservedHeightField(low * CELL_M, height_m, np.concatenate([single, *kept]))
+
+
+def _around_target(sight: Sight) -> Points:
+    """The points (H, W, 3) of a sight; infinite on the target and at its outline, NaN = no depth."""
+    around = ndimage.binary_dilation(sight.target, iterations=_BESIDE_TARGET_PX)
+    return np.where(around[..., None], np.float32(np.inf), sight.points_base)
+
+
+def _above(points: Points, table_m: float) -> Array:
+    """The points (n, 3) above the table that are not the target's."""
+    return points[np.isfinite(points[..., 2]) & (points[..., 2] > table_m)].astype(float)
+
+
+def _shadows(points: Points, table_m: float) -> Array:
+    """Points (n, 3) on the lines between neighbours that lie apart, along rows and columns."""
+    return np.concatenate([_sheets(points, table_m), _sheets(points.transpose(1, 0, 2), table_m)]).astype(float)
+
+
+def _raised_to(height_m: Array, points: Array, low: Array) -> Array:
+    """Heights (ny, nx) raised to points (n, 3) at the corners of each point's cell; ``low``: the first cell."""
+    height_m = height_m.copy()
+    column, row = (np.floor(points[:, :2] / CELL_M) - low).astype(int).T
+    for dr, dc in ((0, 0), (0, 1), (1, 0), (1, 1)):
+        np.fmax.at(height_m, (row + dr, column + dc), points[:, 2])
+    return height_m
+
+
+def _floor_of(nothing: Array, points: Points, low: Array) -> Array:
+    """Heights (ny, nx) where one image shows anything at all: nothing there; NaN elsewhere."""
+    flat = points[np.isfinite(points[..., 2])]
+    column, row = (np.floor(flat[:, :2].astype(float) / CELL_M) - low).astype(int).T
+    inside = (column >= 0) & (row >= 0) & (column < nothing.shape[1]) & (row < nothing.shape[0])
+    shows = np.zeros(nothing.shape, dtype=bool)
+    shows[row[inside], column[inside]] = True
+    return np.where(ndimage.binary_dilation(shows), nothing, np.nan)
+
+
+def _at(height_m: Array, points: Array, low: Array) -> Array:
+    """The height (n,) at the cell of each point (n, 3)."""
+    column, row = (np.floor(points[:, :2] / CELL_M) - low).astype(int).T
+    return np.asarray(height_m[row, column])
 
 
 def _sheets(points: Points, table_m: float) -> Points:

@@ -16,8 +16,8 @@ import numpy.typing as npt
 from bus.arrays import Joints, Transform
 from bus.codes import Code
 from bus.errors import CycleFailure
-from bus.transforms import inverse
 from bus.trajectory import Trajectory
+from bus.transforms import inverse
 from planning.candidates import configurations
 from planning.motion import move
 from planning.robot import HAND_FROM_TCP, hand_from_color

@@ -82,7 +82,7 @@ def plan_approach(scene: Scene, approach: Approach, q_now_rad: Joints) -> tuple[
     base_from_tcp = grasp_pose(approach, scene.station)
     view_q = _view_configuration(scene.empty(), base_from_tcp[:3, 3])
     reach, carry, grasped_at = _reach_and_carry(scene, approach.grasp, base_from_tcp, q_now_rad, view_q)
-    place, home = _place_and_home(scene.holding(grasped_at), approach.grasp, grasped_at[:3, :3], view_q)
+    place, home = _place_and_home(scene.holding(grasped_at), approach.grasp, grasped_at, view_q)
     return reach, carry, place, home
 
 
@@ -166,7 +166,7 @@ def _view_configuration(scene: Scene, object_m: Array) -> Joints:
 
 
 def _place_and_home(
-    holding: Scene, grasp: Grasp, base_from_tcp_rotation: Array, view_q: Joints
+    holding: Scene, grasp: Grasp, base_from_tcp: Transform, view_q: Joints
 ) -> tuple[Segment, Segment]:
     station, empty, robot = holding.station, holding.empty(), holding.robot
     capture_q, wide_m = np.array(station.arm.capture_q_rad), station.hand.max_width_m
@@ -179,6 +179,6 @@ def _place_and_home(
         back = connect(empty, pregrasp.leave_rad[-1], [capture_q], wide_m)
         return place, motion("home", back, [pregrasp.leave_rad, *back.lines()], empty, wide_m)
 
-    pregrasps = preplaces(holding, grasp, base_from_tcp_rotation, view_q)
+    pregrasps = preplaces(holding, grasp, base_from_tcp, view_q)
     may = within_max_tilt(robot, view_q, view_q)
     return first_that_works(ways(holding, view_q, pregrasps, grasp.width_m, calm, may), make)

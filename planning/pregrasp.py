@@ -28,6 +28,7 @@ MadeT = TypeVar("MadeT")
 
 LOWER_M = 0.05
 """Height above the place point from which the object is lowered, and to which the hand retreats."""
+_ABOVE_TRAY_M = 0.005
 _KEPT = 4
 """Number of pregrasps collected before a path around the obstacles is searched."""
 _PLACE_YAWS_RAD = np.arange(12) * np.pi / 6
@@ -85,18 +86,19 @@ def pregrasps_of(
 
 
 def preplaces(
-    holding: Scene, grasp: Grasp, base_from_tcp_rotation: Array, view_q: Joints
+    holding: Scene, grasp: Grasp, base_from_tcp: Transform, view_q: Joints
 ) -> Iterator[Pregrasp | Infeasible]:
     """Yield pregrasps above the tray, with a free line down and up again, or the reason against one.
 
     Args:
-        base_from_tcp_rotation: (3, 3) of the grasp: the object keeps its tilt, its yaw is free.
+        base_from_tcp: (4, 4) of the grasp: the object keeps its tilt, its yaw is free. What hangs far below the hand is
+            released higher than ``scene.place_m``, just above the tray.
         view_q: (7,) start; the cheapest configurations from there come first.
     """
     station = holding.station
     down_m = np.array([0.0, 0.0, -LOWER_M])
-    above_m = np.array(station.scene.place_m) - down_m
-    poses = [from_rotation(_turned(yaw) @ base_from_tcp_rotation, above_m) for yaw in _PLACE_YAWS_RAD]
+    above_m = _place_m(base_from_tcp, station) - down_m
+    poses = [from_rotation(_turned(yaw) @ base_from_tcp[:3, :3], above_m) for yaw in _PLACE_YAWS_RAD]
     for q, pose in configurations(poses, view_q):
         try:
             _require_untouched("above the tray", holding, q, grasp.width_m)
@@ -107,6 +109,15 @@ def preplaces(
             yield why
         else:
             yield Pregrasp(q, lower, lower[::-1])
+
+
+def _place_m(base_from_tcp: Transform, station: Station) -> Array:
+    """Where the tcp (3,) releases the object; it stood on the table when the tcp was at the grasp."""
+    scene = station.scene
+    hangs_m = float(base_from_tcp[2, 3]) - scene.table.top_m
+    tray_m = scene.tray.center_m[2] + scene.tray.size_m[2] / 2
+    x, y, z = scene.place_m
+    return np.array([x, y, max(z, tray_m + hangs_m + station.planning.clearance_m + _ABOVE_TRAY_M)])
 
 
 def first_that_works(ways: Iterator[tuple[Way, Pregrasp]], make: Callable[[Way, Pregrasp], MadeT]) -> MadeT:

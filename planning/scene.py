@@ -15,12 +15,12 @@ import coal
 import numpy as np
 import numpy.typing as npt
 
-from bus.arrays import Joints, JointSamples, Points, Transform
+from bus.arrays import Joints, JointSamples, Transform
 from bus.cancel import Cancel
 from bus.transforms import from_translation, inverse
 from config.scene import scene_boxes
 from config.schema import Box, Station
-from planning.height_field import ObservedHeightField, observed_field, solid, subsample
+from planning.height_field import ObservedHeightField, Sight, observed_field, solid, subsample
 from planning.robot import HAND_FROM_TCP, Robot
 from planning.world import FINGERS, Collision, Thing, World, held_thing
 
@@ -37,19 +37,6 @@ _GATE_TICKS = 8
 _GATE_MARGIN_M = 0.001
 _LEVER_M = np.array([1.15, 1.15, 0.95, 0.85, 0.45, 0.40, 0.20])
 """Largest distance of any point of arm, hand or camera from each joint's axis."""
-
-
-@dataclass(frozen=True)
-class Sight:
-    """The camera's view of the scene.
-
-    Attributes:
-        points_base: (H, W, 3) [m] in ``base``, NaN = no depth.
-        target: (H, W) the object to be grasped.
-    """
-
-    points_base: Points
-    target: npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,18 +65,18 @@ class Scene:
         cls,
         robot: Robot,
         station: Station,
-        sight: Sight | None = None,
+        *sights: Sight,
         boxes: Sequence[Box] | None = None,
         cancel: Cancel | None = None,
     ) -> Scene:
-        """Make a scene of the station's boxes (or of ``boxes``) and of the obstacles observed among them."""
+        """Make a scene of the station's boxes (or of ``boxes``) and of the obstacles that were observed among them."""
         known = scene_boxes(station.scene) if boxes is None else tuple(boxes)
         cancel = cancel or Cancel()
-        if sight is None:
+        if not sights:
             return cls(robot, station, known, cancel=cancel)
-        target = sight.points_base[sight.target].astype(float)
+        target = np.concatenate([sight.points_base[sight.target].astype(float) for sight in sights])
         target = subsample(target[np.isfinite(target[:, 2])])
-        field = observed_field(sight.points_base, sight.target, known)
+        field = observed_field(sights, known)
         seen = target if len(target) >= _FEWEST_POINTS else None
         return cls(robot, station, known, field, seen, cancel=cancel)
 

@@ -21,11 +21,13 @@ class View(Message):
         stamp_ns: of the frame, UTC.
         arm: the arm's state at the capture.
         base_from_color: (4, 4) pose of the colour camera in ``base`` [m].
+        why: why the arm looked again from here; "" for the first look.
     """
 
     stamp_ns: int
     arm: ArmState
     base_from_color: Transform
+    why: str = ""
 
     @model_validator(mode="wrap")
     @classmethod

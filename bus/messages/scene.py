@@ -38,12 +38,14 @@ class Instance(Message):
 
 
 class ObservedScene(Message):
-    """The model of the scene. Images are in the undistorted colour image.
+    """The model of the scene. Images are in the undistorted colour image of the look that is shown.
 
     Attributes:
         region_seen: share of the pick region where the table or something on it was seen.
         labels: (H, W) the number of the thing in each pixel, 0 = none.
         unseen: (H, W) the pixels of the pick region without depth.
+        shown: index of the look that models and people are shown, among the observations in order.
+        further_labels: of every other look, in order, the numbers in its own image.
     """
 
     table: SeenTable
@@ -51,6 +53,13 @@ class ObservedScene(Message):
     instances: tuple[Instance, ...]
     labels: LabelImage
     unseen: Mask
+    shown: int = 0
+    further_labels: tuple[LabelImage, ...] = ()
+
+    @property
+    def look_labels(self) -> tuple[LabelImage, ...]:
+        """The numbers in the image of every look, in order."""
+        return (*self.further_labels[: self.shown], self.labels, *self.further_labels[self.shown :])
 
 
 class Tried(Message):

@@ -10,6 +10,7 @@ from typing import Literal, TypeVar
 from bus import topics
 from bus.arrays import Transform
 from bus.codes import Code
+from bus.commands import Event
 from bus.errors import (
     ArmReflex,
     BadFrame,
@@ -44,6 +45,7 @@ from cell.machine.gate import Gate
 from cell.pick.capture import capture, require_sight
 from cell.pick.detect import detect_unless_halted
 from cell.pick.execute import deliver, execute
+from cell.pick.looking import asked_for, go, way_back, way_to_next_look, why_look_again
 from cell.pick.plan import plan
 from cell.pick.record import CycleLog
 from cell.pick.verify import lost_on_the_way, verify
@@ -126,19 +128,9 @@ class Cycle:
     def run(self) -> None:
         """Run the five stages. Raises: CycleFailure, already published and kept in `failure`."""
         e = self.equipment
-        before = self._look()
-        self.publish(topics.TF, transforms_to_wire(
-            {("base", "color"): before.view.base_from_color}, before.view.stamp_ns).SerializeToString())  # fmt: skip
-        found = self._stage(
-            "detect",
-            topics.DETECT,
-            lambda: self._detect(before),
-        )
-        chosen = self._plan = self._stage(
-            "plan",
-            topics.PLAN,
-            lambda: plan(found, before, e.robot, e.station, self.attempt.missed, self.gate.cancel),
-        )
+        looks, found, chosen = self._choose()
+        before = looks[found.scene.shown]
+        self._plan = chosen
         self.grasp = found.grasps[chosen.grasp].base_from_tcp
         after: Observation | None = None
 
@@ -205,14 +197,66 @@ class Cycle:
         assert self.verdict is not None, "a cycle without a verdict has a failure"
         return ("SUCCESS" if self.verdict.held else "FAILED"), self.verdict.code, self.verdict.reason
 
+    # --- looking ------------------------------------------------------------------------------------------------------
+
+    def _choose(self) -> tuple[list[Observation], Detections, PickPlan]:
+        """Look as often as it takes, detect and plan. Raises: CycleFailure, with the arm back at the capture pose."""
+        looks = [self._look()]
+        try:
+            for number in range(2, asked_for(self.equipment.station) + 1):
+                self._look_again(looks, f"{number} looks are asked for")
+            while True:
+                chosen = self._detect_and_plan(looks)
+                if chosen is not None:
+                    return looks, *chosen
+        except CycleFailure:
+            if len(looks) > 1 and not self.gate.halted:
+                e = self.equipment
+                go(e.arm, self.gate, way_back(looks, e.robot, e.station, self.gate.cancel))
+            raise
+
+    def _detect_and_plan(self, looks: list[Observation]) -> tuple[Detections, PickPlan] | None:
+        """What to do, or None after another look, which is taken when it may mend a failure or a weak grasp."""
+        e = self.equipment
+        try:
+            found = self._stage("detect", topics.DETECT, lambda: self._detect(looks))
+            if self._look_again(looks, why_look_again(found, len(looks), e.station)):
+                return None
+            chosen = self._stage(
+                "plan",
+                topics.PLAN,
+                lambda: plan(found, looks, e.robot, e.station, self.attempt.missed, self.gate.cancel),
+            )
+        except CycleFailure as failure:
+            if not self._look_again(looks, why_look_again(failure, len(looks), e.station)):
+                raise
+            return None
+        return found, chosen
+
+    def _look_again(self, looks: list[Observation], why: str) -> bool:
+        """Take one more look, if there is a reason and a reachable place; the failure that gave the reason is over."""
+        e = self.equipment
+        if not why:
+            return False
+        try:
+            way = way_to_next_look(looks, e.robot, e.station, self.gate.cancel)
+        except CycleFailure as failure:
+            if failure.failure is Code.STOPPED:
+                raise
+            self.publish(topics.EVENT, Event(code=failure.failure, severity="info", text=failure.text))
+            return False
+        self.failure = None
+        looks.append(self._look(why, lambda: go(e.arm, self.gate, way)))
+        return True
+
     # --- stages -------------------------------------------------------------------------------------------------------
 
-    def _detect(self, before: Observation) -> Detections:
+    def _detect(self, looks: list[Observation]) -> Detections:
         """Detect; what was seen is published alone when there is no result to hold it."""
         e, seen = self.equipment, list[ObservedScene]()
         try:
             return detect_unless_halted(
-                before, e.station, e.models, self._say_reply, lambda: self.gate.halted, seen.append
+                looks, e.station, e.models, self._say_reply, lambda: self.gate.halted, seen.append
             )
         except CycleFailure:
             for scene in seen:
@@ -231,16 +275,24 @@ class Cycle:
         self._seen_ns = seen.frame.stamp_ns
         return seen
 
-    def _look(self) -> Observation:
-        """Run the capture stage; its record holds the view, the frame travels as images."""
+    def _look(self, why: str = "", go_there: Callable[[], None] = lambda: None) -> Observation:
+        """Run the capture stage; its record holds the view, the frame travels as images.
+
+        Args:
+            why: the reason of a further look. ``go_there``: moves the arm to where it is taken.
+        """
         seen: Observation | None = None
 
         def look() -> View:
             nonlocal seen
+            go_there()
             seen = self._observe()
+            seen = seen.model_copy(update={"view": seen.view.model_copy(update={"why": why})})
             return seen.view
 
-        self._stage("capture", topics.CAPTURE, look)
+        view = self._stage("capture", topics.CAPTURE, look)
+        self.publish(topics.TF, transforms_to_wire(
+            {("base", "color"): view.base_from_color}, view.stamp_ns).SerializeToString())  # fmt: skip
         assert seen is not None
         return seen
 
@@ -260,12 +312,13 @@ class Cycle:
         except Exception as defect:  # the machine logs it and aborts; the result must name it
             self.fail(CycleFailure(Code.INTERNAL, f"{type(defect).__name__}: {defect}."))
             raise
-        self.stages[name] = time.monotonic() - started_s
+        took_s = time.monotonic() - started_s
+        self.stages[name] = self.stages.get(name, 0.0) + took_s
         record = topic.says(
             cycle_id=self.cycle_id,
             stage=name,
             started_ns=started_ns,
-            duration_s=self.stages[name],
+            duration_s=took_s,
             result=result,
             failure=self.failure,
         )

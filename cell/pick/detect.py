@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import queue
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from bus.cancel import Cancel
 from bus.codes import Code
@@ -24,7 +24,7 @@ _GRACE_S = 0.3
 
 
 def detect(
-    observation: Observation,
+    looks: Sequence[Observation],
     station: Station,
     models: Models,
     on_reply: OnReply = ignore_reply,
@@ -34,16 +34,17 @@ def detect(
     """Ranked grasps and their evidence.
 
     Args:
+        looks: the observations of the scene, the first from the capture pose.
         on_reply: called with the record of every call to the goal-image model. ``cancel``: a stop request.
         on_scene: called with what was seen.
 
     Raises: CycleFailure, as `perception.detector.detect`.
     """
-    return vlad_grasp(observation, station, models, on_reply, cancel, on_scene)
+    return vlad_grasp(looks[0], station, models, on_reply, cancel, on_scene, looks[1:])
 
 
 def detect_unless_halted(
-    observation: Observation,
+    looks: Sequence[Observation],
     station: Station,
     models: Models,
     on_reply: OnReply,
@@ -62,7 +63,7 @@ def detect_unless_halted(
 
     def work() -> None:
         try:
-            outcome.put(detect(observation, station, models, replies.on_reply, cancel, on_scene))
+            outcome.put(detect(looks, station, models, replies.on_reply, cancel, on_scene))
         except BaseException as error:  # noqa: BLE001 - handed to the waiting thread, which raises it
             outcome.put(error)
 

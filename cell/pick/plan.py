@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 
 from bus.arrays import Transform
@@ -9,14 +10,15 @@ from bus.cancel import Cancel
 from bus.messages import Detections, Grasp, Observation, PickPlan
 from config.schema import Station
 from perception.scene.surroundings import surroundings
+from planning.height_field import Sight
 from planning.pick import plan_pick
 from planning.robot import Robot
-from planning.scene import Scene, Sight
+from planning.scene import Scene
 
 
 def plan(
     detections: Detections,
-    observation: Observation,
+    looks: Sequence[Observation],
     robot: Robot,
     station: Station,
     missed: tuple[Transform, ...] = (),
@@ -25,6 +27,7 @@ def plan(
     """The first feasible way to grasp and its motions, among the known boxes and the observed points.
 
     Args:
+        looks: what was detected in; the arm rests where the last one was taken.
         missed: base_from_tcp (4, 4) of grasps to leave out, because they closed on nothing before.
         cancel: ends the planning.
 
@@ -33,11 +36,14 @@ def plan(
 
     @cache
     def aimed_at(instance: int) -> Scene:
-        points_base, target = surroundings(observation, detections.scene.labels == instance)
-        return Scene.of(robot, station, Sight(points_base, target), cancel=cancel)
+        sights = [
+            Sight(*surroundings(look, labels == instance))
+            for look, labels in zip(looks, detections.scene.look_labels, strict=True)
+        ]
+        return Scene.of(robot, station, *sights, cancel=cancel)
 
     def scene_of(grasp: Grasp) -> Scene:
         return aimed_at(grasp.instance)
 
     grasps = detections.grasps
-    return plan_pick(scene_of(grasps[0]), grasps, observation.view.arm.q_rad, missed, scene_of)
+    return plan_pick(scene_of(grasps[0]), grasps, looks[-1].view.arm.q_rad, missed, scene_of)

@@ -6,7 +6,7 @@ machine; the tolerances allow for the floating point of another processor.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from bus import topics
@@ -52,12 +52,14 @@ class Stage:
         return next((step for step, fields in self.steps if path.startswith(fields)), self.name)
 
 
-def _observation(record: CycleRecord) -> Observation:
-    if record.observation is None:
+def _looks(record: CycleRecord, station: Station) -> Sequence[Observation]:
+    """The recorded looks, at most as many as the station asks for: "what would one have seen?"."""
+    if not record.looks:
         raise RecordingError(
             f"The recording of {record.cycle_id} holds no observation.", "It ended before its capture."
         )
-    return record.observation
+    views = station.capture.views
+    return record.looks if views == "auto" else record.looks[:views]
 
 
 def _result(record: CycleRecord, name: StageName, kind: type[Message]) -> Message:
@@ -68,13 +70,13 @@ def _result(record: CycleRecord, name: StageName, kind: type[Message]) -> Messag
 
 
 def _detect(record: CycleRecord, station: Station, _robot: Robot, models: Models) -> Message:
-    return detect(_observation(record), station, models)
+    return detect(_looks(record, station), station, models)
 
 
 def _plan(record: CycleRecord, station: Station, robot: Robot, _models: Models) -> Message:
     found = _result(record, "detect", Detections)
     assert isinstance(found, Detections)
-    return plan(found, _observation(record), robot, station, record.attempt.missed)
+    return plan(found, _looks(record, station), robot, station, record.attempt.missed)
 
 
 def _verify(record: CycleRecord, station: Station, robot: Robot, _models: Models) -> Message:
@@ -82,7 +84,8 @@ def _verify(record: CycleRecord, station: Station, robot: Robot, _models: Models
     assert isinstance(found, Detections) and isinstance(execution, Execution)
     if record.after is None:
         raise RecordingError(f"The recording of {record.cycle_id} holds no second observation.")
-    return verify(execution, found, _observation(record), record.after, robot, station)
+    before = _looks(record, station)[found.scene.shown]
+    return verify(execution, found, before, record.after, robot, station)
 
 
 _PIXELS = Tolerance(0.05, "px")

@@ -82,7 +82,7 @@ class Request:
     overrides: tuple[str, ...] = ()
     start: StageName | None = None
     only: StageName | None = None
-    models: ModelsOf = lambda station, record: replayed_models(station, record.replies)
+    models: ModelsOf = lambda station, record: replayed_models(station, record.last_replies)
 
     @classmethod
     def of(cls, overrides: Iterable[str], start: str | None, only: str | None, *, live_models: bool = False) -> Request:

@@ -71,8 +71,8 @@ class CycleRecord:
         station: the tree of the station file at that time.
         stages: the record of every stage that ran, in order.
         attempt: the attempt of the pick that this cycle is.
-        observation, after: the capture before the pick, and the one while holding; None when not reached.
-        replies: all calls to the goal-image model, in order.
+        looks: the captures before the pick, in order. ``after``: the one while holding; None when not reached.
+        replies: all calls to the goal-image model, in order. ``last_replies``: those since the last look.
         scene: what detect saw; None when it did not come so far.
         states, events, hand: messages of the cell and the hand, in order.
         health: health messages of the nodes, node by node. ``arm``: the arm's states as foxglove.JointStates.
@@ -82,17 +82,24 @@ class CycleRecord:
     metadata: dict[str, str]
     station: Json
     stages: dict[str, Stage]
-    observation: Observation | None
+    looks: tuple[Observation, ...]
     after: Observation | None
     result: CycleResult | None
     attempt: Attempt
     replies: tuple[ModelReply, ...] = ()
+    last_replies: tuple[ModelReply, ...] = ()
     scene: ObservedScene | None = None
     states: tuple[Timed[CellState], ...] = ()
     events: tuple[Timed[Event], ...] = ()
     hand: tuple[Timed[HandState], ...] = ()
     health: tuple[Timed[Health], ...] = ()
     arm: tuple[Timed[JointStates], ...] = ()
+
+    @property
+    def observation(self) -> Observation | None:
+        """The look that the images of detect belong to; None when nothing was captured."""
+        shown = self.scene.shown if self.scene is not None else 0
+        return self.looks[shown] if shown < len(self.looks) else None
 
 
 def read_cycle(path: Path) -> CycleRecord:
@@ -177,9 +184,13 @@ def recorded_number(tree: object, *keys: str) -> float | None:
 
 
 def _cycle(raw: Content) -> CycleRecord:
-    stages = dict(_stages(raw))
+    looked = [
+        Timed(at_ns, decode(topics.CAPTURE.says, said)) for at_ns, said in raw.payloads.get(topics.CAPTURE.key, [])
+    ]
+    since_ns = looked[-1].log_time_ns if looked else 0
+    stages = dict(_stages(raw, since_ns))
     frames, is_whole = _frames(raw)
-    capture, execute = stages.get("capture"), stages.get("execute")
+    execute, replies = stages.get("execute"), _timed(raw, topics.MODEL_REPLY.key, ModelReply)
     execution: Execution | None = execute.result if execute is not None else None
     results, attempts = raw.payloads.get(topics.RESULT.key, []), raw.payloads.get(topics.ATTEMPT.key, [])
     return CycleRecord(
@@ -187,12 +198,13 @@ def _cycle(raw: Content) -> CycleRecord:
         metadata=raw.metadata,
         station=raw.station or {},
         stages=stages,
-        observation=_observation(capture.result if capture is not None else None, frames, is_whole),
+        looks=tuple(_looks([one.message.result for one in looked], frames, is_whole)),
         after=_observation(execution.after if execution is not None else None, frames, is_whole),
         result=decode(CycleResult, results[-1][1]) if results else None,
         attempt=decode(Attempt, attempts[0][1]) if attempts else Attempt(cycle_id=raw.metadata["cycle_id"]),
         scene=_scene(raw, stages.get("detect")),
-        replies=tuple(decode(ModelReply, payload) for _, payload in raw.payloads.get(topics.MODEL_REPLY.key, [])),
+        replies=tuple(reply.message for reply in replies),
+        last_replies=tuple(reply.message for reply in replies if reply.log_time_ns >= since_ns),
         states=_timed(raw, topics.STATE.key, CellState),
         events=_timed(raw, topics.EVENT.key, Event),
         hand=_timed(raw, topics.HAND_STATE.key, HandState),
@@ -209,10 +221,12 @@ def _scene(raw: Content, detect: Stage | None) -> ObservedScene | None:
     return decode(ObservedScene, alone[-1][1]) if alone else None
 
 
-def _stages(raw: Content) -> Iterator[tuple[str, Stage]]:
-    """The stage records in the order of the cycle."""
+def _stages(raw: Content, since_ns: int) -> Iterator[tuple[str, Stage]]:
+    """The stage records in the order of the cycle; what was made of fewer looks, before ``since_ns``, is superseded."""
     for topic in STAGE_TOPICS:
-        for _, payload in raw.payloads.get(topic.key, []):
+        for at_ns, payload in raw.payloads.get(topic.key, []):
+            if at_ns < since_ns and topic is not topics.CAPTURE:
+                continue
             record: Stage = decode(topic.says, payload)
             if not topic.key.endswith(f"/{record.stage}"):
                 raise BadPayload(f"What was said of {record.stage} lies under {topic.key!r}.")
@@ -256,6 +270,14 @@ def _frames(raw: Content) -> tuple[dict[int, Frame], bool]:
         except BadFrame:
             is_whole = False
     return frames, is_whole
+
+
+def _looks(views: list[View | None], frames: dict[int, Frame], is_whole: bool) -> Iterator[Observation]:
+    """The observations of the captures that succeeded, of a torn file those that are whole."""
+    for view in views:
+        observation = _observation(view, frames, is_whole)
+        if observation is not None:
+            yield observation
 
 
 def _observation(view: View | None, frames: dict[int, Frame], is_whole: bool) -> Observation | None:

@@ -121,8 +121,10 @@ def described(scene: Scene, region: RegionView) -> ObservedScene:
         table=SeenTable(base_from_table=table.base_from_table, offset_m=table.offset_m, tilt_rad=table.tilt_rad),
         region_seen=region.share,
         instances=_instances(scene),
-        labels=_with_rims(scene),
+        labels=_with_rims(scene, scene.shown),
         unseen=region.unseen,
+        shown=scene.shown,
+        further_labels=tuple(_with_rims(scene, index) for index in range(len(scene.looks)) if index != scene.shown),
     )
 
 
@@ -154,11 +156,11 @@ def require_something(scene: Scene, region: RegionView, station: Station) -> Non
     )
 
 
-def _with_rims(scene: Scene) -> npt.NDArray[np.uint8]:
-    """The numbers (H, W) of the things, also in pixels without depth at their rims."""
-    labels = scene.color_labels.astype(np.uint8)
+def _with_rims(scene: Scene, look: int) -> npt.NDArray[np.uint8]:
+    """The numbers (H, W) of the things in one look, also in pixels without depth at their rims."""
+    labels = scene.all_color_labels[look].astype(np.uint8)
     around = cv2.dilate(labels, np.ones((_RIM_PX, _RIM_PX), np.uint8))
-    return np.where((labels == 0) & np.isnan(scene.rgbd.depth_m), around, labels)
+    return np.where((labels == 0) & np.isnan(scene.looks[look].rgbd.depth_m), around, labels)
 
 
 def _instances(scene: Scene) -> tuple[Instance, ...]:

@@ -43,8 +43,8 @@ class Outcome:
         presenter.present(PresentRequest(object=name, cycle=0, seed=seed))
         self.lay_m = presenter.truth().base_from_object[2, 3]
         before = capture(camera, arm, robot)
-        found = detect(before, station, open_models(station, {}))
-        chosen = plan(found, before, robot, station)
+        found = detect([before], station, open_models(station, {}))
+        chosen = plan(found, [before], robot, station)
 
         def look() -> Observation:
             self.held_m = presenter.truth().base_from_object[2, 3]

@@ -269,6 +269,6 @@ def test_a_stop_does_not_wait_for_a_model_that_hangs(look: Look, tmp_path: Path)
     with ModelServer(paint, say=say, faults=[Fault.HANG]) as server:
         station = _hosted(server, tmp_path, "perception.hosted.deadline_s=60", "perception.hosted.attempts=1")
         with closing(open_models(station, KEY)) as models, pytest.raises(CycleFailure) as failure:
-            detect_unless_halted(look([BAR]), station, models, said.append, lambda: bool(server.requests))
+            detect_unless_halted([look([BAR])], station, models, said.append, lambda: bool(server.requests))
     assert failure.value.failure is Code.STOPPED
     assert [reply.failure for reply in said] == [Code.STOPPED], "the call that was given up is said"

@@ -81,7 +81,7 @@ def stopped(look: Look, models: Models, when: Callable[[], bool]) -> list[ModelR
     """What was said when a stop came as ``when`` became true."""
     said: list[ModelReply] = []
     with pytest.raises(CycleFailure, match="Stopped during 'detect'") as failure:
-        detect_unless_halted(look([BAR]), STATION, models, said.append, when)
+        detect_unless_halted([look([BAR])], STATION, models, said.append, when)
     assert failure.value.failure is Code.STOPPED
     return said
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from config.schema import Box
-from planning.height_field import CELL_M, ObservedHeightField, observed_field, solid
+from planning.height_field import CELL_M, ObservedHeightField, Sight, observed_field, solid
 from planning.world import Thing
 from tests.planning.conftest import STATION, box
 from tests.planning.views import seen_from_above
@@ -26,7 +26,7 @@ def field_of(
     holes_px: int = 0,
 ) -> ObservedHeightField | None:
     view = seen_from_above((TABLE, *boxes), eye_m=EYE_M, target=target, noise_m=noise_m, holes_px=holes_px)
-    return observed_field(*view, known)
+    return observed_field([Sight(*view)], known)
 
 
 def height_at(field: ObservedHeightField, x: float, y: float) -> float:

@@ -11,10 +11,11 @@ from bus.messages import Grasp, PickPlan
 from config.franka_hand import FINGER_TIP_M
 from config.limits import UPPER_RAD
 from config.schema import Station, VerifySettings
+from planning.height_field import Sight
 from planning.pick import plan_pick
 from planning.pregrasp import LOWER_M
 from planning.robot import Robot
-from planning.scene import Scene, Sight
+from planning.scene import Scene
 from tests.planning.conftest import CAPTURE, NODES, STATION, WIDE_M, among, box
 from tests.planning.views import seen_from_above
 

@@ -1,0 +1,104 @@
+"""Looks again, from another place: when it is worth it, and how the camera gets there. Frames: docs/frames.md."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from bus.arrays import Vector3
+from bus.cancel import Cancel
+from bus.codes import Code
+from bus.errors import CycleFailure
+from bus.messages import Detections, Observation
+from bus.trajectory import Trajectory
+from cell.machine.gate import Gate
+from config.scene import scene_boxes
+from config.schema import Box, Station
+from drivers.interface import Arm
+from perception.scene.surroundings import surroundings
+from planning.height_field import Sight
+from planning.looks import direction_of, next_look
+from planning.motion import move
+from planning.robot import Robot
+from planning.scene import Scene
+
+_FOR_WANT_OF_SIGHT = {
+    Code.NOT_SEEN: "too little was seen",
+    Code.NO_DEPTH: "something has no depth",
+    Code.TOO_NEAR: "something is too near to the camera",
+    Code.NO_TABLE: "no table was seen",
+    Code.TABLE_MOVED: "the table seems to lie elsewhere",
+    Code.NO_GRASP: "there is no grasp",
+    Code.COLLISION: "no way to grasp is free",
+    Code.UNREACHABLE: "no way to grasp is reached",
+}
+"""Failures of detect and plan that another look may mend."""
+_AHEAD_M = 0.03
+"""Height above the table of the place that is looked at."""
+
+
+def asked_for(station: Station) -> int:
+    """How many looks are taken in any case."""
+    views = station.capture.views
+    return 1 if views == "auto" else views
+
+
+def why_look_again(outcome: Detections | CycleFailure, looks: int, station: Station) -> str:
+    """Why the arm should look once more, or "".
+
+    Args:
+        outcome: of detect or plan, from ``looks`` observations.
+    """
+    if station.capture.views != "auto" or looks >= station.capture.most_views:
+        return ""
+    if isinstance(outcome, CycleFailure):
+        return _FOR_WANT_OF_SIGHT.get(outcome.failure, "")
+    best = outcome.grasps[0].score
+    return f"the best grasp scores only {best:.2f}" if best < station.capture.weak_score else ""
+
+
+def way_to_next_look(
+    looks: Sequence[Observation], robot: Robot, station: Station, cancel: Cancel | None = None
+) -> Trajectory:
+    """The motion to the next viewpoint about the middle of the pick region, from where the last look was taken.
+
+    Raises: CycleFailure(UNREACHABLE, STOPPED).
+    """
+    taken = [direction_of(look.view.base_from_color) for look in looks]
+    scene = _among_unseen(looks[0], robot, station, cancel)
+    return next_look(scene, _middle_m(station), looks[-1].view.arm.q_rad, taken).motion
+
+
+def way_back(looks: Sequence[Observation], robot: Robot, station: Station, cancel: Cancel | None = None) -> Trajectory:
+    """The motion from the last look to the capture pose. Raises: CycleFailure."""
+    scene = _among_unseen(looks[0], robot, station, cancel)
+    return move(scene, looks[-1].view.arm.q_rad, np.asarray(station.arm.capture_q_rad))
+
+
+def go(arm: Arm, gate: Gate, way: Trajectory) -> None:
+    """Move through the gate. Raises: CycleFailure(STOPPED) when it was stopped, or may not begin; as the arm."""
+    with gate.motion() as may_begin:
+        if may_begin and arm.execute(way).finished:
+            return
+    raise CycleFailure(Code.STOPPED, "Stopped on the way to another look.")
+
+
+def _among_unseen(first: Observation, robot: Robot, station: Station, cancel: Cancel | None) -> Scene:
+    """The obstacles of a look: what was observed, and all of the pick region, where more may stand than was seen."""
+    x_min, x_max, y_min, y_max = station.scene.pick_region_m
+    height_m, top_m = station.scene.max_height_m, station.scene.table.top_m
+    unseen = Box(
+        name="unseen",
+        center_m=((x_min + x_max) / 2, (y_min + y_max) / 2, top_m + height_m / 2),
+        size_m=(x_max - x_min, y_max - y_min, height_m),
+    )
+    nothing = np.zeros(first.frame.color.shape[:2], dtype=bool)
+    points_base, target = surroundings(first, nothing)
+    boxes = (*scene_boxes(station.scene), unseen)
+    return Scene.of(robot, station, Sight(points_base, target), boxes=boxes, cancel=cancel)
+
+
+def _middle_m(station: Station) -> Vector3:
+    x_min, x_max, y_min, y_max = station.scene.pick_region_m
+    return np.array([(x_min + x_max) / 2, (y_min + y_max) / 2, station.scene.table.top_m + _AHEAD_M])
