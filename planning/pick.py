@@ -165,9 +165,7 @@ def _view_configuration(scene: Scene, object_m: Array) -> Joints:
 # --- place and home ---------------------------------------------------------------------------------------------------
 
 
-def _place_and_home(
-    holding: Scene, grasp: Grasp, base_from_tcp: Transform, view_q: Joints
-) -> tuple[Segment, Segment]:
+def _place_and_home(holding: Scene, grasp: Grasp, base_from_tcp: Transform, view_q: Joints) -> tuple[Segment, Segment]:
     station, empty, robot = holding.station, holding.empty(), holding.robot
     capture_q, wide_m = np.array(station.arm.capture_q_rad), station.hand.max_width_m
 

@@ -220,7 +220,8 @@ class Cycle:
         e = self.equipment
         try:
             found = self._stage("detect", topics.DETECT, lambda: self._detect(looks))
-            if self._look_again(looks, why_look_again(found, len(looks), e.station)):
+            is_hosted = e.models.imaginer.is_hosted
+            if self._look_again(looks, why_look_again(found, len(looks), e.station, is_hosted=is_hosted)):
                 return None
             chosen = self._stage(
                 "plan",

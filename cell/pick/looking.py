@@ -44,18 +44,20 @@ def asked_for(station: Station) -> int:
     return 1 if views == "auto" else views
 
 
-def why_look_again(outcome: Detections | CycleFailure, looks: int, station: Station) -> str:
+def why_look_again(outcome: Detections | CycleFailure, looks: int, station: Station, *, is_hosted: bool = False) -> str:
     """Why the arm should look once more, or "".
 
     Args:
         outcome: of detect or plan, from ``looks`` observations.
+        is_hosted: the goal-image model is paid for each answer: a grasp that it gave is taken, however weak.
     """
     if station.capture.views != "auto" or looks >= station.capture.most_views:
         return ""
     if isinstance(outcome, CycleFailure):
         return _FOR_WANT_OF_SIGHT.get(outcome.failure, "")
     best = outcome.grasps[0].score
-    return f"the best grasp scores only {best:.2f}" if best < station.capture.weak_score else ""
+    is_weak = best < station.capture.weak_score and not is_hosted
+    return f"the best grasp scores only {best:.2f}" if is_weak else ""
 
 
 def way_to_next_look(
