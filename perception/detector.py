@@ -26,8 +26,9 @@ from perception.grasps.closing import Closings
 from perception.grasps.rank import graded, rank
 from perception.grasps.refusal import why_none
 from perception.grasps.search import search
+from perception.grasps.sides import search_sides
 from perception.models import Models
-from perception.observed_object import ObservedObject
+from perception.observed_object import Axis, ObservedObject
 from perception.proposal import Proposal, grasps_of, propose
 from perception.rectangles.metric import matches
 from perception.scene.scene import Scene, observe
@@ -119,7 +120,7 @@ class _Tries:
                 return
             if self.talk.clock_s() - began_s > settings.budget_s:
                 return
-            axes = axes_of(self.closings, number, self.scene)
+            axes = self._axes(number)
             if self.found and not axes:
                 return
             outline = self.models.refined(self.scene.outline(number), self.scene.rgbd.color)
@@ -127,6 +128,15 @@ class _Tries:
             one = observed_object_of(self.scene, self.seen.instances, number, outline, axes)
             for sample in range(settings.samples):
                 self._try(*one, sample)
+
+    def _axes(self, number: int) -> tuple[Axis, ...]:
+        """Along which the jaw could close on a thing, the best first; from its sides when from above they are weak."""
+        axes = axes_of(self.closings, number, self.scene.table.base_from_table)
+        if axes and axes[0].score >= self.station.capture.weak_score:
+            return axes
+        for closings, base_from_level in search_sides(self.scene, self.seen.instances, number, self.station):
+            axes += axes_of(closings, number, base_from_level)
+        return tuple(sorted(axes, key=lambda axis: -axis.score))
 
     def _try(self, observed_object: ObservedObject, crop: Crop, sample: int) -> None:
         self.talk.cancel.raise_if_set("detect")

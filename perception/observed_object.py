@@ -31,10 +31,12 @@ class Axis:
     """An axis along which the jaw could close on an object.
 
     Attributes:
-        ends_base: (2, 3) [m] the contacts, in ``base``. ``score``: of the closing, higher is better.
+        ends_base: (2, 3) [m] the contacts, in ``base``. ``approach_base``: (3,) the hand's way there, of length 1.
+        score: of the closing, higher is better.
     """
 
     ends_base: npt.NDArray[np.float64]
+    approach_base: npt.NDArray[np.float64]
     score: float
 
     @property
@@ -89,11 +91,13 @@ class PaintedRod:
     Attributes:
         rod, object: (H, W) masks.
         run: (2, 3) [m] the rod's run through the object, in the ``color`` frame; None = it follows from the masks.
+        approach_base: (3,) the hand's way to it, in ``base``; None = from above, or whatever is free.
     """
 
     rod: npt.NDArray[np.bool_]
     object: npt.NDArray[np.bool_]
     run: npt.NDArray[np.float64] | None
+    approach_base: npt.NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True)

@@ -124,9 +124,11 @@ def _run_ends(
 def grasps_of(proposal: Proposal, observed_object: ObservedObject, station: Station) -> tuple[Grasp, ...]:
     """The ranked grasps of every run. Raises: CycleFailure(NO_GRASP), with the runs' widths [mm]."""
     grasps: list[Grasp] = []
+    painted = proposal.goal.painted
+    approach_base = painted.approach_base if painted is not None else None
     for index, run_ends in enumerate(proposal.ends):
         ends_base = apply(observed_object.base_from_color, run_ends)
-        grasps += grasps_of_rod(ends_base, index, observed_object, station)
+        grasps += grasps_of_rod(ends_base, index, observed_object, station, approach_base)
     if not grasps:
         widths = ", ".join(f"{np.linalg.norm(ends[1] - ends[0]) * 1e3:.0f}" for ends in proposal.ends)
         raise CycleFailure(

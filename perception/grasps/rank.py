@@ -27,6 +27,7 @@ _SLICES = (1.0, 0.5)
 _PER_RUN = 4
 _TILTS_RAD = np.deg2rad([20.0, -20.0])
 """Approaches other than the vertical one, about the rod; used only where the vertical one yields no grasp."""
+_FROM_ABOVE = float(np.cos(np.deg2rad(5)))
 _WIDTH_APART_M = 0.010
 _TESTED = 12
 _WEIGHTS = {**WEIGHTS, "seen": 2.0, "unmoved": 1.0, "consistent": 0.4}
@@ -53,18 +54,29 @@ def graded(closings: Closings, instances: tuple[Instance, ...]) -> Closings:
     return _scored(closings, {**closings.terms, "seen": seen[closings.instance]})
 
 
-def grasps_of_rod(ends_base: Array, rectangle: int, observed_object: ObservedObject, station: Station) -> list[Grasp]:
-    """Grasps along one aligned rod, from above; if none is feasible, tilted about the rod by 20 degrees either way.
+def grasps_of_rod(
+    ends_base: Array,
+    rectangle: int,
+    observed_object: ObservedObject,
+    station: Station,
+    approach_base: Array | None = None,
+) -> list[Grasp]:
+    """Grasps along one aligned rod, by the approach that is known, or else from above; if none is free, tilted.
 
     Args:
         ends_base: (2, 3) [m] ends of the rod's run through the object, in ``base``.
         rectangle: index of the run's rectangle.
+        approach_base: (3,) the hand's way; None = not known.
     """
-    base_from_table = observed_object.scene.table.base_from_table
-    grasps = _approach(ends_base, rectangle, base_from_table, observed_object.scene.heights, observed_object, station)
-    for tilt_rad in () if grasps else _TILTS_RAD:
-        base_from_level = tilted(ends_base, float(tilt_rad), base_from_table)
-        heights, base_from_level = observed_object.scene.along(base_from_level, observed_object.instance.number)
+    scene = observed_object.scene
+    base_from_table, grasps = scene.table.base_from_table, list[Grasp]()
+    levels = [tilted(ends_base, float(tilt_rad), base_from_table) for tilt_rad in _TILTS_RAD]
+    if approach_base is not None and -approach_base @ base_from_table[:3, 2] < _FROM_ABOVE:
+        levels = [facing(ends_base, approach_base)]
+    else:
+        grasps = _approach(ends_base, rectangle, base_from_table, scene.heights, observed_object, station)
+    for level in () if grasps else levels:
+        heights, base_from_level = scene.along(level, observed_object.instance.number)
         grasps += _approach(ends_base, rectangle, base_from_level, heights, observed_object, station)
     return grasps
 
@@ -90,6 +102,14 @@ def tilted(ends_base: Array, tilt_rad: float, base_from_table: Transform) -> Tra
     normal = np.cos(tilt_rad) * up - np.sin(tilt_rad) * across
     x_m, y_m = ends.mean(axis=0)[:2]
     return np.asarray(base_from_table @ from_rotation(np.column_stack([along, side, normal]), (x_m, y_m, 0.0)))
+
+
+def facing(ends_base: Array, approach_base: Array) -> Transform:
+    """base_from_level (4, 4): x along the rod's ends (2, 3), z as nearly against an approach (3,) as that leaves it."""
+    x = (ends_base[1] - ends_base[0]) / np.linalg.norm(ends_base[1] - ends_base[0])
+    z = -approach_base + (approach_base @ x) * x
+    z = z / np.linalg.norm(z)
+    return from_rotation(np.column_stack([x, np.cross(z, x), z]), ends_base.mean(axis=0))
 
 
 def _approach(

@@ -12,6 +12,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from bus.arrays import Transform
+from bus.transforms import apply
 from config.franka_hand import PALM_ABOVE_TIP_M
 from config.schema import HandSettings, Station
 from perception.grasps.closing import TABLE_CLEARANCE_M, Closings, close, joined, weighted
@@ -59,9 +61,14 @@ class Candidates:
         return Candidates(*(getattr(self, one.name)[chosen] for one in fields(self)))
 
 
-def search(heights: HeightMap, station: Station) -> Closings:
-    """Closings all over the map, scored, the best of them also by how many pose errors they survive."""
+def search(heights: HeightMap, station: Station, base_from_level: Transform | None = None) -> Closings:
+    """Closings all over the map, scored, the best of them also by how many pose errors they survive.
+
+    Args:
+        base_from_level: (4, 4) the map's frame; None = from above, with the x and y of ``base``.
+    """
     found = _everywhere(heights, station)
+    found = found.taken(_in_region(found, station, base_from_level))
     roomy = found.taken(found.clearance_m == _CLEARANCES_M[0])
     chosen = _spread(found if len(roomy.center_m) < _FEWER * _MOST else roomy)
     coarse = close(heights, chosen.center_m, chosen.heading_rad, chosen.slice_m, station)
@@ -70,7 +77,7 @@ def search(heights: HeightMap, station: Station) -> Closings:
 
 
 def _everywhere(heights: HeightMap, station: Station) -> Candidates:
-    """The candidates in the pick region; between groups of things that lie apart nothing is looked for."""
+    """The candidates of every group of things; between groups that lie apart nothing is looked for."""
     parts = [Candidates(np.zeros((0, 2)), np.zeros(0), np.zeros(0), np.zeros(0))]
     near = cv2.dilate((heights.labels > 0).astype(np.uint8), np.ones((_GROUP_CELLS, _GROUP_CELLS), np.uint8))
     _, _, boxes, _ = cv2.connectedComponentsWithStats(near)
@@ -79,14 +86,15 @@ def _everywhere(heights: HeightMap, station: Station) -> Candidates:
         window = np.s_[max(0, top - margin) : top + height + margin, max(0, left - margin) : left + width + margin]
         group = heights.part(window)
         parts += [_along(group, float(index * np.pi / _HEADINGS), station) for index in range(_HEADINGS)]
-    found = Candidates.joined(parts)
-    return found.taken(_in_region(found.center_m, station))
+    return Candidates.joined(parts)
 
 
-def _in_region(center_m: Array, station: Station) -> npt.NDArray[np.bool_]:
-    """Whether the centres (n, 2) lie in the pick region; the table's frame has the x and y of ``base``."""
+def _in_region(found: Candidates, station: Station, base_from_level: Transform | None) -> npt.NDArray[np.bool_]:
+    """Whether the candidates (n,) lie in the pick region."""
     x_min, x_max, y_min, y_max = station.scene.pick_region_m
-    x, y = center_m.T
+    x, y = found.center_m.T
+    if base_from_level is not None:
+        x, y, _ = apply(base_from_level, np.column_stack([found.center_m, found.slice_m])).T
     return np.asarray((x > x_min) & (x < x_max) & (y > y_min) & (y < y_max))
 
 

@@ -20,6 +20,8 @@ from perception.models.painter import paint
 from perception.observed_object import Answer, ObservedObject
 
 _STICK_OUT_M = 0.035
+_AS_WRITTEN_M = 1e-4
+"""The text has four decimals."""
 _NUMBER = r"(-?\d+\.\d+)"
 _AXIS = re.compile(rf"from \({_NUMBER}, {_NUMBER}, {_NUMBER}\) to \({_NUMBER}, {_NUMBER}, {_NUMBER}\)")
 
@@ -77,10 +79,20 @@ class GeometricModel:
         ends_base = run_base + np.outer([-_STICK_OUT_M, _STICK_OUT_M], along)
         run, ends = (apply(inverse(observed_object.base_from_color), points) for points in (run_base, ends_base))
         radius_m = self._station.perception.rod_radius_m
-        return Answer(f"rod {axis}", goal=paint(observed_object, ends, radius_m, run if self._knows_run else None))
+        approach = _approach_of(run_base, observed_object)
+        goal = paint(observed_object, ends, radius_m, run if self._knows_run else None, approach)
+        return Answer(f"rod {axis}", goal=goal)
 
     def close(self) -> None:
         """Do nothing; there are no resources."""
+
+
+def _approach_of(run_base: Array, observed_object: ObservedObject) -> Array | None:
+    """The approach (3,) of the axis that a run (2, 3) was read from; None when it is none of the object's."""
+    for axis in observed_object.axes:
+        if np.abs(axis.ends_base - run_base).max() < _AS_WRITTEN_M:
+            return axis.approach_base
+    return None
 
 
 def axis_in_words(start_m: Array, end_m: Array) -> str:

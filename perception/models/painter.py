@@ -16,12 +16,18 @@ _LIGHT = np.array([-0.35, -0.45, -0.82])  # towards the light, camera frame
 Array = npt.NDArray[np.float64]
 
 
-def paint(observed_object: ObservedObject, ends: Array, radius_m: float, run: Array | None = None) -> GoalImage:
+def paint(
+    observed_object: ObservedObject,
+    ends: Array,
+    radius_m: float,
+    run: Array | None = None,
+    approach_base: Array | None = None,
+) -> GoalImage:
     """The masked image with a rod, z-buffered with the object.
 
     Args:
         ends: (2, 3) [m] of the rod, in the camera frame.
-        run: (2, 3) [m] its run through the object, if it is known.
+        run: (2, 3) [m] its run through the object, if it is known. ``approach_base``: see `PaintedRod`.
 
     Returns:
         The picture, and its parts, which are known because they were painted here.
@@ -34,7 +40,7 @@ def paint(observed_object: ObservedObject, ends: Array, radius_m: float, run: Ar
     image = observed_object.masked.copy()
     image[visible] = np.clip(np.array(observed_object.rod.rgb) * shade[:, None], 0, 255).astype(np.uint8)
     goal_depth_m = np.where(visible, depth_m, observed_object.rgbd.depth_m).astype(np.float32)
-    return GoalImage(image, goal_depth_m, PaintedRod(visible, observed_object.mask & ~visible, run))
+    return GoalImage(image, goal_depth_m, PaintedRod(visible, observed_object.mask & ~visible, run, approach_base))
 
 
 def _filled(observed_object: ObservedObject) -> npt.NDArray[np.float32]:

@@ -1,0 +1,61 @@
+"""Searches one thing for grasps from its sides: along directions of the upper hemisphere besides the vertical.
+
+It needs several looks: from above alone, a thing's sides are not seen, and what was not seen is not free.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import numpy.typing as npt
+
+from bus.arrays import Transform
+from bus.messages import Instance
+from bus.transforms import apply, from_rotation
+from config.schema import Station
+from perception.grasps.closing import Closings
+from perception.grasps.rank import graded
+from perception.grasps.search import search
+from perception.scene.scene import Scene
+
+_TILTS_DEG = (40.0, 75.0)
+_TURNS_DEG = (0.0, 45.0, -45.0, 90.0, -90.0)
+"""Headings of the approach, from the direction that leads away from the arm's base: from beyond it hardly reaches."""
+
+Array = npt.NDArray[np.float64]
+
+
+def search_sides(
+    scene: Scene, instances: tuple[Instance, ...], number: int, station: Station
+) -> Iterator[tuple[Closings, Transform]]:
+    """Closings on one thing from each direction, and the level frame (4, 4) in ``base`` that they are given in."""
+    if len(scene.looks) == 1:
+        return
+    for base_from_level in _levels(scene, instances[number - 1]):
+        heights, base_from_level = scene.along(base_from_level, number)
+        found = graded(search(heights, station, base_from_level), instances)
+        ours = found.taken(np.flatnonzero((found.instance == number) & np.isfinite(found.score)))
+        if len(ours.score):
+            yield ours, base_from_level
+
+
+def _levels(scene: Scene, thing: Instance) -> Iterator[Transform]:
+    """Level frames (4, 4) about a thing, x along the table."""
+    away_rad = float(np.arctan2(thing.top_m[1], thing.top_m[0]))
+    base_from_table = scene.table.base_from_table
+    place_table = apply(scene.table.table_from_base, np.asarray(thing.top_m)[None])[0] * np.array([1.0, 1.0, 0.0])
+    for tilt_deg in _TILTS_DEG:
+        for turn_deg in _TURNS_DEG:
+            yield base_from_table @ from_rotation(
+                _facing(np.radians(tilt_deg), away_rad + np.radians(turn_deg)), place_table
+            )
+
+
+def _facing(tilt_rad: float, heading_rad: float) -> Array:
+    """Rotation (3, 3): z against an approach that leans by ``tilt_rad`` from straight down towards ``heading_rad``."""
+    approach = np.array(
+        [np.sin(tilt_rad) * np.cos(heading_rad), np.sin(tilt_rad) * np.sin(heading_rad), -np.cos(tilt_rad)]
+    )
+    x = np.array([-np.sin(heading_rad), np.cos(heading_rad), 0.0])
+    return np.column_stack([x, np.cross(-approach, x), -approach])
