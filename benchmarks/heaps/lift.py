@@ -16,7 +16,9 @@ from scipy.spatial.transform import Rotation
 from benchmarks.heaps.drop import add_body, furnish
 from benchmarks.heaps.heap import FIXED, Heap
 from benchmarks.heaps.judge import PALM_SIZE_M
+from benchmarks.heaps.plan import HEAPS, plan
 from benchmarks.heaps.shapes import Shape
+from benchmarks.heaps.things import thing
 from bus.transforms import apply, from_rotation, inverse
 from config.franka_hand import FINGER_LENGTH_M, FINGER_TIP_M, PALM_ABOVE_TIP_M
 from config.schema import HandSettings, Station
@@ -130,6 +132,8 @@ def _compose(heap: Heap, base_from_tcp: Array) -> mujoco.MjSpec:
 
 
 def _density(heap: Heap, body: int) -> float:
+    if heap.set_name != HEAPS:
+        return thing(plan(heap.n, heap.seed, heap.set_name)).density_kg_m3
     return 700.0 if heap.names[body] == "box" else 1250.0
 
 

@@ -27,7 +27,7 @@ def with_views(heap: Heap, objects: Path, cache: Path | None) -> Heap:
     """Return the scene with its further views, from the cache or rendered and kept there.
 
     Raises:
-        DriverError: the scene was made by another version.
+        DriverError: the kept scene was made by another version.
         DriverUnavailable: nothing can be rendered here.
     """
     kept = None if cache is None else path_of(cache, heap.n, heap.seed, heap.set_name).with_suffix(".views.npz")
