@@ -81,7 +81,7 @@ def evaluate_one(
     """
     station, (count, most), cpu_ms = heap.station(overrides), looks, 0.0
     while True:
-        heap = seen(heap) if count > 1 else heap
+        heap = seen(heap) if count > 1 and not heap.further else heap
         outcome, took_ms = _detected(heap.observations()[:count], station, detect)
         cpu_ms += took_ms
         if count == most or not again(outcome, count, station):

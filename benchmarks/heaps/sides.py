@@ -5,6 +5,7 @@ A grasp from a side must also be in the arm's reach: half of the sides of a tabl
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
@@ -36,11 +37,15 @@ _LOWERED_M = 0.02
 Array = npt.NDArray[np.float64]
 
 
-def search(heap: Heap) -> Robust:
-    """Try each direction in turn, until a grasp is robust and in reach."""
+def search(heap: Heap, along: Sequence[Array] | None = None) -> Robust:
+    """Try each direction in turn, until a grasp is robust and in reach.
+
+    Args:
+        along: as `directions` returns; None = all of those.
+    """
     judge, rng = Judge.of(heap), np.random.default_rng([heap.seed, heap.n, 7])
     judged = 0
-    for table_from_side in directions(heap):
+    for table_from_side in directions(heap) if along is None else along:
         truth = Truth(heap, table_from_side)
         poses = truth.poses(truth.on_faces(_ON_FACES, rng).and_(truth.anywhere(_ANYWHERE, rng)))
         for base_from_tcp, opening_m in poses[:_MOST_JUDGED]:
