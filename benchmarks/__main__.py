@@ -33,7 +33,9 @@ from benchmarks import (
     travel,
 )
 from benchmarks.drifted import REGIMES
+from benchmarks.heaps import detectors
 from benchmarks.heaps import run as heaps
+from benchmarks.heaps.plan import HEAPS, SETS
 from benchmarks.openness import trouble
 from bus.commands import CommandRequest
 from bus.errors import CellError
@@ -140,6 +142,7 @@ def grasps_(
 @app.command(name="scenes")
 def scenes_(
     counts: Annotated[list[int] | None, typer.Option("--n", help="Objects in a heap. Repeatable.")] = None,
+    views: Annotated[str, typer.Option(help="1, 2 or 3 at once, or auto: as many as the cell wants.")] = "1",
     seeds: Annotated[str, typer.Option(help="A:B, seeds to report on; nothing may be tuned on them.")] = "1000:1100",
     development: Annotated[str, typer.Option(help="A:B, seeds shown beside: those to tune on.")] = "0:30",
     objects: Annotated[Path, typer.Option(help="The folder object_sim.")] = _OBJECTS,
@@ -148,22 +151,40 @@ def scenes_(
     sheet: Annotated[Path | None, typer.Option(help="Where a picture of every scene and its grasp goes.")] = None,
     lifts: Annotated[bool, typer.Option("--lifts", help="Lift each best grasp in simulation, too.")] = False,
     check_judge: Annotated[int, typer.Option(min=0, help="Only lift so many judged grasps of the development.")] = 0,
-    overrides: Annotated[list[str] | None, typer.Option("--set", help="key=value")] = None,
+    given: Annotated[
+        list[str] | None,
+        typer.Option("--set", help=f"key=value of the station, or what is seen: {', '.join(SETS)}. Repeatable."),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
 ) -> None:
-    """Heaps of real shapes seen once from above: shares of true and bad grasps, judged on the true shapes."""
-    if not objects.is_dir():
+    """Heaps of real shapes, or single hard things: shares of true and bad grasps, judged on the true shapes.
+
+    With more than one view, what can be picked from any side counts as feasible, and not only from above.
+    """
+    overrides = tuple(one for one in given or () if "=" in one)
+    chosen = [one for one in given or () if "=" not in one] or [HEAPS]
+    for name, known in ((views, heaps.LOOKS), *((one, SETS) for one in chosen)):
+        if name not in known:
+            raise typer.BadParameter(f"{name!r} is none of {', '.join(known)}")
+    if views != "1" and not detectors.sees_several():
+        typer.echo(json.dumps({"skipped": "The detection takes one view only."}))
+        return
+    if HEAPS in chosen and not objects.is_dir():
         typer.echo(json.dumps({"skipped": f"There is no folder {objects}: name object_sim with --objects."}))
         return
 
-    def wanted(n: int, seed: int) -> heaps.Wanted:
-        return heaps.Wanted(n, seed, objects, cache, tuple(overrides or ()), lifted=lifts)
+    def wanted(group: tuple[str, int], seed: int) -> heaps.Wanted:
+        set_name, n = group
+        return heaps.Wanted(
+            n, seed, objects, cache, overrides, lifted=lifts, set_name=set_name, looks=heaps.LOOKS[views]
+        )
 
-    several, first, report = counts or heaps.COUNTS, _seeds(development), _seeds(seeds)
+    groups = [(name, n) for name in chosen for n in ((counts or heaps.COUNTS) if name == HEAPS else (1,))]
+    first, report = _seeds(development), _seeds(seeds)
     if check_judge:
-        typer.echo(json.dumps(heaps.check_judge(several, first, wanted, check_judge)))
+        typer.echo(json.dumps(heaps.check_judge(groups, first, wanted, check_judge)))
     else:
-        typer.echo(json.dumps(heaps.run(several, first, report, wanted, jobs, sheet, _teller(as_json))))
+        typer.echo(json.dumps(heaps.run(groups, first, report, wanted, jobs, sheet, _teller(as_json))))
 
 
 def _seeds(text: str) -> range:

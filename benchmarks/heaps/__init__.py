@@ -1,4 +1,4 @@
-"""Heaps of real shapes seen once from above: scenes, a judge of grasps on the true shapes, and the figures of both.
+"""Heaps of real shapes, and single hard things: scenes, a judge of grasps on the true shapes, and the figures of both.
 
 Nothing here but `detectors` imports perception: scenes, judge and oracle share no code with what they measure.
 """

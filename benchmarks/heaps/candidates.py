@@ -1,4 +1,7 @@
-"""Draws grasps along the table's normal from the true shapes. Frame: ``table``, whose top is z = 0; in metres."""
+"""Draws grasps along one direction from the true shapes: from above, or from a side. In metres.
+
+Frame: ``side``, whose z is up against the approach. Of grasps from above it is ``table``, whose top is z = 0.
+"""
 
 from __future__ import annotations
 
@@ -27,14 +30,16 @@ _OPENINGS_M = (0.080, 0.060, 0.044, 0.030, 0.018, 0.010)
 _LEAST_BITE_M = 0.002
 _STEEPEST = 0.45
 """Largest vertical component of the normal of a face that a pad may press on: 27 degrees, the friction cone."""
-_LEVEL = 0.5
+_UNDER_M = 0.05
+"""Below the lowest body nothing is looked for."""
+_EDGE_ON = 1e-6
 
 Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Candidates:
-    """Grasps, all (n, ...): the jaw's middle (x, y), the tips' height, the closing axis's heading, the opening."""
+    """Grasps in ``side``, all (n, ...): the jaw's middle (x, y), the tips' height, the axis's heading, the opening."""
 
     center_m: Array
     tip_m: Array
@@ -44,8 +49,8 @@ class Candidates:
     def __len__(self) -> int:
         return len(self.tip_m)
 
-    def table_from_tcp(self, index: int) -> Array:
-        """Return the pose (4, 4): tcp z down, tcp y along the heading."""
+    def side_from_tcp(self, index: int) -> Array:
+        """Return the pose (4, 4): tcp z down in ``side``, tcp y along the heading."""
         cosine, sine = float(np.cos(self.heading_rad[index])), float(np.sin(self.heading_rad[index]))
         closing, down = np.array([cosine, sine, 0.0]), np.array([0.0, 0.0, -1.0])
         rotation = np.stack([np.cross(closing, down), closing, down], axis=1)
@@ -66,23 +71,51 @@ class Candidates:
 
 
 class Truth:
-    """The true shapes of one scene in ``table``, and the height of what stands highest over each cell."""
+    """The true shapes of one scene in ``side``, and the height of what stands highest over each cell.
 
-    def __init__(self, heap: Heap) -> None:
-        table_from_base = inverse(heap.base_from_table)
+    Args:
+        table_from_side: (4, 4); None = the identity: grasps from above.
+
+    Attributes:
+        height_m: (rows, columns) of the highest of all shapes and the table; infinite where the table is in the way.
+    """
+
+    def __init__(self, heap: Heap, table_from_side: Array | None = None) -> None:
+        leaning = np.eye(4) if table_from_side is None else table_from_side
+        self._base_from_side = heap.base_from_table @ leaning
+        side_from_base = inverse(self._base_from_side)
         self._hand: HandSettings = heap.station().hand
         self._region_m = heap.station().scene.pick_region_m
-        self._base_from_table = heap.base_from_table
         self._bodies = np.array([part.body for part in heap.parts])
-        self._corners = [apply(table_from_base, part.corners) for part in heap.parts]
-        self._solids = [moved(half_spaces(part.corners), part.corners, table_from_base) for part in heap.parts]
-        x_min, x_max, y_min, y_max = self._region_m
-        self._origin_m = np.array([x_min, y_min]) - _MARGIN_M
-        size_m = np.array([x_max - x_min, y_max - y_min]) + 2 * _MARGIN_M
-        self.height_m = self._heights(*np.ceil(size_m / _CELL_M).astype(int))
+        self._corners = [apply(side_from_base, part.corners) for part in heap.parts]
+        self._solids = [moved(half_spaces(part.corners), part.corners, side_from_base) for part in heap.parts]
+        low, high = self._loose()
+        if table_from_side is None:
+            low[:2], high[:2] = self._region_m[::2], self._region_m[1::2]
+        self._origin_m = low[:2] - _MARGIN_M
+        size_m = high[:2] - low[:2] + 2 * _MARGIN_M
+        self._floor_m = self._table(inverse(leaning), *np.ceil(size_m / _CELL_M).astype(int))
+        self._floor_m = np.maximum(self._floor_m, low[2] - _UNDER_M)
+        self.height_m = self._heights()
 
-    def _heights(self, rows: int, columns: int) -> Array:
-        heights = np.zeros((rows, columns))
+    def _loose(self) -> tuple[Array, Array]:
+        """The box (2 x (3,)) of all bodies."""
+        corners = [part for part, body in zip(self._corners, self._bodies, strict=True) if body != FIXED]
+        every = np.concatenate(corners) if corners else np.zeros((1, 3))
+        return every.min(axis=0), every.max(axis=0)
+
+    def _table(self, side_from_table: Array, rows: int, columns: int) -> Array:
+        """The table's height (rows, columns) in ``side``; -inf and inf before and behind one that is seen edge-on."""
+        up, on_table = side_from_table[:3, 2], side_from_table[:3, 3]
+        x, y = (self._origin_m[axis] + _CELL_M * np.arange(count) for axis, count in ((0, rows), (1, columns)))
+        over_m = up[0] * (x[:, None] - on_table[0]) + up[1] * (y - on_table[1])
+        if abs(up[2]) < _EDGE_ON:
+            return np.where(over_m < 0, np.inf, -np.inf)
+        return np.asarray(on_table[2] - over_m / up[2])
+
+    def _heights(self) -> Array:
+        heights = self._floor_m.copy()
+        rows, columns = heights.shape
         for solid in self._solids:
             low, high = (np.rint((edge[:2] - self._origin_m) / _CELL_M).astype(int) for edge in (solid.low, solid.high))
             first, last = np.maximum(low, 0), np.minimum(high + 1, (rows, columns))
@@ -90,8 +123,15 @@ class Truth:
                 continue
             i, j = (one.ravel() for one in np.mgrid[first[0] : last[0], first[1] : last[1]])
             lines = np.column_stack([self._origin_m + _CELL_M * np.stack([i, j], axis=1), np.zeros(i.size)])
-            np.maximum.at(heights, (i, j), np.maximum(solid.clip(lines, 2).leave, 0.0))
+            np.maximum.at(heights, (i, j), solid.clip(lines, 2).leave)
         return heights
+
+    def poses(self, drawn: Candidates) -> list[tuple[Array, float]]:
+        """Return ``base_from_tcp`` (4, 4) and opening of each."""
+        return [
+            (self._base_from_side @ drawn.side_from_tcp(index), float(drawn.opening_m[index]))
+            for index in range(len(drawn))
+        ]
 
     # --- drawing -----------------------------------------------------------------------------------------------------
 
@@ -114,7 +154,7 @@ class Truth:
 
     def anywhere(self, count: int, rng: np.random.Generator) -> Candidates:
         """Draw grasps with something between the pads, at any heading, opening and free height."""
-        cells = np.argwhere(self.height_m > _LEAST_BITE_M)
+        cells = np.argwhere(self.height_m > self._floor_m + _LEAST_BITE_M)
         if not len(cells):
             return self._none()
         center_m = self._origin_m + _CELL_M * cells[rng.integers(0, len(cells), count)]
@@ -148,12 +188,12 @@ class Truth:
         reach_m = self._hand.max_width_m
         for index, (point, normal) in enumerate(zip(points, normals, strict=True)):
             turn = np.array([[normal[0], normal[1], 0], [-normal[1], normal[0], 0], [0, 0, 1.0]])
-            line_from_table = from_rotation(turn, -turn @ point)
+            line_from_side = from_rotation(turn, -turn @ point)
             for part in np.flatnonzero(self._bodies == self._bodies[parts[index]]):
                 solid = self._solids[part]
                 if (solid.low > point + reach_m).any() or (solid.high < point - reach_m).any():
                     continue
-                chord = _turned(solid, line_from_table).clip(np.zeros((1, 3)), 0)
+                chord = _turned(solid, line_from_side).clip(np.zeros((1, 3)), 0)
                 entry, leave = float(chord.entry[0]), float(chord.leave[0])
                 if entry < reach_m and leave > -reach_m:
                     start[index], end[index] = min(start[index], entry), max(end[index], leave)
@@ -200,12 +240,12 @@ class Truth:
     def _inside(self, drawn: Candidates) -> Candidates:
         """Those whose middle lies in the pick region."""
         x_min, x_max, y_min, y_max = self._region_m
-        places = apply(self._base_from_table, np.column_stack([drawn.center_m, drawn.tip_m]))
+        places = apply(self._base_from_side, np.column_stack([drawn.center_m, drawn.tip_m]))
         x, y = places[:, 0], places[:, 1]
         return drawn.where((x > x_min) & (x < x_max) & (y > y_min) & (y < y_max))
 
 
-def _turned(solid: Solid, frame_from_table: Array) -> Solid:
-    turn, shift = frame_from_table[:3, :3], frame_from_table[:3, 3]
+def _turned(solid: Solid, line_from_side: Array) -> Solid:
+    turn, shift = line_from_side[:3, :3], line_from_side[:3, 3]
     normals = solid.normals @ turn.T
     return Solid(normals, solid.offsets - normals @ shift, solid.low, solid.high)

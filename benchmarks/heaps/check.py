@@ -95,7 +95,8 @@ def _judged(heap: Heap) -> list[Judged]:
     truth, judge, rng = Truth(heap), Judge.of(heap), np.random.default_rng([heap.seed, heap.n, 5])
     drawn = truth.on_faces(_ON_FACES, rng).and_(truth.anywhere(_ANYWHERE, rng))
     judged = []
+    poses = truth.poses(drawn)
     for index in rng.permutation(len(drawn))[:_JUDGED]:
-        pose, opening_m = heap.base_from_table @ drawn.table_from_tcp(int(index)), float(drawn.opening_m[index])
+        pose, opening_m = poses[int(index)]
         judged.append(Judged(heap, pose, opening_m, judge.judge(pose, opening_m)))
     return judged

@@ -41,7 +41,7 @@ def tile(heap: Heap, row: Row) -> Image:
         cv2.resize(image[top:bottom, left:right], _TILE_PX, interpolation=cv2.INTER_AREA), dtype=np.uint8
     )
     possible = {True: "", False: " infeasible", None: " ?"}[heap.feasible]
-    _write(small, f"n{row.n} s{row.seed} {row.kind} {row.pair}{possible}", 14, (0, 0, 0))
+    _write(small, f"{row.group} s{row.seed} {row.kind} {row.pair}{possible}", 14, (0, 0, 0))
     physics = {True: " (lifted)", False: " (lost)", None: ""}[row.lifted]
     _write(small, f"{row.outcome}{physics} {row.why}"[:52], 30, color)
     return small

@@ -11,8 +11,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from benchmarks.heaps.plan import Plan, station_of
+from benchmarks.heaps.plan import HEAPS, Plan, station_of
 from benchmarks.heaps.shapes import Shape, box
+from benchmarks.heaps.things import thing
 from bus.errors import DriverError
 from bus.transforms import from_rotation, inverse
 from config.scene import scene_boxes
@@ -30,6 +31,8 @@ _AREA_M = {1: (0.080, 0.120), 20: (0.085, 0.120)}
 _USUAL_AREA_M = (0.060, 0.090)
 _DRAWS = 8
 _TABLE_RGBA, _FURNITURE_RGBA = (0.46, 0.50, 0.52, 1.0), (0.20, 0.33, 0.42, 1.0)
+_LEAN_DEG, _ABOVE_M = 1.0, 0.001
+"""Of a single thing when it is let go on the table."""
 _PAIR_SIDE_M, _PAIR_LENGTH_M, _PAIR_HEIGHT_M, _PAIR_GAP_M = (0.022, 0.06), (0.04, 0.11), (0.02, 0.06), (0.0, 0.001)
 
 Array = npt.NDArray[np.float64]
@@ -67,6 +70,8 @@ def drop(plan: Plan, shapes: Sequence[Shape]) -> Dropped:
 
 def _drawn(plan: Plan, shapes: Sequence[Shape], rng: np.random.Generator) -> list[tuple[Shape, ...]]:
     """Return the bodies that move as one: a pair of flush boxes, then single ones, no two the same where possible."""
+    if plan.set_name != HEAPS:
+        return [(thing(plan),)]
     pair = [_pair(rng)] if plan.pair else []
     count = plan.n - 2 * len(pair)
     chosen = rng.choice(len(shapes), count, replace=count > len(shapes))
@@ -132,10 +137,21 @@ def add_body(
     return body
 
 
+def aim(dropped: Dropped, table_from_color: Array) -> None:
+    """Move both cameras, so that the colour camera is at (4, 4) ``table_from_color``; nothing else moves."""
+    for name, pose in (("color", table_from_color), ("depth", table_from_color @ COLOR_FROM_DEPTH)):
+        camera = dropped.model.camera(name)
+        camera.pos[:], camera.quat[:] = pose[:3, 3], _quaternion(pose)
+    mujoco.mj_camlight(dropped.model, dropped.data)
+
+
 def _add_camera(spec: mujoco.MjSpec, name: str, pose: Array) -> None:
-    rotation = pose[:3, :3] @ np.diag([1.0, -1.0, -1.0])  # MuJoCo's cameras look along -z with y up
-    quaternion = Rotation.from_matrix(rotation).as_quat(scalar_first=True)
-    spec.worldbody.add_camera(name=name, pos=pose[:3, 3], quat=quaternion, fovy=FOVY_DEG[name])
+    spec.worldbody.add_camera(name=name, pos=pose[:3, 3], quat=_quaternion(pose), fovy=FOVY_DEG[name])
+
+
+def _quaternion(pose: Array) -> Array:
+    """MuJoCo's (w, x, y, z) of a camera's pose; its cameras look along -z with y up."""
+    return np.asarray(Rotation.from_matrix(pose[:3, :3] @ np.diag([1.0, -1.0, -1.0])).as_quat(scalar_first=True))
 
 
 def _rgba(rng: np.random.Generator) -> tuple[float, ...]:
@@ -154,7 +170,7 @@ def _throw(
     plan: Plan,
     rng: np.random.Generator,
 ) -> None:
-    """Put single bodies one above the other at random orientations, a pair of boxes on the table at a heading."""
+    """Put bodies one above the other at random orientations; a pair, or a thing of a set, on the table as it stands."""
     x_min, x_max, y_min, y_max = station_of(plan.kind).scene.pick_region_m
     area_m = np.array(_AREA_M.get(plan.n, _USUAL_AREA_M))
     for index, members in enumerate(loose):
@@ -165,6 +181,11 @@ def _throw(
         if len(members) > 1:
             joint.qpos[2] = -min(part[:, 2].min() for shape in members for part in shape.parts)
             joint.qpos[3:] = Rotation.from_euler("z", rng.uniform(-np.pi, np.pi)).as_quat(scalar_first=True)
+        if plan.set_name != HEAPS:
+            leaning = rng.uniform(-_LEAN_DEG, _LEAN_DEG, 2)
+            turn = Rotation.from_euler("zyx", [rng.uniform(-180, 180), *leaning], degrees=True)
+            joint.qpos[2] = _ABOVE_M - turn.apply(np.concatenate(members[0].parts))[:, 2].min()
+            joint.qpos[3:] = turn.as_quat(scalar_first=True)
 
 
 def _settle(model: mujoco.MjModel, data: mujoco.MjData, n: int) -> None:

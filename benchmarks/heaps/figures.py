@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.heaps.judge import TRUE
+from benchmarks.heaps.plan import HEAPS
 
 REFUSED = "refused"
 
@@ -21,9 +22,11 @@ class Row:
     Attributes:
         outcome: the judge's verdict on the best grasp, or `REFUSED`. ``why``: its words, or the refusal's code.
         feasible: the oracle's answer; None = it was not asked.
-        cpu_ms: of the detection.
+        cpu_ms: of the detection, after every look.
         pose: (4, 4) ``base_from_tcp`` of the best grasp, as nested tuples; None where refused. ``opening_m``: its own.
         lifted: whether a simulated lift touched nothing on its way down, and held one body; None = not simulated.
+        views: number of views that the detection was given. ``extra_s``: planned motion to those after the first.
+        set_name: as `plan.Plan`.
     """
 
     n: int
@@ -38,11 +41,20 @@ class Row:
     opening_m: float = float("nan")
     score: float = float("nan")
     lifted: bool | None = None
+    views: int = 1
+    extra_s: float = 0.0
+    set_name: str = HEAPS
+
+    @property
+    def group(self) -> str:
+        """What it is counted with: the number of objects in its heap, or its set."""
+        return str(self.n) if self.set_name == HEAPS else self.set_name
 
 
 def figures(rows: Sequence[Row]) -> dict[str, Any]:
-    """By number of objects, as text: shares of all scenes; ``true_grasp`` is a share of the feasible ones."""
-    return {str(n): _of_one([row for row in rows if row.n == n]) for n in sorted({row.n for row in rows})}
+    """By number of objects, as text, or set: shares of all scenes; ``true_grasp`` is a share of the feasible ones."""
+    groups = dict.fromkeys(row.group for row in sorted(rows, key=lambda row: row.n))
+    return {group: _of_one([row for row in rows if row.group == group]) for group in groups}
 
 
 def _of_one(rows: Sequence[Row]) -> dict[str, Any]:
@@ -64,6 +76,8 @@ def _of_one(rows: Sequence[Row]) -> dict[str, Any]:
         "lifted": _share([row for row in feasible if row.lifted], feasible) if lifts else None,
         "refused_by_code": dict(Counter(row.why for row in refused)),
         "cpu_ms": {"median": round(float(np.median(cpu_ms))), "p95": round(float(np.percentile(cpu_ms, 95)))},
+        "views": round(float(np.mean([row.views for row in rows])), 2),
+        "extra_s": round(float(np.mean([row.extra_s for row in rows])), 2),
     }
 
 

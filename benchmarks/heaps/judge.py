@@ -1,22 +1,25 @@
-"""Judges a grasp on the true shapes: is the way down free, what do the pads meet, and do the contacts hold it?
+"""Judges a grasp on the true shapes: is the way there free, what do the pads meet, and do the contacts hold it?
 
 All in the grasp's own frame: x across the finger, y the closing axis, z up against the approach, the origin between the
-finger tips. So the approach may lean. Stricter than physics: nothing may turn or slide into the jaw.
+finger tips. So the approach may come from above, lean, or come from the side. Stricter than physics: nothing may turn
+or slide into the jaw, and the hand comes straight from far away.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from benchmarks.heaps.clipping import Solid, box_near, half_spaces, moved
 from benchmarks.heaps.heap import FIXED, Heap, Part
-from bus.transforms import from_rotation, inverse
-from config.franka_hand import FINGER_TIP_M, PALM_ABOVE_TIP_M
-from config.schema import HandSettings
+from benchmarks.heaps.shapes import box_corners
+from bus.transforms import apply, from_rotation, inverse
+from config.franka_hand import FINGER_TIP_M, HAND_FROM_TCP_M, PALM_ABOVE_TIP_M
+from config.schema import CameraSettings, HandSettings
+from planning.robot import CAMERA_SIZE_M, hand_from_color
 
 TRUE, SEAM, COLLIDES, SLIPS, THIN, OFF, NOTHING = "true", "seam", "collides", "slips", "thin", "off", "nothing"
 VERDICTS = (TRUE, SEAM, COLLIDES, SLIPS, THIN, OFF, NOTHING)
@@ -34,6 +37,10 @@ _THINNEST_M, _LEAST_LINES = 0.002, 3
 _OFF_MIDDLE_M = 0.008
 _CONE_COS = float(1 / np.hypot(1.0, FRICTION))
 _FAR_M = 10.0
+_BEHIND_M = 0.3
+"""Length of the hand, and of its way there: so far behind the tips the table must not come up beside it."""
+_LENS_BEHIND_M = 0.005
+"""Of the wrist camera: how far its colour frame lies behind the front of its housing."""
 
 Array = npt.NDArray[np.float64]
 
@@ -63,6 +70,21 @@ class _Patch:
     bodies: npt.NDArray[np.int64]
 
 
+@dataclass(frozen=True)
+class _Foot:
+    """A level rectangle of the hand in the grasp's frame: all above it, as far as the hand came from, must be free."""
+
+    name: str
+    x_m: tuple[float, float]
+    y_m: tuple[float, float]
+    bottom_m: float
+    step_m: float
+
+    def turned(self) -> _Foot:
+        """Return it with the hand half a turn about its approach."""
+        return replace(self, x_m=(-self.x_m[1], -self.x_m[0]), y_m=(-self.y_m[1], -self.y_m[0]))
+
+
 class Judge:
     """Judges grasps in one scene.
 
@@ -70,16 +92,25 @@ class Judge:
         parts: of all bodies and fixed things, in ``base``.
         base_from_table: (4, 4); the table's top is z = 0 of ``table``.
         hand: gives the fingers' width and thickness, and the widest opening.
+        camera: gives its place on the hand; None = the default's.
     """
 
-    def __init__(self, parts: Sequence[Part], base_from_table: Array, hand: HandSettings) -> None:
+    def __init__(
+        self,
+        parts: Sequence[Part],
+        base_from_table: Array,
+        hand: HandSettings,
+        camera: CameraSettings | None = None,
+    ) -> None:
         self._parts = [(part.body, half_spaces(part.corners), part.corners) for part in parts]
         self._table, self._hand = base_from_table, hand
+        self._camera = _housing(camera or CameraSettings())
 
     @classmethod
     def of(cls, heap: Heap) -> Judge:
         """Return the judge of a scene."""
-        return cls(heap.parts, heap.base_from_table, heap.station().hand)
+        station = heap.station()
+        return cls(heap.parts, heap.base_from_table, station.hand, station.camera)
 
     def judge(self, base_from_tcp: Array, opening_m: float) -> Verdict:
         """Judge a grasp.
@@ -97,29 +128,28 @@ class Judge:
 
     def _reach(self, half_m: float) -> tuple[Array, Array]:
         """The box (2 x (3,)) outside of which nothing matters; open above."""
-        x_m, y_m = PALM_SIZE_M[0] / 2, max(PALM_SIZE_M[1] / 2, half_m + self._hand.finger_thickness_m)
+        camera_m = np.abs([self._camera.x_m, self._camera.y_m]).max(axis=1)
+        x_m = max(PALM_SIZE_M[0] / 2, camera_m[0])
+        y_m = max(PALM_SIZE_M[1] / 2, half_m + self._hand.finger_thickness_m, camera_m[1])
         return np.array([-x_m, -y_m, 0.0]), np.array([x_m, y_m, _FAR_M])
 
-    # --- the way down ------------------------------------------------------------------------------------------------
+    # --- the way there -----------------------------------------------------------------------------------------------
 
     def _hit(self, near: Sequence[tuple[int, Solid]], grasp_from_base: Array, half_m: float) -> str:
-        """What the hand meets on the way down, "" for nothing: what stands over a foot and reaches its bottom."""
+        """What the hand meets on its way, "" for nothing. It has no front: its camera may be on either side."""
         x_m, outer_m = self._hand.finger_width_m / 2, half_m + self._hand.finger_thickness_m
         palm_m = (PALM_SIZE_M[0] / 2, PALM_SIZE_M[1] / 2)
         feet = (
-            ("finger", (-x_m, x_m), (-outer_m, -half_m), 0.0, _FINGER_STEP_M),
-            ("finger", (-x_m, x_m), (half_m, outer_m), 0.0, _FINGER_STEP_M),
-            ("palm", (-palm_m[0], palm_m[0]), (-palm_m[1], palm_m[1]), PALM_ABOVE_TIP_M, _PALM_STEP_M),
+            _Foot("finger", (-x_m, x_m), (-outer_m, -half_m), 0.0, _FINGER_STEP_M),
+            _Foot("finger", (-x_m, x_m), (half_m, outer_m), 0.0, _FINGER_STEP_M),
+            _Foot("palm", (-palm_m[0], palm_m[0]), (-palm_m[1], palm_m[1]), PALM_ABOVE_TIP_M, _PALM_STEP_M),
         )
-        for name, x_range, y_range, bottom_m, step_m in feet:
-            if _table_above(grasp_from_base @ self._table, x_range, y_range, bottom_m):
-                return f"{name} in the table"
-            lines = _grid(x_range, y_range, step_m)
-            low, high = np.array([*lines.min(axis=0)[:2], bottom_m]), np.array([*lines.max(axis=0)[:2], _FAR_M])
-            for body, solid in near:
-                if box_near(solid, low, high) and solid.clip(lines, 2).leave.max() > bottom_m:
-                    return f"{name} in {'a wall' if body == FIXED else f'body {body}'}"
-        return ""
+        grasp_from_table = grasp_from_base @ self._table
+        for foot in feet:
+            if hit := _met(foot, near, grasp_from_table):
+                return hit
+        sides = [_met(side, near, grasp_from_table) for side in (self._camera, self._camera.turned())]
+        return sides[0] if all(sides) else ""
 
     # --- closing -----------------------------------------------------------------------------------------------------
 
@@ -164,12 +194,34 @@ class Judge:
 _TCP_FROM_GRASP = from_rotation(np.diag([-1.0, 1.0, -1.0]), (0.0, 0.0, FINGER_TIP_M))
 
 
-def _table_above(
-    grasp_from_table: Array, x_range: tuple[float, float], y_range: tuple[float, float], bottom_m: float
-) -> bool:
-    """Whether a corner of the level foot is less than the clearance above the table."""
+def _housing(camera: CameraSettings) -> _Foot:
+    """The front of the wrist camera's housing, as a box along the grasp's axes."""
+    color_from_housing = box_corners(
+        np.array(CAMERA_SIZE_M), np.array([0.0, 0.0, _LENS_BEHIND_M - CAMERA_SIZE_M[2] / 2])
+    )
+    tcp_from_color = from_rotation(np.eye(3), (0.0, 0.0, -HAND_FROM_TCP_M)) @ hand_from_color(camera)
+    corners = apply(inverse(_TCP_FROM_GRASP) @ tcp_from_color, color_from_housing)
+    (x_min, y_min, bottom_m), (x_max, y_max, _) = corners.min(axis=0).tolist(), corners.max(axis=0).tolist()
+    return _Foot("camera", (x_min, x_max), (y_min, y_max), bottom_m, _PALM_STEP_M)
+
+
+def _met(foot: _Foot, near: Sequence[tuple[int, Solid]], grasp_from_table: Array) -> str:
+    """What stands over the foot and reaches its bottom; "" for nothing."""
+    if _table_above(grasp_from_table, foot):
+        return f"{foot.name} in the table"
+    lines = _grid(foot.x_m, foot.y_m, foot.step_m)
+    low, high = np.array([*lines.min(axis=0)[:2], foot.bottom_m]), np.array([*lines.max(axis=0)[:2], _FAR_M])
+    for body, solid in near:
+        if box_near(solid, low, high) and solid.clip(lines, 2).leave.max() > foot.bottom_m:
+            return f"{foot.name} in {'a wall' if body == FIXED else f'body {body}'}"
+    return ""
+
+
+def _table_above(grasp_from_table: Array, foot: _Foot) -> bool:
+    """Whether the foot, or what is behind it, comes nearer to the table than the clearance."""
     up, on_table = grasp_from_table[:3, 2], grasp_from_table[:3, 3]
-    corners = np.array([[x, y, bottom_m] for x in x_range for y in y_range])
+    ends_m = (foot.bottom_m, foot.bottom_m + _BEHIND_M)
+    corners = np.array([[x, y, z] for x in foot.x_m for y in foot.y_m for z in ends_m])
     return bool(((corners - on_table) @ up).min() < _OVER_TABLE_M)
 
 

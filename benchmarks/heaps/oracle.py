@@ -1,4 +1,4 @@
-"""Whether a scene can be picked at all: a search on the true shapes for a grasp that survives small errors.
+"""Whether a scene can be picked from above: a search on the true shapes for a grasp that survives small errors.
 
 It may miss one that exists: then the scene is left out of the share of true grasps, whatever the detector did there.
 """
@@ -6,6 +6,7 @@ It may miss one that exists: then the scene is left out of the share of true gra
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from benchmarks.heaps.candidates import Candidates, Truth
+from benchmarks.heaps.candidates import Truth
 from benchmarks.heaps.heap import Heap
 from benchmarks.heaps.judge import TRUE, Judge
 from bus.transforms import from_rotation
@@ -58,7 +59,7 @@ def search(heap: Heap, rounds: int = _ROUNDS) -> Robust:
     rng = np.random.default_rng([heap.seed, heap.n, 4])
     judged = 0
     for draw, count in ((truth.on_faces, _ON_FACES), (truth.anywhere, _ANYWHERE)) * rounds:
-        for grasp, opening_m in _poses(draw(count, rng), heap):
+        for grasp, opening_m in truth.poses(draw(count, rng)):
             if judged == _MOST_JUDGED:
                 break
             judged += 1
@@ -72,23 +73,16 @@ def is_robust(judge: Judge, base_from_tcp: Array, opening_m: float) -> bool:
     return all(judge.judge(base_from_tcp @ error, opening_m).name == TRUE for error in _ERRORS)
 
 
-def obtain(heap: Heap, path: Path | None) -> Robust:
+def obtain(heap: Heap, path: Path | None, searched: Callable[[Heap], Robust] = search) -> Robust:
     """Return the kept answer of ``path``, or search and keep it there."""
     if path is not None and path.exists():
         return Robust.from_json(path.read_text())
-    found = search(heap)
+    found = searched(heap)
     if path is not None:
         partial = path.with_suffix(".partial")
         partial.write_text(found.to_json())
         partial.replace(path)
     return found
-
-
-def _poses(drawn: Candidates, heap: Heap) -> list[tuple[Array, float]]:
-    return [
-        (heap.base_from_table @ drawn.table_from_tcp(index), float(drawn.opening_m[index]))
-        for index in range(len(drawn))
-    ]
 
 
 def _errors() -> tuple[Array, ...]:

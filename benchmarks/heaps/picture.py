@@ -16,12 +16,21 @@ from drivers.sim.sensor import sense
 
 _COLOR_NOISE = 1.5  # grey levels, as drivers/sim/camera.py
 _DEPTH_NOISE = 1.0
+_LOOKS = 10
+"""The random numbers of further views are counted from here."""
 
 PixelT = TypeVar("PixelT", np.uint8, np.float32)
 
 
-def take(dropped: Dropped, plan: Plan) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.float32]]:
-    """Return colour (H, W, 3) RGB and depth (h, w) [m], NaN = invalid. Raises: DriverUnavailable."""
+def take(dropped: Dropped, plan: Plan, look: int = 0) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.float32]]:
+    """Return colour (H, W, 3) RGB and depth (h, w) [m], NaN = invalid, from where the cameras are.
+
+    Args:
+        look: number of the view; each has its own noise.
+
+    Raises:
+        DriverUnavailable: nothing can be rendered here.
+    """
     painter = Painter(dropped.model)
     try:
         painter.look(dropped.data, "color")
@@ -30,7 +39,7 @@ def take(dropped: Dropped, plan: Plan) -> tuple[npt.NDArray[np.uint8], npt.NDArr
         depth_m = painter.depth_m(DEPTH_PINHOLE.width, DEPTH_PINHOLE.height)
     finally:
         painter.close()
-    rng = plan.rng(3)
+    rng = plan.rng(_LOOKS + look if look else 3)
     color = _bent(pixels, COLOR_PINHOLE, cv2.INTER_LINEAR)
     noisy = (color + rng.normal(0.0, _COLOR_NOISE, color.shape)).clip(0, 255).astype(np.uint8)
     return noisy, sense(_bent(depth_m, DEPTH_PINHOLE, cv2.INTER_NEAREST), rng, plan.seed, _DEPTH_NOISE)

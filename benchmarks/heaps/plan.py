@@ -24,6 +24,9 @@ from planning.robot import Robot
 TABLE_OFF_M, TABLE_TILT_DEG = 0.008, 3.0
 """The table is off by up to so much, either way."""
 MOUNTING_ERROR_MM, MOUNTING_ERROR_DEG = 1.0, 0.3
+HEAPS, TALL, BOWLS, BOXES = "heaps", "tall", "bowls", "boxes"
+SETS = (HEAPS, TALL, BOWLS, BOXES)
+"""What scenes are made of: heaps of real shapes, or one thing that is hard from above (`benchmarks.heaps.things`)."""
 _PAIR_EVERY, _PAIR_AT = 10, 5
 _BIN = Path(config.__file__).with_name("bin.toml")
 
@@ -38,6 +41,7 @@ class Plan:
         kind: "table" or "bin". ``pair``: "same" or "different" colours of two equal boxes lying flush, or "" for none.
         base_from_table: (4, 4) true pose of the table in ``base``; the station has it at the identity.
         true_base_from_color: (4, 4) of the camera. ``base_from_color``: what the station takes it for.
+        set_name: one of `SETS`.
     """
 
     n: int
@@ -47,15 +51,16 @@ class Plan:
     base_from_table: Array
     base_from_color: Array
     true_base_from_color: Array
+    set_name: str = HEAPS
 
     def rng(self, purpose: int) -> np.random.Generator:
         """Return random numbers of this scene, others for each ``purpose``."""
-        return np.random.default_rng([self.seed, self.n, purpose])
+        return np.random.default_rng([self.seed, self.n, purpose, *_of_set(self.set_name)])
 
 
-def plan(n: int, seed: int) -> Plan:
-    """Draw the scene: every second two seeds are in a bin, and every tenth has a pair of flush boxes."""
-    kind = "bin" if seed // 2 % 2 else "table"
+def plan(n: int, seed: int, set_name: str = HEAPS) -> Plan:
+    """Draw the scene: of heaps every second two seeds are in a bin, and every tenth has a pair of flush boxes."""
+    kind = "bin" if seed // 2 % 2 and set_name == HEAPS else "table"
     has_pair = n > 1 and seed % _PAIR_EVERY == _PAIR_AT
     pair = ("different" if seed // _PAIR_EVERY % 2 else "same") if has_pair else ""
     station = station_of(kind)
@@ -65,7 +70,12 @@ def plan(n: int, seed: int) -> Plan:
     astray = station.model_copy(update={"sim": sim})
     robot, q_rad = Robot(station), np.array(station.arm.capture_q_rad)
     truth = robot.base_from_hand(q_rad) @ hand_from_cameras(astray)["color"]
-    return Plan(n, seed, kind, pair, _table(station, n, seed), robot.base_from_color(q_rad), truth)
+    return Plan(n, seed, kind, pair, _table(station, n, seed), robot.base_from_color(q_rad), truth, set_name)
+
+
+def _of_set(set_name: str) -> tuple[int, ...]:
+    """What a set adds to its seeds; nothing for heaps."""
+    return (SETS.index(set_name),) if set_name != HEAPS else ()
 
 
 @cache

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +36,13 @@ NARROW_PAIR: tuple[Box, Box] = (((0.03, 0.04, 0.03), (0.40, 0.0, 0.015)), ((0.03
 BESIDE: Box = ((0.03, 0.03, 0.03), (0.40, 0.04, 0.015))
 TALL_BESIDE: Box = ((0.03, 0.03, 0.09), (0.40, 0.075, 0.045))
 LEANING = from_rotation(Rotation.from_euler("xyz", [3, -2, 20], degrees=True).as_matrix(), (0.02, 0.01, -0.008))
+
+
+@dataclass(frozen=True)
+class Only:
+    """Stands for what a detector returns."""
+
+    grasps: tuple[Grasp, ...]
 
 
 def _parts(*boxes: Box) -> tuple[Part, ...]:
@@ -167,10 +175,10 @@ def test_refusals_and_verdicts_are_counted_by_number_of_objects() -> None:
         imagined_base_from_tcp=np.eye(4), terms={},
     )  # fmt: skip
 
-    def refuse(_observation: Observation, _station: Station) -> list[Grasp]:
+    def refuse(_observations: Sequence[Observation], _station: Station) -> Only:
         raise CycleFailure(Code.NO_GRASP, "Nothing.")
 
-    rows: list[Row] = [*evaluate([heap], lambda *_: [grasp]), *evaluate([heap], refuse)]
+    rows: list[Row] = [*evaluate([heap], lambda *_: Only((grasp,))), *evaluate([heap], refuse)]
     counted = figures(rows)["1"]
     assert (counted["true_grasp"], counted["refused"], counted["refused_feasible"]) == (0.5, 0.5, 0.5)
     assert counted["refused_by_code"] == {"NO_GRASP": 1}
