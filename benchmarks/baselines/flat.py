@@ -33,7 +33,7 @@ def flat_object(color: npt.NDArray[np.uint8], object_mask: Mask, m_per_px: float
     scene, instances = flat_scene(color, object_mask, m_per_px, station)
     closings = graded(search(scene.heights, _without_fixtures(station)), instances)
     number = by_best_grasp(scene, closings)[0]
-    axes = axes_of(closings, number, scene)
+    axes = axes_of(closings, number, scene.table.base_from_table)
     outline, margin_px = scene.color_labels == number, max(object_mask.shape)  # so the crop is the whole image
     return observed_object_of(scene, instances, number, outline, axes, margin_px)[0]
 

@@ -45,7 +45,7 @@ def outlined_object(
     axes = []
     for one in _closings(mask, jaw)[:_AXES]:
         ends = lift_pixels(one.ends_px(), np.full(2, depth_m), scene.rgbd.camera)
-        axes.append(Axis(apply(scene.base_from_color, ends), one.score))
+        axes.append(Axis(apply(scene.base_from_color, ends), -scene.table.base_from_table[:3, 2], one.score))
     return observed_object_of(scene, instances, number, mask, tuple(axes), max(mask.shape))[0]
 
 
