@@ -35,6 +35,9 @@ from perception.scene.scene import Scene, observe
 from perception.scene.seen import RegionView, described, require_something
 from perception.scene.table import require_where_configured
 
+_GOOD_FROM_ABOVE = 0.65
+"""A thing whose best grasp from above scores less is looked at from its sides, too."""
+
 OnScene = Callable[[ObservedScene], None]
 
 
@@ -132,7 +135,7 @@ class _Tries:
     def _axes(self, number: int) -> tuple[Axis, ...]:
         """Along which the jaw could close on a thing, the best first; from its sides when from above they are weak."""
         axes = axes_of(self.closings, number, self.scene.table.base_from_table)
-        if axes and axes[0].score >= self.station.capture.weak_score:
+        if axes and axes[0].score >= _GOOD_FROM_ABOVE:
             return axes
         for closings, base_from_level in search_sides(self.scene, self.seen.instances, number, self.station):
             axes += axes_of(closings, number, base_from_level)
