@@ -15,7 +15,7 @@ _SMOOTHED_PX, _SIGMA_PX = 5, 1.5
 _APART_PX = 2
 """Normals are taken over so many pixels to each side."""
 _STEP_M = 0.005
-"""A depth that differs by so much from the mean of those to both sides lies at a step, or on a fold."""
+"""A depth that differs by so much from that of its window, or from the mean of those to both sides, lies at a step."""
 
 Points = npt.NDArray[np.float32]
 Depth = npt.NDArray[np.float32]
@@ -26,7 +26,7 @@ class Surface:
     """What a depth image shows of smooth surfaces.
 
     Attributes:
-        points_base: (h, w, 3) [m], smoothed along the rays; NaN where depth is missing within two pixels.
+        points_base: (h, w, 3) [m], smoothed along the rays; NaN at steps, and where depth is missing within two pixels.
         normals_base: (h, w, 3) unit normals towards the camera; NaN also beside steps.
     """
 
@@ -37,6 +37,7 @@ class Surface:
 def surface(view: DepthView) -> Surface:
     """Smooth a view, and take normals from differences of its points."""
     smooth_m = cv2.GaussianBlur(view.depth_m, (_SMOOTHED_PX, _SMOOTHED_PX), _SIGMA_PX)
+    smooth_m[np.abs(smooth_m - view.depth_m) > _STEP_M] = np.nan  # a mixture of what is before and behind
     camera = view.base_from_depth[:3, 3].astype(np.float32)
     from_camera = (view.points_base - camera) * (smooth_m / view.depth_m)[..., None]
     return Surface(from_camera + camera, _normals(from_camera, smooth_m))
