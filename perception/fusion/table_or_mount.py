@@ -1,0 +1,118 @@
+"""Whether the table leans, or the camera is mounted otherwise than the station says: told from the planes of the views.
+
+A table that leans does so in ``base``, alike in every view; a wrong mounting is alike in the frame ``color`` and shows
+another slope and height from each direction. Both are found together, each as small as the planes allow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
+
+from bus.arrays import Transform
+from bus.transforms import from_rotation, inverse
+from perception.scene.table import Table
+
+_PRIOR = np.array([*np.deg2rad([2.0, 2.0]), 0.005, *np.deg2rad([0.3] * 3), *[0.002] * 3])
+"""Standard deviations before anything was seen: the table's slopes and height [m], the mounting's turn and shift [m].
+"""
+_SLOPE_NOISE_RAD, _HEIGHT_NOISE_M = float(np.deg2rad(0.1)), 0.0015
+"""Of one view's plane, mostly the camera's systematic error."""
+_ROUNDS, _STEP = 4, 1e-6
+TABLE_BOUND_RAD, MOUNT_BOUND_RAD = float(np.deg2rad(1.0)), float(np.deg2rad(0.3))
+"""Turns beyond which table or mounting is named."""
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class TableOrMount:
+    """Table and mounting with which the planes of all views agree best.
+
+    Attributes:
+        slopes: (2,) of the table along x and y of ``base``. ``height_m``: over the station's, at the given middle.
+        color_from_corrected: (4, 4), so that ``base_from_color @ color_from_corrected`` is the better pose.
+        deviations: (9,) standard deviations of both slopes, the height [m], the mounting's rotation vector [rad] and
+            translation [m].
+        named: what is off, "" = neither is.
+        tilt_rad, turn_rad: of the table, and of the mounting.
+    """
+
+    slopes: Array
+    height_m: float
+    color_from_corrected: Transform
+    deviations: Array
+    named: Literal["table", "mount", ""]
+    tilt_rad: float
+    turn_rad: float
+
+
+def table_or_mount(
+    tables: Sequence[Table],
+    base_from_color: Sequence[Transform],
+    middle_base: Array,
+    table_bound_rad: float = TABLE_BOUND_RAD,
+    mount_bound_rad: float = MOUNT_BOUND_RAD,
+) -> TableOrMount:
+    """Fit table and mounting to the planes that `perception.scene.table.find_table` found in each view.
+
+    Named is what exceeds its bound, by the larger multiple where both do.
+
+    Args:
+        base_from_color: (4, 4) of each view, as believed.
+        middle_base: (3,) [m] the middle of the station's table as far as it is looked at.
+    """
+    seen = [_plane(table, inverse(pose)) for table, pose in zip(tables, base_from_color, strict=True)]
+    unknown = np.zeros(9)
+    noise = np.tile([_SLOPE_NOISE_RAD, _SLOPE_NOISE_RAD, _HEIGHT_NOISE_M], len(seen))
+
+    def errors(unknown: Array) -> Array:
+        """What (3 k + 9,) is left to explain, in standard deviations."""
+        left = [_left(unknown, plane, pose, middle_base) for plane, pose in zip(seen, base_from_color, strict=True)]
+        return np.concatenate([np.concatenate(left) / noise, unknown / _PRIOR])
+
+    for _ in range(_ROUNDS):
+        left = errors(unknown)
+        jacobian = np.column_stack([(errors(unknown + step) - left) / _STEP for step in _STEP * np.eye(9)])
+        covariance = np.linalg.inv(jacobian.T @ jacobian)
+        unknown = unknown - covariance @ jacobian.T @ left
+    tilt_rad = float(np.arctan(np.hypot(*unknown[:2])))
+    turn_rad = float(np.linalg.norm(unknown[3:6]))
+    named = _named(tilt_rad / table_bound_rad, turn_rad / mount_bound_rad)
+    return TableOrMount(
+        unknown[:2], float(unknown[2]), _pose(unknown[3:]), np.sqrt(np.diag(covariance)), named, tilt_rad, turn_rad
+    )
+
+
+def _named(table: float, mount: float) -> Literal["table", "mount", ""]:
+    """What is off, from how many times its bound each is."""
+    if max(table, mount) <= 1:
+        return ""
+    return "table" if table > mount else "mount"
+
+
+def _plane(table: Table, color_from_base: Transform) -> Array:
+    """The plane (4,) normal . p + offset = 0 in ``color``, from one in ``base``."""
+    normal = np.array([-table.slope_x, -table.slope_y, 1.0])
+    length = np.linalg.norm(normal)
+    turned = color_from_base[:3, :3] @ normal / length
+    return np.array([*turned, -table.height_m / length - turned @ color_from_base[:3, 3]])
+
+
+def _left(unknown: Array, plane_color: Array, base_from_color: Transform, middle_base: Array) -> Array:
+    """How far (3,) the view's plane, mounted thus, is from the table: two slopes, and the height [m] at the middle."""
+    base_from_true = base_from_color @ _pose(unknown[3:])
+    normal = base_from_true[:3, :3] @ plane_color[:3]
+    offset_m = plane_color[3] - normal @ base_from_true[:3, 3]
+    slopes = -normal[:2] / normal[2]
+    height_m = -(normal @ middle_base + offset_m) / normal[2]
+    return np.array([*(slopes - unknown[:2]), height_m - unknown[2]])
+
+
+def _pose(vector: Array) -> Transform:
+    return from_rotation(Rotation.from_rotvec(vector[:3]).as_matrix(), vector[3:])
