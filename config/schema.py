@@ -92,11 +92,13 @@ class CaptureSettings(Settings):
             to it is free.
         most_views: most looks of ``auto``.
         weak_score: a best grasp that scores less is worth another look.
+        mount_correction: several looks are made to agree by one correction of the camera's mounting.
     """
 
     views: Literal[1, 2, 3, "auto"] = "auto"
     most_views: Annotated[int, Field(ge=1, le=5)] = 3
-    weak_score: Fraction = 0.8
+    weak_score: Fraction = 0.75
+    mount_correction: bool = True
 
 
 class ArmSettings(Settings):

@@ -16,6 +16,7 @@ from bus.errors import CycleFailure
 from bus.messages import Detections, Grasp, ModelReply, Observation, ObservedScene, Rectangle, Tried
 from config.schema import Station
 from perception.evidence import evidence_of
+from perception.fusion.agreed import agreed
 from perception.geometry.crop import Crop, Mask
 from perception.geometry.inputs import checked
 from perception.geometry.rod import rectangle
@@ -31,7 +32,8 @@ from perception.models import Models
 from perception.observed_object import Axis, ObservedObject
 from perception.proposal import Proposal, grasps_of, propose
 from perception.rectangles.metric import matches
-from perception.scene.scene import Scene, observe
+from perception.scene.look import Look
+from perception.scene.scene import Scene, scene_of
 from perception.scene.seen import RegionView, described, require_something
 from perception.scene.table import require_where_configured
 
@@ -76,7 +78,7 @@ def detect(
     cancel = cancel or Cancel()
     cancel.raise_if_set("detect")
     models.imaginer.begin()
-    scene, seen = _see([checked(one) for one in (observation, *others)], station, on_scene)
+    scene, seen = _see([observation, *others], station, on_scene)
     closings = graded(search(scene.heights, station), seen.instances)
     talk = Conversation(models.imaginer, on_reply, cancel=cancel)
     targets = choose(scene, closings, talk, station, models.sam)
@@ -91,9 +93,10 @@ def _see(
     observations: Sequence[Observation], station: Station, on_scene: OnScene | None
 ) -> tuple[Scene, ObservedScene]:
     """The model of the scene, also as a message. Raises: CycleFailure, when nothing can be grasped in it."""
-    scene = observe(observations[0], station, observations[1:])
+    looks, mount = agreed([Look.of(checked(one)) for one in observations], station)
+    scene = scene_of(looks, station)
     region = RegionView.of(scene, station)
-    seen = described(scene, region)
+    seen = described(scene, region, mount)
     if on_scene is not None:
         on_scene(seen)
     require_where_configured(scene.table, station)

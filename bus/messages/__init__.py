@@ -13,7 +13,7 @@ from bus.messages.execution import Delivery, Execution, SegmentRun, Verdict
 from bus.messages.grasps import Grasp, Rectangle
 from bus.messages.observation import Observation, View
 from bus.messages.plan import PickPlan, Segment, SegmentName
-from bus.messages.scene import Instance, ObservedScene, SeenTable, Tried
+from bus.messages.scene import Instance, ObservedScene, SeenMount, SeenTable, Tried
 
 __all__ = [
     "Alignment",
@@ -39,6 +39,7 @@ __all__ = [
     "PickPlan",
     "Rectangle",
     "ResultT",
+    "SeenMount",
     "SeenTable",
     "Segment",
     "SegmentName",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from bus.arrays import LabelImage, Mask, Transform, Vector3
 from bus.frozen import Message
 
@@ -18,6 +20,32 @@ class SeenTable(Message):
     base_from_table: Transform
     offset_m: float
     tilt_rad: float
+
+
+class SeenMount(Message):
+    """How the camera's mounting differs from the station's, from the disagreement of several looks.
+
+    Attributes:
+        color_from_corrected: (4, 4) what was used: ``base_from_color @ color_from_corrected`` is the better pose of
+            each look; the identity when ``capture.mount_correction`` is off.
+        turn_rad, shift_m: of the mounting, as found; with one standard deviation over all directions.
+        residual_before_m, residual_after_m: median distance between the looks' surfaces; None = nothing in common.
+        is_cut: the looks ask for more than is believed of a calibrated mounting.
+        named: what is off, by the planes that the looks show: ``table``, ``mount``, or "" for neither.
+        mount_turn_rad, table_tilt_rad: by those planes.
+    """
+
+    color_from_corrected: Transform
+    turn_rad: float
+    turn_deviation_rad: float
+    shift_m: float
+    shift_deviation_m: float
+    residual_before_m: float | None
+    residual_after_m: float | None
+    is_cut: bool
+    named: Literal["table", "mount", ""]
+    mount_turn_rad: float
+    table_tilt_rad: float
 
 
 class Instance(Message):
@@ -46,6 +74,7 @@ class ObservedScene(Message):
         unseen: (H, W) the pixels of the pick region without depth.
         shown: index of the look that models and people are shown, among the observations in order.
         further_labels: of every other look, in order, the numbers in its own image.
+        mount: how the looks disagree; None for a single one.
     """
 
     table: SeenTable
@@ -55,6 +84,7 @@ class ObservedScene(Message):
     unseen: Mask
     shown: int = 0
     further_labels: tuple[LabelImage, ...] = ()
+    mount: SeenMount | None = None
 
     @property
     def look_labels(self) -> tuple[LabelImage, ...]:

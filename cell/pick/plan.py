@@ -9,6 +9,7 @@ from bus.arrays import Transform
 from bus.cancel import Cancel
 from bus.messages import Detections, Grasp, Observation, PickPlan
 from config.schema import Station
+from perception.fusion.agreed import corrected
 from perception.scene.surroundings import surroundings
 from planning.height_field import Sight
 from planning.pick import plan_pick
@@ -37,7 +38,7 @@ def plan(
     @cache
     def aimed_at(instance: int) -> Scene:
         sights = [
-            Sight(*surroundings(look, labels == instance))
+            Sight(*surroundings(corrected(look, detections.scene.mount), labels == instance))
             for look, labels in zip(looks, detections.scene.look_labels, strict=True)
         ]
         return Scene.of(robot, station, *sights, cancel=cancel)

@@ -7,6 +7,7 @@ import numpy as np
 from bus.codes import Code
 from bus.messages import Detections, Execution, HandState, Motion, Observation, Verdict
 from config.schema import Station
+from perception.fusion.agreed import corrected
 from perception.scene.change import cleared_fraction
 from planning.robot import Robot
 
@@ -35,7 +36,8 @@ def verify(
     widths_m = [run.hand.width_m for run in holds]
     empty_n = _weight_n([run.motion for run in execution.runs if run.name == "reach"], slice(None, _HEAD), robot)
     load_n = _weight_n([run.motion for run in holds], slice(-_TAIL, None), robot) - empty_n
-    cleared = cleared_fraction(detections, before, after, station)
+    mount = detections.scene.mount
+    cleared = cleared_fraction(detections, corrected(before, mount), corrected(after, mount), station)
     code, reason = _judge(grasped, widths_m, load_n, cleared, station)
     return Verdict(
         held=code is None,

@@ -127,12 +127,17 @@ class Scene:
         return HeightMap(surface_m, bound_m, labels, labels, labels, grid.origin_m), base_from_level
 
 
-def observe(observation: Observation, station: Station, others: Sequence[Observation] = ()) -> Scene:
-    """Make the model of what was observed, from one place or, with ``others``, from several.
+def observe(observation: Observation, station: Station) -> Scene:
+    """Make the model of one observation. Raises: CycleFailure(NO_TABLE, TOO_NEAR) when no table is seen."""
+    return scene_of([Look.of(observation)], station)
+
+
+def scene_of(looks: Sequence[Look], station: Station) -> Scene:
+    """Make the model of one look, or several that agree.
 
     Raises: CycleFailure(NO_TABLE, TOO_NEAR) when no table is seen.
     """
-    looks = tuple(Look.of(one) for one in (observation, *others))
+    looks = tuple(looks)
     table = find_table(np.concatenate([look.view.points_base for look in looks]), station)
     on_table = tuple(LookOnTable.of(look, table, station) for look in looks)
     cloud = Cloud.of(on_table, table, station)

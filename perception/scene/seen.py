@@ -12,7 +12,7 @@ from scipy import ndimage
 
 from bus.codes import Code
 from bus.errors import CycleFailure
-from bus.messages import Instance, ObservedScene, SeenTable
+from bus.messages import Instance, ObservedScene, SeenMount, SeenTable
 from bus.transforms import apply, inverse
 from config.schema import Station
 from perception.geometry.crop import Crop
@@ -114,8 +114,8 @@ def _measured(look: Look, points_base: Array, table: Table) -> Mask:
     return np.asarray(measured & (height_m > -_OBJECT_M))
 
 
-def described(scene: Scene, region: RegionView) -> ObservedScene:
-    """The scene as a message."""
+def described(scene: Scene, region: RegionView, mount: SeenMount | None = None) -> ObservedScene:
+    """The scene as a message; ``mount``: how its looks disagreed."""
     table = scene.table
     return ObservedScene(
         table=SeenTable(base_from_table=table.base_from_table, offset_m=table.offset_m, tilt_rad=table.tilt_rad),
@@ -125,6 +125,7 @@ def described(scene: Scene, region: RegionView) -> ObservedScene:
         unseen=region.unseen,
         shown=scene.shown,
         further_labels=tuple(_with_rims(scene, index) for index in range(len(scene.looks)) if index != scene.shown),
+        mount=mount,
     )
 
 

@@ -1,0 +1,81 @@
+"""Makes several looks agree: one correction of the camera's mounting for all of them, and what else is off."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from bus.errors import CycleFailure
+from bus.messages import Observation, SeenMount
+from bus.transforms import angle_between_rad
+from config.schema import Station
+from perception.fusion.mounting import MountCorrection, common_correction
+from perception.fusion.normals import surface
+from perception.fusion.table_or_mount import TableOrMount, table_or_mount
+from perception.scene.look import Look
+from perception.scene.region import within
+from perception.scene.table import find_table
+
+_AROUND_M = 0.15
+
+
+def agreed(looks: Sequence[Look], station: Station) -> tuple[tuple[Look, ...], SeenMount | None]:
+    """The looks from where they were truly taken, and how the mounting differs from the station's; None for one look.
+
+    With ``capture.mount_correction`` off the difference is told, and the looks stay as they are.
+    """
+    if len(looks) == 1:
+        return tuple(looks), None
+    views, poses = [look.view for look in looks], [look.base_from_color for look in looks]
+    near = [within(view.points_base, station, _AROUND_M) for view in views]
+    found = common_correction(views, [surface(view) for view in views], poses, near)
+    use = station.capture.mount_correction
+    told = _told(found if use else replace(found, color_from_corrected=np.eye(4)), found, _planes(looks, station))
+    if not use:
+        return tuple(looks), told
+    return tuple(
+        replace(
+            look,
+            view=found.view(look.view, look.base_from_color),
+            base_from_color=look.base_from_color @ found.color_from_corrected,
+        )
+        for look in looks
+    ), told
+
+
+def corrected(observation: Observation, mount: SeenMount | None) -> Observation:
+    """The observation from where it was truly taken, by the correction that was used."""
+    if mount is None:
+        return observation
+    pose = observation.view.base_from_color @ mount.color_from_corrected
+    return observation.model_copy(update={"view": observation.view.model_copy(update={"base_from_color": pose})})
+
+
+def _planes(looks: Sequence[Look], station: Station) -> TableOrMount | None:
+    """Table or mounting, by the plane of each look; None when one shows no table."""
+    x_min, x_max, y_min, y_max = station.scene.pick_region_m
+    middle = np.array([(x_min + x_max) / 2, (y_min + y_max) / 2, station.scene.table.top_m])
+    try:
+        tables = [find_table(look.view.points_base, station) for look in looks]
+    except CycleFailure:
+        return None
+    return table_or_mount(tables, [look.base_from_color for look in looks], middle)
+
+
+def _told(used: MountCorrection, found: MountCorrection, planes: TableOrMount | None) -> SeenMount:
+    deviation = np.sqrt(np.diag(found.covariance))
+    return SeenMount(
+        color_from_corrected=used.color_from_corrected,
+        turn_rad=float(angle_between_rad(np.eye(4), found.color_from_corrected)),
+        shift_m=float(np.linalg.norm(found.color_from_corrected[:3, 3])),
+        turn_deviation_rad=float(np.linalg.norm(deviation[:3])),
+        shift_deviation_m=float(np.linalg.norm(deviation[3:])),
+        residual_before_m=found.residual_before_m if found.pairs else None,
+        residual_after_m=found.residual_after_m if found.pairs else None,
+        is_cut=found.is_cut,
+        named="" if planes is None else planes.named,
+        mount_turn_rad=0.0 if planes is None else planes.turn_rad,
+        table_tilt_rad=0.0 if planes is None else planes.tilt_rad,
+    )
