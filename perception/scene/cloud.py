@@ -32,39 +32,31 @@ class Cloud:
     Attributes:
         points_table: (n, 3) [m], NaN = none. ``lab``: (n, 3) CIELAB of the raised ones, 0 elsewhere.
         is_raised: (n,) those that may belong to objects.
-        looks: (n,) how many looks saw the point.
+        weights: (n,) how many pixels are averaged in each; None for one look, whose pixels they are.
     """
 
     points_table: Points
     lab: Points
     is_raised: Mask
-    looks: npt.NDArray[np.uint8]
+    weights: npt.NDArray[np.float64] | None
 
     @classmethod
     def of(cls, looks: Sequence[LookOnTable], table: Table, station: Station) -> Cloud:
         """Put the looks together."""
         if len(looks) == 1:
             (one,) = looks
-            size = one.is_raised.size
-            flat = one.points_table.reshape(-1, 3), one.lab.reshape(-1, 3), one.is_raised.ravel()
-            return cls(*flat, np.ones(size, dtype=np.uint8))
+            return cls(one.points_table.reshape(-1, 3), one.lab.reshape(-1, 3), one.is_raised.ravel(), None)
         near = [_near(one.points_table, station) for one in looks]
         points = np.concatenate([one.points_table.reshape(-1, 3)[at] for one, at in zip(looks, near, strict=True)])
         lab = np.concatenate([one.lab.reshape(-1, 3)[at] for one, at in zip(looks, near, strict=True)])
-        seen_by = np.repeat(np.arange(len(looks)), [len(at) for at in near])
-        points, lab, count = averaged(points, lab, seen_by, _VOXEL_M)
+        points, lab, count = averaged(points, lab, _VOXEL_M)
         return cls(points, lab, raised(moved(points[None], table.base_from_table)[0], points[:, 2], station), count)
 
 
-def averaged(
-    points: Points, lab: Points, seen_by: npt.NDArray[np.integer], voxel_m: float
-) -> tuple[Points, Points, npt.NDArray[np.uint8]]:
+def averaged(points: Points, lab: Points, voxel_m: float) -> tuple[Points, Points, npt.NDArray[np.float64]]:
     """The averages of points (n, 3) [m] and colours (n, 3) over cubes of side ``voxel_m``, in the cubes' order.
 
-    Args:
-        seen_by: (n,) which look saw each point, below 8.
-
-    Returns: the points (m, 3), their colours (m, 3), and how many looks saw each (m,).
+    Returns: the points (m, 3), their colours (m, 3), and how many points are averaged in each (m,).
     """
     cube = np.floor(points / np.float32(voxel_m)).astype(np.int64)
     low = cube.min(axis=0)
@@ -72,11 +64,10 @@ def averaged(
     key = ((cube[:, 0] - low[0]) * extent[1] + cube[:, 1] - low[1]) * extent[2] + cube[:, 2] - low[2]
     order = np.argsort(key, kind="stable")
     starts = np.flatnonzero(np.r_[True, np.diff(key[order]) > 0])
-    count = np.diff(np.r_[starts, len(order)])[:, None]
+    count = np.diff(np.r_[starts, len(order)]).astype(np.float64)
     values = np.column_stack([points, lab])[order].astype(np.float64)
-    means = (np.add.reduceat(values, starts) / count).astype(np.float32)
-    bits = np.bitwise_or.reduceat((1 << seen_by[order]).astype(np.uint8), starts)
-    return means[:, :3], means[:, 3:], np.unpackbits(bits[:, None], axis=1).sum(axis=1).astype(np.uint8)
+    means = (np.add.reduceat(values, starts) / count[:, None]).astype(np.float32)
+    return means[:, :3], means[:, 3:], count
 
 
 def _near(points_table: Points, station: Station) -> npt.NDArray[np.intp]:

@@ -26,6 +26,7 @@ _CEILING_M, _LEVEL_M = 0.20, 0.006
 """Unseen cells are examined from the ceiling, or the highest point if that is higher, downwards in such levels."""
 
 _ALONG = float(np.cos(np.deg2rad(35)))
+_THICK_M = 0.004
 _STILL_SEEN_M = 0.012
 """A surface hides its own place from a level so little above it."""
 _TABLE_NOISE_M = 0.003
@@ -176,8 +177,13 @@ class Seen:
         return np.where(self.distance_cells <= cells, self.point.ravel()[self.nearest], -1)
 
 
-def highest(grid: Grid, points: npt.NDArray[np.float32]) -> Seen:
-    """The highest of the points (n, 3), NaN = none, in each cell of the grid; of equals the last."""
+def highest(grid: Grid, points: npt.NDArray[np.float32], weights: npt.NDArray[np.floating] | None = None) -> Seen:
+    """The highest of the points (n, 3), NaN = none, in each cell of the grid; of equals the last.
+
+    Args:
+        weights: (n,) of points from several looks. A cell's height is then the mean of those just below its highest:
+            the highest of many is the one with the largest error.
+    """
     cell = grid.index(points[:, :2])
     inside = np.flatnonzero(cell >= 0)
     # height in steps of 10 um and index in one number, because the maximum must say which point it was
@@ -188,7 +194,19 @@ def highest(grid: Grid, points: npt.NDArray[np.float32]) -> Seen:
     distance, nearest = ndimage.distance_transform_edt(point < 0, return_indices=True)
     height_m = np.full(grid.shape, -np.inf, dtype=np.float32)
     height_m[point >= 0] = points[point[point >= 0], 2]
+    if weights is not None:
+        height_m = _mean_below(height_m, cell[inside], points[inside, 2], weights[inside])
     return Seen(height_m, point, distance.astype(np.float32), nearest[0] * grid.shape[1] + nearest[1])
+
+
+def _mean_below(
+    top_m: Heights, cell: npt.NDArray[np.int32], z_m: Heights, weights: npt.NDArray[np.floating]
+) -> Heights:
+    """The mean height (ny, nx) of the points (n,) at most `_THICK_M` below the highest of their cell."""
+    near = z_m > top_m.flat[cell] - np.float32(_THICK_M)
+    total = np.bincount(cell[near], weights[near], minlength=top_m.size)
+    mean_m = np.bincount(cell[near], weights[near] * z_m[near], minlength=top_m.size) / np.maximum(total, 1e-9)
+    return np.where(np.isinf(top_m), top_m, mean_m.reshape(top_m.shape)).astype(np.float32)
 
 
 def bound(grid: Grid, height_m: Heights, views: Sequence[DepthView], base_from_level: Transform) -> Heights:

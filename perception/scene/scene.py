@@ -120,7 +120,7 @@ class Scene:
         points[:, 2] -= np.float32(far_m)
         base_from_level = base_from_level @ from_translation((0.0, 0.0, far_m))
         grid = Grid.around(ours[:, :2])
-        seen = highest(grid, points)
+        seen = highest(grid, points, self.cloud.weights)
         surface_m, bound_m = _heights(seen, grid, self.looks, base_from_level)
         point, labels = seen.point_within(_SPARSE_CELLS), np.zeros(grid.shape, dtype=np.int16)
         labels[point >= 0] = self.cloud_labels[point[point >= 0]]
@@ -154,7 +154,7 @@ def scene_of(looks: Sequence[Look], station: Station) -> Scene:
 
 def _height_map(looks: tuple[Look, ...], grid: Grid, cloud: Cloud, base_from_level: Transform) -> HeightMap:
     """The height map of a cloud, whose frame is the level frame."""
-    seen = highest(grid, cloud.points_table)
+    seen = highest(grid, cloud.points_table, cloud.weights)
     point = seen.point_within(_SPARSE_CELLS)
     raised_cells, cell_lab = point >= 0, np.zeros((*grid.shape, 3), dtype=np.float32)
     raised_cells[raised_cells] = cloud.is_raised[point[raised_cells]]
