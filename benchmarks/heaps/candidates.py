@@ -13,7 +13,7 @@ from scipy.spatial import ConvexHull
 
 from benchmarks.heaps.clipping import Solid, half_spaces, moved
 from benchmarks.heaps.heap import FIXED, Heap
-from benchmarks.heaps.judge import PALM_SIZE_M
+from benchmarks.heaps.swept import PALM_SIZE_M
 from bus.transforms import apply, from_rotation, inverse
 from config.franka_hand import FINGER_TIP_M, PALM_ABOVE_TIP_M
 from config.schema import HandSettings

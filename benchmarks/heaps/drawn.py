@@ -11,7 +11,8 @@ import numpy.typing as npt
 
 from benchmarks.heaps.figures import REFUSED, Row
 from benchmarks.heaps.heap import Heap
-from benchmarks.heaps.judge import PALM_SIZE_M, TRUE
+from benchmarks.heaps.judge import TRUE
+from benchmarks.heaps.swept import PALM_SIZE_M
 from benchmarks.sheet import write_sheet
 from bus.transforms import apply, inverse
 from config.franka_hand import FINGER_TIP_M, PALM_ABOVE_TIP_M

@@ -8,27 +8,21 @@ or slide into the jaw, and the hand comes straight from far away.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from benchmarks.heaps.clipping import Solid, box_near, half_spaces, moved
 from benchmarks.heaps.heap import FIXED, Heap, Part
-from benchmarks.heaps.shapes import box_corners
-from bus.transforms import apply, from_rotation, inverse
-from config.franka_hand import FINGER_TIP_M, HAND_FROM_TCP_M, PALM_ABOVE_TIP_M
+from benchmarks.heaps.swept import TCP_FROM_GRASP, Hand
+from bus.transforms import inverse
 from config.schema import CameraSettings, HandSettings
-from planning.robot import CAMERA_SIZE_M, hand_from_color
 
 TRUE, SEAM, COLLIDES, SLIPS, THIN, OFF, NOTHING = "true", "seam", "collides", "slips", "thin", "off", "nothing"
 VERDICTS = (TRUE, SEAM, COLLIDES, SLIPS, THIN, OFF, NOTHING)
 
 FRICTION = 0.5
-PALM_SIZE_M = (0.064, 0.200)
-"""Of the hand's body, across the fingers and along the closing axis (collision mesh, rounded up)."""
-_OVER_TABLE_M = 0.0005
-_FINGER_STEP_M, _PALM_STEP_M = 0.001, 0.002
 _PAD_M, _PAD_LINES = 0.019, 14
 _LOW_M, _HIGH_M, _HIGH_LINES = 0.0005, 0.041, 18
 _RUBBER_M = 0.001
@@ -36,11 +30,6 @@ _RUBBER_M = 0.001
 _THINNEST_M, _LEAST_LINES = 0.002, 3
 _OFF_MIDDLE_M = 0.008
 _CONE_COS = float(1 / np.hypot(1.0, FRICTION))
-_FAR_M = 10.0
-_BEHIND_M = 0.3
-"""Length of the hand, and of its way there: so far behind the tips the table must not come up beside it."""
-_LENS_BEHIND_M = 0.005
-"""Of the wrist camera: how far its colour frame lies behind the front of its housing."""
 
 Array = npt.NDArray[np.float64]
 
@@ -70,21 +59,6 @@ class _Patch:
     bodies: npt.NDArray[np.int64]
 
 
-@dataclass(frozen=True)
-class _Foot:
-    """A level rectangle of the hand in the grasp's frame: all above it, as far as the hand came from, must be free."""
-
-    name: str
-    x_m: tuple[float, float]
-    y_m: tuple[float, float]
-    bottom_m: float
-    step_m: float
-
-    def turned(self) -> _Foot:
-        """Return it with the hand half a turn about its approach."""
-        return replace(self, x_m=(-self.x_m[1], -self.x_m[0]), y_m=(-self.y_m[1], -self.y_m[0]))
-
-
 class Judge:
     """Judges grasps in one scene.
 
@@ -103,8 +77,8 @@ class Judge:
         camera: CameraSettings | None = None,
     ) -> None:
         self._parts = [(part.body, half_spaces(part.corners), part.corners) for part in parts]
-        self._table, self._hand = base_from_table, hand
-        self._camera = _housing(camera or CameraSettings())
+        self._table, self._widest_m = base_from_table, hand.max_width_m
+        self._hand = Hand(hand, camera or CameraSettings())
 
     @classmethod
     def of(cls, heap: Heap) -> Judge:
@@ -119,37 +93,12 @@ class Judge:
             base_from_tcp: (4, 4): tcp z = approach, tcp y = closing axis, as `bus.messages.Grasp`.
             opening_m: between the pads on the way down; more than the hand's widest counts as that.
         """
-        half_m = min(opening_m, self._hand.max_width_m) / 2
-        grasp_from_base = inverse(base_from_tcp @ _TCP_FROM_GRASP)
+        half_m = min(opening_m, self._widest_m) / 2
+        grasp_from_base = inverse(base_from_tcp @ TCP_FROM_GRASP)
         near = [(body, moved(planes, corners, grasp_from_base)) for body, planes, corners in self._parts]
-        near = [(body, solid) for body, solid in near if box_near(solid, *self._reach(half_m))]
-        hit = self._hit(near, grasp_from_base, half_m)
+        near = [(body, solid) for body, solid in near if box_near(solid, *self._hand.reach(half_m))]
+        hit = self._hand.hit(near, grasp_from_base @ self._table, half_m)
         return Verdict(COLLIDES, hit) if hit else self._closed(near, half_m)
-
-    def _reach(self, half_m: float) -> tuple[Array, Array]:
-        """The box (2 x (3,)) outside of which nothing matters; open above."""
-        camera_m = np.abs([self._camera.x_m, self._camera.y_m]).max(axis=1)
-        x_m = max(PALM_SIZE_M[0] / 2, camera_m[0])
-        y_m = max(PALM_SIZE_M[1] / 2, half_m + self._hand.finger_thickness_m, camera_m[1])
-        return np.array([-x_m, -y_m, 0.0]), np.array([x_m, y_m, _FAR_M])
-
-    # --- the way there -----------------------------------------------------------------------------------------------
-
-    def _hit(self, near: Sequence[tuple[int, Solid]], grasp_from_base: Array, half_m: float) -> str:
-        """What the hand meets on its way, "" for nothing. It has no front: its camera may be on either side."""
-        x_m, outer_m = self._hand.finger_width_m / 2, half_m + self._hand.finger_thickness_m
-        palm_m = (PALM_SIZE_M[0] / 2, PALM_SIZE_M[1] / 2)
-        feet = (
-            _Foot("finger", (-x_m, x_m), (-outer_m, -half_m), 0.0, _FINGER_STEP_M),
-            _Foot("finger", (-x_m, x_m), (half_m, outer_m), 0.0, _FINGER_STEP_M),
-            _Foot("palm", (-palm_m[0], palm_m[0]), (-palm_m[1], palm_m[1]), PALM_ABOVE_TIP_M, _PALM_STEP_M),
-        )
-        grasp_from_table = grasp_from_base @ self._table
-        for foot in feet:
-            if hit := _met(foot, near, grasp_from_table):
-                return hit
-        sides = [_met(side, near, grasp_from_table) for side in (self._camera, self._camera.turned())]
-        return sides[0] if all(sides) else ""
 
     # --- closing -----------------------------------------------------------------------------------------------------
 
@@ -189,47 +138,6 @@ class Judge:
         left, right = np.where(between, entry, np.inf), np.where(between, leave, -np.inf)
         normals = (np.array([one.entry_normal for _, one in chords]), np.array([one.leave_normal for _, one in chords]))
         return _patch(left, 1.0, normals[0], bodies, lines), _patch(-right, -1.0, normals[1], bodies, lines)
-
-
-_TCP_FROM_GRASP = from_rotation(np.diag([-1.0, 1.0, -1.0]), (0.0, 0.0, FINGER_TIP_M))
-
-
-def _housing(camera: CameraSettings) -> _Foot:
-    """The front of the wrist camera's housing, as a box along the grasp's axes."""
-    color_from_housing = box_corners(
-        np.array(CAMERA_SIZE_M), np.array([0.0, 0.0, _LENS_BEHIND_M - CAMERA_SIZE_M[2] / 2])
-    )
-    tcp_from_color = from_rotation(np.eye(3), (0.0, 0.0, -HAND_FROM_TCP_M)) @ hand_from_color(camera)
-    corners = apply(inverse(_TCP_FROM_GRASP) @ tcp_from_color, color_from_housing)
-    (x_min, y_min, bottom_m), (x_max, y_max, _) = corners.min(axis=0).tolist(), corners.max(axis=0).tolist()
-    return _Foot("camera", (x_min, x_max), (y_min, y_max), bottom_m, _PALM_STEP_M)
-
-
-def _met(foot: _Foot, near: Sequence[tuple[int, Solid]], grasp_from_table: Array) -> str:
-    """What stands over the foot and reaches its bottom; "" for nothing."""
-    if _table_above(grasp_from_table, foot):
-        return f"{foot.name} in the table"
-    lines = _grid(foot.x_m, foot.y_m, foot.step_m)
-    low, high = np.array([*lines.min(axis=0)[:2], foot.bottom_m]), np.array([*lines.max(axis=0)[:2], _FAR_M])
-    for body, solid in near:
-        if box_near(solid, low, high) and solid.clip(lines, 2).leave.max() > foot.bottom_m:
-            return f"{foot.name} in {'a wall' if body == FIXED else f'body {body}'}"
-    return ""
-
-
-def _table_above(grasp_from_table: Array, foot: _Foot) -> bool:
-    """Whether the foot, or what is behind it, comes nearer to the table than the clearance."""
-    up, on_table = grasp_from_table[:3, 2], grasp_from_table[:3, 3]
-    ends_m = (foot.bottom_m, foot.bottom_m + _BEHIND_M)
-    corners = np.array([[x, y, z] for x in foot.x_m for y in foot.y_m for z in ends_m])
-    return bool(((corners - on_table) @ up).min() < _OVER_TABLE_M)
-
-
-def _grid(x_range: tuple[float, float], y_range: tuple[float, float], step_m: float) -> Array:
-    """Return points (m, 3) at z = 0 over a rectangle, its edges included."""
-    sides = [np.linspace(low, high, round((high - low) / step_m) + 1) for low, high in (x_range, y_range)]
-    x, y = (one.ravel() for one in np.meshgrid(*sides, indexing="ij"))
-    return np.stack([x, y, np.zeros(x.size)], axis=1)
 
 
 def _patch(depth: Array, sign: float, normals: Array, bodies: npt.NDArray[np.int64], lines: Array) -> _Patch:

@@ -16,9 +16,9 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.heaps.drop import add_body, furnish
 from benchmarks.heaps.heap import FIXED, Heap
-from benchmarks.heaps.judge import PALM_SIZE_M
 from benchmarks.heaps.plan import HEAPS, plan
 from benchmarks.heaps.shapes import Shape
+from benchmarks.heaps.swept import PALM_SIZE_M
 from benchmarks.heaps.things import thing
 from bus.transforms import apply, from_rotation, inverse
 from config.franka_hand import FINGER_LENGTH_M, FINGER_TIP_M, PALM_ABOVE_TIP_M
