@@ -33,7 +33,6 @@ from benchmarks import (
     travel,
 )
 from benchmarks.drifted import REGIMES
-from benchmarks.heaps import detectors
 from benchmarks.heaps import run as heaps
 from benchmarks.heaps.plan import HEAPS, SETS
 from benchmarks.openness import trouble
@@ -166,9 +165,6 @@ def scenes_(
     for name, known in ((views, heaps.LOOKS), *((one, SETS) for one in chosen)):
         if name not in known:
             raise typer.BadParameter(f"{name!r} is none of {', '.join(known)}")
-    if views != "1" and not detectors.sees_several():
-        typer.echo(json.dumps({"skipped": "The detection takes one view only."}))
-        return
     if HEAPS in chosen and not objects.is_dir():
         typer.echo(json.dumps({"skipped": f"There is no folder {objects}: name object_sim with --objects."}))
         return

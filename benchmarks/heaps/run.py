@@ -16,7 +16,7 @@ import numpy as np
 
 from benchmarks.heaps import oracle, sides, views
 from benchmarks.heaps.check import against_physics
-from benchmarks.heaps.detectors import Detect, Found, Product, WhyLookAgain, why_look_again
+from benchmarks.heaps.detectors import Detect, Found, Product, WhyLookAgain
 from benchmarks.heaps.drawn import Image, tile, write_tiles
 from benchmarks.heaps.figures import REFUSED, Row, figures
 from benchmarks.heaps.heap import Heap, obtain, path_of
@@ -25,6 +25,7 @@ from benchmarks.heaps.lift import lift
 from benchmarks.heaps.plan import HEAPS
 from bus.errors import CycleFailure
 from bus.messages import Observation
+from cell.pick.looking import why_look_again
 from config.schema import Station
 
 COUNTS = (1, 3, 5, 10, 20)
