@@ -77,11 +77,13 @@ class CameraSettings(Settings):
 
     Attributes:
         max_age_s: a frame older than this is refused (STALE_FRAME).
+        least_range_m: the depth camera measures nothing nearer; a hole in its depth may be that. 0.5: Femto Mega, NFOV.
     """
 
     hand_from_color_position_m: Vector = (0.065, 0.0, 0.02)
     hand_from_color_wxyz: UnitQuaternion = (0.70710678118654752, 0.0, 0.0, 0.70710678118654752)
     max_age_s: Seconds = 2.0
+    least_range_m: SizeOrNone = 0.5
 
 
 class CaptureSettings(Settings):

@@ -93,7 +93,7 @@ def _see(
     observations: Sequence[Observation], station: Station, on_scene: OnScene | None
 ) -> tuple[Scene, ObservedScene]:
     """The model of the scene, also as a message. Raises: CycleFailure, when nothing can be grasped in it."""
-    looks, mount = agreed([Look.of(checked(one)) for one in observations], station)
+    looks, mount = agreed([Look.of(checked(one), station) for one in observations], station)
     scene = scene_of(looks, station)
     region = RegionView.of(scene, station)
     seen = described(scene, region, mount)

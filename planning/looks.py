@@ -18,6 +18,7 @@ from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.trajectory import Trajectory
 from bus.transforms import inverse
+from config.schema import Box, Station
 from planning.candidates import configurations
 from planning.motion import move
 from planning.robot import HAND_FROM_TCP, hand_from_color
@@ -26,9 +27,11 @@ from planning.viewpoints import looking_at
 
 _TABLE_DEG = ((45.0, 120.0), (45.0, 240.0), (30.0, 120.0), (30.0, 240.0), (45.0, 150.0), (45.0, 210.0), (30.0, 180.0))
 """Tilt from the vertical, and azimuth about the place; azimuth 0 lies beyond it, seen from the robot."""
-_DISTANCES_M = (0.62, 0.70, 0.56)
+_DISTANCES_M = (0.70, 0.62, 0.56)
 _ROLLS_DEG = (0.0, 35.0, -35.0, 70.0, -70.0)
 _EXAMINED = 8
+_AHEAD_M = 0.03
+"""Height above the table of the place that is looked at."""
 _APART_DEG = 25.0
 """Two viewpoints so near to each other show the same."""
 
@@ -49,16 +52,26 @@ class Viewpoint:
     motion: Trajectory
 
 
-def next_look(scene: Scene, center_m: Array, q_now_rad: Joints, taken: Collection[tuple[float, float]]) -> Viewpoint:
-    """The first viewpoint about a place that the arm reaches, away from those ``taken``, (tilt, azimuth) [deg] each.
+def unseen(station: Station) -> Box:
+    """All of the pick region as an obstacle, as high as an object may be: more may stand there than was seen."""
+    x_min, x_max, y_min, y_max = station.scene.pick_region_m
+    height_m, top_m = station.scene.max_height_m, station.scene.table.top_m
+    center_m = ((x_min + x_max) / 2, (y_min + y_max) / 2, top_m + height_m / 2)
+    return Box(name="unseen", center_m=center_m, size_m=(x_max - x_min, y_max - y_min, height_m))
+
+
+def next_look(scene: Scene, q_now_rad: Joints, taken: Collection[tuple[float, float]]) -> Viewpoint:
+    """The first viewpoint about the pick region that the arm reaches, away from those ``taken``.
 
     Args:
-        scene: the obstacles; also what was not seen must be among them.
-        center_m: (3,) in ``base``, the middle of what is looked at.
+        scene: the obstacles; `unseen` must be among them.
         q_now_rad: (7,) where the arm rests.
+        taken: (tilt, azimuth) [deg] of earlier looks.
 
     Raises: CycleFailure(UNREACHABLE) when there is none.
     """
+    x_min, x_max, y_min, y_max = scene.station.scene.pick_region_m
+    center_m = np.array([(x_min + x_max) / 2, (y_min + y_max) / 2, scene.station.scene.table.top_m + _AHEAD_M])
     why = "all of them were taken"
     for tilt_deg, azimuth_deg in _TABLE_DEG:
         if any(_apart_deg((tilt_deg, azimuth_deg), other) < _APART_DEG for other in taken):

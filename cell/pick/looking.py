@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bus.arrays import Vector3
 from bus.cancel import Cancel
 from bus.codes import Code
 from bus.errors import CycleFailure
@@ -14,11 +13,11 @@ from bus.messages import Detections, Observation
 from bus.trajectory import Trajectory
 from cell.machine.gate import Gate
 from config.scene import scene_boxes
-from config.schema import Box, Station
+from config.schema import Station
 from drivers.interface import Arm
 from perception.scene.surroundings import surroundings
 from planning.height_field import Sight
-from planning.looks import direction_of, next_look
+from planning.looks import direction_of, next_look, unseen
 from planning.motion import move
 from planning.robot import Robot
 from planning.scene import Scene
@@ -34,8 +33,6 @@ _FOR_WANT_OF_SIGHT = {
     Code.UNREACHABLE: "no way to grasp is reached",
 }
 """Failures of detect and plan that another look may mend."""
-_AHEAD_M = 0.03
-"""Height above the table of the place that is looked at."""
 
 
 def asked_for(station: Station) -> int:
@@ -69,7 +66,7 @@ def way_to_next_look(
     """
     taken = [direction_of(look.view.base_from_color) for look in looks]
     scene = _among_unseen(looks[0], robot, station, cancel)
-    return next_look(scene, _middle_m(station), looks[-1].view.arm.q_rad, taken).motion
+    return next_look(scene, looks[-1].view.arm.q_rad, taken).motion
 
 
 def way_back(looks: Sequence[Observation], robot: Robot, station: Station, cancel: Cancel | None = None) -> Trajectory:
@@ -88,19 +85,6 @@ def go(arm: Arm, gate: Gate, way: Trajectory) -> None:
 
 def _among_unseen(first: Observation, robot: Robot, station: Station, cancel: Cancel | None) -> Scene:
     """The obstacles of a look: what was observed, and all of the pick region, where more may stand than was seen."""
-    x_min, x_max, y_min, y_max = station.scene.pick_region_m
-    height_m, top_m = station.scene.max_height_m, station.scene.table.top_m
-    unseen = Box(
-        name="unseen",
-        center_m=((x_min + x_max) / 2, (y_min + y_max) / 2, top_m + height_m / 2),
-        size_m=(x_max - x_min, y_max - y_min, height_m),
-    )
     nothing = np.zeros(first.frame.color.shape[:2], dtype=bool)
-    points_base, target = surroundings(first, nothing)
-    boxes = (*scene_boxes(station.scene), unseen)
-    return Scene.of(robot, station, Sight(points_base, target), boxes=boxes, cancel=cancel)
-
-
-def _middle_m(station: Station) -> Vector3:
-    x_min, x_max, y_min, y_max = station.scene.pick_region_m
-    return np.array([(x_min + x_max) / 2, (y_min + y_max) / 2, station.scene.table.top_m + _AHEAD_M])
+    sight = Sight(*surroundings(first, nothing))
+    return Scene.of(robot, station, sight, boxes=(*scene_boxes(station.scene), unseen(station)), cancel=cancel)

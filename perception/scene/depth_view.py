@@ -16,6 +16,10 @@ from perception.geometry.depth import moved, rays
 
 _NARROW_M, _SHADOW_M, _STEP_M = 0.003, 0.016, 0.015
 """See `DepthView.nearest_m`: how far a narrow hole's rim is, how far a shadow reaches, what counts as a step."""
+_STEEPER, _SPARSE = 1.7, 97
+"""Seen from aside, a table recedes as much as a step does: a step is so many times more than what most pixels show."""
+_RISES_M = 0.045
+"""How far a thing may rise from what is seen beside it."""
 _BEHIND_M = 0.004
 """A place is free when what is seen in its direction lies so much farther."""
 
@@ -31,20 +35,22 @@ class DepthView:
         depth_m: (h, w) z-depth, NaN = none. ``camera``: its model, with distortion.
         base_from_depth: (4, 4) pose of the depth camera.
         points_base: (h, w, 3) [m], NaN = none.
+        least_range_m: the camera measures nothing nearer.
     """
 
     depth_m: Depth
     camera: CameraModel
     base_from_depth: Transform
     points_base: Points
+    least_range_m: float = 0.0
 
     @classmethod
-    def of(cls, observation: Observation, depth_m: Depth) -> DepthView:
+    def of(cls, observation: Observation, depth_m: Depth, least_range_m: float = 0.0) -> DepthView:
         """The depth image of an observation; ``depth_m`` (h, w): it, without flying pixels."""
         frame = observation.frame
         base_from_depth = observation.view.base_from_color @ frame.color_from_depth
         points = moved(_rays(frame.depth_camera) * depth_m[..., None], base_from_depth)
-        return cls(depth_m, frame.depth_camera, base_from_depth, points)
+        return cls(depth_m, frame.depth_camera, base_from_depth, points, least_range_m)
 
     @cached_property
     def pixel_m(self) -> float:
@@ -57,14 +63,18 @@ class DepthView:
 
         A narrow hole is as near as its rim. A wider one beside a step is the shadow of what is near there, and counts
         as near as that. Any other hole may hide anything: glass, something black, or nearer than the camera measures.
+        So may any hole beside what is almost as near as that: a bottle's neck rises from its shoulder.
         """
         is_hole = np.isnan(self.depth_m)
         rim_m = cv2.erode(np.where(is_hole, np.float32(np.inf), self.depth_m), _box(_NARROW_M, self.pixel_m))
         near_m = cv2.erode(np.where(is_hole, np.float32(np.inf), self.depth_m), _box(_SHADOW_M, self.pixel_m))
         far_m = cv2.dilate(np.where(is_hole, np.float32(0), self.depth_m), _box(_SHADOW_M, self.pixel_m))
-        filled = np.where(far_m - near_m > _STEP_M, near_m, rim_m)
+        step_m = far_m - near_m
+        is_step = step_m > max(_STEP_M, _STEEPER * float(np.median(step_m[~is_hole][::_SPARSE])))
+        filled = np.where(is_step, near_m, rim_m)
         filled = np.where(is_hole, filled, self.depth_m)
-        return np.where(np.isinf(filled), np.float32(np.nan), filled)
+        says_nothing = np.isinf(filled) | (is_hole & (near_m < self.least_range_m + _RISES_M))
+        return np.where(says_nothing, np.float32(np.nan), filled)
 
     def in_view(self, points_base: Points) -> npt.NDArray[np.bool_]:
         """Whether each point (n, 3) [m] lies inside the image."""

@@ -38,11 +38,12 @@ class Look:
     base_from_color: Transform
 
     @classmethod
-    def of(cls, observation: Observation) -> Look:
+    def of(cls, observation: Observation, station: Station) -> Look:
         """Register the depth of one observation to its colour."""
         depth_m = without_flying_pixels(observation.frame.depth_m)
         rgbd, source = registered(observation.frame, depth_m)
-        return cls(rgbd, source, DepthView.of(observation, depth_m), observation.view.base_from_color)
+        view = DepthView.of(observation, depth_m, station.camera.least_range_m)
+        return cls(rgbd, source, view, observation.view.base_from_color)
 
     def in_color(self, labels: Labels) -> Labels:
         """Numbers (h, w) of the depth image's pixels in the colour image (H, W); 0 where it has no depth."""

@@ -129,7 +129,7 @@ class Scene:
 
 def observe(observation: Observation, station: Station) -> Scene:
     """Make the model of one observation. Raises: CycleFailure(NO_TABLE, TOO_NEAR) when no table is seen."""
-    return scene_of([Look.of(observation)], station)
+    return scene_of([Look.of(observation, station)], station)
 
 
 def scene_of(looks: Sequence[Look], station: Station) -> Scene:
