@@ -21,10 +21,10 @@ from perception.scene.table import Table
 _PRIOR = np.array([*np.deg2rad([2.0, 2.0]), 0.005, *np.deg2rad([0.3] * 3), *[0.002] * 3])
 """Standard deviations before anything was seen: the table's slopes and height [m], the mounting's turn and shift [m].
 """
-_SLOPE_NOISE_RAD, _HEIGHT_NOISE_M = float(np.deg2rad(0.1)), 0.0015
+_SLOPE_NOISE_RAD, _HEIGHT_NOISE_M = float(np.deg2rad(0.1)), 0.001
 """Of one view's plane, mostly the camera's systematic error."""
 _ROUNDS, _STEP = 4, 1e-6
-TABLE_BOUND_RAD, MOUNT_BOUND = float(np.deg2rad(1.0)), 0.85
+TABLE_BOUND_RAD, MOUNT_BOUND = float(np.deg2rad(1.0)), 0.82
 """Tilt of the table, and error of the mounting (see `TableOrMount.off_mounting`), beyond which either is named."""
 
 Array = npt.NDArray[np.float64]
@@ -41,7 +41,7 @@ class TableOrMount:
             translation [m].
         named: what is off, "" = neither is.
         tilt_rad: of the table. ``off_mounting``: turn and shift of the mounting together, in standard deviations of a
-            calibrated one; the camera's own systematic error looks like 0.2 to 0.5.
+            calibrated one; the camera's own systematic error looks like 0.2 to 0.7.
     """
 
     slopes: Array
