@@ -76,6 +76,6 @@ def _told(used: MountCorrection, found: MountCorrection, planes: TableOrMount | 
         residual_after_m=found.residual_after_m if found.pairs else None,
         is_cut=found.is_cut,
         named="" if planes is None else planes.named,
-        mount_turn_rad=0.0 if planes is None else planes.turn_rad,
         table_tilt_rad=0.0 if planes is None else planes.tilt_rad,
+        off_mounting=0.0 if planes is None else planes.off_mounting,
     )

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from config.schema import Station
 from perception.geometry.depth import moved
+from perception.geometry.voxels import averaged
 from perception.scene.look import LookOnTable
 from perception.scene.region import raised
 from perception.scene.table import Table
@@ -51,23 +52,6 @@ class Cloud:
         lab = np.concatenate([one.lab.reshape(-1, 3)[at] for one, at in zip(looks, near, strict=True)])
         points, lab, count = averaged(points, lab, _VOXEL_M)
         return cls(points, lab, raised(moved(points[None], table.base_from_table)[0], points[:, 2], station), count)
-
-
-def averaged(points: Points, lab: Points, voxel_m: float) -> tuple[Points, Points, npt.NDArray[np.float64]]:
-    """The averages of points (n, 3) [m] and colours (n, 3) over cubes of side ``voxel_m``, in the cubes' order.
-
-    Returns: the points (m, 3), their colours (m, 3), and how many points are averaged in each (m,).
-    """
-    cube = np.floor(points / np.float32(voxel_m)).astype(np.int64)
-    low = cube.min(axis=0)
-    extent = cube.max(axis=0) - low + 1
-    key = ((cube[:, 0] - low[0]) * extent[1] + cube[:, 1] - low[1]) * extent[2] + cube[:, 2] - low[2]
-    order = np.argsort(key, kind="stable")
-    starts = np.flatnonzero(np.r_[True, np.diff(key[order]) > 0])
-    count = np.diff(np.r_[starts, len(order)]).astype(np.float64)
-    values = np.column_stack([points, lab])[order].astype(np.float64)
-    means = (np.add.reduceat(values, starts) / count[:, None]).astype(np.float32)
-    return means[:, :3], means[:, 3:], count
 
 
 def _near(points_table: Points, station: Station) -> npt.NDArray[np.intp]:
