@@ -32,8 +32,8 @@ class SeenMount(Message):
         residual_before_m, residual_after_m: median distance between the looks' surfaces; None = nothing in common.
         is_cut: the looks ask for more than is believed of a calibrated mounting.
         named: what is off, by the planes that the looks show: ``table``, ``mount``, or "" for neither.
-        table_tilt_rad: by those planes. ``off_mounting``: turn and shift of the mounting by them, in standard deviations
-            of a calibrated one.
+        table_tilt_rad: by those planes. ``off_mounting``: turn and shift of the mounting by them, in standard
+            deviations of a calibrated one.
     """
 
     color_from_corrected: Transform

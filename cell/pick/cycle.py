@@ -46,6 +46,7 @@ from cell.pick.capture import capture, require_sight
 from cell.pick.detect import detect_unless_halted
 from cell.pick.execute import deliver, execute
 from cell.pick.looking import asked_for, go, way_back, way_to_next_look, why_look_again
+from cell.pick.mounting import MountKeeper
 from cell.pick.plan import plan
 from cell.pick.record import CycleLog
 from cell.pick.verify import lost_on_the_way, verify
@@ -84,6 +85,7 @@ class Equipment:
     robot: Robot
     station: Station
     models: Models
+    mounting: MountKeeper = field(default_factory=MountKeeper)
 
 
 @dataclass
@@ -244,7 +246,7 @@ class Cycle:
         except CycleFailure as failure:
             if failure.failure is Code.STOPPED:
                 raise
-            self.publish(topics.EVENT, Event(code=failure.failure, severity="info", text=failure.text))
+            self._tell(Event(code=failure.failure, severity="info", text=failure.text))
             return False
         self.failure = None
         looks.append(self._look(why, lambda: go(e.arm, self.gate, way)))
@@ -256,13 +258,20 @@ class Cycle:
         """Detect; what was seen is published alone when there is no result to hold it."""
         e, seen = self.equipment, list[ObservedScene]()
         try:
-            return detect_unless_halted(
+            found = detect_unless_halted(
                 looks, e.station, e.models, self._say_reply, lambda: self.gate.halted, seen.append
             )
         except CycleFailure:
             for scene in seen:
                 self.publish(topics.SCENE, scene)
             raise
+        if found.scene.mount is not None:
+            self._tell(e.mounting.news(found.scene.mount))
+        return found
+
+    def _tell(self, event: Event | None) -> None:
+        if event is not None:
+            self.publish(topics.EVENT, event)
 
     def _say_reply(self, reply: ModelReply) -> None:
         self.publish(topics.MODEL_REPLY, reply)
@@ -271,7 +280,7 @@ class Cycle:
         """Capture a frame newer than the last one. Raises: StaleFrame."""
         e = self.equipment
         oldest_ns = time.time_ns() - round(e.station.camera.max_age_s * 1e9)
-        seen = capture(e.camera, e.arm, e.robot, max(oldest_ns, self._seen_ns))
+        seen = e.mounting.applied(capture(e.camera, e.arm, e.robot, max(oldest_ns, self._seen_ns)))
         require_sight(seen.frame)
         self._seen_ns = seen.frame.stamp_ns
         return seen

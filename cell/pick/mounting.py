@@ -1,0 +1,79 @@
+"""What the looks of earlier picks say of the camera's mounting: a correction kept from pick to pick, and who is told.
+
+Kept while the daemon runs: `cell calibrate` writes the mounting anew, and the next start begins with it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from bus.arrays import Transform
+from bus.commands import Event
+from bus.messages import Observation, SeenMount
+from bus.transforms import from_rotation
+
+_MEMORY = 10
+"""As many picks count alike; what is older fades."""
+_LONGEST_RAD, _LONGEST_M = float(np.deg2rad(1.5)), 0.009
+"""The kept correction is never more than this: three standard deviations of a calibrated mounting."""
+
+
+class MountKeeper:
+    """The mean correction of the mounting so far.
+
+    Attributes:
+        color_from_corrected: (4, 4) ``base_from_color @ color_from_corrected`` is the better pose.
+        picks: how many picks it is made of.
+    """
+
+    def __init__(self) -> None:
+        self.color_from_corrected: Transform = np.eye(4)
+        self.picks = 0
+        self._named = ""
+
+    def applied(self, observation: Observation) -> Observation:
+        """The observation as the kept correction has it."""
+        if not self.picks:
+            return observation
+        pose = observation.view.base_from_color @ self.color_from_corrected
+        return observation.model_copy(update={"view": observation.view.model_copy(update={"base_from_color": pose})})
+
+    def take(self, mount: SeenMount) -> None:
+        """Let a pick's correction, which is relative to the kept one, count; one that was cut proves nothing."""
+        if mount.is_cut or mount.residual_after_m is None:
+            return
+        self.picks = min(self.picks + 1, _MEMORY)
+        turn = Rotation.from_matrix(mount.color_from_corrected[:3, :3]).as_rotvec() / self.picks
+        step = from_rotation(Rotation.from_rotvec(turn).as_matrix(), mount.color_from_corrected[:3, 3] / self.picks)
+        self.color_from_corrected = _bounded(self.color_from_corrected @ step)
+
+    def news(self, mount: SeenMount) -> Event | None:
+        """What to tell the operator: once, when the table or the mounting begins to be off."""
+        before, self._named = self._named, mount.named
+        return _event(mount) if mount.named not in ("", before) else None
+
+
+def _bounded(pose: Transform) -> Transform:
+    turn, shift = Rotation.from_matrix(pose[:3, :3]).as_rotvec(), pose[:3, 3]
+    turn = turn * min(1.0, _LONGEST_RAD / max(float(np.linalg.norm(turn)), 1e-12))
+    shift = shift * min(1.0, _LONGEST_M / max(float(np.linalg.norm(shift)), 1e-12))
+    return from_rotation(Rotation.from_rotvec(turn).as_matrix(), shift)
+
+
+def _event(mount: SeenMount) -> Event:
+    if mount.named == "table":
+        return Event(
+            code="TABLE_TILTED",
+            severity="warning",
+            text=f"The looks agree that the table leans by {np.degrees(mount.table_tilt_rad):.1f} deg.",
+            advice="Level it, or correct scene.table; grasps follow the table as it is seen.",
+        )
+    return Event(
+        code="MOUNT_MOVED",
+        severity="warning",
+        text=f"The looks disagree by {1e3 * (mount.residual_before_m or 0):.1f} mm: the camera's mounting seems off by"
+        f" {np.degrees(mount.turn_rad):.2f} +- {np.degrees(mount.turn_deviation_rad):.2f} deg and"
+        f" {1e3 * mount.shift_m:.1f} +- {1e3 * mount.shift_deviation_m:.1f} mm.",
+        advice="Is the camera screwed tight? `cell calibrate check` measures it with the board.",
+    )
