@@ -34,6 +34,8 @@ _NEAR_M = 0.24
 """Side of the close-up around the grasp."""
 _CAPTION_PX, _LINE_PX, _LINE_CHARACTERS = 66, 20, 130
 _IN_FRONT_M, _FAR_PX = 0.05, 30_000
+_OTHER_CAMERA = "camera.least_range_m=0"
+"""The frames are of several cameras, whose least range is not told."""
 _OBJECT, _REGION, _TEXT = (255, 220, 0), (90, 160, 255), (255, 255, 255)
 
 Image = npt.NDArray[np.uint8]
@@ -72,7 +74,7 @@ def run(root: Path, overrides: list[str], tell: Callable[[str], None], sheet: Pa
 
 
 def _outcome(frame: RealFrame, overrides: list[str]) -> Outcome:
-    station = load_station(None, [f"scene.pick_region_m={list(frame.region_m)}", *overrides])
+    station = load_station(None, [f"scene.pick_region_m={list(frame.region_m)}", _OTHER_CAMERA, *overrides])
     models = open_models(station, {})
     began_s = time.process_time()
     try:
