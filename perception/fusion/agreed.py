@@ -18,21 +18,22 @@ from perception.scene.look import Look
 from perception.scene.region import within
 from perception.scene.table import find_table
 
-_AROUND_M, _FEWEST = 0.15, 3
+_AROUND_M = 0.15
 
 
 def agreed(looks: Sequence[Look], station: Station) -> tuple[tuple[Look, ...], SeenMount | None]:
     """The looks from where they were truly taken, and how the mounting differs from the station's; None for one look.
 
-    With ``capture.mount_correction`` off, or of two looks, the difference is told, and the looks stay as they are: two
-    looks leave too much open, and a correction from them does harm where nothing is wrong (`benchmarks fusion`).
+    With ``capture.mount_correction`` off the difference is told, and the looks stay as they are. Of two looks the
+    correction leaves more open than of three; where nothing is wrong it costs 0.2 mm, where a calibrated camera is off
+    by 1 mm and 0.3 deg, as they are, it gains more (docs/method.md).
     """
     if len(looks) == 1:
         return tuple(looks), None
     views, poses = [look.view for look in looks], [look.base_from_color for look in looks]
     near = [within(view.points_base, station, _AROUND_M) for view in views]
     found = common_correction(views, [surface(view) for view in views], poses, near)
-    use = station.capture.mount_correction and len(looks) >= _FEWEST
+    use = station.capture.mount_correction
     told = _told(found if use else replace(found, color_from_corrected=np.eye(4)), found, _planes(looks, station))
     if not use:
         return tuple(looks), told
