@@ -20,11 +20,11 @@ from benchmarks.fused.truth import distances_m
 from bus.transforms import angle_between_rad, from_rotation, from_translation, inverse
 from drivers.sim.optics import COLOR_FROM_DEPTH, DEPTH
 from perception.fusion.mounting import common_correction
-from perception.fusion.normals import surface
 from perception.fusion.table_or_mount import table_or_mount
 from perception.geometry.depth import moved, rays, without_flying_pixels
 from perception.geometry.voxels import averaged
 from perception.scene.depth_view import DepthView
+from perception.scene.normals import surface
 from perception.scene.region import within
 from perception.scene.table import find_table
 

@@ -24,6 +24,7 @@ from perception.goal.axes import axes_of
 from perception.goal.imagine import Conversation, OnReply, observed_object_of
 from perception.goal.target import choose
 from perception.grasps.closing import Closings
+from perception.grasps.faces import across_faces
 from perception.grasps.rank import graded, rank
 from perception.grasps.refusal import why_none
 from perception.grasps.search import search
@@ -37,7 +38,7 @@ from perception.scene.scene import Scene, scene_of
 from perception.scene.seen import RegionView, described, require_something
 from perception.scene.table import require_where_configured
 
-_GOOD_FROM_ABOVE = 0.65
+_GOOD_FROM_ABOVE = 0.8
 """A thing whose best grasp from above scores less is looked at from its sides, too."""
 
 OnScene = Callable[[ObservedScene], None]
@@ -80,6 +81,7 @@ def detect(
     models.imaginer.begin()
     scene, seen = _see([observation, *others], station, on_scene)
     closings = graded(search(scene.heights, station), seen.instances)
+    closings = across_faces(closings, scene, scene.table.base_from_table)
     talk = Conversation(models.imaginer, on_reply, cancel=cancel)
     targets = choose(scene, closings, talk, station, models.sam)
     tries = _Tries(scene, seen, closings, talk, models, station)

@@ -12,7 +12,6 @@ from bus.messages import Observation, SeenMount
 from bus.transforms import angle_between_rad
 from config.schema import Station
 from perception.fusion.mounting import MountCorrection, common_correction
-from perception.fusion.normals import surface
 from perception.fusion.table_or_mount import TableOrMount, table_or_mount
 from perception.scene.look import Look
 from perception.scene.region import within
@@ -32,7 +31,7 @@ def agreed(looks: Sequence[Look], station: Station) -> tuple[tuple[Look, ...], S
         return tuple(looks), None
     views, poses = [look.view for look in looks], [look.base_from_color for look in looks]
     near = [within(view.points_base, station, _AROUND_M) for view in views]
-    found = common_correction(views, [surface(view) for view in views], poses, near)
+    found = common_correction(views, [look.surface for look in looks], poses, near)
     use = station.capture.mount_correction
     told = _told(found if use else replace(found, color_from_corrected=np.eye(4)), found, _planes(looks, station))
     if not use:

@@ -15,9 +15,9 @@ from scipy.spatial.transform import Rotation
 
 from bus.arrays import Mask, Transform
 from bus.transforms import apply, from_rotation, inverse
-from perception.fusion.normals import Surface
 from perception.geometry.depth import moved
 from perception.scene.depth_view import DepthView
+from perception.scene.normals import Surface
 
 PRIOR_RAD, PRIOR_M = float(np.deg2rad(0.5)), 0.003
 """Standard deviation, about and along each axis, of a mounting that was calibrated."""
@@ -107,7 +107,7 @@ def common_correction(
     """Find the mounting with which the views agree best; without common surfaces it is the station's.
 
     Args:
-        surfaces: `perception.fusion.normals.surface` of each view. ``base_from_color``: (4, 4) of each, as believed.
+        surfaces: `perception.scene.normals.surface` of each view. ``base_from_color``: (4, 4) of each, as believed.
         masks: (h, w) of each, the depth pixels whose points are compared; None = all.
     """
     each = masks if masks is not None else [None] * len(views)

@@ -11,20 +11,20 @@ Indices = npt.NDArray[np.int64]
 _LONGEST_BITS = 62
 
 
-def averaged(points: Points, lab: Points, voxel_m: float) -> tuple[Points, Points, npt.NDArray[np.float64]]:
-    """The means of points (n, 3) [m] and colours (n, 3) in each cube of side ``voxel_m``, by z, then y, then x.
+def averaged(points: Points, other: Points, voxel_m: float) -> tuple[Points, Points, npt.NDArray[np.float64]]:
+    """The means of points (n, 3) [m] and of what else is known of each (n, k), in cubes of side ``voxel_m``.
 
-    Returns: the points (m, 3), their colours (m, 3), and how many points are averaged in each (m,).
+    Returns: the means of both, (m, 3) and (m, k), by z, then y, then x; and how many points are averaged in each (m,).
 
     Raises: ValueError: a point is not finite, or the points lie too far apart for the size of the cubes.
     """
     if not len(points):
-        return points, lab, np.zeros(0)
+        return points, other, np.zeros(0)
     order, first = _voxels(points, voxel_m)
     count = np.diff(np.append(first, len(points)))
-    means = (np.add.reduceat(column[order], first) / count[:, None] for column in (points, lab))
-    mean_points, mean_lab = (one.astype(np.float32) for one in means)
-    return mean_points, mean_lab, count.astype(np.float64)
+    means = (np.add.reduceat(column[order], first) / count[:, None] for column in (points, other))
+    mean_points, mean_other = (one.astype(np.float32) for one in means)
+    return mean_points, mean_other, count.astype(np.float64)
 
 
 def _voxels(points: Points, voxel_m: float) -> tuple[Indices, Indices]:

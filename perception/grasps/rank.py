@@ -16,6 +16,7 @@ from bus.messages import Grasp, Instance
 from bus.transforms import apply, from_rotation, inverse
 from config.schema import Station
 from perception.grasps.closing import WEIGHTS, Closings, close, weighted
+from perception.grasps.faces import across_faces
 from perception.grasps.search import tested
 from perception.observed_object import ObservedObject
 from perception.scene.heightmap import HeightMap
@@ -131,6 +132,7 @@ def _approach(
     snapped = _snap(rod, heights, station)
     imagined = base_from_level @ _pose(rod.center_m[:2], heading, float(snapped.tcp_m[0]))
     closings = _judged(_of(snapped, observed_object.instance.number), rod, heights, observed_object, station)
+    closings = across_faces(closings, observed_object.scene, base_from_level)
     return [
         Grasp(
             base_from_tcp=base_from_level @ pose(closings, index),

@@ -15,11 +15,12 @@ from bus.messages import Instance
 from bus.transforms import apply, from_rotation
 from config.schema import Station
 from perception.grasps.closing import Closings
+from perception.grasps.faces import across_faces
 from perception.grasps.rank import graded
 from perception.grasps.search import search
 from perception.scene.scene import Scene
 
-_TILTS_DEG = (40.0, 75.0)
+_TILTS_DEG = (30.0, 75.0)
 _TURNS_DEG = (0.0, 45.0, -45.0, 90.0, -90.0)
 """Headings of the approach, from the direction that leads away from the arm's base: from beyond it hardly reaches."""
 
@@ -34,7 +35,7 @@ def search_sides(
         return
     for base_from_level in _levels(scene, instances[number - 1]):
         heights, base_from_level = scene.along(base_from_level, number)
-        found = graded(search(heights, station, base_from_level), instances)
+        found = across_faces(graded(search(heights, station, base_from_level), instances), scene, base_from_level)
         ours = found.taken(np.flatnonzero((found.instance == number) & np.isfinite(found.score)))
         if len(ours.score):
             yield ours, base_from_level

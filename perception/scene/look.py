@@ -14,6 +14,7 @@ from bus.messages import Observation
 from config.schema import Station
 from perception.geometry.depth import Rgbd, moved, registered, without_flying_pixels
 from perception.scene.depth_view import DepthView
+from perception.scene.normals import Surface, surface
 from perception.scene.region import raised
 from perception.scene.table import Table
 
@@ -44,6 +45,11 @@ class Look:
         rgbd, source = registered(observation.frame, depth_m)
         view = DepthView.of(observation, depth_m, station.camera.least_range_m)
         return cls(rgbd, source, view, observation.view.base_from_color)
+
+    @cached_property
+    def surface(self) -> Surface:
+        """What the depth image shows of smooth surfaces, with their normals."""
+        return surface(self.view)
 
     def in_color(self, labels: Labels) -> Labels:
         """Numbers (h, w) of the depth image's pixels in the colour image (H, W); 0 where it has no depth."""

@@ -20,11 +20,11 @@ from bus.messages import CameraModel
 from bus.transforms import angle_between_rad, from_rotation, from_translation, inverse
 from config.load import load_station
 from perception.fusion.mounting import PRIOR_M, PRIOR_RAD, MountCorrection, common_correction
-from perception.fusion.normals import surface
 from perception.fusion.table_or_mount import TableOrMount, table_or_mount
 from perception.geometry.depth import moved, rays
 from perception.geometry.voxels import averaged
 from perception.scene.depth_view import DepthView
+from perception.scene.normals import surface
 from perception.scene.table import find_table
 
 CAMERA = CameraModel(width=320, height=288, fx=252.3, fy=252.3, cx=160.1, cy=150.4)

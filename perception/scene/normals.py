@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from bus.arrays import Mask
 from perception.scene.depth_view import DepthView
 
 _SMOOTHED_PX, _SIGMA_PX = 5, 1.5
@@ -16,6 +17,10 @@ _APART_PX = 2
 """Normals are taken over so many pixels to each side."""
 _STEP_M = 0.005
 """A depth that differs by so much from that of its window, or from the mean of those to both sides, lies at a step."""
+
+_CONTINUED_PX = (2, 4)
+_ON_FACE_M = 0.002
+"""A point without a normal lies on a face seen so many pixels away when it is so near its plane."""
 
 Points = npt.NDArray[np.float32]
 Depth = npt.NDArray[np.float32]
@@ -41,6 +46,25 @@ def surface(view: DepthView) -> Surface:
     camera = view.base_from_depth[:3, 3].astype(np.float32)
     from_camera = (view.points_base - camera) * (smooth_m / view.depth_m)[..., None]
     return Surface(from_camera + camera, _normals(from_camera, smooth_m))
+
+
+def continued(view: DepthView, surface: Surface, mask: Mask) -> Points:
+    """Normals (h, w, 3) with those of a face's rim, where a difference would reach beyond it.
+
+    A pixel of ``mask`` (h, w) without a normal gets that of the neighbour whose plane passes nearest to its point.
+    """
+    points, planes = view.points_base.reshape(-1, 3), surface.points_base.reshape(-1, 3)
+    known = surface.normals_base.reshape(-1, 3)
+    at = np.flatnonzero(mask.ravel() & np.isnan(known[:, 0]))
+    (height, width), (v, u) = mask.shape, np.divmod(at, mask.shape[1])
+    normals, nearest_m = known.copy(), np.full(len(at), _ON_FACE_M, dtype=np.float32)
+    for dv, du in ((step * dv, step * du) for step in _CONTINUED_PX for dv in (-1, 0, 1) for du in (-1, 0, 1)):
+        beside = np.clip(v + dv, 0, height - 1) * width + np.clip(u + du, 0, width - 1)
+        off_m = np.abs(np.einsum("ij,ij->i", points[at] - planes[beside], known[beside]))
+        is_nearer = off_m < nearest_m  # NaN compares false
+        nearest_m[is_nearer] = off_m[is_nearer]
+        normals[at[is_nearer]] = known[beside[is_nearer]]
+    return normals.reshape(view.points_base.shape)
 
 
 def _normals(from_camera: Points, smooth_m: Depth) -> Points:
