@@ -17,14 +17,15 @@ from perception.grasps.closing import Closings
 from perception.scene.heightmap import Labels
 from perception.scene.scene import Scene
 
-_TESTED, _SHARE = 60, 0.2
+_TESTED, _SHARE = 60, 0.15
 """How many closings are looked at, and how much the faces count in the score."""
-_PAD_M, _DEEP_M, _ABOVE_M = 0.010, 0.005, 0.002
+_PAD_M, _DEEP_M, _ABOVE_M = 0.010, 0.003, 0.002
 """The pad's half width; how far behind the first contact, and above the edge, what it touches may lie."""
 _FEWEST = 4
 """Fewer normals say nothing."""
-_LARGEST_RAD = float(np.arctan(0.5)) * 1.15
-"""Largest angle between the closing axis and the mean normal: friction 0.5, and the noise of a few normals."""
+_STEEP_RAD, _LARGEST_RAD = float(np.deg2rad(35)), float(np.deg2rad(50))
+"""Angle between the closing axis and the mean normal from which a face counts nothing, and beyond which it is refused.
+Friction 0.5 holds 27 degrees; on curved things the mean is of more than what is touched."""
 
 Array = npt.NDArray[np.float64]
 
@@ -45,7 +46,7 @@ def across_faces(closings: Closings, scene: Scene, base_from_level: Transform) -
     best = np.argsort(-closings.score, kind="stable")[:_TESTED]
     for index in best[np.isfinite(closings.score[best])]:
         angle = _angle_rad(closings, int(index), points, turned, scene.cloud_labels[known])
-        faces[index] = 1 - min(angle / _LARGEST_RAD, 1)
+        faces[index] = 1 - min(angle / _STEEP_RAD, 1)
         if angle > _LARGEST_RAD:
             score[index] = -np.inf
     return replace(closings, terms={**closings.terms, "faces": faces}, score=(1 - _SHARE) * score + _SHARE * faces)
