@@ -12,6 +12,7 @@ from bus.rejection import Rejection
 from logs.mcap.reader import CycleRecord, recorded_number
 from logs.report import images
 from logs.report.clouds import clouds
+from logs.report.look_points import true_pose
 from logs.report.page import Chart, Fact, Picture
 from logs.report.scene import SceneView, css_color
 
@@ -132,7 +133,7 @@ def alignment_view(record: CycleRecord, found: Detections | None, chosen: Choice
     if found is None or record.observation is None:
         return None
     grasp = found.grasps[chosen.grasp or 0] if found.grasps else None
-    view = clouds(found, grasp, np.asarray(record.observation.view.base_from_color), is_painted(found))
+    view = clouds(found, grasp, np.asarray(true_pose(record.observation, record.scene)), is_painted(found))
     if is_painted(found):
         return AlignmentView(Chart("The observed points, the rod, and the hand", view.figure), view.before, view.after)
     alignment = found.evidence.alignment
