@@ -191,7 +191,7 @@ def _cycle(raw: Content) -> CycleRecord:
     ]
     since_ns = looked[-1].log_time_ns if looked else 0
     runs = list(_stages(raw))
-    stages = {stage.stage: stage for at_ns, stage in runs if at_ns >= since_ns}
+    stages: dict[str, Stage] = {stage.stage: stage for at_ns, stage in runs if at_ns >= since_ns}
     before = (stage for at_ns, stage in runs if at_ns < since_ns)
     frames, is_whole = _frames(raw)
     execute, replies = stages.get("execute"), _timed(raw, topics.MODEL_REPLY.key, ModelReply)

@@ -102,7 +102,7 @@ def _summary(record: CycleRecord, timeline: Timeline, thumbnail: str) -> Json:
         "why": timeline.why,
         "wall_s": record.result.wall_s if record.result is not None else None,
         "stages": timeline.took_s,
-        "looks": [seen.view.why for seen in record.looks],
+        "again": [seen.view.why for seen in record.looks if seen.view.why],
         "number": record.attempt.number,
         "retried_as": record.result.retried_as if record.result is not None else "",
         "thumbnail": thumbnail,

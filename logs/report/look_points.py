@@ -65,7 +65,7 @@ def _thin(points: Points) -> Points:
     if not len(points):
         return points
     beside = cKDTree(points).query_ball_point(points, _BESIDE_M, return_length=True)
-    return points[beside > _ALONE]
+    return np.asarray(points[beside > _ALONE])
 
 
 def _labelled(frame: Frame, labels: LabelImage) -> Points:
@@ -78,7 +78,7 @@ def _labelled(frame: Frame, labels: LabelImage) -> Points:
     u = np.rint(points[:, 0] / points[:, 2] * camera.fx + camera.cx).astype(int)
     v = np.rint(points[:, 1] / points[:, 2] * camera.fy + camera.cy).astype(int)
     inside = (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height)
-    return points[inside][np.asarray(labels)[v[inside], u[inside]] > 0]
+    return np.asarray(points[inside][labels[v[inside], u[inside]] > 0])
 
 
 def _in_front(depth_m: npt.NDArray[np.float32]) -> Mask:

@@ -9,11 +9,11 @@ import numpy as np
 
 from bus.arrays import Mask
 from bus.messages import Detections, Observation, ObservedScene, SeenMount
+from logs.direction import direction_in_words
 from logs.mcap.reader import CycleRecord
 from logs.mcap.unseen_scene import is_made_up
 from logs.report import images
 from logs.report.clouds import fused
-from logs.report.direction import direction_in_words
 from logs.report.evidence import Choice
 from logs.report.look_points import added_shares, points_of_things
 from logs.report.page import Figure

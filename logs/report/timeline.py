@@ -9,9 +9,9 @@ from bus.codes import ADVICE
 from bus.commands import Event
 from bus.frozen import Message
 from bus.messages import Detections, Execution, PickPlan, Verdict, View
+from logs.direction import direction_in_words
 from logs.mcap.names import telling
 from logs.mcap.reader import CycleRecord, Stage
-from logs.report.direction import direction_in_words
 
 UNFINISHED = "UNFINISHED"
 
