@@ -86,7 +86,7 @@ def fused(looks: Sequence[tuple[str, str, Array, Array]], grasp: Grasp | None) -
     for name, color, points, _ in looks:
         data.append(_trace(name, _thin(points), still, mode="markers", marker={"size": 2.2, "color": color}))
     for name, color, _, place in looks:
-        away = (place - middle) / np.linalg.norm(place - middle)
+        away = (place - middle) / max(float(np.linalg.norm(place - middle)), 1e-9)
         sight = middle + np.outer(_SIGHT_M, away)
         line = {"width": 6, "color": color}
         data.append(_trace(f"sight of {name}", sight, still, mode="lines", line=line, showlegend=False))

@@ -77,7 +77,7 @@ def thumbnail(record: CycleRecord, found: Detections | None, chosen: Choice, sce
 
 
 def seen(record: CycleRecord, found: Detections | None) -> list[Picture]:
-    """The images of the observation: colour, depth and, when captured, the view after the pick."""
+    """The images of the observation: colour, depth and, when captured, the view while holding."""
     pictures = []
     if record.observation is not None:
         color = found.evidence.color if found is not None else record.observation.frame.color
@@ -85,7 +85,7 @@ def seen(record: CycleRecord, found: Detections | None) -> list[Picture]:
         depth, meaning = images.colored_depth(record.observation.frame.depth_m)
         pictures.append(Picture(f"Depth: {meaning}", images.data_uri(depth, width_px=640)))
     if record.after is not None:
-        pictures.append(Picture("Second look, while holding", images.data_uri(record.after.frame.color)))
+        pictures.append(Picture("After the lift, while holding", images.data_uri(record.after.frame.color)))
     return pictures
 
 
