@@ -32,6 +32,7 @@ from bus.sensor_codec import stamp
 from bus.topics import Topic
 from bus.transforms import apply, to_wxyz
 from config.franka_hand import FINGER_LENGTH_M, FINGER_TIP_M, FINGER_TIP_SIZE_M
+from logs.direction import direction_in_words
 from logs.image_annotations import BLUE, GREEN, GREY, ORANGE, annotated, color_message, with_things
 from logs.scene_picture import draw_scene
 
@@ -68,8 +69,14 @@ class Views:
 
     def __init__(self, base_from_tcp: Callable[[Joints], Transform]) -> None:
         self._base_from_tcp = base_from_tcp
-        self._seen_ns = 0
+        self._looks_ns: list[int] = []
+        self._shown = 0
         self._found: Detections | None = None
+
+    @property
+    def _seen_ns(self) -> int:
+        """The stamp of the look that is shown, UTC: there, `topics.TF` says where its frame ``color`` is."""
+        return self._looks_ns[self._shown] if self._shown < len(self._looks_ns) else 0
 
     def of(self, message: Message | bytes) -> Iterator[Drawn]:
         """The Foxglove messages of one message; none for most kinds."""
@@ -82,12 +89,14 @@ class Views:
         if message.failure is not None:
             yield _log("error", message.stage, f"{message.failure.code}: {message.failure.text}")
             return
-        yield _log("info", message.stage, f"done in {message.duration_s:.2f} s")
         result = message.result
+        yield _log("info", message.stage, f"{_looked_again(result)}done in {message.duration_s:.2f} s")
         if isinstance(result, View):
-            self._seen_ns, self._found = result.stamp_ns, None
+            self._looks_ns = [*(self._looks_ns if result.why else ()), result.stamp_ns]
+            self._found = None
         elif isinstance(result, Detections):
             self._found = result
+            self._shown = result.scene.shown
             yield from self._detected(result)
         elif isinstance(result, PickPlan) and self._found is not None:
             yield topics.VIEW_SCENE, self._planned(result, self._found.grasps[result.grasp]).SerializeToString()
@@ -110,6 +119,7 @@ class Views:
 
     def _seen(self, scene: ObservedScene) -> Iterator[Drawn]:
         """What a failed detection saw: on grey, since the image itself is not in the message."""
+        self._shown = scene.shown
         plain = np.full((*scene.labels.shape, 3), _PLAIN, dtype=np.uint8)
         yield topics.VIEW_COLOR, self._image(draw_scene(plain, scene))
         yield topics.VIEW_ANNOTATIONS, with_things(scene, self._seen_ns).SerializeToString()
@@ -146,6 +156,13 @@ class Views:
         for offset, name in enumerate("xyz"):
             cloud.fields.add(name=name, offset=4 * offset, type=PackedElementField.FLOAT32)
         return cloud
+
+
+def _looked_again(result: object) -> str:
+    """From where and why a further look was taken; "" for anything else."""
+    if not isinstance(result, View) or not result.why:
+        return ""
+    return f"another look, {direction_in_words(result.base_from_color)}: {result.why}; "
 
 
 def _log(severity: str, name: str, text: str) -> Drawn:

@@ -22,6 +22,7 @@ from logs.report.cycle_report import write_report
 from logs.report.timeline import in_words
 
 _RESULT_STYLE = {"SUCCESS": "bold green", "EMPTY": "bold yellow"}
+_EVENT_STYLE = {"info": "dim", "warning": "bold yellow", "error": "bold red"}
 
 
 class Screen:
@@ -83,9 +84,9 @@ class Screen:
             self._state = message.state
         elif isinstance(message, StageRecord):
             said = message.failure.text if message.failure else in_words(message.result)
-            out.line(f"  {message.stage:<8} {message.duration_s:6.2f} s  {said}")
+            out.line(f"  {message.stage:<8} {message.duration_s:6.2f} s  {said}".rstrip())
         elif isinstance(message, Event):
-            out.line("  ", (message.code, "bold red"), f" {message.text} {message.advice}")
+            out.line("  ", (message.code, _EVENT_STYLE[message.severity]), f" {message.text} {message.advice}".rstrip())
 
     def _show_state(self, state: CellState) -> None:
         why = told(state.state, state.reason)

@@ -106,7 +106,7 @@ def _told(record: CycleRecord, timeline: Timeline) -> dict[str, Any]:
         "result": record.result.model_dump(mode="json") if record.result is not None else None,
         "why": timeline.why,
         "advice": timeline.advice,
-        "stages": {line.name: line.took_s for line in timeline.stages},
+        "stages": timeline.took_s,
         "said": {line.name: line.said for line in timeline.stages},
         "states": [span.name for span in timeline.states],
         "changed": {key: here for key, here, _ in configuration_changes(record.station)},

@@ -54,6 +54,7 @@ _TYPES: dict[str, type[Message]] = {
     topics.STATE.key: CellState,
     topics.RESULT.key: CycleResult,
     topics.EVENT.key: Event,
+    topics.CAPTURE.key: topics.CAPTURE.says,
 }
 _NODE_HEALTH = re.compile(topics.NODE_HEALTH.key.format(name="[^/]+"))
 _ESCAPE_SEQUENCE = re.compile(rb"\x1b(\[[0-?]*[ -/]*[@-~]|O.|.)?", re.DOTALL)
@@ -235,7 +236,7 @@ def watch(station: Station, *, once: bool) -> None:
     keyboard = Keyboard(sys.stdin)
     name = client.client_name("watch")
     commander = Commander(lambda: client.connect(station, client_id=name))
-    also = (topics.NODE_HEALTH, topics.EVENT)
+    also = (topics.NODE_HEALTH, topics.EVENT, topics.CAPTURE)
     with client.connect(station, also, client_id=name) as cell, _released_last(commander), _asking() as pool:
         watcher = Watcher(cell, commander, station, pool, takes_keys=keyboard.is_there and not once)
         if once:

@@ -12,7 +12,7 @@ from rich.text import Text
 
 from bus.commands import CellState, Event, Health
 from bus.frozen import Message
-from bus.messages import CycleResult
+from bus.messages import CycleResult, StageRecord, View
 from cell.machine.states import told
 from cell.terminal.drawing import table, words
 from cell.terminal.printing import Part
@@ -55,8 +55,8 @@ class Model:
         cell_id, nodes: of the station file. ``takes_keys``: False hides the keys.
         beats: by node name. ``results``: newest first.
         lost: why the cell does not answer, "" while it does; ``state`` is then its last one.
-        note: the last reply, refusal or event, received at ``noted_s`` (monotonic). ``is_bad``: it was not an
-            acceptance.
+        note: the last reply, refusal, event or further look, received at ``noted_s`` (monotonic). ``is_bad``: it was a
+            refusal or trouble.
         unread: number of undecodable messages. ``last_unread``: key and reason of the last one.
     """
 
@@ -89,6 +89,8 @@ class Model:
         if isinstance(said, Event):
             text = f"{said.code} {said.text} {said.advice}".rstrip()
             return self.noting(text, now_s, is_bad=said.severity != "info")
+        if isinstance(said, StageRecord) and isinstance(said.result, View) and said.result.why:
+            return self.noting(f"looked again: {said.result.why}", now_s)
         return self
 
     def _with_cause(self, said: CellState) -> CellState:

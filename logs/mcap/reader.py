@@ -69,7 +69,8 @@ class CycleRecord:
     Attributes:
         metadata: versions, seeds, hashes; then those of the result.
         station: the tree of the station file at that time.
-        stages: the record of every stage that ran, in order.
+        stages: the record of every stage that ran, in order; of one that ran again, the last.
+        superseded: the records of earlier looks and what was made of them, in the order of time.
         attempt: the attempt of the pick that this cycle is.
         looks: the captures before the pick, in order. ``after``: the one while holding; None when not reached.
         replies: all calls to the goal-image model, in order. ``last_replies``: those since the last look.
@@ -86,6 +87,7 @@ class CycleRecord:
     after: Observation | None
     result: CycleResult | None
     attempt: Attempt
+    superseded: tuple[Stage, ...] = ()
     replies: tuple[ModelReply, ...] = ()
     last_replies: tuple[ModelReply, ...] = ()
     scene: ObservedScene | None = None
@@ -188,7 +190,9 @@ def _cycle(raw: Content) -> CycleRecord:
         Timed(at_ns, decode(topics.CAPTURE.says, said)) for at_ns, said in raw.payloads.get(topics.CAPTURE.key, [])
     ]
     since_ns = looked[-1].log_time_ns if looked else 0
-    stages = dict(_stages(raw, since_ns))
+    runs = list(_stages(raw))
+    stages: dict[str, Stage] = {stage.stage: stage for at_ns, stage in runs if at_ns >= since_ns}
+    before = (stage for at_ns, stage in runs if at_ns < since_ns)
     frames, is_whole = _frames(raw)
     execute, replies = stages.get("execute"), _timed(raw, topics.MODEL_REPLY.key, ModelReply)
     execution: Execution | None = execute.result if execute is not None else None
@@ -198,6 +202,7 @@ def _cycle(raw: Content) -> CycleRecord:
         metadata=raw.metadata,
         station=raw.station or {},
         stages=stages,
+        superseded=tuple(sorted(before, key=lambda stage: stage.started_ns)),
         looks=tuple(_looks([one.message.result for one in looked], frames, is_whole)),
         after=_observation(execution.after if execution is not None else None, frames, is_whole),
         result=decode(CycleResult, results[-1][1]) if results else None,
@@ -221,16 +226,14 @@ def _scene(raw: Content, detect: Stage | None) -> ObservedScene | None:
     return decode(ObservedScene, alone[-1][1]) if alone else None
 
 
-def _stages(raw: Content, since_ns: int) -> Iterator[tuple[str, Stage]]:
-    """The stage records in the order of the cycle; what was made of fewer looks, before ``since_ns``, is superseded."""
+def _stages(raw: Content) -> Iterator[tuple[int, Stage]]:
+    """The stage records with the times of their messages, in the order of the cycle's stages."""
     for topic in STAGE_TOPICS:
         for at_ns, payload in raw.payloads.get(topic.key, []):
-            if at_ns < since_ns and topic is not topics.CAPTURE:
-                continue
             record: Stage = decode(topic.says, payload)
             if not topic.key.endswith(f"/{record.stage}"):
                 raise BadPayload(f"What was said of {record.stage} lies under {topic.key!r}.")
-            yield record.stage, record
+            yield at_ns, record
 
 
 def _timed(raw: Content, key: str, kind: type[MessageT]) -> tuple[Timed[MessageT], ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +18,9 @@ from logs.report.page import Figure
 _SHOWN_POINTS = 2500
 """Most points of each cloud: a phone renders these smoothly."""
 _OBSERVED, _IMAGINED, _ROD, _HAND = "#7b8794", "#2f6fde", "#d6249f", "#1f8a5b"
+
+_SIGHT_M = (0.14, 0.24)
+"""Between these distances from the things' middle a line shows from where a look came; the camera is farther off."""
 
 _AXIS = {"backgroundcolor": "#f6f8fa", "gridcolor": "#dbe2e9", "showbackground": True}
 _CAMERA = {"eye": {"x": -0.95, "y": -0.95, "z": 0.75}, "center": {"z": -0.12}}
@@ -68,6 +72,28 @@ def clouds(found: Detections, grasp: Grasp | None, base_from_color: Array, is_pa
     for trace, visible in zip(data, after, strict=True):
         trace["visible"] = visible
     return View({"data": data, "layout": _LAYOUT}, before, after)
+
+
+def fused(looks: Sequence[tuple[str, str, Array, Array]], grasp: Grasp | None) -> Figure:
+    """What several looks measured of the things, each in its own colour and with its line of sight, and the hand.
+
+    Args:
+        looks: name, colour, points (n, 3) and the camera's place (3,), all in ``base`` [m].
+    """
+    still, data = np.eye(4), list[Json]()
+    measured = np.concatenate([points for _, _, points, _ in looks])
+    middle = np.median(measured, axis=0) if len(measured) else np.zeros(3)
+    for name, color, points, _ in looks:
+        data.append(_trace(name, _thin(points), still, mode="markers", marker={"size": 2.2, "color": color}))
+    for name, color, _, place in looks:
+        away = (place - middle) / max(float(np.linalg.norm(place - middle)), 1e-9)
+        sight = middle + np.outer(_SIGHT_M, away)
+        line = {"width": 6, "color": color}
+        data.append(_trace(f"sight of {name}", sight, still, mode="lines", line=line, showlegend=False))
+    if grasp is not None:
+        line = {"width": 8, "color": _HAND}
+        data.append(_trace("hand", _hand_outline(grasp), still, mode="lines", line=line))
+    return {"data": data, "layout": _LAYOUT}
 
 
 Dots = tuple[tuple[str, npt.NDArray[np.floating], str, float, bool, bool], ...]

@@ -13,6 +13,7 @@ from config.load import load_station
 from logs.mcap.names import telling
 from logs.mcap.reader import CycleRecord, recorded_number
 from logs.report import evidence, figures, images
+from logs.report.looks import Looks, looks_view
 from logs.report.page import Chart, Fact, Figure, packed_plotly, script_json, write_page
 from logs.report.scene import scene_view
 from logs.report.timeline import Timeline, summarize
@@ -50,8 +51,9 @@ def _content(record: CycleRecord) -> Json:
     chosen = evidence.choice(record, found)
     view, motion = evidence.alignment_view(record, found, chosen), _motion(record, runs, timeline)
     scene = scene_view(record, found)
+    looks = looks_view(record, found, chosen)
     thumbnail = evidence.thumbnail(record, found, chosen, scene)
-    charts = _all_charts(view, motion)
+    charts = _all_charts(view, looks, motion)
     return {
         "timeline": timeline,
         "cycle_id": record.cycle_id,
@@ -63,6 +65,7 @@ def _content(record: CycleRecord) -> Json:
         "seen": evidence.seen(record, found),
         "scene": scene,
         "scene_uri": images.data_uri(scene.picture) if scene is not None else "",
+        "looks": looks,
         "painted": evidence.is_painted(found),
         "imagined": evidence.imagined(found),
         "replies": [{**dict(reply), "uri": images.file_uri(reply.image_png)} for reply in record.replies],
@@ -98,7 +101,8 @@ def _summary(record: CycleRecord, timeline: Timeline, thumbnail: str) -> Json:
         "object": timeline.object,
         "why": timeline.why,
         "wall_s": record.result.wall_s if record.result is not None else None,
-        "stages": {line.name: line.took_s for line in timeline.stages},
+        "stages": timeline.took_s,
+        "again": [seen.view.why for seen in record.looks if seen.view.why],
         "number": record.attempt.number,
         "retried_as": record.result.retried_as if record.result is not None else "",
         "thumbnail": thumbnail,
@@ -142,9 +146,13 @@ def _motion(record: CycleRecord, runs: list[SegmentRun], timeline: Timeline) -> 
     return {"joints": joints, "hand": hand}
 
 
-def _all_charts(view: evidence.AlignmentView | None, motion: dict[str, list[Chart]]) -> dict[str, Figure]:
+def _all_charts(
+    view: evidence.AlignmentView | None, looks: Looks | None, motion: dict[str, list[Chart]]
+) -> dict[str, Figure]:
     """All figures of the page by the name of their place."""
     named = {f"{kind}-{i}": one.figure for kind, charts in motion.items() for i, one in enumerate(charts)}
+    if looks is not None:
+        named = {"looks": looks.cloud, **named}
     return named if view is None else {"clouds": view.chart.figure, **named}
 
 

@@ -40,15 +40,17 @@ class Row(NamedTuple):
     page: str
     why: str
     thumbnail: str
+    again: tuple[str, ...] = ()
 
 
 class Summary(NamedTuple):
-    """The summary in a cycle's page; ``times_s``: duration of each stage."""
+    """The summary in a cycle's page; ``times_s``: duration of each stage. ``again``: why it looked again, each time."""
 
     is_there: bool
     why: str
     thumbnail: str
     times_s: Mapping[str, float]
+    again: tuple[str, ...] = ()
 
 
 _NO_SUMMARY = Summary(False, "", "", {})
@@ -111,7 +113,7 @@ def write_day(day: Path, damaged: Mapping[Path, str] = _NONE) -> Path:
         has_page = path.suffix != PART and path not in damaged
         summaries[path] = said = _summary(path.with_suffix(".html")) if has_page else _NO_SUMMARY
         page = quote(os.fsencode(path.with_suffix(".html").name)) if said.is_there else ""
-        rows.append(Row(entry, page, said.why or entry.reason, said.thumbnail))
+        rows.append(Row(entry, page, said.why or entry.reason, said.thumbnail, said.again))
     ids = [row.entry.cycle_id[:8] for row in rows]
     content = {
         "title": f"{ids[0][:4]}-{ids[0][4:6]}-{ids[0][6:]}" if ids[0].isdigit() else shown(Path(day.name)),
@@ -154,7 +156,8 @@ def _summary(page: Path) -> Summary:
         return _NO_SUMMARY
     why, thumbnail = (said[key] if isinstance(said.get(key), str) else "" for key in ("why", "thumbnail"))
     times_s = {stage: recorded_number(said, "stages", stage) for stage in _STAGES}
-    return Summary(True, why, thumbnail, {stage: value for stage, value in times_s.items() if value is not None})
+    again = tuple(one for one in said["again"] if isinstance(one, str)) if isinstance(said.get("again"), list) else ()
+    return Summary(True, why, thumbnail, {stage: value for stage, value in times_s.items() if value is not None}, again)
 
 
 def _codes(rows: Sequence[Row]) -> list[tuple[str, int, str]]:

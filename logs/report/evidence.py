@@ -12,6 +12,7 @@ from bus.rejection import Rejection
 from logs.mcap.reader import CycleRecord, recorded_number
 from logs.report import images
 from logs.report.clouds import clouds
+from logs.report.look_points import true_pose
 from logs.report.page import Chart, Fact, Picture
 from logs.report.scene import SceneView, css_color
 
@@ -76,7 +77,7 @@ def thumbnail(record: CycleRecord, found: Detections | None, chosen: Choice, sce
 
 
 def seen(record: CycleRecord, found: Detections | None) -> list[Picture]:
-    """The images of the observation: colour, depth and, when captured, the view after the pick."""
+    """The images of the observation: colour, depth and, when captured, the view while holding."""
     pictures = []
     if record.observation is not None:
         color = found.evidence.color if found is not None else record.observation.frame.color
@@ -84,7 +85,7 @@ def seen(record: CycleRecord, found: Detections | None) -> list[Picture]:
         depth, meaning = images.colored_depth(record.observation.frame.depth_m)
         pictures.append(Picture(f"Depth: {meaning}", images.data_uri(depth, width_px=640)))
     if record.after is not None:
-        pictures.append(Picture("Second look, while holding", images.data_uri(record.after.frame.color)))
+        pictures.append(Picture("After the lift, while holding", images.data_uri(record.after.frame.color)))
     return pictures
 
 
@@ -132,7 +133,7 @@ def alignment_view(record: CycleRecord, found: Detections | None, chosen: Choice
     if found is None or record.observation is None:
         return None
     grasp = found.grasps[chosen.grasp or 0] if found.grasps else None
-    view = clouds(found, grasp, np.asarray(record.observation.view.base_from_color), is_painted(found))
+    view = clouds(found, grasp, np.asarray(true_pose(record.observation, record.scene)), is_painted(found))
     if is_painted(found):
         return AlignmentView(Chart("The observed points, the rod, and the hand", view.figure), view.before, view.after)
     alignment = found.evidence.alignment

@@ -22,7 +22,7 @@ from bus.errors import RecordingError
 from logs.mcap.names import shown
 from logs.mcap.recorder import MODE
 
-VERSION = "6"
+VERSION = "7"
 """Version of the pages: a page of another version is written anew."""
 
 

@@ -9,11 +9,12 @@ import numpy as np
 import numpy.typing as npt
 
 from bus.arrays import Mask, Transform
-from bus.messages import CameraModel, Detections, Instance, ObservedScene, SeenTable, Tried
+from bus.messages import CameraModel, Detections, Instance, Observation, ObservedScene, SeenTable, Tried
 from bus.transforms import apply, inverse
 from logs.mcap.reader import CycleRecord, recorded_number
 from logs.mcap.unseen_scene import is_made_up
 from logs.report.images import Image, crop, undistorted
+from logs.report.look_points import true_pose
 from logs.report.page import Fact
 from logs.scene_picture import color_of, draw_scene
 
@@ -69,17 +70,17 @@ def scene_view(record: CycleRecord, found: Detections | None) -> SceneView | Non
     scene = record.scene
     if scene is None or is_made_up(scene):
         return None
-    corners = region_px(record, scene.table)
+    corners = region_px(record, scene.table, record.observation)
     picture = draw_scene(color_image(record, found, scene.labels.shape), scene, corners)
     return SceneView(
-        crop(picture, _shown(scene, corners), margin_px=_MARGIN_PX),
+        crop(picture, what_to_show(scene, corners), margin_px=_MARGIN_PX),
         _facts(record, scene.table, scene.region_seen),
         [_thing(one) for one in scene.instances],
         [_attempt(one) for one in found.tried] if found is not None else [],
     )
 
 
-def _shown(scene: ObservedScene, corners: Array | None) -> Mask:
+def what_to_show(scene: ObservedScene, corners: Array | None) -> Mask:
     """(H, W) what the picture must show: the things, what was not seen, and the pick region as far as it is in view."""
     shown = ((scene.labels > 0) | scene.unseen).astype(np.uint8)
     if corners is not None:
@@ -96,17 +97,16 @@ def color_image(record: CycleRecord, found: Detections | None, shape: tuple[int,
     return np.full((*shape, 3), 128, dtype=np.uint8)
 
 
-def region_px(record: CycleRecord, table: SeenTable) -> Array | None:
-    """The corners (4, 2) of the pick region on the seen table, in the undistorted colour image; None when unknown."""
+def region_px(record: CycleRecord, table: SeenTable, observation: Observation | None) -> Array | None:
+    """The corners (4, 2) of the pick region on the seen table, in a look's undistorted colour image; or None."""
     settings = record.station.get("scene")
     region_m = settings.get("pick_region_m") if isinstance(settings, dict) else None
-    observation = record.observation
     if observation is None or not isinstance(region_m, list) or len(region_m) != 4:
         return None
     x_min, x_max, y_min, y_max = (float(bound) for bound in region_m)
     corners = np.array([[x_min, y_min], [x_max, y_min], [x_max, y_max], [x_min, y_max]])
     points = np.column_stack([corners, _height_m(table.base_from_table, corners)])
-    return _pixels(apply(inverse(observation.view.base_from_color), points), observation.frame.color_camera)
+    return _pixels(apply(inverse(true_pose(observation, record.scene)), points), observation.frame.color_camera)
 
 
 def _height_m(base_from_table: Transform, xy_m: Array) -> Array:

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from bus.codes import ADVICE
 from bus.commands import Event
 from bus.frozen import Message
-from bus.messages import Detections, Execution, PickPlan, Verdict
+from bus.messages import Detections, Execution, PickPlan, Verdict, View
+from logs.direction import direction_in_words
 from logs.mcap.names import telling
-from logs.mcap.reader import CycleRecord
+from logs.mcap.reader import CycleRecord, Stage
 
 UNFINISHED = "UNFINISHED"
 
@@ -21,7 +22,7 @@ class StageLine:
 
     Attributes:
         start_s: from the cycle's start. ``took_s``: duration.
-        said: its result, or its failure. ``failed``: True for a failure.
+        said: its result, or its failure. ``failed``: True for a failure that no further look superseded.
     """
 
     name: str
@@ -48,7 +49,8 @@ class Timeline:
         outcome: its result, or ``UNFINISHED``. ``code``: of `bus.codes`, or "".
         object: name of the object, "" when unknown.
         why: one or two sentences. ``advice``: the action to take, "" for none.
-        stages, states: in order. ``start_ns``: UTC. ``length_s``: of the whole recording.
+        stages, states: in order; a stage that ran again after another look has a line for each run.
+        start_ns: UTC. ``length_s``: of the whole recording.
         ended_in: the last stage that began, "" for none.
     """
 
@@ -68,6 +70,14 @@ class Timeline:
         """Outcome, code and object: ``FAILED DROPPED spatula``."""
         return " ".join(part for part in (self.outcome, self.code, self.object) if part)
 
+    @property
+    def took_s(self) -> dict[str, float]:
+        """The duration of every stage [s], of all its runs together."""
+        total: dict[str, float] = {}
+        for line in self.stages:
+            total[line.name] = total.get(line.name, 0.0) + line.took_s
+        return total
+
 
 def summarize(record: CycleRecord) -> Timeline:
     """The timeline of one recorded cycle, complete or not. Raises: RecordingError for inconsistent values."""
@@ -78,7 +88,7 @@ def summarize(record: CycleRecord) -> Timeline:
 def _told(record: CycleRecord) -> Timeline:
     why, advice = _why(record)
     result = record.result
-    stages, states = record.stages.values(), record.states
+    stages, states = [*record.superseded, *record.stages.values()], record.states
     start_ns = min([stage.started_ns for stage in stages] + [said.log_time_ns for said in states], default=0)
     ends_ns = [stage.started_ns + round(stage.duration_s * 1e9) for stage in stages]
     said_ns = [said.log_time_ns for said in states] + [said.log_time_ns for said in record.events]
@@ -121,10 +131,15 @@ def _parted(fault: Event) -> tuple[str, str]:
 
 
 def _lines(record: CycleRecord, start_ns: int) -> Iterator[StageLine]:
-    for name, stage in record.stages.items():
-        said = stage.failure.text if stage.failure is not None else in_words(stage.result)
-        start_s = (stage.started_ns - start_ns) / 1e9
-        yield StageLine(name, start_s, stage.duration_s, said, stage.failure is not None)
+    for stage in record.superseded:
+        yield _line(stage, start_ns, failed=False)
+    for stage in record.stages.values():
+        yield _line(stage, start_ns, failed=stage.failure is not None)
+
+
+def _line(stage: Stage, start_ns: int, *, failed: bool) -> StageLine:
+    said = stage.failure.text if stage.failure is not None else in_words(stage.result)
+    return StageLine(stage.stage, (stage.started_ns - start_ns) / 1e9, stage.duration_s, said, failed)
 
 
 def _spans(record: CycleRecord, start_ns: int, length_s: float) -> Iterator[Span]:
@@ -138,6 +153,8 @@ def _spans(record: CycleRecord, start_ns: int, length_s: float) -> Iterator[Span
 
 def in_words(result: Message | None) -> str:
     """The result of a stage, in half a line; "" where there is none to report."""
+    if isinstance(result, View) and result.why:
+        return f"another look, {direction_in_words(result.base_from_color)}: {result.why}"
     if isinstance(result, Detections) and result.grasps:
         best = result.grasps[0]
         return f"{len(result.grasps)} grasps, the best {best.width_m * 1e3:.0f} mm wide"

@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 from io import StringIO
 
+import numpy as np
 import pytest
 from rich.console import Console
 
+from bus import topics
 from bus.codes import Code
 from bus.commands import CellState, Event, Health
-from bus.messages import CycleResult
+from bus.messages import ArmMode, ArmState, CycleResult, View
 from cell.cli.watch_screen import HISTORY, Model, view
 
 NOW_S, NOW_NS = 100.0, 50_000_000_000
@@ -123,3 +125,14 @@ def test_what_could_not_be_read_is_one_line_that_commands_no_terminal() -> None:
     for why in ("torn", "not\x1b[2J a\nHealth"):
         model = model.missing("node/camera/health", why)
     assert "2 messages could not be read, the last on node/camera/health: not a Health" in _text(model)
+
+
+def test_a_further_look_is_noted_with_its_reason() -> None:
+    arm = ArmState(stamp_ns=1, mode=ArmMode.IDLE, q_rad=np.zeros(7), dq_rad_s=np.zeros(7), tau_ext_nm=np.zeros(7))
+    seen = View(stamp_ns=1, arm=arm, base_from_color=np.eye(4), why="too little was seen")
+    capture = topics.CAPTURE.says(
+        cycle_id="1", stage="capture", started_ns=1, duration_s=0.6, result=seen, failure=None
+    )
+    assert "looked again: too little was seen" in _text(EMPTY.hear(capture, NOW_S))
+    first = capture.model_copy(update={"result": seen.model_copy(update={"why": ""})})
+    assert EMPTY.hear(first, NOW_S) == EMPTY

@@ -53,9 +53,10 @@ _HAND = HandState(stamp_ns=1, width_m=0.03, is_moving=False, is_homed=True)
 _HOME = np.array([0.0, -0.45, 0.0, -1.83, 0.0, 1.38, 0.785])
 
 
-def _view(stamp_ns: int) -> View:
+def _view(stamp_ns: int, why: str = "", base_from_color: np.ndarray | None = None) -> View:
     arm = ArmState(stamp_ns=1, mode=ArmMode.IDLE, q_rad=_HOME, dq_rad_s=np.zeros(7), tau_ext_nm=np.zeros(7))
-    return View(stamp_ns=stamp_ns, arm=arm, base_from_color=np.diag([1.0, -1.0, -1.0, 1.0]))
+    pose = np.diag([1.0, -1.0, -1.0, 1.0]) if base_from_color is None else base_from_color
+    return View(stamp_ns=stamp_ns, arm=arm, base_from_color=pose, why=why)
 
 
 def _detections(frame: Frame) -> Detections:
@@ -145,7 +146,14 @@ def _run(name: str) -> SegmentRun:
     return SegmentRun.model_validate({"name": name, "motion": motion, "hand": _HAND})
 
 
-def _stages(frame: Frame) -> dict[str, tuple[Topic, Message]]:
+def _aside(tilt_rad: float) -> np.ndarray:
+    """The pose (4, 4) of a camera that looks from the robot's left, tilted thus."""
+    pose = np.diag([1.0, -1.0, -1.0, 1.0])
+    pose[1:3, 1:3] = [[-np.cos(tilt_rad), -np.sin(tilt_rad)], [np.sin(tilt_rad), -np.cos(tilt_rad)]]
+    return pose
+
+
+def _stages(frame: Frame, again: str) -> dict[str, tuple[Topic, Message]]:
     names = ("reach", "carry", "hold")
     still = Trajectory(raw_q_rad=_HOME[None], window=1)
     after = frame.stamp_ns + 1
@@ -154,7 +162,7 @@ def _stages(frame: Frame) -> dict[str, tuple[Topic, Message]]:
         held=True, code=None, reason="Held.", hold_s=3.0, width_min_m=0.03, load_n=1.0, cleared_fraction=1.0
     )
     return {
-        "capture": (topics.CAPTURE, _view(frame.stamp_ns)),
+        "capture": (topics.CAPTURE, _view(frame.stamp_ns, again, _aside(np.pi / 4) if again else None)),
         "detect": (topics.DETECT, _detections(frame)),
         "plan": (
             topics.PLAN,
@@ -172,9 +180,12 @@ def _stages(frame: Frame) -> dict[str, tuple[Topic, Message]]:
 
 @pytest.fixture
 def record(tmp_path: Path, frame: Frame) -> Record:
-    """Write a recording whose stage ``failed`` (if any) ended the cycle; give its path."""
+    """Write a recording whose stage ``failed`` (if any) ended the cycle; give its path.
 
-    def write(failed: str | None = None, name: str = CYCLE_ID) -> Path:
+    With ``again`` detect fails at first, and a second look is taken for that reason, tilted by 45 degrees.
+    """
+
+    def write(failed: str | None = None, name: str = CYCLE_ID, again: str = "") -> Path:
         recorder = Recorder(
             tmp_path / f"{name}.mcap", metadata={"cycle_id": name, "schema": "1"}, clock=lambda: frame.stamp_ns
         )
@@ -186,7 +197,7 @@ def record(tmp_path: Path, frame: Frame) -> Record:
             time_ns += 1_000_000
             recorder.write(topic.key, encoding_of(topic.says), codec.encode(message), log_time_ns=time_ns)
 
-        for seen in (frame, frame.model_copy(update={"stamp_ns": frame.stamp_ns + 1})):
+        for seen in (frame.model_copy(update={"stamp_ns": frame.stamp_ns + n}) for n in range(3 if again else 2)):
             for key, payload in sensor_codec.frame_to_wire(seen).items():
                 says = next(topic.says for topic in topics.FRAME_PARTS if topic.key == key)
                 recorder.write(key, encoding_of(says), payload, log_time_ns=time_ns)
@@ -194,8 +205,14 @@ def record(tmp_path: Path, frame: Frame) -> Record:
         say(topics.STATE, state)
         say(topics.HAND_STATE, _HAND)
         say(topics.MODEL_REPLY, ModelReply(step="reason", model="geometric", prompt="?", text=HOSTILE))
+        if again:
+            first = {"cycle_id": name, "started_ns": time_ns, "duration_s": 0.2}
+            said = topics.CAPTURE.says(**first, stage="capture", result=_view(frame.stamp_ns + 2), failure=None)
+            say(topics.CAPTURE, said)
+            nothing = Failure(code=Code.NOT_SEEN, text="Too little of it was seen.")
+            say(topics.DETECT, topics.DETECT.says(**first, stage="detect", result=None, failure=nothing))
         code = None
-        for stage, (topic, result) in _stages(frame).items():
+        for stage, (topic, result) in _stages(frame, again).items():
             code = Code.NO_GRASP if stage == failed else None
             if stage == failed == "detect":
                 assert isinstance(result, Detections)

@@ -73,7 +73,7 @@ def test_the_pick_region_is_drawn_on_the_seen_table(record: Callable[..., Path])
     for tilt_rad in (0.0, 0.1):
         rotation = Rotation.from_euler("y", tilt_rad).as_matrix()
         pose = from_rotation(rotation, (0.0, 0.0, -0.5))
-        corners = region_px(told, told.scene.table.model_copy(update={"base_from_table": pose}))
+        corners = region_px(told, told.scene.table.model_copy(update={"base_from_table": pose}), told.observation)
         assert corners is not None
         depth_m = 0.5 + np.tan(tilt_rad) * np.array([x_min, x_max, x_max, x_min])
         u = camera.cx + camera.fx * np.array([x_min, x_max, x_max, x_min]) / depth_m
@@ -85,5 +85,5 @@ def test_a_region_behind_the_camera_or_of_no_known_place_is_not_drawn(record: Ca
     told = read_cycle(record())
     assert told.scene is not None
     above = told.scene.table.model_copy(update={"base_from_table": from_rotation(np.eye(3), (0.0, 0.0, 0.5))})
-    assert region_px(told, above) is None
-    assert region_px(replace(told, station={}), told.scene.table) is None
+    assert region_px(told, above, told.observation) is None
+    assert region_px(replace(told, station={}), told.scene.table, told.observation) is None

@@ -1,0 +1,19 @@
+"""From where a look was taken, in words."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bus.arrays import Transform
+
+_LEVEL_DEG = 3.0
+"""A look tilted by less is one from above, of whatever azimuth."""
+
+
+def direction_in_words(base_from_color: Transform) -> str:
+    """From where the camera (4, 4) looks: tilt from the vertical; azimuth 0 is beyond the place, 90 on its left."""
+    x, y, z = -base_from_color[:3, 2]
+    tilt_deg, azimuth_deg = np.degrees(np.arccos(np.clip(z, -1, 1))), np.degrees(np.arctan2(y, x)) % 360
+    if tilt_deg < _LEVEL_DEG:
+        return "from above"
+    return f"tilt {tilt_deg:.0f}°, azimuth {azimuth_deg:.0f}°"
