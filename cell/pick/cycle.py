@@ -46,7 +46,7 @@ from cell.pick.capture import capture, require_sight
 from cell.pick.detect import detect_unless_halted
 from cell.pick.execute import deliver, execute
 from cell.pick.looking import asked_for, go, way_back, way_to_next_look, why_look_again
-from cell.pick.mounting import MountKeeper
+from cell.pick.mounting import FEWEST_LOOKS, MountKeeper
 from cell.pick.plan import plan
 from cell.pick.record import CycleLog
 from cell.pick.verify import lost_on_the_way, verify
@@ -151,6 +151,8 @@ class Cycle:
         self.verdict = self._stage(
             "verify", topics.VERIFY, lambda: verify(execution, found, before, seen, e.robot, e.station)
         )
+        if found.scene.mount is not None and len(looks) >= FEWEST_LOOKS:
+            e.mounting.take(found.scene.mount)
 
     def interrupt(self) -> None:
         """End the cycle before its delivery, after a stop or abort, whatever its verdict; its cause is the reason."""

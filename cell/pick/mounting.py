@@ -13,6 +13,8 @@ from bus.commands import Event
 from bus.messages import Observation, SeenMount
 from bus.transforms import from_rotation
 
+FEWEST_LOOKS = 3
+"""Fewer looks leave too much open of a correction to keep it."""
 _MEMORY = 10
 """As many picks count alike; what is older fades."""
 _LONGEST_RAD, _LONGEST_M = float(np.deg2rad(1.5)), 0.009
