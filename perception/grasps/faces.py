@@ -17,7 +17,7 @@ from perception.grasps.closing import Closings
 from perception.scene.heightmap import Labels
 from perception.scene.scene import Scene
 
-_TESTED, _SHARE = 60, 0.15
+_TESTED, _SHARE = 60, 0.2
 """How many closings are looked at, and how much the faces count in the score."""
 _PAD_M, _DEEP_M, _ABOVE_M = 0.010, 0.003, 0.002
 """The pad's half width; how far behind the first contact, and above the edge, what it touches may lie."""
@@ -55,7 +55,10 @@ def across_faces(closings: Closings, scene: Scene, base_from_level: Transform) -
 def _angle_rad(
     closings: Closings, index: int, points: npt.NDArray[np.float32], normals: npt.NDArray[np.float32], labels: Labels
 ) -> float:
-    """The larger angle of the two pads between the closing axis and the mean normal of what they touch; 0 = unknown."""
+    """The larger angle of the two pads between the closing axis and the mean normal of what they touch.
+
+    Where neither touches anything whose normal is known, the face may lean: it counts as half steep.
+    """
     heading = closings.heading_rad[index]
     along, across = np.array([np.cos(heading), np.sin(heading)]), np.array([-np.sin(heading), np.cos(heading)])
     off = points[:, :2] - closings.center_m[index]
@@ -63,7 +66,7 @@ def _angle_rad(
     near = (np.abs(y) < _PAD_M) & (z > closings.slice_m[index] - _ABOVE_M) & (labels == closings.instance[index])
     near &= z < closings.edge_m[index] + _ABOVE_M
     half = closings.width_m[index] / 2
-    angles = [0.0]
+    angles = []
     for sign in (-1.0, 1.0):
         outwards = normals[:, :2] @ along * sign
         touched = near & (np.abs(sign * x - half) < _DEEP_M) & (outwards > 0)
@@ -71,4 +74,4 @@ def _angle_rad(
             mean = normals[touched].mean(axis=0)
             axis = np.array([*along, 0.0]) * sign
             angles.append(float(np.arccos(np.clip(mean @ axis / np.linalg.norm(mean), -1, 1))))
-    return max(angles)
+    return max(angles, default=_STEEP_RAD / 2)

@@ -20,7 +20,7 @@ from perception.grasps.rank import graded
 from perception.grasps.search import search
 from perception.scene.scene import Scene
 
-_TILTS_DEG = (30.0, 75.0)
+_TILTS_DEG = (35.0, 75.0)
 _TURNS_DEG = (0.0, 45.0, -45.0, 90.0, -90.0)
 """Headings of the approach, from the direction that leads away from the arm's base: from beyond it hardly reaches."""
 
