@@ -120,6 +120,9 @@ cycle = read_cycle(Path("recordings/DAY/CYCLE_ID.mcap"))
 print(cycle.result.result, cycle.stages["detect"].result.grasps[0].width_m)
 ```
 
+`cycle.looks` are the captures before the pick, each with its reason in `view.why`; `cycle.stages` has of every stage
+what was made of all looks, `cycle.superseded` what was made of fewer.
+
 Without anything of ours, any MCAP reader (`pip install mcap`) gives the JSON of `/cycle/detect` and the rest.
 """
 

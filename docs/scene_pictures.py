@@ -111,9 +111,9 @@ def _heights(one: Look, shape: tuple[int, ...]) -> Image:
     heights, image = one.scene.heights, blank(shape[1], shape[0])
     (x, y), (rows, columns) = heights.origin_m, heights.surface_m.shape
     ends_x, ends_y = (x, x + columns * CELL_M), (y, y + rows * CELL_M)
-    low, high = _things_m(heights, shape[1] / shape[0])
+    low, high = things_m(heights, shape[1] / shape[0])
     chart = Chart(image, (0, 0, shape[1] - 1, shape[0] - 1), x=(high[1], low[1]), y=(low[0], high[0]))
-    chart.cells(_shaded(heights), ends_y, ends_x)
+    chart.cells(shaded(heights), ends_y, ends_x)
     closings = graded(search(heights, one.station), one.seen.instances)
     for index in closings.distinct(_CLOSINGS):
         heading, half_m = closings.heading_rad[index], closings.width_m[index] / 2
@@ -123,7 +123,7 @@ def _heights(one: Look, shape: tuple[int, ...]) -> Image:
     return image
 
 
-def _things_m(heights: HeightMap, aspect: float) -> tuple[Array, Array]:
+def things_m(heights: HeightMap, aspect: float) -> tuple[Array, Array]:
     """The lowest and the highest (x, y) around the things, ``aspect`` times as long in y as in x."""
     rows, columns = np.nonzero(heights.labels)
     places = heights.xy_m(rows, columns)
@@ -133,7 +133,7 @@ def _things_m(heights: HeightMap, aspect: float) -> tuple[Array, Array]:
     return (low + high) / 2 - half, (low + high) / 2 + half
 
 
-def _shaded(heights: HeightMap) -> Image:
+def shaded(heights: HeightMap) -> Image:
     """(ny, nx, 3)."""
     shades = np.clip(heights.surface_m / heights.surface_m[heights.labels > 0].max() * 255, 0, 255)
     colors: Image = np.array(cv2.applyColorMap(shades.astype(np.uint8), cv2.COLORMAP_VIRIDIS)[..., ::-1])
@@ -171,7 +171,7 @@ def _side(one: Look, grasp: Grasp) -> Image:
     level_m = table.height_m + middle @ slope + ends * np.linalg.norm(slope)
     chart.curve(ends * 1e3, np.full(2, one.station.scene.table.top_m * 1e3), STATION_RGB)
     chart.curve(ends * 1e3, level_m * 1e3, SEEN_RGB)
-    hand = _hand(grasp)
+    hand = hand_outline(grasp)
     chart.curve((hand[:, :2] - middle) @ along * 1e3, hand[:, 2] * 1e3, HAND_RGB)
     chart.axes("along the slope [mm]", "z of base [mm]")
     names = {"the station's table": STATION_RGB, "the table as seen": SEEN_RGB, "the opened hand": HAND_RGB}
@@ -179,7 +179,7 @@ def _side(one: Look, grasp: Grasp) -> Image:
     return image
 
 
-def _hand(grasp: Grasp) -> Array:
+def hand_outline(grasp: Grasp) -> Array:
     """Both fingers and the palm of the opened hand as one line (n, 3) [m] in ``base``."""
     half, tip, palm = grasp.opening_m / 2, FINGER_TIP_M, FINGER_TIP_M - FINGER_LENGTH_M
     corners = np.array([(0, -half, tip), (0, -half, palm), (0, half, palm), (0, half, tip)])

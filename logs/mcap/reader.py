@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -207,7 +207,7 @@ def _cycle(raw: Content) -> CycleRecord:
         after=_observation(execution.after if execution is not None else None, frames, is_whole),
         result=decode(CycleResult, results[-1][1]) if results else None,
         attempt=decode(Attempt, attempts[0][1]) if attempts else Attempt(cycle_id=raw.metadata["cycle_id"]),
-        scene=_scene(raw, stages.get("detect")),
+        scene=_scene(raw, [stage for _, stage in runs if stage.stage == "detect"]),
         replies=tuple(reply.message for reply in replies),
         last_replies=tuple(reply.message for reply in replies if reply.log_time_ns >= since_ns),
         states=_timed(raw, topics.STATE.key, CellState),
@@ -218,10 +218,10 @@ def _cycle(raw: Content) -> CycleRecord:
     )
 
 
-def _scene(raw: Content, detect: Stage | None) -> ObservedScene | None:
-    """What was seen: in the result of detect, or of a detection that failed on its own."""
-    if detect is not None and isinstance(detect.result, Detections):
-        return detect.result.scene
+def _scene(raw: Content, detected: Sequence[Stage]) -> ObservedScene | None:
+    """What was seen last: in the result of detect, or of a detection that failed on its own."""
+    if detected and isinstance(detected[-1].result, Detections):
+        return detected[-1].result.scene
     alone = raw.payloads.get(topics.SCENE.key, [])
     return decode(ObservedScene, alone[-1][1]) if alone else None
 
