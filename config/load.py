@@ -93,11 +93,12 @@ def _value(text: str, takes_text: bool) -> Any:
 
 
 def _takes_text(path: Sequence[str]) -> bool:
-    """Whether the setting at ``path`` is a text or a path."""
+    """Whether the setting at ``path`` is a text or a path, and never a number."""
     kinds: list[Any] = [Station]
     for part in path:
         kinds = [inner for kind in kinds for inner in _below(kind, part)]
-    return any(isinstance(kind, type) and issubclass(kind, (str, Path)) for kind in kinds)
+    types = [kind for kind in kinds if isinstance(kind, type)]
+    return any(issubclass(kind, (str, Path)) for kind in types) and not any(issubclass(kind, int) for kind in types)
 
 
 def _below(kind: Any, part: str) -> list[Any]:

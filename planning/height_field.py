@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-from bus.arrays import Points
+from bus.arrays import Joints, Points
 from bus.transforms import from_translation
 from config.schema import Box
 from planning.world import Thing
@@ -43,10 +43,12 @@ class Sight:
     Attributes:
         points_base: (H, W, 3) [m] in ``base``, NaN = no depth; neighbours on one surface are nearer than a cell.
         target: (H, W) the object to be grasped.
+        q_rad: (7,) where the arm stood, which may be in sight itself; None = it is not.
     """
 
     points_base: Points
     target: npt.NDArray[np.bool_]
+    q_rad: Joints | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -70,7 +70,7 @@ def next_look(scene: Scene, q_now_rad: Joints, taken: Collection[tuple[float, fl
         q_now_rad: (7,) where the arm rests.
         taken: (tilt, azimuth) [deg] of earlier looks.
 
-    Raises: CycleFailure(UNREACHABLE) when there is none.
+    Raises: CycleFailure: UNREACHABLE when there is none; STOPPED by the scene's ``cancel``.
     """
     x_min, x_max, y_min, y_max = scene.station.scene.pick_region_m
     center_m = np.array([(x_min + x_max) / 2, (y_min + y_max) / 2, scene.station.scene.table.top_m + _AHEAD_M])
@@ -82,6 +82,8 @@ def next_look(scene: Scene, q_now_rad: Joints, taken: Collection[tuple[float, fl
             try:
                 return Viewpoint(tilt_deg, azimuth_deg, move(scene, q_now_rad, q_rad))
             except CycleFailure as failure:
+                if failure.failure is Code.STOPPED:
+                    raise
                 why = failure.text
                 break  # another configuration of the same place hardly ever helps
     raise CycleFailure(Code.UNREACHABLE, f"The camera reaches no other place to look from: {why}.")

@@ -21,6 +21,7 @@ from bus.transforms import from_translation, inverse
 from config.scene import scene_boxes
 from config.schema import Box, Station
 from planning.height_field import ObservedHeightField, Sight, observed_field, solid, subsample
+from planning.own_body import on_robot
 from planning.robot import HAND_FROM_TCP, Robot
 from planning.world import FINGERS, Collision, Thing, World, held_thing
 
@@ -76,7 +77,7 @@ class Scene:
             return cls(robot, station, known, cancel=cancel)
         target = np.concatenate([sight.points_base[sight.target].astype(float) for sight in sights])
         target = subsample(target[np.isfinite(target[:, 2])])
-        field = observed_field(sights, known)
+        field = observed_field([_without_robot(sight, robot) for sight in sights], known)
         seen = target if len(target) >= _FEWEST_POINTS else None
         return cls(robot, station, known, field, seen, cancel=cancel)
 
@@ -210,6 +211,14 @@ class Scene:
         table = self.boxes[0]
         floor_m = table.center_m[2] + table.size_m[2] / 2 + self.station.planning.clearance_m + 1e-3
         return solid(self.target, floor_m)
+
+
+def _without_robot(sight: Sight, robot: Robot) -> Sight:
+    """The sight with the robot's own points infinite, like those of the target: they hide nothing."""
+    if sight.q_rad is None:
+        return sight
+    own = on_robot(robot, sight.q_rad, sight.points_base)
+    return replace(sight, points_base=np.where(own[..., None], np.float32(np.inf), sight.points_base))
 
 
 def sweep_m(path_rad: JointSamples) -> Array:

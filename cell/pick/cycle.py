@@ -215,9 +215,16 @@ class Cycle:
                     return looks, *chosen
         except CycleFailure:
             if len(looks) > 1 and not self.gate.halted:
-                e = self.equipment
-                go(e.arm, self.gate, way_back(looks, e.robot, e.station, self.gate.cancel))
+                self._go_back(looks)
             raise
+
+    def _go_back(self, looks: list[Observation]) -> None:
+        """Move back to the capture pose. Raises: CycleFailure, kept as the cycle's failure: it did not get there."""
+        e = self.equipment
+        try:
+            go(e.arm, self.gate, way_back(looks, e.robot, e.station, self.gate.cancel))
+        except (CycleFailure, DriverError, BusError) as error:
+            raise self.fail(error) from error
 
     def _detect_and_plan(self, looks: list[Observation]) -> tuple[Detections, PickPlan] | None:
         """What to do, or None after another look, which is taken when it may mend a failure or a weak grasp."""
@@ -247,7 +254,7 @@ class Cycle:
             way = way_to_next_look(looks, e.robot, e.station, self.gate.cancel)
         except CycleFailure as failure:
             if failure.failure is Code.STOPPED:
-                raise
+                raise self.fail(failure) from failure.__cause__
             self._tell(Event(code=failure.failure, severity="info", text=failure.text))
             return False
         self.failure = None

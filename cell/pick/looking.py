@@ -86,5 +86,5 @@ def go(arm: Arm, gate: Gate, way: Trajectory) -> None:
 def _among_unseen(first: Observation, robot: Robot, station: Station, cancel: Cancel | None) -> Scene:
     """The obstacles of a look: what was observed, and all of the pick region, where more may stand than was seen."""
     nothing = np.zeros(first.frame.color.shape[:2], dtype=bool)
-    sight = Sight(*surroundings(first, nothing))
+    sight = Sight(*surroundings(first, nothing), first.view.arm.q_rad)
     return Scene.of(robot, station, sight, boxes=(*scene_boxes(station.scene), unseen(station)), cancel=cancel)

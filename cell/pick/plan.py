@@ -38,7 +38,7 @@ def plan(
     @cache
     def aimed_at(instance: int) -> Scene:
         sights = [
-            Sight(*surroundings(corrected(look, detections.scene.mount), labels == instance))
+            Sight(*surroundings(corrected(look, detections.scene.mount), labels == instance), look.view.arm.q_rad)
             for look, labels in zip(looks, detections.scene.look_labels, strict=True)
         ]
         return Scene.of(robot, station, *sights, cancel=cancel)

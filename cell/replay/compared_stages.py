@@ -62,6 +62,14 @@ def _looks(record: CycleRecord, station: Station) -> Sequence[Observation]:
     return record.looks if views == "auto" else record.looks[:views]
 
 
+def _seen_by(found: Detections, record: CycleRecord) -> Sequence[Observation]:
+    """The looks that a detection was made of, which may be fewer than today's station asks for."""
+    made_of = record.looks[: len(found.scene.look_labels)]
+    if len(made_of) < len(found.scene.look_labels):
+        raise RecordingError(f"The recording of {record.cycle_id} lacks a look that was detected in.")
+    return made_of
+
+
 def _result(record: CycleRecord, name: StageName, kind: type[Message]) -> Message:
     stage = record.stages.get(name)
     if stage is None or not isinstance(stage.result, kind):
@@ -76,7 +84,7 @@ def _detect(record: CycleRecord, station: Station, _robot: Robot, models: Models
 def _plan(record: CycleRecord, station: Station, robot: Robot, _models: Models) -> Message:
     found = _result(record, "detect", Detections)
     assert isinstance(found, Detections)
-    return plan(found, _looks(record, station), robot, station, record.attempt.missed)
+    return plan(found, _seen_by(found, record), robot, station, record.attempt.missed)
 
 
 def _verify(record: CycleRecord, station: Station, robot: Robot, _models: Models) -> Message:
@@ -84,7 +92,7 @@ def _verify(record: CycleRecord, station: Station, robot: Robot, _models: Models
     assert isinstance(found, Detections) and isinstance(execution, Execution)
     if record.after is None:
         raise RecordingError(f"The recording of {record.cycle_id} holds no second observation.")
-    before = _looks(record, station)[found.scene.shown]
+    before = _seen_by(found, record)[found.scene.shown]
     return verify(execution, found, before, record.after, robot, station)
 
 

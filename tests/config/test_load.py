@@ -43,6 +43,11 @@ def test_overrides_take_toml_values_and_bare_text() -> None:
     assert (station.sim.pace, station.sim.objects, station.perception.compliance) == (1, Path("some/folder"), 1.5)
 
 
+def test_a_setting_of_numbers_and_a_word_takes_both() -> None:
+    given = ("capture.views=2", "capture.views=auto", "capture.views='auto'")
+    assert [load_station(None, [one]).capture.views for one in given] == [2, "auto", "auto"]
+
+
 @pytest.mark.parametrize(
     ("override", "says"),
     [
