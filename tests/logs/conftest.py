@@ -182,10 +182,10 @@ def _stages(frame: Frame, again: str) -> dict[str, tuple[Topic, Message]]:
 def record(tmp_path: Path, frame: Frame) -> Record:
     """Write a recording whose stage ``failed`` (if any) ended the cycle; give its path.
 
-    With ``again`` detect fails at first, and a second look is taken for that reason, tilted by 45 degrees.
+    With ``again`` a second look is taken for that reason, tilted by 45 degrees; before it, detect failed or ``found``.
     """
 
-    def write(failed: str | None = None, name: str = CYCLE_ID, again: str = "") -> Path:
+    def write(failed: str | None = None, name: str = CYCLE_ID, again: str = "", *, found: bool = False) -> Path:
         recorder = Recorder(
             tmp_path / f"{name}.mcap", metadata={"cycle_id": name, "schema": "1"}, clock=lambda: frame.stamp_ns
         )
@@ -210,7 +210,11 @@ def record(tmp_path: Path, frame: Frame) -> Record:
             said = topics.CAPTURE.says(**first, stage="capture", result=_view(frame.stamp_ns + 2), failure=None)
             say(topics.CAPTURE, said)
             nothing = Failure(code=Code.NOT_SEEN, text="Too little of it was seen.")
-            say(topics.DETECT, topics.DETECT.says(**first, stage="detect", result=None, failure=nothing))
+            seen_first = {"result": _detections(frame)} if found else {"failure": nothing}
+            say(
+                topics.DETECT,
+                topics.DETECT.says(**first, stage="detect", **{"result": None, "failure": None, **seen_first}),
+            )
         code = None
         for stage, (topic, result) in _stages(frame, again).items():
             code = Code.NO_GRASP if stage == failed else None

@@ -66,6 +66,12 @@ def test_a_failure_that_another_look_followed_is_not_the_cycles(twice: CycleReco
     assert timeline.took_s["detect"] == pytest.approx(0.2 + 0.5)
 
 
+def test_what_the_first_look_showed_is_kept_when_the_second_fails(record: Callable[..., Path]) -> None:
+    told = read_cycle(record("capture", again="the best grasp scores only 0.50", found=True))
+    assert len(told.looks) == 1 and told.scene is not None and told.observation is told.looks[0]
+    assert "detect" not in told.stages
+
+
 def test_the_page_shows_each_look_and_how_they_disagreed(twice: CycleRecord, tmp_path: Path) -> None:
     page = write_report(twice, tmp_path / "page.html").read_text()
     section = page[page.index('<section id="looks">') :].partition("</section>")[0]
