@@ -152,18 +152,20 @@ def _axes(azimuth_deg: float, height_deg: float) -> Array:
 
 
 def side_picture(station: Station, looks: Sequence[Observation]) -> Image:
-    """A bottle from above, where there is no grasp; and with three looks: the one that shows most, and the grasp."""
+    """A bottle from above, where there is no grasp; and with three looks: the last one, and the grasp."""
     first, why = _refused(station, looks[0])
     found = detect(looks[0], station, open_models(station, {}), ignore_reply, others=looks[1:])
     scene = _scene(station, looks)
-    image = draw_scene(scene.rgbd.color, found.scene)
+    labels = found.scene.look_labels[-1]
+    last = found.scene.model_copy(update={"labels": labels, "unseen": np.zeros_like(labels, dtype=bool)})
+    image = draw_scene(scene.looks[-1].rgbd.color, last)
     grasp = found.grasps[0]
     hand = _with_arm(hand_outline(grasp), grasp.base_from_tcp)
     tilt_deg = np.degrees(np.arccos(-grasp.base_from_tcp[2, 2]))
     title = f"three looks, each in its tint: a grasp {tilt_deg:.0f} deg aside"
     return row([
         titled("one look", first, HEIGHT_PX, why),
-        titled("the look that shows most of it", crop(image, found.scene.labels > 0, 70), HEIGHT_PX),
+        titled("the third look", crop(image, labels > 0, 70), HEIGHT_PX),
         titled(title, _drawn(_by_look(scene), BOTTLE_FROM_DEG, hand), HEIGHT_PX),
     ])  # fmt: skip
 
