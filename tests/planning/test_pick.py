@@ -91,6 +91,21 @@ def test_what_is_held_hangs_as_it_was_grasped_also_by_the_grasp_turned_by_half_a
     assert held_at and np.allclose(held_at[-1], robot.base_from_tcp(ends(plan)["reach"]), atol=1e-9)
 
 
+@pytest.mark.parametrize("height_m", [0.03, 0.08, 0.15, 0.19])
+def test_what_hangs_far_below_the_hand_is_released_higher(robot: Robot, scene: Scene, height_m: float) -> None:
+    """Its foot stood on the table, ``height_m`` below the tcp; just above the tray it is released, and no lower."""
+    tray = STATION.scene.tray
+    tray_m, clearance_m = tray.center_m[2] + tray.size_m[2] / 2, STATION.planning.clearance_m
+    released = robot.base_from_tcp(ends(plan_pick(scene, [grasp(0.45, 0.05, height_m)], CAPTURE))["place"])
+    x, y, z = STATION.scene.place_m
+    foot_m = released[2, 3] - height_m
+    assert released[:2, 3] == pytest.approx((x, y), abs=1e-6) and foot_m > tray_m
+    if z - height_m > tray_m + clearance_m + 0.005:
+        assert released[2, 3] == pytest.approx(z, abs=1e-6)
+    else:
+        assert foot_m == pytest.approx(tray_m + clearance_m, abs=0.006), "not dropped from high above either"
+
+
 def test_the_hand_comes_straight_down_and_goes_straight_up(robot: Robot, plan: PickPlan) -> None:
     for name, share in (("reach", 0.3), ("carry", 0.3)):
         (segment,) = (segment for segment in plan.segments if segment.name == name)
