@@ -14,14 +14,15 @@ from bus.codec import encode
 from bus.codes import Code
 from bus.errors import ArmReflex, CycleFailure
 from bus.frozen import Message
-from bus.messages import ArmMode, CycleResult, Detections, Failure, Frame, Motion, PickPlan
+from bus.messages import ArmMode, CycleResult, Detections, Failure, Frame, Grasp, Motion, PickPlan
 from bus.sample import Sample
 from bus.sensor_codec import frame_from_wire, frame_to_wire
 from bus.topics import Topic, encoding_of
 from bus.trajectory import Trajectory
 from cell.daemon.actions import Actions
 from cell.machine.gate import Gate
-from cell.pick.cycle import Equipment
+from cell.pick.cycle import FAULTS, Equipment
+from cell.pick.looking import asked_for, why_look_again
 from cell.replay.replay import Request, replay
 from config.load import load_station
 from drivers.interface import Arm, Camera, Devices
@@ -167,6 +168,74 @@ def bench(devices_and_settings: tuple[Devices, list[str]], monkeypatch: pytest.M
 
 def _at_capture_pose(bench: Bench) -> bool:
     return bool(np.abs(bench.arm.state().q_rad - CAPTURE).max() < 1e-3)
+
+
+# --- why --------------------------------------------------------------------------------------------------------------
+
+
+def _grasps(score: float) -> Detections:
+    """A detection whose best grasp has this score; nothing else of it is asked for."""
+    best = Grasp(base_from_tcp=np.eye(4), width_m=0.04, opening_m=0.06, score=score, rectangle=0,
+                 imagined_base_from_tcp=np.eye(4), terms={})  # fmt: skip
+    return Detections.model_construct(grasps=(best, best.model_copy(update={"score": 0.1})))
+
+
+def _failed(code: Code) -> CycleFailure:
+    return CycleFailure(code, "")
+
+
+GOOD, WEAK = _grasps(0.80), _grasps(0.60)
+_NOTHING = ""
+_AUTO, _ONCE, _TWICE = (), ("capture.views=1",), ("capture.views=2",)
+
+
+@pytest.mark.parametrize(
+    ("outcome", "looks", "settings", "why"),
+    [
+        (GOOD, 1, _AUTO, _NOTHING),
+        (WEAK, 1, _AUTO, "the best grasp scores only 0.60"),
+        (WEAK, 2, _AUTO, "the best grasp scores only 0.60"),
+        (WEAK, 3, _AUTO, _NOTHING),
+        (WEAK, 1, ("capture.most_views=1",), _NOTHING),
+        (WEAK, 4, ("capture.most_views=5",), "the best grasp scores only 0.60"),
+        (WEAK, 1, ("capture.weak_score=0.5",), _NOTHING),
+        (GOOD, 1, ("capture.weak_score=0.9",), "the best grasp scores only 0.80"),
+        (WEAK, 1, _ONCE, _NOTHING),
+        (WEAK, 2, _TWICE, _NOTHING),
+        (_failed(Code.NO_GRASP), 1, _AUTO, "there is no grasp"),
+        (_failed(Code.NO_GRASP), 3, _AUTO, _NOTHING),
+        (_failed(Code.NO_GRASP), 1, _ONCE, _NOTHING),
+        (_failed(Code.NO_GRASP), 2, _TWICE, _NOTHING),
+        (_failed(Code.NOT_SEEN), 1, _AUTO, "too little was seen"),
+        (_failed(Code.NO_DEPTH), 1, _AUTO, "something has no depth"),
+        (_failed(Code.TOO_NEAR), 1, _AUTO, "something is too near to the camera"),
+        (_failed(Code.NO_TABLE), 1, _AUTO, "no table was seen"),
+        (_failed(Code.TABLE_MOVED), 1, _AUTO, "the table seems to lie elsewhere"),
+        (_failed(Code.COLLISION), 1, _AUTO, "no way to grasp is free"),
+        (_failed(Code.UNREACHABLE), 2, _AUTO, "no way to grasp is reached"),
+    ],
+)
+def test_another_look_is_taken_for_what_it_may_mend(
+    outcome: Detections | CycleFailure, looks: int, settings: tuple[str, ...], why: str
+) -> None:
+    assert why_look_again(outcome, looks, load_station(None, settings)) == why
+
+
+@pytest.mark.parametrize(
+    "code", sorted({*FAULTS, Code.STOPPED, Code.NO_OBJECT, Code.TARGET_NOT_FOUND, Code.SPEND_LIMIT, Code.MODEL_ACCESS})
+)
+def test_no_look_mends_a_fault_a_stop_an_empty_table_or_a_refusal(code: Code) -> None:
+    assert why_look_again(_failed(code), 1, load_station()) == ""
+
+
+def test_a_hosted_model_is_not_paid_again_for_a_weak_grasp_but_for_none() -> None:
+    assert why_look_again(WEAK, 1, load_station(), is_hosted=True) == ""
+    assert why_look_again(_failed(Code.NO_GRASP), 1, load_station(), is_hosted=True) == "there is no grasp"
+
+
+@pytest.mark.parametrize(("settings", "looks"), [(_AUTO, 1), (_ONCE, 1), (_TWICE, 2), (("capture.views=3",), 3)])
+def test_so_many_looks_are_taken_in_any_case(settings: tuple[str, ...], looks: int) -> None:
+    assert asked_for(load_station(None, settings)) == looks
 
 
 # --- as often as it is worth it ---------------------------------------------------------------------------------------

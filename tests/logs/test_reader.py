@@ -25,6 +25,7 @@ from bus.messages import (
     Failure,
     Frame,
     HandState,
+    ModelReply,
     Motion,
     PickPlan,
     Segment,
@@ -192,6 +193,75 @@ def test_everything_else_comes_back_in_order_with_its_time(recording: Path) -> N
     assert cycle.states == ((100, STATE),)
     assert cycle.hand == ((105, HAND),)
     assert cycle.events == ((106, EVENT),)
+
+
+# --- several looks ----------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def looked_again(
+    tmp_path: Path, said: list[tuple[Topic, Message]], frame: Frame, second_frame: Frame
+) -> Callable[[Message | Failure], CycleRecord]:
+    """A cycle whose first look led to nothing, so that the arm looked again; with how its second capture ended."""
+
+    def read(second: Message | Failure) -> CycleRecord:
+        results = _results(frame)
+        superseded = results[topics.PLAN].model_copy(update={"grasp": 7})
+        third_frame = frame.model_copy(update={"stamp_ns": frame.stamp_ns + 2})
+        failure = second if isinstance(second, Failure) else None
+        last = _results(second_frame)
+        after = [topics.PLAN, topics.EXECUTE, topics.VERIFY] if failure is None else []
+        told: list[tuple[Topic, Message]] = [
+            (topics.CAPTURE, _record_of(topics.CAPTURE, results[topics.CAPTURE])),
+            (topics.MODEL_REPLY, _reply("of the first look")),
+            (topics.PLAN, _record_of(topics.PLAN, superseded)),
+            (topics.CAPTURE, _record_of(topics.CAPTURE, None if failure else second, failure)),
+            *([] if failure else [(topics.MODEL_REPLY, _reply("of both looks"))]),
+            *((topic, _record_of(topic, last[topic])) for topic in after),
+            (topics.RESULT, RESULT),
+        ]
+        return read_cycle(_write(tmp_path / "again.mcap", told, [frame, second_frame, third_frame]))
+
+    return read
+
+
+def _reply(text: str) -> ModelReply:
+    return ModelReply(step="reason", model="geometric", prompt="?", text=text)
+
+
+Again = Callable[[Message | Failure], CycleRecord]
+
+
+def test_every_look_comes_back_with_its_reason_and_the_plan_of_fewer_looks_is_superseded(
+    looked_again: Again, frame: Frame, second_frame: Frame
+) -> None:
+    view = _view(second_frame.stamp_ns).model_copy(update={"why": "no way to grasp is free"})
+    cycle = looked_again(view)
+    assert [look.view.why for look in cycle.looks] == ["", "no way to grasp is free"]
+    assert [look.frame.stamp_ns for look in cycle.looks] == [frame.stamp_ns, second_frame.stamp_ns]
+    assert list(cycle.stages) == ["capture", "plan", "execute", "verify"]
+    planned, captured = cycle.stages["plan"].result, cycle.stages["capture"].result
+    assert isinstance(planned, PickPlan) and planned.grasp == 1, "the plan of both looks"
+    assert isinstance(captured, View) and captured.why == "no way to grasp is free"
+
+
+def test_answers_before_the_last_look_are_kept_but_not_replayed(looked_again: Again, second_frame: Frame) -> None:
+    cycle = looked_again(_view(second_frame.stamp_ns))
+    assert [reply.text for reply in cycle.replies] == ["of the first look", "of both looks"]
+    assert [reply.text for reply in cycle.last_replies] == ["of both looks"]
+
+
+def test_a_look_that_was_not_taken_supersedes_too_and_is_none(looked_again: Again) -> None:
+    cycle = looked_again(Failure(code=Code.STOPPED, text="Stopped on the way to another look."))
+    assert len(cycle.looks) == 1 and list(cycle.stages) == ["capture"]
+    assert cycle.stages["capture"].failure is not None and cycle.stages["capture"].failure.code == Code.STOPPED
+    assert len(cycle.replies) == 1 and cycle.last_replies == ()
+
+
+def test_a_cycle_of_one_look_has_that_and_all_its_answers(recording: Path) -> None:
+    cycle = read_cycle(recording)
+    assert len(cycle.looks) == 1 and cycle.observation is cycle.looks[0]
+    assert cycle.replies == cycle.last_replies
 
 
 def test_a_cycle_that_failed_ends_with_the_failure_of_its_last_stage(tmp_path: Path, frame: Frame) -> None:

@@ -104,6 +104,69 @@ def test_every_seen_point_lies_in_the_field() -> None:
     assert all(is_solid(field.thing, point - [0, 0, 0.002]) for point in field.points[::97])
 
 
+# --- several looks ----------------------------------------------------------------------------------------------------
+
+FROM_LEFT_M, FROM_RIGHT_M = (0.45, 0.55, 0.8), (0.45, -0.55, 0.8)
+POST = box("post", (0.45, 0.0, 0.10), (0.06, 0.06, 0.20))
+WELL = tuple(
+    box("wall", center_m, size_m)
+    for center_m, size_m in (
+        ((0.45, 0.06, 0.15), (0.14, 0.02, 0.30)),
+        ((0.45, -0.06, 0.15), (0.14, 0.02, 0.30)),
+        ((0.39, 0.0, 0.15), (0.02, 0.14, 0.30)),
+        ((0.51, 0.0, 0.15), (0.02, 0.14, 0.30)),
+    )
+)
+"""Four walls around a place that no camera sees from aside."""
+LEFT_OF_IT, RIGHT_OF_IT = np.array([0.45, 0.08, 0.05]), np.array([0.45, -0.08, 0.05])
+
+
+def seen_from(*eyes_m: tuple[float, float, float], boxes: tuple[Box, ...] = (POST,)) -> ObservedHeightField:
+    sights = [Sight(*seen_from_above((TABLE, *boxes), eye_m=eye_m)) for eye_m in eyes_m]
+    field = observed_field(sights, (TABLE,))
+    assert field is not None
+    return field
+
+
+def test_what_only_one_of_two_looks_hides_is_free() -> None:
+    left, right = seen_from(FROM_LEFT_M), seen_from(FROM_RIGHT_M)
+    assert is_solid(left.thing, RIGHT_OF_IT) and not is_solid(left.thing, LEFT_OF_IT)
+    assert is_solid(right.thing, LEFT_OF_IT) and not is_solid(right.thing, RIGHT_OF_IT)
+    both = seen_from(FROM_LEFT_M, FROM_RIGHT_M)
+    assert not is_solid(both.thing, LEFT_OF_IT) and not is_solid(both.thing, RIGHT_OF_IT)
+    assert is_solid(both.thing, np.array(POST.center_m)), "the thing itself"
+
+
+def test_what_both_looks_hide_is_solid() -> None:
+    both = seen_from(FROM_LEFT_M, FROM_RIGHT_M, boxes=WELL)
+    assert is_solid(both.thing, np.array([0.45, 0.0, 0.05]))
+    assert not is_solid(both.thing, np.array([0.45, 0.0, 0.32]))
+
+
+def test_what_only_one_of_two_looks_shows_is_an_obstacle() -> None:
+    """A low brick, to the right of the post and wholly in its shadow, seen from the left."""
+    brick = box("brick", (0.45, -0.06, 0.015), (0.03, 0.03, 0.03))
+    hidden, shown = seen_from(FROM_LEFT_M, boxes=(POST, brick)), seen_from(FROM_RIGHT_M, boxes=(POST, brick))
+    both = seen_from(FROM_LEFT_M, FROM_RIGHT_M, boxes=(POST, brick))
+    assert height_at(hidden, 0.45, -0.06) > 0.05, "the shadow"
+    assert height_at(shown, 0.45, -0.06) == pytest.approx(0.03, abs=2e-3)
+    assert height_at(both, 0.45, -0.06) == pytest.approx(0.03, abs=2e-3)
+
+
+def test_the_order_of_the_looks_changes_nothing_and_the_same_look_twice_is_one() -> None:
+    both, turned = seen_from(FROM_LEFT_M, FROM_RIGHT_M), seen_from(FROM_RIGHT_M, FROM_LEFT_M)
+    np.testing.assert_array_equal(both.height_m, turned.height_m)
+    once, twice = seen_from(FROM_LEFT_M), seen_from(FROM_LEFT_M, FROM_LEFT_M)
+    np.testing.assert_allclose(twice.origin_m, once.origin_m)
+    np.testing.assert_array_equal(twice.height_m, once.height_m)
+
+
+def test_the_points_that_the_gate_checks_hold_no_shadow_that_another_look_lifts() -> None:
+    both = seen_from(FROM_LEFT_M, FROM_RIGHT_M)
+    beside = np.abs(both.points[:, 1]) > 0.045
+    assert not beside.any(), both.points[beside]
+
+
 def test_a_single_row_of_points_is_a_solid_too() -> None:
     row = np.stack([np.linspace(0.0, 0.1, 50), np.zeros(50), np.full(50, 0.03)], axis=1)
     assert is_solid(Thing("rod", solid(row, 0.0)), np.array([0.05, 0.0, 0.01]))

@@ -14,7 +14,7 @@ from config.schema import Station, VerifySettings
 from planning.height_field import Sight
 from planning.pick import plan_pick
 from planning.pregrasp import LOWER_M
-from planning.robot import Robot
+from planning.robot import CAMERA_SIZE_M, Robot
 from planning.scene import Scene
 from tests.planning.conftest import CAPTURE, NODES, STATION, WIDE_M, among, box
 from tests.planning.views import seen_from_above
@@ -91,6 +91,21 @@ def test_what_is_held_hangs_as_it_was_grasped_also_by_the_grasp_turned_by_half_a
     assert held_at and np.allclose(held_at[-1], robot.base_from_tcp(ends(plan)["reach"]), atol=1e-9)
 
 
+@pytest.mark.parametrize("height_m", [0.03, 0.08, 0.15, 0.19])
+def test_what_hangs_far_below_the_hand_is_released_higher(robot: Robot, scene: Scene, height_m: float) -> None:
+    """Its foot stood on the table, ``height_m`` below the tcp; just above the tray it is released, and no lower."""
+    tray = STATION.scene.tray
+    tray_m, clearance_m = tray.center_m[2] + tray.size_m[2] / 2, STATION.planning.clearance_m
+    released = robot.base_from_tcp(ends(plan_pick(scene, [grasp(0.45, 0.05, height_m)], CAPTURE))["place"])
+    x, y, z = STATION.scene.place_m
+    foot_m = released[2, 3] - height_m
+    assert released[:2, 3] == pytest.approx((x, y), abs=1e-6) and foot_m > tray_m
+    if z - height_m > tray_m + clearance_m + 0.005:
+        assert released[2, 3] == pytest.approx(z, abs=1e-6)
+    else:
+        assert foot_m == pytest.approx(tray_m + clearance_m, abs=0.006), "not dropped from high above either"
+
+
 def test_the_hand_comes_straight_down_and_goes_straight_up(robot: Robot, plan: PickPlan) -> None:
     for name, share in (("reach", 0.3), ("carry", 0.3)):
         (segment,) = (segment for segment in plan.segments if segment.name == name)
@@ -129,6 +144,32 @@ def test_the_held_object_is_carried_steadily_where_the_fastest_way_would_swing_i
             poses = [robot.base_from_tcp(q) for q in segment.trajectory.filtered()[::20]]
             assert max(pose[2, 2] for pose in poses) < -np.cos(np.radians(21.0)), "tool within 21 degrees of down"
             assert min(pose[2, 3] for pose in poses) > min(poses[0][2, 3], poses[-1][2, 3]) - 0.025
+
+
+HAND_M, HOUSING_M = np.array([[-0.028, -0.09, 0.005], [0.028, 0.09, 0.06]]), np.array(CAMERA_SIZE_M) / 2
+"""A box inside the hand, whose corners are round; half the camera's housing."""
+
+
+@pytest.mark.parametrize("tilt", [1.3, -1.3])
+@pytest.mark.parametrize(("z", "yaw"), [(0.02, 0.5), (0.05, np.pi / 2), (0.12, 0.5)])
+def test_from_the_side_hand_and_camera_stay_off_the_table(
+    robot: Robot, scene: Scene, z: float, yaw: float, tilt: float
+) -> None:
+    aside = plan_pick(scene, [grasp(0.46, 0.0, z, yaw, tilt)], CAPTURE)
+    reach = aside.segments[0].trajectory.filtered()
+    approach = robot.base_from_tcp(reach[-1])[:3, 2]
+    assert np.degrees(np.arccos(-approach[2])) > 55, "it comes from the side"
+    for q in reach[len(reach) // 2 :: 20]:
+        hand, camera = robot.base_from_hand(q), robot.base_from_color(q)
+        hand_m = [(hand @ [x, y, z, 1.0])[2] for x in HAND_M[:, 0] for y in HAND_M[:, 1] for z in HAND_M[:, 2]]
+        reach_m = np.abs(camera[2, :3]) @ HOUSING_M  # of the housing, up and down from its middle
+        middle_m = (camera @ [0.0, 0.0, 0.005 - HOUSING_M[2], 1.0])[2]
+        assert min(*hand_m, middle_m - reach_m) > 0.0
+
+
+def test_a_side_grasp_that_would_put_the_camera_into_the_table_leans_more_steeply(scene: Scene) -> None:
+    low = plan_pick(scene, [grasp(0.46, 0.0, 0.02, 0.0, 1.3)], CAPTURE)
+    assert low.tilt_rad != 0.0 and "camera touches table" in low.rejected[0].reason
 
 
 def test_a_low_grasp_is_raised_until_the_finger_tips_clear_the_table(robot: Robot, scene: Scene) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from config.limits import LOWER_RAD, UPPER_RAD
 from config.schema import Box
@@ -94,6 +95,28 @@ def test_what_is_held_touches_what_the_hand_alone_passes(robot: Robot) -> None:
     over = np.stack([CAPTURE, CAPTURE + np.array([0.5, 0, 0, 0, 0, 0, 0])])
     assert lying.empty().first_collision(over, 0.04) is None
     assert str(holding.first_collision(over, 0.04)) == "post touches held object"
+
+
+def test_what_is_held_has_the_shape_that_all_looks_show(robot: Robot) -> None:
+    """A post with a low foot on its right: from the left, the post hides the foot."""
+    post = box("target", (0.45, 0.0, 0.10), (0.06, 0.06, 0.20))
+    foot = box("target", (0.45, -0.06, 0.015), (0.06, 0.06, 0.03))
+    left, right = (_sight_of((post, foot), (0.45, y, 0.8)) for y in (0.55, -0.55))
+    reaches_m = [
+        Scene.of(robot, STATION, *sights).target for sights in ((left,), (right,), (left, right), (right, left))
+    ]
+    lowest_y = [float(target[:, 1].min()) for target in reaches_m if target is not None]
+    assert lowest_y == pytest.approx([-0.03, -0.09, -0.09, -0.09], abs=0.006)
+    highest_y = [float(target[:, 1].max()) for target in reaches_m if target is not None]
+    assert highest_y == pytest.approx(4 * [0.03], abs=0.006)
+    assert Scene.of(robot, STATION, left, right).field is None, "all of it is the target"
+
+
+def _sight_of(target: tuple[Box, ...], eye_m: tuple[float, float, float]) -> Sight:
+    """The sight of a target made of boxes."""
+    points, _ = seen_from_above((STATION.scene.table, *target), eye_m=eye_m)
+    ours = [(np.abs(points - one.center_m) < np.array(one.size_m) / 2 + 1e-3).all(axis=-1) for one in target]
+    return Sight(points, np.logical_or.reduce(ours) & (points[..., 2] > 1e-3))
 
 
 def test_only_the_fingers_may_touch_the_target(robot: Robot) -> None:
