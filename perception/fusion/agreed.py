@@ -18,21 +18,23 @@ from perception.scene.region import within
 from perception.scene.table import find_table
 
 _AROUND_M = 0.15
+_WRONG_M = 0.0009
+"""Median distance between the surfaces of two looks: 0.7 mm where the mounting is right, 1.5 where it is 1 mm off."""
 
 
 def agreed(looks: Sequence[Look], station: Station) -> tuple[tuple[Look, ...], SeenMount | None]:
     """The looks from where they were truly taken, and how the mounting differs from the station's; None for one look.
 
-    With ``capture.mount_correction`` off the difference is told, and the looks stay as they are. Of two looks the
-    correction leaves more open than of three; where nothing is wrong it costs 0.2 mm, where a calibrated camera is off
-    by 1 mm and 0.3 deg, as they are, it gains more (docs/method.md).
+    With ``capture.mount_correction`` off the difference is told, and the looks stay as they are. So they do when two
+    looks hardly disagree: two leave much open, and a correction of what is right costs 0.2 mm (docs/method.md).
     """
     if len(looks) == 1:
         return tuple(looks), None
     views, poses = [look.view for look in looks], [look.base_from_color for look in looks]
     near = [within(view.points_base, station, _AROUND_M) for view in views]
     found = common_correction(views, [look.surface for look in looks], poses, near)
-    use = station.capture.mount_correction
+    disagree = len(looks) > 2 or found.residual_before_m > _WRONG_M
+    use = station.capture.mount_correction and disagree
     told = _told(found if use else replace(found, color_from_corrected=np.eye(4)), found, _planes(looks, station))
     if not use:
         return tuple(looks), told

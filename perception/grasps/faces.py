@@ -17,7 +17,7 @@ from perception.grasps.closing import Closings
 from perception.scene.heightmap import Labels
 from perception.scene.scene import Scene
 
-_TESTED, _SHARE = 60, 0.2
+_TESTED, _SHARE = 150, 0.2
 """How many closings are looked at, and how much the faces count in the score."""
 _PAD_M, _DEEP_M, _ABOVE_M = 0.010, 0.003, 0.002
 """The pad's half width; how far behind the first contact, and above the edge, what it touches may lie."""
