@@ -32,12 +32,13 @@ from logs.mcap.reader import CycleRecord, read_cycle
 from perception.models import open_models
 from planning.robot import Robot
 
-_CYLINDER = (
-    '<mujoco><worldbody><body><geom type="cylinder" size="{0} {1}" pos="0 0 {1}" mass="0.3" rgba="0.8 0.5 0.2 1"/>'
+_OBJECT = (
+    '<mujoco><worldbody><body><geom type="{}" size="{}" pos="0 0 {}" mass="0.3" rgba="0.8 0.5 0.2 1"/>'
     "</body></worldbody></mujoco>"
 )
-_OBJECTS = {"tall": (0.03, 0.1), "low": (0.02, 0.03)}
-"""Cylinders: radius and half the height [m]. The top of the tall one is nearer to the camera than its least range."""
+_OBJECTS = {"tall": ("cylinder", "0.03 0.1", 0.1), "low": ("box", "0.04 0.02 0.025", 0.025)}
+"""Kind, half its size, and height of its middle [m]. The tall one's top is nearer to the camera than its least range.
+"""
 _IN_VAIN = "scene.table={name='table', center_m=[0.45, 0, -0.02], size_m=[0.9, 1.4, 0.04], tolerance_mm=0.001}"
 """No table lies so exactly where it should, however often it is looked at."""
 _TWO_IN_VAIN = (_IN_VAIN, "capture.most_views=2")
@@ -141,9 +142,9 @@ class Bench:
 @pytest.fixture(scope="module")
 def devices_and_settings(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Devices, list[str]]]:
     folder = tmp_path_factory.mktemp("looking")
-    for name, size in _OBJECTS.items():
+    for name, shape in _OBJECTS.items():
         (folder / "objects" / name).mkdir(parents=True)
-        (folder / "objects" / name / "object.xml").write_text(_CYLINDER.format(*size))
+        (folder / "objects" / name / "object.xml").write_text(_OBJECT.format(*shape))
     settings = [f"sim.objects={folder / 'objects'}", f"recording.folder={folder}", "verify.hold_s=0.2"]
     devices = open_devices("sim", load_station(None, settings))
     for device in (devices.camera, devices.arm, devices.hand):

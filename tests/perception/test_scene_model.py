@@ -157,6 +157,30 @@ def test_no_finger_goes_where_nothing_was_seen(look: Look) -> None:
         assert not ((v > 187) & (v < 207) & (u > 190) & (u < 290)).any()
 
 
+@pytest.mark.parametrize(
+    ("shoulder_m", "may_reach_m"), [(0.08, 0.20), (0.04, 0.04)], ids=["nearly too near", "farther away"]
+)
+def test_a_hole_beside_what_is_almost_too_near_may_be_of_any_height(
+    look: Look, shoulder_m: float, may_reach_m: float
+) -> None:
+    """A bottle's neck rises from its shoulder: nearer than the camera measures, it looks like a shadow beside a step.
+
+    The camera is 0.6 m above the table, and measures nothing nearer than 0.5 m.
+    """
+    shoulder = Box((228, 252), (168, 192), shoulder_m, BLUE)
+    neck = Box((233, 247), (173, 187), None, BLUE)
+    heights = observe(look([shoulder, neck]), _station()).heights
+    bound_m = heights.framed.bound_m[heights.cells(np.array([0.45]), np.array([0.0]))]
+    assert bound_m == pytest.approx(may_reach_m, abs=0.012)
+
+
+def test_a_camera_without_a_least_range_hides_no_necks(look: Look) -> None:
+    shoulder, neck = Box((228, 252), (168, 192), 0.08, BLUE), Box((233, 247), (173, 187), None, BLUE)
+    heights = observe(look([shoulder, neck]), _station("camera.least_range_m=0")).heights
+    bound_m = heights.framed.bound_m[heights.cells(np.array([0.45]), np.array([0.0]))]
+    assert bound_m == pytest.approx(0.08, abs=0.012)
+
+
 def test_hidden_space_is_the_reason_when_only_it_is_in_the_way(look: Look) -> None:
     around = [Box((170, 310), rows, None, BLACK) for rows in ((90, 159), (185, 254))]
     ends = [Box(columns, (90, 254), None, BLACK) for columns in ((150, 189), (291, 330))]
