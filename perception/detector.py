@@ -38,8 +38,8 @@ from perception.scene.scene import Scene, scene_of
 from perception.scene.seen import RegionView, described, require_something
 from perception.scene.table import require_where_configured
 
-_GOOD_FROM_ABOVE = 0.8
-"""A thing whose best grasp from above scores less is looked at from its sides, too."""
+_GOOD_FROM_ABOVE, _SIDES_OF = 0.8, 2
+"""When the best grasp from above scores less, the first few things are looked at from their sides, too."""
 
 OnScene = Callable[[ObservedScene], None]
 
@@ -140,7 +140,7 @@ class _Tries:
     def _axes(self, number: int) -> tuple[Axis, ...]:
         """Along which the jaw could close on a thing, the best first; from its sides when from above they are weak."""
         axes = axes_of(self.closings, number, self.scene.table.base_from_table)
-        if axes and axes[0].score >= _GOOD_FROM_ABOVE:
+        if self.closings.score.max(initial=-np.inf) >= _GOOD_FROM_ABOVE or len(self.tried) >= _SIDES_OF:
             return axes
         for closings, base_from_level in search_sides(self.scene, self.seen.instances, number, self.station):
             axes += axes_of(closings, number, base_from_level)

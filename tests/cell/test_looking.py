@@ -14,7 +14,18 @@ from bus.codec import encode
 from bus.codes import Code
 from bus.errors import ArmReflex, CycleFailure
 from bus.frozen import Message
-from bus.messages import ArmMode, CycleResult, Detections, Failure, Frame, Grasp, Motion, PickPlan
+from bus.messages import (
+    ArmMode,
+    CycleResult,
+    Detections,
+    Failure,
+    Frame,
+    Grasp,
+    Instance,
+    Motion,
+    ObservedScene,
+    PickPlan,
+)
 from bus.sample import Sample
 from bus.sensor_codec import frame_from_wire, frame_to_wire
 from bus.topics import Topic, encoding_of
@@ -174,11 +185,12 @@ def _at_capture_pose(bench: Bench) -> bool:
 # --- why --------------------------------------------------------------------------------------------------------------
 
 
-def _grasps(score: float) -> Detections:
-    """A detection whose best grasp has this score; nothing else of it is asked for."""
+def _grasps(score: float, things: int = 1) -> Detections:
+    """A detection whose best grasp has this score; how many things it saw, and nothing else, is asked for besides."""
     best = Grasp(base_from_tcp=np.eye(4), width_m=0.04, opening_m=0.06, score=score, rectangle=0,
                  imagined_base_from_tcp=np.eye(4), terms={})  # fmt: skip
-    return Detections.model_construct(grasps=(best, best.model_copy(update={"score": 0.1})))
+    scene = ObservedScene.model_construct(instances=(Instance.model_construct(),) * things)
+    return Detections.model_construct(grasps=(best, best.model_copy(update={"score": 0.1})), scene=scene)
 
 
 def _failed(code: Code) -> CycleFailure:
@@ -201,6 +213,8 @@ _AUTO, _ONCE, _TWICE = (), ("capture.views=1",), ("capture.views=2",)
         (WEAK, 4, ("capture.most_views=5",), "the best grasp scores only 0.60"),
         (WEAK, 1, ("capture.weak_score=0.5",), _NOTHING),
         (GOOD, 1, ("capture.weak_score=0.9",), "the best grasp scores only 0.80"),
+        (_grasps(0.80, things=2), 1, _AUTO, "the best grasp scores only 0.80"),
+        (_grasps(0.86, things=2), 1, _AUTO, _NOTHING),
         (WEAK, 1, _ONCE, _NOTHING),
         (WEAK, 2, _TWICE, _NOTHING),
         (_failed(Code.NO_GRASP), 1, _AUTO, "there is no grasp"),
