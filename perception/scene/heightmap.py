@@ -224,7 +224,11 @@ def bound(grid: Grid, height_m: Heights, views: Sequence[DepthView], base_from_l
         free_m = _free_above(grid, np.flatnonzero(np.isinf(height_m)), height_m, views[0], base_from_level)
     else:
         asked = np.flatnonzero(~_seen_along(grid, height_m, views, base_from_level))
-        free_m = np.minimum.reduce([_free_above(grid, asked, height_m, view, base_from_level) for view in views])
+        free_m = np.full(height_m.shape, -np.inf, dtype=np.float32)
+        free_m.flat[asked] = np.inf
+        for view in views:
+            free_m = np.minimum(free_m, _free_above(grid, asked, height_m, view, base_from_level))
+            asked = asked[np.isfinite(free_m.flat[asked])]  # the others are free down to what was seen
         free_m = np.where(free_m < height_m + _STILL_SEEN_M, height_m, free_m)
     bound_m = np.maximum(height_m, free_m)
     bound_m[bound_m < _TABLE_NOISE_M] = 0.0
