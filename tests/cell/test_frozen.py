@@ -34,8 +34,11 @@ _MOVES_RAD_S, _RESTS_RAD_S = 0.3, 0.1
 
 @pytest.fixture(scope="module")
 def shared_options(shared_options: list[str]) -> list[str]:
-    """The arm moves so slowly that no motion is over before a simulated cell's deadlines, however busy the machine."""
-    return [*shared_options, "--set", "arm.speed=0.25"]
+    """The arm moves so slowly that no motion is over before a simulated cell's deadlines, however busy the machine.
+
+    One look: the first motion that is seen is the pick's.
+    """
+    return [*shared_options, "--set", "arm.speed=0.25", "--set", "capture.views=1"]
 
 
 @pytest.fixture
