@@ -38,8 +38,9 @@ from perception.scene.scene import Scene, scene_of
 from perception.scene.seen import RegionView, described, require_something
 from perception.scene.table import require_where_configured
 
-_GOOD_FROM_ABOVE, _SIDES_OF = 0.8, 2
-"""When the best grasp from above scores less, the first few things are looked at from their sides, too."""
+_GOOD_FROM_ABOVE, _GOOD_IN_A_HEAP, _SIDES_OF = 0.8, 0.6, 2
+"""When the best grasp from above scores less, the first few things are looked at from their sides, too. In a heap
+others stand beside them: only when hardly anything is left."""
 
 OnScene = Callable[[ObservedScene], None]
 
@@ -63,6 +64,7 @@ def detect(
     cancel: Cancel | None = None,
     on_scene: OnScene | None = None,
     others: Sequence[Observation] = (),
+    is_again: bool = False,
 ) -> Detections:
     """Detect ranked grasps in the pick region, with their evidence. Pure, except for the models and their time.
 
@@ -71,6 +73,7 @@ def detect(
         cancel: a stop request; checked before each proposal and each call.
         on_scene: called with what was seen, before anything is looked for in it.
         others: observations of the same scene from other places.
+        is_again: the cycle has detected before, in fewer looks: a hosted model's budget goes on.
 
     Raises:
         CycleFailure: BAD_FRAME, NO_TABLE, TABLE_MOVED, TOO_NEAR, NO_OBJECT, NOT_SEEN, NO_DEPTH, TARGET_NOT_FOUND,
@@ -78,7 +81,8 @@ def detect(
     """
     cancel = cancel or Cancel()
     cancel.raise_if_set("detect")
-    models.imaginer.begin()
+    if not (is_again and models.imaginer.is_hosted):
+        models.imaginer.begin()
     scene, seen = _see([observation, *others], station, on_scene)
     closings = graded(search(scene.heights, station), seen.instances)
     closings = across_faces(closings, scene, scene.table.base_from_table)
@@ -131,16 +135,33 @@ class _Tries:
             axes = self._axes(number)
             if self.found and not axes:
                 return
-            outline = self.models.refined(self.scene.outline(number), self.scene.rgbd.color)
-            _require_depth(self.scene, outline)
+            try:
+                outline = self._outline(number)
+            except CycleFailure as failure:
+                self._failed(number, 0, failure)
+                continue
             one = observed_object_of(self.scene, self.seen.instances, number, outline, axes)
             for sample in range(settings.samples):
                 self._try(*one, sample)
 
+    def _outline(self, number: int) -> Mask:
+        """The outline (H, W) of a thing in the look that is shown. Raises: CycleFailure(NO_DEPTH) without one there."""
+        if not (self.scene.color_labels == number).any():
+            raise CycleFailure(Code.NO_DEPTH, f"Thing {number} is only in other looks than the one shown.")
+        outline = self.models.refined(self.scene.outline(number), self.scene.rgbd.color)
+        _require_depth(self.scene, outline)
+        return outline
+
+    def _failed(self, number: int, sample: int, failure: CycleFailure) -> None:
+        self.failures.append(failure)
+        self.tried.append(Tried(instance=number, sample=sample, code=failure.failure, text=failure.text))
+
     def _axes(self, number: int) -> tuple[Axis, ...]:
         """Along which the jaw could close on a thing, the best first; from its sides when from above they are weak."""
         axes = axes_of(self.closings, number, self.scene.table.base_from_table)
-        if self.closings.score.max(initial=-np.inf) >= _GOOD_FROM_ABOVE or len(self.tried) >= _SIDES_OF:
+        good = _GOOD_FROM_ABOVE if self.scene.count == 1 else _GOOD_IN_A_HEAP
+        looked_at = {tried.instance for tried in self.tried}
+        if self.closings.score.max(initial=-np.inf) >= good or len(looked_at) >= _SIDES_OF:
             return axes
         for closings, base_from_level in search_sides(self.scene, self.seen.instances, number, self.station):
             axes += axes_of(closings, number, base_from_level)
@@ -155,8 +176,7 @@ class _Tries:
         except CycleFailure as failure:
             if failure.failure is Code.STOPPED:
                 raise
-            self.failures.append(failure)
-            self.tried.append(Tried(instance=number, sample=sample, code=failure.failure, text=failure.text))
+            self._failed(number, sample, failure)
             return
         self.found.append(_Found(grasps, proposal, observed_object, crop, sample))
         self.tried.append(Tried(instance=number, sample=sample, score=grasps[0].score))

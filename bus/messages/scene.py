@@ -27,7 +27,7 @@ class SeenMount(Message):
 
     Attributes:
         color_from_corrected: (4, 4) what was used: ``base_from_color @ color_from_corrected`` is the better pose of
-            each look; the identity when ``capture.mount_correction`` is off.
+            each look; the identity where none was used.
         turn_rad, shift_m: of the mounting, as found; with one standard deviation over all directions.
         residual_before_m, residual_after_m: median distance between the looks' surfaces; None = nothing in common.
         is_cut: the looks ask for more than is believed of a calibrated mounting.

@@ -35,6 +35,7 @@ from bus.messages import (
     Observation,
     ObservedScene,
     PickPlan,
+    SeenMount,
     StageName,
     Verdict,
     View,
@@ -114,6 +115,7 @@ class Cycle:
     grasp: Transform | None = None
     _plan: PickPlan | None = None
     _grasped: HandState | None = None
+    _mount: SeenMount | None = None
     _seen_ns: int = 0
     _started_s: float = field(default_factory=time.monotonic)
 
@@ -204,7 +206,10 @@ class Cycle:
     # --- looking ------------------------------------------------------------------------------------------------------
 
     def _choose(self) -> tuple[list[Observation], Detections, PickPlan]:
-        """Look as often as it takes, detect and plan. Raises: CycleFailure, with the arm back at the capture pose."""
+        """Look as often as it takes, detect and plan.
+
+        Raises: CycleFailure; unless a device or the cell failed, with the arm back at the capture pose.
+        """
         looks = [self._look()]
         try:
             for number in range(2, asked_for(self.equipment.station) + 1):
@@ -213,17 +218,25 @@ class Cycle:
                 chosen = self._detect_and_plan(looks)
                 if chosen is not None:
                     return looks, *chosen
-        except CycleFailure:
-            if len(looks) > 1 and not self.gate.halted:
-                self._go_back(looks)
+        except CycleFailure as failure:
+            if len(looks) > 1 and not self.gate.halted and failure.failure not in FAULTS:
+                self._go_back(looks, failure)
             raise
+        finally:
+            if self._mount is not None:
+                self._tell(self.equipment.mounting.news(self._mount))
 
-    def _go_back(self, looks: list[Observation]) -> None:
-        """Move back to the capture pose. Raises: CycleFailure, kept as the cycle's failure: it did not get there."""
+    def _go_back(self, looks: list[Observation], why: CycleFailure) -> None:
+        """Move back to the capture pose. Raises: CycleFailure, a fault, when the arm does not get there."""
         e = self.equipment
         try:
             go(e.arm, self.gate, way_back(looks, e.robot, e.station, self.gate.cancel))
-        except (CycleFailure, DriverError, BusError) as error:
+        except CycleFailure as error:
+            if error.failure is Code.STOPPED:
+                raise self.fail(error) from error
+            text = f"{why.text} And the arm has no way back to the capture pose: {error.text}"
+            raise self.fail(CycleFailure(Code.MOTION_REFUSED, text)) from error
+        except (DriverError, BusError) as error:
             raise self.fail(error) from error
 
     def _detect_and_plan(self, looks: list[Observation]) -> tuple[Detections, PickPlan] | None:
@@ -267,16 +280,22 @@ class Cycle:
         """Detect; what was seen is published alone when there is no result to hold it."""
         e, seen = self.equipment, list[ObservedScene]()
         try:
-            found = detect_unless_halted(
-                looks, e.station, e.models, self._say_reply, lambda: self.gate.halted, seen.append
+            return detect_unless_halted(
+                looks,
+                e.station,
+                e.models,
+                self._say_reply,
+                lambda: self.gate.halted,
+                seen.append,
+                is_again="detect" in self.stages,
             )
         except CycleFailure:
             for scene in seen:
                 self.publish(topics.SCENE, scene)
             raise
-        if found.scene.mount is not None:
-            self._tell(e.mounting.news(found.scene.mount))
-        return found
+        finally:
+            for scene in seen:
+                self._mount = scene.mount
 
     def _tell(self, event: Event | None) -> None:
         if event is not None:

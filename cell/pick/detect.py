@@ -30,17 +30,18 @@ def detect(
     on_reply: OnReply = ignore_reply,
     cancel: Cancel | None = None,
     on_scene: OnScene | None = None,
+    is_again: bool = False,
 ) -> Detections:
     """Ranked grasps and their evidence.
 
     Args:
         looks: the observations of the scene, the first from the capture pose.
         on_reply: called with the record of every call to the goal-image model. ``cancel``: a stop request.
-        on_scene: called with what was seen.
+        on_scene: called with what was seen. ``is_again``: the cycle has detected before, in fewer looks.
 
     Raises: CycleFailure, as `perception.detector.detect`.
     """
-    return vlad_grasp(looks[0], station, models, on_reply, cancel, on_scene, looks[1:])
+    return vlad_grasp(looks[0], station, models, on_reply, cancel, on_scene, looks[1:], is_again)
 
 
 def detect_unless_halted(
@@ -50,6 +51,7 @@ def detect_unless_halted(
     on_reply: OnReply,
     halted: Callable[[], bool],
     on_scene: OnScene | None = None,
+    is_again: bool = False,
 ) -> Detections:
     """`detect`, abandoned immediately on a stop: a hosted model may take minutes, and its call cannot be cancelled.
 
@@ -63,7 +65,7 @@ def detect_unless_halted(
 
     def work() -> None:
         try:
-            outcome.put(detect(looks, station, models, replies.on_reply, cancel, on_scene))
+            outcome.put(detect(looks, station, models, replies.on_reply, cancel, on_scene, is_again))
         except BaseException as error:  # noqa: BLE001 - handed to the waiting thread, which raises it
             outcome.put(error)
 

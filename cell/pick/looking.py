@@ -66,13 +66,13 @@ def way_to_next_look(
     Raises: CycleFailure(UNREACHABLE, STOPPED).
     """
     taken = [direction_of(look.view.base_from_color) for look in looks]
-    scene = _among_unseen(looks[0], robot, station, cancel)
+    scene = _among_unseen(looks, robot, station, cancel)
     return next_look(scene, looks[-1].view.arm.q_rad, taken).motion
 
 
 def way_back(looks: Sequence[Observation], robot: Robot, station: Station, cancel: Cancel | None = None) -> Trajectory:
     """The motion from the last look to the capture pose. Raises: CycleFailure."""
-    scene = _among_unseen(looks[0], robot, station, cancel)
+    scene = _among_unseen(looks, robot, station, cancel)
     return move(scene, looks[-1].view.arm.q_rad, np.asarray(station.arm.capture_q_rad))
 
 
@@ -84,8 +84,10 @@ def go(arm: Arm, gate: Gate, way: Trajectory) -> None:
     raise CycleFailure(Code.STOPPED, "Stopped on the way to another look.")
 
 
-def _among_unseen(first: Observation, robot: Robot, station: Station, cancel: Cancel | None) -> Scene:
+def _among_unseen(looks: Sequence[Observation], robot: Robot, station: Station, cancel: Cancel | None) -> Scene:
     """The obstacles of a look: what was observed, and all of the pick region, where more may stand than was seen."""
-    nothing = np.zeros(first.frame.color.shape[:2], dtype=bool)
-    sight = Sight(*surroundings(first, nothing), first.view.arm.q_rad)
-    return Scene.of(robot, station, sight, boxes=(*scene_boxes(station.scene), unseen(station)), cancel=cancel)
+    sights = []
+    for look in looks:
+        nothing = np.zeros(look.frame.color.shape[:2], dtype=bool)
+        sights.append(Sight(*surroundings(look, nothing), look.view.arm.q_rad))
+    return Scene.of(robot, station, *sights, boxes=(*scene_boxes(station.scene), unseen(station)), cancel=cancel)

@@ -11,12 +11,16 @@ from scipy.spatial.transform import Rotation
 from bus.arrays import Transform
 from bus.commands import Event
 from bus.messages import Observation, SeenMount
-from bus.transforms import from_rotation
+from bus.transforms import angle_between_rad, from_rotation
 
 FEWEST_LOOKS = 3
 """Fewer looks leave too much open of a correction to keep it."""
 _MEMORY = 10
 """As many picks count alike; what is older fades."""
+_OFF_RAD, _OFF_M = float(np.deg2rad(0.4)), 0.004
+"""A mounting is off beyond this; where nothing is wrong, looks ask for 0.2 deg and 1.6 mm (`benchmarks fusion`)."""
+_QUIET = 5
+"""After so many picks without a sign of it, what was told may be told again."""
 _LONGEST_RAD, _LONGEST_M = float(np.deg2rad(1.5)), 0.009
 """The kept correction is never more than this: three standard deviations of a calibrated mounting."""
 
@@ -32,7 +36,7 @@ class MountKeeper:
     def __init__(self) -> None:
         self.color_from_corrected: Transform = np.eye(4)
         self.picks = 0
-        self._named = ""
+        self._named, self._quiet = "", 0
 
     def applied(self, observation: Observation) -> Observation:
         """The observation as the kept correction has it."""
@@ -51,9 +55,20 @@ class MountKeeper:
         self.color_from_corrected = _bounded(self.color_from_corrected @ step)
 
     def news(self, mount: SeenMount) -> Event | None:
-        """What to tell the operator: once, when the table or the mounting begins to be off."""
-        before, self._named = self._named, mount.named
-        return _event(mount) if mount.named not in ("", before) else None
+        """What to tell the operator: once, when the table or the mounting begins to be off.
+
+        The kept correction counts: what drifts slowly is taken off pick by pick, and is off nevertheless.
+        """
+        off = self.color_from_corrected @ mount.color_from_corrected
+        turn_rad, shift_m = float(angle_between_rad(np.eye(4), off)), float(np.linalg.norm(off[:3, 3]))
+        has_drifted = turn_rad > _OFF_RAD or shift_m > _OFF_M
+        named = mount.named or ("mount" if has_drifted else "")
+        self._quiet = 0 if named else self._quiet + 1
+        if named in ("", self._named):
+            self._named = "" if self._quiet >= _QUIET else self._named
+            return None
+        self._named = named
+        return _event(named, mount, turn_rad, shift_m)
 
 
 def _bounded(pose: Transform) -> Transform:
@@ -63,8 +78,8 @@ def _bounded(pose: Transform) -> Transform:
     return from_rotation(Rotation.from_rotvec(turn).as_matrix(), shift)
 
 
-def _event(mount: SeenMount) -> Event:
-    if mount.named == "table":
+def _event(named: str, mount: SeenMount, turn_rad: float, shift_m: float) -> Event:
+    if named == "table":
         return Event(
             code="TABLE_TILTED",
             severity="warning",
@@ -75,7 +90,7 @@ def _event(mount: SeenMount) -> Event:
         code="MOUNT_MOVED",
         severity="warning",
         text=f"The looks disagree by {1e3 * (mount.residual_before_m or 0):.1f} mm: the camera's mounting seems off by"
-        f" {np.degrees(mount.turn_rad):.2f} +- {np.degrees(mount.turn_deviation_rad):.2f} deg and"
-        f" {1e3 * mount.shift_m:.1f} +- {1e3 * mount.shift_deviation_m:.1f} mm.",
+        f" {np.degrees(turn_rad):.2f} +- {np.degrees(mount.turn_deviation_rad):.2f} deg and"
+        f" {1e3 * shift_m:.1f} +- {1e3 * mount.shift_deviation_m:.1f} mm from the station's.",
         advice="Is the camera screwed tight? `cell calibrate check` measures it with the board.",
     )

@@ -276,11 +276,14 @@ def _frames(raw: Content) -> tuple[dict[int, Frame], bool]:
 
 
 def _looks(views: list[View | None], frames: dict[int, Frame], is_whole: bool) -> Iterator[Observation]:
-    """The observations of the captures that succeeded, of a torn file those that are whole."""
+    """The observations of the captures that succeeded; of a torn file, those before the first that is missing."""
     for view in views:
+        if view is None:
+            continue
         observation = _observation(view, frames, is_whole)
-        if observation is not None:
-            yield observation
+        if observation is None:
+            return
+        yield observation
 
 
 def _observation(view: View | None, frames: dict[int, Frame], is_whole: bool) -> Observation | None:

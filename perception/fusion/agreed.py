@@ -26,15 +26,17 @@ def agreed(looks: Sequence[Look], station: Station) -> tuple[tuple[Look, ...], S
     """The looks from where they were truly taken, and how the mounting differs from the station's; None for one look.
 
     With ``capture.mount_correction`` off the difference is told, and the looks stay as they are. So they do when two
-    looks hardly disagree: two leave much open, and a correction of what is right costs 0.2 mm (docs/method.md).
+    looks hardly disagree (two leave much open; correcting what is right costs 0.2 mm: docs/method.md), and when a
+    correction does not help, or would be more than is believed: then something else has moved.
     """
     if len(looks) == 1:
         return tuple(looks), None
     views, poses = [look.view for look in looks], [look.base_from_color for look in looks]
     near = [within(view.points_base, station, _AROUND_M) for view in views]
     found = common_correction(views, [look.surface for look in looks], poses, near)
+    helps = found.residual_after_m < found.residual_before_m and not found.is_cut
     disagree = len(looks) > 2 or found.residual_before_m > _WRONG_M
-    use = station.capture.mount_correction and disagree
+    use = station.capture.mount_correction and helps and disagree
     told = _told(found if use else replace(found, color_from_corrected=np.eye(4)), found, _planes(looks, station))
     if not use:
         return tuple(looks), told

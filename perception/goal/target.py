@@ -51,6 +51,8 @@ def by_best_grasp(scene: Scene, closings: Closings) -> list[int]:
 def at_pixel(scene: Scene, pixel: tuple[float, float]) -> int:
     """The thing at a pixel (u, v), or the nearest one within 40 px. Raises: CycleFailure(TARGET_NOT_FOUND)."""
     rows, columns = np.nonzero(scene.color_labels)
+    if not len(rows):
+        raise CycleFailure(Code.TARGET_NOT_FOUND, "None of the things is in the picture that is shown.")
     distance = np.hypot(columns - pixel[0], rows - pixel[1])
     nearest = int(np.argmin(distance))
     if distance[nearest] > _NEAR_PX:

@@ -376,3 +376,11 @@ def test_a_reflex_between_looks_is_the_cycles_failure(bench: Bench, motion: int)
     aborted = bench.stopped(actions, "low")
     assert aborted.result is not None and bench.arm.motions == motion
     assert (aborted.result.result, aborted.result.code) == ("ABORTED", Code.ARM_REFLEX)
+
+
+def test_after_a_reflex_on_the_way_to_a_third_look_nothing_moves(bench: Bench) -> None:
+    actions = bench.actions(_IN_VAIN, "capture.most_views=3")
+    bench.arm.reflex_in = 2
+    aborted = bench.stopped(actions, "low")
+    assert aborted.result is not None and aborted.result.code is Code.ARM_REFLEX
+    assert bench.arm.motions == 2, "the way back is for an arm that may move"

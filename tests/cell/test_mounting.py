@@ -66,9 +66,26 @@ def test_a_correction_that_was_cut_proves_nothing() -> None:
 
 def test_the_operator_is_told_once_when_something_begins_to_be_off() -> None:
     keeper = MountKeeper()
-    told = [keeper.news(_seen(0.6, 3.0, named=named)) for named in ("", "mount", "mount", "table", "", "mount")]
-    assert [event.code if event is not None else "" for event in told] == [
-        "", "MOUNT_MOVED", "", "TABLE_TILTED", "", "MOUNT_MOVED",
-    ]  # fmt: skip
-    assert told[1] is not None and "0.60 +- 0.06 deg and 3.0 +- 1.0 mm" in told[1].text
+    told = [keeper.news(_seen(0.6, 3.0, named=named)) for named in ("mount", "", "mount", "table", "table")]
+    assert [event.code if event is not None else "" for event in told] == ["MOUNT_MOVED", "", "", "TABLE_TILTED", ""]
+    assert told[0] is not None and "0.60 +- 0.06 deg and 3.0 +- 1.0 mm from the station's" in told[0].text
     assert told[3] is not None and "2.0 deg" in told[3].text
+
+
+def test_what_was_told_is_told_again_after_it_was_right_for_some_picks() -> None:
+    keeper = MountKeeper()
+    assert keeper.news(_seen(named="table")) is not None
+    assert keeper.news(_seen()) is None and keeper.news(_seen(named="table")) is None, "one quiet pick proves nothing"
+    for _ in range(5):
+        assert keeper.news(_seen()) is None
+    assert keeper.news(_seen(named="table")) is not None
+
+
+def test_a_mounting_that_drifts_slowly_is_told_although_every_pick_takes_it_off() -> None:
+    keeper, codes = MountKeeper(), []
+    for pick in range(100):
+        left = _seen(0.01 * pick - _kept(keeper)[0])
+        event = keeper.news(left)
+        codes += [event.code] if event is not None else []
+        keeper.take(left)
+    assert codes == ["MOUNT_MOVED"]

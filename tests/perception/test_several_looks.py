@@ -187,6 +187,18 @@ def test_what_can_be_held_only_from_the_side_is_held_so() -> None:
         assert 0.01 < grasp.base_from_tcp[2, 3] < 0.15 and np.hypot(*(grasp.base_from_tcp[:2, 3] - [0.46, 0.0])) < 0.03
 
 
+def test_a_thing_that_only_other_looks_show_does_not_end_the_detection_of_the_rest() -> None:
+    tall, flat = Solid((0.46, 0.10, 0.0), (0.10, 0.09, 0.17)), Solid((0.46, -0.12, 0.0), (0.12, 0.07, 0.04))
+    behind = Solid((0.46, 0.17, 0.0), (0.06, 0.025, 0.03), BLUE)
+    observations = [look([tall, behind, flat], one, distance_m=0.72) for one in (ABOVE, LEFT, RIGHT)]
+    scene = scene_of([Look.of(one, STATION) for one in observations], STATION)
+    hidden = set(range(1, scene.count + 1)) - set(np.unique(scene.color_labels).tolist())
+    assert hidden, "a thing stands in the shadow of another, as the shown look sees it"
+    found = _detected(observations)
+    assert found.grasps[0].instance not in hidden
+    assert {one.code for one in found.tried if one.instance in hidden} <= {Code.NO_DEPTH}
+
+
 def test_a_rods_known_approach_is_taken_and_otherwise_none_is_guessed() -> None:
     scene = _scene([LID, STEM], ABOVE, LEFT, RIGHT)
     seen = described(scene, RegionView.of(scene, STATION))
