@@ -20,7 +20,7 @@ from bus.cancel import Cancel
 from bus.transforms import from_translation, inverse
 from config.scene import scene_boxes
 from config.schema import Box, Station
-from planning.height_field import ObservedHeightField, Sight, observed_field, solid, subsample
+from planning.height_field import KNOWN_M, ObservedHeightField, Sight, observed_field, solid, subsample
 from planning.own_body import on_robot
 from planning.robot import HAND_FROM_TCP, Robot
 from planning.world import FINGERS, Collision, Thing, World, held_thing
@@ -217,7 +217,8 @@ def _without_robot(sight: Sight, robot: Robot) -> Sight:
     """The sight with the robot's own points infinite, like those of the target: they hide nothing."""
     if sight.q_rad is None:
         return sight
-    own = on_robot(robot, sight.q_rad, sight.points_base)
+    own = sight.points_base[..., 2] > robot.station.scene.table.top_m + KNOWN_M  # what is lower is the table
+    own[own] = on_robot(robot, sight.q_rad, sight.points_base[own])
     return replace(sight, points_base=np.where(own[..., None], np.float32(np.inf), sight.points_base))
 
 
