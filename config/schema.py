@@ -93,15 +93,13 @@ class CaptureSettings(Settings):
         views: 1, 2 or 3 looks; ``auto`` looks again only when nothing can be grasped, the best grasp is weak, or no way
             to it is free.
         most_views: most looks of ``auto``.
-        weak_score: a best grasp that scores less is worth another look. ``weak_score_of_many``: where several things
-            lie: of more to choose from, the best promises more.
+        weak_score: a best grasp that scores less is worth another look.
         mount_correction: several looks are made to agree by one correction of the camera's mounting.
     """
 
     views: Literal[1, 2, 3, "auto"] = "auto"
     most_views: Annotated[int, Field(ge=1, le=5)] = 3
     weak_score: Fraction = 0.75
-    weak_score_of_many: Fraction = 0.85
     mount_correction: bool = True
 
 

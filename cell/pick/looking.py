@@ -52,9 +52,8 @@ def why_look_again(outcome: Detections | CycleFailure, looks: int, station: Stat
         return ""
     if isinstance(outcome, CycleFailure):
         return _FOR_WANT_OF_SIGHT.get(outcome.failure, "")
-    best, settings = outcome.grasps[0].score, station.capture
-    weak = settings.weak_score if len(outcome.scene.instances) == 1 else settings.weak_score_of_many
-    is_weak = best < weak and not is_hosted
+    best = outcome.grasps[0].score
+    is_weak = best < station.capture.weak_score and not is_hosted
     return f"the best grasp scores only {best:.2f}" if is_weak else ""
 
 

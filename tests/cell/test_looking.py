@@ -21,9 +21,7 @@ from bus.messages import (
     Failure,
     Frame,
     Grasp,
-    Instance,
     Motion,
-    ObservedScene,
     PickPlan,
 )
 from bus.sample import Sample
@@ -185,12 +183,11 @@ def _at_capture_pose(bench: Bench) -> bool:
 # --- why --------------------------------------------------------------------------------------------------------------
 
 
-def _grasps(score: float, things: int = 1) -> Detections:
-    """A detection whose best grasp has this score; how many things it saw, and nothing else, is asked for besides."""
+def _grasps(score: float) -> Detections:
+    """A detection whose best grasp has this score; nothing else of it is asked for."""
     best = Grasp(base_from_tcp=np.eye(4), width_m=0.04, opening_m=0.06, score=score, rectangle=0,
                  imagined_base_from_tcp=np.eye(4), terms={})  # fmt: skip
-    scene = ObservedScene.model_construct(instances=(Instance.model_construct(),) * things)
-    return Detections.model_construct(grasps=(best, best.model_copy(update={"score": 0.1})), scene=scene)
+    return Detections.model_construct(grasps=(best, best.model_copy(update={"score": 0.1})))
 
 
 def _failed(code: Code) -> CycleFailure:
@@ -213,8 +210,6 @@ _AUTO, _ONCE, _TWICE = (), ("capture.views=1",), ("capture.views=2",)
         (WEAK, 4, ("capture.most_views=5",), "the best grasp scores only 0.60"),
         (WEAK, 1, ("capture.weak_score=0.5",), _NOTHING),
         (GOOD, 1, ("capture.weak_score=0.9",), "the best grasp scores only 0.80"),
-        (_grasps(0.80, things=2), 1, _AUTO, "the best grasp scores only 0.80"),
-        (_grasps(0.86, things=2), 1, _AUTO, _NOTHING),
         (WEAK, 1, _ONCE, _NOTHING),
         (WEAK, 2, _TWICE, _NOTHING),
         (_failed(Code.NO_GRASP), 1, _AUTO, "there is no grasp"),
