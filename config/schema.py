@@ -90,8 +90,8 @@ class CaptureSettings(Settings):
     """How often the scene is looked at before a pick.
 
     Attributes:
-        views: 1, 2 or 3 looks; ``auto`` looks again only when nothing can be grasped, the best grasp is weak, or no way
-            to it is free.
+        views: 1, 2 or 3 looks, fewer where no other place is reached; ``auto`` looks again only when too little was
+            seen, nothing can be grasped, the best grasp is weak, or no way to it is free.
         most_views: most looks of ``auto``.
         weak_score: a best grasp that scores less is worth another look.
         mount_correction: several looks are made to agree by one correction of the camera's mounting.
