@@ -32,6 +32,8 @@ _BELOW_M = 0.05
 _MAX_SHEET_M = 1.0
 _ENOUGH_POINTS = 300
 _BESIDE_M = 0.002 * np.array([[-1, -1, 0], [-1, 1, 0], [1, -1, 0], [1, 1, 0]])
+_ABOVE_M = 0.002
+"""A point so little above the merged heights still stands for them."""
 _BESIDE_TARGET_PX = 2
 """Depth at the target's outline mixes with the background's."""
 
@@ -103,7 +105,7 @@ def observed_field(sights: Sequence[Sight], boxes: Sequence[Box]) -> ObservedHei
     maps = [_raised_to(_floor_of(nothing, points, low), one, low) for points, one in zip(shown, hidden, strict=True)]
     height_m = np.maximum(_raised_to(nothing, single, low), np.fmin.reduce([nothing * np.nan, *maps]))
     height_m = np.where(np.isnan(height_m), nothing, height_m)
-    kept = [one[one[:, 2] <= _at(height_m, one, low) + _BESIDE_M[3, 0]] for one in hidden]
+    kept = [one[one[:, 2] <= _at(height_m, one, low) + _ABOVE_M] for one in hidden]
     return ObservedHeightField(low * CELL_M, height_m, np.concatenate([single, *kept]))
 
 

@@ -71,10 +71,10 @@ def grasps_of_rod(
     """
     scene = observed_object.scene
     base_from_table, grasps = scene.table.base_from_table, list[Grasp]()
-    levels = [tilted(ends_base, float(tilt_rad), base_from_table) for tilt_rad in _TILTS_RAD]
     if approach_base is not None and -approach_base @ base_from_table[:3, 2] < _FROM_ABOVE:
         levels = [facing(ends_base, approach_base)]
     else:
+        levels = [tilted(ends_base, float(tilt_rad), base_from_table) for tilt_rad in _TILTS_RAD]
         grasps = _approach(ends_base, rectangle, base_from_table, scene.heights, observed_object, station)
     for level in () if grasps else levels:
         heights, base_from_level = scene.along(level, observed_object.instance.number)
