@@ -10,13 +10,15 @@ import numpy as np
 
 from bus.arrays import Joints, Transform
 from bus.errors import CalibrationError, NotConnected, StaleFrame
-from bus.messages import Frame
+from bus.messages import Frame, Observation
 from bus.transforms import angle_between_rad
 from cell.pick.capture import capture
 from config.schema import Station
 from drivers.interface import Arm, Camera, Devices
+from perception.fusion.agreed import disagreement
 from perception.geometry.depth import register
 from perception.hand_eye import HandEye, Sighting, corners_in_color, corrected, hand_eye, off_px, sight
+from perception.scene.look import Look
 from planning.motion import move
 from planning.robot import Robot, hand_from_color
 from planning.scene import Scene
@@ -37,6 +39,8 @@ class Check:
         moved_mm, moved_deg: the camera's offset from the present calibration, estimated from these few views.
         uncertainty_mm, uncertainty_deg: of that offset, one standard deviation.
         depth_off_mm: mean difference of measured and expected depth at the board; NaN = no depth there.
+        disagree_mm: median distance between the surfaces that the looks show, as in a pick with several looks; with
+            ``disagree_after_mm`` if the camera sat otherwise by ``looks_mm``, ``looks_deg``. None = nothing in common.
     """
 
     off_px: float
@@ -47,6 +51,10 @@ class Check:
     uncertainty_mm: float
     uncertainty_deg: float
     depth_off_mm: float
+    disagree_mm: float | None
+    disagree_after_mm: float | None
+    looks_mm: float
+    looks_deg: float
 
 
 class Surveyor:
@@ -68,7 +76,8 @@ class Surveyor:
 
     def calibrate(self) -> HandEye:
         """Calibrate. Raises: CalibrationError for too few views, or a residual beyond `calibration.max_rms_px`."""
-        sightings, frames = self._look_around(self._viewpoints())
+        sightings, looks = self._look_around(self._viewpoints())
+        frames = [look.frame for look in looks]
         found = hand_eye(sightings, frames[0].color_camera)
         most_px = self._station.calibration.max_rms_px
         if found.rms_px > most_px:
@@ -82,7 +91,8 @@ class Surveyor:
         """Check the present calibration. Raises: CalibrationError when the board is not seen, or from too few sides."""
         vantage_q_rad = self._viewpoints()
         chosen = vantage_q_rad[:: max(1, len(vantage_q_rad) // _CHECKED_FROM)]
-        sightings, frames = self._look_around(chosen)
+        sightings, looks = self._look_around(chosen)
+        frames = [look.frame for look in looks]
         if not sightings:
             raise CalibrationError("The board was not seen.", "Lay it where calibration.board_center_m says.")
         camera, mounting = frames[0].color_camera, hand_from_color(self._station.camera)
@@ -90,6 +100,8 @@ class Surveyor:
         moved_mm, moved_deg = moved(mounting, found.hand_from_color)
         off = off_px(sightings, camera, mounting)
         rms_px = float(np.sqrt(np.mean(off**2)))
+        mount = disagreement([Look.of(look, self._station) for look in looks], self._station)
+        looks_mm, looks_deg = moved(np.eye(4), mount.color_from_corrected)
         return Check(
             off_px=rms_px,
             worst_px=float(off.max()),
@@ -99,15 +111,19 @@ class Surveyor:
             uncertainty_mm=found.uncertainty_mm,
             uncertainty_deg=found.uncertainty_deg,
             depth_off_mm=_depth_off_mm(frames, sightings),
+            disagree_mm=1e3 * mount.residual_before_m if mount.pairs else None,
+            disagree_after_mm=1e3 * mount.residual_after_m if mount.pairs else None,
+            looks_mm=looks_mm,
+            looks_deg=looks_deg,
         )
 
     def _viewpoints(self) -> list[Joints]:
         return viewpoints(self._scene, self._station, self._arm.state().q_rad)
 
-    def _look_around(self, vantage_q_rad: Sequence[Joints]) -> tuple[list[Sighting], list[Frame]]:
-        """The sightings and frames of all viewpoints; returns to the start at the end."""
+    def _look_around(self, vantage_q_rad: Sequence[Joints]) -> tuple[list[Sighting], list[Observation]]:
+        """The sightings of all viewpoints, and what was observed there; returns to the start at the end."""
         sightings: list[Sighting] = []
-        frames: list[Frame] = []
+        looks: list[Observation] = []
         for number, q_rad in enumerate(vantage_q_rad, start=1):
             self._go(q_rad)
             seen = capture(self._camera, self._arm, self._robot)
@@ -117,9 +133,9 @@ class Surveyor:
             self._say(f"  view {number:>2} of {len(vantage_q_rad)}: {corners or 'too few'} corners")
             if sighting is not None:
                 sightings.append(sighting)
-                frames.append(seen.frame)
+                looks.append(seen)
         self._go(np.array(self._station.arm.capture_q_rad))
-        return sightings, frames
+        return sightings, looks
 
     def _go(self, q_rad: Joints) -> None:
         now_q_rad = self._arm.state().q_rad

@@ -142,6 +142,11 @@ def check(config: Config = DEFAULT_STATION, overrides: Set = None, as_json: Json
             f"give or take {seen.uncertainty_mm:.1f} mm and {seen.uncertainty_deg:.2f} deg"
         )
         out.line(f"depth reads {seen.depth_off_mm:+.1f} mm against the corners")
+        if seen.disagree_mm is not None and seen.disagree_after_mm is not None:
+            out.line(
+                f"the depth of the looks disagrees by {seen.disagree_mm:.1f} mm; by {seen.disagree_after_mm:.1f} mm if the"
+                f" camera sat {seen.looks_mm:.1f} mm and {seen.looks_deg:.2f} deg otherwise: so a pick of several looks sees it"
+            )
         verdict = (
             "good" if good else f"more than {station.calibration.max_off_px:.1f} px: run `cell calibrate hand-eye`"
         )

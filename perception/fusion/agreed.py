@@ -31,9 +31,7 @@ def agreed(looks: Sequence[Look], station: Station) -> tuple[tuple[Look, ...], S
     """
     if len(looks) == 1:
         return tuple(looks), None
-    views, poses = [look.view for look in looks], [look.base_from_color for look in looks]
-    near = [within(view.points_base, station, _AROUND_M) for view in views]
-    found = common_correction(views, [look.surface for look in looks], poses, near)
+    found = disagreement(looks, station)
     helps = found.residual_after_m < found.residual_before_m and not found.is_cut
     disagree = len(looks) > 2 or found.residual_before_m > _WRONG_M
     use = station.capture.mount_correction and helps and disagree
@@ -48,6 +46,13 @@ def agreed(looks: Sequence[Look], station: Station) -> tuple[tuple[Look, ...], S
         )
         for look in looks
     ), told
+
+
+def disagreement(looks: Sequence[Look], station: Station) -> MountCorrection:
+    """How looks at the pick region disagree, and the one correction of the mounting that would mend most of it."""
+    views, poses = [look.view for look in looks], [look.base_from_color for look in looks]
+    near = [within(view.points_base, station, _AROUND_M) for view in views]
+    return common_correction(views, [look.surface for look in looks], poses, near)
 
 
 def corrected(observation: Observation, mount: SeenMount | None) -> Observation:

@@ -46,6 +46,7 @@ def test_check_finds_it_wrong_hand_eye_sets_it_right_and_check_is_content(statio
 
     before = calibrate("check", station_file)
     assert before.returncode == 1 and "run `cell calibrate hand-eye`" in before.stdout, before.stderr
+    assert "the depth of the looks disagrees by" in before.stdout
     true_pose = hand_from_cameras(load_station(station_file))["color"]
 
     found = calibrate("hand-eye", station_file)
@@ -63,6 +64,7 @@ def test_check_finds_it_wrong_hand_eye_sets_it_right_and_check_is_content(statio
     assert after.returncode == 0, after.stderr
     seen = json.loads(after.stdout)
     assert seen["ok"] and seen["off_px"] < 0.5 and abs(seen["depth_off_mm"]) < 15
+    assert seen["disagree_after_mm"] <= seen["disagree_mm"] < 2.0
 
 
 def test_the_board_is_drawn_to_scale(tmp_path: Path, in_process: Run) -> None:
