@@ -17,7 +17,7 @@ from bus.errors import CellError, ConfigError
 from bus.session import Bus
 from bus.transforms import to_wxyz
 from cell.cli.options import Config, Json, Set
-from cell.hand_eye_survey import Surveyor, moved
+from cell.hand_eye_survey import Check, Surveyor, moved
 from cell.nodes.supervisor import Supervisor
 from cell.terminal.printing import out
 from cell.terminal.signals import ending
@@ -126,6 +126,15 @@ def _show(found: HandEye, off_mm: float, off_deg: float) -> None:
     out.line(f"the camera sits {off_mm:.2f} mm and {off_deg:.2f} deg from where the station file had it")
 
 
+def _show_disagreement(seen: Check) -> None:
+    if seen.disagree_mm is None or seen.disagree_after_mm is None:
+        return
+    out.line(
+        f"the depth of the looks disagrees by {seen.disagree_mm:.1f} mm; by {seen.disagree_after_mm:.1f} mm if the camera"
+        f" sat {seen.looks_mm:.1f} mm and {seen.looks_deg:.2f} deg otherwise, as picks of several looks see it"
+    )
+
+
 @calibrate.command()
 def check(config: Config = DEFAULT_STATION, overrides: Set = None, as_json: Json = False) -> None:
     """Look at the board from five sides: is the calibration still right? Nothing is touched. Exit 1: it is not."""
@@ -142,11 +151,7 @@ def check(config: Config = DEFAULT_STATION, overrides: Set = None, as_json: Json
             f"give or take {seen.uncertainty_mm:.1f} mm and {seen.uncertainty_deg:.2f} deg"
         )
         out.line(f"depth reads {seen.depth_off_mm:+.1f} mm against the corners")
-        if seen.disagree_mm is not None and seen.disagree_after_mm is not None:
-            out.line(
-                f"the depth of the looks disagrees by {seen.disagree_mm:.1f} mm; by {seen.disagree_after_mm:.1f} mm if the"
-                f" camera sat {seen.looks_mm:.1f} mm and {seen.looks_deg:.2f} deg otherwise: so a pick of several looks sees it"
-            )
+        _show_disagreement(seen)
         verdict = (
             "good" if good else f"more than {station.calibration.max_off_px:.1f} px: run `cell calibrate hand-eye`"
         )
