@@ -130,8 +130,8 @@ def _show_disagreement(seen: Check) -> None:
     if seen.disagree_mm is None or seen.disagree_after_mm is None:
         return
     out.line(
-        f"the depth of the looks disagrees by {seen.disagree_mm:.1f} mm; by {seen.disagree_after_mm:.1f} mm if the camera"
-        f" sat {seen.looks_mm:.1f} mm and {seen.looks_deg:.2f} deg otherwise, as picks of several looks see it"
+        f"the depth of the looks disagrees by {seen.disagree_mm:.1f} mm; by {seen.disagree_after_mm:.1f} mm if the"
+        f" camera sat {seen.looks_mm:.1f} mm and {seen.looks_deg:.2f} deg otherwise, as picks of several looks see it"
     )
 
 
