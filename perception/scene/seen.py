@@ -25,6 +25,8 @@ from perception.scene.table import Table
 _CELL_M = 0.005
 _HOLE_M2 = 3e-4
 """A hole in the depth this large may hide an object, when its colour is not the table's."""
+_ANY_HOLE_M2 = 8e-4
+"""A hole this large inside the seen table may hide one of the table's own colour, nearer than the camera measures."""
 _FOREIGN = 25.0
 """Squared standard deviations from the table's colour above which a pixel is not the table."""
 _FOREIGN_SHARE = 0.3
@@ -85,13 +87,25 @@ class RegionView:
             cv2.fillConvexPoly(region, corners, 1)
         return np.asarray((region > 0) & np.isnan(rgbd.depth_m))
 
-    def largest_foreign_hole_m2(self) -> float:
-        """Area [m2] of the largest hole whose colour is not the table's; 0 for none."""
+    def largest_suspect_hole_m2(self) -> float:
+        """Area [m2] of the largest hole that may hide an object: of another colour than the table's, or large and with
+        the seen table all around it; 0 for none.
+        """
         holes = self.inside & ~self.is_seen
         opened = cv2.morphologyEx(holes.astype(np.uint8), cv2.MORPH_OPEN, np.ones((2, 2), np.uint8))
         count, labels = cv2.connectedComponents(opened)
-        foreign = [label for label in range(1, count) if self._foreign[labels == label].mean() > _FOREIGN_SHARE]
-        return max((float((labels == label).sum()) * _CELL_M**2 for label in foreign), default=0.0)
+        at_border = {int(label) for edge in (labels[0], labels[-1], labels[:, 0], labels[:, -1]) for label in edge}
+        areas_m2 = [float((labels == label).sum()) * _CELL_M**2 for label in range(count)]
+        suspect = [
+            area_m2
+            for label, area_m2 in enumerate(areas_m2)
+            if label > 0
+            and (
+                self._foreign[labels == label].mean() > _FOREIGN_SHARE
+                or (area_m2 > _ANY_HOLE_M2 and label not in at_border)
+            )
+        ]
+        return max(suspect, default=0.0)
 
     @cached_property
     def _foreign(self) -> Mask:
@@ -139,12 +153,12 @@ def require_something(scene: Scene, region: RegionView, station: Station) -> Non
     if scene.count:
         return
     needed = station.perception.min_table_seen
-    hole_m2 = region.largest_foreign_hole_m2()
+    hole_m2 = region.largest_suspect_hole_m2()
     if hole_m2 > _HOLE_M2:
         raise CycleFailure(
             Code.NO_DEPTH,
-            f"Nothing rises above the table, but {hole_m2 * 1e4:.0f} cm2 of it have no depth and another colour than"
-            " the table: glass, something black or shiny, or nearer than the camera measures?",
+            f"Nothing rises above the table, but {hole_m2 * 1e4:.0f} cm2 of it have no depth: glass, something black or"
+            " shiny, or nearer than the camera measures?",
         )
     if region.share < needed:
         raise CycleFailure(

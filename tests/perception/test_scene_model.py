@@ -146,6 +146,19 @@ def test_what_has_no_depth_and_another_colour_is_not_an_empty_table(look: Look) 
     assert failure.value.failure is Code.NO_DEPTH
 
 
+@pytest.mark.parametrize(
+    ("columns", "rows", "code"),
+    [((200, 240), (160, 200), Code.NO_DEPTH), ((200, 212), (160, 172), Code.NO_OBJECT)],
+    ids=["25 cm2", "2 cm2"],
+)
+def test_a_large_hole_with_the_table_around_it_may_hide_what_has_the_tables_colour(
+    look: Look, columns: tuple[int, int], rows: tuple[int, int], code: Code
+) -> None:
+    with pytest.raises(CycleFailure) as failure:
+        _detect(look([Box(columns, rows, None, (165, 165, 165))]))
+    assert failure.value.failure is code
+
+
 def test_no_finger_goes_where_nothing_was_seen(look: Look) -> None:
     """Something black, 25 mm wide, stands 3 mm beside the block: it may be of any height."""
     black = Box((190, 240), (187, 207), None, BLACK)
