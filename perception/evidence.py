@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from bus.messages import Evidence
 from bus.transforms import apply
+from perception.align.base import Shape
 from perception.geometry.crop import Crop
 from perception.geometry.depth import Rgbd
 from perception.geometry.lift import lift, subsample_float32
@@ -24,7 +26,7 @@ def evidence_of(
     Args:
         crop: of ``rgbd`` around the object. ``sample``, ``agreement``: see `bus.messages.Evidence`.
     """
-    observed_from_goal, goal_points = proposal.alignment.observed_from_goal, proposal.imagined.points
+    observed_from_goal, goal_points = proposal.alignment.observed_from_goal, _points(proposal.imagined)
     rod_points = lift(proposal.parts.rod, proposal.depth_m, observed_object.rgbd.camera)
     nothing = np.zeros(rgbd.depth_m.shape, dtype=bool)
     background = np.empty_like(rgbd.color)
@@ -35,7 +37,7 @@ def evidence_of(
         goal_image=crop.back(proposal.goal.image, background),
         goal_object_mask=crop.back(proposal.parts.object, nothing),
         goal_rod_mask=crop.back(proposal.parts.rod, nothing),
-        observed_points=subsample_float32(proposal.observed.points, _SHOWN_POINTS),
+        observed_points=subsample_float32(_points(proposal.observed), _SHOWN_POINTS),
         goal_points=subsample_float32(goal_points, _SHOWN_POINTS),
         aligned_points=subsample_float32(apply(observed_from_goal, goal_points), _SHOWN_POINTS),
         rod_points=subsample_float32(apply(observed_from_goal, rod_points), _SHOWN_POINTS),
@@ -45,3 +47,8 @@ def evidence_of(
         sample=sample,
         agreement=agreement,
     )
+
+
+def _points(shape: Shape) -> npt.NDArray[np.float64]:
+    """(n, 3) [m] what is seen of a shape, however little: a rod may cover most of a thin thing."""
+    return lift(shape.mask, shape.depth_m, shape.camera)
