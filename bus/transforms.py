@@ -94,3 +94,9 @@ def inverse(transform: Array) -> Array:
 def apply(transform: Array, points: Array) -> Array:
     """Map points (..., 3) from b to a with ``a_from_b`` (4, 4)."""
     return np.asarray(points @ transform[:3, :3].T + transform[:3, 3])
+
+
+def direction_of_view_deg(base_from_camera: Array) -> tuple[float, float]:
+    """Return from where a camera (4, 4) looks: tilt from the vertical, and azimuth; 0 is the +x side of ``base``."""
+    x, y, z = -base_from_camera[:3, 2]
+    return float(np.degrees(np.arccos(np.clip(z, -1, 1)))), float(np.degrees(np.arctan2(y, x)) % 360)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from bus.arrays import Transform
+from bus.transforms import direction_of_view_deg
 
 _LEVEL_DEG = 3.0
 """A look tilted by less is one from above, of whatever azimuth."""
@@ -12,8 +11,7 @@ _LEVEL_DEG = 3.0
 
 def direction_in_words(base_from_color: Transform) -> str:
     """From where the camera (4, 4) looks: tilt from the vertical; azimuth 0 is beyond the place, 90 on its left."""
-    x, y, z = -base_from_color[:3, 2]
-    tilt_deg, azimuth_deg = np.degrees(np.arccos(np.clip(z, -1, 1))), np.degrees(np.arctan2(y, x)) % 360
+    tilt_deg, azimuth_deg = direction_of_view_deg(base_from_color)
     if tilt_deg < _LEVEL_DEG:
         return "from above"
     return f"tilt {tilt_deg:.0f}°, azimuth {azimuth_deg:.0f}°"

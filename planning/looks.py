@@ -13,7 +13,7 @@ from itertools import islice, product
 import numpy as np
 import numpy.typing as npt
 
-from bus.arrays import Joints, Transform
+from bus.arrays import Joints
 from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.trajectory import Trajectory
@@ -113,9 +113,3 @@ def _apart_deg(one: tuple[float, float], other: tuple[float, float]) -> float:
 def _direction(tilt_deg: float, azimuth_deg: float) -> Array:
     tilt, azimuth = np.radians([tilt_deg, azimuth_deg])
     return np.array([np.sin(tilt) * np.cos(azimuth), np.sin(tilt) * np.sin(azimuth), np.cos(tilt)])
-
-
-def direction_of(base_from_color: Transform) -> tuple[float, float]:
-    """Tilt and azimuth [deg] of the direction from what a camera (4, 4) looks at towards the camera."""
-    x, y, z = -base_from_color[:3, 2]
-    return float(np.degrees(np.arccos(np.clip(z, -1, 1)))), float(np.degrees(np.arctan2(y, x)) % 360)

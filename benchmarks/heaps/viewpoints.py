@@ -9,8 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks.heaps.plan import station_of
+from bus.transforms import direction_of_view_deg
 from config.scene import scene_boxes
-from planning.looks import direction_of, next_look, unseen
+from planning.looks import next_look, unseen
 from planning.robot import Robot
 from planning.scene import Scene
 
@@ -40,7 +41,7 @@ def viewpoints(kind: str) -> tuple[Viewpoint, ...]:
     robot = Robot(station)
     scene = Scene.of(robot, station, boxes=(*scene_boxes(station.scene), unseen(station)))
     q_rad = np.array(station.arm.capture_q_rad)
-    taken, found = [direction_of(robot.base_from_color(q_rad))], []
+    taken, found = [direction_of_view_deg(robot.base_from_color(q_rad))], []
     for _ in range(_VIEWS):
         one = next_look(scene, q_rad, taken)
         q_rad = one.motion.end_q_rad

@@ -42,3 +42,8 @@ class Observation(Message):
 
     view: View
     frame: Frame
+
+    def corrected(self, color_from_corrected: Transform) -> Observation:
+        """Return the observation with the camera where ``base_from_color @ color_from_corrected`` (4, 4) puts it."""
+        pose = self.view.base_from_color @ color_from_corrected
+        return self.model_copy(update={"view": self.view.model_copy(update={"base_from_color": pose})})

@@ -11,13 +11,14 @@ from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.messages import Detections, Observation
 from bus.trajectory import Trajectory
+from bus.transforms import direction_of_view_deg
 from cell.machine.gate import Gate
 from config.scene import scene_boxes
 from config.schema import Station
 from drivers.interface import Arm
 from perception.scene.surroundings import surroundings
 from planning.height_field import Sight
-from planning.looks import direction_of, next_look, unseen
+from planning.looks import next_look, unseen
 from planning.motion import move
 from planning.robot import Robot
 from planning.scene import Scene
@@ -64,7 +65,7 @@ def way_to_next_look(
 
     Raises: CycleFailure(UNREACHABLE, STOPPED).
     """
-    taken = [direction_of(look.view.base_from_color) for look in looks]
+    taken = [direction_of_view_deg(look.view.base_from_color) for look in looks]
     scene = _among_unseen(looks, robot, station, cancel)
     return next_look(scene, looks[-1].view.arm.q_rad, taken).motion
 

@@ -6,12 +6,12 @@ Kept while the daemon runs: `cell calibrate` writes the mounting anew, and the n
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from bus.arrays import Transform
 from bus.commands import Event
 from bus.messages import Observation, SeenMount
-from bus.transforms import angle_between_rad, from_rotation
+from bus.transforms import angle_between_rad
+from perception.fusion.mounting import bounded, pose_of, vector_of
 
 FEWEST_LOOKS = 3
 """Fewer looks leave too much open of a correction to keep it."""
@@ -21,12 +21,10 @@ _OFF_RAD, _OFF_M = float(np.deg2rad(0.4)), 0.004
 """A mounting is off beyond this; where nothing is wrong, looks ask for 0.2 deg and 1.6 mm (`benchmarks fusion`)."""
 _QUIET = 5
 """After so many picks without a sign of it, what was told may be told again."""
-_LONGEST_RAD, _LONGEST_M = float(np.deg2rad(1.5)), 0.009
-"""The kept correction is never more than this: three standard deviations of a calibrated mounting."""
 
 
 class MountKeeper:
-    """The mean correction of the mounting so far.
+    """The mean correction of the mounting so far; never more than is believed of a calibrated one.
 
     Attributes:
         color_from_corrected: (4, 4) ``base_from_color @ color_from_corrected`` is the better pose.
@@ -42,17 +40,15 @@ class MountKeeper:
         """The observation as the kept correction has it."""
         if not self.picks:
             return observation
-        pose = observation.view.base_from_color @ self.color_from_corrected
-        return observation.model_copy(update={"view": observation.view.model_copy(update={"base_from_color": pose})})
+        return observation.corrected(self.color_from_corrected)
 
     def take(self, mount: SeenMount) -> None:
         """Let a pick's correction, which is relative to the kept one, count; one that was cut proves nothing."""
         if mount.is_cut or mount.residual_after_m is None:
             return
         self.picks = min(self.picks + 1, _MEMORY)
-        turn = Rotation.from_matrix(mount.color_from_corrected[:3, :3]).as_rotvec() / self.picks
-        step = from_rotation(Rotation.from_rotvec(turn).as_matrix(), mount.color_from_corrected[:3, 3] / self.picks)
-        self.color_from_corrected = _bounded(self.color_from_corrected @ step)
+        step = pose_of(vector_of(mount.color_from_corrected) / self.picks)
+        self.color_from_corrected = pose_of(bounded(vector_of(self.color_from_corrected @ step)))
 
     def news(self, mount: SeenMount) -> Event | None:
         """What to tell the operator: once, when the table or the mounting begins to be off.
@@ -69,13 +65,6 @@ class MountKeeper:
             return None
         self._named = named
         return _event(named, mount, turn_rad, shift_m)
-
-
-def _bounded(pose: Transform) -> Transform:
-    turn, shift = Rotation.from_matrix(pose[:3, :3]).as_rotvec(), pose[:3, 3]
-    turn = turn * min(1.0, _LONGEST_RAD / max(float(np.linalg.norm(turn)), 1e-12))
-    shift = shift * min(1.0, _LONGEST_M / max(float(np.linalg.norm(shift)), 1e-12))
-    return from_rotation(Rotation.from_rotvec(turn).as_matrix(), shift)
 
 
 def _event(named: str, mount: SeenMount, turn_rad: float, shift_m: float) -> Event:

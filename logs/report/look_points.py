@@ -26,8 +26,9 @@ Points = npt.NDArray[np.float64]
 
 def true_pose(seen: Observation, scene: ObservedScene | None) -> Transform:
     """The pose (4, 4) of the colour camera that detect believed: with the correction of the mounting, if there is."""
-    pose = seen.view.base_from_color
-    return pose if scene is None or scene.mount is None else pose @ scene.mount.color_from_corrected
+    if scene is not None and scene.mount is not None:
+        seen = seen.corrected(scene.mount.color_from_corrected)
+    return seen.view.base_from_color
 
 
 def points_of_things(scene: ObservedScene, looks: Sequence[Observation]) -> list[Points]:

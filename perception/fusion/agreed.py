@@ -57,10 +57,7 @@ def disagreement(looks: Sequence[Look], station: Station) -> MountCorrection:
 
 def corrected(observation: Observation, mount: SeenMount | None) -> Observation:
     """The observation from where it was truly taken, by the correction that was used."""
-    if mount is None:
-        return observation
-    pose = observation.view.base_from_color @ mount.color_from_corrected
-    return observation.model_copy(update={"view": observation.view.model_copy(update={"base_from_color": pose})})
+    return observation if mount is None else observation.corrected(mount.color_from_corrected)
 
 
 def _planes(looks: Sequence[Look], station: Station) -> TableOrMount | None:

@@ -117,17 +117,17 @@ def common_correction(
     covariance = np.linalg.inv(information)
     before_m, pairs = _disagreement(looks, correction)
     for radius_m in _RADII_M if pairs else ():
-        hessian, gradient = information.copy(), information @ _vector(correction)
+        hessian, gradient = information.copy(), information @ vector_of(correction)
         for residuals_m, jacobian in _compared(looks, correction, radius_m):
             share = _INDEPENDENT / len(residuals_m) / _NOISE_M**2
             weighted = (jacobian * (share * _weights(residuals_m))[:, None]).T
             hessian += weighted @ jacobian
             gradient += weighted @ residuals_m
         covariance = np.linalg.inv(hessian)
-        correction = correction @ _pose(-covariance @ gradient)
-    bounded = _bounded(_vector(correction))
-    is_cut = not np.allclose(bounded, _vector(correction), rtol=0, atol=1e-9)
-    correction = _pose(bounded)
+        correction = correction @ pose_of(-covariance @ gradient)
+    believed = bounded(vector_of(correction))
+    is_cut = not np.allclose(believed, vector_of(correction), rtol=0, atol=1e-9)
+    correction = pose_of(believed)
     after_m, _ = _disagreement(looks, correction)
     return MountCorrection(correction, covariance, before_m, after_m, pairs, is_cut)
 
@@ -167,8 +167,7 @@ def _distances(source: _Look, target: _Look, correction: Transform, radius_m: fl
 def _seen_at(target: _Look, points: Array) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32], Mask]:
     """The depth pixels u, v (n,) in which points (n, 3) of the target's ``color`` appear, 0 where they do not."""
     pixels, z = target.view.pixels(apply(target.base_from_color, points).astype(np.float32))
-    camera = target.view.camera
-    inside = (z > 0) & (pixels >= 0).all(axis=1) & (pixels < (camera.width, camera.height)).all(axis=1)
+    inside = target.view.inside(pixels, z)
     u, v = np.where(inside[:, None], pixels, 0).T
     return u, v, inside
 
@@ -178,17 +177,18 @@ def _weights(residuals_m: Array) -> Array:
     return np.asarray((_NOISE_M**2 / (_NOISE_M**2 + residuals_m**2)) ** 2)
 
 
-def _bounded(vector: Array) -> Array:
+def bounded(vector: Array) -> Array:
     """The rotation vector and translation (6,), neither longer than believed."""
     longest = _BOUND * np.array([PRIOR_RAD, PRIOR_M])
     length = np.array([np.linalg.norm(vector[:3]), np.linalg.norm(vector[3:])])
     return np.asarray(vector * np.repeat(np.minimum(1.0, longest / np.maximum(length, 1e-12)), 3))
 
 
-def _vector(pose: Transform) -> Array:
+def vector_of(pose: Transform) -> Array:
     """Rotation vector [rad] and translation [m] (6,) of a pose (4, 4)."""
     return np.concatenate([Rotation.from_matrix(pose[:3, :3]).as_rotvec(), pose[:3, 3]])
 
 
-def _pose(vector: Array) -> Transform:
+def pose_of(vector: Array) -> Transform:
+    """The pose (4, 4) of a rotation vector [rad] and translation [m] (6,)."""
     return from_rotation(Rotation.from_rotvec(vector[:3]).as_matrix(), vector[3:])

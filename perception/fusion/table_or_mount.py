@@ -12,10 +12,10 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial.transform import Rotation
 
 from bus.arrays import Transform
-from bus.transforms import from_rotation, inverse
+from bus.transforms import inverse
+from perception.fusion.mounting import pose_of
 from perception.scene.table import Table
 
 _PRIOR = np.array([*np.deg2rad([2.0, 2.0]), 0.005, *np.deg2rad([0.3] * 3), *[0.002] * 3])
@@ -86,7 +86,13 @@ def table_or_mount(
     off_mounting = float(np.linalg.norm(unknown[3:] / _PRIOR[3:]))
     named = _named(tilt_rad / table_bound_rad, off_mounting / mount_bound)
     return TableOrMount(
-        unknown[:2], float(unknown[2]), _pose(unknown[3:]), np.sqrt(np.diag(covariance)), named, tilt_rad, off_mounting
+        unknown[:2],
+        float(unknown[2]),
+        pose_of(unknown[3:]),
+        np.sqrt(np.diag(covariance)),
+        named,
+        tilt_rad,
+        off_mounting,
     )
 
 
@@ -107,13 +113,9 @@ def _plane(table: Table, color_from_base: Transform) -> Array:
 
 def _left(unknown: Array, plane_color: Array, base_from_color: Transform, middle_base: Array) -> Array:
     """How far (3,) the view's plane, mounted thus, is from the table: two slopes, and the height [m] at the middle."""
-    base_from_true = base_from_color @ _pose(unknown[3:])
+    base_from_true = base_from_color @ pose_of(unknown[3:])
     normal = base_from_true[:3, :3] @ plane_color[:3]
     offset_m = plane_color[3] - normal @ base_from_true[:3, 3]
     slopes = -normal[:2] / normal[2]
     height_m = -(normal @ middle_base + offset_m) / normal[2]
     return np.array([*(slopes - unknown[:2]), height_m - unknown[2]])
-
-
-def _pose(vector: Array) -> Transform:
-    return from_rotation(Rotation.from_rotvec(vector[:3]).as_matrix(), vector[3:])

@@ -42,10 +42,11 @@ def across_faces(closings: Closings, scene: Scene, base_from_level: Transform) -
     known = np.flatnonzero((scene.cloud_labels > 0) & normals.any(axis=1))
     points = moved(scene.cloud.points_table[known][None], level_from_table)[0]
     turned = moved(normals[known][None], from_rotation(level_from_table[:3, :3]))[0]
+    labels = scene.cloud_labels[known]
     faces, score = np.zeros(len(closings.score)), closings.score.copy()
     best = np.argsort(-closings.score, kind="stable")[:_TESTED]
     for index in best[np.isfinite(closings.score[best])]:
-        angle = _angle_rad(closings, int(index), points, turned, scene.cloud_labels[known])
+        angle = _angle_rad(closings, int(index), points, turned, labels)
         faces[index] = 1 - min(angle / _STEEP_RAD, 1)
         if angle > _LARGEST_RAD:
             score[index] = -np.inf

@@ -17,14 +17,14 @@ from perception.geometry.depth import moved
 from perception.geometry.voxels import averaged
 from perception.scene.look import LookOnTable
 from perception.scene.normals import continued
-from perception.scene.region import raised
+from perception.scene.region import raised, within
 from perception.scene.table import Table
 
 _VOXEL_M = 0.002
 _ALIKE = 0.2
 """A mean of normals that is shorter is of faces that look elsewhere: it is none."""
 _BESIDE_M = 0.25
-"""Points so far beside the pick region matter to nothing that is done in it."""
+"""Points so far beside the pick region matter to nothing that is done in it; the table has the x and y of ``base``."""
 
 Mask = npt.NDArray[np.bool_]
 Points = npt.NDArray[np.float32]
@@ -53,7 +53,7 @@ class Cloud:
         if len(looks) == 1:
             (one,) = looks
             return cls(one.points_table.reshape(-1, 3), one.lab.reshape(-1, 3), one.is_raised.ravel())
-        near = [_near(one.points_table, station) for one in looks]
+        near = [np.flatnonzero(within(one.points_table, station, _BESIDE_M)) for one in looks]
         points = np.concatenate([one.points_table.reshape(-1, 3)[at] for one, at in zip(looks, near, strict=True)])
         other = np.concatenate([_colors_and_normals(one, table)[at] for one, at in zip(looks, near, strict=True)])
         points, other, count = averaged(points, other, _VOXEL_M)
@@ -68,11 +68,3 @@ def _colors_and_normals(one: LookOnTable, table: Table) -> Points:
     turn = from_rotation(table.table_from_base[:3, :3])
     normals = np.nan_to_num(moved(continued(one.look.view, one.look.surface, one.is_raised), turn))
     return np.concatenate([one.lab.reshape(-1, 3), normals.reshape(-1, 3)], axis=1)
-
-
-def _near(points_table: Points, station: Station) -> npt.NDArray[np.intp]:
-    """Flat indices of the points (h, w, 3) with depth in and around the pick region; the table has ``base``'s x, y."""
-    x_min, x_max, y_min, y_max = station.scene.pick_region_m
-    x, y = points_table[..., 0], points_table[..., 1]
-    inside = (x > x_min - _BESIDE_M) & (x < x_max + _BESIDE_M) & (y > y_min - _BESIDE_M) & (y < y_max + _BESIDE_M)
-    return np.flatnonzero(inside)

@@ -79,7 +79,7 @@ class DepthView:
     def in_view(self, points_base: Points) -> npt.NDArray[np.bool_]:
         """Whether each point (n, 3) [m] lies inside the image."""
         pixels, z = self.pixels(points_base)
-        return self._inside(pixels, z)
+        return self.inside(pixels, z)
 
     def is_hidden(self, points_base: Points) -> npt.NDArray[np.bool_]:
         """Whether each point (n, 3) [m] lies behind what is seen in its direction, or nothing is seen there.
@@ -87,11 +87,12 @@ class DepthView:
         Points outside the image are not hidden: they are not in view.
         """
         pixels, z = self.pixels(points_base)
-        inside = self._inside(pixels, z)
+        inside = self.inside(pixels, z)
         u, v = np.where(inside[:, None], pixels, 0).T
         return np.asarray(inside & ~(self.nearest_m[v, u] > z + np.float32(_BEHIND_M)))  # NaN compares false
 
-    def _inside(self, pixels: npt.NDArray[np.int32], z: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
+    def inside(self, pixels: npt.NDArray[np.int32], z: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
+        """Whether pixels (n, 2) = (u, v) at z-depth (n,) lie inside the image, before the camera."""
         u, v = pixels.T
         return np.asarray((z > 0) & (u >= 0) & (v >= 0) & (u < self.camera.width) & (v < self.camera.height))
 

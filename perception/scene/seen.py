@@ -122,7 +122,7 @@ class RegionView:
 def _measured(look: Look, points_base: Array, table: Table) -> Mask:
     """Where (n,) a look measured the table, or what is above it, in the direction of points (n, 3) of the table."""
     pixels, z = look.view.pixels(points_base.astype(np.float32))
-    measured = _inside(pixels, z, look.view.depth_m.shape)
+    measured = look.view.inside(pixels, z)
     u, v = np.where(measured[:, None], pixels, 0).T
     height_m = moved(look.view.points_base[v, u][None], table.table_from_base)[0, :, 2]
     return np.asarray(measured & (height_m > -_OBJECT_M))

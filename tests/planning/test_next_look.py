@@ -8,9 +8,10 @@ import pytest
 from bus.cancel import Cancel
 from bus.codes import Code
 from bus.errors import CycleFailure
+from bus.transforms import direction_of_view_deg
 from config.scene import scene_boxes
 from config.schema import Box, SceneSettings, Station
-from planning.looks import Viewpoint, direction_of, next_look, unseen
+from planning.looks import Viewpoint, next_look, unseen
 from planning.robot import Robot
 from planning.scene import Scene
 from planning.viewpoints import looking_at
@@ -32,27 +33,27 @@ def _direction(one: Viewpoint) -> tuple[float, float]:
 
 def _all_looks(robot: Robot, scene: Scene) -> tuple[list[Viewpoint], CycleFailure]:
     """Looks from one place after another until there is none, and what is then said."""
-    q_rad, taken, found = CAPTURE, [direction_of(robot.base_from_color(CAPTURE))], list[Viewpoint]()
+    q_rad, taken, found = CAPTURE, [direction_of_view_deg(robot.base_from_color(CAPTURE))], list[Viewpoint]()
     with pytest.raises(CycleFailure) as none_left:
         while True:
             found.append(next_look(scene, q_rad, taken))
             q_rad = found[-1].motion.end_q_rad
-            taken.append(direction_of(robot.base_from_color(q_rad)))
+            taken.append(direction_of_view_deg(robot.base_from_color(q_rad)))
     return found, none_left.value
 
 
 @pytest.mark.parametrize("direction", [(0.0, 0.0), LEFT, RIGHT, (30.0, 180.0), (20.0, 359.0)])
 def test_the_direction_of_a_view_is_that_which_it_was_made_for(direction: tuple[float, float]) -> None:
-    tilt_deg, azimuth_deg = direction_of(looking_at(np.array([0.4, 0.1, 0.0]), 0.6, *direction, roll_deg=35.0))
+    tilt_deg, azimuth_deg = direction_of_view_deg(looking_at(np.array([0.4, 0.1, 0.0]), 0.6, *direction, roll_deg=35.0))
     assert tilt_deg == pytest.approx(direction[0], abs=1e-4)
     assert tilt_deg < 1 or azimuth_deg == pytest.approx(direction[1], abs=1e-4)
 
 
 def test_the_first_place_is_at_45_degrees_on_the_left_and_looks_at_the_middle_of_the_region(robot: Robot) -> None:
-    first = next_look(_among(robot), CAPTURE, [direction_of(robot.base_from_color(CAPTURE))])
+    first = next_look(_among(robot), CAPTURE, [direction_of_view_deg(robot.base_from_color(CAPTURE))])
     assert _direction(first) == LEFT and np.array_equal(first.motion.start_q_rad, CAPTURE)
     base_from_color = robot.base_from_color(first.motion.end_q_rad)
-    assert direction_of(base_from_color) == pytest.approx(LEFT, abs=0.01)
+    assert direction_of_view_deg(base_from_color) == pytest.approx(LEFT, abs=0.01)
     x_min, x_max, y_min, y_max = STATION.scene.pick_region_m
     x, y, z = np.linalg.inv(base_from_color) @ [(x_min + x_max) / 2, (y_min + y_max) / 2, 0.03, 1.0] @ np.eye(4, 3)
     assert np.hypot(x, y) < 1e-6 and STATION.camera.least_range_m is not None
