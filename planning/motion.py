@@ -26,6 +26,9 @@ from planning.world import Collision
 _CORNER_SHARES = (CORNER_SHARE, 0.25, 0.1, 0.02)
 """Tried in this order: corners are cut less and less until the motion is free of collisions."""
 
+_STEP_RAD = 0.03
+"""Distance at which a further condition is asked along a line."""
+
 Allowed = Callable[[Joints], bool]
 
 
@@ -69,15 +72,26 @@ def connect(
             return Way(index, "straight", line)
         collision = blocked if index == 0 else collision
 
-    def free(q: Joints) -> bool:
-        return (allowed is None or allowed(q)) and scene.collision(q, width_m) is None
+    def free_line(one: Joints, other: Joints) -> bool:
+        is_allowed = allowed is None or all(allowed(q) for q in _along(one, other))
+        return is_allowed and scene.is_line_free(one, other, width_m)
 
     for seed in range(scene.station.planning.searches):
-        path = search(free, q_from_rad, goals_rad, seed)
-        if path is not None and scene.first_collision(path, width_m) is None:
+        path = search(free_line, q_from_rad, goals_rad, seed, lambda: scene.checks)
+        if path is not None:
             reached = int(np.argmin([np.abs(goal - path[-1]).max() for goal in goals_rad]))
-            return Way(reached, "searched", np.concatenate([path[:-1], goals_rad[reached][None]]))
+            way = Way(reached, "searched", np.concatenate([path[:-1], goals_rad[reached][None]]))
+            touched = _bends_touch(blended(way.lines(), _CORNER_SHARES[-1]), scene, width_m)
+            if touched is None:
+                return way
+            collision = touched
     raise Infeasible(Code.COLLISION, f"no way around: {collision}")
+
+
+def _along(one: Joints, other: Joints) -> JointSamples:
+    """Return configurations along a straight joint line, its ends included, 0.03 rad apart at most."""
+    steps = int(np.ceil(float(np.linalg.norm(other - one)) / _STEP_RAD))
+    return np.linspace(one, other, steps + 1)
 
 
 def motion(
@@ -122,8 +136,8 @@ def move(scene: Scene, q_from_rad: Joints, q_to_rad: Joints) -> Trajectory:
     width_m = scene.station.hand.max_width_m
     trajectory = rest_to_rest(scene.station, q_from_rad, q_to_rad)
     if (
-        scene.gate(trajectory.filtered(), width_m) is None
-        and scene.first_collision(trajectory.raw_q_rad, width_m) is None
+        scene.first_collision(trajectory.raw_q_rad, width_m) is None
+        and scene.gate(trajectory.filtered(), width_m) is None
     ):
         return trajectory
     for q_rad, which in ((q_from_rad, "cannot start"), (q_to_rad, "cannot end")):
