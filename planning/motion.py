@@ -79,13 +79,18 @@ def connect(
     for seed in range(scene.station.planning.searches):
         path = search(free_line, q_from_rad, goals_rad, seed, lambda: scene.checks)
         if path is not None:
-            reached = int(np.argmin([np.abs(goal - path[-1]).max() for goal in goals_rad]))
-            way = Way(reached, "searched", np.concatenate([path[:-1], goals_rad[reached][None]]))
-            touched = _bends_touch(blended(way.lines(), _CORNER_SHARES[-1]), scene, width_m)
-            if touched is None:
+            way = _way_along(path, goals_rad)
+            blocked = _bends_touch(blended(way.lines(), _CORNER_SHARES[-1]), scene, width_m)
+            if blocked is None:
                 return way
-            collision = touched
+            collision = blocked
     raise Infeasible(Code.COLLISION, f"no way around: {collision}")
+
+
+def _way_along(path_rad: JointSamples, goals_rad: Sequence[Joints]) -> Way:
+    """Return the searched way along ``path_rad`` (n, 7), ending exactly at the goal that it reaches."""
+    reached = int(np.argmin([np.abs(goal - path_rad[-1]).max() for goal in goals_rad]))
+    return Way(reached, "searched", np.concatenate([path_rad[:-1], goals_rad[reached][None]]))
 
 
 def _along(one: Joints, other: Joints) -> JointSamples:

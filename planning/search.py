@@ -25,6 +25,7 @@ def search(
 ) -> JointSamples | None:
     """Return the vertices (n, 7) of a path from ``q_from_rad`` (7,) to one of the goals; None if none was found.
 
+    Nothing is searched where the start is not free or no goal is: OMPL would wait for another goal forever.
     Deterministic: effort is counted in checks, not in time.
 
     Args:
@@ -32,35 +33,49 @@ def search(
             every line of the result, or for a longer one that the line is part of.
         goals_rad: goals, each (7,).
         seed: of OMPL's random numbers.
-        spent: number of checks that ``free_line`` has made so far.
+        spent: number of checks that ``free_line`` has made so far; each call of it counts as one more.
 
     Raises:
         CycleFailure: the one that ``free_line`` raised.
     """
+    limit = spent() + _MAX_CHECKS
+    goals_rad = [goal for goal in goals_rad if free_line(goal, goal)]
+    if not goals_rad or not free_line(q_from_rad, q_from_rad):
+        return None
     util.setLogLevel(util.LogLevel.LOG_NONE)
     util.RNG.setSeed(seed + 1)  # 0 would mean the clock
-    limit = spent() + _MAX_CHECKS
     info = base.SpaceInformation(_space([q_from_rad, *goals_rad]))
     lines = _Lines(info, free_line)
-    info.setStateValidityChecker(lambda state: lines.checkMotion(state, state))
     usual = info.getMotionValidator()
+    info.setStateValidityChecker(lambda _: True)  # the ends of every line are checked with it
     info.setMotionValidator(lines)
     info.setup()
     try:
-        problem = _problem(info, q_from_rad, goals_rad)
-        planner = geometric.RRTConnect(info)
-        planner.setRange(_RANGE_RAD)
-        planner.setProblemDefinition(problem)
-        planner.setup()
-        planner.solve(base.PlannerTerminationCondition(lambda: lines.failure is not None or spent() > limit))
-        path = problem.getSolutionPath() if problem.hasExactSolution() else None
+        path = _found(info, q_from_rad, goals_rad, lambda: lines.failure is not None or spent() + lines.asked > limit)
         if path is not None:
             _shorten(info, path)
-        if lines.failure is not None:
-            raise lines.failure
-        return None if path is None else np.array([_joints(path.getState(i)) for i in range(path.getStateCount())])
     finally:
         info.setMotionValidator(usual)  # else ``lines`` and ``info`` keep each other alive
+    if lines.failure is not None:
+        raise lines.failure
+    return None if path is None else np.array([_joints(path.getState(i)) for i in range(path.getStateCount())])
+
+
+def _found(
+    info: base.SpaceInformation, q_from_rad: Joints, goals_rad: Sequence[Joints], enough: Callable[[], bool]
+) -> geometric.PathGeometric | None:
+    problem = base.ProblemDefinition(info)
+    problem.addStartState(_state(info, q_from_rad))
+    goals = base.GoalStates(info)
+    for goal in goals_rad:
+        goals.addState(_state(info, goal))
+    problem.setGoal(goals)
+    planner = geometric.RRTConnect(info)
+    planner.setRange(_RANGE_RAD)
+    planner.setProblemDefinition(problem)
+    planner.setup()
+    planner.solve(base.PlannerTerminationCondition(enough))
+    return problem.getSolutionPath() if problem.hasExactSolution() else None
 
 
 def _shorten(info: base.SpaceInformation, path: geometric.PathGeometric) -> None:
@@ -77,31 +92,24 @@ class _Lines(base.MotionValidator):  # type: ignore[misc]
     """Asks for whole lines, not for configurations along them: no edge of a path turns out to touch something later.
 
     Attributes:
+        asked: number of lines so far.
         failure: what was raised instead of an answer: an exception must not pass through OMPL's C++ code.
     """
 
     def __init__(self, info: base.SpaceInformation, free_line: FreeLine) -> None:
         super().__init__(info)
         self._free_line = free_line
+        self.asked = 0
         self.failure: CycleFailure | None = None
 
     def checkMotion(self, one: base.State, other: base.State) -> bool:
         """Whether the straight line between two states is free; no line is after a failure."""
+        self.asked += 1
         try:
             return self.failure is None and self._free_line(_joints(one), _joints(other))
         except CycleFailure as failure:
             self.failure = failure
             return False
-
-
-def _problem(info: base.SpaceInformation, q_from_rad: Joints, goals_rad: Sequence[Joints]) -> base.ProblemDefinition:
-    problem = base.ProblemDefinition(info)
-    problem.addStartState(_state(info, q_from_rad))
-    goals = base.GoalStates(info)
-    for goal in goals_rad:
-        goals.addState(_state(info, goal))
-    problem.setGoal(goals)
-    return problem
 
 
 def _space(inside: Sequence[Joints]) -> base.RealVectorStateSpace:

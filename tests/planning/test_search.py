@@ -85,6 +85,17 @@ def test_where_there_is_no_way_it_gives_up_after_a_bounded_effort() -> None:
     assert asked < 30_000
 
 
+@pytest.mark.parametrize(("start_free", "goal_free"), [(True, False), (False, True)])
+def test_where_the_start_or_every_goal_is_not_free_nothing_is_searched(start_free: bool, goal_free: bool) -> None:
+    """OMPL alone would wait for another goal, without a check and without end."""
+
+    def free_line(one: np.ndarray, other: np.ndarray) -> bool:
+        ends = {tuple(CAPTURE): start_free, tuple(ACROSS): goal_free}
+        return ends.get(tuple(one), True) and ends.get(tuple(other), True)
+
+    assert search(free_line, CAPTURE, [ACROSS], 0, lambda: 0) is None
+
+
 def test_it_goes_to_whichever_goal_it_reaches() -> None:
     def only_the_second(q: np.ndarray) -> bool:
         return bool(q[0] < 0.5)
