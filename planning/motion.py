@@ -26,6 +26,8 @@ from planning.world import Collision
 _CORNER_SHARES = (CORNER_SHARE, 0.25, 0.1, 0.02)
 """Tried in this order: corners are cut less and less until the motion is free of collisions."""
 
+_PATIENCE = 4
+"""A move has only its one goal; a pick has other arm configurations and other grasps to try."""
 _STEP_RAD = 0.03
 """Distance at which a further condition is asked along a line."""
 
@@ -51,7 +53,13 @@ class Way:
 
 
 def connect(
-    scene: Scene, q_from_rad: Joints, goals_rad: Sequence[Joints], width_m: float, allowed: Allowed | None = None
+    scene: Scene,
+    q_from_rad: Joints,
+    goals_rad: Sequence[Joints],
+    width_m: float,
+    allowed: Allowed | None = None,
+    *,
+    patience: int = 1,
 ) -> Way:
     """Return a free path to the first goal that a straight joint line reaches, else around obstacles to any of them.
 
@@ -60,6 +68,7 @@ def connect(
         goals_rad: goals, each (7,), the preferred one first.
         width_m: opening of the hand.
         allowed: a further condition for configurations of a searched path.
+        patience: makes so many times `PlanningSettings.searches`.
 
     Raises:
         Infeasible: COLLISION, naming the obstacle.
@@ -76,7 +85,7 @@ def connect(
         is_allowed = allowed is None or all(allowed(q) for q in _along(one, other))
         return is_allowed and scene.is_line_free(one, other, width_m)
 
-    for seed in range(scene.station.planning.searches):
+    for seed in range(patience * scene.station.planning.searches):
         path = search(free_line, q_from_rad, goals_rad, seed, lambda: scene.checks)
         if path is not None:
             way = _way_along(path, goals_rad)
@@ -150,7 +159,7 @@ def move(scene: Scene, q_from_rad: Joints, q_to_rad: Joints) -> Trajectory:
         if collision is not None:
             raise CycleFailure(Code.COLLISION, f"The move {which} where it is told to: {collision}.")
     try:
-        way = connect(scene, q_from_rad, [q_to_rad], width_m)
+        way = connect(scene, q_from_rad, [q_to_rad], width_m, patience=_PATIENCE)
         return motion("home", way, way.lines(), scene, width_m).trajectory
     except Infeasible as why:
         raise CycleFailure(why.code, f"There is no way from here: {why.reason}.") from why
