@@ -28,7 +28,7 @@ def sweep_m(path_rad: JointSamples) -> Array:
 
 
 class Travel:
-    """Bounds the movement more tightly than `sweep_m`, by a factor of about 3, from poses along the line.
+    """Bounds the movement more tightly than `sweep_m`, by a factor of about 2, from poses along the line.
 
     Args:
         held: an object in the hand, which moves with it.
@@ -47,16 +47,17 @@ class Travel:
     def along(self, q_from_rad: Joints, q_to_rad: Joints) -> Array:
         """Return how far any point has moved at most (n,) [m] after evenly spaced shares of the line, from 0 on.
 
-        Between two of the shares the bound grows linearly.
+        It has moved no farther as seen from any other part of the robot, either. Between two of the shares the bound
+        grows linearly.
         """
-        turned_rad = np.cumsum(np.abs(q_to_rad - q_from_rad))
-        steps = max(1, int(np.ceil(turned_rad[-1] / _KNOT_RAD)))
+        turn_rad = np.abs(q_to_rad - q_from_rad)
+        steps = max(1, int(np.ceil(turn_rad.sum() / _KNOT_RAD)))
         points = self._points(np.linspace(q_from_rad, q_to_rad, steps + 1))
-        chord_m = np.sqrt(np.square(np.diff(points, axis=0)).sum(axis=2).max(axis=(1, 2)))
+        chord_m = np.sqrt(np.square(np.diff(points, axis=0)).sum(axis=2).max(axis=2))
         # A point's second derivative along joints j <= k is at most its distance from axis k. Its speed is its mean
         # speed between two poses, up to half a step of that.
-        bend_m = np.diff(turned_rad**2, prepend=0.0) @ self._lever_m / (2 * steps**2)
-        return np.concatenate([[0.0], np.cumsum(chord_m + bend_m)])
+        bend_m = np.cumsum(np.diff(np.cumsum(turn_rad) ** 2, prepend=0.0) * self._lever_m) / (2 * steps**2)
+        return np.concatenate([[0.0], np.cumsum(_relative(chord_m + bend_m, turn_rad * self._lever_m / steps))])
 
     def _points(self, q_rad: JointSamples) -> Array:
         """Return the corners (n, 7, 3, 8) of the boxes around what each joint moves."""
@@ -68,6 +69,20 @@ class Travel:
         for joint in range(1, 7):
             turned[:, joint] = turned[:, joint - 1] @ turned[:, joint]
         return np.asarray((turned @ self._corners)[:, :, :3])
+
+
+def _relative(moved_m: Array, swept_m: Array) -> Array:
+    """Return the largest movement (n,) of any part, in ``base`` and as seen from any part nearer to the base.
+
+    Args:
+        moved_m: (n, 7) of what each joint moves, in ``base``.
+        swept_m: (7,) by each joint alone, at most. What lies beyond a part is moved, as seen from it, only by the
+            joints between, and by no more than both move in ``base``.
+    """
+    beyond_m = np.maximum.accumulate(moved_m[:, ::-1], axis=1)[:, ::-1]
+    by_joints_m = np.cumsum(swept_m[::-1])[::-1]
+    seen_m = np.minimum(moved_m[:, :-1] + beyond_m[:, 1:], by_joints_m[1:])
+    return np.asarray(np.maximum(beyond_m[:, 0], seen_m.max(axis=1)))
 
 
 @lru_cache(maxsize=4)

@@ -14,7 +14,7 @@ from planning.world import held_thing
 from tests.planning.conftest import CAPTURE, WIDE_M, among, box
 from tests.planning.test_scene import brute_force, edges, plate_in_the_way
 
-_FINE = 400
+_FINE = 150
 
 
 def lines(count: int, seed: int) -> list[np.ndarray]:
@@ -25,39 +25,49 @@ def lines(count: int, seed: int) -> list[np.ndarray]:
     return list(np.stack([starts, ends], axis=1))
 
 
-def vertices(robot: Robot, q_rad: np.ndarray, width_m: float) -> np.ndarray:
-    """Every vertex (n, 3) of the robot's convex hulls in ``base``."""
+def vertices(robot: Robot, q_rad: np.ndarray) -> list[np.ndarray]:
+    """The vertices (n, 3) of each part's convex hull in ``base``: links 0 to 7, then the hand."""
     data, shapes = robot.model.createData(), pin.GeometryModel()
     hulls = [hull for hull in robot.hulls if hasattr(hull.geometry, "points")]
     for hull in hulls:
         shapes.addGeometryObject(hull)
     placed = shapes.createData()
-    pin.updateGeometryPlacements(robot.model, data, shapes, placed, np.array([*q_rad, width_m / 2, width_m / 2]))
-    return np.concatenate(
-        [
-            np.array(hull.geometry.points()) @ pose.rotation.T + pose.translation
-            for hull, pose in zip(hulls, placed.oMg, strict=True)
-        ]
-    )
+    pin.updateGeometryPlacements(robot.model, data, shapes, placed, np.array([*q_rad, WIDE_M / 2, WIDE_M / 2]))
+    return [
+        np.array(hull.geometry.points()) @ pose.rotation.T + pose.translation
+        for hull, pose in zip(hulls, placed.oMg, strict=True)
+    ]
 
 
-def moved_m(robot: Robot, line: np.ndarray) -> np.ndarray:
-    """How far the fastest vertex has moved (n,) after `_FINE` steps of a line."""
-    points = np.stack([vertices(robot, q, WIDE_M) for q in np.linspace(line[0], line[1], _FINE + 1)])
-    return np.concatenate([[0.0], np.linalg.norm(np.diff(points, axis=0), axis=2).cumsum(axis=0).max(axis=1)])
+def moved_m(robot: Robot, line: np.ndarray, seen_from: int) -> np.ndarray:
+    """How far (n,) the fastest vertex beyond a joint moves in each of `_FINE` steps, as seen from what it moves."""
+    largest, before = [], np.empty((0, 3))
+    for q in np.linspace(line[0], line[1], _FINE + 1):
+        data = robot.model.createData()
+        pin.forwardKinematics(robot.model, data, np.array([*q, 0.0, 0.0]))
+        beyond = np.concatenate(vertices(robot, q)[seen_from + 1 :])
+        frame = data.oMi[seen_from]
+        points = (beyond - frame.translation) @ frame.rotation
+        largest.append(np.linalg.norm(points - before, axis=1).max() if len(before) else 0.0)
+        before = points
+    return np.array(largest[1:])
 
 
-@pytest.mark.parametrize("line", lines(8, seed=1))
-def test_no_point_moves_farther_than_the_bound_on_any_part_of_a_line(robot: Robot, line: np.ndarray) -> None:
+@pytest.mark.parametrize("seen_from", [0, 2, 3, 4])
+@pytest.mark.parametrize("line", lines(6, seed=1))
+def test_no_point_moves_farther_than_the_bound_on_any_part_of_a_line(
+    robot: Robot, line: np.ndarray, seen_from: int
+) -> None:
+    """Neither in ``base`` nor as seen from a link, which moves itself and may be hit, too."""
     bound = Travel(robot, None).along(line[0], line[1])
     at = np.interp(np.linspace(0, 1, _FINE + 1), np.linspace(0, 1, len(bound)), bound)
-    assert (np.diff(moved_m(robot, line)) <= np.diff(at) + 1e-9).all()
+    assert (moved_m(robot, line, seen_from) <= np.diff(at) + 1e-9).all()
 
 
 def test_the_bound_is_much_tighter_than_the_sum_of_all_levers(robot: Robot) -> None:
     travel = Travel(robot, None)
     shares = [travel.along(*line)[-1] / sweep_m(line)[-1] for line in lines(100, seed=2)]
-    assert np.median(shares) < 0.5
+    assert np.median(shares) < 0.6
 
 
 def test_what_is_held_moves_farther_than_the_hand(robot: Robot) -> None:
