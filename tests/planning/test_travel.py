@@ -15,6 +15,9 @@ from tests.planning.conftest import CAPTURE, WIDE_M, among, box
 from tests.planning.test_scene import brute_force, edges, plate_in_the_way
 
 _FINE = 150
+UPRIGHT = np.where(np.arange(7) == 1, 0.0, CAPTURE)
+TURNED_BACK = UPRIGHT + np.array([[0, 0, 0, 0, 0, 0, 0], [0.6, 0, -0.6, 0, 0, 0, 0]])
+"""The upper arm turns, and the forearm as much the other way: it rests in ``base``, and moves as seen from there."""
 
 
 def lines(count: int, seed: int) -> list[np.ndarray]:
@@ -54,7 +57,7 @@ def moved_m(robot: Robot, line: np.ndarray, seen_from: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("seen_from", [0, 2, 3, 4])
-@pytest.mark.parametrize("line", lines(6, seed=1))
+@pytest.mark.parametrize("line", [*lines(6, seed=1), TURNED_BACK])
 def test_no_point_moves_farther_than_the_bound_on_any_part_of_a_line(
     robot: Robot, line: np.ndarray, seen_from: int
 ) -> None:
