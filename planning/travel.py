@@ -47,8 +47,8 @@ class Travel:
     def along(self, q_from_rad: Joints, q_to_rad: Joints) -> Array:
         """Return how far any point has moved at most (n,) [m] after evenly spaced shares of the line, from 0 on.
 
-        It has moved no farther as seen from any other part of the robot, either. Between two of the shares the bound
-        grows linearly.
+        The distance of two points on different parts has not changed by more, either. Between two of the shares the
+        bound grows linearly.
         """
         turn_rad = np.abs(q_to_rad - q_from_rad)
         steps = max(1, int(np.ceil(turn_rad.sum() / _KNOT_RAD)))
@@ -57,7 +57,7 @@ class Travel:
         # A point's second derivative along joints j <= k is at most its distance from axis k. Its speed is its mean
         # speed between two poses, up to half a step of that.
         bend_m = np.cumsum(np.diff(np.cumsum(turn_rad) ** 2, prepend=0.0) * self._lever_m) / (2 * steps**2)
-        return np.concatenate([[0.0], np.cumsum(_relative(chord_m + bend_m, turn_rad * self._lever_m / steps))])
+        return np.concatenate([[0.0], np.cumsum(_largest(chord_m + bend_m, turn_rad * self._lever_m / steps))])
 
     def _points(self, q_rad: JointSamples) -> Array:
         """Return the corners (n, 7, 3, 8) of the boxes around what each joint moves."""
@@ -71,18 +71,19 @@ class Travel:
         return np.asarray((turned @ self._corners)[:, :, :3])
 
 
-def _relative(moved_m: Array, swept_m: Array) -> Array:
-    """Return the largest movement (n,) of any part, in ``base`` and as seen from any part nearer to the base.
+def _largest(moved_m: Array, swept_m: Array) -> Array:
+    """Return the largest movement (n,) of any part, or change of the distance of two parts.
+
+    Two parts come nearer by no more than both move, and by no more than the joints between them sweep.
 
     Args:
-        moved_m: (n, 7) of what each joint moves, in ``base``.
-        swept_m: (7,) by each joint alone, at most. What lies beyond a part is moved, as seen from it, only by the
-            joints between, and by no more than both move in ``base``.
+        moved_m: (n, 7) of what each joint carries, up to the next one.
+        swept_m: (7,) by each joint alone, at most.
     """
     beyond_m = np.maximum.accumulate(moved_m[:, ::-1], axis=1)[:, ::-1]
     by_joints_m = np.cumsum(swept_m[::-1])[::-1]
-    seen_m = np.minimum(moved_m[:, :-1] + beyond_m[:, 1:], by_joints_m[1:])
-    return np.asarray(np.maximum(beyond_m[:, 0], seen_m.max(axis=1)))
+    nearer_m = np.minimum(moved_m[:, :-1] + beyond_m[:, 1:], by_joints_m[1:])
+    return np.asarray(np.maximum(beyond_m[:, 0], nearer_m.max(axis=1)))
 
 
 @lru_cache(maxsize=4)
