@@ -495,14 +495,16 @@ class VerifySettings(Settings):
 class RetrySettings(Settings):
     """Retries after a failed pick; each is a cycle of its own. 0 everywhere: no retries.
 
+    What fails for good in picks until empty is left where it is, and the next thing is picked.
+
     Attributes:
         grasps: retries with the next ranked grasp, after the fingers closed on nothing.
         looks: retries after any other failure that may not repeat: with a new capture, all grasps again.
         hold_after: the cell holds after so many picks of one `start` in a row failed for good (0 = never).
     """
 
-    grasps: Annotated[int, Field(ge=0, le=10)] = 0
-    looks: Annotated[int, Field(ge=0, le=10)] = 0
+    grasps: Annotated[int, Field(ge=0, le=10)] = 2
+    looks: Annotated[int, Field(ge=0, le=10)] = 1
     hold_after: Annotated[int, Field(ge=0, le=100)] = 0
 
 

@@ -78,7 +78,7 @@ def _result(record: CycleRecord, name: StageName, kind: type[Message]) -> Messag
 
 
 def _detect(record: CycleRecord, station: Station, _robot: Robot, models: Models) -> Message:
-    return detect(_looks(record, station), station, models)
+    return detect(_looks(record, station), station, models, failed_at=record.attempt.failed_at)
 
 
 def _plan(record: CycleRecord, station: Station, robot: Robot, _models: Models) -> Message:
