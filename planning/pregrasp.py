@@ -21,7 +21,7 @@ from planning.candidates import configurations, twins
 from planning.infeasible import Infeasible, summary
 from planning.line import tcp_line
 from planning.motion import Allowed, Way, connect
-from planning.scene import Scene
+from planning.scene import Scene, Width
 
 Array = npt.NDArray[np.float64]
 MadeT = TypeVar("MadeT")
@@ -104,7 +104,7 @@ def preplaces(
             _require_untouched("above the tray", holding, q, grasp.width_m)
             lower = _line("lower", q, pose, down_m)
             _require_free("lower", holding, lower, grasp.width_m)
-            _require_free("retreat", holding.empty(), lower, station.hand.max_width_m)
+            _require_free("retreat", holding.empty(), lower, None)  # it opens there
         except Infeasible as why:
             yield why
         else:
@@ -142,7 +142,7 @@ def ways(
     scene: Scene,
     q_from_rad: Joints,
     pregrasps: Iterator[Pregrasp | Infeasible],
-    width_m: float,
+    width_m: Width,
     calm: Callable[[Pregrasp], bool],
     allowed: Allowed | None = None,
 ) -> Iterator[tuple[Way, Pregrasp]]:
@@ -150,7 +150,7 @@ def ways(
 
     Args:
         q_from_rad: (7,) start.
-        width_m: opening of the hand.
+        width_m: opening of the hand; None = any, it may move meanwhile.
         calm: whether the motion after a pregrasp keeps the held object level.
         allowed: a further condition for configurations of a searched path.
 
@@ -187,13 +187,13 @@ def _line(name: str, q_from_rad: Joints, base_from_tcp: Transform, shift_m: Arra
     return line
 
 
-def _require_untouched(name: str, scene: Scene, q_rad: Joints, width_m: float) -> None:
+def _require_untouched(name: str, scene: Scene, q_rad: Joints, width_m: Width) -> None:
     collision = scene.collision(q_rad, width_m)
     if collision is not None:
         raise Infeasible(Code.COLLISION, f"{name}: {collision}", by_hand=collision.by_hand)
 
 
-def _require_free(name: str, scene: Scene, points_rad: JointSamples, width_m: float) -> None:
+def _require_free(name: str, scene: Scene, points_rad: JointSamples, width_m: Width) -> None:
     collision = scene.first_collision(points_rad, width_m)
     if collision is not None:
         raise Infeasible(Code.COLLISION, f"{name}: {collision}", by_hand=collision.by_hand)
