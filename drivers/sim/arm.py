@@ -80,7 +80,7 @@ class SimArm:
         with self._turn:
             self._asked.append(stream)
         try:
-            with self._world.motion:
+            with self._world.turns.taken():
                 return unmoved(self.state(), trajectory) if stream.is_braked else self._play(stream)
         finally:
             with self._turn:
@@ -160,9 +160,9 @@ class SimArm:
             self._world.tick()
 
     def _wait_held(self, stream: Stream, q_rad: Joints) -> None:
-        """Let the arm rest at the held command, then wait until `resume` or `stop`."""
+        """Let the arm rest at the held command, then wait until `resume` or `stop`; the fingers move on."""
         self._settle(q_rad, _HELD_PATIENCE_TICKS)
-        with self._turn:
+        with self._world.turns.lent(), self._turn:
             self._turn.wait_for(lambda: not stream.is_held_or_about_to_be)
 
     def stop(self) -> None:
