@@ -30,6 +30,7 @@ from bus.messages import (
     Detections,
     Execution,
     Failure,
+    Grasp,
     HandState,
     ModelReply,
     Observation,
@@ -113,7 +114,7 @@ class Cycle:
     failure: Failure | None = None
     verdict: Verdict | None = None
     grasp: Transform | None = None
-    _plan: PickPlan | None = None
+    _planned: tuple[PickPlan, Grasp] | None = None
     _grasped: HandState | None = None
     _mount: SeenMount | None = None
     _seen_ns: int = 0
@@ -134,15 +135,13 @@ class Cycle:
         e = self.equipment
         looks, found, chosen = self._choose()
         before = looks[found.scene.shown]
-        self._plan = chosen
-        self.grasp = found.grasps[chosen.grasp].base_from_tcp
+        grasp = found.grasps[chosen.grasp]
+        self._planned, self.grasp = (chosen, grasp), grasp.base_from_tcp
         after: Observation | None = None
 
         def act() -> Execution:
             nonlocal after
-            execution, after = execute(
-                chosen, found.grasps[chosen.grasp], (e.arm, e.hand), self._observe, e.station, self.gate
-            )
+            execution, after = execute(chosen, grasp, (e.arm, e.hand), self._observe, e.station, self.gate)
             return execution
 
         execution = self._stage("execute", topics.EXECUTE, act)
@@ -169,10 +168,10 @@ class Cycle:
 
         An object that was held, but is not in the hand before the release, counts as dropped.
         """
-        e, chosen = self.equipment, self._plan
-        if chosen is None or self.verdict is None:
+        e, planned = self.equipment, self._planned
+        if planned is None or self.verdict is None:
             return
-        done = self._stage("deliver", topics.DELIVER, lambda: deliver(chosen, (e.arm, e.hand), e.station, self.gate))
+        done = self._stage("deliver", topics.DELIVER, lambda: deliver(*planned, (e.arm, e.hand), e.station, self.gate))
         carried = [run.hand for run in done.runs if run.name == "place"]
         if self.verdict.held and self._grasped is not None and carried:
             lost = lost_on_the_way(self._grasped, carried[-1], e.station)

@@ -13,7 +13,7 @@ from bus.messages import Delivery, Execution, Grasp, HandState, Motion, Observat
 from bus.trajectory import TICK_S, Trajectory
 from cell.machine.gate import Gate
 from cell.pick.fingers import require_at, require_new, require_possible
-from config.schema import Station
+from config.schema import HandSettings, Station
 from drivers.interface import Arm, Hand
 
 DoneT = TypeVar("DoneT")
@@ -22,8 +22,8 @@ DoneT = TypeVar("DoneT")
 class _Runner:
     """Runs motions one after the other, each through the gate, until one is stopped; keeps the measurements."""
 
-    def __init__(self, arm: Arm, hand: Hand, gate: Gate, widest_m: float) -> None:
-        self._arm, self._hand, self._gate, self._widest_m = arm, hand, gate, widest_m
+    def __init__(self, arm: Arm, hand: Hand, gate: Gate, limits: HandSettings) -> None:
+        self._arm, self._hand, self._gate, self._limits = arm, hand, gate, limits
         self.runs: list[SegmentRun] = []
         self.stopped_in: str | None = None
 
@@ -48,9 +48,9 @@ class _Runner:
             self.stopped_in = name
         return motion.finished
 
-    def open(self, name: str, width_m: float, speed_m_s: float) -> HandState | None:
+    def open(self, name: str, width_m: float) -> HandState | None:
         """Open the free fingers. Raises: HandFault when they do not reach the width."""
-        state = self.move(name, lambda: self._hand.move(width_m, speed_m_s))
+        state = self.move(name, lambda: self._hand.move(width_m, self._limits.max_speed_m_s))
         if state is not None and not self._gate.halted:
             require_at(state, width_m)
         return state
@@ -60,14 +60,14 @@ class _Runner:
         before = self._read_hand()
         state = self.move("grasp", lambda: self._hand.grasp(force_n, speed_m_s))
         if state is not None:
-            require_possible(state, self._widest_m)
+            require_possible(state, self._limits.max_width_m)
             require_new(state, before)
         return state
 
     def _read_hand(self) -> HandState:
         """The hand's state. Raises: HandFault for an impossible width."""
         state = self._hand.state()
-        require_possible(state, self._widest_m)
+        require_possible(state, self._limits.max_width_m)
         return state
 
     def run_part(self, plan: PickPlan, name: SegmentName) -> bool:
@@ -92,10 +92,10 @@ def execute(
         The execution, and the second observation (None when stopped before it).
     """
     arm, hand = devices
-    runner = _Runner(arm, hand, gate, station.hand.max_width_m)
+    runner = _Runner(arm, hand, gate, station.hand)
     grasped: HandState | None = None
     after: Observation | None = None
-    runner.open("open", grasp.opening_m, station.hand.speed_m_s)
+    runner.open("open", grasp.opening_m)
     if runner.run_part(plan, "reach"):
         grasped = runner.grasp(station.hand.grasp_force_n, station.hand.speed_m_s)
         if runner.run_part(plan, "carry") and _hold(runner, plan, station):
@@ -127,16 +127,21 @@ def _part(plan: PickPlan, name: SegmentName) -> Trajectory:
     return trajectory
 
 
-def deliver(plan: PickPlan, devices: tuple[Arm, Hand], station: Station, gate: Gate) -> Delivery:
+def _release_m(grasp: Grasp, held_m: float, hand: HandSettings) -> float:
+    """Opening that lets go of what is held at ``held_m``: the fingers must leave what they came around."""
+    return min(hand.max_width_m, max(grasp.opening_m, held_m + hand.release_margin_m))
+
+
+def deliver(plan: PickPlan, grasp: Grasp, devices: tuple[Arm, Hand], station: Station, gate: Gate) -> Delivery:
     """Lay the held object into the tray and return to the capture pose.
 
     Raises: CycleFailure(STOPPED) when a stop interrupted it.
     """
     arm, hand = devices
-    runner = _Runner(arm, hand, gate, station.hand.max_width_m)
+    runner = _Runner(arm, hand, gate, station.hand)
     released: HandState | None = None
     if runner.run_part(plan, "place"):
-        released = runner.open("release", station.hand.max_width_m, station.hand.speed_m_s)
+        released = runner.open("release", _release_m(grasp, runner.runs[-1].hand.width_m, station.hand))
         runner.run_part(plan, "home")
     if runner.stopped_in is not None:
         raise CycleFailure(Code.STOPPED, f"Stopped during {runner.stopped_in!r} of the delivery.")

@@ -54,7 +54,7 @@ class Outcome:
         self.execution, after = execute(chosen, found.grasps[chosen.grasp], (arm, hand), look, station, Gate())
         assert after is not None
         self.verdict: Verdict = verify(self.execution, found, before, after, robot, station)
-        self.delivery = deliver(chosen, (arm, hand), station, Gate())
+        self.delivery = deliver(chosen, found.grasps[chosen.grasp], (arm, hand), station, Gate())
         self.place = presenter.truth().base_from_object[:3, 3]
         self.station = station
         camera.close()
