@@ -25,7 +25,16 @@ from planning.candidates import Approach, approaches, configurations, grasp_pose
 from planning.carry import keeps_level, within_max_tilt
 from planning.infeasible import Infeasible
 from planning.motion import Way, connect, motion
-from planning.pregrasp import Pregrasp, first_that_works, opening_m, pregrasps_of, preplaces, shifted, ways
+from planning.pregrasp import (
+    Pregrasp,
+    approach_begins,
+    first_that_works,
+    opening_m,
+    pregrasps_of,
+    preplaces,
+    shifted,
+    ways,
+)
 from planning.scene import Scene
 
 Array = npt.NDArray[np.float64]
@@ -134,11 +143,17 @@ def _ways_to_grasp(
     scene: Scene, grasp: Grasp, base_from_tcp: Transform, q_now_rad: Joints, calm: Callable[[Pregrasp], bool]
 ) -> Iterator[tuple[Way, Pregrasp]]:
     pregrasps = pregrasps_of(scene, grasp, base_from_tcp, q_now_rad)
-    return ways(scene, q_now_rad, pregrasps, opening_m(grasp, scene.station), calm)
+    return ways(scene, q_now_rad, pregrasps, None, calm)
 
 
 def _reach(scene: Scene, grasp: Grasp, way: Way, pregrasp: Pregrasp) -> Segment:
-    return motion("reach", way, [*way.lines(), pregrasp.line_rad], scene, opening_m(grasp, scene.station))
+    """Plan the reach: up to the approach line the hand may still be on its way to its opening."""
+    reach = motion("reach", way, [*way.lines(), pregrasp.line_rad], scene, opening_m(grasp, scene.station))
+    until = approach_begins(scene.robot, reach.trajectory, scene.station.planning.approach_m)
+    collision = scene.gate(reach.trajectory.filtered()[: until + 1], None)
+    if collision is not None:
+        raise Infeasible(Code.COLLISION, f"reach, at another width: {collision}")
+    return reach
 
 
 def _carry(scene: Scene, holding: Scene, grasp: Grasp, pregrasp: Pregrasp, view_q: Joints) -> Segment:

@@ -15,12 +15,14 @@ import numpy.typing as npt
 from bus.arrays import Joints, JointSamples, Transform
 from bus.codes import Code
 from bus.messages import Grasp
+from bus.trajectory import Trajectory
 from bus.transforms import from_rotation
 from config.schema import Station
 from planning.candidates import configurations, twins
 from planning.infeasible import Infeasible, summary
 from planning.line import tcp_line
 from planning.motion import Allowed, Way, connect
+from planning.robot import Robot
 from planning.scene import Scene, Width
 
 Array = npt.NDArray[np.float64]
@@ -31,6 +33,7 @@ LOWER_M = 0.05
 _ABOVE_TRAY_M = 0.005
 _KEPT = 4
 """Number of pregrasps collected before a path around the obstacles is searched."""
+_EVERY_TICKS = 4
 _PLACE_YAWS_RAD = np.arange(12) * np.pi / 6
 
 
@@ -49,8 +52,21 @@ class Pregrasp:
 
 
 def opening_m(grasp: Grasp, station: Station) -> float:
-    """Return the opening of the hand while it reaches [m]."""
+    """Return the opening of the hand on the approach line [m]."""
     return min(grasp.opening_m, station.hand.max_width_m)
+
+
+def approach_begins(robot: Robot, reach: Trajectory, approach_m: float) -> int:
+    """Return a tick of ``reach`` just before its straight approach line, which is ``approach_m`` long, begins.
+
+    Until then the hand may be on its way to its opening; from there on it must be open.
+    """
+    commands = reach.filtered()
+    end_m = robot.base_from_tcp(commands[-1])[:3, 3]
+    for tick in range(len(commands) - 1, 0, -_EVERY_TICKS):
+        if np.linalg.norm(robot.base_from_tcp(commands[tick])[:3, 3] - end_m) >= approach_m:
+            return tick
+    return 0
 
 
 def pregrasps_of(

@@ -141,7 +141,7 @@ class Cycle:
 
         def act() -> Execution:
             nonlocal after
-            execution, after = execute(chosen, grasp, (e.arm, e.hand), self._observe, e.station, self.gate)
+            execution, after = execute(chosen, grasp, (e.arm, e.hand), self._observe, e.robot, e.station, self.gate)
             return execution
 
         execution = self._stage("execute", topics.EXECUTE, act)

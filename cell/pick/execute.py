@@ -8,13 +8,16 @@ from typing import TypeVar
 import numpy as np
 
 from bus.codes import Code
-from bus.errors import CycleFailure, DeviceLost
+from bus.errors import BusError, CycleFailure, DeviceLost, DriverError
 from bus.messages import Delivery, Execution, Grasp, HandState, Motion, Observation, PickPlan, SegmentName, SegmentRun
 from bus.trajectory import TICK_S, Trajectory
 from cell.machine.gate import Gate
 from cell.pick.fingers import require_at, require_new, require_possible
+from cell.pick.opening import Opening
 from config.schema import HandSettings, Station
 from drivers.interface import Arm, Hand
+from planning.pregrasp import approach_begins
+from planning.robot import Robot
 
 DoneT = TypeVar("DoneT")
 
@@ -48,11 +51,37 @@ class _Runner:
             self.stopped_in = name
         return motion.finished
 
-    def open(self, name: str, width_m: float) -> HandState | None:
-        """Open the free fingers. Raises: HandFault when they do not reach the width."""
-        state = self.move(name, lambda: self._hand.move(width_m, self._limits.max_speed_m_s))
-        if state is not None and not self._gate.halted:
-            require_at(state, width_m)
+    def reach(self, trajectory: Trajectory, approach_at: int, width_m: float) -> bool:
+        """Reach while the hand opens: the arm waits at the tick ``approach_at`` until it is open.
+
+        Raises: HandFault when it does not open; the arm has not gone on then.
+        """
+        opening = Opening(self._arm, self._gate, lambda: self._opened(width_m))
+        if not opening.begin():
+            self.stopped_in = "open"
+            return False
+        try:
+            arrived = self.run("reach", trajectory.model_copy(update={"waits_at": approach_at}))
+        except (DriverError, BusError):
+            self._hand.stop()
+            raise
+        finally:
+            opening.wait()
+        opening.require_open()
+        if arrived:
+            require_at(self.runs[-1].hand, width_m)
+        return arrived
+
+    def release(self, width_m: float) -> HandState | None:
+        """Let go of what is held. Raises: HandFault when the fingers do not reach the width."""
+        return self.move("release", lambda: self._opened(width_m))
+
+    def _opened(self, width_m: float) -> HandState | None:
+        """Move the free fingers to a width; None when stopped. Raises: HandFault when they do not get there."""
+        state = self._hand.move(width_m, self._limits.max_speed_m_s)
+        if self._gate.halted:
+            return None
+        require_at(state, width_m)
         return state
 
     def grasp(self, force_n: float, speed_m_s: float) -> HandState | None:
@@ -79,10 +108,11 @@ def execute(
     grasp: Grasp,
     devices: tuple[Arm, Hand],
     look: Callable[[], Observation],
+    robot: Robot,
     station: Station,
     gate: Gate,
 ) -> tuple[Execution, Observation | None]:
-    """Open, approach, close, lift, hold, and capture again from the side.
+    """Reach and open on the way, close, lift, hold, and capture again from the side.
 
     Args:
         look: captures the second observation.
@@ -95,8 +125,8 @@ def execute(
     runner = _Runner(arm, hand, gate, station.hand)
     grasped: HandState | None = None
     after: Observation | None = None
-    runner.open("open", grasp.opening_m)
-    if runner.run_part(plan, "reach"):
+    reach = _part(plan, "reach")
+    if runner.reach(reach, approach_begins(robot, reach, station.planning.approach_m), grasp.opening_m):
         grasped = runner.grasp(station.hand.grasp_force_n, station.hand.speed_m_s)
         if runner.run_part(plan, "carry") and _hold(runner, plan, station):
             after = look()
@@ -141,7 +171,7 @@ def deliver(plan: PickPlan, grasp: Grasp, devices: tuple[Arm, Hand], station: St
     runner = _Runner(arm, hand, gate, station.hand)
     released: HandState | None = None
     if runner.run_part(plan, "place"):
-        released = runner.open("release", _release_m(grasp, runner.runs[-1].hand.width_m, station.hand))
+        released = runner.release(_release_m(grasp, runner.runs[-1].hand.width_m, station.hand))
         runner.run_part(plan, "home")
     if runner.stopped_in is not None:
         raise CycleFailure(Code.STOPPED, f"Stopped during {runner.stopped_in!r} of the delivery.")

@@ -7,7 +7,7 @@ import pytest
 
 from bus.trajectory import Trajectory
 from config.limits import check
-from drivers.motion.stream import Stream
+from drivers.motion.stream import Stream, _Want
 
 START = np.array([0.0, -0.55, 0.0, -2.1, 0.0, 1.55, 0.785])
 DIRECTION = np.array([1.0, 0.5, -0.7, 0.3, -0.2, 0.8, -1.0])
@@ -99,6 +99,43 @@ def test_a_hold_costs_hardly_more_than_the_time_it_lasts() -> None:
     commands, _ = play(trajectory, {400: "hold", 1400: "resume"})
     stopping_and_starting = len(commands) - len(trajectory.filtered()) - 1000
     assert stopping_and_starting < 250
+
+
+@pytest.mark.parametrize("window", [16, 64])
+def test_one_that_waits_rests_before_its_tick_until_it_is_resumed(window: int) -> None:
+    whole = line(window)
+    for waits_at in range(0, len(whole.filtered()), 37):
+        waiting = whole.model_copy(update={"waits_at": waits_at})
+        commands, stream = play(waiting)
+        require_on_line_and_in_limits(commands, waits_at)
+        passed = DIRECTION @ (commands[-1] - whole.filtered()[waits_at])
+        assert stream.held and passed <= 1e-12, waits_at
+        commands, stream = play(waiting, {len(commands) + 5: "resume"})
+        require_on_line_and_in_limits(commands, waits_at)
+        assert stream.finished
+
+
+def test_one_that_is_resumed_in_time_does_not_wait() -> None:
+    whole = line(64)
+    commands, stream = play(whole.model_copy(update={"waits_at": 600}), {200: "resume"})
+    assert stream.finished and np.array_equal(commands, whole.filtered())
+
+
+def test_slowed_down_in_any_way_it_does_not_pass_where_it_waits() -> None:
+    """The rate of progress is made to grow until the stop begins, from whatever it was."""
+    whole = line(64)
+    for waits_at in (300, 500, 700):
+        for slowed_at in range(1, waits_at, 29):
+            stream = Stream(whole.model_copy(update={"waits_at": waits_at}))
+            commands: list[np.ndarray] = []
+            while not (stream.held and len(commands) > slowed_at + 120):
+                if len(commands) in (slowed_at, slowed_at + 60):
+                    stream._want = _Want.HOLD if len(commands) == slowed_at else _Want.WAIT
+                command = stream.next()
+                if command is None or len(commands) > 3000:
+                    break
+                commands.append(command)
+            assert DIRECTION @ (commands[-1] - whole.filtered()[waits_at]) <= 1e-12, (waits_at, slowed_at)
 
 
 def test_nothing_resumes_after_a_brake() -> None:
