@@ -481,7 +481,12 @@ class PlanningSettings(Settings):
 
 
 class VerifySettings(Settings):
-    """Conditions of a successful pick: the object is held for `hold_s`, has weight, and left the table."""
+    """Conditions of a successful pick: the object is held for `hold_s`, has weight, and left the table.
+
+    Attributes:
+        hold_s: how long the arm stands still with the object. It may be short: the hand is watched from the grasp on.
+        samples: readings of the hand during the hold; one a tenth of a second if it is short.
+    """
 
     hold_s: Annotated[float, Field(gt=0, le=60)] = 3.0
     samples: Annotated[int, Field(ge=2, le=100)] = 10

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 import numpy as np
@@ -14,12 +14,15 @@ from bus.trajectory import TICK_S, Trajectory
 from cell.machine.gate import Gate
 from cell.pick.fingers import require_at, require_new, require_possible
 from cell.pick.opening import Opening
+from cell.pick.watching import watched
 from config.schema import HandSettings, Station
 from drivers.interface import Arm, Hand
 from planning.pregrasp import approach_begins
 from planning.robot import Robot
 
 DoneT = TypeVar("DoneT")
+_SHORTEST_PIECE_S = 0.1
+"""Of a hold: a real hand does not tell its width more often."""
 
 
 class _Runner:
@@ -40,13 +43,22 @@ class _Runner:
         self.stopped_in = name
         return None
 
+    def carry(self, trajectory: Trajectory) -> bool:
+        """Play the way with the object in hand, and watch the hand meanwhile; as `run`."""
+        with watched(self.read_hand) as meanwhile:
+            motion = self.move("carry", lambda: self._arm.execute(trajectory))
+        return self._keep("carry", motion, meanwhile)
+
     def run(self, name: str, trajectory: Trajectory) -> bool:
         """Play one segment; False when it was stopped, or may not begin."""
-        motion = self.move(name, lambda: self._arm.execute(trajectory))
+        return self._keep(name, self.move(name, lambda: self._arm.execute(trajectory)))
+
+    def _keep(self, name: str, motion: Motion | None, meanwhile: Sequence[HandState] = ()) -> bool:
         if motion is None:
             return False
         _require_measured(motion)
-        self.runs.append(SegmentRun.model_validate({"name": name, "motion": motion, "hand": self._read_hand()}))
+        hand = {"hand": self.read_hand(), "hand_meanwhile": tuple(meanwhile)}
+        self.runs.append(SegmentRun.model_validate({"name": name, "motion": motion, **hand}))
         if not motion.finished:
             self.stopped_in = name
         return motion.finished
@@ -86,14 +98,14 @@ class _Runner:
 
     def grasp(self, force_n: float, speed_m_s: float) -> HandState | None:
         """Close on the object. Raises: HandFault when the hand did not act."""
-        before = self._read_hand()
+        before = self.read_hand()
         state = self.move("grasp", lambda: self._hand.grasp(force_n, speed_m_s))
         if state is not None:
             require_possible(state, self._limits.max_width_m)
             require_new(state, before)
         return state
 
-    def _read_hand(self) -> HandState:
+    def read_hand(self) -> HandState:
         """The hand's state. Raises: HandFault for an impossible width."""
         state = self._hand.state()
         require_possible(state, self._limits.max_width_m)
@@ -125,16 +137,18 @@ def execute(
     runner = _Runner(arm, hand, gate, station.hand)
     grasped: HandState | None = None
     after: Observation | None = None
+    began = runner.read_hand()
     reach = _part(plan, "reach")
     if runner.reach(reach, approach_begins(robot, reach, station.planning.approach_m), grasp.opening_m):
         grasped = runner.grasp(station.hand.grasp_force_n, station.hand.speed_m_s)
-        if runner.run_part(plan, "carry") and _hold(runner, plan, station):
+        if runner.carry(_part(plan, "carry")) and _hold(runner, plan, station):
             after = look()
     execution = Execution(
         runs=tuple(runner.runs),
         grasped=grasped,
         stopped_in=runner.stopped_in,
         after=after.view if after is not None else None,
+        began=began,
     )
     return execution, after
 
@@ -146,10 +160,12 @@ def _require_measured(motion: Motion) -> None:
 
 
 def _hold(runner: _Runner, plan: PickPlan, station: Station) -> bool:
-    """Stand still for ``verify.hold_s``, in ``verify.samples`` pieces; the hand is read after each."""
-    ticks = max(1, round(station.verify.hold_s / station.verify.samples / TICK_S))
+    """Stand still for ``verify.hold_s``; the hand is read after each of its pieces, ``verify.samples`` or fewer."""
+    need = station.verify
+    pieces = max(1, min(need.samples, round(need.hold_s / _SHORTEST_PIECE_S)))
+    ticks = max(1, round(need.hold_s / pieces / TICK_S))
     still = Trajectory(raw_q_rad=np.repeat(_part(plan, "carry").end_q_rad[None], ticks, axis=0), window=1)
-    return all(runner.run("hold", still) for _ in range(station.verify.samples))
+    return all(runner.run("hold", still) for _ in range(pieces))
 
 
 def _part(plan: PickPlan, name: SegmentName) -> Trajectory:

@@ -43,6 +43,7 @@ class SimHand:
             width_m=max(0.0, self._world.hand_width_m()),
             is_moving=self._moving,
             is_homed=self._homed,
+            clock_s=self._world.time_s(),
         )
 
     def move(self, width_m: float, speed_m_s: float) -> HandState:

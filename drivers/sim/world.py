@@ -99,6 +99,11 @@ class World:
         data.ctrl[self._hand_actuator] = self._hand_target_m
         mujoco.mj_step(self.model, data)
 
+    def time_s(self) -> float:
+        """Return the simulated time."""
+        with self.lock:
+            return float(self.data.time)
+
     def pace(self, ticks: int) -> None:
         """In paced mode, sleep so that each ten ``ticks`` take their real time."""
         factor = self.station.sim.pace
