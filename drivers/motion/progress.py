@@ -82,28 +82,22 @@ class Progress:
         self._rate, self._gain = (target_rate, 0.0) if arrived else (rate, gain)
 
     def last_start_of_a_stop(self, before: int) -> float:
-        """Return the last place [ticks] where a stop may begin that rests by the tick ``before``.
-
-        It allows for a rate that still grows there, after a hold: the growth fades out sooner than the stop is over.
-        """
+        """Return the last place [ticks] where a stop from full speed may begin that rests by the tick ``before``."""
         start = float(min(before, self._last))
         while start > 0.0:
-            rest, took_ticks = self._stop_from(start)
-            beyond = rest + took_ticks / 2 - before
+            beyond = self._rest_after(start) - before
             if beyond <= 0.0:
-                return start
+                break
             start = max(0.0, np.floor(start - beyond))
-        return 0.0
+        return start
 
-    def _stop_from(self, start: float) -> tuple[float, int]:
-        """Return where a stop from full speed at ``start`` comes to rest, and after how many ticks."""
+    def _rest_after(self, start: float) -> float:
+        """Return where a stop from full speed at ``start`` comes to rest."""
         trial = copy.copy(self)
         trial._at, trial._rate, trial._gain = start, 1.0, 0.0
-        ticks = 0
         while not trial.at_rest:
             trial.advance(0.0)
-            ticks += 1
-        return trial._at, ticks
+        return trial._at
 
     def _next_gain(self, target_rate: float) -> float:
         """Return the largest allowed step towards the target that can still fade out before it is reached."""

@@ -25,6 +25,7 @@ class Stream:
     """The 1 kHz commands of one trajectory.
 
     One with ``waits_at`` comes to rest before that tick and is held there, until `resume`, which may come earlier.
+    Until then its progress has full speed: a hold ends by `resume`, too.
     `hold`, `resume` and `brake` may be called from any thread, and repeatedly; `next` from one thread.
     """
 

@@ -7,7 +7,7 @@ import pytest
 
 from bus.trajectory import Trajectory
 from config.limits import check
-from drivers.motion.stream import Stream, _Want
+from drivers.motion.stream import Stream
 
 START = np.array([0.0, -0.55, 0.0, -2.1, 0.0, 1.55, 0.785])
 DIRECTION = np.array([1.0, 0.5, -0.7, 0.3, -0.2, 0.8, -1.0])
@@ -121,21 +121,12 @@ def test_one_that_is_resumed_in_time_does_not_wait() -> None:
     assert stream.finished and np.array_equal(commands, whole.filtered())
 
 
-def test_slowed_down_in_any_way_it_does_not_pass_where_it_waits() -> None:
-    """The rate of progress is made to grow until the stop begins, from whatever it was."""
-    whole = line(64)
-    for waits_at in (300, 500, 700):
-        for slowed_at in range(1, waits_at, 29):
-            stream = Stream(whole.model_copy(update={"waits_at": waits_at}))
-            commands: list[np.ndarray] = []
-            while not (stream.held and len(commands) > slowed_at + 120):
-                if len(commands) in (slowed_at, slowed_at + 60):
-                    stream._want = _Want.HOLD if len(commands) == slowed_at else _Want.WAIT
-                command = stream.next()
-                if command is None or len(commands) > 3000:
-                    break
-                commands.append(command)
-            assert DIRECTION @ (commands[-1] - whole.filtered()[waits_at]) <= 1e-12, (waits_at, slowed_at)
+def test_one_that_waits_and_is_held_goes_on_when_it_is_resumed() -> None:
+    """There is one way on; who resumes knows that nothing is to be waited for (`cell.pick.opening`)."""
+    waiting = line(64).model_copy(update={"waits_at": 600})
+    commands, stream = play(waiting, {100: "hold", 700: "resume"})
+    require_on_line_and_in_limits(commands, 600)
+    assert stream.finished
 
 
 def test_nothing_resumes_after_a_brake() -> None:
