@@ -35,7 +35,7 @@ class Opening:
         self._begins = False
         self._failure: DriverError | BusError | None = None
         self._state: HandState | None = None
-        self._thread = OwnedThread(Role.HAND, self._run)
+        self._thread = OwnedThread(Role.HAND, self._run, of="opening")
 
     def begin(self) -> bool:
         """Start the fingers, once the gate lets them; False when it does not. Only then may the arm begin."""
