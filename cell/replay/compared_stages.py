@@ -158,7 +158,12 @@ STAGES: tuple[Stage, ...] = (
         "verify",
         topics.VERIFY,
         _verify,
-        {"load_n": Tolerance(1e-6, "N"), "cleared_fraction": Tolerance(1e-3, ""), "hold_s": Tolerance(1e-9, "s")},
+        {
+            "load_n": Tolerance(1e-6, "N"),
+            "carried_n": Tolerance(1e-6, "N"),
+            "cleared_fraction": Tolerance(1e-3, ""),
+            "hold_s": Tolerance(1e-9, "s"),
+        },
     ),
     Stage("deliver", topics.DELIVER),
 )
