@@ -20,7 +20,9 @@ from perception.grasps.rank import graded
 from perception.grasps.search import search
 from perception.scene.scene import Scene
 
-_TILTS_DEG = (35.0, 75.0)
+_LEANING_DEG, _LEVEL_DEG = 35.0, 75.0
+_HIGH_M = 0.04
+"""Of a lower thing the nearly level hand, which is 64 mm thick, finds nothing but the table in its way."""
 _TURNS_DEG = (0.0, 45.0, -45.0, 90.0, -90.0)
 """Headings of the approach, from the direction that leads away from the arm's base: from beyond it hardly reaches."""
 
@@ -46,7 +48,8 @@ def _levels(scene: Scene, thing: Instance) -> Iterator[Transform]:
     away_rad = float(np.arctan2(thing.top_m[1], thing.top_m[0]))
     base_from_table = scene.table.base_from_table
     place_table = apply(scene.table.table_from_base, np.asarray(thing.top_m)[None])[0] * np.array([1.0, 1.0, 0.0])
-    for tilt_deg in _TILTS_DEG:
+    is_high = thing.size_m[2] > _HIGH_M
+    for tilt_deg in (_LEANING_DEG, _LEVEL_DEG) if is_high else (_LEANING_DEG,):
         for turn_deg in _TURNS_DEG:
             yield base_from_table @ from_rotation(
                 _facing(np.radians(tilt_deg), away_rad + np.radians(turn_deg)), place_table
