@@ -43,8 +43,8 @@ class Attempt:
 
     Attributes:
         is_executed: whether it came to its hold.
-        risen: the bodies that were risen at the end of the hold. ``carried``: those that still were when the hand
-            opened over the tray.
+        risen: the bodies that were risen at the end of the hold. ``carried``: those of them that the
+            hand still held before it opened over the tray.
     """
 
     result: CycleResult
@@ -114,7 +114,7 @@ def attempt_of(window: Window) -> Attempt:
     held = next((deed for deed in reversed(lifted) if deed.kind == HOLD), None)
     before = next((deed for deed in deeds if deed.kind == CAPTURE), None)
     risen = _risen(before, held)
-    carried = tuple(body for body in _risen(before, lifted[-1] if held is not None else None) if body in risen)
+    carried = tuple(body for body in risen if lifted[-1].touching[body])
     began_s = presented[-1].ended_s if presented else window.began_s
     return Attempt(window.result, held is not None, risen, carried, _times(deeds, began_s, window))
 

@@ -40,7 +40,7 @@ _WAY_TO_IDLE = {"Aborted": "clear", "Stopped": "reset", "Complete": "reset"}
 _RESTS = ("Idle", *_WAY_TO_IDLE)
 _PATIENCE_S = 600.0
 _CLIENT = "benchmark"
-_TRIES = 6
+_TRIES = 10
 _STARTS_A_BIN = 4
 """An operator starts a bin anew after an abort, but not for ever."""
 
@@ -82,6 +82,7 @@ def run(wanted: Wanted, tell: Callable[[str], None]) -> dict[str, Any]:
     """Return the figures of all picks of all seeds."""
     picks: list[Pick] = []
     binned: list[tuple[int, int]] = []
+    taken_away = 0
     with TemporaryDirectory() as scratch:
         objects, refused = chosen(wanted, Path(scratch))
         for why in refused:
@@ -95,10 +96,11 @@ def run(wanted: Wanted, tell: Callable[[str], None]) -> dict[str, Any]:
                 else:
                     names = object_names(objects)[: wanted.first] * wanted.orientations
                     done = [operator.pick(name, seed, f"{at + 1}/{len(names)}", tell) for at, name in enumerate(names)]
+                taken_away += operator.taken_away
             picks += done
             for pick in done:
                 judge(pick)
-    return figures(picks, binned, is_paced=wanted.pace > 0) | {"left_out": refused}
+    return figures(picks, binned, is_paced=wanted.pace > 0) | {"taken_away": taken_away, "left_out": refused}
 
 
 def chosen(wanted: Wanted, scratch: Path) -> tuple[Path | None, list[str]]:
@@ -154,12 +156,17 @@ def _operated(station: Station) -> Iterator[Operator]:
 
 
 class Operator:
-    """Commands one cell, and puts together what was heard of it and noted of its devices."""
+    """Commands one cell, and puts together what was heard of it and noted of its devices.
+
+    Attributes:
+        taken_away: objects that touched the robot when the cell had aborted, and were taken away for it to go on.
+    """
 
     def __init__(
         self, station: Station, daemon: Daemon, watched: Watched, heard: SimpleQueue[tuple[float, Message]]
     ) -> None:
         self._station, self._daemon, self._watched, self._heard = station, daemon, watched, heard
+        self.taken_away = 0
         self._state = ""
         self._open: Window | None = None
         self._ended: list[Window] = []
@@ -198,11 +205,11 @@ class Operator:
             last = windows[-1].result
             if last is None or last.result != "ABORTED":
                 break
-        left = self._daemon.objects_left()
+        left = (self._daemon.objects_left() or 0) + self.taken_away
         picks = self._picks(windows, Notes(tuple(deeds), notes.things), seed)
         picks = [pick for pick in picks if not (left == 0 and pick.last.result.result == "EMPTY")]
         tell(f"seed={seed} left {left}")
-        return picks, left or 0
+        return picks, left
 
     def _picks(self, windows: Sequence[Window], notes: Notes, seed: int, name: str = "") -> list[Pick]:
         """Group the cycles by what was tried again."""
@@ -231,6 +238,8 @@ class Operator:
         for _ in range(_TRIES):
             if self._state == "Idle":
                 return
+            if self._state == "Aborted":
+                self.taken_away += self._watched.free_the_arm()
             self._command(_WAY_TO_IDLE[self._state], CommandRequest(client_id=_CLIENT))
             self._hear_until(lambda state: state in _RESTS)
         raise CellUnreachable(f"The cell does not become Idle: it is {self._state}.", "See its own messages above.")

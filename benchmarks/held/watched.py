@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -33,11 +34,13 @@ from drivers.sim.arm import SimArm
 from drivers.sim.camera import SimCamera
 from drivers.sim.devices import SimPresenter
 from drivers.sim.hand import SimHand
+from drivers.sim.placing import Placing, park
 from drivers.sim.world import World
 
 NODE = "sim"
 PRESENT, CAPTURE, ARM, HOLD, HAND, GRASP = "present", "capture", "arm", "hold", "hand", "grasp"
 """Kinds of deeds; a hold is a motion of the arm that does not move."""
+_TAKE, _FREE = "take", "free"
 _START_S, _END_S = 300.0, 30.0
 
 Array = npt.NDArray[np.float64]
@@ -51,7 +54,7 @@ class Deed:
         kind: one of the above.
         began_s, ended_s: monotonic clock of this machine.
         from_s, to_s: simulated time; it starts anew with every object presented.
-        height_m: (n,) of every object's centre of mass, after it.
+        height_m: (n,) of every object's centre of mass, after it. ``touching``: (n,) whether it touches the robot then.
         base_from_body: (n, 4, 4) of every object's body, after it.
     """
 
@@ -61,6 +64,7 @@ class Deed:
     from_s: float
     to_s: float
     height_m: Array
+    touching: npt.NDArray[np.bool_]
     base_from_body: Array
 
 
@@ -98,17 +102,35 @@ class Watch:
         with self._world.lock:
             return Notes(deeds, things(self._world.model, self._world.objects))
 
+    def free_the_arm(self) -> int:
+        """Take away every object that touches the robot, as a person does after an abort; return their number."""
+        world = self._world
+        with world.motion, world.lock:
+            bodies = [body for body, is_touching in zip(world.objects, self._touching(), strict=True) if is_touching]
+            region_m = world.station.scene.pick_region_m
+            park([Placing(world.model, world.data, region_m, body) for body in bodies])
+        return len(bodies)
+
+    def _touching(self) -> list[bool]:
+        """Which objects touch the robot; the caller holds the lock."""
+        model = self._world.model
+        robot = model.body("base").id
+        pairs = [model.body_rootid[model.geom_bodyid[contact.geom]].tolist() for contact in self._world.data.contact]
+        touching = {body for pair in pairs if robot in pair for body in pair}
+        return [model.body(body).id in touching for body in self._world.objects]
+
     def _now_s(self) -> float:
         with self._world.lock:
             return float(self._world.data.time)
 
-    def _where(self) -> tuple[Array, Array]:
+    def _where(self) -> tuple[Array, npt.NDArray[np.bool_], Array]:
         with self._world.lock:
+            touching = self._touching()  # by the contacts of the last tick
             mujoco.mj_kinematics(self._world.model, self._world.data)
             mujoco.mj_comPos(self._world.model, self._world.data)
             height_m = [self._world.data.body(body).xipos[2] for body in self._world.objects]
             poses = [self._world.base_from_object(body) for body in self._world.objects]
-        return np.array(height_m), np.array(poses).reshape(-1, 4, 4)
+        return np.array(height_m), np.array(touching), np.array(poses).reshape(-1, 4, 4)
 
 
 # --- the devices ------------------------------------------------------------------------------------------------------
@@ -180,8 +202,8 @@ def _serve(station: Station, pipe: Connection) -> None:
 def _answer(pipe: Connection, watch: Watch) -> None:
     while True:
         try:
-            pipe.recv()
-            pipe.send(watch.take())
+            asked = pipe.recv()
+            pipe.send(watch.take() if asked == _TAKE else watch.free_the_arm())
         except (EOFError, OSError):
             return
 
@@ -197,12 +219,20 @@ class Watched:
 
     def take(self) -> Notes:
         """Return the deeds since the last time. Raises: CellUnreachable when the node's process has ended."""
+        notes: Notes = self._ask(_TAKE)
+        return notes
+
+    def free_the_arm(self) -> int:
+        """As `Watch.free_the_arm`. Raises: as `take`."""
+        number: int = self._ask(_FREE)
+        return number
+
+    def _ask(self, what: str) -> Any:
         try:
-            self._pipe.send(None)
-            notes: Notes = self._pipe.recv()
+            self._pipe.send(what)
+            return self._pipe.recv()
         except (EOFError, OSError) as error:
             raise CellUnreachable("The simulated node has ended.", "See its own message above.") from error
-        return notes
 
 
 @contextmanager

@@ -36,7 +36,7 @@ def deeds(*steps: tuple[str, float, float, tuple[float, ...]]) -> list[Deed]:
         now_s += 0.1
         pose = np.tile(np.eye(4), (len(heights_m), 1, 1))
         span = (now_s, now_s + wall_s, simulated_s, simulated_s + took_s)
-        made.append(Deed(kind, *span, np.array(heights_m), pose))
+        made.append(Deed(kind, *span, np.array(heights_m), np.array(heights_m) > LIES_M, pose))
         now_s, simulated_s = now_s + wall_s, simulated_s + took_s
     return made
 
