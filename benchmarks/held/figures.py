@@ -18,7 +18,7 @@ def figures(picks: Sequence[Pick], binned: Sequence[tuple[int, int]] = (), *, is
 
     Args:
         picks: with ``feasible`` asked.
-        binned: of every bin, how many objects lay in it, and how many were left at the end.
+        binned: of every bin, how many objects lay in it, and how many of them are not in the tray at the end.
         is_paced: whether simulated time passed as real time does; otherwise picks an hour by the wall mean nothing.
     """
     presented = [pick for pick in picks if any(one.is_presented for one in pick.attempts)]
@@ -44,8 +44,8 @@ def figures(picks: Sequence[Pick], binned: Sequence[tuple[int, int]] = (), *, is
         "missed": sum(not one.risen for one in executed),
         "infeasible": sum(not pick.feasible for pick in presented),
         "multi_pick": sum(len(one.risen) > 1 for one in attempts),
-        "cleared": _share(sum(lay - left for lay, left in binned), sum(lay for lay, _ in binned)),
-        "bins_emptied": sum(left == 0 for _, left in binned) if binned else None,
+        "cleared": _share(sum(lay - lost for lay, lost in binned), sum(lay for lay, _ in binned)),
+        "bins_emptied": sum(lost == 0 for _, lost in binned) if binned else None,
         "picks_per_hour": {
             "simulated": _an_hour(len(held), [one.times.simulated for one in attempts]),
             "wall": _an_hour(len(held), [one.times.wall for one in attempts]) if is_paced else None,

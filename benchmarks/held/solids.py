@@ -72,6 +72,13 @@ def _ball(radii_m: Sequence[float] | Array) -> Array:
     return np.asarray(unit * np.array(radii_m))
 
 
+def in_tray(station: Station, base_from_body: Array) -> int:
+    """Return how many of the bodies at (n, 4, 4) have their origin over the tray."""
+    tray = station.scene.tray
+    off_m = np.abs(base_from_body[:, :2, 3] - tray.center_m[:2])
+    return int(((off_m <= np.array(tray.size_m[:2]) / 2) & (base_from_body[:, 2:3, 3] > 0)).all(axis=1).sum())
+
+
 def scene_of(station: Station, lying: Sequence[Thing], base_from_body: Array, seed: int) -> Heap:
     """Return what lies in the pick region, walls and tray as the oracle takes it; no picture of it.
 
