@@ -14,8 +14,8 @@ _MARGIN_M = 0.005
 """Objects are put at least this far inside the pick region, with all their extent if they fit."""
 _CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
 _DROP_M = 0.002
-_STILL = 0.05
-"""m/s and rad/s; what is slower rests."""
+_STILL_M_S, _STILL_RAD_S = 0.02, 0.2
+"""What is slower rests: a thing of many parts trembles where it lies, by less."""
 _PARK_M = 5.0
 
 
@@ -75,7 +75,8 @@ class Placing:
 
     def is_moving(self) -> bool:
         """Whether the object moves or turns."""
-        return float(np.abs(self._data.joint(self.body).qvel).max()) > _STILL
+        speeds = np.abs(self._data.joint(self.body).qvel)
+        return bool(speeds[:3].max() > _STILL_M_S or speeds[3:].max() > _STILL_RAD_S)
 
     def pose(self) -> npt.NDArray[np.float64]:
         """Return (7,): position [m] and quaternion wxyz of the object's body in ``base``."""

@@ -171,7 +171,7 @@ def test_what_is_round_comes_to_rest(tmp_path: Path, geom: str) -> None:
     assert Placing(world.model, world.data, world.station.scene.pick_region_m).rests_inside()
 
 
-@pytest.mark.parametrize("name", ["mug", "cubemedium", "banana", "hammer", "elephant", "flashlight"])
+@pytest.mark.parametrize("name", ["mug", "cubemedium", "banana", "hammer", "elephant", "flashlight", "scissors"])
 def test_objects_of_a_public_set_load_and_rest(name: str, public_objects: Callable[..., Path]) -> None:
     world = World(load_station(None, [f"sim.objects={public_objects(name)}"]))
     world.present(name, 2)
