@@ -38,6 +38,7 @@ def figures(picks: Sequence[Pick], binned: Sequence[tuple[int, int]] = (), *, is
         "lost_on_the_way": sum(bool(set(one.risen) - set(one.carried)) for one in attempts),
         "per_object": _per_object(picks),
         "by_code": Counter(code_of(pick) for pick in picks),
+        "lost_at": Counter(where for pick in presented if (where := lost_at(pick))),
         "attempts_per_pick": _share(len(attempts), len(presented)),
         "success_per_attempt": _share(sum(bool(one.risen) for one in attempts), len(attempts)),
         "executed": len(executed),
@@ -61,6 +62,20 @@ def code_of(pick: Pick) -> str:
     if not any(one.is_presented for one in pick.attempts):
         return "NOT_PRESENTED"
     return result.result if result.code is None or result.result == "EMPTY" else str(result.code)
+
+
+def lost_at(pick: Pick) -> str:
+    """In which part of its last attempt the pick was lost; "" when it was not."""
+    last = pick.last
+    if "execute" not in last.result.stages:
+        return "before_motion"
+    if not last.is_executed:
+        return "reach_or_lift"
+    if not last.risen:
+        return "slipped"
+    if not last.carried:
+        return "on_the_way"
+    return "" if pick.is_success else "verdict"
 
 
 def _per_object(picks: Sequence[Pick]) -> dict[str, dict[str, Any]]:
@@ -91,6 +106,7 @@ def _failure(pick: Pick) -> dict[str, Any]:
         "object": pick.name,
         "seed": pick.seed,
         "code": code_of(pick),
+        "lost_at": lost_at(pick),
         "held": pick.is_held,
         "feasible": pick.feasible,
         "reason": result.reason,

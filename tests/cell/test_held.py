@@ -24,7 +24,7 @@ LIES_M, LIFTED_M = 0.02, 0.17
 
 def result(outcome: str = "SUCCESS", code: Code | None = None, **changed: object) -> CycleResult:
     made = {"cycle_id": "1", "object": "brick", "result": outcome, "code": code, "reason": "", "wall_s": 1.0,
-            "stages": {"capture": 1.0}, "recording": "", "retried_as": ""}  # fmt: skip
+            "stages": {"capture": 1.0, "execute": 1.0}, "recording": "", "retried_as": ""}  # fmt: skip
     return CycleResult.model_validate(made | changed)
 
 
@@ -112,18 +112,22 @@ def test_the_figures_keep_apart_what_the_cell_says_and_what_is_true() -> None:
             pick(cycle((LIFTED_M,), (LIES_M,), failed)),  # it was dropped on the way
             pick(cycle((LIFTED_M, LIFTED_M), (LIFTED_M, LIFTED_M)), "two"),
             pick(attempt_of(Window(99.0, result=result("FAILED", Code.NO_OBJECT, stages={}))), "ball", None),
-            pick(attempt_of(Window(99.0, result=result("FAILED", Code.NO_GRASP))), "plate", False),
+            pick(
+                attempt_of(Window(99.0, result=result("FAILED", Code.NO_GRASP, stages={"detect": 1}))), "plate", False
+            ),
+            pick(attempt_of(Window(99.0, result=result("ABORTED", Code.ARM_REFLEX))), "cup"),
         ],
         binned=[(5, 1), (5, 0)],
         is_paced=False,
     )
-    assert (told["picks"], told["not_presented"], told["feasible"], told["infeasible"]) == (6, 1, 5, 1)
+    assert (told["picks"], told["not_presented"], told["feasible"], told["infeasible"]) == (7, 1, 6, 1)
     assert (told["held_by_physics"], told["verdict_success"], told["missed"]) == (4, 3, 1)
     assert (told["false_success"], told["false_failure"], told["lost_on_the_way"]) == (1, 1, 1)
     assert (told["multi_pick"], told["cleared"], told["bins_emptied"]) == (1, 0.9, 1)
-    assert told["by_code"] == {"SUCCESS": 3, "DROPPED": 2, "NOT_PRESENTED": 1, "NO_GRASP": 1}
+    assert told["by_code"] == {"SUCCESS": 3, "DROPPED": 2, "NOT_PRESENTED": 1, "NO_GRASP": 1, "ARM_REFLEX": 1}
+    assert told["lost_at"] == {"before_motion": 1, "reach_or_lift": 1, "slipped": 1, "on_the_way": 1, "verdict": 1}
     assert told["picks_per_hour"] == {"simulated": pytest.approx(3600 * 4 / (5 * 11.5), abs=0.1), "wall": None}
-    assert told["per_object"]["two"]["held"] == 1 and len(told["failures"]) == 5
+    assert told["per_object"]["two"]["held"] == 1 and len(told["failures"]) == 6
 
 
 @pytest.mark.parametrize(
