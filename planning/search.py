@@ -26,6 +26,8 @@ def search(
 ) -> JointSamples | None:
     """Return the vertices (n, 7) of a path from ``q_from_rad`` (7,) to one of the goals; None if none was found.
 
+    A start or goals that are not allowed are no path: OMPL would wait for a better goal for ever, without a check.
+
     Deterministic: effort is counted in checks, not in time.
 
     Args:
@@ -37,6 +39,9 @@ def search(
     Raises:
         CycleFailure: the one that ``free`` raised.
     """
+    goals_rad = [goal for goal in goals_rad if free(goal)]
+    if not goals_rad or not free(q_from_rad):
+        return None
     util.setLogLevel(util.LogLevel.LOG_NONE)
     util.RNG.setSeed(seed + 1)  # 0 would mean the clock
     count = 0

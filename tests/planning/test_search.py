@@ -69,6 +69,14 @@ def test_where_there_is_no_way_it_gives_up_after_a_bounded_effort() -> None:
     assert asked < 30_000
 
 
+@pytest.mark.parametrize("blocked", ["start", "every goal"])
+def test_a_start_or_goals_that_are_not_free_are_no_way_at_once(blocked: str) -> None:
+    """OMPL alone waits for a better goal for ever, and looks at no check meanwhile that could stop it."""
+    start, goal = CAPTURE, ACROSS
+    taken = start if blocked == "start" else goal
+    assert search(lambda q: not np.allclose(q, taken), start, [goal], seed=0) is None
+
+
 def test_it_goes_to_whichever_goal_it_reaches() -> None:
     def only_the_second(q: np.ndarray) -> bool:
         return bool(q[0] < 0.5)
