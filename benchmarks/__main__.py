@@ -24,6 +24,7 @@ from benchmarks import (
     house,
     intruder,
     models,
+    moves,
     planning,
     real_frames,
     recordings,
@@ -267,10 +268,23 @@ def models_(
 def planning_(
     scenes: Annotated[int, typer.Option(min=2, help="Four picks in each.")] = 50,
     seed: int = 0,
+    problems: Annotated[
+        Path | None, typer.Option(help="Instead: the archive of MotionBenchMaker's Panda problems.")
+    ] = None,
+    every: Annotated[int, typer.Option(min=1, help="Only every so manyth of them.")] = 1,
+    offsets: Annotated[list[int] | None, typer.Option("--offset", help="The first of them. Repeatable.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
 ) -> None:
-    """Picks among boxes, known or only seen: solved, CPU time [ms], limits, collisions, stops; and plain libraries."""
-    typer.echo(json.dumps(planning.run(scenes, seed, _teller(as_json))))
+    """Picks among boxes, known or only seen: solved, CPU time [ms], limits, collisions, stops; and plain libraries.
+
+    With --problems the same of moves between two configurations. Nothing may be tuned on an offset to report on.
+    """
+    if problems is None:
+        typer.echo(json.dumps(planning.run(scenes, seed, _teller(as_json))))
+    elif not problems.is_file():
+        typer.echo(json.dumps({"skipped": f"There is no file {problems}: name the archive with --problems."}))
+    else:
+        typer.echo(json.dumps(moves.run(problems, every, offsets or [0], _teller(as_json))))
 
 
 @app.command(name="calibrate")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import combinations, pairwise
 from typing import Any
 
@@ -31,57 +32,66 @@ _LIFTED_M = 0.06
 
 
 class Judge:
-    """Exact meshes of the robot among the true boxes of one problem; every pair of shapes tested, no broad phase."""
+    """Exact meshes of the robot among true shapes; every pair of shapes tested, no broad phase.
 
-    def __init__(self, robot: Robot, problem: Problem) -> None:
-        self._robot, self._problem = robot, problem
+    Args:
+        obstacles: their shapes, and their poses (4, 4) in ``base``.
+        floors: the first so many of them carry the robot's base, which touches them.
+    """
+
+    def __init__(self, robot: Robot, obstacles: Sequence[tuple[coal.CollisionGeometry, Array]], floors: int) -> None:
+        self._robot, self._obstacles = robot, obstacles
         self._model = pin.GeometryModel()
         for part in robot.meshes:
             self._model.addGeometryObject(part)
         self._parts = [part.name for part in robot.meshes]
-        self._boxes = [self._add(box.name, box.size_m, _pose(box.center_m)) for box in problem.boxes]
+        added = [self._add(f"obstacle {number}", *one) for number, one in enumerate(obstacles)]
         for a, b in combinations(range(len(self._parts)), 2):
             if not _mounted_together(self._parts[a], self._parts[b]):
                 self._model.addCollisionPair(pin.CollisionPair(a, b))
         for part in range(len(self._parts)):
-            for box in self._boxes[1 if "link0" in self._parts[part] else 0 :]:
-                self._model.addCollisionPair(pin.CollisionPair(part, box))
+            for obstacle in added[floors if "link0" in self._parts[part] else 0 :]:
+                self._model.addCollisionPair(pin.CollisionPair(part, obstacle))
         self._data, self._geometry = robot.model.createData(), self._model.createData()
 
     def touches(self, trajectory: Trajectory, width_m: float) -> bool:
-        """Whether the robot touches itself or a box anywhere along the commands."""
+        """Whether the robot touches itself or an obstacle anywhere along the commands."""
         for q in trajectory.filtered()[::EVERY_TICKS]:
             full = np.array([*q, width_m / 2, width_m / 2])
             if pin.computeCollisions(self._robot.model, self._data, self._model, self._geometry, full, True):
                 return True
         return False
 
-    def held_touches(self, trajectory: Trajectory, base_from_tcp: Array) -> bool:
-        """Whether the true target, held as it was grasped, touches a box anywhere along the commands."""
-        target = coal.Box(*self._problem.target.size_m)
-        base_from_target = _pose(self._problem.target.center_m)
-        c, s = np.cos(self._problem.yaw_rad), np.sin(self._problem.yaw_rad)
+    def held_touches(self, trajectory: Trajectory, base_from_tcp: Array, problem: Problem) -> bool:
+        """Whether the true target, held as it was grasped, touches an obstacle anywhere along the commands."""
+        target = coal.Box(*problem.target.size_m)
+        base_from_target = _pose(problem.target.center_m)
+        c, s = np.cos(problem.yaw_rad), np.sin(problem.yaw_rad)
         base_from_target[:2, :2] = [[c, -s], [s, c]]
         tcp_from_target = np.linalg.inv(base_from_tcp) @ base_from_target
         for q in trajectory.filtered()[::EVERY_TICKS]:
             tcp = self._robot.base_from_tcp(q)
-            if tcp[2, 3] > base_from_tcp[2, 3] + _LIFTED_M and self._box_hit(target, tcp @ tcp_from_target):
+            if tcp[2, 3] > base_from_tcp[2, 3] + _LIFTED_M and self._hit(target, tcp @ tcp_from_target):
                 return True
         return False
 
-    def _box_hit(self, shape: coal.Box, base_from_shape: Array) -> bool:
-        for box in self._problem.boxes:
+    def _hit(self, shape: coal.Box, base_from_shape: Array) -> bool:
+        for obstacle, pose in self._obstacles:
             result = coal.CollisionResult()
             coal.collide(
-                shape, _transform(base_from_shape), coal.Box(*box.size_m), _transform(_pose(box.center_m)),
-                coal.CollisionRequest(), result,
-            )  # fmt: skip
+                shape, _transform(base_from_shape), obstacle, _transform(pose), coal.CollisionRequest(), result
+            )
             if result.isCollision():
                 return True
         return False
 
-    def _add(self, name: str, size_m: tuple[float, float, float], pose: Array) -> int:
-        return int(self._model.addGeometryObject(pin.GeometryObject(name, 0, 0, pin.SE3(pose), coal.Box(*size_m))))
+    def _add(self, name: str, shape: coal.CollisionGeometry, pose: Array) -> int:
+        return int(self._model.addGeometryObject(pin.GeometryObject(name, 0, 0, pin.SE3(pose), shape)))
+
+
+def judge_of(robot: Robot, problem: Problem) -> Judge:
+    """The judge of one pick, among its true boxes; the table is the first."""
+    return Judge(robot, [(coal.Box(*box.size_m), _pose(box.center_m)) for box in problem.boxes], floors=1)
 
 
 def optimal_s(trajectory: Trajectory) -> float:

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks import plain
-from benchmarks.judge import Judge, optimal_s, stopped
+from benchmarks.judge import Judge, judge_of, optimal_s, stopped
 from benchmarks.numeric_ik import numeric_inverse, reachable_poses
 from benchmarks.picks import Problem, problems, station
 from bus.messages import Segment
@@ -55,7 +55,7 @@ def run(scenes: int, seed: int, tell: Tell) -> dict[str, Any]:
     peer = {False: _Tally(), True: _Tally()}
     plan_approach_once(robot)
     for problem in problems(robot, scenes, seed):
-        judge = Judge(robot, problem)
+        judge = judge_of(robot, problem)
         _solve(robot, problem, judge, ours[problem.seen_only], rng)
         _solve_plainly(robot, problem, judge, peer[problem.seen_only])
         if (problem.number + 1) % 20 == 0:
@@ -103,7 +103,7 @@ def _judge(
         tally.over_topt.append(trajectory.duration_s / optimal_s(trajectory))
         touched = judge.touches(trajectory, widths_m.get(segment.name, grasp.width_m))
         if segment.name in ("carry", "place"):
-            touched = touched or judge.held_touches(trajectory, base_from_tcp)
+            touched = touched or judge.held_touches(trajectory, base_from_tcp, problem)
         tally.collisions += touched
         tally.searched += segment.route == "searched"
         _stop(trajectory, float(rng.uniform()), tally)
@@ -148,7 +148,7 @@ def _ik(robot: Robot, seed: int) -> dict[str, Any]:
         "poses": len(poses),
         "numeric": reached,
         "success": found / reached,
-        "median_us": _round(np.median(times_us)),
+        "median_us": rounded(np.median(times_us)),
     }
 
 
@@ -165,17 +165,17 @@ def _figures(tallies: dict[bool, _Tally]) -> dict[str, Any]:
         "unsolved": sorted(set(every("reasons"))),
         "motions": len(every("reports")),
         "searched": sum(tally.searched for tally in tallies.values()),
-        "plan_ms": _spread(every("plan_ms")),
-        "cycle_plan_ms": _spread(every("cycle_ms")),
-        "cycle_plan_ms_known": _spread(tallies[False].cycle_ms),
-        "motion_over_topt": _spread(every("over_topt"), 4),
+        "plan_ms": spread(every("plan_ms")),
+        "cycle_plan_ms": spread(every("cycle_ms")),
+        "cycle_plan_ms_known": spread(tallies[False].cycle_ms),
+        "motion_over_topt": spread(every("over_topt"), 4),
         "limit_violations": sum(not report.ok for report in [*every("reports"), *every("stop_reports")]),
         "collisions_independent": sum(tally.collisions for tally in tallies.values()),
         "worst_ratio": {
-            kind: _round(max(getattr(report, kind).ratio for report in every("reports")), 4)
+            kind: rounded(max(getattr(report, kind).ratio for report in every("reports")), 4)
             for kind in ("velocity", "acceleration", "jerk")
         },
-        "stop_s": {**_spread(every("stop_s"), 3), "max": _round(max(every("stop_s")), 3)},
+        "stop_s": {**spread(every("stop_s"), 3), "max": rounded(max(every("stop_s")), 3)},
         "stop_off_path_rad_max": float(f"{max(every('off_path_rad')):.2g}"),
     }
 
@@ -189,22 +189,22 @@ def _peer_figures(tallies: dict[bool, _Tally]) -> dict[str, Any]:
             "known": float(np.mean(tallies[False].solved)),
             "cloud_only": float(np.mean(tallies[True].solved)),
         },
-        "plan_ms": _spread([ms for tally in both for ms in tally.plan_ms]),
-        "motion_over_topt": _spread([ratio for tally in both for ratio in tally.over_topt], 4),
+        "plan_ms": spread([ms for tally in both for ms in tally.plan_ms]),
+        "motion_over_topt": spread([ratio for tally in both for ratio in tally.over_topt], 4),
         "limit_violations": sum(not report.ok for report in reports),
         "collisions_independent": sum(tally.collisions for tally in both),
         "worst_ratio": {
-            kind: _round(max(getattr(report, kind).ratio for report in reports), 3)
+            kind: rounded(max(getattr(report, kind).ratio for report in reports), 3)
             for kind in ("velocity", "acceleration", "jerk")
         },
     }
 
 
-def _spread(values: Sequence[float], digits: int = 1) -> dict[str, float]:
-    return {"median": _round(np.median(values), digits), "p95": _round(np.percentile(values, 95), digits)}
+def spread(values: Sequence[float], digits: int = 1) -> dict[str, float]:
+    return {"median": rounded(np.median(values), digits), "p95": rounded(np.percentile(values, 95), digits)}
 
 
-def _round(value: Any, digits: int = 1) -> float:
+def rounded(value: Any, digits: int = 1) -> float:
     return round(float(value), digits)
 
 
@@ -213,4 +213,4 @@ def _capture_q(robot: Robot) -> Array:
 
 
 def _peak_mb() -> float:
-    return _round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+    return rounded(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)

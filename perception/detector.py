@@ -29,6 +29,7 @@ from perception.grasps.rank import graded, rank
 from perception.grasps.refusal import why_none
 from perception.grasps.search import search
 from perception.grasps.sides import search_sides
+from perception.grasps.squared import squared
 from perception.models import Models
 from perception.observed_object import Axis, ObservedObject
 from perception.proposal import Proposal, grasps_of, propose
@@ -157,15 +158,22 @@ class _Tries:
         self.tried.append(Tried(instance=number, sample=sample, code=failure.failure, text=failure.text))
 
     def _axes(self, number: int) -> tuple[Axis, ...]:
-        """Along which the jaw could close on a thing, the best first; from its sides when from above they are weak."""
-        axes = axes_of(self.closings, number, self.scene.table.base_from_table)
+        """Along which the jaw could close on a thing, the best first; from its sides when from above they are weak.
+
+        Of several looks, the hand also leans as the faces do that it closes on.
+        """
+        scene, seen, station = self.scene, self.seen.instances, self.station
+        found = [(self.closings, scene.table.base_from_table)]
+        if self._wants_sides():
+            found += search_sides(scene, seen, number, station)
+        found += squared(found, scene, seen, number, station)
+        axes = [axis for closings, base_from_level in found for axis in axes_of(closings, number, base_from_level)]
+        return tuple(sorted(axes, key=lambda axis: -axis.score))
+
+    def _wants_sides(self) -> bool:
         good = _GOOD_FROM_ABOVE if self.scene.count == 1 else _GOOD_IN_A_HEAP
         looked_at = {tried.instance for tried in self.tried}
-        if self.closings.score.max(initial=-np.inf) >= good or len(looked_at) >= _SIDES_OF:
-            return axes
-        for closings, base_from_level in search_sides(self.scene, self.seen.instances, number, self.station):
-            axes += axes_of(closings, number, base_from_level)
-        return tuple(sorted(axes, key=lambda axis: -axis.score))
+        return self.closings.score.max(initial=-np.inf) < good and len(looked_at) < _SIDES_OF
 
     def _try(self, observed_object: ObservedObject, crop: Crop, sample: int) -> None:
         self.talk.cancel.raise_if_set("detect")

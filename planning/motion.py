@@ -26,6 +26,11 @@ from planning.world import Collision
 _CORNER_SHARES = (CORNER_SHARE, 0.25, 0.1, 0.02)
 """Tried in this order: corners are cut less and less until the motion is free of collisions."""
 
+_PATIENCE = 4
+"""A move has only its one goal; a pick has other arm configurations and other grasps to try."""
+_STEP_RAD = 0.03
+"""Distance at which a further condition is asked along a line."""
+
 Allowed = Callable[[Joints], bool]
 
 
@@ -48,7 +53,13 @@ class Way:
 
 
 def connect(
-    scene: Scene, q_from_rad: Joints, goals_rad: Sequence[Joints], width_m: float, allowed: Allowed | None = None
+    scene: Scene,
+    q_from_rad: Joints,
+    goals_rad: Sequence[Joints],
+    width_m: float,
+    allowed: Allowed | None = None,
+    *,
+    patience: int = 1,
 ) -> Way:
     """Return a free path to the first goal that a straight joint line reaches, else around obstacles to any of them.
 
@@ -57,6 +68,7 @@ def connect(
         goals_rad: goals, each (7,), the preferred one first.
         width_m: opening of the hand.
         allowed: a further condition for configurations of a searched path.
+        patience: makes so many times `PlanningSettings.searches`.
 
     Raises:
         Infeasible: COLLISION, naming the obstacle.
@@ -69,15 +81,31 @@ def connect(
             return Way(index, "straight", line)
         collision = blocked if index == 0 else collision
 
-    def free(q: Joints) -> bool:
-        return (allowed is None or allowed(q)) and scene.collision(q, width_m) is None
+    def free_line(one: Joints, other: Joints) -> bool:
+        is_allowed = allowed is None or all(allowed(q) for q in _along(one, other))
+        return is_allowed and scene.is_line_free(one, other, width_m)
 
-    for seed in range(scene.station.planning.searches):
-        path = search(free, q_from_rad, goals_rad, seed)
-        if path is not None and scene.first_collision(path, width_m) is None:
-            reached = int(np.argmin([np.abs(goal - path[-1]).max() for goal in goals_rad]))
-            return Way(reached, "searched", np.concatenate([path[:-1], goals_rad[reached][None]]))
+    for seed in range(patience * scene.station.planning.searches):
+        path = search(free_line, q_from_rad, goals_rad, seed, lambda: scene.checks)
+        if path is not None:
+            way = _way_along(path, goals_rad)
+            blocked = _bends_touch(blended(way.lines(), _CORNER_SHARES[-1]), scene, width_m)
+            if blocked is None:
+                return way
+            collision = blocked
     raise Infeasible(Code.COLLISION, f"no way around: {collision}")
+
+
+def _way_along(path_rad: JointSamples, goals_rad: Sequence[Joints]) -> Way:
+    """Return the searched way along ``path_rad`` (n, 7), ending exactly at the goal that it reaches."""
+    reached = int(np.argmin([np.abs(goal - path_rad[-1]).max() for goal in goals_rad]))
+    return Way(reached, "searched", np.concatenate([path_rad[:-1], goals_rad[reached][None]]))
+
+
+def _along(one: Joints, other: Joints) -> JointSamples:
+    """Return configurations along a straight joint line, its ends included, 0.03 rad apart at most."""
+    steps = int(np.ceil(float(np.linalg.norm(other - one)) / _STEP_RAD))
+    return np.linspace(one, other, steps + 1)
 
 
 def motion(
@@ -122,8 +150,8 @@ def move(scene: Scene, q_from_rad: Joints, q_to_rad: Joints) -> Trajectory:
     width_m = scene.station.hand.max_width_m
     trajectory = rest_to_rest(scene.station, q_from_rad, q_to_rad)
     if (
-        scene.gate(trajectory.filtered(), width_m) is None
-        and scene.first_collision(trajectory.raw_q_rad, width_m) is None
+        scene.first_collision(trajectory.raw_q_rad, width_m) is None
+        and scene.gate(trajectory.filtered(), width_m) is None
     ):
         return trajectory
     for q_rad, which in ((q_from_rad, "cannot start"), (q_to_rad, "cannot end")):
@@ -131,7 +159,7 @@ def move(scene: Scene, q_from_rad: Joints, q_to_rad: Joints) -> Trajectory:
         if collision is not None:
             raise CycleFailure(Code.COLLISION, f"The move {which} where it is told to: {collision}.")
     try:
-        way = connect(scene, q_from_rad, [q_to_rad], width_m)
+        way = connect(scene, q_from_rad, [q_to_rad], width_m, patience=_PATIENCE)
         return motion("home", way, way.lines(), scene, width_m).trajectory
     except Infeasible as why:
         raise CycleFailure(why.code, f"There is no way from here: {why.reason}.") from why

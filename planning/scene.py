@@ -23,21 +23,17 @@ from config.schema import Box, Station
 from planning.height_field import KNOWN_M, ObservedHeightField, Sight, observed_field, solid, subsample
 from planning.own_body import on_robot
 from planning.robot import HAND_FROM_TCP, Robot
+from planning.sweep import WIDE_MARGINS_M, first_collision, is_free
+from planning.travel import Travel
 from planning.world import FINGERS, Collision, Thing, World, held_thing
 
 Array = npt.NDArray[np.float64]
 
 FINGER_CLEARANCE_M = 0.002
 """Clearance of the fingers: smaller than the rest's, because they work between objects."""
-_CHECK_STEP_M = 0.003
-_RESIDUAL_M = 0.0025
 _FEWEST_POINTS = 20
-_COARSE_M = 0.025
-"""Where nothing is within this distance, no finer check is needed until a point of the robot has moved so far."""
 _GATE_TICKS = 8
 _GATE_MARGIN_M = 0.001
-_LEVER_M = np.array([1.15, 1.15, 0.95, 0.85, 0.45, 0.40, 0.20])
-"""Largest distance of any point of arm, hand or camera from each joint's axis."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +46,7 @@ class Scene:
         field: the observed obstacles besides; None = none.
         target: the points (n, 3) [m] of the object to be grasped in ``base``; only the fingers may touch it.
         held: the object in the hand.
+        fixed: known things of other shapes than the boxes, or turned.
         cancel: once set, every check raises CycleFailure(STOPPED), which ends all planning with this scene.
     """
 
@@ -59,6 +56,7 @@ class Scene:
     field: ObservedHeightField | None = None
     target: Array | None = None
     held: Thing | None = None
+    fixed: tuple[Thing, ...] = ()
     cancel: Cancel = dataclass_field(default_factory=Cancel)
 
     @classmethod
@@ -120,20 +118,27 @@ class Scene:
         Raises:
             CycleFailure: STOPPED once `cancel` is set.
         """
-        travel_m = sweep_m(path_rad)
-        blocks = max(1, int(np.ceil(travel_m[-1] / (2 * (_COARSE_M - _RESIDUAL_M)))))
-        edges = np.linspace(0.0, travel_m[-1], blocks + 1)
-        middles = _at(path_rad, travel_m, (edges[1:] + edges[:-1]) / 2)
-        for begin, end, middle in zip(edges[:-1], edges[1:], middles, strict=True):
-            self.cancel.raise_if_set("plan")
-            if self._planned.collision(middle, width_m, coarse=True) is None:
-                continue
-            checks = int(np.ceil((end - begin) / _CHECK_STEP_M)) + 1
-            for q in _at(path_rad, travel_m, np.linspace(begin, end, checks)):
-                collision = self._planned.collision(q, width_m)
-                if collision is not None:
-                    return collision
-        return None
+        return first_collision(self._planned, path_rad, width_m, self.cancel)
+
+    def is_line_free(self, q_from_rad: Joints, q_to_rad: Joints, width_m: float) -> bool:
+        """Whether the straight joint line between two configurations (7,) is free, as in `first_collision`.
+
+        It takes fewer checks, because it bounds the movement more tightly and narrows margins step by step; it does not
+        say what is in the way.
+
+        Args:
+            width_m: opening of the hand.
+
+        Raises:
+            CycleFailure: STOPPED once `cancel` is set.
+        """
+        self.cancel.raise_if_set("plan")
+        return is_free(self._planned, self._travel, q_from_rad, q_to_rad, width_m)
+
+    @property
+    def checks(self) -> int:
+        """Number of configurations checked so far."""
+        return self._planned.checks
 
     def gate(self, commands_rad: JointSamples, width_m: float) -> Collision | None:
         """Check 1 kHz commands (n, 7) last of all, with other shapes than they were planned with.
@@ -168,8 +173,12 @@ class Scene:
             self._things,
             margin_m=clearance_m,
             finger_margin_m=finger_m,
-            coarse_m=_COARSE_M,
+            wide_margins_m=WIDE_MARGINS_M,
         )
+
+    @cached_property
+    def _travel(self) -> Travel:
+        return Travel(self.robot, self.held)
 
     @cached_property
     def _exact(self) -> World:
@@ -183,7 +192,7 @@ class Scene:
     @property
     def _known(self) -> tuple[Thing, ...]:
         near_table = frozenset({"link 0"})  # the base stands on it
-        return tuple(
+        boxes = tuple(
             Thing(
                 box.name,
                 coal.Box(*box.size_m),
@@ -192,6 +201,7 @@ class Scene:
             )
             for box in self.boxes
         )
+        return (*boxes, *self.fixed)
 
     @cached_property
     def _things(self) -> tuple[Thing, ...]:
@@ -220,12 +230,3 @@ def _without_robot(sight: Sight, robot: Robot) -> Sight:
     own = sight.points_base[..., 2] > robot.station.scene.table.top_m + KNOWN_M  # what is lower is the table
     own[own] = on_robot(robot, sight.q_rad, sight.points_base[own])
     return replace(sight, points_base=np.where(own[..., None], np.float32(np.inf), sight.points_base))
-
-
-def sweep_m(path_rad: JointSamples) -> Array:
-    """Return an upper bound (n,) of how far any point of the robot has moved along the polyline ``path_rad`` (n, 7)."""
-    return np.concatenate([[0.0], np.cumsum(np.abs(np.diff(path_rad, axis=0)) @ _LEVER_M)])
-
-
-def _at(path_rad: JointSamples, travel_m: Array, at_m: Array) -> JointSamples:
-    return np.stack([np.interp(at_m, travel_m, column) for column in path_rad.T], axis=1)

@@ -11,56 +11,59 @@ from bus.arrays import Joints, JointSamples
 from bus.errors import CycleFailure
 from config.limits import LOWER_RAD, UPPER_RAD
 
-Free = Callable[[Joints], bool]
+FreeLine = Callable[[Joints, Joints], bool]
 
 LIMIT_MARGIN_RAD = 0.08
 """Distance that paths keep from the position limits, where the allowed velocity goes to 0."""
-_STEP_RAD = 0.03
-_RANGE_RAD = 0.8
+_RANGE_RAD = 0.4
 _MAX_CHECKS = 20_000
-_SIMPLIFYING_CHECKS = 800
+_SHORTCUTS = 40
 
 
 def search(
-    free: Free, q_from_rad: Joints, goals_rad: Sequence[Joints], seed: int, *, simplify: bool = True
+    free_line: FreeLine, q_from_rad: Joints, goals_rad: Sequence[Joints], seed: int, spent: Callable[[], int]
 ) -> JointSamples | None:
     """Return the vertices (n, 7) of a path from ``q_from_rad`` (7,) to one of the goals; None if none was found.
 
-    A start or goals that are not allowed are no path: OMPL would wait for a better goal for ever, without a check.
-
+    Nothing is searched where the start is not free or no goal is: OMPL would wait for another goal forever.
     Deterministic: effort is counted in checks, not in time.
 
     Args:
-        free: whether a configuration is allowed. It is called every 0.03 rad: check the result more finely.
+        free_line: whether the straight line between two configurations is free, its ends included. It is asked for
+            every line of the result, or for a longer one that the line is part of.
         goals_rad: goals, each (7,).
         seed: of OMPL's random numbers.
-        simplify: shorten the path that was found.
+        spent: number of checks that ``free_line`` has made so far; each call of it counts as one more.
 
     Raises:
-        CycleFailure: the one that ``free`` raised.
+        CycleFailure: the one that ``free_line`` raised.
     """
-    goals_rad = [goal for goal in goals_rad if free(goal)]
-    if not goals_rad or not free(q_from_rad):
+    limit = spent() + _MAX_CHECKS
+    goals_rad = [goal for goal in goals_rad if free_line(goal, goal)]
+    if not goals_rad or not free_line(q_from_rad, q_from_rad):
         return None
     util.setLogLevel(util.LogLevel.LOG_NONE)
     util.RNG.setSeed(seed + 1)  # 0 would mean the clock
-    count = 0
-    ended: list[CycleFailure] = []  # an exception must not pass through OMPL's C++ code
-
-    def counted(state: base.State) -> bool:
-        nonlocal count
-        count += 1
-        try:
-            return not ended and free(_joints(state))
-        except CycleFailure as failure:
-            ended.append(failure)
-            return False
-
-    space = _space([q_from_rad, *goals_rad])
-    info = base.SpaceInformation(space)
-    info.setStateValidityChecker(counted)
-    info.setStateValidityCheckingResolution(_STEP_RAD / space.getMaximumExtent())
+    info = base.SpaceInformation(_space([q_from_rad, *goals_rad]))
+    lines = _Lines(info, free_line)
+    usual = info.getMotionValidator()
+    info.setStateValidityChecker(lambda _: True)  # the ends of every line are checked with it
+    info.setMotionValidator(lines)
     info.setup()
+    try:
+        path = _found(info, q_from_rad, goals_rad, lambda: lines.failure is not None or spent() + lines.asked > limit)
+        if path is not None:
+            _shorten(info, path)
+    finally:
+        info.setMotionValidator(usual)  # else ``lines`` and ``info`` keep each other alive
+    if lines.failure is not None:
+        raise lines.failure
+    return None if path is None else np.array([_joints(path.getState(i)) for i in range(path.getStateCount())])
+
+
+def _found(
+    info: base.SpaceInformation, q_from_rad: Joints, goals_rad: Sequence[Joints], enough: Callable[[], bool]
+) -> geometric.PathGeometric | None:
     problem = base.ProblemDefinition(info)
     problem.addStartState(_state(info, q_from_rad))
     goals = base.GoalStates(info)
@@ -71,19 +74,42 @@ def search(
     planner.setRange(_RANGE_RAD)
     planner.setProblemDefinition(problem)
     planner.setup()
-    planner.solve(base.PlannerTerminationCondition(lambda: bool(ended) or count > _MAX_CHECKS))
-    if ended:
-        raise ended[0]
-    if not problem.hasExactSolution():
-        return None
-    path = problem.getSolutionPath()
-    if simplify:
-        limit = count + _SIMPLIFYING_CHECKS
-        enough = base.PlannerTerminationCondition(lambda: bool(ended) or count > limit)
-        geometric.PathSimplifier(info).simplify(path, enough)
-        if ended:
-            raise ended[0]
-    return np.array([_joints(path.getState(index)) for index in range(path.getStateCount())])
+    planner.solve(base.PlannerTerminationCondition(enough))
+    return problem.getSolutionPath() if problem.hasExactSolution() else None
+
+
+def _shorten(info: base.SpaceInformation, path: geometric.PathGeometric) -> None:
+    """Shorten the path in place: few vertices, and few attempts that cost many checks."""
+    simplifier = geometric.PathSimplifier(info)
+    simplifier.collapseCloseVertices(path)
+    simplifier.partialShortcutPath(path)
+    simplifier.reduceVertices(path)
+    simplifier.partialShortcutPath(path, maxSteps=_SHORTCUTS)
+    simplifier.collapseCloseVertices(path)
+
+
+class _Lines(base.MotionValidator):  # type: ignore[misc]
+    """Asks for whole lines, not for configurations along them: no edge of a path turns out to touch something later.
+
+    Attributes:
+        asked: number of lines so far.
+        failure: what was raised instead of an answer: an exception must not pass through OMPL's C++ code.
+    """
+
+    def __init__(self, info: base.SpaceInformation, free_line: FreeLine) -> None:
+        super().__init__(info)
+        self._free_line = free_line
+        self.asked = 0
+        self.failure: CycleFailure | None = None
+
+    def checkMotion(self, one: base.State, other: base.State) -> bool:
+        """Whether the straight line between two states is free; no line is after a failure."""
+        self.asked += 1
+        try:
+            return self.failure is None and self._free_line(_joints(one), _joints(other))
+        except CycleFailure as failure:
+            self.failure = failure
+            return False
 
 
 def _space(inside: Sequence[Joints]) -> base.RealVectorStateSpace:

@@ -76,7 +76,10 @@ class World:
         parts: the robot's, `Robot.hulls` or `Robot.meshes`.
         margin_m: smallest allowed distance of every pair.
         finger_margin_m: the same between the fingers and things.
-        coarse_m: a second, larger margin for every pair, used by ``collision(coarse=True)``.
+        wide_margins_m: larger margins for every pair, used by ``collision(wide=index)``.
+
+    Attributes:
+        checks: number of configurations checked so far.
     """
 
     def __init__(
@@ -87,7 +90,7 @@ class World:
         *,
         margin_m: float,
         finger_margin_m: float,
-        coarse_m: float | None = None,
+        wide_margins_m: Sequence[float] = (),
     ) -> None:
         self._robot = robot
         self._things = tuple(things)
@@ -105,16 +108,18 @@ class World:
         fingers = [index for index, name in enumerate(self._names) if name in FINGERS]
         margins[np.ix_(fingers, range(self._robot_parts, len(self._names)))] = finger_margin_m
         self._fine = self._level(margins)
-        self._coarse = self._fine if coarse_m is None else self._level(np.full_like(margins, coarse_m))
+        self._wide = tuple(self._level(np.full_like(margins, wide_m)) for wide_m in wide_margins_m)
+        self.checks = 0
 
-    def collision(self, q_rad: Joints, width_m: float, *, coarse: bool = False) -> Collision | None:
+    def collision(self, q_rad: Joints, width_m: float, *, wide: int | None = None) -> Collision | None:
         """Return a pair nearer than its margin in the configuration ``q_rad`` (7,); None if there is none.
 
         Args:
             width_m: opening of the hand.
-            coarse: use the margin ``coarse_m``.
+            wide: index of the wider margin to use instead.
         """
-        geometry, manager = self._coarse if coarse else self._fine
+        self.checks += 1
+        geometry, manager = self._fine if wide is None else self._wide[wide]
         self._full[:7], self._full[7:] = q_rad, width_m / 2
         pin.updateGeometryPlacements(self._robot.model, self._data, self._model, geometry, self._full)
         manager.update(False)

@@ -19,8 +19,10 @@ from cell.daemon.runinfo import open_recorder
 from cell.daemon.simulated_table import SimulatedTable
 from cell.machine import standstill
 from cell.machine.gate import Gate
-from cell.pick.cycle import FAULTS, Cycle, Equipment, Publish
+from cell.pick.cycle import Cycle
+from cell.pick.equipment import Equipment
 from cell.pick.record import CycleLog
+from cell.pick.stages import FAULTS, Publish, Stages
 from config.clock import clock_of
 from config.scene import placing_at
 from config.schema import Station
@@ -102,12 +104,13 @@ class Actions:
         station = placing_at(self._station, self._number)
         log = self.log = self._record(attempt.cycle_id, station)
         equipment = replace(self._equipment, station=station)
-        self._cycle = Cycle(attempt, equipment, self._publish, self._on_stage, log, self._gate)
+        stages = Stages(attempt.cycle_id, self._publish, self._on_stage, log, self._gate)
+        self._cycle = Cycle(attempt, equipment, stages)
         self._on_stage("")
         try:
             log.await_open()
         except CycleFailure as failure:
-            raise self._cycle.fail(failure) from failure
+            raise self._cycle.stages.fail(failure) from failure
         self._publish(topics.ATTEMPT, attempt)
         try:
             self._name_object(
@@ -132,16 +135,16 @@ class Actions:
         try:
             cycle.object = ask()
         except (DriverError, BusError) as error:
-            raise cycle.fail(error) from error
+            raise cycle.stages.fail(error) from error
         except ConfigError as error:  # this object, or any object, cannot be presented
-            raise cycle.fail(CycleFailure(Code.NO_OBJECT, str(error))) from error
+            raise cycle.stages.fail(CycleFailure(Code.NO_OBJECT, str(error))) from error
 
     def pick(self) -> None:
         """Run the five stages. A failed pick goes on to Completing. Raises: CycleFailure for a fault of a device."""
         cycle = self._cycle
         assert cycle is not None
         try:
-            if cycle.failure is None:  # else there is no object
+            if cycle.stages.failure is None:  # else there is no object
                 cycle.run()
         except CycleFailure as failure:
             if failure.failure in FAULTS or failure.failure is Code.STOPPED:

@@ -28,7 +28,7 @@ from cell.machine.states import State, available
 from cell.nodes.health import LOOK_PERIOD_S, NodeMonitor
 from cell.nodes.speakers import Speakers, strange
 from cell.nodes.watchdog import Watchdog
-from cell.pick.cycle import Equipment
+from cell.pick.equipment import Equipment
 from config.schema import Station
 from drivers.interface import Devices
 from logs.live_views import Views

@@ -13,7 +13,7 @@ from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.messages import ArmMode
 from cell.machine.gate import Gate
-from cell.pick.cycle import Equipment
+from cell.pick.equipment import Equipment
 from cell.pick.fingers import require_at
 from config.clock import clock_of
 from logs.mcap.recorder import ensure_space

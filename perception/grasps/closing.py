@@ -118,8 +118,8 @@ WEIGHTS = {
 heaps hold on the true shapes, the development seeds of `benchmarks scenes`. In their order: not narrow; room beside the
 fingers; long contact patches; the surface between the pads level along the closing axis; one piece and one colour
 there; the share of small pose errors after which the jaw still closes; faces square to the closing axis; no valley
-between the pads; room in the jaw; both edges equally high. Not fitted: near the thing's middle, so that it hardly turns
-in the jaw."""
+between the pads; room in the jaw; both edges equally high. Not fitted: not far beside the thing's middle, so that its
+weight hardly turns it in the jaw. Without a weight: "erect", neither face leans back more than the other."""
 
 
 def weighted(terms: dict[str, Array], weights: dict[str, float] = WEIGHTS) -> Array:
@@ -199,11 +199,9 @@ def _closed(
     lean = np.arctan(np.abs(left_edge_m - right_edge_m) / np.maximum(touch.width_m, 0.005))
     across = np.maximum(profile.across_rad(left, touch.left_m), profile.across_rad(right, touch.right_m))
     above = profile.contacts_above(tip_m)
-    up = np.maximum(
-        profile.up_rad([one for one, _ in above], left, touch.left_m, 1.0),
-        profile.up_rad([other for _, other in above], right, touch.right_m, -1.0),
-    )
-    angle = np.hypot(across, up)
+    left_up = profile.up_rad([one for one, _ in above], left, touch.left_m, 1.0)
+    right_up = profile.up_rad([other for _, other in above], right, touch.right_m, -1.0)
+    angle = np.hypot(across, np.maximum(left_up, right_up))
     labels, parts, patches = profile.between(touch.left_m, touch.right_m)
     solid = profile.solid(touch.left_m, touch.right_m, edge_m)
     instance = _held(labels, parts[:, 0] == parts[:, 2], (solid >= 1) & _same(patches))
@@ -220,6 +218,7 @@ def _closed(
         "solid": solid,
         "one": (_same(parts).astype(float) + _same(patches)) / 2,
         "central": _central(heights, center_m, instance),
+        "erect": np.clip(1 - np.abs(left_up - right_up) / _FRICTION_RAD, 0, 1),
     }
     score = np.where(feasible, weighted(terms), -np.inf)
     return Closings(
@@ -267,9 +266,14 @@ def _held(labels: Labels, same_piece: npt.NDArray[np.bool_], is_even: npt.NDArra
 
 
 def _central(heights: HeightMap, center_m: Array, instance: Labels) -> Array:
-    """1 in the middle of the thing, 0 from two rms radii on; (n,)."""
+    """1 over or under the middle of the thing, 0 from two rms radii beside it on; (n,).
+
+    Its weight turns it in the jaw by how far it is held beside its middle, not by how high.
+    """
     middle_m, radius_m = heights.middles
-    off_m = np.linalg.norm(center_m - middle_m[instance], axis=1)
+    beside_m = center_m - middle_m[instance]
+    beside_m -= (beside_m @ heights.up_xy)[:, None] * heights.up_xy
+    off_m = np.linalg.norm(beside_m, axis=1)
     return np.asarray(1 - np.minimum(off_m / np.maximum(radius_m[instance], 0.01), 2) / 2)
 
 

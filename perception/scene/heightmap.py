@@ -7,7 +7,7 @@ See docs/frames.md.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import cv2
@@ -36,6 +36,8 @@ Array = npt.NDArray[np.float64]
 Heights = npt.NDArray[np.float32]
 Labels = npt.NDArray[np.int16]
 
+_MAPS = ("surface_m", "bound_m", "labels", "pieces", "patches")
+
 
 @dataclass(frozen=True)
 class HeightMap:
@@ -48,6 +50,7 @@ class HeightMap:
         labels: (ny, nx) the thing in the cell, 0 = none. ``pieces``: the piece of it that steps and valleys part from
             others. ``patches``: its even patch of colour.
         origin_m: (x, y) of the centre of cell [0, 0].
+        up_xy: (2,) the part of the upward unit vector that lies in the map's plane; 0 in a map from above.
     """
 
     surface_m: Heights
@@ -56,6 +59,7 @@ class HeightMap:
     pieces: Labels
     patches: Labels
     origin_m: Array
+    up_xy: Array = field(default_factory=lambda: np.zeros(2))
 
     def cells(self, x: npt.NDArray[np.floating], y: npt.NDArray[np.floating]) -> npt.NDArray[np.int32]:
         """Indices into `Framed` maps of points ``x``, ``y`` [m] of any shape; points outside take the frame's."""
@@ -97,8 +101,8 @@ class HeightMap:
         """The part of the map inside a window of rows and columns, which begins inside the map."""
         rows, columns = window
         origin_m = self.origin_m + np.array([columns.start, rows.start]) * CELL_M
-        maps = {one.name: np.ascontiguousarray(getattr(self, one.name)[window]) for one in fields(self)[:-1]}
-        return HeightMap(**maps, origin_m=origin_m)
+        maps = {name: np.ascontiguousarray(getattr(self, name)[window]) for name in _MAPS}
+        return replace(self, **maps, origin_m=origin_m)
 
     def xy_m(self, rows: npt.NDArray[np.int64], columns: npt.NDArray[np.int64]) -> Array:
         """Positions (n, 2) of cells."""

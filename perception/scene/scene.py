@@ -124,7 +124,8 @@ class Scene:
         surface_m, bound_m = _heights(seen, grid, self.looks, base_from_level)
         point, labels = seen.point_within(_SPARSE_CELLS), np.zeros(grid.shape, dtype=np.int16)
         labels[point >= 0] = self.cloud_labels[point[point >= 0]]
-        return HeightMap(surface_m, bound_m, labels, labels, labels, grid.origin_m), base_from_level
+        up_xy = (base_from_level[:3, :3].T @ self.table.base_from_table[:3, 2])[:2]
+        return HeightMap(surface_m, bound_m, labels, labels, labels, grid.origin_m, up_xy), base_from_level
 
 
 def observe(observation: Observation, station: Station) -> Scene:

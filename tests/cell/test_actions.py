@@ -21,7 +21,7 @@ from bus.trajectory import Trajectory
 from cell.daemon.actions import Actions
 from cell.machine import standstill
 from cell.machine.gate import Gate
-from cell.pick.cycle import Equipment
+from cell.pick.equipment import Equipment
 from config.load import load_station
 from drivers.interface import ObjectPresenter
 from drivers.node.registry import open_devices

@@ -16,7 +16,7 @@ from bus.messages import CycleResult, Frame
 from cell.daemon.actions import Actions
 from cell.machine.gate import Gate
 from cell.pick.capture import capture
-from cell.pick.cycle import Equipment
+from cell.pick.equipment import Equipment
 from config.load import load_station
 from drivers.node.fault_injection import FaultyArm, FaultyCamera, FaultyHand
 from drivers.node.guard import Guard

@@ -30,8 +30,9 @@ from bus.topics import Topic, encoding_of
 from bus.trajectory import Trajectory
 from cell.daemon.actions import Actions
 from cell.machine.gate import Gate
-from cell.pick.cycle import FAULTS, Equipment
+from cell.pick.equipment import Equipment
 from cell.pick.looking import asked_for, why_look_again
+from cell.pick.stages import FAULTS
 from cell.replay.replay import Request, replay
 from config.load import load_station
 from drivers.interface import Arm, Camera, Devices

@@ -18,7 +18,8 @@ from cell.daemon.actions import Actions
 from cell.daemon.retry import WITH_A_NEW_LOOK, WITH_ANOTHER_GRASP, Retries
 from cell.machine.gate import Gate
 from cell.machine.owner import refuse
-from cell.pick.cycle import FAULTS, Equipment
+from cell.pick.equipment import Equipment
+from cell.pick.stages import FAULTS
 from cell.replay.replay import Request, replay
 from config.load import load_station
 from config.schema import RetrySettings

@@ -49,10 +49,11 @@ def shortest_s(error: type[Exception], act: Callable[[], object]) -> float:
     return min(lasting_s() for _ in range(3))
 
 
-def until(holds: Callable[[], bool], patience_s: float = 60.0) -> None:
+def until(holds: Callable[[], bool], patience_s: float = 60.0, told: Callable[[], object] = lambda: "") -> None:
+    """Wait; ``told`` says what there is instead when it never holds."""
     give_up_s = time.monotonic() + patience_s
     while not holds():
-        assert time.monotonic() < give_up_s
+        assert time.monotonic() < give_up_s, told()
         time.sleep(0.002)
 
 
@@ -91,7 +92,8 @@ def test_frames_that_cannot_be_used_are_counted_and_the_next_good_one_is_taken(t
     orbbec = FakeOrbbec()
     with connected(orbbec, lost_after_s=30.0) as camera:
         orbbec.odd.extend([TORN[torn]] * 3)
-        until(lambda: camera.readings()["broken_frames"] == 3)
+        until(lambda: camera.readings()["broken_frames"] >= 3, told=camera.readings)
+        assert camera.readings()["broken_frames"] == 3
         assert camera.capture().depth_m.shape == (6, 8)
         assert camera.readings()["reconnects"] == 0
 

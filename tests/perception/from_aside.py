@@ -23,12 +23,21 @@ Array = np.ndarray
 
 
 class Solid(NamedTuple):
-    """An upright box: the middle of its foot and its size [m], and its colour; without depth, it is seen in colour."""
+    """A box: the middle of its foot and its size [m], and its colour; without depth, it is seen in colour.
+
+    It is upright, or turned about the line through its foot along y, away from the arm.
+    """
 
     foot_m: tuple[float, float, float]
     size_m: tuple[float, float, float]
     rgb: tuple[int, int, int] = (200, 60, 40)
     has_depth: bool = True
+    leans_rad: float = 0.0
+
+    def from_base(self) -> Array:
+        """Rotation (3, 3) into the axes of the box."""
+        c, s = np.cos(self.leans_rad), np.sin(self.leans_rad)
+        return np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
 
 
 def look(
@@ -78,7 +87,8 @@ def _table(start_m: Array, along: Array) -> Array:
 
 
 def _entry(one: Solid, start_m: Array, along: Array) -> Array:
-    low = np.array(one.foot_m) - np.array([one.size_m[0] / 2, one.size_m[1] / 2, 0.0])
+    start_m, along = one.from_base() @ (start_m - one.foot_m), along @ one.from_base().T
+    low = -np.array([one.size_m[0] / 2, one.size_m[1] / 2, 0.0])
     with np.errstate(divide="ignore", invalid="ignore"):
         walls = np.sort([(low - start_m) / along, (low + one.size_m - start_m) / along], axis=0)
     enter, leave = walls[0].max(axis=-1), walls[1].min(axis=-1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,9 +15,10 @@ from bus.transforms import from_translation
 from cell.pick.detect import detect
 from config.load import load_station
 from perception.goal.imagine import observed_object_of
+from perception.grasps.closing import close
 from perception.grasps.rank import facing, grasps_of_rod
 from perception.models import open_models
-from perception.scene.heightmap import Grid, highest
+from perception.scene.heightmap import Grid, HeightMap, highest
 from perception.scene.look import Look
 from perception.scene.scene import Scene, scene_of
 from perception.scene.seen import RegionView, described
@@ -185,6 +187,31 @@ def test_what_can_be_held_only_from_the_side_is_held_so() -> None:
         assert 30 < tilt_deg < 90, "from the side, and never from below"
         assert grasp.width_m == pytest.approx(0.035 * np.hypot(1, 0.2), abs=0.015)
         assert 0.01 < grasp.base_from_tcp[2, 3] < 0.15 and np.hypot(*(grasp.base_from_tcp[:2, 3] - [0.46, 0.0])) < 0.03
+
+
+@pytest.mark.parametrize("leans_deg", [-25.0, 25.0])
+def test_the_hand_leans_with_the_faces_that_it_closes_on(leans_deg: float) -> None:
+    leaning = Solid((0.46, 0.0, 0.0), (0.012, 0.14, 0.09), leans_rad=float(np.radians(leans_deg)))
+    across_faces = leaning.from_base()[0]
+    (best, *_) = _detected([look([leaning], one, noise_m=0.0005) for one in (ABOVE, LEFT, RIGHT, (45.0, 0.0))]).grasps
+    assert abs(best.base_from_tcp[:3, 1] @ across_faces) > np.cos(np.radians(7.0))
+    assert best.width_m == pytest.approx(0.012, abs=0.004)
+
+
+def test_how_high_above_its_middle_a_thing_is_held_from_the_side_does_not_count() -> None:
+    scene = _scene([Solid((0.46, 0.0, 0.0), (0.03, 0.03, 0.13))], LEFT, RIGHT)
+    level = facing(np.array([[0.46, -0.015, 0.06], [0.46, 0.015, 0.06]]), np.array([0.97, 0.0, -0.26]))
+    heights, _ = scene.along(level, 1)
+    places = heights.middles[0][1] + np.outer([0.0, 0.03], heights.up_xy)
+    across_rad = np.full(2, np.arctan2(heights.up_xy[0], -heights.up_xy[1]))
+
+    def central(of: HeightMap) -> list[float]:
+        return [float(one) for one in close(of, places, across_rad, np.full(2, 0.01), STATION).terms["central"]]
+
+    at_middle, above = central(heights)
+    assert above == pytest.approx(at_middle, abs=0.05)
+    at_middle, above = central(replace(heights, up_xy=np.zeros(2)))
+    assert above < at_middle - 0.2, "so far beside its middle, from above, it would turn"
 
 
 def test_a_thing_that_only_other_looks_show_does_not_end_the_detection_of_the_rest() -> None:

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from bus.codes import Code
 from bus.errors import CycleFailure
 from config.limits import UPPER_RAD, check
+from planning.blend import blended
 from planning.infeasible import Infeasible
 from planning.motion import connect, motion, move
 from planning.robot import Robot
 from planning.scene import Scene
+from planning.search import search
+from planning.world import Collision
 from tests.planning.conftest import CAPTURE, WIDE_M, among, box
 
 ACROSS = CAPTURE + np.array([2.0, 0, 0, 0, 0, 0, 0])
@@ -70,3 +75,38 @@ def test_the_nearest_goal_that_a_straight_line_reaches_is_taken(robot: Robot) ->
     behind, beside = ACROSS, CAPTURE + np.array([-0.5, 0, 0, 0, 0, 0, 0])
     way = connect(among(robot, BLOCK), CAPTURE, [behind, beside], WIDE_M)
     assert (way.goal, way.route) == (1, "straight")
+
+
+def test_a_way_that_no_configuration_may_take_is_given_up(robot: Robot) -> None:
+    """However little such a refusal costs: it makes no check for collisions."""
+    with pytest.raises(Infeasible, match="no way around"):
+        connect(among(robot, BLOCK), CAPTURE, [ACROSS], WIDE_M, lambda q: bool(q[0] < 0.01))
+
+
+def test_every_line_of_a_searched_way_is_free_and_its_corners_can_be_rounded(robot: Robot) -> None:
+    crowded = among(robot, BLOCK)
+    way = connect(crowded, CAPTURE, [ACROSS], WIDE_M)
+    assert way.route == "searched"
+    assert all(crowded.is_line_free(line[0], line[1], WIDE_M) for line in way.lines())
+    bends = blended(way.lines(), 0.02)
+    assert all(crowded.first_collision(bends.points_rad[begin : end + 1], WIDE_M) is None for begin, end in bends.bends)
+
+
+def test_the_same_question_has_the_same_way_to_the_last_bit(robot: Robot) -> None:
+    one, other = (connect(among(robot, BLOCK), CAPTURE, [ACROSS], WIDE_M).points_rad for _ in range(2))
+    assert np.array_equal(one, other)
+
+
+def test_a_way_whose_corners_touch_is_searched_anew(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first path's only corner is just beside the block: there the lines are free, but no rounded corner is."""
+    crowded, seeds = among(robot, BLOCK), []
+    judged = iter([Collision("hand", "block", by_hand=True)])
+
+    def searched(*args: Any) -> np.ndarray | None:
+        seeds.append(args[3])
+        return search(*args)
+
+    monkeypatch.setattr("planning.motion.search", searched)
+    monkeypatch.setattr("planning.motion._bends_touch", lambda *_: next(judged, None))
+    assert connect(crowded, CAPTURE, [ACROSS], WIDE_M).route == "searched"
+    assert seeds == [0, 1]

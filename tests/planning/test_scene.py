@@ -9,7 +9,8 @@ from config.limits import LOWER_RAD, UPPER_RAD
 from config.schema import Box
 from planning.height_field import Sight
 from planning.robot import Robot
-from planning.scene import Scene, sweep_m
+from planning.scene import Scene
+from planning.travel import sweep_m
 from tests.planning.conftest import CAPTURE, STATION, WIDE_M, among, box
 from tests.planning.views import seen_from_above
 

@@ -6,6 +6,7 @@ from itertools import combinations
 
 import numpy as np
 import pinocchio as pin
+import pytest
 
 from config.franka_hand import FINGER_TIP_M
 from config.limits import LOWER_RAD, UPPER_RAD
@@ -13,6 +14,7 @@ from config.schema import NodeSettings, SceneSettings, Station
 from planning.kinematics import inverse, q7_grid
 from planning.robot import Robot, flange_pose, part_name
 from planning.scene import Scene
+from planning.sweep import WIDE_MARGINS_M
 from planning.world import World
 from tests.planning.conftest import CAPTURE, WIDE_M, among, box
 
@@ -135,7 +137,8 @@ def test_the_broad_phase_misses_nothing(robot: Robot, scene: Scene) -> None:
     assert seen == {True, False}
 
 
-def test_the_coarse_margin_finds_whatever_the_fine_one_does(scene: Scene) -> None:
+@pytest.mark.parametrize("wide", range(len(WIDE_MARGINS_M)))
+def test_a_wider_margin_finds_whatever_the_fine_one_does(scene: Scene, wide: int) -> None:
     for q in near_q(200, seed=4):
         if scene._planned.collision(q, WIDE_M) is not None:
-            assert scene._planned.collision(q, WIDE_M, coarse=True) is not None
+            assert scene._planned.collision(q, WIDE_M, wide=wide) is not None

@@ -1,0 +1,160 @@
+"""Chooses what to pick and how: looks, detects and plans, and looks again from another place where that may help."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from bus import topics
+from bus.codes import Code
+from bus.commands import Event
+from bus.errors import BusError, CycleFailure, DriverError
+from bus.messages import Attempt, Detections, ModelReply, Observation, ObservedScene, PickPlan, SeenMount, View
+from bus.sensor_codec import transforms_to_wire
+from cell.pick.capture import capture, require_sight
+from cell.pick.detect import detect_unless_halted
+from cell.pick.equipment import Equipment
+from cell.pick.looking import asked_for, go, way_back, way_to_next_look, why_look_again
+from cell.pick.plan import plan
+from cell.pick.stages import FAULTS, Stages
+
+
+@dataclass
+class Choosing:
+    """The looks of one cycle, and what is chosen in them.
+
+    Attributes:
+        looks: the observations so far, the first from the capture pose.
+    """
+
+    attempt: Attempt
+    equipment: Equipment
+    stages: Stages
+    looks: list[Observation] = field(default_factory=list)
+    _mount: SeenMount | None = None
+    _seen_ns: int = 0
+
+    def choose(self) -> tuple[Detections, PickPlan]:
+        """Look as often as it takes, detect and plan.
+
+        Raises: CycleFailure; unless a device or the cell failed, with the arm back at the capture pose.
+        """
+        self._look()
+        try:
+            for number in range(2, asked_for(self.equipment.station) + 1):
+                self._look_again(f"{number} looks are asked for")
+            while True:
+                chosen = self._detect_and_plan()
+                if chosen is not None:
+                    return chosen
+        except CycleFailure as failure:
+            if len(self.looks) > 1 and not self.stages.gate.halted and failure.failure not in FAULTS:
+                self._go_back(failure)
+            raise
+        finally:
+            if self._mount is not None:
+                self.stages.tell(self.equipment.mounting.news(self._mount))
+
+    def observe(self) -> Observation:
+        """Capture a frame newer than the last one. Raises: StaleFrame."""
+        e = self.equipment
+        oldest_ns = time.time_ns() - round(e.station.camera.max_age_s * 1e9)
+        seen = e.mounting.applied(capture(e.camera, e.arm, e.robot, max(oldest_ns, self._seen_ns)))
+        require_sight(seen.frame)
+        self._seen_ns = seen.frame.stamp_ns
+        return seen
+
+    # --- looking ------------------------------------------------------------------------------------------------------
+
+    def _look(self, why: str = "", go_there: Callable[[], None] = lambda: None) -> None:
+        """Run the capture stage; its record holds the view, the frame travels as images.
+
+        Args:
+            why: the reason of a further look. ``go_there``: moves the arm to where it is taken.
+        """
+
+        def look() -> View:
+            go_there()
+            seen = self.observe()
+            self.looks.append(seen.model_copy(update={"view": seen.view.model_copy(update={"why": why})}))
+            return self.looks[-1].view
+
+        view = self.stages.run("capture", topics.CAPTURE, look)
+        self.stages.publish(topics.TF, transforms_to_wire(
+            {("base", "color"): view.base_from_color}, view.stamp_ns).SerializeToString())  # fmt: skip
+
+    def _look_again(self, why: str) -> bool:
+        """Take one more look, if there is a reason and a reachable place; the failure that gave the reason is over."""
+        e, gate = self.equipment, self.stages.gate
+        if not why:
+            return False
+        try:
+            way = way_to_next_look(self.looks, e.robot, e.station, gate.cancel)
+        except CycleFailure as failure:
+            if failure.failure is Code.STOPPED:
+                raise self.stages.fail(failure) from failure.__cause__
+            self.stages.tell(Event(code=failure.failure, severity="info", text=failure.text))
+            return False
+        self.stages.failure = None
+        self._look(why, lambda: go(e.arm, gate, way))
+        return True
+
+    def _go_back(self, why: CycleFailure) -> None:
+        """Move back to the capture pose. Raises: CycleFailure, a fault, when the arm does not get there."""
+        e, gate = self.equipment, self.stages.gate
+        try:
+            go(e.arm, gate, way_back(self.looks, e.robot, e.station, gate.cancel))
+        except CycleFailure as error:
+            if error.failure is Code.STOPPED:
+                raise self.stages.fail(error) from error
+            text = f"{why.text} And the arm has no way back to the capture pose: {error.text}"
+            raise self.stages.fail(CycleFailure(Code.MOTION_REFUSED, text)) from error
+        except (DriverError, BusError) as error:
+            raise self.stages.fail(error) from error
+
+    # --- detecting and planning ---------------------------------------------------------------------------------------
+
+    def _detect_and_plan(self) -> tuple[Detections, PickPlan] | None:
+        """What to do, or None after another look, which is taken when it may mend a failure or a weak grasp."""
+        e, looks = self.equipment, self.looks
+        try:
+            found = self.stages.run("detect", topics.DETECT, self._detect)
+            is_hosted = e.models.imaginer.is_hosted
+            if self._look_again(why_look_again(found, len(looks), e.station, is_hosted=is_hosted)):
+                return None
+            chosen = self.stages.run(
+                "plan",
+                topics.PLAN,
+                lambda: plan(found, looks, e.robot, e.station, self.attempt.missed, self.stages.gate.cancel),
+            )
+        except CycleFailure as failure:
+            if not self._look_again(why_look_again(failure, len(looks), e.station)):
+                raise
+            return None
+        return found, chosen
+
+    def _detect(self) -> Detections:
+        """Detect; what was seen is published alone when there is no result to hold it."""
+        e, seen = self.equipment, list[ObservedScene]()
+
+        def say_reply(reply: ModelReply) -> None:
+            self.stages.publish(topics.MODEL_REPLY, reply)
+
+        try:
+            return detect_unless_halted(
+                self.looks,
+                e.station,
+                e.models,
+                say_reply,
+                lambda: self.stages.gate.halted,
+                seen.append,
+                is_again="detect" in self.stages.took_s,
+            )
+        except CycleFailure:
+            for scene in seen:
+                self.stages.publish(topics.SCENE, scene)
+            raise
+        finally:
+            for scene in seen:
+                self._mount = scene.mount

@@ -1,0 +1,118 @@
+"""Runs the stages of one cycle: each is timed, published with its outcome, and ends the cycle when it fails."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+from bus import topics
+from bus.codes import Code
+from bus.commands import Event
+from bus.errors import (
+    ArmReflex,
+    BadFrame,
+    BusError,
+    CycleFailure,
+    DeviceLost,
+    DriverError,
+    HandFault,
+    MotionRefused,
+    RecordingError,
+    StaleFrame,
+)
+from bus.frozen import Message
+from bus.messages import Failure, StageName
+from bus.topics import Topic
+from cell.machine.gate import Gate
+from cell.pick.record import CycleLog
+
+ResultT = TypeVar("ResultT", bound=Message)
+Publish = Callable[[Topic, "Message | bytes"], None]
+Ending = CycleFailure | DriverError | BusError | RecordingError
+"""What ends a cycle."""
+
+FAULTS = {Code.ARM_REFLEX, Code.MOTION_REFUSED, Code.HAND_FAULT, Code.STALE_FRAME, Code.BAD_FRAME, Code.DEVICE_LOST,
+          Code.NODE_LOST, Code.RECORDING, Code.INTERNAL}  # fmt: skip
+"""Codes that abort the machine: a device or the cell itself failed, not the pick."""
+
+_CODE_OF_ERROR: tuple[tuple[type[Exception], Code], ...] = (
+    (ArmReflex, Code.ARM_REFLEX),
+    (MotionRefused, Code.MOTION_REFUSED),
+    (HandFault, Code.HAND_FAULT),
+    (StaleFrame, Code.STALE_FRAME),
+    (BadFrame, Code.BAD_FRAME),
+    (DeviceLost, Code.DEVICE_LOST),
+    (BusError, Code.NODE_LOST),
+    (DriverError, Code.INTERNAL),
+    (RecordingError, Code.RECORDING),
+)
+
+
+@dataclass
+class Stages:
+    """The stages that one cycle has run.
+
+    Attributes:
+        on_stage: called with the name of each as it begins.
+        log: the cycle's recording; when it fails, no further stage begins.
+        gate: after a stop, no further stage begins.
+        took_s: wall time of every stage that ran.
+        failure: why the cycle ends early, or None.
+    """
+
+    cycle_id: str
+    publish: Publish
+    on_stage: Callable[[str], None]
+    log: CycleLog
+    gate: Gate
+    took_s: dict[str, float] = field(default_factory=dict)
+    failure: Failure | None = None
+
+    def run(self, name: StageName, topic: Topic, work: Callable[[], ResultT]) -> ResultT:
+        """Run one stage and publish its outcome. Raises: CycleFailure for everything that ends the cycle."""
+        self.log.check()
+        if self.gate.halted:
+            raise self.fail(CycleFailure(Code.STOPPED, f"Stopped before {name!r}."))
+        self.on_stage(name)
+        started_ns, started_s = time.time_ns(), time.monotonic()
+        result: ResultT | None = None
+        failure: CycleFailure | None = None
+        try:
+            result = work()
+        except (CycleFailure, DriverError, BusError, RecordingError) as error:
+            failure = self.fail(error)
+        except Exception as defect:  # the machine logs it and aborts; the result must name it
+            self.fail(CycleFailure(Code.INTERNAL, f"{type(defect).__name__}: {defect}."))
+            raise
+        took_s = time.monotonic() - started_s
+        self.took_s[name] = self.took_s.get(name, 0.0) + took_s
+        record = topic.says(
+            cycle_id=self.cycle_id,
+            stage=name,
+            started_ns=started_ns,
+            duration_s=took_s,
+            result=result,
+            failure=self.failure,
+        )
+        self.publish(topic, record)
+        if failure is not None or result is None:
+            raise failure or AssertionError(f"stage {name!r} returned nothing")
+        return result
+
+    def fail(self, error: Ending) -> CycleFailure:
+        """Keep ``error`` as the cycle's failure and return it as a CycleFailure."""
+        if isinstance(error, CycleFailure):
+            failure = error
+        else:
+            code = next(code for kind, code in _CODE_OF_ERROR if isinstance(error, kind))
+            failure = CycleFailure(code, error.text)
+            failure.__cause__ = error
+        self.failure = Failure.of(failure)
+        return failure
+
+    def tell(self, event: Event | None) -> None:
+        """Publish an event, if there is one."""
+        if event is not None:
+            self.publish(topics.EVENT, event)
