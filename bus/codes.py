@@ -14,6 +14,7 @@ class Code(StrEnum):
     TABLE_MOVED = "TABLE_MOVED"
     TOO_NEAR = "TOO_NEAR"
     NO_GRASP = "NO_GRASP"
+    LEFT_OVER = "LEFT_OVER"
     UNREACHABLE = "UNREACHABLE"
     COLLISION = "COLLISION"
     MODEL_REFUSED = "MODEL_REFUSED"
@@ -52,6 +53,8 @@ ADVICE: dict[Code, str] = {
     Code.TABLE_MOVED: "Calibrate the camera with `cell calibrate`, or correct scene.table in the station file.",
     Code.TOO_NEAR: "Look from farther away (arm.capture_q_rad), or take the object out by hand.",
     Code.NO_GRASP: "Turn the object so that a side narrower than the jaw faces the camera.",
+    Code.LEFT_OVER: "The reports of the cycles before say why each failed. Turn them or take them out by hand, and"
+    " start again: then all are tried anew.",
     Code.UNREACHABLE: "Move the object nearer to the middle of the pick region.",
     Code.COLLISION: "Move the object away from the tray, the table's edge and the arm.",
     Code.MODEL_REFUSED: "Read the model's reply in the report; rephrase the target or use another model.",

@@ -36,6 +36,8 @@ class Role(StrEnum):
     """Queries of one kind, answered one after the other."""
     LOOP = "loop"
     """One stream of a node, at a fixed rate."""
+    HAND = "hand"
+    """One motion of the hand while the arm moves."""
     HAND_POLL = "hand-poll"
     """The newest state of a real hand."""
     CAMERA_READ = "camera-read"

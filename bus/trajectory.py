@@ -7,9 +7,9 @@ and filters after the switch, so that a stop or resume is as smooth as the motio
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from bus.arrays import Joints, JointSamples
 from bus.frozen import Message
@@ -48,10 +48,12 @@ class Trajectory(Message):
     Attributes:
         raw_q_rad: (n, 7) positions every `TICK_S`, before the filter.
         window: length of the moving average [samples]; 1 = no filter.
+        waits_at: the tick of the filtered motion before which the arm rests, held, unless it was resumed; None = none.
     """
 
     raw_q_rad: JointSamples
     window: int
+    waits_at: Annotated[int, Field(ge=0)] | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Trajectory:

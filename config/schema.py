@@ -140,7 +140,10 @@ class HandSettings(Settings):
     max_force_n: Positive = 70.0
     """Highest continuous grasping force (Franka Hand product manual)."""
     speed_m_s: Positive = 0.05
+    """Rate of the width while the fingers close on an object; free of it they move at `max_speed_m_s`."""
     grasp_force_n: Positive = 30.0
+    release_margin_m: Size = 0.010
+    """How much wider than the object the fingers open to let it go; never less than they came with."""
     finger_width_m: Size = 0.020
     finger_thickness_m: Size = 0.012
     min_width_m: SizeOrNone = 0.002
@@ -478,7 +481,12 @@ class PlanningSettings(Settings):
 
 
 class VerifySettings(Settings):
-    """Conditions of a successful pick: the object is held for `hold_s`, has weight, and left the table."""
+    """Conditions of a successful pick: the object is held for `hold_s`, has weight, and left the table.
+
+    Attributes:
+        hold_s: how long the arm stands still with the object. It may be short: the hand is watched from the grasp on.
+        samples: readings of the hand during the hold; one a tenth of a second if it is short.
+    """
 
     hold_s: Annotated[float, Field(gt=0, le=60)] = 3.0
     samples: Annotated[int, Field(ge=2, le=100)] = 10
@@ -495,14 +503,16 @@ class VerifySettings(Settings):
 class RetrySettings(Settings):
     """Retries after a failed pick; each is a cycle of its own. 0 everywhere: no retries.
 
+    What fails for good in picks until empty is left where it is, and the next thing is picked.
+
     Attributes:
         grasps: retries with the next ranked grasp, after the fingers closed on nothing.
         looks: retries after any other failure that may not repeat: with a new capture, all grasps again.
         hold_after: the cell holds after so many picks of one `start` in a row failed for good (0 = never).
     """
 
-    grasps: Annotated[int, Field(ge=0, le=10)] = 0
-    looks: Annotated[int, Field(ge=0, le=10)] = 0
+    grasps: Annotated[int, Field(ge=0, le=10)] = 2
+    looks: Annotated[int, Field(ge=0, le=10)] = 1
     hold_after: Annotated[int, Field(ge=0, le=100)] = 0
 
 

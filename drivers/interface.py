@@ -41,7 +41,7 @@ class Arm(Protocol):
         """Return the measured state. Raises: DeviceLost."""
 
     def execute(self, trajectory: Trajectory) -> Motion:
-        """Play ``trajectory`` and return when the arm rests.
+        """Play ``trajectory`` and return when the arm rests; where it waits (``waits_at``) it is held until `resume`.
 
         Raises:
             MotionRefused: nothing moved.
@@ -59,7 +59,10 @@ class Arm(Protocol):
         """
 
     def resume(self) -> None:
-        """Continue along the held path to its end. Raises: MotionRefused when no motion is held or about to be."""
+        """Continue along the held path to its end, also past where the trajectory waits.
+
+        Raises: MotionRefused when no motion is held or about to be.
+        """
 
     def recover(self) -> None:
         """Clear a reflex. Nothing moves. Raises: MotionRefused when the operator has to act first."""

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from bus.arrays import Vector3
 from bus.cancel import Cancel
 from bus.codes import Code
 from bus.errors import CycleFailure
@@ -22,7 +23,7 @@ from perception.geometry.inputs import checked
 from perception.geometry.rod import rectangle
 from perception.goal.axes import axes_of
 from perception.goal.imagine import Conversation, OnReply, observed_object_of
-from perception.goal.target import choose
+from perception.goal.target import choose, untried
 from perception.grasps.closing import Closings
 from perception.grasps.faces import across_faces
 from perception.grasps.rank import graded, rank
@@ -66,6 +67,7 @@ def detect(
     on_scene: OnScene | None = None,
     others: Sequence[Observation] = (),
     is_again: bool = False,
+    failed_at: Sequence[Vector3] = (),
 ) -> Detections:
     """Detect ranked grasps in the pick region, with their evidence. Pure, except for the models and their time.
 
@@ -75,10 +77,11 @@ def detect(
         on_scene: called with what was seen, before anything is looked for in it.
         others: observations of the same scene from other places.
         is_again: the cycle has detected before, in fewer looks: a hosted model's budget goes on.
+        failed_at: (3,) places in ``base``: the things there are no targets.
 
     Raises:
         CycleFailure: BAD_FRAME, NO_TABLE, TABLE_MOVED, TOO_NEAR, NO_OBJECT, NOT_SEEN, NO_DEPTH, TARGET_NOT_FOUND,
-            NO_GRASP, MODEL_*, SPEND_LIMIT or STOPPED. Of several proposals, one that succeeds is enough.
+            NO_GRASP, LEFT_OVER, MODEL_*, SPEND_LIMIT or STOPPED. Of several proposals, one that succeeds is enough.
     """
     cancel = cancel or Cancel()
     cancel.raise_if_set("detect")
@@ -88,7 +91,7 @@ def detect(
     closings = graded(search(scene.heights, station), seen.instances)
     closings = across_faces(closings, scene, scene.table.base_from_table)
     talk = Conversation(models.imaginer, on_reply, cancel=cancel)
-    targets = choose(scene, closings, talk, station, models.sam)
+    targets = untried(scene, choose(scene, closings, talk, station, models.sam), failed_at)
     tries = _Tries(scene, seen, closings, talk, models, station)
     tries.make(targets[: station.perception.imagine.targets])
     if not tries.found:

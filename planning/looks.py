@@ -99,7 +99,7 @@ def _configurations(
     for distance_m, roll_deg in product(_DISTANCES_M, _ROLLS_DEG):
         base_from_tcp = looking_at(center_m, distance_m, tilt_deg, azimuth_deg, side * roll_deg) @ color_from_tcp
         for q_rad, _ in islice(configurations([base_from_tcp], q_from_rad), _EXAMINED):
-            if scene.collision(q_rad, station.hand.max_width_m) is None:
+            if scene.collision(q_rad, None) is None:
                 yield q_rad
                 break
 

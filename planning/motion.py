@@ -18,7 +18,7 @@ from bus.messages import Segment, SegmentName
 from bus.trajectory import Trajectory
 from planning.blend import CORNER_SHARE, Curve, blended
 from planning.infeasible import Infeasible
-from planning.scene import Scene
+from planning.scene import Scene, Width
 from planning.search import search
 from planning.timing import rest_to_rest, timed
 from planning.world import Collision
@@ -56,7 +56,7 @@ def connect(
     scene: Scene,
     q_from_rad: Joints,
     goals_rad: Sequence[Joints],
-    width_m: float,
+    width_m: Width,
     allowed: Allowed | None = None,
     *,
     patience: int = 1,
@@ -66,7 +66,7 @@ def connect(
     Args:
         q_from_rad: (7,) start.
         goals_rad: goals, each (7,), the preferred one first.
-        width_m: opening of the hand.
+        width_m: opening of the hand; None = any, it may move meanwhile.
         allowed: a further condition for configurations of a searched path.
         patience: makes so many times `PlanningSettings.searches`.
 
@@ -113,7 +113,7 @@ def motion(
     way: Way,
     pieces: Sequence[JointSamples],
     scene: Scene,
-    width_m: float,
+    width_m: Width,
     *,
     leaving: Scene | None = None,
 ) -> Segment:
@@ -121,7 +121,7 @@ def motion(
 
     Args:
         pieces: each (m, 7), beginning where the one before ends.
-        width_m: opening of the hand.
+        width_m: opening of the hand; None = any, it may move meanwhile.
         leaving: the scene that applies on the first piece instead, until its corner.
 
     Raises:
@@ -140,32 +140,28 @@ def motion(
 
 
 def move(scene: Scene, q_from_rad: Joints, q_to_rad: Joints) -> Trajectory:
-    """Return a motion from rest to rest between two configurations (7,) with the hand fully open.
+    """Return a motion from rest to rest between two configurations (7,), whatever the opening of the empty hand.
 
     It is a straight joint line, or else a path around the obstacles.
 
     Raises:
         CycleFailure: COLLISION, naming the obstacle; MOTION_REFUSED or UNREACHABLE outside the limits.
     """
-    width_m = scene.station.hand.max_width_m
     trajectory = rest_to_rest(scene.station, q_from_rad, q_to_rad)
-    if (
-        scene.first_collision(trajectory.raw_q_rad, width_m) is None
-        and scene.gate(trajectory.filtered(), width_m) is None
-    ):
+    if scene.first_collision(trajectory.raw_q_rad, None) is None and scene.gate(trajectory.filtered(), None) is None:
         return trajectory
     for q_rad, which in ((q_from_rad, "cannot start"), (q_to_rad, "cannot end")):
-        collision = scene.collision(q_rad, width_m)
+        collision = scene.collision(q_rad, None)
         if collision is not None:
             raise CycleFailure(Code.COLLISION, f"The move {which} where it is told to: {collision}.")
     try:
-        way = connect(scene, q_from_rad, [q_to_rad], width_m, patience=_PATIENCE)
-        return motion("home", way, way.lines(), scene, width_m).trajectory
+        way = connect(scene, q_from_rad, [q_to_rad], None, patience=_PATIENCE)
+        return motion("home", way, way.lines(), scene, None).trajectory
     except Infeasible as why:
         raise CycleFailure(why.code, f"There is no way from here: {why.reason}.") from why
 
 
-def _bends_touch(curve: Curve, scene: Scene, width_m: float) -> Collision | None:
+def _bends_touch(curve: Curve, scene: Scene, width_m: Width) -> Collision | None:
     for begin, end in curve.bends:
         collision = scene.first_collision(curve.points_rad[begin : end + 1], width_m)
         if collision is not None:
@@ -174,7 +170,7 @@ def _bends_touch(curve: Curve, scene: Scene, width_m: float) -> Collision | None
 
 
 def _gate(
-    trajectory: Trajectory, curve: Curve, scene: Scene, leaving: Scene | None, width_m: float
+    trajectory: Trajectory, curve: Curve, scene: Scene, leaving: Scene | None, width_m: Width
 ) -> Collision | None:
     """Check the very commands that will be sent, with the scene's independent shapes."""
     commands = trajectory.filtered()

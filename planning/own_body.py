@@ -27,13 +27,13 @@ def on_robot(robot: Robot, q_rad: Joints, points_base: Points) -> Mask:
 
 
 def _boxes(robot: Robot, q_rad: Joints) -> list[tuple[pin.SE3, Array, Array]]:
-    """Of each part: its pose in ``base``, and the box around it in its own frame; the hand is open."""
+    """Of each part: its pose in ``base``, and the box around it in its own frame; the hand may be open or not."""
     shapes = pin.GeometryModel()
-    for part in robot.hulls:
+    for part in robot.hulls_at_any_width:
         part.geometry.computeLocalAABB()
         shapes.addGeometryObject(part)
-    open_rad = np.concatenate([q_rad, np.full(2, robot.station.hand.max_width_m / 2)])
+    full_rad = np.concatenate([q_rad, np.zeros(2)])
     placed = shapes.createData()
-    pin.updateGeometryPlacements(robot.model, robot.model.createData(), shapes, placed, open_rad)
+    pin.updateGeometryPlacements(robot.model, robot.model.createData(), shapes, placed, full_rad)
     boxes = [part.geometry.aabb_local for part in shapes.geometryObjects]
     return [(pose, np.array(box.min_), np.array(box.max_)) for pose, box in zip(placed.oMg, boxes, strict=True)]

@@ -25,7 +25,16 @@ from planning.candidates import Approach, approaches, configurations, grasp_pose
 from planning.carry import keeps_level, within_max_tilt
 from planning.infeasible import Infeasible
 from planning.motion import Way, connect, motion
-from planning.pregrasp import Pregrasp, first_that_works, opening_m, pregrasps_of, preplaces, shifted, ways
+from planning.pregrasp import (
+    Pregrasp,
+    approach_begins,
+    first_that_works,
+    opening_m,
+    pregrasps_of,
+    preplaces,
+    shifted,
+    ways,
+)
 from planning.scene import Scene
 
 Array = npt.NDArray[np.float64]
@@ -99,7 +108,7 @@ def _check_start(scene: Scene, q_now_rad: Joints) -> None:
     beyond = outside(q_now_rad)
     if beyond is not None:
         raise CycleFailure(Code.MOTION_REFUSED, f"The arm cannot start from where it is: {beyond}.")
-    collision = scene.collision(q_now_rad, scene.station.hand.max_width_m)
+    collision = scene.collision(q_now_rad, None)
     if collision is not None:
         raise CycleFailure(Code.COLLISION, f"The arm cannot start from where it is: {collision}.")
 
@@ -134,11 +143,17 @@ def _ways_to_grasp(
     scene: Scene, grasp: Grasp, base_from_tcp: Transform, q_now_rad: Joints, calm: Callable[[Pregrasp], bool]
 ) -> Iterator[tuple[Way, Pregrasp]]:
     pregrasps = pregrasps_of(scene, grasp, base_from_tcp, q_now_rad)
-    return ways(scene, q_now_rad, pregrasps, opening_m(grasp, scene.station), calm)
+    return ways(scene, q_now_rad, pregrasps, None, calm)
 
 
 def _reach(scene: Scene, grasp: Grasp, way: Way, pregrasp: Pregrasp) -> Segment:
-    return motion("reach", way, [*way.lines(), pregrasp.line_rad], scene, opening_m(grasp, scene.station))
+    """Plan the reach: up to the approach line the hand may still be on its way to its opening."""
+    reach = motion("reach", way, [*way.lines(), pregrasp.line_rad], scene, opening_m(grasp, scene.station))
+    until = approach_begins(scene.robot, reach.trajectory, scene.station.planning.approach_m)
+    collision = scene.gate(reach.trajectory.filtered()[: until + 1], None)
+    if collision is not None:
+        raise Infeasible(Code.COLLISION, f"reach, at another width: {collision}")
+    return reach
 
 
 def _carry(scene: Scene, holding: Scene, grasp: Grasp, pregrasp: Pregrasp, view_q: Joints) -> Segment:
@@ -157,7 +172,7 @@ def _view_configuration(scene: Scene, object_m: Array) -> Joints:
         shift_m = np.append(object_m[:2] + aside_m - camera_m, 0.0)
         pose = shifted(robot.base_from_tcp(capture_q), shift_m)
         for q, _ in islice(configurations([pose], capture_q), _EXAMINED):
-            if scene.collision(q, station.hand.max_width_m) is None:
+            if scene.collision(q, None) is None:
                 return q
     return capture_q
 
@@ -167,15 +182,15 @@ def _view_configuration(scene: Scene, object_m: Array) -> Joints:
 
 def _place_and_home(holding: Scene, grasp: Grasp, base_from_tcp: Transform, view_q: Joints) -> tuple[Segment, Segment]:
     station, empty, robot = holding.station, holding.empty(), holding.robot
-    capture_q, wide_m = np.array(station.arm.capture_q_rad), station.hand.max_width_m
+    capture_q = np.array(station.arm.capture_q_rad)
 
     def calm(pregrasp: Pregrasp) -> bool:
         return keeps_level(robot, view_q, pregrasp.q_rad)
 
     def make(way: Way, pregrasp: Pregrasp) -> tuple[Segment, Segment]:
         place = motion("place", way, [*way.lines(), pregrasp.line_rad], holding, grasp.width_m)
-        back = connect(empty, pregrasp.leave_rad[-1], [capture_q], wide_m)
-        return place, motion("home", back, [pregrasp.leave_rad, *back.lines()], empty, wide_m)
+        back = connect(empty, pregrasp.leave_rad[-1], [capture_q], None)
+        return place, motion("home", back, [pregrasp.leave_rad, *back.lines()], empty, None)
 
     pregrasps = preplaces(holding, grasp, base_from_tcp, view_q)
     may = within_max_tilt(robot, view_q, view_q)

@@ -15,13 +15,15 @@ import numpy.typing as npt
 from bus.arrays import Joints, JointSamples, Transform
 from bus.codes import Code
 from bus.messages import Grasp
+from bus.trajectory import Trajectory
 from bus.transforms import from_rotation
 from config.schema import Station
 from planning.candidates import configurations, twins
 from planning.infeasible import Infeasible, summary
 from planning.line import tcp_line
 from planning.motion import Allowed, Way, connect
-from planning.scene import Scene
+from planning.robot import Robot
+from planning.scene import Scene, Width
 
 Array = npt.NDArray[np.float64]
 MadeT = TypeVar("MadeT")
@@ -31,6 +33,7 @@ LOWER_M = 0.05
 _ABOVE_TRAY_M = 0.005
 _KEPT = 4
 """Number of pregrasps collected before a path around the obstacles is searched."""
+_EVERY_TICKS = 4
 _PLACE_YAWS_RAD = np.arange(12) * np.pi / 6
 
 
@@ -49,8 +52,21 @@ class Pregrasp:
 
 
 def opening_m(grasp: Grasp, station: Station) -> float:
-    """Return the opening of the hand while it reaches [m]."""
+    """Return the opening of the hand on the approach line [m]."""
     return min(grasp.opening_m, station.hand.max_width_m)
+
+
+def approach_begins(robot: Robot, reach: Trajectory, approach_m: float) -> int:
+    """Return a tick of ``reach`` just before its straight approach line, which is ``approach_m`` long, begins.
+
+    Until then the hand may be on its way to its opening; from there on it must be open.
+    """
+    commands = reach.filtered()
+    end_m = robot.base_from_tcp(commands[-1])[:3, 3]
+    for tick in range(len(commands) - 1, 0, -_EVERY_TICKS):
+        if np.linalg.norm(robot.base_from_tcp(commands[tick])[:3, 3] - end_m) >= approach_m:
+            return tick
+    return 0
 
 
 def pregrasps_of(
@@ -104,7 +120,7 @@ def preplaces(
             _require_untouched("above the tray", holding, q, grasp.width_m)
             lower = _line("lower", q, pose, down_m)
             _require_free("lower", holding, lower, grasp.width_m)
-            _require_free("retreat", holding.empty(), lower, station.hand.max_width_m)
+            _require_free("retreat", holding.empty(), lower, None)  # it opens there
         except Infeasible as why:
             yield why
         else:
@@ -142,7 +158,7 @@ def ways(
     scene: Scene,
     q_from_rad: Joints,
     pregrasps: Iterator[Pregrasp | Infeasible],
-    width_m: float,
+    width_m: Width,
     calm: Callable[[Pregrasp], bool],
     allowed: Allowed | None = None,
 ) -> Iterator[tuple[Way, Pregrasp]]:
@@ -150,7 +166,7 @@ def ways(
 
     Args:
         q_from_rad: (7,) start.
-        width_m: opening of the hand.
+        width_m: opening of the hand; None = any, it may move meanwhile.
         calm: whether the motion after a pregrasp keeps the held object level.
         allowed: a further condition for configurations of a searched path.
 
@@ -187,13 +203,13 @@ def _line(name: str, q_from_rad: Joints, base_from_tcp: Transform, shift_m: Arra
     return line
 
 
-def _require_untouched(name: str, scene: Scene, q_rad: Joints, width_m: float) -> None:
+def _require_untouched(name: str, scene: Scene, q_rad: Joints, width_m: Width) -> None:
     collision = scene.collision(q_rad, width_m)
     if collision is not None:
         raise Infeasible(Code.COLLISION, f"{name}: {collision}", by_hand=collision.by_hand)
 
 
-def _require_free(name: str, scene: Scene, points_rad: JointSamples, width_m: float) -> None:
+def _require_free(name: str, scene: Scene, points_rad: JointSamples, width_m: Width) -> None:
     collision = scene.first_collision(points_rad, width_m)
     if collision is not None:
         raise Infeasible(Code.COLLISION, f"{name}: {collision}", by_hand=collision.by_hand)

@@ -6,8 +6,10 @@ Model: franka_description's FR3 with the Franka Hand (the ``franky_sim`` wheel's
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from functools import cached_property
 from importlib.resources import files
+from itertools import product
 from pathlib import Path
 
 import coal
@@ -25,6 +27,7 @@ Array = npt.NDArray[np.float64]
 HAND_FROM_TCP = from_translation((0.0, 0.0, HAND_FROM_TCP_M))
 CAMERA_SIZE_M = (0.095, 0.030, 0.032)
 """Housing of the wrist camera in its colour frame; its front is 5 mm before the frame's origin."""
+_FINGER_JOINTS = (8, 9)
 _TCP_FROM_FLANGE = np.array(
     [[0.5**0.5, -(0.5**0.5), 0, 0], [0.5**0.5, 0.5**0.5, 0, 0], [0, 0, 1, -HAND_FROM_TCP_M], [0, 0, 0, 1]]
 )
@@ -109,6 +112,20 @@ class Robot:
             hulls.append(hull)
         return tuple(hulls)
 
+    @cached_property
+    def meshes_at_any_width(self) -> tuple[pin.GeometryObject, ...]:
+        """The meshes, each of a finger grown to what it fills from closed to fully open; the finger joints are 0."""
+        return self._at_any_width(self.meshes)
+
+    @cached_property
+    def hulls_at_any_width(self) -> tuple[pin.GeometryObject, ...]:
+        """The convex hulls, each of a finger grown to what it fills from closed to fully open; its joint is 0."""
+        return self._at_any_width(self.hulls)
+
+    def _at_any_width(self, parts: Sequence[pin.GeometryObject]) -> tuple[pin.GeometryObject, ...]:
+        slid_m = np.array([0.0, self.station.hand.max_width_m / 2, 0.0])  # along the finger joint's y
+        return tuple(_slid(part, slid_m) if part.parentJoint in _FINGER_JOINTS else part for part in parts)
+
     def on_hand(self, name: str, shape: coal.CollisionGeometry, hand_from_shape: Transform) -> pin.GeometryObject:
         """Return a shape that moves with the hand, at ``hand_from_shape`` (4, 4)."""
         frame = self.model.frames[self.hand_frame]
@@ -118,6 +135,19 @@ class Robot:
     def _camera(self) -> pin.GeometryObject:
         color_from_box = from_translation((0.0, 0.0, 0.005 - CAMERA_SIZE_M[2] / 2))
         return self.on_hand("fr3_camera_0", coal.Box(*CAMERA_SIZE_M), self._hand_from_color @ color_from_box)
+
+
+def _slid(part: pin.GeometryObject, slid_m: Vector3) -> pin.GeometryObject:
+    """The convex hull of a box at its place and at its place moved by ``slid_m``, in the frame of its joint."""
+    assert isinstance(part.geometry, coal.Box), "the URDF's fingers are boxes"
+    corners = np.array(list(product((-1.0, 1.0), repeat=3))) * part.geometry.halfSide
+    here = corners @ part.placement.rotation.T + part.placement.translation
+    mesh = coal.BVHModelOBBRSS()
+    mesh.beginModel(0, 0)
+    mesh.addVertices(np.concatenate([here, here + slid_m]))
+    mesh.endModel()
+    mesh.buildConvexHull(False, "Qt")
+    return pin.GeometryObject(part.name, part.parentJoint, part.parentFrame, pin.SE3.Identity(), mesh.convex)
 
 
 def flange_pose(base_from_tcp: Array) -> Array:

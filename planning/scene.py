@@ -14,6 +14,7 @@ from functools import cached_property
 import coal
 import numpy as np
 import numpy.typing as npt
+import pinocchio as pin
 
 from bus.arrays import Joints, JointSamples, Transform
 from bus.cancel import Cancel
@@ -28,6 +29,8 @@ from planning.travel import Travel
 from planning.world import FINGERS, Collision, Thing, World, held_thing
 
 Array = npt.NDArray[np.float64]
+Width = float | None
+"""Opening of the hand [m] on a way; None = any from closed to fully open, so that the fingers may move meanwhile."""
 
 FINGER_CLEARANCE_M = 0.002
 """Clearance of the fingers: smaller than the rest's, because they work between objects."""
@@ -94,59 +97,59 @@ class Scene:
     def _without_target(self) -> Scene:
         return self if self.target is None and self.held is None else replace(self, target=None, held=None)
 
-    def collision(self, q_rad: Joints, width_m: float) -> Collision | None:
+    def collision(self, q_rad: Joints, width_m: Width) -> Collision | None:
         """Return a pair that is nearer than its clearance in one configuration (7,), or None.
 
         Args:
-            width_m: opening of the hand.
+            width_m: opening of the hand; None = any, it may move meanwhile.
 
         Raises:
             CycleFailure: STOPPED once `cancel` is set.
         """
         self.cancel.raise_if_set("plan")
-        return self._planned.collision(q_rad, width_m)
+        return self._planned_at(width_m).collision(q_rad, width_m or 0.0)
 
-    def first_collision(self, path_rad: JointSamples, width_m: float) -> Collision | None:
+    def first_collision(self, path_rad: JointSamples, width_m: Width) -> Collision | None:
         """Return the first collision on the polyline ``path_rad`` (n, 7), or None.
 
         Between checks no point of the robot moves farther than the margin that the checks found free, so that 2.5 mm
         remain everywhere on the way (0.5 mm below the fingers).
 
         Args:
-            width_m: opening of the hand.
+            width_m: opening of the hand; None = any, it may move meanwhile.
 
         Raises:
             CycleFailure: STOPPED once `cancel` is set.
         """
-        return first_collision(self._planned, path_rad, width_m, self.cancel)
+        return first_collision(self._planned_at(width_m), path_rad, width_m or 0.0, self.cancel)
 
-    def is_line_free(self, q_from_rad: Joints, q_to_rad: Joints, width_m: float) -> bool:
+    def is_line_free(self, q_from_rad: Joints, q_to_rad: Joints, width_m: Width) -> bool:
         """Whether the straight joint line between two configurations (7,) is free, as in `first_collision`.
 
         It takes fewer checks, because it bounds the movement more tightly and narrows margins step by step; it does not
         say what is in the way.
 
         Args:
-            width_m: opening of the hand.
+            width_m: opening of the hand; None = any, it may move meanwhile.
 
         Raises:
             CycleFailure: STOPPED once `cancel` is set.
         """
         self.cancel.raise_if_set("plan")
-        return is_free(self._planned, self._travel, q_from_rad, q_to_rad, width_m)
+        return is_free(self._planned_at(width_m), self._travel, q_from_rad, q_to_rad, width_m or 0.0)
 
     @property
     def checks(self) -> int:
         """Number of configurations checked so far."""
-        return self._planned.checks
+        return self._planned.checks + self._planned_at_any_width.checks
 
-    def gate(self, commands_rad: JointSamples, width_m: float) -> Collision | None:
+    def gate(self, commands_rad: JointSamples, width_m: Width) -> Collision | None:
         """Check 1 kHz commands (n, 7) last of all, with other shapes than they were planned with.
 
         It uses the exact meshes instead of their hulls and the observed points instead of the field, every 8 ms.
 
         Args:
-            width_m: opening of the hand.
+            width_m: opening of the hand; None = any, it may move meanwhile.
 
         Returns:
             The first collision, or None.
@@ -154,22 +157,33 @@ class Scene:
         Raises:
             CycleFailure: STOPPED once `cancel` is set.
         """
+        world = self._exact if width_m is not None else self._exact_at_any_width
         for q in np.concatenate([commands_rad[::_GATE_TICKS], commands_rad[-1:]]):
             self.cancel.raise_if_set("plan")
-            collision = self._exact.collision(q, width_m)
+            collision = world.collision(q, width_m or 0.0)
             if collision is not None:
                 return collision
         return None
 
     # --- worlds -------------------------------------------------------------------------------------------------------
 
+    def _planned_at(self, width_m: Width) -> World:
+        return self._planned if width_m is not None else self._planned_at_any_width
+
     @cached_property
     def _planned(self) -> World:
+        return self._planned_with(self.robot.hulls)
+
+    @cached_property
+    def _planned_at_any_width(self) -> World:
+        return self._planned_with(self.robot.hulls_at_any_width)
+
+    def _planned_with(self, parts: Sequence[pin.GeometryObject]) -> World:
         clearance_m = self.station.planning.clearance_m
         finger_m = min(clearance_m, FINGER_CLEARANCE_M)
         return World(
             self.robot,
-            self.robot.hulls,
+            parts,
             self._things,
             margin_m=clearance_m,
             finger_margin_m=finger_m,
@@ -182,12 +196,19 @@ class Scene:
 
     @cached_property
     def _exact(self) -> World:
+        return self._exact_with(self.robot.meshes)
+
+    @cached_property
+    def _exact_at_any_width(self) -> World:
+        return self._exact_with(self.robot.meshes_at_any_width)
+
+    def _exact_with(self, parts: Sequence[pin.GeometryObject]) -> World:
         things = self._known
         if self.field is not None:
             things += (self.field.points_thing,)
         if self.held is not None:
             things += (self.held,)
-        return World(self.robot, self.robot.meshes, things, margin_m=_GATE_MARGIN_M, finger_margin_m=0.0)
+        return World(self.robot, parts, things, margin_m=_GATE_MARGIN_M, finger_margin_m=0.0)
 
     @property
     def _known(self) -> tuple[Thing, ...]:

@@ -11,6 +11,7 @@ from benchmarks.held.figures import code_of
 from benchmarks.held.rounds import Pick, Window, attempt_of, seen_first
 from benchmarks.held.solids import in_tray, scene_of
 from benchmarks.held.watched import Deed, Notes, Watched, watched_node
+from bus.codes import Code
 from bus.commands import CellState, CommandRequest
 from bus.errors import CellUnreachable
 from bus.frozen import Message
@@ -100,7 +101,7 @@ class Operator:
                 break
         left = self._daemon.objects_left()
         picks = self._picks(windows, Notes(tuple(deeds), notes.things), seed)
-        picks = [pick for pick in picks if not (left == 0 and pick.last.result.result == "EMPTY")]
+        picks = [pick for pick in picks if not _is_end(pick, left)]
         lost = len(notes.things) - in_tray(self._station, deeds[-1].base_from_body)
         tell(f"seed={seed} left in the bin {left}, not in the tray {lost}")
         return picks, lost
@@ -173,6 +174,12 @@ class Operator:
             window.result, window.said_s = message, at_s
             self._batch.hear(message)
             self._on_result(window)
+
+
+def _is_end(pick: Pick, left: int | None) -> bool:
+    """Whether it is no pick but the look that ends a batch: nothing is there, or only what has failed before."""
+    result = pick.last.result
+    return result.code is Code.LEFT_OVER or (left == 0 and result.result == "EMPTY")
 
 
 def _line(pick: Pick) -> str:

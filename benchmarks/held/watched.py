@@ -105,7 +105,7 @@ class Watch:
     def free_the_arm(self) -> int:
         """Take away every object that touches the robot, as a person does after an abort; return their number."""
         world = self._world
-        with world.motion, world.lock:
+        with world.turns.taken(), world.lock:
             bodies = [body for body, is_touching in zip(world.objects, self._touching(), strict=True) if is_touching]
             region_m = world.station.scene.pick_region_m
             park([Placing(world.model, world.data, region_m, body) for body in bodies])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Generic, Literal, TypeVar
 
-from bus.arrays import Transform
+from bus.arrays import Transform, Vector3
 from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.frozen import Message
@@ -20,12 +20,14 @@ class Attempt(Message):
     Attributes:
         number: 0 = the first. ``retry_of``: id of the cycle before, "" for the first.
         missed: ``base_from_tcp`` (4, 4) of grasps that closed on nothing in earlier cycles; planning leaves them out.
+        failed_at: (3,) places in ``base`` where earlier picks until empty failed for good: what is there is no target.
     """
 
     cycle_id: str
     number: int = 0
     retry_of: str = ""
     missed: tuple[Transform, ...] = ()
+    failed_at: tuple[Vector3, ...] = ()
 
 
 class Failure(Message):

@@ -98,9 +98,14 @@ class Motion(Message):
 
 
 class HandState(Message):
-    """Measured state of the parallel hand; ``width_m`` is the distance between the finger pads."""
+    """Measured state of the parallel hand; ``width_m`` is the distance between the finger pads.
+
+    Attributes:
+        clock_s: the time of the simulation, which is not that of the stamps; None on hardware.
+    """
 
     stamp_ns: int
     width_m: float
     is_moving: bool
     is_homed: bool
+    clock_s: float | None = None

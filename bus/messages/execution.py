@@ -15,12 +15,13 @@ class SegmentRun(Message):
     """A segment as it was executed.
 
     Attributes:
-        hand: the hand's state after it.
+        hand: the hand's state after it. ``hand_meanwhile``: its states while the object is carried, in order.
     """
 
     name: SegmentName | Literal["hold"]
     motion: Motion
     hand: HandState
+    hand_meanwhile: tuple[HandState, ...] = ()
 
 
 class Execution(Message):
@@ -31,12 +32,14 @@ class Execution(Message):
         grasped: the hand's state right after closing; None if it never closed.
         stopped_in: the segment (or hand action) that a stop interrupted or prevented, or None.
         after: the second capture, taken while holding; None if not reached.
+        began: the hand's state before all of it; None in recordings of before it was kept.
     """
 
     runs: tuple[SegmentRun, ...]
     grasped: HandState | None
     stopped_in: str | None
     after: View | None
+    began: HandState | None = None
 
 
 class Delivery(Message):
@@ -55,8 +58,9 @@ class Verdict(Message):
 
     Attributes:
         held: the answer. ``code``: None when held.
-        hold_s: how long the hold was observed; ``width_min_m``: smallest hand width meanwhile.
+        hold_s: how long the hold was observed; ``width_min_m``: smallest hand width meanwhile, and on the way there.
         load_n: mean vertical force of the load on the tcp during the hold, relative to just before the grasp.
+        carried_n: the same over the way there, lift included; None in recordings of before it was measured.
         cleared_fraction: share of the object's observed height map that the second capture shows empty.
     """
 
@@ -67,3 +71,4 @@ class Verdict(Message):
     width_min_m: float
     load_n: float
     cleared_fraction: float
+    carried_n: float | None = None

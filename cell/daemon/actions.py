@@ -7,6 +7,7 @@ from dataclasses import replace
 from datetime import UTC, datetime
 
 from bus import topics
+from bus.arrays import Vector3
 from bus.codec import encode
 from bus.codes import Code
 from bus.errors import BusError, ConfigError, CycleFailure, DriverError
@@ -75,6 +76,8 @@ class Actions:
         self._retry: Attempt | None = None
         self._hold_after_failures = ""
         self._next: Attempt | None = None
+        self._failed_at: tuple[Vector3, ...] = ()
+        self._leaves_failed = False
         self._object: str | None = None
         self.log: CycleLog | None = None
 
@@ -99,7 +102,8 @@ class Actions:
         Raises: CycleFailure, RecordingError.
         """
         ensure_space(self._station.recording.folder, self._station.recording.min_free_mb)
-        attempt, self._next = self._next or Attempt(cycle_id=new_cycle_id()), None
+        attempt = self._next or Attempt(cycle_id=new_cycle_id(), failed_at=self._failed_at)
+        self._next = None
         self._retry, self._number = None, self._number + (attempt.number == 0)
         station = placing_at(self._station, self._number)
         log = self.log = self._record(attempt.cycle_id, station)
@@ -150,16 +154,22 @@ class Actions:
             if failure.failure in FAULTS or failure.failure is Code.STOPPED:
                 raise
         self._retry = self._retries.after(cycle.attempt, cycle.code, cycle.grasp, new_cycle_id())
+        if self._leaves_failed and self._retry is None and cycle.code is not None and cycle.grasp is not None:
+            self._failed_at = (*self._failed_at, cycle.grasp[:3, 3])
         self._hold_after_failures = self._retries.holds()
 
-    def restart_attempts(self, attempt: Attempt | None = None, object_name: str | None = None) -> None:
-        """Forget earlier failures, because a client gives a new command.
+    def restart_attempts(
+        self, attempt: Attempt | None = None, object_name: str | None = None, *, leaves_failed: bool = False
+    ) -> None:
+        """Forget earlier failures, and what they left over, because a client gives a new command.
 
         Args:
             attempt: the one that begins next; None = a new one.
             object_name: its object on the simulated table; None = the presenter's next.
+            leaves_failed: what fails for good is left where it is, and the next thing is picked.
         """
-        self._next, self._object = attempt, object_name
+        self._next, self._object, self._failed_at = attempt, object_name, ()
+        self._leaves_failed = leaves_failed
         self._retries, self._hold_after_failures = Retries(self._station.retry), ""
 
     def take_hold_after_failures(self) -> str:

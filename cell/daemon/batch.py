@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bus.codes import Code
 from bus.commands import CommandRequest
 from bus.frozen import Message
 from bus.messages import CycleResult
@@ -10,7 +11,7 @@ from config.schema import RetrySettings
 MAX_FAILED_IN_A_ROW = 3
 """Limit of consecutive failures in picks until empty: the next pick would fail the same way."""
 
-_NO_RETRY = RetrySettings()
+_NO_HOLD = RetrySettings()
 
 
 class Summary(Message):
@@ -48,7 +49,7 @@ class Batch:
         gave_up: it is over because too many failed in a row.
     """
 
-    def __init__(self, request: CommandRequest, retry: RetrySettings = _NO_RETRY) -> None:
+    def __init__(self, request: CommandRequest, retry: RetrySettings = _NO_HOLD) -> None:
         self._gives_up = retry.hold_after == 0  # otherwise the cell holds instead
         self._cycles = None if request.until_empty else request.cycles
         self._failed_in_a_row = 0
@@ -71,6 +72,8 @@ class Batch:
             self.end(result.reason)
         elif result.result == "ABORTED":
             self.end(f"Aborted by {why}")
+        elif self._cycles is None and result.code is Code.LEFT_OVER:
+            self.end(result.reason)
         elif self._cycles is None and self._gives_up and self._failed_in_a_row == MAX_FAILED_IN_A_ROW:
             self.gave_up = True
             self.end(f"{MAX_FAILED_IN_A_ROW} picks in a row failed, the last by {why}")

@@ -66,7 +66,7 @@ class BatchControl:
         self._is_start = verb == "start"
         self._batch = Batch(request if verb == "start" else CommandRequest(), self._retry)
         attempt = Attempt(cycle_id=new_cycle_id())
-        self._actions.restart_attempts(attempt, request.object)
+        self._actions.restart_attempts(attempt, request.object, leaves_failed=request.until_empty)
         return attempt.cycle_id
 
     # --- states -------------------------------------------------------------------------------------------------------

@@ -15,7 +15,7 @@ Result = Literal["SUCCESS", "FAILED", "ABORTED"]
 
 _LOST = (Code.DEVICE_LOST, Code.NODE_LOST)
 PICK_CODES = (Code.NO_OBJECT, Code.TARGET_NOT_FOUND, Code.NOT_SEEN, Code.NO_DEPTH, Code.NO_TABLE,
-         Code.TABLE_MOVED, Code.TOO_NEAR, Code.NO_GRASP, Code.UNREACHABLE, Code.COLLISION,
+         Code.TABLE_MOVED, Code.TOO_NEAR, Code.NO_GRASP, Code.LEFT_OVER, Code.UNREACHABLE, Code.COLLISION,
          Code.MODEL_NO_ROD, Code.MODEL_DRIFT, Code.GRASP_MISSED, Code.DROPPED, Code.NOT_CLEARED)  # fmt: skip
 """Failures of a pick that was planned on wrong observations."""
 

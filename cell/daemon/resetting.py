@@ -45,7 +45,7 @@ def reset(e: Equipment, gate: Gate, nodes_alive: set[str]) -> None:
         _move(gate, e.hand.home)
     _to_capture_pose(e, gate, state.q_rad)
     hand = e.station.hand
-    require_at(_move(gate, lambda: e.hand.move(hand.max_width_m, hand.speed_m_s)), hand.max_width_m)
+    require_at(_move(gate, lambda: e.hand.move(hand.max_width_m, hand.max_speed_m_s)), hand.max_width_m)
     _require_fresh(e)
 
 

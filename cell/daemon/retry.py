@@ -61,7 +61,9 @@ class Retries:
             self._failed_in_a_row = self._failed_in_a_row + 1 if code not in (None, Code.NO_OBJECT) else 0
             self._grasps, self._looks = self._settings.grasps, self._settings.looks
             return None
-        return Attempt(cycle_id=next_id, number=attempt.number + 1, retry_of=attempt.cycle_id, missed=missed)
+        return attempt.model_copy(
+            update={"cycle_id": next_id, "number": attempt.number + 1, "retry_of": attempt.cycle_id, "missed": missed}
+        )
 
     def holds(self) -> str:
         """The reason to hold now, which restarts the count; "" for none."""

@@ -71,6 +71,11 @@ class Gate:
         """True for a motion that passed and is not over: under way, on its way to its device, or held by it."""
         return self._passed > 0
 
+    @property
+    def under_way(self) -> int:
+        """Number of motions that passed and are not over."""
+        return self._passed
+
     @contextmanager
     def motion(self) -> Iterator[bool]:
         """Context around every motion: waits while held, then yields True when it may begin, False once halted."""

@@ -39,8 +39,8 @@ def hold(arm: Arm, gate: Gate, limit_s: float, clock: DeadlineClock) -> None:
                 Code.INTERNAL, f"The cell still moves {limit_s:.0f} s after the hold.{clock.busy_note()}"
             )
         arm.hold()
-        is_moving, state = gate.is_moving, arm.state()
-        held = not is_moving or state.mode is ArmMode.MOVE
+        under_way, state = gate.under_way, arm.state()
+        held = under_way == 0 or (under_way == 1 and state.mode is ArmMode.MOVE)
         at_rest = at_rest + 1 if held and _speed_rad_s(state) <= _REST_RAD_S else 0
         time.sleep(_LOOK_S)
 

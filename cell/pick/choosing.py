@@ -150,6 +150,7 @@ class Choosing:
                 lambda: self.stages.gate.halted,
                 seen.append,
                 is_again="detect" in self.stages.took_s,
+                failed_at=self.attempt.failed_at,
             )
         except CycleFailure:
             for scene in seen:

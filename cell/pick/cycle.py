@@ -10,7 +10,7 @@ from bus import topics
 from bus.arrays import Transform
 from bus.codes import Code
 from bus.errors import CycleFailure
-from bus.messages import Attempt, CycleResult, Execution, HandState, Observation, PickPlan, Verdict
+from bus.messages import Attempt, CycleResult, Execution, Grasp, HandState, Observation, PickPlan, Verdict
 from cell.pick.choosing import Choosing
 from cell.pick.equipment import Equipment
 from cell.pick.execute import deliver, execute
@@ -36,7 +36,7 @@ class Cycle:
     object: str = ""
     verdict: Verdict | None = None
     grasp: Transform | None = None
-    _plan: PickPlan | None = None
+    _planned: tuple[PickPlan, Grasp] | None = None
     _grasped: HandState | None = None
     _started_s: float = field(default_factory=time.monotonic)
 
@@ -54,15 +54,14 @@ class Cycle:
         """Run the five stages. Raises: CycleFailure, already published and kept in ``stages.failure``."""
         e, choosing = self.equipment, Choosing(self.attempt, self.equipment, self.stages)
         found, chosen = choosing.choose()
-        before = choosing.looks[found.scene.shown]
-        self._plan = chosen
-        self.grasp = found.grasps[chosen.grasp].base_from_tcp
+        before, grasp = choosing.looks[found.scene.shown], found.grasps[chosen.grasp]
+        self._planned, self.grasp = (chosen, grasp), grasp.base_from_tcp
         after: Observation | None = None
 
         def act() -> Execution:
             nonlocal after
             execution, after = execute(
-                chosen, found.grasps[chosen.grasp], (e.arm, e.hand), choosing.observe, e.station, self.stages.gate
+                chosen, grasp, (e.arm, e.hand), choosing.observe, e.robot, e.station, self.stages.gate
             )
             return execution
 
@@ -90,11 +89,11 @@ class Cycle:
 
         An object that was held, but is not in the hand before the release, counts as dropped.
         """
-        e, chosen = self.equipment, self._plan
-        if chosen is None or self.verdict is None:
+        e, planned = self.equipment, self._planned
+        if planned is None or self.verdict is None:
             return
         done = self.stages.run(
-            "deliver", topics.DELIVER, lambda: deliver(chosen, (e.arm, e.hand), e.station, self.stages.gate)
+            "deliver", topics.DELIVER, lambda: deliver(*planned, (e.arm, e.hand), e.station, self.stages.gate)
         )
         carried = [run.hand for run in done.runs if run.name == "place"]
         if self.verdict.held and self._grasped is not None and carried:

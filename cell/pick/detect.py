@@ -6,6 +6,7 @@ import queue
 import threading
 from collections.abc import Callable, Sequence
 
+from bus.arrays import Vector3
 from bus.cancel import Cancel
 from bus.codes import Code
 from bus.errors import CycleFailure
@@ -31,6 +32,7 @@ def detect(
     cancel: Cancel | None = None,
     on_scene: OnScene | None = None,
     is_again: bool = False,
+    failed_at: Sequence[Vector3] = (),
 ) -> Detections:
     """Ranked grasps and their evidence.
 
@@ -38,10 +40,11 @@ def detect(
         looks: the observations of the scene, the first from the capture pose.
         on_reply: called with the record of every call to the goal-image model. ``cancel``: a stop request.
         on_scene: called with what was seen. ``is_again``: the cycle has detected before, in fewer looks.
+        failed_at: (3,) places in ``base`` where picks failed: the things there are no targets.
 
     Raises: CycleFailure, as `perception.detector.detect`.
     """
-    return vlad_grasp(looks[0], station, models, on_reply, cancel, on_scene, looks[1:], is_again)
+    return vlad_grasp(looks[0], station, models, on_reply, cancel, on_scene, looks[1:], is_again, failed_at)
 
 
 def detect_unless_halted(
@@ -52,6 +55,7 @@ def detect_unless_halted(
     halted: Callable[[], bool],
     on_scene: OnScene | None = None,
     is_again: bool = False,
+    failed_at: Sequence[Vector3] = (),
 ) -> Detections:
     """`detect`, abandoned immediately on a stop: a hosted model may take minutes, and its call cannot be cancelled.
 
@@ -65,7 +69,7 @@ def detect_unless_halted(
 
     def work() -> None:
         try:
-            outcome.put(detect(looks, station, models, replies.on_reply, cancel, on_scene, is_again))
+            outcome.put(detect(looks, station, models, replies.on_reply, cancel, on_scene, is_again, failed_at))
         except BaseException as error:  # noqa: BLE001 - handed to the waiting thread, which raises it
             outcome.put(error)
 

@@ -2,28 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 import numpy as np
 
 from bus.codes import Code
-from bus.errors import CycleFailure, DeviceLost
+from bus.errors import BusError, CycleFailure, DeviceLost, DriverError
 from bus.messages import Delivery, Execution, Grasp, HandState, Motion, Observation, PickPlan, SegmentName, SegmentRun
 from bus.trajectory import TICK_S, Trajectory
 from cell.machine.gate import Gate
 from cell.pick.fingers import require_at, require_new, require_possible
-from config.schema import Station
+from cell.pick.opening import Opening
+from cell.pick.watching import watched
+from config.schema import HandSettings, Station
 from drivers.interface import Arm, Hand
+from planning.pregrasp import approach_begins
+from planning.robot import Robot
 
 DoneT = TypeVar("DoneT")
+_SHORTEST_PIECE_S = 0.1
+"""Of a hold: a real hand does not tell its width more often."""
 
 
 class _Runner:
     """Runs motions one after the other, each through the gate, until one is stopped; keeps the measurements."""
 
-    def __init__(self, arm: Arm, hand: Hand, gate: Gate, widest_m: float) -> None:
-        self._arm, self._hand, self._gate, self._widest_m = arm, hand, gate, widest_m
+    def __init__(self, arm: Arm, hand: Hand, gate: Gate, limits: HandSettings) -> None:
+        self._arm, self._hand, self._gate, self._limits = arm, hand, gate, limits
         self.runs: list[SegmentRun] = []
         self.stopped_in: str | None = None
 
@@ -37,37 +43,72 @@ class _Runner:
         self.stopped_in = name
         return None
 
+    def carry(self, trajectory: Trajectory) -> bool:
+        """Play the way with the object in hand, and watch the hand meanwhile; as `run`."""
+        with watched(self.read_hand) as meanwhile:
+            motion = self.move("carry", lambda: self._arm.execute(trajectory))
+        return self._keep("carry", motion, meanwhile)
+
     def run(self, name: str, trajectory: Trajectory) -> bool:
         """Play one segment; False when it was stopped, or may not begin."""
-        motion = self.move(name, lambda: self._arm.execute(trajectory))
+        return self._keep(name, self.move(name, lambda: self._arm.execute(trajectory)))
+
+    def _keep(self, name: str, motion: Motion | None, meanwhile: Sequence[HandState] = ()) -> bool:
         if motion is None:
             return False
         _require_measured(motion)
-        self.runs.append(SegmentRun.model_validate({"name": name, "motion": motion, "hand": self._read_hand()}))
+        hand = {"hand": self.read_hand(), "hand_meanwhile": tuple(meanwhile)}
+        self.runs.append(SegmentRun.model_validate({"name": name, "motion": motion, **hand}))
         if not motion.finished:
             self.stopped_in = name
         return motion.finished
 
-    def open(self, name: str, width_m: float, speed_m_s: float) -> HandState | None:
-        """Open the free fingers. Raises: HandFault when they do not reach the width."""
-        state = self.move(name, lambda: self._hand.move(width_m, speed_m_s))
-        if state is not None and not self._gate.halted:
-            require_at(state, width_m)
+    def reach(self, trajectory: Trajectory, approach_at: int, width_m: float) -> bool:
+        """Reach while the hand opens: the arm waits at the tick ``approach_at`` until it is open.
+
+        Raises: HandFault when it does not open; the arm has not gone on then.
+        """
+        opening = Opening(self._arm, self._gate, lambda: self._opened(width_m))
+        if not opening.begin():
+            self.stopped_in = "open"
+            return False
+        try:
+            arrived = self.run("reach", trajectory.model_copy(update={"waits_at": approach_at}))
+        except (DriverError, BusError):
+            self._hand.stop()
+            raise
+        finally:
+            opening.wait()
+        opening.require_open()
+        if arrived:
+            require_at(self.runs[-1].hand, width_m)
+        return arrived
+
+    def release(self, width_m: float) -> HandState | None:
+        """Let go of what is held. Raises: HandFault when the fingers do not reach the width."""
+        return self.move("release", lambda: self._opened(width_m))
+
+    def _opened(self, width_m: float) -> HandState | None:
+        """Move the free fingers to a width; None when stopped. Raises: HandFault when they do not get there."""
+        state = self._hand.move(width_m, self._limits.max_speed_m_s)
+        if self._gate.halted:
+            return None
+        require_at(state, width_m)
         return state
 
     def grasp(self, force_n: float, speed_m_s: float) -> HandState | None:
         """Close on the object. Raises: HandFault when the hand did not act."""
-        before = self._read_hand()
+        before = self.read_hand()
         state = self.move("grasp", lambda: self._hand.grasp(force_n, speed_m_s))
         if state is not None:
-            require_possible(state, self._widest_m)
+            require_possible(state, self._limits.max_width_m)
             require_new(state, before)
         return state
 
-    def _read_hand(self) -> HandState:
+    def read_hand(self) -> HandState:
         """The hand's state. Raises: HandFault for an impossible width."""
         state = self._hand.state()
-        require_possible(state, self._widest_m)
+        require_possible(state, self._limits.max_width_m)
         return state
 
     def run_part(self, plan: PickPlan, name: SegmentName) -> bool:
@@ -79,10 +120,11 @@ def execute(
     grasp: Grasp,
     devices: tuple[Arm, Hand],
     look: Callable[[], Observation],
+    robot: Robot,
     station: Station,
     gate: Gate,
 ) -> tuple[Execution, Observation | None]:
-    """Open, approach, close, lift, hold, and capture again from the side.
+    """Reach and open on the way, close, lift, hold, and capture again from the side.
 
     Args:
         look: captures the second observation.
@@ -92,19 +134,21 @@ def execute(
         The execution, and the second observation (None when stopped before it).
     """
     arm, hand = devices
-    runner = _Runner(arm, hand, gate, station.hand.max_width_m)
+    runner = _Runner(arm, hand, gate, station.hand)
     grasped: HandState | None = None
     after: Observation | None = None
-    runner.open("open", grasp.opening_m, station.hand.speed_m_s)
-    if runner.run_part(plan, "reach"):
+    began = runner.read_hand()
+    reach = _part(plan, "reach")
+    if runner.reach(reach, approach_begins(robot, reach, station.planning.approach_m), grasp.opening_m):
         grasped = runner.grasp(station.hand.grasp_force_n, station.hand.speed_m_s)
-        if runner.run_part(plan, "carry") and _hold(runner, plan, station):
+        if runner.carry(_part(plan, "carry")) and _hold(runner, plan, station):
             after = look()
     execution = Execution(
         runs=tuple(runner.runs),
         grasped=grasped,
         stopped_in=runner.stopped_in,
         after=after.view if after is not None else None,
+        began=began,
     )
     return execution, after
 
@@ -116,10 +160,12 @@ def _require_measured(motion: Motion) -> None:
 
 
 def _hold(runner: _Runner, plan: PickPlan, station: Station) -> bool:
-    """Stand still for ``verify.hold_s``, in ``verify.samples`` pieces; the hand is read after each."""
-    ticks = max(1, round(station.verify.hold_s / station.verify.samples / TICK_S))
+    """Stand still for ``verify.hold_s``; the hand is read after each of its pieces, ``verify.samples`` or fewer."""
+    need = station.verify
+    pieces = max(1, min(need.samples, round(need.hold_s / _SHORTEST_PIECE_S)))
+    ticks = max(1, round(need.hold_s / pieces / TICK_S))
     still = Trajectory(raw_q_rad=np.repeat(_part(plan, "carry").end_q_rad[None], ticks, axis=0), window=1)
-    return all(runner.run("hold", still) for _ in range(station.verify.samples))
+    return all(runner.run("hold", still) for _ in range(pieces))
 
 
 def _part(plan: PickPlan, name: SegmentName) -> Trajectory:
@@ -127,16 +173,21 @@ def _part(plan: PickPlan, name: SegmentName) -> Trajectory:
     return trajectory
 
 
-def deliver(plan: PickPlan, devices: tuple[Arm, Hand], station: Station, gate: Gate) -> Delivery:
+def _release_m(grasp: Grasp, held_m: float, hand: HandSettings) -> float:
+    """Opening that lets go of what is held at ``held_m``: the fingers must leave what they came around."""
+    return min(hand.max_width_m, max(grasp.opening_m, held_m + hand.release_margin_m))
+
+
+def deliver(plan: PickPlan, grasp: Grasp, devices: tuple[Arm, Hand], station: Station, gate: Gate) -> Delivery:
     """Lay the held object into the tray and return to the capture pose.
 
     Raises: CycleFailure(STOPPED) when a stop interrupted it.
     """
     arm, hand = devices
-    runner = _Runner(arm, hand, gate, station.hand.max_width_m)
+    runner = _Runner(arm, hand, gate, station.hand)
     released: HandState | None = None
     if runner.run_part(plan, "place"):
-        released = runner.open("release", station.hand.max_width_m, station.hand.speed_m_s)
+        released = runner.release(_release_m(grasp, runner.runs[-1].hand.width_m, station.hand))
         runner.run_part(plan, "home")
     if runner.stopped_in is not None:
         raise CycleFailure(Code.STOPPED, f"Stopped during {runner.stopped_in!r} of the delivery.")

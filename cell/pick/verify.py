@@ -25,7 +25,8 @@ def verify(
 ) -> Verdict:
     """The verdict on a finished execution (``execution.stopped_in`` is None).
 
-    Every criterion must hold during the whole hold: width, load, and the object gone from its place.
+    Every criterion must hold during the whole hold: width, load, and the object gone from its place; the width also
+    on the way there.
 
     Raises: ValueError for an execution that did not reach its hold.
     """
@@ -33,9 +34,14 @@ def verify(
     if grasped is None:
         raise ValueError("verify needs an execution that reached its hold")
     holds = [run for run in execution.runs if run.name == "hold"]
-    widths_m = [run.hand.width_m for run in holds]
+    carries = [run for run in execution.runs if run.name == "carry"]
+    on_the_way = [state.width_m for run in carries for state in run.hand_meanwhile]
+    widths_m = [*on_the_way, *(run.hand.width_m for run in holds)]
     empty_n = _weight_n([run.motion for run in execution.runs if run.name == "reach"], slice(None, _HEAD), robot)
     load_n = _weight_n([run.motion for run in holds], slice(-_TAIL, None), robot) - empty_n
+    carried_n = None
+    if execution.began is not None:
+        carried_n = _weight_n([run.motion for run in carries], slice(None), robot) - empty_n
     mount = detections.scene.mount
     cleared = cleared_fraction(detections, corrected(before, mount), corrected(after, mount), station)
     code, reason = _judge(grasped, widths_m, load_n, cleared, station)
@@ -47,6 +53,7 @@ def verify(
         width_min_m=min(widths_m),
         load_n=load_n,
         cleared_fraction=cleared,
+        carried_n=carried_n,
     )
 
 

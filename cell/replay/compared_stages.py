@@ -78,7 +78,7 @@ def _result(record: CycleRecord, name: StageName, kind: type[Message]) -> Messag
 
 
 def _detect(record: CycleRecord, station: Station, _robot: Robot, models: Models) -> Message:
-    return detect(_looks(record, station), station, models)
+    return detect(_looks(record, station), station, models, failed_at=record.attempt.failed_at)
 
 
 def _plan(record: CycleRecord, station: Station, robot: Robot, _models: Models) -> Message:
@@ -158,7 +158,12 @@ STAGES: tuple[Stage, ...] = (
         "verify",
         topics.VERIFY,
         _verify,
-        {"load_n": Tolerance(1e-6, "N"), "cleared_fraction": Tolerance(1e-3, ""), "hold_s": Tolerance(1e-9, "s")},
+        {
+            "load_n": Tolerance(1e-6, "N"),
+            "carried_n": Tolerance(1e-6, "N"),
+            "cleared_fraction": Tolerance(1e-3, ""),
+            "hold_s": Tolerance(1e-9, "s"),
+        },
     ),
     Stage("deliver", topics.DELIVER),
 )

@@ -28,7 +28,7 @@ _log = logging.getLogger(__name__)
 class _Asked:
     """One `execute` that has not returned, and the state wanted for its motion since."""
 
-    want: MotionRequest = MotionRequest.PLAY
+    want: MotionRequest
     plays: ControlProcess | None = None
 
 
@@ -105,7 +105,7 @@ class Fr3Arm:
             DeviceLost: the robot or its control process fell silent.
         """
         self._require()
-        asked = _Asked()
+        asked = _Asked(MotionRequest.PLAY if trajectory.waits_at is None else MotionRequest.WAIT)
         with self._turn:
             self._asked.append(asked)
         try:
@@ -169,7 +169,7 @@ class Fr3Arm:
         """Continue every held motion. Raises: MotionRefused when none is held; NotConnected."""
         self._require()
         with self._turn:
-            held = [asked for asked in self._asked if asked.want is MotionRequest.HOLD]
+            held = [asked for asked in self._asked if asked.want in (MotionRequest.HOLD, MotionRequest.WAIT)]
             if not held:
                 raise MotionRefused("No motion of the arm is held.", "Only a held motion goes on; plan a new one.")
             for asked in held:

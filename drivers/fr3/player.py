@@ -132,5 +132,5 @@ class Player:
             self._stream.brake()
         elif want == MotionRequest.HOLD:
             self._stream.hold()
-        else:
+        elif want == MotionRequest.PLAY:
             self._stream.resume()

@@ -39,6 +39,8 @@ class MotionRequest(IntEnum):
     PLAY = 0
     HOLD = 1
     STOP = 2
+    WAIT = 3
+    """Play until where the trajectory waits by itself."""
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,8 @@ the jerk q' d2r/dt2 + ...: both are kept by bounding dr/dt and its change, joint
 
 from __future__ import annotations
 
+import copy
+
 import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import CubicSpline
@@ -46,6 +48,11 @@ class Progress:
             self._bounds(window)
 
     @property
+    def at(self) -> float:
+        """The place along the samples [ticks]."""
+        return self._at
+
+    @property
     def at_end(self) -> bool:
         """Whether the last sample is reached."""
         return self._at >= self._last
@@ -73,6 +80,24 @@ class Progress:
         self._at = min(self._at + (self._rate + rate) / 2, float(self._last))
         arrived = abs(rate - target_rate) < _STILL
         self._rate, self._gain = (target_rate, 0.0) if arrived else (rate, gain)
+
+    def last_start_of_a_stop(self, before: int) -> float:
+        """Return the last place [ticks] where a stop from full speed may begin that rests by the tick ``before``."""
+        start = float(min(before, self._last))
+        while start > 0.0:
+            beyond = self._rest_after(start) - before
+            if beyond <= 0.0:
+                break
+            start = max(0.0, np.floor(start - beyond))
+        return start
+
+    def _rest_after(self, start: float) -> float:
+        """Return where a stop from full speed at ``start`` comes to rest."""
+        trial = copy.copy(self)
+        trial._at, trial._rate, trial._gain = start, 1.0, 0.0
+        while not trial.at_rest:
+            trial.advance(0.0)
+        return trial._at
 
     def _next_gain(self, target_rate: float) -> float:
         """Return the largest allowed step towards the target that can still fade out before it is reached."""

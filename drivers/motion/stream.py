@@ -16,6 +16,7 @@ from drivers.motion.progress import Progress
 
 class _Want(Enum):
     PLAY = "play"
+    WAIT = "wait"
     HOLD = "hold"
     STOP = "stop"
 
@@ -23,12 +24,16 @@ class _Want(Enum):
 class Stream:
     """The 1 kHz commands of one trajectory.
 
+    One with ``waits_at`` comes to rest before that tick and is held there, until `resume`, which may come earlier.
+    Until then its progress has full speed: a hold ends by `resume`, too.
     `hold`, `resume` and `brake` may be called from any thread, and repeatedly; `next` from one thread.
     """
 
     def __init__(self, trajectory: Trajectory) -> None:
         self._progress = Progress(trajectory.filtered(), trajectory.window)
-        self._want = _Want.PLAY
+        self._want, self._slows_at = _Want.PLAY, 0.0
+        if trajectory.waits_at is not None:
+            self._want, self._slows_at = _Want.WAIT, self._progress.last_start_of_a_stop(trajectory.waits_at)
         self._asking = threading.Lock()
         self._begun = False
         self._over = False
@@ -41,12 +46,12 @@ class Stream:
     @property
     def held(self) -> bool:
         """Whether the motion rests on its path and waits for `resume`."""
-        return self._want is _Want.HOLD and self._begun and self._progress.at_rest
+        return self.is_held_or_about_to_be and self._begun and self._progress.at_rest
 
     @property
     def is_held_or_about_to_be(self) -> bool:
-        """Whether `hold` was the last request."""
-        return self._want is _Want.HOLD
+        """Whether `hold` was the last request, or it waits by itself."""
+        return self._want in (_Want.HOLD, _Want.WAIT)
 
     @property
     def is_braked(self) -> bool:
@@ -75,7 +80,8 @@ class Stream:
         if self._progress.at_end or (self._want is _Want.STOP and self._progress.at_rest):
             self._over = True
             return None
-        self._progress.advance(target_rate=1.0 if self._want is _Want.PLAY else 0.0)
+        goes_on = self._want is _Want.PLAY or (self._want is _Want.WAIT and self._progress.at < self._slows_at)
+        self._progress.advance(target_rate=1.0 if goes_on else 0.0)
         return self._progress.q_rad()
 
     def _ask(self, want: _Want) -> None:

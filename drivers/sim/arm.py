@@ -18,6 +18,8 @@ from drivers.sim.world import World
 _MEASURE_TICKS = 10
 _TORQUE_NOISE_NM = 0.02
 _STILL_RAD_S = 1e-3
+_ARRIVED_RAD_S = 0.01
+"""At the end of a motion the arm may still creep so fast towards its last command: the servo's lag fades in 0.1 s."""
 _PATIENCE_TICKS = 300
 _HELD_PATIENCE_TICKS = 1000
 """More than `_PATIENCE_TICKS`: a remaining speed would be reported until the end of the hold, as time stands still."""
@@ -80,7 +82,7 @@ class SimArm:
         with self._turn:
             self._asked.append(stream)
         try:
-            with self._world.motion:
+            with self._world.turns.taken():
                 return unmoved(self.state(), trajectory) if stream.is_braked else self._play(stream)
         finally:
             with self._turn:
@@ -100,7 +102,7 @@ class SimArm:
             ticks.pop()
         measured.append(self._world.arm())
         ticks.append(len(commanded))
-        self._settle(commanded[-1], _PATIENCE_TICKS)
+        self._settle(commanded[-1], _PATIENCE_TICKS, _ARRIVED_RAD_S)
         self._motions += 1
         if self._reflex:
             raise ArmReflex("The arm touched something and stopped itself.", "Clear it, then recover.")
@@ -151,19 +153,19 @@ class SimArm:
             self._reflex = True
             self.stop()
 
-    def _settle(self, q_rad: Joints, patience_ticks: int) -> None:
+    def _settle(self, q_rad: Joints, patience_ticks: int, still_rad_s: float = _STILL_RAD_S) -> None:
         """Hold the last command until the arm rests."""
         self._world.command_arm(q_rad, q_rad)
         for tick in range(patience_ticks):
-            if np.abs(self._world.arm_speed_rad_s()).max() < _STILL_RAD_S:
+            if np.abs(self._world.arm_speed_rad_s()).max() < still_rad_s:
                 return
             self._world.tick()
             self._world.pace(tick)
 
     def _wait_held(self, stream: Stream, q_rad: Joints) -> None:
-        """Let the arm rest at the held command, then wait until `resume` or `stop`."""
+        """Let the arm rest at the held command, then wait until `resume` or `stop`; the fingers move on."""
         self._settle(q_rad, _HELD_PATIENCE_TICKS)
-        with self._turn:
+        with self._world.turns.lent(), self._turn:
             self._turn.wait_for(lambda: not stream.is_held_or_about_to_be)
 
     def stop(self) -> None:

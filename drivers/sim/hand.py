@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Callable
 
 from bus.errors import HandFault, NotConnected
 from bus.messages import HandState
 from drivers.motion.stops import Stops
-from drivers.sim.world import TICK_S, World
+from drivers.sim.fingers import Fingers
+from drivers.sim.world import World
 
 _MOVE_FORCE_N = 20.0
-_STILL_M = 2e-5
-_STILL_TICKS = 100
-_PATIENCE_TICKS = 5000
-_SQUEEZE_M = 0.010
-"""Target beyond closed for a grasp: enough to press with full force on a thin object."""
 
 
 class SimHand:
@@ -26,6 +23,7 @@ class SimHand:
         self._connected = False
         self._homed = False
         self._moving = False
+        self._acting = threading.Lock()
         self._stops = Stops()
 
     def connect(self) -> None:
@@ -45,6 +43,7 @@ class SimHand:
             width_m=max(0.0, self._world.hand_width_m()),
             is_moving=self._moving,
             is_homed=self._homed,
+            clock_s=self._world.time_s(),
         )
 
     def move(self, width_m: float, speed_m_s: float) -> HandState:
@@ -61,7 +60,7 @@ class SimHand:
         self._require()
         if not (math.isfinite(force_n) and force_n > 0):
             raise HandFault(f"The hand cannot grasp with {force_n} N.", "Ask for a positive force.")
-        self._drive(-_SQUEEZE_M, speed_m_s, force_n, self._stops.asked())
+        self._drive(None, speed_m_s, force_n, self._stops.asked())
         return self.state()
 
     def home(self) -> HandState:
@@ -78,33 +77,17 @@ class SimHand:
         """Stop the fingers where they are; a grasp keeps its force."""
         self._stops.stop()
 
-    def _drive(self, width_m: float, speed_m_s: float, force_n: float, stopped: Callable[[], bool]) -> None:
-        """Ramp the target to ``width_m``, then wait until the fingers rest (there, or on an object)."""
+    def _drive(self, to_m: float | None, speed_m_s: float, force_n: float, stopped: Callable[[], bool]) -> None:
+        """Move the fingers until they rest there, or, with None, on an object; one motion at a time."""
         if not (math.isfinite(speed_m_s) and speed_m_s > 0):
             raise HandFault(f"The hand cannot move at {speed_m_s} m/s.", "Ask for a positive speed.")
-        step_m = min(speed_m_s, self._world.station.hand.max_speed_m_s) * TICK_S
-        with self._world.motion:
+        speed_m_s = min(speed_m_s, self._world.station.hand.max_speed_m_s)
+        with self._acting:
+            self._moving = True
             try:
-                self._moving = True
-                self._ramp(width_m, step_m, force_n, stopped)
+                self._world.move_fingers(Fingers(self._world.hand_width_m(), to_m, speed_m_s, force_n, stopped))
             finally:
                 self._moving = False
-
-    def _ramp(self, width_m: float, step_m: float, force_n: float, stopped: Callable[[], bool]) -> None:
-        still, last_m = 0, self._world.hand_width_m()
-        target_m = last_m
-        for tick in range(_PATIENCE_TICKS):
-            if stopped():
-                return
-            target_m += max(-step_m, min(step_m, width_m - target_m))
-            self._world.command_hand(target_m, force_n)
-            self._world.tick()
-            self._world.pace(tick)
-            now_m = self._world.hand_width_m()
-            still = still + 1 if abs(now_m - last_m) < _STILL_M else 0
-            last_m = now_m
-            if still >= _STILL_TICKS and target_m == width_m:
-                return
 
     def _require(self) -> None:
         if not self._connected:

@@ -5,6 +5,7 @@ All access goes through one lock; a tick is one millisecond of robot time. Frame
 
 from __future__ import annotations
 
+import itertools
 import logging
 import threading
 import time
@@ -19,11 +20,13 @@ from bus.errors import ConfigError
 from bus.transforms import from_rotation
 from config.schema import Station
 from drivers.sim.clutter import fill
+from drivers.sim.fingers import Fingers
 from drivers.sim.heap import heap
 from drivers.sim.objects import name_in_order, object_names, require_presentable
 from drivers.sim.optics import FOVY_DEG, hand_from_cameras
 from drivers.sim.placing import OBJECT, Placing
 from drivers.sim.scene import ARM_JOINTS, FINGER_JOINTS, HAND_ACTUATOR, compose
+from drivers.sim.turns import Turns
 
 _log = logging.getLogger(__name__)
 TICK_S = 0.001
@@ -40,7 +43,7 @@ class World:
         clock_ns: UTC clock for the stamps of states.
 
     Attributes:
-        lock: guards model and data. ``motion``: held while a device moves.
+        lock: guards model and data. ``turns``: who makes time pass.
         names: the objects that can be presented. ``objects``: free body -> name of its object.
         presented: seed of the newest presentation. ``presentations``: their number.
     """
@@ -49,7 +52,8 @@ class World:
         self.station = station
         self.clock_ns = clock_ns
         self.lock = threading.RLock()
-        self.motion = threading.Lock()
+        self.turns = Turns()
+        self._fingers: Fingers | None = None
         require_presentable(station.sim.objects, station.scene.pick_region_m)
         self.names = object_names(station.sim.objects)
         self.objects: dict[str, str] = {}  # free body -> name of the object
@@ -75,13 +79,33 @@ class World:
     def tick(self) -> None:
         """Simulate one millisecond with the present commands; the caller need not hold the lock."""
         with self.lock:
-            self._step()
+            fingers = self._fingers
+            if fingers is None:
+                self._step()
+                return
+            fingers.begin_tick()
+            if not fingers.is_over:
+                self._command_fingers(fingers)
+                self._step()
+                fingers.end_tick(self.hand_width_m(), -float(self.data.actuator_force[self._hand_actuator]) / 2)
+                self._command_fingers(fingers)
+            else:
+                self._step()
+            if fingers.is_over:
+                self._fingers = None
+        if fingers.is_over:
+            self.turns.wake()
 
     def _step(self) -> None:
         data = self.data
         data.ctrl[self._arm_actuators] = self._q_command_rad + self._lag_s * self._dq_command_rad_s
         data.ctrl[self._hand_actuator] = self._hand_target_m
         mujoco.mj_step(self.model, data)
+
+    def time_s(self) -> float:
+        """Return the simulated time."""
+        with self.lock:
+            return float(self.data.time)
 
     def pace(self, ticks: int) -> None:
         """In paced mode, sleep so that each ten ``ticks`` take their real time."""
@@ -109,7 +133,7 @@ class World:
         if name not in self.names:
             raise ConfigError(f"Unknown object {name!r}.", f"There are: {', '.join(self.names)}.")
         rng = np.random.default_rng([seed % 2**64, *name.encode()])
-        with self.motion:  # the lock is taken only briefly, so that the arm's state can still be read
+        with self.turns.taken():  # the lock is taken only briefly, so that the arm's state can still be read
             if name != self.objects[OBJECT]:
                 self._load({OBJECT: name})
             self.presented = seed
@@ -141,7 +165,7 @@ class World:
         Raises: ConfigError, DriverError, as `clutter.fill` and `heap.heap`.
         """
         region_m = self.station.scene.pick_region_m
-        with self.motion, self.lock:
+        with self.turns.taken(), self.lock:
             placings = [Placing(self.model, self.data, region_m, body) for body in self.objects]
             rng = np.random.default_rng([seed % 2**64, len(placings)])
             if self.station.sim.heaped:
@@ -171,11 +195,21 @@ class World:
             self._dq_command_rad_s = (q_rad - last_q_rad) / TICK_S
             self._q_command_rad = np.array(q_rad)
 
-    def command_hand(self, width_m: float, force_n: float) -> None:
-        """Set the target ``width_m`` of the fingers, and the largest force ``force_n`` of each."""
+    def move_fingers(self, fingers: Fingers) -> None:
+        """Return when ``fingers`` are over: they move with the ticks of the arm, or while it rests with their own."""
         with self.lock:
-            self._hand_target_m = width_m / 2
-            self.model.actuator_forcerange[self._hand_actuator] = (-2 * force_n, 2 * force_n)
+            self._fingers = fingers
+        ticks = itertools.count()
+
+        def tick() -> None:
+            self.tick()
+            self.pace(next(ticks))
+
+        self.turns.ride(lambda: fingers.is_over, tick)
+
+    def _command_fingers(self, fingers: Fingers) -> None:
+        self._hand_target_m = fingers.target_m / 2
+        self.model.actuator_forcerange[self._hand_actuator] = (-2 * fingers.force_n, 2 * fingers.force_n)
 
     def pose_robot(self, q_rad: Joints, width_m: float) -> None:
         """Put the arm at ``q_rad`` (7,) and the fingers at ``width_m`` at once, at rest: mirrors a robot elsewhere."""

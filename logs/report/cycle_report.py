@@ -165,12 +165,14 @@ def _facts(record: CycleRecord) -> list[Fact]:
         value = recorded_number(record.station, "verify", name)
         return "-" if value is None else f"{value * times:{form}}"
 
+    carried = [] if verdict.carried_n is None else [Fact("load on the way", f"{verdict.carried_n:z.2f} N", "-")]
     return [
         Fact("held for", f"{verdict.hold_s:.2f} s", f"{need('hold_s', 1, 'g')} s"),
         Fact(
             "smallest width meanwhile", f"{verdict.width_min_m * 1e3:.1f} mm", f"≥ {need('min_width_m', 1e3, '.1f')} mm"
         ),
         Fact("load on the arm", f"{verdict.load_n:z.2f} N", f"≥ {need('min_load_n', 1, 'g')} N"),
+        *carried,
         Fact(
             "of the object's place is empty",
             f"{verdict.cleared_fraction * 100:.0f} %",

@@ -3,22 +3,28 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 
+from bus.arrays import Vector3
 from bus.codes import Code
 from bus.errors import CycleFailure
+from bus.transforms import apply
 from config.schema import Station
 from perception.geometry.crop import Mask
 from perception.goal.imagine import Conversation
 from perception.goal.prompts import prompt
 from perception.grasps.closing import Closings
 from perception.models.sam import Sam
+from perception.scene.heightmap import CELL_M
 from perception.scene.scene import Scene
 
 _NEAR_PX = 40.0
 """Largest distance [px] of a given pixel from the thing it selects."""
+_FAILED_NEAR_M = 0.015
+"""What lies so near to a place where a pick failed is what failed there, though it was touched."""
 _PIXEL = re.compile(r"(\d+)\D+(\d+)")
 
 
@@ -62,6 +68,31 @@ def at_pixel(scene: Scene, pixel: tuple[float, float]) -> int:
             f"{distance[nearest]:.0f} px away.",
         )
     return int(scene.color_labels[rows[nearest], columns[nearest]])
+
+
+def untried(scene: Scene, targets: list[int], failed_at: Sequence[Vector3]) -> list[int]:
+    """The targets without the things at places (3,) in ``base`` where picks failed.
+
+    Raises: CycleFailure(LEFT_OVER) when no other is left.
+    """
+    failed = {number for place in failed_at for number in _near(scene, place)}
+    left = [number for number in targets if number not in failed]
+    if targets and not left:
+        places = ", ".join(f"({x:.2f}, {y:.2f})" for x, y, _ in failed_at)
+        raise CycleFailure(
+            Code.LEFT_OVER, f"Only things are left that failed before, where the hand closed at x, y = {places} m."
+        )
+    return left
+
+
+def _near(scene: Scene, place_base: Vector3) -> set[int]:
+    """The numbers of the things beneath a place (3,)."""
+    heights, reach = scene.heights, round(_FAILED_NEAR_M / CELL_M)
+    at = apply(scene.table.table_from_base, np.asarray(place_base)[None])[0, :2]
+    column, row = np.rint((at - heights.origin_m) / CELL_M).astype(int)
+    low_row, low_column = max(row - reach, 0), max(column - reach, 0)
+    window = heights.labels[low_row : max(row + reach + 1, 0), low_column : max(column + reach + 1, 0)]
+    return set(np.unique(window).tolist()) - {0}
 
 
 def _most_covered(scene: Scene, mask: Mask, text: str) -> int:

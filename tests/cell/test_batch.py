@@ -71,3 +71,15 @@ def test_the_summary_says_what_nobody_knows() -> None:
 def test_a_number_and_until_empty_exclude_each_other() -> None:
     with pytest.raises(ValidationError, match="not both"):
         CommandRequest(cycles=2, until_empty=True)
+
+
+def test_when_only_things_are_left_that_failed_before_picks_until_empty_end_and_others_go_on() -> None:
+    left = CycleResult.model_validate(
+        {"cycle_id": "1", "object": "", "result": "FAILED", "code": Code.LEFT_OVER, "reason": "2 things are left.",
+         "stages": {}, "wall_s": 1.0, "recording": ""}
+    )  # fmt: skip
+    batch, counted = Batch(UNTIL_EMPTY), Batch(CommandRequest(cycles=3))
+    batch.hear(left)
+    counted.hear(left)
+    assert batch.is_over and not batch.is_empty and not batch.gave_up and batch.reason == "2 things are left."
+    assert not counted.is_over

@@ -116,6 +116,15 @@ def test_the_guard_refuses_an_arm_that_says_nan(bench: Bench) -> None:
     assert failure.failure is Code.MOTION_REFUSED and "not a finite number" in failure.text
 
 
+def test_a_hand_that_does_not_open_on_the_way_keeps_the_arm_away_from_the_object(bench: Bench) -> None:
+    bench.spoil["execute"] = _set(bench.hand, Fault.STUCK)
+    bench.actions.restart_attempts(object_name="spatula")  # narrow: the hand comes fully open
+    failure = bench.failure()
+    assert failure.failure is Code.HAND_FAULT and "told to open" in failure.text
+    tcp_m = bench.robot.base_from_tcp(bench.arm.state().q_rad)[2, 3]
+    assert tcp_m > bench.station.planning.approach_m, "it is still above the approach line"
+
+
 @pytest.mark.parametrize("fault", [Fault.GARBAGE, Fault.OFF])
 def test_a_hand_without_a_possible_width_ends_the_cycle(bench: Bench, fault: Fault) -> None:
     bench.spoil["execute"] = _set(bench.hand, fault)

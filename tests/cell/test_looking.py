@@ -178,7 +178,8 @@ def bench(devices_and_settings: tuple[Devices, list[str]], monkeypatch: pytest.M
 
 
 def _at_capture_pose(bench: Bench) -> bool:
-    return bool(np.abs(bench.arm.state().q_rad - CAPTURE).max() < 1e-3)
+    """Nearly: a simulated arm still creeps towards its last command when its motion is over."""
+    return bool(np.abs(bench.arm.state().q_rad - CAPTURE).max() < 2e-3)
 
 
 # --- why --------------------------------------------------------------------------------------------------------------

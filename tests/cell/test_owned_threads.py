@@ -27,10 +27,12 @@ from cell.daemon.daemon import Daemon
 from cell.daemon.retention import Retention
 from cell.daemon.robot_tf import RobotTf
 from cell.doctor.network import answer_within
+from cell.machine.gate import Gate
 from cell.nodes.health import NodeMonitor
 from cell.nodes.supervisor import Supervisor
 from cell.nodes.watchdog import Watchdog
 from cell.pick.detect import detect_unless_halted
+from cell.pick.opening import Opening
 from cell.pick.record import CycleLog
 from config.hardware import FemtoMegaSettings, PandaHandSettings
 from config.load import load_station
@@ -179,6 +181,7 @@ STARTS: dict[Role, Callable[[Bench], Any]] = {
     Role.SUPERVISOR: _supervisor,
     Role.WORKER: _worker,
     Role.LOOP: lambda bench: Loop("test", 0.01, broken, lambda error: None),
+    Role.HAND: lambda bench: Opening(cast(Any, None), Gate(), broken).begin(),
     Role.HAND_POLL: _hand,
     Role.CAMERA_READ: _camera,
     Role.LIVE_VIEW: _live_view,

@@ -51,10 +51,10 @@ class Outcome:
             return capture(camera, arm, robot)
 
         self.execution: Execution
-        self.execution, after = execute(chosen, found.grasps[chosen.grasp], (arm, hand), look, station, Gate())
+        self.execution, after = execute(chosen, found.grasps[chosen.grasp], (arm, hand), look, robot, station, Gate())
         assert after is not None
         self.verdict: Verdict = verify(self.execution, found, before, after, robot, station)
-        self.delivery = deliver(chosen, (arm, hand), station, Gate())
+        self.delivery = deliver(chosen, found.grasps[chosen.grasp], (arm, hand), station, Gate())
         self.place = presenter.truth().base_from_object[:3, 3]
         self.station = station
         camera.close()

@@ -64,7 +64,7 @@ def test_every_object_may_be_tried_as_often_as_the_first() -> None:
 
 
 def test_a_hold_is_due_after_so_many_failures_in_a_row_and_then_the_count_begins_anew() -> None:
-    retries = Retries(RetrySettings(hold_after=2))
+    retries = Retries(RetrySettings(grasps=0, looks=0, hold_after=2))
     said = []
     for code in (Code.DROPPED, None, Code.DROPPED, Code.NO_GRASP, Code.DROPPED):
         retries.after(FIRST, code, None, "2")

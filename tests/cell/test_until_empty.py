@@ -7,6 +7,7 @@ import subprocess
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -20,6 +21,7 @@ from cell.build import running_cell
 from config.load import DEFAULT_STATION, load_station
 from config.schema import Station
 from drivers.remote import RemotePresenter
+from logs.mcap.reader import read_cycle
 
 BIN_STATION = DEFAULT_STATION.with_name("bin.toml")
 TWO_OBJECTS = ("sim.clutter=2", "sim.seed=1")
@@ -118,6 +120,23 @@ def test_results_then_the_summary_and_exit_0_and_a_replay_is_equal(bin_options: 
         "reason": "Nothing rises above the table inside the pick region, of which 100% was seen.",
     }
     assert in_process("replay", picked["recording"]).returncode == 0, "it was placed where the recording says"
+
+
+def test_the_place_where_a_thing_failed_for_good_is_kept_for_the_picks_that_follow(
+    bin_options: list[str], in_process: Run
+) -> None:
+    """Fingers without friction hold nothing; a retry of the same pick still tries the same thing."""
+    options = ["--set", "sim.clutter=2", "--set", "sim.friction=0", "--set", "retry.grasps=0", "--set", "retry.looks=1"]
+    done = in_process("start", *bin_options, "--json", "--seed", "1", *options)
+    *cycles, summary = _lines(done)
+    assert done.returncode == 1 and summary["picked"] == 0
+    records = [read_cycle(Path(one["recording"])) for one in cycles]
+    failed_before = 0
+    for record, cycle in zip(records, cycles, strict=True):
+        assert len(record.attempt.failed_at) == failed_before
+        failed_before += not cycle["retried_as"] and "execute" in record.stages
+    assert failed_before >= 2
+    assert in_process("replay", cycles[-1]["recording"]).returncode == 0
 
 
 def test_three_failures_in_a_row_end_it_with_exit_1_and_the_last_reason(

@@ -23,27 +23,34 @@ from drivers.node.node import Node
 from drivers.remote import RemoteArm, RemoteHand
 from drivers.sim.arm import SimArm
 from drivers.sim.hand import SimHand
+from drivers.sim.turns import Turns
 from drivers.sim.world import World
 
 STATION = load_station()
 AnswerT = TypeVar("AnswerT")
 
 
-class Door:
-    """The world's motion lock; once shut, the next who comes waits until it is opened."""
+class Door(Turns):
+    """The world's turns; once shut, the next who comes waits until it is opened."""
 
     def __init__(self) -> None:
-        self._lock, self._shut = threading.Lock(), False
-        self._come, self._open = threading.Event(), threading.Event()
+        super().__init__()
+        self._shut, self._come, self._open = False, threading.Event(), threading.Event()
 
-    def __enter__(self) -> None:
+    @contextmanager
+    def taken(self) -> Iterator[None]:
+        self._wait()
+        with super().taken():
+            yield
+
+    def ride(self, is_over: Callable[[], bool], tick: Callable[[], None]) -> None:
+        self._wait()
+        super().ride(is_over, tick)
+
+    def _wait(self) -> None:
         if self._shut:
             self._come.set()
             assert self._open.wait(60)
-        self._lock.acquire()
-
-    def __exit__(self, *_: object) -> None:
-        self._lock.release()
 
     @contextmanager
     def before(self, ask: Callable[[], AnswerT]) -> Iterator[list[AnswerT]]:
@@ -66,7 +73,7 @@ class Bench:
 
     def __init__(self, implementation: str, stack: ExitStack, endpoint: str) -> None:
         self.world, self.door = World(STATION), Door()
-        self.world.motion = self.door  # type: ignore[assignment]
+        self.world.turns = self.door
         self.arm: Arm = SimArm(self.world)
         self.hand: Hand = SimHand(self.world)
         if implementation == "faulty":

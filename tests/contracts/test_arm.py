@@ -110,10 +110,11 @@ def test_before_connect_and_after_close_it_says_so(devices: Devices) -> None:
 class _Running:
     """A long motion in a thread of its own, under way when this returns."""
 
-    def __init__(self, arm: Arm, long_s: float) -> None:
+    def __init__(self, arm: Arm, long_s: float, waits_at: int | None = None) -> None:
         self._arm = arm
         self.start_q_rad = arm.state().q_rad
-        self.trajectory = _nod(self.start_q_rad, by_rad=1.2, duration_s=long_s)
+        nod = _nod(self.start_q_rad, by_rad=1.2, duration_s=long_s)
+        self.trajectory = nod.model_copy(update={"waits_at": waits_at})
         self.ended: list[Motion] = []
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
@@ -136,16 +137,16 @@ def _wait_until(holds: Callable[[], bool]) -> None:
 
 
 def _hold(arm: Arm) -> None:
-    """Hold, and wait until the arm rests: it is at the same place twice."""
+    """Hold, and wait until the arm rests."""
     arm.hold()
-    places_q_rad = [arm.state().q_rad + 1.0]
+    _wait_until(lambda: _rests(arm))
 
-    def rests() -> bool:
-        time.sleep(0.05)
-        places_q_rad.append(arm.state().q_rad)
-        return bool(np.abs(places_q_rad[-1] - places_q_rad[-2]).max() < 2e-4)
 
-    _wait_until(rests)
+def _rests(arm: Arm) -> bool:
+    """Whether it is at the same place twice."""
+    before_q_rad = arm.state().q_rad
+    time.sleep(0.05)
+    return bool(np.abs(arm.state().q_rad - before_q_rad).max() < 2e-4)
 
 
 def test_a_held_motion_rests_and_goes_on_to_exactly_its_end(arm: Arm, long_s: float) -> None:
@@ -189,6 +190,35 @@ def test_resume_without_a_hold_is_refused(arm: Arm, long_s: float) -> None:
         arm.resume()
     arm.stop()
     running.end()
+
+
+def test_one_that_waits_rests_before_its_tick_and_goes_on_when_resumed(arm: Arm, long_s: float) -> None:
+    waits_at = round(0.25 * long_s / TICK_S)
+    running = _Running(arm, long_s, waits_at)
+    limit_rad = running.trajectory.filtered()[waits_at, 6]
+    _wait_until(lambda: _rests(arm))
+    assert arm.state().mode is ArmMode.MOVE and not running.ended
+    assert arm.state().q_rad[6] <= limit_rad + START_RAD
+    arm.resume()
+    motion = running.end()
+    assert motion.finished and arm.state().mode is ArmMode.IDLE
+    np.testing.assert_allclose(motion.commanded_q_rad[-1], running.trajectory.end_q_rad, atol=1e-9)
+
+
+def test_one_that_is_resumed_in_time_plays_as_if_it_did_not_wait(arm: Arm, long_s: float) -> None:
+    running = _Running(arm, long_s, round(0.75 * long_s / TICK_S))
+    arm.resume()
+    motion = running.end()
+    assert motion.finished
+    np.testing.assert_allclose(motion.commanded_q_rad, running.trajectory.filtered(), atol=START_RAD)
+
+
+def test_a_stop_ends_one_that_waits(arm: Arm, long_s: float) -> None:
+    running = _Running(arm, long_s, round(0.25 * long_s / TICK_S))
+    arm.stop()
+    assert not running.end().finished
+    with pytest.raises(MotionRefused):
+        arm.resume()
 
 
 def test_a_hold_without_a_motion_does_nothing_and_holds_no_later_one(arm: Arm) -> None:

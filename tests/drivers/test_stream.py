@@ -101,6 +101,34 @@ def test_a_hold_costs_hardly_more_than_the_time_it_lasts() -> None:
     assert stopping_and_starting < 250
 
 
+@pytest.mark.parametrize("window", [16, 64])
+def test_one_that_waits_rests_before_its_tick_until_it_is_resumed(window: int) -> None:
+    whole = line(window)
+    for waits_at in range(0, len(whole.filtered()), 37):
+        waiting = whole.model_copy(update={"waits_at": waits_at})
+        commands, stream = play(waiting)
+        require_on_line_and_in_limits(commands, waits_at)
+        passed = DIRECTION @ (commands[-1] - whole.filtered()[waits_at])
+        assert stream.held and passed <= 1e-12, waits_at
+        commands, stream = play(waiting, {len(commands) + 5: "resume"})
+        require_on_line_and_in_limits(commands, waits_at)
+        assert stream.finished
+
+
+def test_one_that_is_resumed_in_time_does_not_wait() -> None:
+    whole = line(64)
+    commands, stream = play(whole.model_copy(update={"waits_at": 600}), {200: "resume"})
+    assert stream.finished and np.array_equal(commands, whole.filtered())
+
+
+def test_one_that_waits_and_is_held_goes_on_when_it_is_resumed() -> None:
+    """There is one way on; who resumes knows that nothing is to be waited for (`cell.pick.opening`)."""
+    waiting = line(64).model_copy(update={"waits_at": 600})
+    commands, stream = play(waiting, {100: "hold", 700: "resume"})
+    require_on_line_and_in_limits(commands, 600)
+    assert stream.finished
+
+
 def test_nothing_resumes_after_a_brake() -> None:
     commands, stream = play(line(64), {300: "hold", 900: "brake", 901: "resume"})
     assert len(commands) == 900

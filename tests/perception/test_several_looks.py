@@ -274,6 +274,25 @@ def test_a_thing_from_the_side_is_one_piece_whose_far_end_is_the_floor() -> None
     np.testing.assert_allclose(base_from_level[:3, :3], level[:3, :3])
 
 
+# --- what failed before -------------------------------------------------------------------------------------------
+
+
+def test_a_thing_where_a_pick_failed_is_no_target_and_when_no_other_is_left_that_is_said() -> None:
+    left, right = ((0.46, 0.08), (0.46, -0.08))
+    observation = look([Solid((*place, 0.0), (0.05, 0.05, 0.04)) for place in (left, right)])
+    models = open_models(STATION, {})
+    for failed, other in ((left, right), (right, left)):
+        failed_at = np.array([failed[0] + 0.03, failed[1], 0.03])
+        for grasp in detect([observation], STATION, models, failed_at=[failed_at]).grasps:
+            assert np.hypot(*(grasp.base_from_tcp[:2, 3] - other)) < 0.03
+    everywhere = [np.array([*place, 0.03]) for place in (left, right)]
+    with pytest.raises(CycleFailure, match=r"x, y = \(0.46, 0.08\), \(0.46, -0.08\) m") as over:
+        detect([observation], STATION, models, failed_at=everywhere)
+    assert over.value.failure is Code.LEFT_OVER
+    beside = [np.array([0.46, 0.0, 0.03]), np.array([2.0, -3.0, 0.0])]
+    assert len({grasp.instance for grasp in detect([observation], STATION, models, failed_at=beside).grasps}) == 2
+
+
 # --- the mounting -----------------------------------------------------------------------------------------------------
 
 

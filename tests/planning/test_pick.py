@@ -256,7 +256,7 @@ def test_what_is_only_seen_is_kept_away_from_by_the_true_boxes(robot: Robot) -> 
     view = seen_from_above((STATION.scene.table, *beside), eye_m=(0.45, 0.0, 1.2), target=target, noise_m=0.001)
     chosen = plan_pick(Scene.of(robot, STATION, Sight(*view)), [grasp(0.45, 0.05, 0.05)], CAPTURE)
     truth = among(robot, *beside)
-    widths_m = {"reach": 0.06, "home": WIDE_M}
+    widths_m = {"reach": 0.06, "home": None}
     for segment in chosen.segments:
         assert truth.gate(segment.trajectory.filtered(), widths_m.get(segment.name, 0.04)) is None, segment.name
 

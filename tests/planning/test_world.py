@@ -82,6 +82,29 @@ def test_the_width_of_the_hand_counts(robot: Robot) -> None:
     assert tight.collision(CAPTURE, 0.04) is None
 
 
+def test_a_hand_of_any_width_touches_what_its_fingers_pass_on_their_way(robot: Robot) -> None:
+    """A thin post is free of the closed and of the open hand, but not of one that opens there."""
+    tcp = robot.base_from_tcp(CAPTURE)[:3, 3]
+    thin = among(robot, box("post", (tcp[0], 0.022, tcp[2]), (0.004, 0.004, 0.01)))
+    assert thin.collision(CAPTURE, 0.0) is None and thin.collision(CAPTURE, WIDE_M) is None
+    assert "finger touches post" in str(thin.collision(CAPTURE, None))
+    assert "finger touches post" in str(thin.first_collision(CAPTURE[None], None))
+    assert "finger touches post" in str(thin.gate(CAPTURE[None], None))
+
+
+def test_what_is_free_at_any_width_is_free_at_each(robot: Robot) -> None:
+    around = robot.base_from_tcp(CAPTURE)[:3, 3]
+    rng = np.random.default_rng(7)
+    free = 0
+    for _ in range(60):
+        crumb = among(robot, box("crumb", tuple(around + rng.uniform(-0.06, 0.06, 3)), (0.006, 0.006, 0.006)))
+        if crumb.collision(CAPTURE, None) is None:
+            free += 1
+            assert all(crumb.collision(CAPTURE, width_m) is None for width_m in np.linspace(0.0, WIDE_M, 17))
+            assert all(crumb.gate(CAPTURE[None], width_m) is None for width_m in np.linspace(0.0, WIDE_M, 17))
+    assert 10 < free < 60
+
+
 def test_every_unchecked_pair_is_mounted_together_adjacent_or_never_meets(robot: Robot) -> None:
     """What is left out is derived here anew: neighbours of the chain, the hand's parts, and link 5 against link 7."""
     place = {name: min(index, 8) for index, name in enumerate(PARTS)}
