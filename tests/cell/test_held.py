@@ -175,4 +175,5 @@ def test_a_bin_is_emptied_and_nothing_is_held_by_slippery_fingers(new_endpoint: 
     assert (told["held_by_physics"], told["cleared"], told["bins_emptied"]) == (2, 1.0, 1)
     slippery = Wanted(None, range(1), new_endpoint(), first=2, overrides=("sim.friction=0.0",))
     told = run(slippery, lambda line: None)
-    assert (told["picks"], told["held_by_physics"], told["false_success"], told["missed"]) == (2, 0, 0, 2)
+    assert (told["picks"], told["held_by_physics"], told["false_success"]) == (2, 0, 0)
+    assert told["missed"] == told["executed"] >= 2
