@@ -69,13 +69,16 @@ class Operator:
         self._hear_until(lambda state: state == "Stopped")
 
     def stop(self) -> None:
-        """Stop the cell, which then does not miss its node."""
+        """Stop the cell, which then does not miss its node; one that does not become Idle again is left as it is."""
+        if self._state != "Idle":
+            return
         self._command("stop", CommandRequest(client_id=_CLIENT))
         self._hear_until(lambda state: state == "Stopped")
 
     def pick(self, name: str, seed: int, which: str, tell: Callable[[str], None]) -> Pick:
-        """Pick one object, presented alone."""
-        self._make_idle()
+        """Pick one object, presented alone. Raises: CellUnreachable when the cell does not become Idle for it."""
+        if not self._make_idle():
+            raise CellUnreachable(f"The cell does not become Idle: it is {self._state}.", "See its own messages above.")
         self._watched.take()
         request = CommandRequest(client_id=_CLIENT, object=name)
         self._command("pick", request)
@@ -90,7 +93,9 @@ class Operator:
         deeds: list[Deed] = []
         notes = self._watched.take()
         for _ in range(_STARTS_A_BIN):
-            self._make_idle()
+            if not self._make_idle():
+                tell(f"seed={seed} does not become Idle again: {self._state}")
+                break
             request = CommandRequest(client_id=_CLIENT, until_empty=True)
             self._command("start", request)
             windows += self._follow(request, lambda window: tell(f"seed={seed} {_said(window)}"))
@@ -129,22 +134,24 @@ class Operator:
     def _command(self, verb: str, request: CommandRequest) -> None:
         refuse(self._daemon.command(verb, request))
 
-    def _make_idle(self) -> None:
+    def _make_idle(self) -> bool:
+        """Clear and reset, as often as an operator would; return whether the cell is Idle now."""
         for _ in range(_TRIES):
             if self._state == "Idle":
-                return
+                return True
             if self._state == "Aborted":
                 self.taken_away += self._watched.free_the_arm()
             self._command(_WAY_TO_IDLE[self._state], CommandRequest(client_id=_CLIENT))
             self._hear_until(lambda state: state in _RESTS)
-        raise CellUnreachable(f"The cell does not become Idle: it is {self._state}.", "See its own messages above.")
+        return self._state == "Idle"
 
     def _follow(self, request: CommandRequest, on_result: Callable[[Window], None] = lambda _: None) -> list[Window]:
         """Hear the cycles of a command until the cell begins no other, and bring it back to Idle; return them."""
         self._ended, self._batch = [], Batch(request, self._station.retry)
         self._on_result = on_result
         self._hear_until(lambda state: state in ("Aborted", "Stopped") or (state == "Complete" and self._batch.is_over))
-        self._make_idle()
+        if not self._make_idle() and self._open is not None and self._open.result is not None:
+            self._end(self._open, time.monotonic())
         return self._ended
 
     def _hear_until(self, is_over: Callable[[str], bool]) -> None:
@@ -164,9 +171,7 @@ class Operator:
             if message.state == "Starting" and self._state != "Starting":
                 self._open = Window(at_s, staged_s=at_s)
             elif message.state == "Idle" and window is not None and window.result is not None:
-                window.ended_s = at_s
-                self._ended.append(window)
-                self._open = None
+                self._end(window, at_s)
             self._state = message.state
         elif window is not None and isinstance(message, StageRecord):
             window.staged_s = at_s
@@ -174,6 +179,11 @@ class Operator:
             window.result, window.said_s = message, at_s
             self._batch.hear(message)
             self._on_result(window)
+
+    def _end(self, window: Window, at_s: float) -> None:
+        window.ended_s = at_s
+        self._ended.append(window)
+        self._open = None
 
 
 def _is_end(pick: Pick, left: int | None) -> bool:
