@@ -61,7 +61,8 @@ class Verdict(Message):
         hold_s: how long the hold was observed; ``width_min_m``: smallest hand width meanwhile, and on the way there.
         load_n: mean vertical force of the load on the tcp during the hold, relative to just before the grasp.
         carried_n: the same over the way there, lift included; None in recordings of before it was measured.
-        cleared_fraction: share of the object's observed height map that the second capture shows empty.
+        cleared_fraction: share of the object's place that the second capture shows empty, or lower than it was; None =
+            it sees less than a quarter of it.
     """
 
     held: bool
@@ -70,5 +71,5 @@ class Verdict(Message):
     hold_s: float
     width_min_m: float
     load_n: float
-    cleared_fraction: float
+    cleared_fraction: float | None
     carried_n: float | None = None

@@ -25,8 +25,8 @@ def verify(
 ) -> Verdict:
     """The verdict on a finished execution (``execution.stopped_in`` is None).
 
-    Every criterion must hold during the whole hold: width, load, and the object gone from its place; the width also
-    on the way there.
+    Every criterion must hold during the whole hold: width, load, and the object gone from its place, where the second
+    capture sees that; the width also on the way there.
 
     Raises: ValueError for an execution that did not reach its hold.
     """
@@ -58,7 +58,7 @@ def verify(
 
 
 def _judge(
-    grasped: HandState, widths_m: list[float], load_n: float, cleared: float, station: Station
+    grasped: HandState, widths_m: list[float], load_n: float, cleared: float | None, station: Station
 ) -> tuple[Code | None, str]:
     """Code and text of the first criterion that fails; None as the code when all hold."""
     need, width_min_m = station.verify, min(widths_m)
@@ -73,11 +73,10 @@ def _judge(
         return Code.DROPPED, opened
     if load_n < need.min_load_n:
         return Code.DROPPED, f"The arm carries {load_n:.2f} N; at least {need.min_load_n:.2f} N were expected."
-    if cleared < need.min_cleared_fraction:
+    if cleared is not None and cleared < need.min_cleared_fraction:
         return Code.NOT_CLEARED, f"Only {cleared * 100:.0f} % of where the object lay is empty now."
-    return None, (
-        f"Held {width_min_m * 1e3:.1f} mm wide, {load_n:.2f} N heavy; {cleared * 100:.0f} % of its place is empty."
-    )
+    place = "its place was not seen" if cleared is None else f"{cleared * 100:.0f} % of its place is empty"
+    return None, f"Held {width_min_m * 1e3:.1f} mm wide, {load_n:.2f} N heavy; {place}."
 
 
 def _weight_n(motions: list[Motion], samples: slice, robot: Robot) -> float:

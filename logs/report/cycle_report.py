@@ -175,7 +175,7 @@ def _facts(record: CycleRecord) -> list[Fact]:
         *carried,
         Fact(
             "of the object's place is empty",
-            f"{verdict.cleared_fraction * 100:.0f} %",
+            f"{verdict.cleared_fraction * 100:.0f} %" if verdict.cleared_fraction is not None else "not seen",
             f"≥ {need('min_cleared_fraction', 100, '.0f')} %",
         ),
     ]

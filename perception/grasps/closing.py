@@ -60,6 +60,7 @@ class Closings:
         edge_m: height of the surface just inside the contacts, the lower side.
         width_m: distance between the contacts. ``opening_m``: hand width for the approach.
         instance: number of the thing between the contacts; 0 = none, or two of them.
+        lean: by how much one face leans back more than the other, 1 = as much as friction holds.
         terms: criteria, each between 0 and 1. ``score``: their weighted mean, -inf = not feasible.
     """
 
@@ -70,6 +71,7 @@ class Closings:
     width_m: Array
     opening_m: Array
     instance: npt.NDArray[np.int16]
+    lean: Array
     terms: dict[str, Array]
     score: Array
 
@@ -119,7 +121,7 @@ heaps hold on the true shapes, the development seeds of `benchmarks scenes`. In 
 fingers; long contact patches; the surface between the pads level along the closing axis; one piece and one colour
 there; the share of small pose errors after which the jaw still closes; faces square to the closing axis; no valley
 between the pads; room in the jaw; both edges equally high. Not fitted: not far beside the thing's middle, so that its
-weight hardly turns it in the jaw. Without a weight: "erect", neither face leans back more than the other."""
+weight hardly turns it in the jaw."""
 
 
 def weighted(terms: dict[str, Array], weights: dict[str, float] = WEIGHTS) -> Array:
@@ -218,11 +220,19 @@ def _closed(
         "solid": solid,
         "one": (_same(parts).astype(float) + _same(patches)) / 2,
         "central": _central(heights, center_m, instance),
-        "erect": np.clip(1 - np.abs(left_up - right_up) / _FRICTION_RAD, 0, 1),
     }
     score = np.where(feasible, weighted(terms), -np.inf)
     return Closings(
-        center_m, headings_rad, tip_m + FINGER_TIP_M, edge_m, touch.width_m, opening_m, instance, terms, score
+        center_m,
+        headings_rad,
+        tip_m + FINGER_TIP_M,
+        edge_m,
+        touch.width_m,
+        opening_m,
+        instance,
+        np.minimum(np.abs(left_up - right_up) / _FRICTION_RAD, 1),
+        terms,
+        score,
     )
 
 

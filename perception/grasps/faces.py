@@ -44,7 +44,7 @@ def across_faces(closings: Closings, scene: Scene, base_from_level: Transform) -
     surfaces = Surfaces.of(scene, base_from_level)
     if surfaces is None:
         is_deep = closings.edge_m - closings.slice_m > _THIN_M
-        leans = np.maximum(1 - closings.terms["erect"], _UNKNOWN * is_deep)
+        leans = np.maximum(closings.lean, _UNKNOWN * is_deep)
         return replace(closings, score=closings.score - _SHARE * leans * (closings.width_m < _THIN_M))
     faces, score = np.zeros(len(closings.score)), closings.score.copy()
     best = np.argsort(-closings.score, kind="stable")[:_TESTED]

@@ -1,4 +1,4 @@
-"""Scene change on the table: is the object's place empty after the pick? In ``base``; see docs/frames.md."""
+"""Scene change: did the object leave its place, on the table or on other things? In ``base``; see docs/frames.md."""
 
 from __future__ import annotations
 
@@ -17,26 +17,29 @@ _HANGING_M = 0.15
 _MIN_SEEN = 0.25
 
 
-def cleared_fraction(detections: Detections, before: Observation, after: Observation, station: Station) -> float:
-    """Share of the 4 mm cells under the object that the second capture shows at table height.
+def cleared_fraction(detections: Detections, before: Observation, after: Observation, station: Station) -> float | None:
+    """Share of the 4 mm cells under the object that the second capture shows at table height, or lower than it was.
 
-    Cells that the second capture does not see (e.g. behind the held object) are left out; when less than a quarter is
-    seen, the share is 0.
+    Cells that the second capture does not see (e.g. behind the held object) are left out; None when less than a quarter
+    is seen. In a heap others lie under the object.
     """
     was = apply(before.view.base_from_color, detections.evidence.observed_points.astype(float))
     was_m = apply(inverse(detections.scene.table.base_from_table), was)[:, 2]
-    raised = was_m >= station.perception.min_object_height_m  # an outline holds a rim of table, too
-    lay = np.unique(_cells(was[raised] if raised.any() else was), axis=0)
+    least_m = station.perception.min_object_height_m
+    raised = was_m >= least_m  # an outline holds a rim of table, too
+    was, was_m = (was[raised], was_m[raised]) if raised.any() else (was, was_m)
+    lay = np.unique(_cells(was), axis=0)
     now = DepthView.of(after, without_flying_pixels(after.frame.depth_m)).points_base
     height_m = moved(now, find_table(now, station).table_from_base)[..., 2]
     low = np.isfinite(height_m) & (height_m < _HANGING_M)
-    standing = height_m[low] >= station.perception.min_object_height_m
-    share = _means(lay, _cells(now[low]), standing)
-    seen = share[~np.isnan(share)]
-    if len(seen) < _MIN_SEEN * len(lay):
-        return 0.0
+    cells = _cells(now[low])
+    standing = _means(lay, cells, height_m[low] >= least_m)
+    seen = ~np.isnan(standing)
+    if seen.sum() < _MIN_SEEN * len(lay):
+        return None
+    fell = _means(lay, cells, height_m[low]) < _means(lay, _cells(was), was_m) - least_m
     # Noise scatters single points: a cell is empty when most of its points are at table height.
-    return float(np.mean(seen < 0.5))
+    return float(np.mean((standing < 0.5)[seen] | fell[seen]))
 
 
 def _cells(points: np.ndarray) -> np.ndarray:

@@ -40,6 +40,7 @@ def test_a_fault_ends_its_cycle_with_its_code_and_the_next_one_picks(
             f"bus.endpoint={endpoint}",
             "verify.hold_s=0.5",
             "bus.stale_s=10",
+            "retry.looks=0",
         ]
         command = [sys.executable, "-m", "cell", "start", "--config", str(CONFIG / f"{provider}.toml")]
         command += ["--cycles", "2", "--seed", "3", "--json", *(word for o in overrides for word in ("--set", o))]

@@ -56,7 +56,11 @@ def _said(outcome: Message) -> dict[str, Any]:
             "motion_s": {part.name: round(part.trajectory.duration_s, 2) for part in outcome.segments},
         }
     if isinstance(outcome, Verdict):
-        return {"code": outcome.code, "load_n": round(outcome.load_n, 2), "cleared": round(outcome.cleared_fraction, 2)}
+        return {
+            "code": outcome.code,
+            "load_n": round(outcome.load_n, 2),
+            "cleared": outcome.cleared_fraction and round(outcome.cleared_fraction, 2),
+        }
     assert isinstance(outcome, Failure)
     return {"failure": outcome.code, "text": outcome.text, "rejected": _rejected(outcome)}
 

@@ -18,6 +18,7 @@ from perception.goal.imagine import observed_object_of
 from perception.grasps.closing import close
 from perception.grasps.rank import facing, grasps_of_rod
 from perception.models import open_models
+from perception.scene.change import cleared_fraction
 from perception.scene.heightmap import Grid, HeightMap, highest
 from perception.scene.look import Look
 from perception.scene.scene import Scene, scene_of
@@ -291,6 +292,30 @@ def test_a_thing_where_a_pick_failed_is_no_target_and_when_no_other_is_left_that
     assert over.value.failure is Code.LEFT_OVER
     beside = [np.array([0.46, 0.0, 0.03]), np.array([2.0, -3.0, 0.0])]
     assert len({grasp.instance for grasp in detect([observation], STATION, models, failed_at=beside).grasps}) == 2
+
+
+# --- what left its place ----------------------------------------------------------------------------------------------
+
+LYING = Solid((0.46, 0.0, 0.03), (0.20, 0.03, 0.02), BLUE)
+UNDER_IT = Solid((0.46, 0.0, 0.0), (0.16, 0.12, 0.03))
+
+
+def test_what_lay_on_another_thing_has_left_its_place_when_that_is_seen_instead() -> None:
+    station = load_station(None, ["perception.target.pixel=[160,144]"])
+    before, without = (look(solids, noise_m=0.0005) for solids in ([UNDER_IT, LYING], [UNDER_IT]))
+    found = detect([before], station, open_models(station, {}))
+    assert cleared_fraction(found, before, before, station) == pytest.approx(0.0, abs=0.05)
+    assert cleared_fraction(found, before, without, station) == pytest.approx(1.0, abs=0.05)
+    pushed = LYING._replace(foot_m=(0.46, 0.02, 0.03))
+    share = cleared_fraction(found, before, look([UNDER_IT, pushed], noise_m=0.0005), station)
+    assert share is not None and 0.4 < share < 0.9, "pushed aside"
+
+
+def test_of_a_place_behind_something_that_hides_it_nothing_is_said() -> None:
+    station = load_station()
+    before, hidden = look([LYING._replace(foot_m=(0.46, 0.0, 0.0))]), look([Solid((0.46, 0.0, 0.25), (0.3, 0.3, 0.02))])
+    found = detect([before], station, open_models(station, {}))
+    assert cleared_fraction(found, before, hidden, station) is None
 
 
 # --- the mounting -----------------------------------------------------------------------------------------------------
