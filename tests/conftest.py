@@ -6,6 +6,7 @@ import os
 import signal
 import socket
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -52,6 +53,24 @@ def new_endpoint() -> Callable[[], str]:
 def endpoint(new_endpoint: Callable[[], str]) -> str:
     """A loopback endpoint nobody listens on."""
     return new_endpoint()
+
+
+@pytest.fixture
+def public_objects(tmp_path: Path) -> Callable[..., Path]:
+    """Makes a folder of some objects of the public set object_sim, which has others too large for a table."""
+    data = os.environ.get("VLAD_CELL_DATA")
+    if not data:
+        pytest.skip("VLAD_CELL_DATA names no folder with the object_sim meshes")
+    whole = Path(data) / "meshes" / "object_sim"
+
+    def folder_of(*names: str) -> Path:
+        folder = tmp_path / "objects"
+        folder.mkdir()
+        for name in (*names, "common.xml"):
+            (folder / name).symlink_to((whole / name).resolve())
+        return folder
+
+    return folder_of
 
 
 @pytest.fixture

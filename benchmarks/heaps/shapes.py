@@ -13,7 +13,7 @@ from scipy.spatial import ConvexHull
 
 from bus.errors import ConfigError
 from drivers.sim.mjcf import attach
-from drivers.sim.objects import object_names
+from drivers.sim.objects import object_file, object_names
 
 LEAST_SIDE_M, LONGEST_SIDE_M = 0.075, 0.240
 """Of the objects used: the least side fits the jaw, and the longest leaves room in the pick region."""
@@ -70,7 +70,7 @@ def _is_usable(shape: Shape) -> bool:
 
 def _read(folder: Path, name: str) -> Shape:
     spec = mujoco.MjSpec()
-    attach(spec, folder / name / "object.xml", "object")
+    attach(spec, object_file(folder, name), "object")
     model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)

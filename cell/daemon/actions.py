@@ -95,7 +95,12 @@ class Actions:
         self.table.look()
 
     def begin(self) -> None:
-        """Open the cycle's record; in simulation, put an object on the table. Raises: CycleFailure, RecordingError."""
+        """Open the cycle's record; in simulation, put an object on the table.
+
+        An object that cannot be presented fails this pick only: another may follow.
+
+        Raises: CycleFailure, RecordingError.
+        """
         ensure_space(self._station.recording.folder, self._station.recording.min_free_mb)
         attempt = self._next or Attempt(cycle_id=new_cycle_id(), failed_at=self._failed_at)
         self._next = None
@@ -111,7 +116,13 @@ class Actions:
         except CycleFailure as failure:
             raise self._cycle.stages.fail(failure) from failure
         self._publish(topics.ATTEMPT, attempt)
-        self._name_object(self._cycle, lambda: self.table.present(self._number, self._object, again=attempt.number > 0))
+        try:
+            self._name_object(
+                self._cycle, lambda: self.table.present(self._number, self._object, again=attempt.number > 0)
+            )
+        except CycleFailure as failure:
+            if failure.failure is not Code.NO_OBJECT:
+                raise
 
     def _record(self, cycle_id: str, station: Station) -> CycleLog:
         path = station.recording.folder / datetime.now(UTC).strftime("%Y-%m-%d") / f"{cycle_id}.mcap"
@@ -137,7 +148,8 @@ class Actions:
         cycle = self._cycle
         assert cycle is not None
         try:
-            cycle.run()
+            if cycle.stages.failure is None:  # else there is no object
+                cycle.run()
         except CycleFailure as failure:
             if failure.failure in FAULTS or failure.failure is Code.STOPPED:
                 raise

@@ -156,10 +156,11 @@ class SimArm:
     def _settle(self, q_rad: Joints, patience_ticks: int, still_rad_s: float = _STILL_RAD_S) -> None:
         """Hold the last command until the arm rests."""
         self._world.command_arm(q_rad, q_rad)
-        for _ in range(patience_ticks):
+        for tick in range(patience_ticks):
             if np.abs(self._world.arm_speed_rad_s()).max() < still_rad_s:
                 return
             self._world.tick()
+            self._world.pace(tick)
 
     def _wait_held(self, stream: Stream, q_rad: Joints) -> None:
         """Let the arm rest at the held command, then wait until `resume` or `stop`; the fingers move on."""

@@ -11,13 +11,12 @@ import numpy.typing as npt
 from scipy.spatial import ConvexHull
 
 from bus.errors import ConfigError, DriverError
-from drivers.sim.placing import Placing
+from drivers.sim.placing import Placing, park
 
 APART_M = 0.03
 """Free space between two objects' outlines: a finger (12 mm) fits in, and the depth image shows the table."""
 _ARRANGEMENTS = 200
 _DRAWS = 200
-_PARK_M = 5.0
 
 Array = npt.NDArray[np.float64]
 
@@ -87,7 +86,7 @@ def fill(placings: Sequence[Placing], region_m: Array, rng: np.random.Generator,
         raise DriverError("The objects do not come to rest in the pick region.", "Do they roll?")
     raise ConfigError(
         f"{len(placings)} objects do not fit into the pick region.",
-        "Lower sim.clutter, or enlarge scene.pick_region_m.",
+        "Lower sim.clutter, enlarge scene.pick_region_m, or let them lie on one another: sim.heaped = true.",
     )
 
 
@@ -99,8 +98,7 @@ def least_gap_m(placings: Sequence[Placing]) -> float:
 
 def _rest_alone(placing: Placing, every: Sequence[Placing], settle: Callable[[], None]) -> _Rest:
     """Let it come to rest in the middle of the pick region while the others are away. Raises: DriverError."""
-    for index, other in enumerate(every):
-        other.put(np.array([0.0, 0.0, -_PARK_M * (1 + index)]), np.array([1.0, 0.0, 0.0, 0.0]))
+    park(every)
     placing.stand(0.0)
     settle()
     if not placing.rests_inside():

@@ -1,4 +1,4 @@
-"""Reads objects from MJCF files: makes one rigid body of each, and checks that the result can be picked."""
+"""Reads objects from MJCF files and meshes: makes one rigid body of each, and checks that the result can be picked."""
 
 from __future__ import annotations
 
@@ -12,12 +12,15 @@ import mujoco
 import numpy as np
 
 from bus.errors import ConfigError
+from drivers.sim.meshes import CONTACT_GROUP, SUFFIXES, mesh_object
 from drivers.sim.placing import Placing
 
 FRICTION = (0.6, 0.005, 0.0005)
+"""Of objects: sliding, then torsional and rolling [m]."""
+CONDIM = 6
+"""Contacts of objects resist rolling, too: without it a ball never comes to rest."""
 
 _log = logging.getLogger(__name__)
-_CONTACT_GROUP = 3  # the group of convex contact parts in MJCF objects that also have a visual mesh
 _SEEN_GROUPS = (0, 1, 2)
 _VISUAL_SETTINGS = ("global_", "headlight", "map", "quality", "rgba", "scale")
 _WITHOUT_USE = ("keys", "sensors", "actuators", "equalities", "tendons", "excludes", "pairs")
@@ -26,21 +29,24 @@ _LIGHTEST_KG, _HEAVIEST_KG = 5e-4, 10.0
 _THINNEST_M, _SMALLEST_M = 1e-4, 5e-3
 _ASIDE_M = 0.1
 """Largest distance of the body's origin outside of its contact geoms, because it stands for the object's place."""
-_IN_MM = 'Is the mesh in mm? Then give its <mesh> scale="0.001 0.001 0.001".'
+_IN_MM = 'Is the mesh in mm? Then give its <mesh> scale="0.001 0.001 0.001" in an object.xml, or save it in metres.'
 _MM_FROM_M = 3.0
 """A larger object [m] was modelled in millimetres."""
 
 
-def attach(spec: mujoco.MjSpec, file: Path, body_name: str) -> str:
+def attach(spec: mujoco.MjSpec, file: Path, body_name: str, *, in_parts: bool = True) -> str:
     """Add the object of ``file`` to ``spec`` as the free body ``body_name``, with its rigidly attached children.
+
+    Args:
+        file: an MJCF, or a mesh. ``in_parts``: as `meshes.mesh_object`, of a mesh.
 
     Returns:
         The names of its own joints to its world, which are left out.
 
     Raises:
-        ConfigError: the file is no MJCF, or does not hold one rigid body.
+        ConfigError: the file is no MJCF and no mesh, or does not hold one rigid body.
     """
-    part = _read(file)
+    part = mesh_object(file, in_parts=in_parts) if file.suffix in SUFFIXES else _read(file)
     root = _only_body(part, file)
     bound = _make_rigid(part, root, file)
     for mesh in part.meshes:
@@ -72,7 +78,7 @@ def require_plausible(file: Path, pick_region_m: tuple[float, float, float, floa
         ConfigError: names the file: it does not compile, or cannot be picked.
     """
     spec = mujoco.MjSpec()
-    bound = attach(spec, file, "object")
+    bound = attach(spec, file, "object", in_parts=False)
     if bound:
         _log.warning("%s: the object is free, its joints are left out: %s", file, bound)
     try:
@@ -113,7 +119,7 @@ def _wrong_size(model: mujoco.MjModel, pick_region_m: tuple[float, float, float,
         advice = _IN_MM if side_m.max() > _MM_FROM_M else "Take it out of the folder, or enlarge scene.pick_region_m."
         return f"is {in_words} m large and does not fit into the pick region", advice
     if side_m.max() < _SMALLEST_M or side_m.min() < _THINNEST_M:
-        return f"is {in_words} m small", "Is the scale of its <mesh> right? MJCF is in metres."
+        return f"is {in_words} m small", "Is the scale of its <mesh> right? Objects are in metres."
     if (low > _ASIDE_M).any() or (high < -_ASIDE_M).any():
         return "lies far from the origin of its body", f"Shift its geoms to within {_ASIDE_M} m of it."
     return None
@@ -209,10 +215,10 @@ def _names(joints: Sequence[mujoco.MjsJoint]) -> str:
 
 def _make_touchable(root: mujoco.MjsBody) -> None:
     """Set the friction that grasps were measured with; where there are contact parts, other geoms are only visual."""
-    has_contact_parts = any(geom.group == _CONTACT_GROUP for geom in _geoms(root))
+    has_contact_parts = any(geom.group == CONTACT_GROUP for geom in _geoms(root))
     for geom in _geoms(root):
-        geom.friction, geom.condim = FRICTION, 4
-        if has_contact_parts and geom.group != _CONTACT_GROUP:
+        geom.friction, geom.condim = FRICTION, CONDIM
+        if has_contact_parts and geom.group != CONTACT_GROUP:
             geom.contype = geom.conaffinity = 0
             geom.density = 0.0
         elif geom.contype or geom.conaffinity:  # here it collides with everything, whatever its own masks say

@@ -1,8 +1,9 @@
-"""The objects on the table: the paper's five, built from primitives, or any folder of MJCF objects."""
+"""The objects on the table: the paper's five, built from primitives, or any folder of MJCF objects and meshes."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 
 import mujoco
@@ -10,7 +11,8 @@ import numpy as np
 
 from bus.errors import ConfigError
 from config.base import is_unicode
-from drivers.sim.mjcf import FRICTION, attach, require_plausible
+from drivers.sim.meshes import SUFFIXES
+from drivers.sim.mjcf import CONDIM, FRICTION, attach, require_plausible
 
 _Rgba = tuple[float, float, float, float]
 
@@ -38,7 +40,7 @@ class _Builder:
         """
         geom = self._body.add_geom(type=kind, pos=pos, rgba=rgba, mass=mass_kg)
         geom.size[: len(size)] = size
-        geom.friction, geom.condim = FRICTION, 4
+        geom.friction, geom.condim = FRICTION, CONDIM
         if mass_kg == 0:
             geom.contype = geom.conaffinity = 0
         if axis is not None:
@@ -141,16 +143,28 @@ _PAPER_OBJECTS: dict[str, Callable[[_Builder], None]] = {
 
 
 def object_names(folder: Path | None) -> tuple[str, ...]:
-    """Return the names that can be presented, sorted. Raises: ConfigError for a folder without any object.xml."""
+    """Return the names that can be presented, sorted.
+
+    Raises: ConfigError for a folder without any object, and for two of one name.
+    """
     if folder is None:
         return tuple(sorted(_PAPER_OBJECTS))
-    names = tuple(sorted(path.parent.name for path in folder.glob("*/object.xml")))
+    names = sorted(
+        [path.parent.name for path in folder.glob("*/object.xml")]
+        + [path.stem for path in folder.glob("*") if path.suffix in SUFFIXES]
+    )
     if not names:
-        raise ConfigError(f"No object in {folder}.", "It must hold folders with an object.xml (MJCF) each.")
+        raise ConfigError(
+            f"No object in {folder}.",
+            f"It must hold folders with an object.xml (MJCF) each, or meshes in metres ({', '.join(SUFFIXES)}).",
+        )
     foreign = [name for name in names if not is_unicode(name)]
     if foreign:
-        raise ConfigError(f"The name of the folder {foreign[0]!r} in {folder} is not UTF-8.", "Rename it.")
-    return names
+        raise ConfigError(f"The name of {foreign[0]!r} in {folder} is not UTF-8.", "Rename it.")
+    twice = [name for name, following in pairwise(names) if name == following]
+    if twice:
+        raise ConfigError(f"There are two objects {twice[0]!r} in {folder}.", "Rename or remove one of them.")
+    return tuple(names)
 
 
 def require_presentable(folder: Path | None, pick_region_m: tuple[float, float, float, float]) -> None:
@@ -161,7 +175,7 @@ def require_presentable(folder: Path | None, pick_region_m: tuple[float, float, 
     """
     if folder is not None:
         for name in object_names(folder):
-            require_plausible(_file(folder, name), pick_region_m)
+            require_plausible(object_file(folder, name), pick_region_m)
 
 
 def name_in_order(names: tuple[str, ...], seed: int, index: int) -> str:
@@ -176,12 +190,14 @@ def add_object(spec: mujoco.MjSpec, name: str, folder: Path | None, body_name: s
     if name not in object_names(folder):
         raise ConfigError(f"Unknown object {name!r}.", f"There are: {', '.join(object_names(folder))}.")
     if folder is not None:
-        attach(spec, _file(folder, name), body_name)
+        attach(spec, object_file(folder, name), body_name)
         return
     body = spec.worldbody.add_body(name=body_name)
     body.add_freejoint(name=body_name)
     _PAPER_OBJECTS[name](_Builder(body))
 
 
-def _file(folder: Path, name: str) -> Path:
-    return folder / name / "object.xml"
+def object_file(folder: Path, name: str) -> Path:
+    """Return the file of an object of the folder: its object.xml, or its mesh."""
+    meshes = [folder / f"{name}{suffix}" for suffix in SUFFIXES]
+    return next((file for file in meshes if file.exists()), folder / name / "object.xml")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import mujoco
 import numpy as np
 import numpy.typing as npt
@@ -12,6 +14,9 @@ _MARGIN_M = 0.005
 """Objects are put at least this far inside the pick region, with all their extent if they fit."""
 _CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
 _DROP_M = 0.002
+_STILL_M_S, _STILL_RAD_S = 0.02, 0.2
+"""What is slower rests: a thing of many parts trembles where it lies, by less."""
+_PARK_M = 5.0
 
 
 class Placing:
@@ -53,7 +58,7 @@ class Placing:
         joint.qvel[:] = 0.0
 
     def put(self, position_m: npt.NDArray[np.float64], wxyz: npt.NDArray[np.float64]) -> None:
-        """Put the object's body at rest at a pose in ``base``; derived quantities follow with the next step.
+        """Put the object's body at rest at a pose in ``base``.
 
         Args:
             position_m: (3,).
@@ -62,6 +67,16 @@ class Placing:
         joint = self._data.joint(self.body)
         joint.qpos[:3], joint.qpos[3:] = position_m, wxyz
         joint.qvel[:] = 0.0
+        mujoco.mj_kinematics(self._model, self._data)
+
+    def stop(self) -> None:
+        """Take all its speed from the object."""
+        self._data.joint(self.body).qvel[:] = 0.0
+
+    def is_moving(self) -> bool:
+        """Whether the object moves or turns."""
+        speeds = np.abs(self._data.joint(self.body).qvel)
+        return bool(speeds[:3].max() > _STILL_M_S or speeds[3:].max() > _STILL_RAD_S)
 
     def pose(self) -> npt.NDArray[np.float64]:
         """Return (7,): position [m] and quaternion wxyz of the object's body in ``base``."""
@@ -99,12 +114,17 @@ class Placing:
         """Whether the object rests, and its middle lies inside the pick region."""
         x_min, x_max, y_min, y_max = self._pick_region_m
         low, high = self.extent()
-        x, y, _ = (low + high) / 2
-        moving = float(np.abs(self._data.joint(self.body).qvel).max()) > 0.05
-        return not moving and x_min < x < x_max and y_min < y < y_max and low[2] > -0.01
+        x, y, z = (low + high) / 2
+        return not self.is_moving() and x_min < x < x_max and y_min < y < y_max and z > 0
 
     def rests_wholly_inside(self) -> bool:
         """Whether the object rests, and all of it lies inside the pick region."""
         x_min, x_max, y_min, y_max = self._pick_region_m
         low, high = self.extent()[:, :2]
         return self.rests_inside() and bool((low > (x_min, y_min)).all() and (high < (x_max, y_max)).all())
+
+
+def park(placings: Sequence[Placing]) -> None:
+    """Put objects away from everything: below the table, and apart, where they fall."""
+    for index, placing in enumerate(placings):
+        placing.put(np.array([0.0, 0.0, -_PARK_M * (1 + index)]), np.array([1.0, 0.0, 0.0, 0.0]))

@@ -6,6 +6,7 @@ All access goes through one lock; a tick is one millisecond of robot time. Frame
 from __future__ import annotations
 
 import itertools
+import logging
 import threading
 import time
 from collections.abc import Callable
@@ -15,17 +16,19 @@ import numpy as np
 import numpy.typing as npt
 
 from bus.arrays import Joints, Transform
-from bus.errors import ConfigError, DriverError
+from bus.errors import ConfigError
 from bus.transforms import from_rotation
 from config.schema import Station
 from drivers.sim.clutter import fill
 from drivers.sim.fingers import Fingers
+from drivers.sim.heap import heap
 from drivers.sim.objects import name_in_order, object_names, require_presentable
 from drivers.sim.optics import FOVY_DEG, hand_from_cameras
 from drivers.sim.placing import OBJECT, Placing
 from drivers.sim.scene import ARM_JOINTS, FINGER_JOINTS, HAND_ACTUATOR, compose
 from drivers.sim.turns import Turns
 
+_log = logging.getLogger(__name__)
 TICK_S = 0.001
 _SETTLE_TICKS = 800
 _DRAWS = 20
@@ -69,7 +72,7 @@ class World:
         if filling:
             self._fill(seed)
         else:
-            self.present(self.names[0], seed)
+            self._present_first(seed)
 
     # --- time ---------------------------------------------------------------------------------------------------------
 
@@ -120,8 +123,8 @@ class World:
         """Replace the object by ``name`` at a seeded pose, and let it come to rest.
 
         Raises:
-            ConfigError: unknown object, or the table was filled with several or holds the calibration board.
-            DriverError: the object does not come to rest inside the pick region.
+            ConfigError: unknown object, or one that does not come to rest inside the pick region; or the table was
+                filled with several or holds the calibration board.
         """
         if self.station.sim.board:
             raise ConfigError("The calibration board lies on the table: no object is presented.", "sim.board = false")
@@ -145,17 +148,30 @@ class World:
                 self._settle()
                 if table.rests_inside():
                     return
-        raise DriverError(
+        raise ConfigError(
             f"The object {name!r} does not come to rest in the pick region.", "Is it too big, or does it roll?"
         )
 
+    def _present_first(self, seed: int) -> None:
+        """Present the first object; one that cannot be is refused when a cycle asks for it."""
+        try:
+            self.present(self.names[0], seed)
+        except ConfigError as error:
+            _log.warning("%s", error)
+
     def _fill(self, seed: int) -> None:
-        """Lay all objects into the pick region, once. Raises: ConfigError, DriverError, as `clutter.fill`."""
+        """Lay or drop all objects into the pick region, once.
+
+        Raises: ConfigError, DriverError, as `clutter.fill` and `heap.heap`.
+        """
         region_m = self.station.scene.pick_region_m
         with self.turns.taken(), self.lock:
             placings = [Placing(self.model, self.data, region_m, body) for body in self.objects]
             rng = np.random.default_rng([seed % 2**64, len(placings)])
-            fill(placings, placings[0].region(), rng, self._settle)
+            if self.station.sim.heaped:
+                heap(placings, placings[0].region(), rng, self._pass)
+            else:
+                fill(placings, placings[0].region(), rng, self._settle)
             self.presented, self.presentations = seed, 1
 
     def base_from_object(self, body: str = OBJECT) -> Transform:
@@ -165,7 +181,10 @@ class World:
             return from_rotation(truth.xmat.reshape(3, 3), truth.xpos)
 
     def _settle(self) -> None:
-        for _ in range(_SETTLE_TICKS):
+        self._pass(_SETTLE_TICKS)
+
+    def _pass(self, ticks: int) -> None:
+        for _ in range(ticks):
             self.tick()
 
     # --- arm and hand -------------------------------------------------------------------------------------------------

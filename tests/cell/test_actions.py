@@ -15,7 +15,7 @@ from bus.arrays import Joints
 from bus.clock import WALL_CLOCK
 from bus.codes import Code
 from bus.commands import Presented, PresentRequest
-from bus.errors import CycleFailure, DriverError, MotionRefused
+from bus.errors import CellError, ConfigError, CycleFailure, DriverError, MotionRefused
 from bus.messages import ArmMode, CycleResult
 from bus.trajectory import Trajectory
 from cell.daemon.actions import Actions
@@ -32,10 +32,17 @@ from planning.robot import Robot
 
 
 class Restless:
-    """An object presenter whose objects roll away."""
+    """An object presenter whose objects roll away, or that fails itself.
+
+    Args:
+        error: what presenting raises.
+    """
+
+    def __init__(self, error: CellError) -> None:
+        self._error = error
 
     def present(self, request: PresentRequest) -> Presented:
-        raise DriverError("The object 'ball' does not come to rest.", "Is it round?")
+        raise self._error
 
     def truth(self) -> Presented:
         raise NotImplementedError
@@ -241,13 +248,25 @@ def test_a_motion_that_neither_goes_on_nor_ends_is_an_error(bench: Bench) -> Non
         standstill.unhold(bench.arm, bench.gate, WALL_CLOCK, ending_s=0.01)
 
 
-def test_an_object_that_cannot_be_presented_is_the_reason_of_its_cycle(make_bench: Callable[..., Bench]) -> None:
-    bench = make_bench(Restless())
+def test_an_object_that_cannot_be_presented_fails_its_own_pick_only(make_bench: Callable[..., Bench]) -> None:
+    bench = make_bench(Restless(ConfigError("The object 'ball' does not come to rest.", "Is it round?")))
     actions, results = bench.actions, bench.results
-    with pytest.raises(CycleFailure, match="does not come to rest"):
+    for _ in range(2):
+        actions.begin()
+        actions.pick()
+        actions.complete()
+    assert [(result.result, result.code, result.stages) for result in results] == [("FAILED", Code.NO_OBJECT, {})] * 2
+    assert "does not come to rest" in results[0].reason
+    assert read_cycle(Path(results[0].recording)).result == results[0]
+
+
+def test_a_simulator_that_fails_is_the_reason_of_its_cycle(make_bench: Callable[..., Bench]) -> None:
+    bench = make_bench(Restless(DriverError("The simulator ended.", "Start it again.")))
+    actions, results = bench.actions, bench.results
+    with pytest.raises(CycleFailure, match="simulator ended"):
         actions.begin()
     actions.stop(lambda wait_s: True)
     (result,) = results
     assert (result.result, result.code) == ("ABORTED", Code.INTERNAL)
-    assert "does not come to rest" in result.reason
+    assert "simulator ended" in result.reason
     assert read_cycle(Path(result.recording)).result == result

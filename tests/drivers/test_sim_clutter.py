@@ -1,6 +1,8 @@
-"""A pick region filled once with several objects: seeded, at rest, inside, apart; walls in both worlds."""
+"""A pick region filled once with several objects: seeded, at rest, inside, apart or heaped; walls in both worlds."""
 
 from __future__ import annotations
+
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,6 +24,10 @@ PAPER_OBJECTS = ("bottle", "controller", "cup", "drone", "spatula")
 
 def filled(seed: int, clutter: int = 5) -> World:
     return World(load_station(BIN_STATION, [f"sim.seed={seed}", f"sim.clutter={clutter}"]))
+
+
+def heaped(seed: int, clutter: int, station: Path = BIN_STATION) -> World:
+    return World(load_station(station, [f"sim.seed={seed}", f"sim.clutter={clutter}", "sim.heaped=true"]))
 
 
 def placings(world: World) -> list[Placing]:
@@ -82,6 +88,40 @@ def test_an_object_by_name_is_refused(world: World) -> None:
         SimPresenter(world).present(PresentRequest(object="cup", cycle=0, seed=3))
     with pytest.raises(ConfigError, match="clutter"):
         world.present("cup", 3)
+
+
+def test_a_heap_of_nothing_is_refused() -> None:
+    with pytest.raises(ConfigError, match="set clutter"):
+        load_station(None, ["sim.heaped=true"])
+
+
+@pytest.mark.parametrize(
+    ("station", "clutter"),
+    [(BIN_STATION, 10), (DEFAULT_STATION, 6), pytest.param(BIN_STATION, 30, marks=pytest.mark.thorough)],
+)
+def test_the_objects_of_a_heap_touch_lie_on_one_another_and_rest_inside(station: Path, clutter: int) -> None:
+    world = heaped(1, clutter, station)
+    assert least_gap_m(placings(world)) < 0, "seen from above, some hide others"
+    bodies = {world.model.body(body).id for body in world.objects}
+    touching = [
+        {int(world.model.body_rootid[world.model.geom_bodyid[geom]]) for geom in contact.geom}
+        for contact in world.data.contact
+    ]
+    assert any(len(pair) == 2 and pair <= bodies for pair in touching), "some lean on others"
+    before = poses(world)
+    x_min, x_max, y_min, y_max = world.station.scene.pick_region_m
+    for placing in placings(world):
+        x, y, z = placing.extent().mean(axis=0)
+        assert x_min < x < x_max and y_min < y < y_max and z > 0
+    for _ in range(300):
+        world.tick()
+    np.testing.assert_allclose(poses(world), before, atol=0.02)
+
+
+def test_the_same_seed_heaps_alike_to_the_bit_and_another_one_does_not() -> None:
+    first, again, other = heaped(1, 5), heaped(1, 5), heaped(2, 5)
+    np.testing.assert_array_equal(poses(first), poses(again))
+    assert not np.allclose(poses(first), poses(other))
 
 
 def test_more_than_the_bin_holds_is_refused() -> None:

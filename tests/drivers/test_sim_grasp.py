@@ -5,8 +5,7 @@ The grasps are scripted from the object's true pose; inverse kinematics is plain
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -270,11 +269,8 @@ FOLDER_GRIPS = {
 
 
 @pytest.mark.parametrize("name", sorted(FOLDER_GRIPS))
-def test_objects_of_a_folder_are_lifted_too(name: str) -> None:
-    data = os.environ.get("VLAD_CELL_DATA")
-    if not data:
-        pytest.skip("VLAD_CELL_DATA names no folder with the object_sim meshes")
-    cell = Cell(load_station(None, [f"sim.objects={data}/meshes/object_sim"]))
+def test_objects_of_a_folder_are_lifted_too(name: str, public_objects: Callable[..., Path]) -> None:
+    cell = Cell(load_station(None, [f"sim.objects={public_objects(name)}"]))
     lift = cell.pick(name, FOLDER_GRIPS[name])
     assert lift.rise_after_hold_m == pytest.approx(0.15, abs=0.01)
     assert lift.load_n == pytest.approx(FOLDER_GRIPS[name].mass_kg * GRAVITY_M_S2, rel=0.1, abs=0.1)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -153,12 +152,28 @@ def test_a_plain_object_of_a_folder_needs_no_joint(tmp_path: Path) -> None:
     assert world.base_from_object()[2, 3] == pytest.approx(0.01, abs=1e-3)
 
 
-@pytest.mark.parametrize("name", ["mug", "cubemedium", "banana", "hammer", "elephant", "flashlight"])
-def test_objects_of_a_public_set_load_and_rest(name: str) -> None:
-    data = os.environ.get("VLAD_CELL_DATA")
-    if not data:
-        pytest.skip("VLAD_CELL_DATA names no folder with the object_sim meshes")
-    world = World(load_station(None, [f"sim.objects={data}/meshes/object_sim"]))
+@pytest.mark.parametrize("geom", ["type='sphere' size='.03'", "type='cylinder' size='.02 .03' euler='90 0 0'"])
+def test_what_is_round_comes_to_rest(tmp_path: Path, geom: str) -> None:
+    """A ball, and a can on its side: rolling friction stops them."""
+    (tmp_path / "round").mkdir()
+    (tmp_path / "round" / "object.xml").write_text(
+        f"<mujoco><worldbody><body><geom {geom} mass='0.1'/></body></worldbody></mujoco>"
+    )
+    world = World(load_station(None, [f"sim.objects={tmp_path}"]))
+    world.present("round", 1)
+    before = world.base_from_object()
+    for _ in range(1000):
+        world.tick()
+    np.testing.assert_allclose(world.base_from_object(), before, atol=2e-4)
+    world.data.joint(OBJECT).qvel[0] = 0.05
+    for _ in range(2000):
+        world.tick()
+    assert Placing(world.model, world.data, world.station.scene.pick_region_m).rests_inside()
+
+
+@pytest.mark.parametrize("name", ["mug", "cubemedium", "banana", "hammer", "elephant", "flashlight", "scissors"])
+def test_objects_of_a_public_set_load_and_rest(name: str, public_objects: Callable[..., Path]) -> None:
+    world = World(load_station(None, [f"sim.objects={public_objects(name)}"]))
     world.present(name, 2)
     assert abs(Placing(world.model, world.data, world.station.scene.pick_region_m).extent()[0, 2]) < 2e-3
     assert 0.02 < world.model.body_subtreemass[world.model.body(OBJECT).id] < 1.5

@@ -1,0 +1,118 @@
+"""Runs whole cells: each object alone, or a heap until it is empty; then asks the oracle about what was not held."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+import config
+from benchmarks.heaps import oracle, sides
+from benchmarks.held.figures import figures
+from benchmarks.held.operator import operated
+from benchmarks.held.rounds import Pick
+from benchmarks.held.watched import NODE
+from bus.errors import ConfigError
+from config.load import load_station
+from config.schema import Station
+from drivers.sim.mjcf import require_plausible
+from drivers.sim.objects import object_file, object_names
+
+MOUNTING_ERROR = ("sim.mounting_error_mm=1.0", "sim.mounting_error_deg=0.3")
+"""Of the camera, in a direction that the seed gives: what a good hand-eye calibration leaves."""
+_BIN = Path(config.__file__).with_name("bin.toml")
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What is picked.
+
+    Attributes:
+        objects: folder of objects; None = the paper's five.
+        first: at most so many objects, of a folder in a seeded order; None = all of them.
+        orientations: picks of each object alone. ``bin``: objects of a heap in a bin; 0 = each object alone.
+        overrides: settings of the station, as ``key=value``. ``pace``: as ``sim.pace``.
+        detector: a grasp network's file instead of the embedded model; None = the embedded.
+    """
+
+    objects: Path | None
+    seeds: Sequence[int]
+    endpoint: str
+    first: int | None = None
+    orientations: int = 1
+    bin: int = 0
+    pace: float = 0.0
+    detector: Path | None = None
+    overrides: tuple[str, ...] = ()
+
+    def station(self, seed: int, objects: Path | None, recordings: Path) -> Station:
+        """Return the station of one seed."""
+        own = [f"sim.seed={seed}", f"sim.pace={self.pace}", *MOUNTING_ERROR, f"nodes.{NODE}.run=elsewhere"]
+        own += [f"bus.endpoint={self.endpoint}", f"recording.folder={recordings}"]
+        own += [] if objects is None else [f"sim.objects={objects}"]
+        own += [f"sim.clutter={self.bin}", "sim.heaped=true"] if self.bin else []
+        if self.detector is not None:
+            own += ["perception.model=onnx", f"perception.onnx.path={self.detector}"]
+        return load_station(_BIN if self.bin else None, [*own, *self.overrides])
+
+
+def run(wanted: Wanted, tell: Callable[[str], None]) -> dict[str, Any]:
+    """Return the figures of all picks of all seeds."""
+    picks: list[Pick] = []
+    binned: list[tuple[int, int]] = []
+    taken_away = 0
+    with TemporaryDirectory() as scratch:
+        objects, refused = chosen(wanted, Path(scratch))
+        for why in refused:
+            tell(f"left out: {why}")
+        for seed in wanted.seeds:
+            station = wanted.station(seed, objects, Path(scratch) / "recordings")
+            with operated(station) as operator:
+                if wanted.bin:
+                    done, left = operator.empty(seed, tell)
+                    binned.append((wanted.bin, left))
+                else:
+                    names = object_names(objects)[: wanted.first] * wanted.orientations
+                    done = [operator.pick(name, seed, f"{at + 1}/{len(names)}", tell) for at, name in enumerate(names)]
+                taken_away += operator.taken_away
+            picks += done
+            for pick in done:
+                judge(pick)
+    return figures(picks, binned, is_paced=wanted.pace > 0) | {"taken_away": taken_away, "left_out": refused}
+
+
+def chosen(wanted: Wanted, scratch: Path) -> tuple[Path | None, list[str]]:
+    """Return a folder of the objects to pick, and why others of the folder cannot be. Raises: ConfigError."""
+    if wanted.objects is None:
+        return None, []
+    region_m = load_station(_BIN if wanted.bin else None, wanted.overrides).scene.pick_region_m
+    names, refused, folder = object_names(wanted.objects), [], scratch / wanted.objects.name
+    folder.mkdir()
+    order = [names[index] for index in np.random.default_rng(0).permutation(len(names))]
+    taken = 0
+    for name in order:
+        if taken == wanted.first:
+            break
+        try:
+            require_plausible(file := object_file(wanted.objects, name), region_m)
+        except ConfigError as error:
+            refused.append(str(error))
+            continue
+        own = file.parent if file.name == "object.xml" else file
+        (folder / own.name).symlink_to(own.resolve())
+        taken += 1
+    for shared in wanted.objects.glob("*.xml"):  # what the objects' files include
+        (folder / shared.name).symlink_to(shared.resolve())
+    return folder, refused
+
+
+def judge(pick: Pick) -> None:
+    """Ask the oracle about a pick that held nothing: from above, then from every side."""
+    if pick.is_held or pick.scene is None or not pick.scene.names:
+        pick.feasible = pick.is_held
+        return
+    pick.feasible = any(search(pick.scene).base_from_tcp is not None for search in (oracle.search, sides.search))
