@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bus.codes import Code
-from bus.messages import Detections, Execution, HandState, Motion, Observation, Verdict
+from bus.messages import Detections, Execution, Grasp, HandState, Motion, Observation, Verdict
 from config.schema import Station
 from perception.fusion.agreed import corrected
 from perception.scene.change import cleared_fraction
@@ -18,12 +18,13 @@ _HEAD, _TAIL = 10, 20
 def verify(
     execution: Execution,
     detections: Detections,
+    grasp: Grasp,
     before: Observation,
     after: Observation,
     robot: Robot,
     station: Station,
 ) -> Verdict:
-    """The verdict on a finished execution (``execution.stopped_in`` is None).
+    """The verdict on a finished execution of a grasp (``execution.stopped_in`` is None).
 
     Every criterion must hold during the whole hold: width, load, and the object gone from its place, where the second
     capture sees that; the width also on the way there.
@@ -43,7 +44,7 @@ def verify(
     if execution.began is not None:
         carried_n = _weight_n([run.motion for run in carries], slice(None), robot) - empty_n
     mount = detections.scene.mount
-    cleared = cleared_fraction(detections, corrected(before, mount), corrected(after, mount), station)
+    cleared = cleared_fraction(detections, grasp.instance, corrected(before, mount), corrected(after, mount), station)
     code, reason = _judge(grasped, widths_m, load_n, cleared, station)
     return Verdict(
         held=code is None,

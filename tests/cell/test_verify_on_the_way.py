@@ -33,10 +33,10 @@ def _executed(record: CycleRecord) -> Execution:
 
 
 def _judged(record: CycleRecord, execution: Execution) -> Verdict:
-    found = record.stages["detect"].result
-    assert isinstance(found, Detections) and record.after is not None
+    found, chosen = record.stages["detect"].result, record.stages["plan"].result
+    assert isinstance(found, Detections) and isinstance(chosen, PickPlan) and record.after is not None
     station = station_from(dict(record.station))
-    return verify(execution, found, record.looks[0], record.after, Robot(station), station)
+    return verify(execution, found, found.grasps[chosen.grasp], record.looks[0], record.after, Robot(station), station)
 
 
 def _watched(execution: Execution, *widths_m: float) -> Execution:
