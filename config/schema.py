@@ -486,6 +486,8 @@ class VerifySettings(Settings):
     Attributes:
         hold_s: how long the arm stands still with the object. It may be short: the hand is watched from the grasp on.
         samples: readings of the hand during the hold; one a tenth of a second if it is short.
+        max_width_loss_m: the width may fall by more only when it is steady in the hold: the object turned flush.
+        min_load_n: less is held only when the object's place is seen empty: the arm cannot weigh a few grams.
     """
 
     hold_s: Annotated[float, Field(gt=0, le=60)] = 3.0
