@@ -14,7 +14,7 @@ from planning.robot import Robot
 _HEAD, _TAIL = 10, 20
 """Number of measured samples (10 ms each) for the load of the empty hand at the start, and of the held object."""
 _STEADY_M = 0.001
-"""What turns flush in the jaw loses width once and then keeps it, to so much, in the hold; what slips loses ever more."""
+"""What turns flush in the jaw loses width once, then keeps it to so much in the hold; what slips loses ever more."""
 
 
 def verify(
@@ -29,7 +29,7 @@ def verify(
     """The verdict on a finished execution of a grasp (``execution.stopped_in`` is None).
 
     Every criterion must hold during the whole hold: width, load, and the object gone from its place, where the second
-    capture sees that; the width also on the way there. What turned flush in the jaw may have lost width, if it keeps it;
+    capture sees that; the width also on the way there. What turned flush in the jaw may lose width, if it keeps it;
     what is too light for the arm to weigh is held when its place is seen empty.
 
     Raises: ValueError for an execution that did not reach its hold.
