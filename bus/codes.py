@@ -52,7 +52,7 @@ ADVICE: dict[Code, str] = {
     Code.NO_TABLE: "Is the table in view, and scene.table at its height? If it did not move, calibrate the camera.",
     Code.TABLE_MOVED: "Calibrate the camera with `cell calibrate`, or correct scene.table in the station file.",
     Code.TOO_NEAR: "Look from farther away (arm.capture_q_rad), or take the object out by hand.",
-    Code.NO_GRASP: "The reason says how wide it is and how far the jaw opens. Lay it so that a narrower part can be held,"
+    Code.NO_GRASP: "The reason says how wide it is and how far the jaw opens. Lay it so that a narrow part can be held"
     " with room for a finger on either side, or take it out by hand.",
     Code.LEFT_OVER: "The reports of the cycles before say why each failed. Turn them or take them out by hand, and"
     " start again: then all are tried anew.",
