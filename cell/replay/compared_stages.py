@@ -90,8 +90,8 @@ def _plan(record: CycleRecord, station: Station, robot: Robot, _models: Models) 
 def _verify(record: CycleRecord, station: Station, robot: Robot, _models: Models) -> Message:
     found, execution = _result(record, "detect", Detections), _result(record, "execute", Execution)
     assert isinstance(found, Detections) and isinstance(execution, Execution)
-    if record.after is None:
-        raise RecordingError(f"The recording of {record.cycle_id} holds no second observation.")
+    if execution.after is not None and record.after is None:
+        raise RecordingError(f"The recording of {record.cycle_id} lacks the second observation.")
     before = _seen_by(found, record)[found.scene.shown]
     return verify(execution, found, before, record.after, robot, station)
 
