@@ -486,8 +486,10 @@ class VerifySettings(Settings):
     Attributes:
         hold_s: how long the arm stands still with the object. It may be short: the hand is watched from the grasp on.
         samples: readings of the hand during the hold; one a tenth of a second if it is short.
+        max_width_loss_m: the width may fall by more only when it is steady in the hold: the object turned flush.
+        min_load_n: less is held only when the object's place is seen empty: the arm cannot weigh a few grams.
         look: ``always`` holds the object beside its place and looks there; ``auto`` holds it above the tray, and goes
-            back for a look only when width and load do not tell clearly that it is the object. A quarter faster.
+            back for a look only when width and load do not tell clearly that it is the object.
         clear_load_n: with ``auto``, a load of which it is clear that it is no error of the measurement.
         clear_width_m: with ``auto``, how far the grasped width may be from the grasp's and be clearly the object's.
     """

@@ -70,7 +70,7 @@ class Cycle:
         if execution.stopped_in is not None:
             raise self.stages.fail(CycleFailure(Code.STOPPED, f"Stopped during {execution.stopped_in!r}."))
         self.verdict = self.stages.run(
-            "verify", topics.VERIFY, lambda: verify(execution, found, before, after, e.robot, e.station)
+            "verify", topics.VERIFY, lambda: verify(execution, found, grasp, before, after, e.robot, e.station)
         )
         if found.scene.mount is not None and len(choosing.looks) >= FEWEST_LOOKS:
             e.mounting.take(found.scene.mount)

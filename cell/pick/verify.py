@@ -17,20 +17,24 @@ from planning.robot import Robot
 
 _HEAD, _TAIL = 10, 20
 """Number of measured samples (10 ms each) for the load of the empty hand at the start, and of the held object."""
+_STEADY_M = 0.001
+"""What turns flush in the jaw loses width once, then keeps it to so much in the hold; what slips loses ever more."""
 
 
 def verify(
     execution: Execution,
     detections: Detections,
+    grasp: Grasp,
     before: Observation,
     after: Observation | None,
     robot: Robot,
     station: Station,
 ) -> Verdict:
-    """The verdict on a finished execution (``execution.stopped_in`` is None).
+    """The verdict on a finished execution of a grasp (``execution.stopped_in`` is None).
 
     Every criterion must hold during the whole hold: width, load, and the object gone from its place, where the second
-    capture sees that; the width also on every way with the object.
+    capture sees that; the width also on every way with the object. What turned flush in the jaw may lose width, if it
+    keeps it; what is too light for the arm to weigh is held when its place is seen empty.
 
     Args:
         after: the second capture; None when there was none, because `is_clear`.
@@ -40,17 +44,15 @@ def verify(
     grasped = execution.grasped
     if grasped is None:
         raise ValueError("verify needs an execution that reached its hold")
-    felt = _felt(execution.runs, robot)
-    cleared = None
+    felt, cleared = _felt(execution.runs, robot), None
     if after is not None:
-        mount = detections.scene.mount
-        cleared = cleared_fraction(detections, corrected(before, mount), corrected(after, mount), station)
-    failed = _failed(grasped, felt, station) or _not_cleared(cleared, station)
+        was, now = (corrected(look, detections.scene.mount) for look in (before, after))
+        cleared = cleared_fraction(detections, grasp.instance, was, now, station)
     place = f"{(cleared or 0.0) * 100:.0f} % of its place is empty"
     if cleared is None:
         place = "its place was not " + ("looked at" if after is None else "seen")
     held = (None, f"Held {min(felt.widths_m) * 1e3:.1f} mm wide, {felt.load_n:.2f} N heavy; {place}.")
-    code, reason = failed or held
+    code, reason = _not_between(grasped, felt, station) or _not_lifted(felt, cleared, station) or held
     return Verdict(
         held=code is None,
         code=code,
@@ -66,59 +68,69 @@ def verify(
 def is_clear(grasp: Grasp, grasped: HandState, runs: Sequence[SegmentRun], robot: Robot, station: Station) -> bool:
     """Whether width and load tell by themselves how the pick went, so that a look at the place would change nothing.
 
-    They do when one of them fails; and when the load is far from the measurement's errors, in the hold and on the way
-    there, and the fingers stand where they should on that object.
+    They do when the fingers lost it; and when they stand, and stay, where they should on that object, and its load is
+    far from the measurement's errors, in the hold and on the way there.
 
     Args:
         runs: to the end of the hold.
     """
     need, felt = station.verify, _felt(runs, robot)
-    if _failed(grasped, felt, station) is not None:
+    if _not_between(grasped, felt, station) is not None:
         return True
     is_as_planned = abs(grasped.width_m - grasp.width_m) <= need.clear_width_m
-    return is_as_planned and min(felt.load_n, felt.carried_n) >= need.clear_load_n
+    is_steady = grasped.width_m - min(felt.widths_m) <= need.max_width_loss_m
+    return is_as_planned and is_steady and min(felt.load_n, felt.carried_n) >= max(need.clear_load_n, need.min_load_n)
 
 
 class _Felt(NamedTuple):
-    """What hand and arm measured with the object: every width, the load in the hold, and on the way there."""
+    """What hand and arm measured with the object: the widths and the load in the hold, and on every way."""
 
-    widths_m: list[float]
+    held_m: list[float]
+    on_the_way_m: list[float]
     load_n: float
     carried_n: float
 
+    @property
+    def widths_m(self) -> list[float]:
+        return self.on_the_way_m + self.held_m
+
 
 def _felt(runs: Sequence[SegmentRun], robot: Robot) -> _Felt:
-    def of(name: str) -> list[Motion]:
+    def motions(name: str) -> list[Motion]:
         return [run.motion for run in runs if run.name == name]
 
-    on_the_way = [state.width_m for run in runs for state in run.hand_meanwhile]
-    widths_m = [*on_the_way, *(run.hand.width_m for run in runs if run.name == "hold" or run.name in ONLY_TO_LOOK)]
-    empty_n = _weight_n(of("reach"), slice(None, _HEAD), robot)
-    load_n = _weight_n(of("hold"), slice(-_TAIL, None), robot) - empty_n
-    return _Felt(widths_m, load_n, _weight_n(of("carry"), slice(None), robot) - empty_n)
+    held_m = [run.hand.width_m for run in runs if run.name == "hold"]
+    on_the_way_m = [state.width_m for run in runs for state in run.hand_meanwhile]
+    on_the_way_m += [run.hand.width_m for run in runs if run.name in ONLY_TO_LOOK]
+    empty_n = _weight_n(motions("reach"), slice(None, _HEAD), robot)
+    load_n = _weight_n(motions("hold"), slice(-_TAIL, None), robot) - empty_n
+    return _Felt(held_m, on_the_way_m, load_n, _weight_n(motions("carry"), slice(None), robot) - empty_n)
 
 
-def _failed(grasped: HandState, felt: _Felt, station: Station) -> tuple[Code, str] | None:
-    """Code and text of the first criterion of width and load that fails; None when all hold."""
+def _not_between(grasped: HandState, felt: _Felt, station: Station) -> tuple[Code, str] | None:
+    """Code and text when the widths tell that nothing is between the fingers, or not what they closed on."""
     need, width_min_m = station.verify, min(felt.widths_m)
+    has_turned = felt.load_n >= need.min_load_n and max(felt.held_m) - min(felt.held_m) < _STEADY_M
     if grasped.width_m < need.min_width_m:
         return Code.GRASP_MISSED, f"The fingers closed to {grasped.width_m * 1e3:.1f} mm: nothing between them."
-    if width_min_m < need.min_width_m or grasped.width_m - width_min_m > need.max_width_loss_m:
+    has_lost = grasped.width_m - width_min_m > need.max_width_loss_m
+    if width_min_m < need.min_width_m or (has_lost and not has_turned):
         return Code.DROPPED, (
             f"The width fell from {grasped.width_m * 1e3:.1f} to {width_min_m * 1e3:.1f} mm after the grasp."
         )
     opened = opened_by_another(grasped, max(felt.widths_m), station)
-    if opened:
-        return Code.DROPPED, opened
-    if felt.load_n < need.min_load_n:
+    return (Code.DROPPED, opened) if opened else None
+
+
+def _not_lifted(felt: _Felt, cleared: float | None, station: Station) -> tuple[Code, str] | None:
+    """Code and text when the load and the object's place tell that it did not come along."""
+    need = station.verify
+    is_heavy = felt.load_n >= need.min_load_n
+    if not is_heavy and (cleared is None or cleared < need.min_cleared_fraction):
         return Code.DROPPED, f"The arm carries {felt.load_n:.2f} N; at least {need.min_load_n:.2f} N were expected."
+    if cleared is not None and cleared < need.min_cleared_fraction:
+        return Code.NOT_CLEARED, f"Only {cleared * 100:.0f} % of where the object lay is empty now."
     return None
-
-
-def _not_cleared(cleared: float | None, station: Station) -> tuple[Code, str] | None:
-    if cleared is None or cleared >= station.verify.min_cleared_fraction:
-        return None
-    return Code.NOT_CLEARED, f"Only {cleared * 100:.0f} % of where the object lay is empty now."
 
 
 def _weight_n(motions: list[Motion], samples: slice, robot: Robot) -> float:

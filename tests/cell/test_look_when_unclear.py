@@ -63,7 +63,7 @@ class Devices:
 
     Attributes:
         stopped_in: the segment in which the arm stops for good.
-        lost_in: the segment in which the fingers meet.
+        slips_in: the segment in which the fingers close further, ``slips_to_m``: they meet.
     """
 
     def __init__(self, plan: PickPlan, width_m: float) -> None:
@@ -71,7 +71,8 @@ class Devices:
         self._motions: dict[str, Motion] = {run.name: run.motion for run in RECORDED.runs}
         self._stamp_ns = 0
         self.gate = Gate()
-        self.stopped_in = self.lost_in = ""
+        self.stopped_in = self.slips_in = ""
+        self.slips_to_m = 0.0
         self.looks = 0
 
     # --- the arm ---
@@ -79,7 +80,7 @@ class Devices:
     def execute(self, trajectory: Trajectory) -> Motion:
         named = (part.name for part in self._plan.segments if part.trajectory.raw_q_rad is trajectory.raw_q_rad)
         name = next(named, "hold")
-        self._width_m = 0.0 if name == self.lost_in else self._width_m
+        self._width_m = self.slips_to_m if name == self.slips_in else self._width_m
         if name == self.stopped_in:
             self.gate.halt()
         recorded = self._motions.get(name, self._motions["carry"])
@@ -135,7 +136,7 @@ def picked(devices: Devices, station: Station = STATION, grasp: Grasp = GRASP) -
     )  # fmt: skip
     if execution.stopped_in is not None:
         return execution, None
-    return execution, verify(execution, FOUND, RECORD.looks[0], after, ROBOT, station)
+    return execution, verify(execution, FOUND, grasp, RECORD.looks[0], after, ROBOT, station)
 
 
 @pytest.fixture
@@ -170,6 +171,13 @@ def test_fingers_that_stand_elsewhere_than_on_that_object_are_a_reason_to_look(m
     assert verdict is not None and verdict.held and verdict.cleared_fraction is not None
 
 
+def test_an_object_that_turned_flush_in_the_jaw_is_a_reason_to_look(devices: Devices) -> None:
+    """The fingers closed on it as planned, but no longer stand so: it may as well have slipped."""
+    devices.slips_in, devices.slips_to_m = "carry", GRASP.width_m - 0.01
+    execution, verdict = picked(devices)
+    assert names(execution) == LOOKED and verdict is not None and verdict.held
+
+
 def test_a_load_that_may_be_an_error_of_the_measurement_is_a_reason_to_look(devices: Devices) -> None:
     light = load_station(None, ["verify.look=auto", "verify.hold_s=0.5", "verify.clear_load_n=50"])
     assert names(picked(devices, light)[0]) == LOOKED
@@ -192,7 +200,7 @@ def test_a_miss_is_clear(width_m: float, code: Code) -> None:
 
 @pytest.mark.parametrize("segment", ["carry", "hold"])
 def test_a_drop_is_clear(devices: Devices, segment: str) -> None:
-    devices.lost_in = segment
+    devices.slips_in = segment
     execution, verdict = picked(devices)
     assert names(execution) == UNLOOKED and verdict is not None
     assert (verdict.held, verdict.code) == (False, Code.DROPPED)
@@ -201,7 +209,7 @@ def test_a_drop_is_clear(devices: Devices, segment: str) -> None:
 @pytest.mark.parametrize("segment", ["aside", "return"])
 def test_a_drop_on_the_way_to_the_look_and_back_is_a_drop(segment: str) -> None:
     devices = Devices(_with_ways_to_look(PLAN), GRASP.width_m + 0.01)
-    devices.lost_in = segment
+    devices.slips_in = segment
     execution, verdict = picked(devices)
     assert names(execution) == LOOKED and verdict is not None
     assert (verdict.held, verdict.code) == (False, Code.DROPPED)
