@@ -196,7 +196,7 @@ def test_the_hand_leans_with_the_faces_that_it_closes_on(leans_deg: float) -> No
     across_faces = leaning.from_base()[0]
     (best, *_) = _detected([look([leaning], one, noise_m=0.0005) for one in (ABOVE, LEFT, RIGHT, (45.0, 0.0))]).grasps
     assert abs(best.base_from_tcp[:3, 1] @ across_faces) > np.cos(np.radians(7.0))
-    assert best.width_m == pytest.approx(0.012, abs=0.004)
+    assert best.width_m == pytest.approx(0.012, abs=0.006)
 
 
 def test_how_high_above_its_middle_a_thing_is_held_from_the_side_does_not_count() -> None:
