@@ -71,7 +71,7 @@ def _by_robot(record: CycleRecord) -> dict[str, float]:
     total_s = ended - began.clock_s
     hand = station_from(dict(record.station), (), source="the recorded station").hand
     bound_s = (
-        sum(optimal_s(part.trajectory) for part in plan.segments)
+        sum(optimal_s(part.trajectory) for part in plan.segments if part.name in parts)
         + _fingers_s(found.grasps[plan.grasp], execution, delivery, hand)
         + parts["hold"]
     )

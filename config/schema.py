@@ -489,6 +489,10 @@ class VerifySettings(Settings):
         samples: readings of the hand during the hold; one a tenth of a second if it is short.
         max_width_loss_m: the width may fall by more only when it is steady in the hold: the object turned flush.
         min_load_n: less is held only when the object's place is seen empty: the arm cannot weigh a few grams.
+        look: ``always`` holds the object beside its place and looks there; ``auto`` holds it above the tray, and goes
+            back for a look only when width and load do not tell clearly that it is the object.
+        clear_load_n: with ``auto``, a load of which it is clear that it is no error of the measurement.
+        clear_width_m: with ``auto``, how far the grasped width may be from the grasp's and be clearly the object's.
     """
 
     hold_s: Annotated[float, Field(gt=0, le=60)] = 3.0
@@ -497,6 +501,9 @@ class VerifySettings(Settings):
     max_width_loss_m: Size = 0.006
     min_load_n: NonNegative = 0.15
     min_cleared_fraction: Fraction = 0.7
+    look: Literal["always", "auto"] = "always"
+    clear_load_n: NonNegative = 0.3
+    clear_width_m: Size = 0.006
     look_aside_m: tuple[tuple[Metres, Metres], ...] = ((-0.28, -0.25), (0.05, -0.45), (-0.15, -0.25), (0.0, -0.3))
     """Offsets of the camera for the second capture from above the object's place, along x and y of ``base``; the first
     that the arm reaches is used. The held object hides most of the near field: these keep the place in the free part of

@@ -32,6 +32,7 @@ FOLDER = Path(__file__).parent / "planning"
 SIZE_PX = (640, 480)
 WIDE_PX = 900
 COLORS = {"reach": (47, 111, 222), "carry": (224, 99, 45), "place": (44, 156, 105), "home": (150, 150, 160)}
+"""What is only planned in case the place must be looked at is not drawn."""
 BOX_RGB, TARGET_RGB = (93, 107, 122), (196, 61, 92)
 UNDISTURBED_RGB, HELD_RGB = (224, 99, 45), (47, 111, 222)
 
@@ -61,7 +62,7 @@ def motions(plan: PickPlan, robot: Robot, station: Station) -> Image:
     camera.lookat[:], camera.distance, camera.azimuth, camera.elevation = (0.35, 0.1, 0.2), 1.75, 140, -28
     with mujoco.Renderer(model, SIZE_PX[1], SIZE_PX[0]) as renderer:
         renderer.update_scene(data, camera)
-        for segment in plan.segments:
+        for segment in (segment for segment in plan.segments if segment.name in COLORS):
             _trace(renderer.scene, robot, segment.trajectory, COLORS[segment.name])
         image: Image = renderer.render()
         return image

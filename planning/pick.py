@@ -1,8 +1,8 @@
 """Plans every motion of one pick from ranked grasps.
 
-``reach`` goes to the object along the approach line, ``carry`` up the lift line to the viewpoint of the second
-capture, ``place`` above the tray and down, and ``home`` back. The first way to grasp for which all four are free and
-within the limits is taken; every earlier one keeps the reason of its rejection. Same inputs, same bits.
+``reach`` goes to the object along the approach line, ``carry`` up the lift line to where the object is held
+(`planning.delivery`), ``place`` into the tray, and ``home`` back. The first way to grasp for which all of them are free
+and within the limits is taken; every earlier one keeps the reason of its rejection. Same inputs, same bits.
 Explanation: docs/planning.md; frames: docs/frames.md.
 """
 
@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from itertools import islice
 
 import numpy as np
 import numpy.typing as npt
@@ -21,25 +20,22 @@ from bus.errors import CycleFailure
 from bus.messages import Grasp, PickPlan, Segment
 from bus.rejection import Rejection
 from config.limits import outside
-from planning.candidates import Approach, approaches, configurations, grasp_pose, is_like
-from planning.carry import keeps_level, within_max_tilt
-from planning.infeasible import Infeasible
-from planning.motion import Way, connect, motion
-from planning.pregrasp import (
-    Pregrasp,
-    approach_begins,
-    first_that_works,
-    opening_m,
-    pregrasps_of,
-    preplaces,
-    shifted,
-    ways,
+from planning.candidates import Approach, approaches, grasp_pose, is_like
+from planning.carry import keeps_level
+from planning.delivery import (
+    aside_and_return,
+    carry_to_tray,
+    carry_to_view,
+    lower_and_home,
+    place_and_home,
+    view_configuration,
 )
+from planning.infeasible import Infeasible
+from planning.motion import Way, motion
+from planning.pregrasp import Pregrasp, approach_begins, first_that_works, opening_m, pregrasps_of, ways
 from planning.scene import Scene
 
 Array = npt.NDArray[np.float64]
-
-_EXAMINED = 16  # arm configurations tried for a viewpoint
 
 
 def plan_pick(
@@ -89,10 +85,9 @@ def plan_pick(
 def plan_approach(scene: Scene, approach: Approach, q_now_rad: Joints) -> tuple[Segment, ...]:
     """Plan every motion of the pick by one approach, from ``q_now_rad`` (7,). Raises: Infeasible."""
     base_from_tcp = grasp_pose(approach, scene.station)
-    view_q = _view_configuration(scene.empty(), base_from_tcp[:3, 3])
-    reach, carry, grasped_at = _reach_and_carry(scene, approach.grasp, base_from_tcp, q_now_rad, view_q)
-    place, home = _place_and_home(scene.holding(grasped_at), approach.grasp, grasped_at, view_q)
-    return reach, carry, place, home
+    view_q = view_configuration(scene.empty(), base_from_tcp[:3, 3])
+    past = _past_the_tray if scene.station.verify.look == "auto" else _past_the_viewpoint
+    return past(scene, approach.grasp, base_from_tcp, q_now_rad, view_q)
 
 
 def plan_reach(scene: Scene, approach: Approach, q_now_rad: Joints) -> Segment:
@@ -120,23 +115,49 @@ def _none_feasible(rejected: Sequence[Rejection]) -> CycleFailure:
     return CycleFailure(code, f"None of {len(rejected)} ways to grasp is feasible: {reasons}.", rejected)
 
 
-# --- reach and carry --------------------------------------------------------------------------------------------------
+# --- all the way ------------------------------------------------------------------------------------------------------
 
 
-def _reach_and_carry(
+def _past_the_viewpoint(
     scene: Scene, grasp: Grasp, base_from_tcp: Transform, q_now_rad: Joints, view_q: Joints
-) -> tuple[Segment, Segment, Transform]:
-    """Plan the first two motions; also return ``base_from_tcp`` of the grasp: as given, or half a turn from it."""
-
-    def calm(pregrasp: Pregrasp) -> bool:
-        return keeps_level(scene.robot, pregrasp.leave_rad[-1], view_q)
-
+) -> tuple[Segment, ...]:
     def make(way: Way, pregrasp: Pregrasp) -> tuple[Segment, Segment, Transform]:
-        grasped_at = scene.robot.base_from_tcp(pregrasp.line_rad[-1])
-        reach = _reach(scene, grasp, way, pregrasp)
-        return reach, _carry(scene, scene.holding(grasped_at), grasp, pregrasp, view_q), grasped_at
+        reach, grasped_at = _reach(scene, grasp, way, pregrasp), _grasped_at(scene, pregrasp)
+        return reach, carry_to_view(scene.holding(grasped_at), grasp, pregrasp.leave_rad, view_q), grasped_at
 
-    return first_that_works(_ways_to_grasp(scene, grasp, base_from_tcp, q_now_rad, calm), make)
+    to_grasp = _ways_to_grasp(scene, grasp, base_from_tcp, q_now_rad, _calm(scene, view_q))
+    reach, carry, grasped_at = first_that_works(to_grasp, make)
+    return reach, carry, *place_and_home(scene.holding(grasped_at), grasp, grasped_at, view_q)
+
+
+def _past_the_tray(
+    scene: Scene, grasp: Grasp, base_from_tcp: Transform, q_now_rad: Joints, view_q: Joints
+) -> tuple[Segment, ...]:
+    def make(way: Way, pregrasp: Pregrasp) -> tuple[Segment, Segment, Pregrasp, Scene]:
+        reach, grasped_at = _reach(scene, grasp, way, pregrasp), _grasped_at(scene, pregrasp)
+        holding = scene.holding(grasped_at)
+        return reach, *carry_to_tray(holding, grasp, grasped_at, pregrasp.leave_rad, view_q), holding
+
+    to_grasp = _ways_to_grasp(scene, grasp, base_from_tcp, q_now_rad, _calm(scene, view_q))
+    reach, carry, above, holding = first_that_works(to_grasp, make)
+    others = *lower_and_home(holding, grasp, above), *aside_and_return(holding, grasp, above, view_q)
+    return reach, carry, *others
+
+
+def _calm(scene: Scene, view_q: Joints) -> Callable[[Pregrasp], bool]:
+    """Return whether the straight line from a lift's end to the viewpoint (7,) keeps the object level.
+
+    Above the tray, too: configurations near the viewpoint's make the ways between all of them level and short.
+    """
+    return lambda pregrasp: keeps_level(scene.robot, pregrasp.leave_rad[-1], view_q)
+
+
+# --- reach ------------------------------------------------------------------------------------------------------------
+
+
+def _grasped_at(scene: Scene, pregrasp: Pregrasp) -> Transform:
+    """Return ``base_from_tcp`` (4, 4) of the grasp: as given, or half a turn from it."""
+    return scene.robot.base_from_tcp(pregrasp.line_rad[-1])
 
 
 def _ways_to_grasp(
@@ -154,44 +175,3 @@ def _reach(scene: Scene, grasp: Grasp, way: Way, pregrasp: Pregrasp) -> Segment:
     if collision is not None:
         raise Infeasible(Code.COLLISION, f"reach, at another width: {collision}")
     return reach
-
-
-def _carry(scene: Scene, holding: Scene, grasp: Grasp, pregrasp: Pregrasp, view_q: Joints) -> Segment:
-    lift = pregrasp.leave_rad
-    may = within_max_tilt(scene.robot, lift[-1], view_q)
-    way = connect(holding, lift[-1], [view_q], grasp.width_m, may)
-    return motion("carry", way, [lift, *way.lines()], holding, grasp.width_m, leaving=scene.empty())
-
-
-def _view_configuration(scene: Scene, object_m: Array) -> Joints:
-    """Return the viewpoint of the second capture: the first reachable pose aside of the capture pose, else that one."""
-    robot, station = scene.robot, scene.station
-    capture_q = np.array(station.arm.capture_q_rad)
-    camera_m = robot.base_from_color(capture_q)[:2, 3]
-    for aside_m in station.verify.look_aside_m:
-        shift_m = np.append(object_m[:2] + aside_m - camera_m, 0.0)
-        pose = shifted(robot.base_from_tcp(capture_q), shift_m)
-        for q, _ in islice(configurations([pose], capture_q), _EXAMINED):
-            if scene.collision(q, None) is None:
-                return q
-    return capture_q
-
-
-# --- place and home ---------------------------------------------------------------------------------------------------
-
-
-def _place_and_home(holding: Scene, grasp: Grasp, base_from_tcp: Transform, view_q: Joints) -> tuple[Segment, Segment]:
-    station, empty, robot = holding.station, holding.empty(), holding.robot
-    capture_q = np.array(station.arm.capture_q_rad)
-
-    def calm(pregrasp: Pregrasp) -> bool:
-        return keeps_level(robot, view_q, pregrasp.q_rad)
-
-    def make(way: Way, pregrasp: Pregrasp) -> tuple[Segment, Segment]:
-        place = motion("place", way, [*way.lines(), pregrasp.line_rad], holding, grasp.width_m)
-        back = connect(empty, pregrasp.leave_rad[-1], [capture_q], None)
-        return place, motion("home", back, [pregrasp.leave_rad, *back.lines()], empty, None)
-
-    pregrasps = preplaces(holding, grasp, base_from_tcp, view_q)
-    may = within_max_tilt(robot, view_q, view_q)
-    return first_that_works(ways(holding, view_q, pregrasps, grasp.width_m, calm, may), make)

@@ -31,7 +31,7 @@ class Execution(Message):
         runs: the segments in the order they ran, ``hold`` ones included, each with the hand's state after it.
         grasped: the hand's state right after closing; None if it never closed.
         stopped_in: the segment (or hand action) that a stop interrupted or prevented, or None.
-        after: the second capture, taken while holding; None if not reached.
+        after: the second capture, taken while holding; None if not reached, or if width and load were enough.
         began: the hand's state before all of it; None in recordings of before it was kept.
     """
 
@@ -62,7 +62,7 @@ class Verdict(Message):
         load_n: mean vertical force of the load on the tcp during the hold, relative to just before the grasp.
         carried_n: the same over the way there, lift included; None in recordings of before it was measured.
         cleared_fraction: share of the object's place that the second capture shows empty, or lower than it was; None =
-            it sees less than a quarter of it.
+            it sees less than a quarter of it, or there was none.
     """
 
     held: bool

@@ -67,11 +67,10 @@ class Cycle:
 
         execution = self.stages.run("execute", topics.EXECUTE, act)
         self._grasped = execution.grasped
-        if execution.stopped_in is not None or after is None:
+        if execution.stopped_in is not None:
             raise self.stages.fail(CycleFailure(Code.STOPPED, f"Stopped during {execution.stopped_in!r}."))
-        seen = after
         self.verdict = self.stages.run(
-            "verify", topics.VERIFY, lambda: verify(execution, found, grasp, before, seen, e.robot, e.station)
+            "verify", topics.VERIFY, lambda: verify(execution, found, grasp, before, after, e.robot, e.station)
         )
         if found.scene.mount is not None and len(choosing.looks) >= FEWEST_LOOKS:
             e.mounting.take(found.scene.mount)

@@ -14,6 +14,7 @@ from bus.trajectory import TICK_S, Trajectory
 from cell.machine.gate import Gate
 from cell.pick.fingers import require_at, require_new, require_possible
 from cell.pick.opening import Opening
+from cell.pick.verify import is_clear
 from cell.pick.watching import watched
 from config.schema import HandSettings, Station
 from drivers.interface import Arm, Hand
@@ -43,11 +44,12 @@ class _Runner:
         self.stopped_in = name
         return None
 
-    def carry(self, trajectory: Trajectory) -> bool:
-        """Play the way with the object in hand, and watch the hand meanwhile; as `run`."""
+    def carry_part(self, plan: PickPlan, name: SegmentName) -> bool:
+        """Play a way with the object in hand, and watch the hand meanwhile; as `run`."""
+        trajectory = _part(plan, name)
         with watched(self.read_hand) as meanwhile:
-            motion = self.move("carry", lambda: self._arm.execute(trajectory))
-        return self._keep("carry", motion, meanwhile)
+            motion = self.move(name, lambda: self._arm.execute(trajectory))
+        return self._keep(name, motion, meanwhile)
 
     def run(self, name: str, trajectory: Trajectory) -> bool:
         """Play one segment; False when it was stopped, or may not begin."""
@@ -124,14 +126,14 @@ def execute(
     station: Station,
     gate: Gate,
 ) -> tuple[Execution, Observation | None]:
-    """Reach and open on the way, close, lift, hold, and capture again from the side.
+    """Reach and open on the way, close, lift, hold, and capture again from the side, where the station asks for it.
 
     Args:
         look: captures the second observation.
         gate: every motion passes it.
 
     Returns:
-        The execution, and the second observation (None when stopped before it).
+        The execution, and the second observation (None when stopped before it, or when width and load are clear).
     """
     arm, hand = devices
     runner = _Runner(arm, hand, gate, station.hand)
@@ -141,8 +143,13 @@ def execute(
     reach = _part(plan, "reach")
     if runner.reach(reach, approach_begins(robot, reach, station.planning.approach_m), grasp.opening_m):
         grasped = runner.grasp(station.hand.grasp_force_n, station.hand.speed_m_s)
-        if runner.carry(_part(plan, "carry")) and _hold(runner, plan, station):
-            after = look()
+        if runner.carry_part(plan, "carry") and _hold(runner, plan, station):
+            assert grasped is not None, "a hand that was stopped carries nothing"
+            if not any(part.name == "aside" for part in plan.segments):
+                after = look()
+            elif not is_clear(grasp, grasped, runner.runs, robot, station) and runner.carry_part(plan, "aside"):
+                after = look()
+                runner.carry_part(plan, "return")
     execution = Execution(
         runs=tuple(runner.runs),
         grasped=grasped,

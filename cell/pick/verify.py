@@ -1,11 +1,15 @@
-"""Stage 5, verify: is the object in the hand? By measured width, measured load, and a second capture. Pure."""
+"""Stage 5, verify: is the object in the hand? By measured width and load, and a second capture if needed. Pure."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from bus.codes import Code
-from bus.messages import Detections, Execution, Grasp, HandState, Motion, Observation, Verdict
+from bus.messages import Detections, Execution, Grasp, HandState, Motion, Observation, SegmentRun, Verdict
+from bus.messages.plan import ONLY_TO_LOOK
 from config.schema import Station
 from perception.fusion.agreed import corrected
 from perception.scene.change import cleared_fraction
@@ -22,57 +26,91 @@ def verify(
     detections: Detections,
     grasp: Grasp,
     before: Observation,
-    after: Observation,
+    after: Observation | None,
     robot: Robot,
     station: Station,
 ) -> Verdict:
     """The verdict on a finished execution of a grasp (``execution.stopped_in`` is None).
 
     Every criterion must hold during the whole hold: width, load, and the object gone from its place, where the second
-    capture sees that; the width also on the way there. What turned flush in the jaw may lose width, if it keeps it;
-    what is too light for the arm to weigh is held when its place is seen empty.
+    capture sees that; the width also on every way with the object. What turned flush in the jaw may lose width, if it
+    keeps it; what is too light for the arm to weigh is held when its place is seen empty.
+
+    Args:
+        after: the second capture; None when there was none, because `is_clear`.
 
     Raises: ValueError for an execution that did not reach its hold.
     """
     grasped = execution.grasped
     if grasped is None:
         raise ValueError("verify needs an execution that reached its hold")
-    holds = [run for run in execution.runs if run.name == "hold"]
-    carries = [run for run in execution.runs if run.name == "carry"]
-    on_the_way = [state.width_m for run in carries for state in run.hand_meanwhile]
-    held_m = [run.hand.width_m for run in holds]
-    empty_n = _weight_n([run.motion for run in execution.runs if run.name == "reach"], slice(None, _HEAD), robot)
-    load_n = _weight_n([run.motion for run in holds], slice(-_TAIL, None), robot) - empty_n
-    carried_n = None
-    if execution.began is not None:
-        carried_n = _weight_n([run.motion for run in carries], slice(None), robot) - empty_n
-    mount = detections.scene.mount
-    cleared = cleared_fraction(detections, grasp.instance, corrected(before, mount), corrected(after, mount), station)
-    code, reason = _judge(grasped, on_the_way, held_m, load_n, cleared, station)
+    felt, cleared = _felt(execution.runs, robot), None
+    if after is not None:
+        was, now = (corrected(look, detections.scene.mount) for look in (before, after))
+        cleared = cleared_fraction(detections, grasp.instance, was, now, station)
+    place = f"{(cleared or 0.0) * 100:.0f} % of its place is empty"
+    if cleared is None:
+        place = "its place was not " + ("looked at" if after is None else "seen")
+    held = (None, f"Held {min(felt.widths_m) * 1e3:.1f} mm wide, {felt.load_n:.2f} N heavy; {place}.")
+    code, reason = _not_between(grasped, felt, station) or _not_lifted(felt, cleared, station) or held
     return Verdict(
         held=code is None,
         code=code,
         reason=reason,
-        hold_s=float(sum(run.motion.t_s[-1] for run in holds)),
-        width_min_m=min(on_the_way + held_m),
-        load_n=load_n,
+        hold_s=float(sum(run.motion.t_s[-1] for run in execution.runs if run.name == "hold")),
+        width_min_m=min(felt.widths_m),
+        load_n=felt.load_n,
         cleared_fraction=cleared,
-        carried_n=carried_n,
+        carried_n=felt.carried_n if execution.began is not None else None,
     )
 
 
-def _judge(
-    grasped: HandState,
-    on_the_way_m: list[float],
-    held_m: list[float],
-    load_n: float,
-    cleared: float | None,
-    station: Station,
-) -> tuple[Code | None, str]:
-    """Code and text of the first criterion that fails; None as the code when all hold."""
-    need, widths_m = station.verify, on_the_way_m + held_m
-    width_min_m, is_heavy = min(widths_m), load_n >= need.min_load_n
-    has_turned = is_heavy and max(held_m) - min(held_m) < _STEADY_M
+def is_clear(grasp: Grasp, grasped: HandState, runs: Sequence[SegmentRun], robot: Robot, station: Station) -> bool:
+    """Whether width and load tell by themselves how the pick went, so that a look at the place would change nothing.
+
+    They do when the fingers lost it; and when they stand, and stay, where they should on that object, and its load is
+    far from the measurement's errors, in the hold and on the way there.
+
+    Args:
+        runs: to the end of the hold.
+    """
+    need, felt = station.verify, _felt(runs, robot)
+    if _not_between(grasped, felt, station) is not None:
+        return True
+    is_as_planned = abs(grasped.width_m - grasp.width_m) <= need.clear_width_m
+    is_steady = grasped.width_m - min(felt.widths_m) <= need.max_width_loss_m
+    return is_as_planned and is_steady and min(felt.load_n, felt.carried_n) >= max(need.clear_load_n, need.min_load_n)
+
+
+class _Felt(NamedTuple):
+    """What hand and arm measured with the object: the widths and the load in the hold, and on every way."""
+
+    held_m: list[float]
+    on_the_way_m: list[float]
+    load_n: float
+    carried_n: float
+
+    @property
+    def widths_m(self) -> list[float]:
+        return self.on_the_way_m + self.held_m
+
+
+def _felt(runs: Sequence[SegmentRun], robot: Robot) -> _Felt:
+    def motions(name: str) -> list[Motion]:
+        return [run.motion for run in runs if run.name == name]
+
+    held_m = [run.hand.width_m for run in runs if run.name == "hold"]
+    on_the_way_m = [state.width_m for run in runs for state in run.hand_meanwhile]
+    on_the_way_m += [run.hand.width_m for run in runs if run.name in ONLY_TO_LOOK]
+    empty_n = _weight_n(motions("reach"), slice(None, _HEAD), robot)
+    load_n = _weight_n(motions("hold"), slice(-_TAIL, None), robot) - empty_n
+    return _Felt(held_m, on_the_way_m, load_n, _weight_n(motions("carry"), slice(None), robot) - empty_n)
+
+
+def _not_between(grasped: HandState, felt: _Felt, station: Station) -> tuple[Code, str] | None:
+    """Code and text when the widths tell that nothing is between the fingers, or not what they closed on."""
+    need, width_min_m = station.verify, min(felt.widths_m)
+    has_turned = felt.load_n >= need.min_load_n and max(felt.held_m) - min(felt.held_m) < _STEADY_M
     if grasped.width_m < need.min_width_m:
         return Code.GRASP_MISSED, f"The fingers closed to {grasped.width_m * 1e3:.1f} mm: nothing between them."
     has_lost = grasped.width_m - width_min_m > need.max_width_loss_m
@@ -80,15 +118,19 @@ def _judge(
         return Code.DROPPED, (
             f"The width fell from {grasped.width_m * 1e3:.1f} to {width_min_m * 1e3:.1f} mm after the grasp."
         )
-    opened = opened_by_another(grasped, max(widths_m), station)
-    if opened:
-        return Code.DROPPED, opened
+    opened = opened_by_another(grasped, max(felt.widths_m), station)
+    return (Code.DROPPED, opened) if opened else None
+
+
+def _not_lifted(felt: _Felt, cleared: float | None, station: Station) -> tuple[Code, str] | None:
+    """Code and text when the load and the object's place tell that it did not come along."""
+    need = station.verify
+    is_heavy = felt.load_n >= need.min_load_n
     if not is_heavy and (cleared is None or cleared < need.min_cleared_fraction):
-        return Code.DROPPED, f"The arm carries {load_n:.2f} N; at least {need.min_load_n:.2f} N were expected."
+        return Code.DROPPED, f"The arm carries {felt.load_n:.2f} N; at least {need.min_load_n:.2f} N were expected."
     if cleared is not None and cleared < need.min_cleared_fraction:
         return Code.NOT_CLEARED, f"Only {cleared * 100:.0f} % of where the object lay is empty now."
-    place = "its place was not seen" if cleared is None else f"{cleared * 100:.0f} % of its place is empty"
-    return None, f"Held {width_min_m * 1e3:.1f} mm wide, {load_n:.2f} N heavy; {place}."
+    return None
 
 
 def _weight_n(motions: list[Motion], samples: slice, robot: Robot) -> float:

@@ -91,8 +91,8 @@ def _verify(record: CycleRecord, station: Station, robot: Robot, _models: Models
     found, execution = _result(record, "detect", Detections), _result(record, "execute", Execution)
     chosen = _result(record, "plan", PickPlan)
     assert isinstance(found, Detections) and isinstance(execution, Execution) and isinstance(chosen, PickPlan)
-    if record.after is None:
-        raise RecordingError(f"The recording of {record.cycle_id} holds no second observation.")
+    if execution.after is not None and record.after is None:
+        raise RecordingError(f"The recording of {record.cycle_id} lacks the second observation.")
     before = _seen_by(found, record)[found.scene.shown]
     return verify(execution, found, found.grasps[chosen.grasp], before, record.after, robot, station)
 

@@ -165,6 +165,7 @@ def _facts(record: CycleRecord) -> list[Fact]:
         value = recorded_number(record.station, "verify", name)
         return "-" if value is None else f"{value * times:{form}}"
 
+    unseen = "not seen" if record.after is not None else "not looked at"
     carried = [] if verdict.carried_n is None else [Fact("load on the way", f"{verdict.carried_n:z.2f} N", "-")]
     return [
         Fact("held for", f"{verdict.hold_s:.2f} s", f"{need('hold_s', 1, 'g')} s"),
@@ -175,7 +176,7 @@ def _facts(record: CycleRecord) -> list[Fact]:
         *carried,
         Fact(
             "of the object's place is empty",
-            f"{verdict.cleared_fraction * 100:.0f} %" if verdict.cleared_fraction is not None else "not seen",
+            f"{verdict.cleared_fraction * 100:.0f} %" if verdict.cleared_fraction is not None else unseen,
             f"≥ {need('min_cleared_fraction', 100, '.0f')} %",
         ),
     ]

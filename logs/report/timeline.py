@@ -9,6 +9,7 @@ from bus.codes import ADVICE
 from bus.commands import Event
 from bus.frozen import Message
 from bus.messages import Detections, Execution, PickPlan, Verdict, View
+from bus.messages.plan import ONLY_TO_LOOK
 from logs.direction import direction_in_words
 from logs.mcap.names import telling
 from logs.mcap.reader import CycleRecord, Stage
@@ -159,7 +160,7 @@ def in_words(result: Message | None) -> str:
         best = result.grasps[0]
         return f"{len(result.grasps)} grasps, the best {best.width_m * 1e3:.0f} mm wide"
     if isinstance(result, PickPlan):
-        motion_s = sum(part.trajectory.duration_s for part in result.segments)
+        motion_s = sum(part.trajectory.duration_s for part in result.segments if part.name not in ONLY_TO_LOOK)
         return f"grasp {result.grasp}, {motion_s:.1f} s of motion, {len(result.rejected)} grasps rejected"
     if isinstance(result, Execution) and result.grasped is not None:
         return f"closed at {result.grasped.width_m * 1e3:.1f} mm"

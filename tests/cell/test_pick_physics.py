@@ -31,8 +31,8 @@ Pick = Callable[[str], "Outcome"]
 class Outcome:
     """One pick, and where the object really was at each point of it (height [m])."""
 
-    def __init__(self, name: str, friction: float, seed: int = 3) -> None:
-        station = load_station(None, [f"sim.friction={friction}", f"sim.seed={seed}"])
+    def __init__(self, name: str, friction: float, seed: int = 3, settings: tuple[str, ...] = ()) -> None:
+        station = load_station(None, [f"sim.friction={friction}", f"sim.seed={seed}", *settings])
         devices = open_devices("sim", station)
         camera, hand, presenter = devices.camera, devices.hand, devices.presenter
         assert camera is not None and devices.arm is not None and hand is not None and presenter is not None
@@ -47,17 +47,22 @@ class Outcome:
         chosen = plan(found, [before], robot, station)
 
         def look() -> Observation:
-            self.held_m = presenter.truth().base_from_object[2, 3]
             return capture(camera, arm, robot)
 
         self.execution: Execution
         self.execution, after = execute(chosen, found.grasps[chosen.grasp], (arm, hand), look, robot, station, Gate())
-        assert after is not None
+        self.held_m = presenter.truth().base_from_object[2, 3]
         self.verdict: Verdict = verify(self.execution, found, found.grasps[chosen.grasp], before, after, robot, station)
         self.delivery = deliver(chosen, found.grasps[chosen.grasp], (arm, hand), station, Gate())
         self.place = presenter.truth().base_from_object[:3, 3]
         self.station = station
         camera.close()
+
+
+def _is_in_the_tray(outcome: Outcome) -> bool:
+    tray = outcome.station.scene.tray
+    offset = np.abs(outcome.place[:2] - tray.center_m[:2])
+    return bool((offset < np.array(tray.size_m[:2]) / 2 + 0.05).all())
 
 
 @pytest.fixture(scope="module")
@@ -76,10 +81,7 @@ def test_the_object_really_rises_and_the_verdict_knows(picked: Pick, name: str) 
 
 @pytest.mark.parametrize("name", OBJECTS)
 def test_the_object_ends_in_the_tray(picked: Pick, name: str) -> None:
-    outcome = picked(name)
-    tray = outcome.station.scene.tray
-    offset = np.abs(outcome.place[:2] - tray.center_m[:2])
-    assert (offset < np.array(tray.size_m[:2]) / 2 + 0.05).all(), outcome.place
+    assert _is_in_the_tray(picked(name)), picked(name).place
 
 
 @pytest.mark.parametrize("name", OBJECTS)
@@ -95,5 +97,34 @@ def test_every_executed_trajectory_keeps_the_limits(picked: Pick, name: str) -> 
 @pytest.mark.parametrize("name", OBJECTS)
 def test_frictionless_fingers_lift_nothing_and_the_verdict_says_so(name: str) -> None:
     outcome = Outcome(name, friction=0.0)
+    assert outcome.held_m - outcome.lay_m < 0.05
+    assert not outcome.verdict.held and outcome.verdict.code in ("GRASP_MISSED", "DROPPED")
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+def test_held_above_the_tray_it_is_clear_without_a_look_and_ends_there(name: str) -> None:
+    outcome = Outcome(name, friction=0.8, settings=("verify.look=auto",))
+    assert outcome.held_m - outcome.lay_m > 0.10
+    assert outcome.verdict.held and outcome.verdict.cleared_fraction is None
+    names = [run.name for run in (*outcome.execution.runs, *outcome.delivery.runs) if run.name != "hold"]
+    assert names == ["reach", "carry", "place", "home"]
+    assert _is_in_the_tray(outcome)
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+def test_held_above_the_tray_it_is_taken_to_the_look_and_back_where_it_is_not_clear(name: str) -> None:
+    outcome = Outcome(name, friction=0.8, settings=("verify.look=auto", "verify.clear_load_n=100"))
+    assert outcome.verdict.held and (outcome.verdict.cleared_fraction or 0.0) > 0.9
+    runs = [run for run in (*outcome.execution.runs, *outcome.delivery.runs) if run.name != "hold"]
+    assert [run.name for run in runs] == ["reach", "carry", "aside", "return", "place", "home"]
+    for run in runs:
+        report = check(run.motion.commanded_q_rad)
+        assert report.ok, f"{run.name}: {report.describe()}"
+    assert _is_in_the_tray(outcome)
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+def test_frictionless_fingers_are_found_out_above_the_tray_too(name: str) -> None:
+    outcome = Outcome(name, friction=0.0, settings=("verify.look=auto",))
     assert outcome.held_m - outcome.lay_m < 0.05
     assert not outcome.verdict.held and outcome.verdict.code in ("GRASP_MISSED", "DROPPED")
