@@ -52,11 +52,12 @@ ADVICE: dict[Code, str] = {
     Code.NO_TABLE: "Is the table in view, and scene.table at its height? If it did not move, calibrate the camera.",
     Code.TABLE_MOVED: "Calibrate the camera with `cell calibrate`, or correct scene.table in the station file.",
     Code.TOO_NEAR: "Look from farther away (arm.capture_q_rad), or take the object out by hand.",
-    Code.NO_GRASP: "Turn the object so that a side narrower than the jaw faces the camera.",
+    Code.NO_GRASP: "The reason says how wide it is and how far the jaw opens. Lay it so that a narrow part can be held"
+    " with room for a finger on either side, or take it out by hand.",
     Code.LEFT_OVER: "The reports of the cycles before say why each failed. Turn them or take them out by hand, and"
     " start again: then all are tried anew.",
     Code.UNREACHABLE: "Move the object nearer to the middle of the pick region.",
-    Code.COLLISION: "Move the object away from the tray, the table's edge and the arm.",
+    Code.COLLISION: "The reason says what was in the way of each grasp: make room there, or turn the object.",
     Code.MODEL_REFUSED: "Read the model's reply in the report; rephrase the target or use another model.",
     Code.MODEL_ACCESS: "Check the key in the environment, and that its account may use the configured model.",
     Code.MODEL_QUOTA: "The provider limits this account's rate or credit; wait, raise the quota or use another model.",

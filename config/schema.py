@@ -285,11 +285,12 @@ class ImagineSettings(Settings):
 
     steps: Literal[1, 3] = 3
     """3 = reason, direct, render; 1 = render at once (the paper's ablation)."""
-    samples: Annotated[int, Field(ge=1, le=8)] = 1
-    """Number of proposals for one object; their agreement is reported."""
+    samples: Annotated[int, Field(ge=1, le=8)] | Literal["auto"] = "auto"
+    """Number of proposals for one object; their agreement is reported. "auto": one; but in several looks the embedded
+    model, whose rods cost nothing, makes as many as `targets` in all: planning gets other ways to hold a thing, too."""
     targets: Annotated[int, Field(ge=1, le=20)] = 4
-    """Most objects for which a rod is imagined. When one fails the next is tried; the embedded model, whose rods cost
-    nothing, goes on after a success, so that planning has more to choose from."""
+    """Most objects for which a rod is imagined. When one fails the next is tried; the embedded model goes on after a
+    success, so that planning has more to choose from."""
     budget_s: Positive = 60.0
     """After so much time no further object is tried."""
 
@@ -486,6 +487,8 @@ class VerifySettings(Settings):
     Attributes:
         hold_s: how long the arm stands still with the object. It may be short: the hand is watched from the grasp on.
         samples: readings of the hand during the hold; one a tenth of a second if it is short.
+        max_width_loss_m: the width may fall by more only when it is steady in the hold: the object turned flush.
+        min_load_n: less is held only when the object's place is seen empty: the arm cannot weigh a few grams.
     """
 
     hold_s: Annotated[float, Field(gt=0, le=60)] = 3.0

@@ -131,6 +131,7 @@ class _Tries:
     def make(self, targets: list[int]) -> None:
         """Try the targets, until a hosted model succeeds or the time is over; an embedded one costs nothing."""
         settings, began_s = self.station.perception.imagine, self.talk.clock_s()
+        samples = self._samples(len(targets))
         for number in targets:
             if self.found and self.models.imaginer.is_hosted:
                 return
@@ -145,8 +146,17 @@ class _Tries:
                 self._failed(number, 0, failure)
                 continue
             one = observed_object_of(self.scene, self.seen.instances, number, outline, axes)
-            for sample in range(settings.samples):
+            for sample in range(samples if self.models.imaginer.is_hosted else min(samples, max(len(axes), 1))):
                 self._try(*one, sample)
+
+    def _samples(self, things: int) -> int:
+        """How many rods are imagined for each of so many things."""
+        settings = self.station.perception.imagine
+        if settings.samples != "auto":
+            return settings.samples
+        if self.models.imaginer.is_hosted or len(self.scene.looks) == 1:
+            return 1
+        return max(1, settings.targets // max(things, 1))
 
     def _outline(self, number: int) -> Mask:
         """The outline (H, W) of a thing in the look that is shown. Raises: CycleFailure(NO_DEPTH) without one there."""
@@ -213,7 +223,8 @@ def _detections(tries: _Tries, station: Station) -> Detections:
         rectangles += [rectangle(ends, rgbd.camera, station) for ends in one.proposal.ends]
     best = max(found, key=lambda one: one.grasps[0].score)
     alike = [one for one in found if one.observed_object.instance == best.observed_object.instance]
-    agree = sum(_same_place(best.proposal, one.proposal) for one in alike) / station.perception.imagine.samples
+    tried = [one for one in tries.tried if one.instance == best.observed_object.instance.number]
+    agree = sum(_same_place(best.proposal, one.proposal) for one in alike) / len(tried)
     return Detections(
         rectangles=tuple(rectangles),
         grasps=rank(grasps, station),

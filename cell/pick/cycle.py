@@ -71,7 +71,7 @@ class Cycle:
             raise self.stages.fail(CycleFailure(Code.STOPPED, f"Stopped during {execution.stopped_in!r}."))
         seen = after
         self.verdict = self.stages.run(
-            "verify", topics.VERIFY, lambda: verify(execution, found, before, seen, e.robot, e.station)
+            "verify", topics.VERIFY, lambda: verify(execution, found, grasp, before, seen, e.robot, e.station)
         )
         if found.scene.mount is not None and len(choosing.looks) >= FEWEST_LOOKS:
             e.mounting.take(found.scene.mount)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bus.codes import Code
-from bus.messages import Detections, Execution, HandState, Motion, Observation, Verdict
+from bus.messages import Detections, Execution, Grasp, HandState, Motion, Observation, Verdict
 from config.schema import Station
 from perception.fusion.agreed import corrected
 from perception.scene.change import cleared_fraction
@@ -13,20 +13,24 @@ from planning.robot import Robot
 
 _HEAD, _TAIL = 10, 20
 """Number of measured samples (10 ms each) for the load of the empty hand at the start, and of the held object."""
+_STEADY_M = 0.001
+"""What turns flush in the jaw loses width once, then keeps it to so much in the hold; what slips loses ever more."""
 
 
 def verify(
     execution: Execution,
     detections: Detections,
+    grasp: Grasp,
     before: Observation,
     after: Observation,
     robot: Robot,
     station: Station,
 ) -> Verdict:
-    """The verdict on a finished execution (``execution.stopped_in`` is None).
+    """The verdict on a finished execution of a grasp (``execution.stopped_in`` is None).
 
     Every criterion must hold during the whole hold: width, load, and the object gone from its place, where the second
-    capture sees that; the width also on the way there.
+    capture sees that; the width also on the way there. What turned flush in the jaw may lose width, if it keeps it;
+    what is too light for the arm to weigh is held when its place is seen empty.
 
     Raises: ValueError for an execution that did not reach its hold.
     """
@@ -36,21 +40,21 @@ def verify(
     holds = [run for run in execution.runs if run.name == "hold"]
     carries = [run for run in execution.runs if run.name == "carry"]
     on_the_way = [state.width_m for run in carries for state in run.hand_meanwhile]
-    widths_m = [*on_the_way, *(run.hand.width_m for run in holds)]
+    held_m = [run.hand.width_m for run in holds]
     empty_n = _weight_n([run.motion for run in execution.runs if run.name == "reach"], slice(None, _HEAD), robot)
     load_n = _weight_n([run.motion for run in holds], slice(-_TAIL, None), robot) - empty_n
     carried_n = None
     if execution.began is not None:
         carried_n = _weight_n([run.motion for run in carries], slice(None), robot) - empty_n
     mount = detections.scene.mount
-    cleared = cleared_fraction(detections, corrected(before, mount), corrected(after, mount), station)
-    code, reason = _judge(grasped, widths_m, load_n, cleared, station)
+    cleared = cleared_fraction(detections, grasp.instance, corrected(before, mount), corrected(after, mount), station)
+    code, reason = _judge(grasped, on_the_way, held_m, load_n, cleared, station)
     return Verdict(
         held=code is None,
         code=code,
         reason=reason,
         hold_s=float(sum(run.motion.t_s[-1] for run in holds)),
-        width_min_m=min(widths_m),
+        width_min_m=min(on_the_way + held_m),
         load_n=load_n,
         cleared_fraction=cleared,
         carried_n=carried_n,
@@ -58,20 +62,28 @@ def verify(
 
 
 def _judge(
-    grasped: HandState, widths_m: list[float], load_n: float, cleared: float | None, station: Station
+    grasped: HandState,
+    on_the_way_m: list[float],
+    held_m: list[float],
+    load_n: float,
+    cleared: float | None,
+    station: Station,
 ) -> tuple[Code | None, str]:
     """Code and text of the first criterion that fails; None as the code when all hold."""
-    need, width_min_m = station.verify, min(widths_m)
+    need, widths_m = station.verify, on_the_way_m + held_m
+    width_min_m, is_heavy = min(widths_m), load_n >= need.min_load_n
+    has_turned = is_heavy and max(held_m) - min(held_m) < _STEADY_M
     if grasped.width_m < need.min_width_m:
         return Code.GRASP_MISSED, f"The fingers closed to {grasped.width_m * 1e3:.1f} mm: nothing between them."
-    if width_min_m < need.min_width_m or grasped.width_m - width_min_m > need.max_width_loss_m:
+    has_lost = grasped.width_m - width_min_m > need.max_width_loss_m
+    if width_min_m < need.min_width_m or (has_lost and not has_turned):
         return Code.DROPPED, (
             f"The width fell from {grasped.width_m * 1e3:.1f} to {width_min_m * 1e3:.1f} mm after the grasp."
         )
     opened = opened_by_another(grasped, max(widths_m), station)
     if opened:
         return Code.DROPPED, opened
-    if load_n < need.min_load_n:
+    if not is_heavy and (cleared is None or cleared < need.min_cleared_fraction):
         return Code.DROPPED, f"The arm carries {load_n:.2f} N; at least {need.min_load_n:.2f} N were expected."
     if cleared is not None and cleared < need.min_cleared_fraction:
         return Code.NOT_CLEARED, f"Only {cleared * 100:.0f} % of where the object lay is empty now."

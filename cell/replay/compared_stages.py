@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from bus import topics
 from bus.errors import RecordingError
 from bus.frozen import Message
-from bus.messages import Detections, Execution, Observation, StageName
+from bus.messages import Detections, Execution, Observation, PickPlan, StageName
 from bus.topics import Topic
 from cell.pick.detect import detect
 from cell.pick.plan import plan
@@ -89,11 +89,12 @@ def _plan(record: CycleRecord, station: Station, robot: Robot, _models: Models) 
 
 def _verify(record: CycleRecord, station: Station, robot: Robot, _models: Models) -> Message:
     found, execution = _result(record, "detect", Detections), _result(record, "execute", Execution)
-    assert isinstance(found, Detections) and isinstance(execution, Execution)
+    chosen = _result(record, "plan", PickPlan)
+    assert isinstance(found, Detections) and isinstance(execution, Execution) and isinstance(chosen, PickPlan)
     if record.after is None:
         raise RecordingError(f"The recording of {record.cycle_id} holds no second observation.")
     before = _seen_by(found, record)[found.scene.shown]
-    return verify(execution, found, before, record.after, robot, station)
+    return verify(execution, found, found.grasps[chosen.grasp], before, record.after, robot, station)
 
 
 _PIXELS = Tolerance(0.05, "px")

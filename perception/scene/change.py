@@ -9,6 +9,7 @@ from bus.transforms import apply, inverse
 from config.schema import Station
 from perception.geometry.depth import moved, without_flying_pixels
 from perception.scene.depth_view import DepthView
+from perception.scene.surroundings import surroundings
 from perception.scene.table import find_table
 
 _CELL_M = 0.004
@@ -17,13 +18,20 @@ _HANGING_M = 0.15
 _MIN_SEEN = 0.25
 
 
-def cleared_fraction(detections: Detections, before: Observation, after: Observation, station: Station) -> float | None:
-    """Share of the 4 mm cells under the object that the second capture shows at table height, or lower than it was.
+def cleared_fraction(
+    detections: Detections, instance: int, before: Observation, after: Observation, station: Station
+) -> float | None:
+    """Share of the 4 mm cells under an object that the second capture shows at table height, or lower than it was.
 
     Cells that the second capture does not see (e.g. behind the held object) are left out; None when less than a quarter
-    is seen. In a heap others lie under the object.
+    is seen, or the object was not in the look that is shown. In a heap others lie under the object.
+
+    Args:
+        instance: the number of the object that was grasped.
     """
-    was = apply(before.view.base_from_color, detections.evidence.observed_points.astype(float))
+    was = _points(detections, instance, before)
+    if not len(was):
+        return None
     was_m = apply(inverse(detections.scene.table.base_from_table), was)[:, 2]
     least_m = station.perception.min_object_height_m
     raised = was_m >= least_m  # an outline holds a rim of table, too
@@ -40,6 +48,15 @@ def cleared_fraction(detections: Detections, before: Observation, after: Observa
     fell = _means(lay, cells, height_m[low]) < _means(lay, _cells(was), was_m) - least_m
     # Noise scatters single points: a cell is empty when most of its points are at table height.
     return float(np.mean((standing < 0.5)[seen] | fell[seen]))
+
+
+def _points(detections: Detections, instance: int, before: Observation) -> np.ndarray:
+    """(n, 3) what was seen of an object, in ``base``: the evidence's points, when the evidence is of this object."""
+    if instance == detections.grasps[0].instance:
+        return apply(before.view.base_from_color, detections.evidence.observed_points.astype(float))
+    points, is_target = surroundings(before, detections.scene.labels == instance)
+    ours = points[is_target].astype(float)
+    return np.asarray(ours[np.isfinite(ours[:, 2])])
 
 
 def _cells(points: np.ndarray) -> np.ndarray:

@@ -53,7 +53,7 @@ class Outcome:
         self.execution: Execution
         self.execution, after = execute(chosen, found.grasps[chosen.grasp], (arm, hand), look, robot, station, Gate())
         assert after is not None
-        self.verdict: Verdict = verify(self.execution, found, before, after, robot, station)
+        self.verdict: Verdict = verify(self.execution, found, found.grasps[chosen.grasp], before, after, robot, station)
         self.delivery = deliver(chosen, found.grasps[chosen.grasp], (arm, hand), station, Gate())
         self.place = presenter.truth().base_from_object[:3, 3]
         self.station = station

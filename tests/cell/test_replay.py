@@ -120,7 +120,7 @@ def test_a_folder_is_summed_up_and_what_cannot_be_read_is_named(tmp_path: Path, 
     summary = json.loads(said.stdout)
     assert (said.exit_code, summary["cycles"], summary["equal"]) == (0, 1, 1)
     different = CliRunner().invoke(
-        command_line(), ["replay", str(tmp_path), "--set", "verify.min_load_n=50", "--only", "verify"]
+        command_line(), ["replay", str(tmp_path), "--set", "verify.min_width_m=0.079", "--only", "verify"]
     )
     assert different.exit_code == 1 and "first in verify/verify, held" in different.stdout
 

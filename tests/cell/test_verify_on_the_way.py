@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -33,10 +34,10 @@ def _executed(record: CycleRecord) -> Execution:
 
 
 def _judged(record: CycleRecord, execution: Execution) -> Verdict:
-    found = record.stages["detect"].result
-    assert isinstance(found, Detections) and record.after is not None
+    found, chosen = record.stages["detect"].result, record.stages["plan"].result
+    assert isinstance(found, Detections) and isinstance(chosen, PickPlan) and record.after is not None
     station = station_from(dict(record.station))
-    return verify(execution, found, record.looks[0], record.after, Robot(station), station)
+    return verify(execution, found, found.grasps[chosen.grasp], record.looks[0], record.after, Robot(station), station)
 
 
 def _watched(execution: Execution, *widths_m: float) -> Execution:
@@ -67,6 +68,43 @@ def test_a_width_that_falls_on_the_way_only_is_a_drop(record: CycleRecord) -> No
     verdict = _judged(record, _watched(execution, execution.grasped.width_m, 0.0, execution.grasped.width_m))
     assert (verdict.held, verdict.code) == (False, Code.DROPPED)
     assert "width fell" in verdict.reason
+
+
+def _at_the_end(execution: Execution, *widths_m: float, load_n: float | None = None) -> Execution:
+    """The same with these widths in the hold, one after the other; of ``load_n`` 0 nothing weighs on the arm."""
+    runs, left = [], list(widths_m)
+    for run in execution.runs:
+        if run.name == "hold":
+            hand = run.hand.model_copy(update={"width_m": left.pop(0) if len(left) > 1 else left[0]})
+            run = run.model_copy(update={"hand": hand})
+        if load_n == 0:
+            still = run.motion.model_copy(update={"tau_ext_nm": np.zeros_like(run.motion.tau_ext_nm)})
+            run = run.model_copy(update={"motion": still})
+        runs.append(run)
+    return execution.model_copy(update={"runs": tuple(runs)})
+
+
+def test_what_turned_flush_in_the_jaw_is_held_and_what_keeps_slipping_is_not(record: CycleRecord) -> None:
+    execution = _executed(record)
+    assert execution.grasped is not None
+    wide_m = execution.grasped.width_m
+    turned, slipping = (wide_m - 0.009, wide_m - 0.0092), (wide_m - 0.007, wide_m - 0.010)
+    assert _judged(record, _at_the_end(execution, *turned)).held
+    verdict = _judged(record, _at_the_end(execution, *slipping))
+    assert (verdict.held, verdict.code) == (False, Code.DROPPED)
+    light = _judged(record, _at_the_end(execution, *turned, load_n=0))
+    assert (light.held, light.code) == (False, Code.DROPPED), "that it is still there, nothing says"
+
+
+def test_what_is_too_light_to_weigh_is_held_when_its_place_is_empty(record: CycleRecord) -> None:
+    execution = _executed(record)
+    assert execution.grasped is not None
+    light = _at_the_end(execution, execution.grasped.width_m, load_n=0)
+    verdict = _judged(record, light)
+    assert verdict.held and verdict.load_n == pytest.approx(0.0, abs=0.01)
+    still_there = record.looks[0]
+    verdict = _judged(replace(record, after=still_there), light)
+    assert (verdict.held, verdict.code) == (False, Code.DROPPED)
 
 
 class _StandsStill:

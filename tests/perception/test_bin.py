@@ -111,10 +111,10 @@ def test_a_place_is_cleared_when_its_object_left_whatever_the_neighbours_do(
     target = bin_.nearest(found.grasps[0].base_from_tcp[:2, 3])
     other = next(body for body in bin_.world.objects if body != target)
     bin_.take_away(other)
-    still = cleared_fraction(found, before, bin_.look(), bin_.station)
+    still = cleared_fraction(found, found.grasps[0].instance, before, bin_.look(), bin_.station)
     assert still is not None and still < 0.3, "another one left, not this one"
     bin_.take_away(target)
-    gone = cleared_fraction(found, before, bin_.look(), bin_.station)
+    gone = cleared_fraction(found, found.grasps[0].instance, before, bin_.look(), bin_.station)
     assert gone is not None and gone > 0.9
 
 

@@ -155,6 +155,6 @@ def test_the_place_is_cleared_only_when_the_object_left(see: See) -> None:
     there, _ = see("spatula", 1)
     gone, _ = see("cup", 2)
     found: Detections = detect(there, STATION)
-    still, left = (cleared_fraction(found, there, after, STATION) for after in (there, gone))
+    still, left = (cleared_fraction(found, 1, there, after, STATION) for after in (there, gone))
     assert still is not None and still < 0.3
     assert left is not None and left > 0.6
