@@ -96,7 +96,7 @@ class Scene:
         return self._without_target
 
     def on_the_way(self) -> Scene:
-        """Return the scene up to the approach line: no part of the hand touches the target there, nor do the fingers."""
+        """Return the scene up to the approach line: there the fingers may not touch the target either."""
         return self._kept_off
 
     @cached_property
