@@ -164,12 +164,13 @@ def _ways_to_grasp(
     scene: Scene, grasp: Grasp, base_from_tcp: Transform, q_now_rad: Joints, calm: Callable[[Pregrasp], bool]
 ) -> Iterator[tuple[Way, Pregrasp]]:
     pregrasps = pregrasps_of(scene, grasp, base_from_tcp, q_now_rad)
-    return ways(scene, q_now_rad, pregrasps, None, calm)
+    return ways(scene.on_the_way(), q_now_rad, pregrasps, None, calm)
 
 
 def _reach(scene: Scene, grasp: Grasp, way: Way, pregrasp: Pregrasp) -> Segment:
     """Plan the reach: up to the approach line the hand may still be on its way to its opening."""
-    reach = motion("reach", way, [*way.lines(), pregrasp.line_rad], scene, opening_m(grasp, scene.station))
+    way_there = scene.on_the_way()
+    reach = motion("reach", way, [*way.lines(), pregrasp.line_rad], way_there, opening_m(grasp, scene.station))
     until = approach_begins(scene.robot, reach.trajectory, scene.station.planning.approach_m)
     collision = scene.gate(reach.trajectory.filtered()[: until + 1], None)
     if collision is not None:

@@ -88,7 +88,7 @@ def pregrasps_of(
         try:
             if id(before) in jammed:
                 raise jammed[id(before)]
-            _require_untouched("before the grasp", scene, q, open_m)
+            _require_untouched("before the grasp", scene.on_the_way(), q, open_m)
             approach = _line("approach", q, before, -back_m)
             lift = _line("lift", approach[-1], shifted(before, -back_m), up_m)
             _require_free("approach", scene, approach, open_m)

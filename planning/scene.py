@@ -48,6 +48,7 @@ class Scene:
         boxes: the known boxes; the first is the table.
         field: the observed obstacles besides; None = none.
         target: the points (n, 3) [m] of the object to be grasped in ``base``; only the fingers may touch it.
+        keeps_off: the fingers may not touch it either.
         held: the object in the hand.
         fixed: known things of other shapes than the boxes, or turned.
         cancel: once set, every check raises CycleFailure(STOPPED), which ends all planning with this scene.
@@ -58,6 +59,7 @@ class Scene:
     boxes: tuple[Box, ...]
     field: ObservedHeightField | None = None
     target: Array | None = None
+    keeps_off: bool = False
     held: Thing | None = None
     fixed: tuple[Thing, ...] = ()
     cancel: Cancel = dataclass_field(default_factory=Cancel)
@@ -92,6 +94,14 @@ class Scene:
     def empty(self) -> Scene:
         """Return the scene without the target, neither in the hand nor on the table."""
         return self._without_target
+
+    def on_the_way(self) -> Scene:
+        """Return the scene up to the approach line: there the fingers may not touch the target either."""
+        return self._kept_off
+
+    @cached_property
+    def _kept_off(self) -> Scene:
+        return self if self.target is None else replace(self, keeps_off=True)
 
     @cached_property
     def _without_target(self) -> Scene:
@@ -230,7 +240,8 @@ class Scene:
         if self.field is not None:
             things += (self.field.thing,)
         if self.target is not None:
-            things += (Thing("the target", self._target_solid, near=FINGERS),)
+            near = frozenset[str]() if self.keeps_off else FINGERS
+            things += (Thing("the target", self._target_solid, near=near),)
         if self.held is not None:
             things += (self.held,)
         return things

@@ -26,6 +26,7 @@ from drivers.sim.objects import name_in_order, object_names, require_presentable
 from drivers.sim.optics import FOVY_DEG, hand_from_cameras
 from drivers.sim.placing import OBJECT, Placing
 from drivers.sim.scene import ARM_JOINTS, FINGER_JOINTS, HAND_ACTUATOR, compose
+from drivers.sim.shown import show_what_is_touched
 from drivers.sim.turns import Turns
 
 _log = logging.getLogger(__name__)
@@ -262,6 +263,8 @@ class World:
             raise ConfigError(
                 f"An object does not compile: {error}.", f"Correct the object.xml of: {names}."
             ) from error
+        for body in objects:
+            show_what_is_touched(model, body)
         with self.lock:
             old = getattr(self, "data", None)
             kept = None if old is None else (old.qpos[self._robot_qpos].copy(), old.qvel[self._robot_dofs].copy())

@@ -31,6 +31,10 @@ _RAYS_M = np.linspace(-0.009, 0.009, 7, dtype=np.float32)
 _STEP_M = 0.001
 _REACH_BEYOND_M = 0.014
 _NEAR_PATCH_M = 0.003
+_FACE_M = 0.006
+"""So far behind the first contact the face goes on: two rays alone, where a pad's edge meets a round one, are level."""
+_MAX_FACE_RAD = float(np.deg2rad(32))
+"""Largest angle across the pad so far behind the contact: a round face leans more there than where it is touched."""
 _MIN_SLACK_M = 0.001
 _INSET_M = 0.0005
 """How much too wide each side reads: a cell is as high as its highest point, so faces seem half a cell farther out."""
@@ -200,6 +204,7 @@ def _closed(
     patch = (_near(left, touch.left_m) & _near(right, touch.right_m)).mean(axis=1)
     lean = np.arctan(np.abs(left_edge_m - right_edge_m) / np.maximum(touch.width_m, 0.005))
     across = np.maximum(profile.across_rad(left, touch.left_m), profile.across_rad(right, touch.right_m))
+    face = np.maximum(profile.face_rad(left, touch.left_m), profile.face_rad(right, touch.right_m))
     above = profile.contacts_above(tip_m)
     left_up = profile.up_rad([one for one, _ in above], left, touch.left_m, 1.0)
     right_up = profile.up_rad([other for _, other in above], right, touch.right_m, -1.0)
@@ -207,7 +212,7 @@ def _closed(
     labels, parts, patches = profile.between(touch.left_m, touch.right_m)
     solid = profile.solid(touch.left_m, touch.right_m, edge_m)
     instance = _held(labels, parts[:, 0] == parts[:, 2], (solid >= 1) & _same(patches))
-    feasible &= (angle < MAX_ANGLE_RAD) & (patch > 1.5 / len(_RAYS_M)) & (instance > 0)
+    feasible &= (angle < MAX_ANGLE_RAD) & (face < _MAX_FACE_RAD) & (patch > 1.5 / len(_RAYS_M)) & (instance > 0)
     center_m = centers_m + axis * touch.middle_m[:, None]
     terms = {
         "square": np.clip(1 - across / _FRICTION_RAD, 0, 1),
@@ -339,6 +344,15 @@ class _Profile:
         """Angle (n,) across the pad between the closing axis and the face's normal."""
         near = _near(contact, touch_m)
         return np.asarray(np.arctan(np.abs(_slope(np.broadcast_to(_RAYS_M, contact.shape), contact, near))))
+
+    def face_rad(self, contact: Rays, touch_m: Array) -> Array:
+        """As `across_rad`, of a face that goes on by one ray to either side of those that touch."""
+        near = _near(contact, touch_m)
+        wider = near.copy()
+        wider[:, 1:] |= near[:, :-1]
+        wider[:, :-1] |= near[:, 1:]
+        wider &= np.abs(contact - touch_m[:, None]) < _FACE_M
+        return np.asarray(np.arctan(np.abs(_slope(np.broadcast_to(_RAYS_M, contact.shape), contact, wider))))
 
     def contacts_above(self, tip_m: Array) -> list[tuple[Rays, Rays]]:
         """The contacts at each higher level, wherever along the axis."""

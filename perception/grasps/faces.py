@@ -28,6 +28,8 @@ _STEEP_RAD, _LARGEST_RAD = float(np.arctan(0.5)), float(np.deg2rad(50))
 Friction 0.5 holds 27 degrees; on curved things the mean is of more than what is touched."""
 _UNKNOWN = 0.5
 """Of a face that was not seen, by how much it leans, as a share of the steepest."""
+_TIGHT = 0.3
+"""How much a jaw without room beside the fingers counts in one look, which does not know the error of its mounting."""
 _THIN_M = 0.016
 """The two faces of a wall so thin lean alike; of a thicker thing, what is seen of one says nothing of the other."""
 
@@ -45,7 +47,8 @@ def across_faces(closings: Closings, scene: Scene, base_from_level: Transform) -
     if surfaces is None:
         is_deep = closings.edge_m - closings.slice_m > _THIN_M
         leans = np.maximum(closings.lean, _UNKNOWN * is_deep)
-        return replace(closings, score=closings.score - _SHARE * leans * (closings.width_m < _THIN_M))
+        tight = _TIGHT * (1 - closings.terms["free"])
+        return replace(closings, score=closings.score - _SHARE * leans * (closings.width_m < _THIN_M) - tight)
     faces, score = np.zeros(len(closings.score)), closings.score.copy()
     best = np.argsort(-closings.score, kind="stable")[:_TESTED]
     for index in best[np.isfinite(closings.score[best])]:

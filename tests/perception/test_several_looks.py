@@ -16,7 +16,9 @@ from cell.pick.detect import detect
 from config.load import load_station
 from perception.goal.imagine import observed_object_of
 from perception.grasps.closing import close
+from perception.grasps.faces import across_faces
 from perception.grasps.rank import facing, grasps_of_rod
+from perception.grasps.search import search
 from perception.models import open_models
 from perception.scene.change import cleared_fraction
 from perception.scene.heightmap import Grid, HeightMap, highest
@@ -336,3 +338,16 @@ def test_all_that_was_seen_follows_the_base_it_is_seen_in() -> None:
     moved = scene_of([Look.of(look([POST], one, base_from_base=shift), STATION) for one in (LEFT, RIGHT)], STATION)
     middles = [scene.cloud.points_table[scene.cloud_labels == 1].mean(axis=0) for scene in (still, moved)]
     assert middles[1] - middles[0] == pytest.approx([0.02, -0.01, 0.0], abs=1e-3)
+
+
+def test_a_thing_nearly_as_wide_as_the_jaw_asks_for_another_look() -> None:
+    """One look does not know by how much its camera is mounted amiss: fingers may come down on it."""
+
+    def best(width_m: float, *directions: tuple[float, float]) -> float:
+        scene = _scene([Solid((0.46, 0.0, 0.0), (0.10, width_m, 0.05))], *directions)
+        closings = search(scene.heights, STATION)
+        return float(across_faces(closings, scene, scene.table.base_from_table).score.max())
+
+    assert best(0.060, ABOVE) > STATION.capture.weak_score
+    assert best(0.075, ABOVE) < STATION.capture.weak_score
+    assert best(0.075, ABOVE, LEFT, RIGHT) > best(0.075, ABOVE)

@@ -128,6 +128,15 @@ def test_only_the_fingers_may_touch_the_target(robot: Robot) -> None:
     assert Scene(robot, STATION, among(robot).boxes, target=tower - [0, 0, 0.08]).collision(CAPTURE, WIDE_M) is None
 
 
+def test_on_the_way_to_the_approach_line_the_fingers_keep_off_it_too(robot: Robot) -> None:
+    tip_m = robot.base_from_tcp(CAPTURE)[:3, 3]
+    pole = tip_m + [[x, y, z] for x in (0.0, 0.01) for y in (0.03, 0.05) for z in np.linspace(-0.3, 0.0, 10)]
+    scene = Scene(robot, STATION, among(robot).boxes, target=pole)
+    assert scene.collision(CAPTURE, WIDE_M) is None
+    assert "finger touches the target" in str(scene.on_the_way().collision(CAPTURE, WIDE_M))
+    assert scene.on_the_way().empty().collision(CAPTURE, WIDE_M) is None
+
+
 def test_clutter_that_is_only_seen_is_kept_away_from(robot: Robot) -> None:
     tcp = robot.base_from_tcp(CAPTURE + np.array([0.5, 0, 0, 0, 0, 0, 0]))[:3, 3]
     post = box("post", (tcp[0], tcp[1], tcp[2] / 2), (0.03, 0.03, tcp[2]))
