@@ -17,6 +17,8 @@ from planning.robot import Robot
 
 _HEAD, _TAIL = 10, 20
 """Number of measured samples (10 ms each) for the load of the empty hand at the start, and of the held object."""
+_SAME_LOAD = 0.2
+"""By so much of it the load on the way, with all its accelerations, differs from that in the hold."""
 _STEADY_M = 0.001
 """What turns flush in the jaw loses width once, then keeps it to so much in the hold; what slips loses ever more."""
 
@@ -69,7 +71,7 @@ def is_clear(grasp: Grasp, grasped: HandState, runs: Sequence[SegmentRun], robot
     """Whether width and load tell by themselves how the pick went, so that a look at the place would change nothing.
 
     They do when the fingers lost it; and when they stand, and stay, where they should on that object, and its load is
-    far from the measurement's errors, in the hold and on the way there.
+    far from the measurement's errors, and the same in the hold as on the way there: nothing hangs on it, or fell off.
 
     Args:
         runs: to the end of the hold.
@@ -79,7 +81,9 @@ def is_clear(grasp: Grasp, grasped: HandState, runs: Sequence[SegmentRun], robot
         return True
     is_as_planned = abs(grasped.width_m - grasp.width_m) <= need.clear_width_m
     is_steady = grasped.width_m - min(felt.widths_m) <= need.max_width_loss_m
-    return is_as_planned and is_steady and min(felt.load_n, felt.carried_n) >= max(need.clear_load_n, need.min_load_n)
+    is_heavy = min(felt.load_n, felt.carried_n) >= max(need.clear_load_n, need.min_load_n)
+    is_same = abs(felt.carried_n - felt.load_n) <= max(need.clear_load_n, _SAME_LOAD * felt.load_n)
+    return is_as_planned and is_steady and is_heavy and is_same
 
 
 class _Felt(NamedTuple):

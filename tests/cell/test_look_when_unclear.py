@@ -183,6 +183,16 @@ def test_a_load_that_may_be_an_error_of_the_measurement_is_a_reason_to_look(devi
     assert names(picked(devices, light)[0]) == LOOKED
 
 
+@pytest.mark.parametrize("share", [0.5, 1.6])
+def test_another_load_on_the_way_than_in_the_hold_is_a_reason_to_look(devices: Devices, share: float) -> None:
+    """Something hung on it, or has come along since."""
+    empty_nm = devices._motions["reach"].tau_ext_nm[:10].mean(axis=0)
+    carried = devices._motions["carry"]
+    other_nm = empty_nm + share * (carried.tau_ext_nm - empty_nm)
+    devices._motions["carry"] = carried.model_copy(update={"tau_ext_nm": other_nm})
+    assert names(picked(devices)[0]) == LOOKED
+
+
 def test_a_look_may_still_tell_that_the_object_lies_where_it_lay() -> None:
     devices = Devices(_with_ways_to_look(PLAN), GRASP.width_m + 0.01)
     demanding = load_station(None, ["verify.look=auto", "verify.hold_s=0.5", "verify.min_cleared_fraction=1.0"])

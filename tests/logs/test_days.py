@@ -29,7 +29,7 @@ def test_failures_come_first_and_each_leads_to_its_page(record: Record, tmp_path
     page = _write(tmp_path)
     assert re.findall(r'href="(\w+)\.html"', page) == [NOON, EVENING, MORNING]
     assert all((tmp_path / f"{name}.html").exists() for name in (MORNING, NOON, EVENING))
-    assert "<h1>2026-01-01" in page and "NO_GRASP" in page and "Turn the object" in page
+    assert "<h1>2026-01-01" in page and "NO_GRASP" in page and "Lay it so that" in page
     assert page.count('src="data:image/jpeg') == 3
 
 
