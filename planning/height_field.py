@@ -19,6 +19,7 @@ from scipy import ndimage
 from bus.arrays import Joints, Points
 from bus.transforms import from_translation
 from config.schema import Box
+from planning.robot import convex_hull
 from planning.world import Thing
 
 Array = npt.NDArray[np.float64]
@@ -191,12 +192,7 @@ def solid(points_base: Array, floor_m: float) -> coal.CollisionGeometry:
     raised[:, 2] = np.maximum(raised[:, 2], floor_m + 1e-3)
     on_floor = raised.copy()
     on_floor[:, 2] = floor_m
-    mesh = coal.BVHModelOBBRSS()
-    mesh.beginModel(0, 0)
-    mesh.addVertices(np.concatenate([raised, on_floor]))
-    mesh.endModel()
-    mesh.buildConvexHull(False, "Qt")
-    return mesh.convex
+    return convex_hull(np.concatenate([raised, on_floor]))
 
 
 def subsample(points: Array) -> Array:

@@ -142,12 +142,18 @@ def _slid(part: pin.GeometryObject, slid_m: Vector3) -> pin.GeometryObject:
     assert isinstance(part.geometry, coal.Box), "the URDF's fingers are boxes"
     corners = np.array(list(product((-1.0, 1.0), repeat=3))) * part.geometry.halfSide
     here = corners @ part.placement.rotation.T + part.placement.translation
+    hull = convex_hull(np.concatenate([here, here + slid_m]))
+    return pin.GeometryObject(part.name, part.parentJoint, part.parentFrame, pin.SE3.Identity(), hull)
+
+
+def convex_hull(points: npt.NDArray[np.float64]) -> coal.CollisionGeometry:
+    """Return the convex hull of points (n, 3)."""
     mesh = coal.BVHModelOBBRSS()
     mesh.beginModel(0, 0)
-    mesh.addVertices(np.concatenate([here, here + slid_m]))
+    mesh.addVertices(points)
     mesh.endModel()
     mesh.buildConvexHull(False, "Qt")
-    return pin.GeometryObject(part.name, part.parentJoint, part.parentFrame, pin.SE3.Identity(), mesh.convex)
+    return mesh.convex
 
 
 def flange_pose(base_from_tcp: Array) -> Array:

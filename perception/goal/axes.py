@@ -16,7 +16,7 @@ _INSIDE_M = 0.004
 
 def axes_of(closings: Closings, instance: int, base_from_level: Transform) -> tuple[Axis, ...]:
     """The best distinct axes of one thing, the best first; ``base_from_level``: (4, 4) the closings' frame."""
-    ours = closings.taken(np.flatnonzero((closings.instance == instance) & np.isfinite(closings.score)))
+    ours = closings.on(instance)
     return tuple(_axis(ours, index, base_from_level) for index in ours.distinct(_MOST))
 
 

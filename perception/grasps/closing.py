@@ -100,6 +100,10 @@ class Closings:
                 chosen.append(int(index))
         return chosen
 
+    def on(self, instance: int) -> Closings:
+        """The feasible ones on one thing, in their order."""
+        return self.taken(np.flatnonzero((self.instance == instance) & np.isfinite(self.score)))
+
     def taken(self, chosen: npt.NDArray[np.integer] | npt.NDArray[np.bool_] | list[int]) -> Closings:
         """The chosen ones, in their order."""
         terms = {name: values[chosen] for name, values in self.terms.items()}

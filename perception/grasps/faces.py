@@ -40,8 +40,8 @@ Points = npt.NDArray[np.float32]
 def across_faces(closings: Closings, scene: Scene, base_from_level: Transform) -> Closings:
     """The closings, not feasible where a touched face leans too much; the term ``faces`` counts in the score of others.
 
-    Only the best are looked at, the others count as leaning as much as they may. One look shows only
-    one face of a thin wall: that it leans, or may lean beneath its rim, lowers the score.
+    Only the best are looked at, the others count as leaning as much as they may. One look shows only one face of a thin
+    wall: that it leans, or may lean beneath its rim, lowers the score; so does little room beside the fingers.
     """
     surfaces = Surfaces.of(scene, base_from_level)
     if surfaces is None:

@@ -38,7 +38,7 @@ def search_sides(
     for base_from_level in _levels(scene, instances[number - 1]):
         heights, base_from_level = scene.along(base_from_level, number)
         found = across_faces(graded(search(heights, station, base_from_level), instances), scene, base_from_level)
-        ours = found.taken(np.flatnonzero((found.instance == number) & np.isfinite(found.score)))
+        ours = found.on(number)
         if len(ours.score):
             yield ours, base_from_level
 

@@ -42,7 +42,7 @@ def squared(
         centers_m = np.column_stack([np.zeros(len(sides_m)), sides_m])
         closings = tested(close(heights, centers_m, turns_rad, up_m - downs_m, station), heights, station, _TESTED)
         closings = across_faces(graded(closings, instances), scene, base_from_level)
-        ours = closings.taken(np.flatnonzero((closings.instance == number) & np.isfinite(closings.score)))
+        ours = closings.on(number)
         if len(ours.score):
             yield ours, base_from_level
 
@@ -54,7 +54,7 @@ def _leaning(found: Sequence[Found], scene: Scene, number: int) -> list[Transfor
         surfaces = Surfaces.of(scene, base_from_level)
         if surfaces is None:
             return []
-        ours = closings.taken(np.flatnonzero((closings.instance == number) & np.isfinite(closings.score)))
+        ours = closings.on(number)
         for index in ours.distinct(_BEST, _APART_M):
             lean_rad = surfaces.touched(ours, index).lean_rad
             if lean_rad is not None and _LEANS_RAD < abs(lean_rad) < _MOST_RAD:
