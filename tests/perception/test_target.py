@@ -48,9 +48,7 @@ def test_a_box_and_a_point_find_their_object(look: Look) -> None:
     assert _detect(scene, f"perception.target.point_m={red_m}").evidence.object_mask[190, 350]
 
 
-@pytest.mark.parametrize(
-    "target", ["text=purple", "text=the cup", "box=[0, 300, 60, 350]", "point_m=[0.3, -0.2, 0.0]"]
-)
+@pytest.mark.parametrize("target", ["text=purple", "text=the cup", "box=[0, 300, 60, 350]", "point_m=[0.3, -0.2, 0.0]"])
 def test_what_is_not_there_is_never_another_object_and_what_was_seen_is_said(look: Look, target: str) -> None:
     with pytest.raises(CycleFailure, match=r"Seen: .*blue .* mm at") as failure:
         _detect(look([BAR, RED_BAR]), f"perception.target.{target}", CUP)
@@ -59,7 +57,7 @@ def test_what_is_not_there_is_never_another_object_and_what_was_seen_is_said(loo
 
 def test_a_target_under_another_object_is_obstructed_and_the_other_one_is_named(look: Look) -> None:
     on_it = Box((300, 330), (240, 270), 0.05, (40, 170, 60))
-    with pytest.raises(CycleFailure, match="red.*lies something: green") as failure:
+    with pytest.raises(CycleFailure, match=r"red.*lies something: green") as failure:
         _detect(look([PLATE, on_it]), "perception.target.text=red")
     assert failure.value.failure is Code.OBSTRUCTED
     assert failure.value.obstacle_m == pytest.approx([0.55, -0.09, 0.05], abs=0.03)
