@@ -77,10 +77,15 @@ class Filter:
     day: str = ""
     last: int | None = None
 
+    @property
+    def digits(self) -> str:
+        """What the names of the selected day's recordings begin with."""
+        day = datetime.now(UTC).strftime("%Y-%m-%d") if self.day == "today" else self.day
+        return day.replace("-", "")
+
     def dates(self, path: Path) -> bool:
         """True when the recording is of the selected day."""
-        day = datetime.now(UTC).strftime("%Y-%m-%d") if self.day == "today" else self.day
-        return path.name.startswith(day.replace("-", ""))
+        return path.name.startswith(self.digits)
 
     def takes(self, entry: Entry) -> bool:
         """True when the entry has the selected result and code."""
