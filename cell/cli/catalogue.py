@@ -5,8 +5,9 @@ from __future__ import annotations
 import getpass
 import os
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from datetime import UTC, datetime
+from itertools import islice
 from pathlib import Path
 from typing import Annotated
 
@@ -16,7 +17,7 @@ from bus.errors import ConfigError
 from cell.cli.options import Config, Json
 from cell.cli.recordings import BAD, STYLE, Cycle, find_cycle, root_of_labels
 from cell.terminal.drawing import console, table, tracked, words
-from cell.terminal.printing import Part, err, out
+from cell.terminal.printing import Part, err, out, plain
 from config.load import DEFAULT_STATION, load_station
 from logs.catalogue import Catalogue, open_catalogue
 from logs.catalogue.ask import MAX_ROWS, MAX_S, Answer, ask
@@ -29,8 +30,9 @@ from logs.mcap.index import Entry, Filter, read_entry
 _WIDTH = 1000
 """Columns when no terminal reports its width: nothing is cut."""
 _SAID_AFTER_S = 2.0
+_COLUMNS = ("cycle", "result", "code", "object", "time", "try", "why")
 _AT_ONCE = 500
-"""Rows of one table: its columns are as wide as these need, and the first are shown before the last are made."""
+"""Rows of the table, which says how wide its columns are; further ones are lines of the same widths."""
 
 Folder = Annotated[Path | None, typer.Argument(help="Recordings folder.")]
 
@@ -76,16 +78,35 @@ def _list(catalogue: Catalogue, wanted: Filter, as_json: bool) -> None:
         for entry in entries:
             out.json(entry.to_json())
         return
-    screen, is_empty = console(out, None if out.isatty() else _WIDTH), True
-    while some := [entry for _, entry in zip(range(_AT_ONCE), entries, strict=False)]:
-        rows = table(("cycle", "result", "code", "object", "time", "try", "why"), right=("time",))
-        rows.show_header = is_empty
-        for entry in some:
-            rows.add_row(*map(words, _cells(entry)))
-        screen.print(rows)
-        is_empty = False
-    if is_empty:
+    first = [_cells(entry) for entry in islice(entries, _AT_ONCE)]
+    if not first:
         out.line("none")
+        return
+    rows = table(_COLUMNS, right=("time",))
+    for cells in first:
+        rows.add_row(*map(words, cells))
+    screen = console(out, None if out.isatty() else _WIDTH)
+    screen.print(rows)
+    widths = [max(len(title), *map(len, texts)) for title, texts in zip(_COLUMNS, _texts(first), strict=True)]
+    for entry in entries:
+        out.line(*_line(_cells(entry), widths, screen.width))
+
+
+def _texts(rows: Sequence[Sequence[Part]]) -> list[list[str]]:
+    """The texts of a table, column by column."""
+    return [[part if isinstance(part, str) else part[0] for part in column] for column in zip(*rows, strict=True)]
+
+
+def _line(cells: Sequence[Part], widths: Sequence[int], room: int) -> Iterator[Part]:
+    """A further row below the first ones: a table of all of them would take a minute for a hundred thousand."""
+    for cell, width in zip(cells, widths, strict=True):
+        text, style = cell if isinstance(cell, tuple) else (cell, "")
+        text = plain(text)
+        is_last = room <= width or cell is cells[-1]
+        yield text[:room] if is_last else f"{text:<{width}} ", style
+        room -= width + 1
+        if room <= 0:
+            return
 
 
 def _cells(entry: Entry) -> tuple[Part, ...]:

@@ -18,6 +18,7 @@ _MAX_VALUE_BYTES = 10_000_000
 _MAX_SQL_BYTES = 100_000
 _ALLOWED = frozenset({sqlite3.SQLITE_SELECT, sqlite3.SQLITE_READ, sqlite3.SQLITE_RECURSIVE})
 _REFUSED_FUNCTIONS = frozenset({"load_extension", "writefile", "readfile", "edit", "fts3_tokenizer"})
+_TABLES_OF_FUNCTIONS = ("json_each", "json_tree")
 _ADVICE = "One SELECT of the table `cycles` or `labels`: docs/catalogue.md."
 
 
@@ -39,6 +40,8 @@ def ask(catalogue: Catalogue, sql: str, *, max_rows: int = MAX_ROWS, max_s: floa
         connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _MAX_VALUE_BYTES)
         connection.setlimit(sqlite3.SQLITE_LIMIT_SQL_LENGTH, _MAX_SQL_BYTES)
         connection.setlimit(sqlite3.SQLITE_LIMIT_ATTACHED, 0)
+        for table in _TABLES_OF_FUNCTIONS:  # made at its first use, which the authorizer would refuse
+            connection.execute(f"SELECT 1 FROM {table}('[]')")
         connection.set_authorizer(_authorize)
         give_up_s = time.monotonic() + max_s
         connection.set_progress_handler(lambda: time.monotonic() > give_up_s, _STEPS)

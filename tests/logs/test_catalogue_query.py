@@ -40,6 +40,12 @@ def test_a_query_is_answered_with_names_and_rows(catalogue: Catalogue) -> None:
     assert answer.rows == [("", 1, 0.9), ("NO_GRASP", 1, None)]
 
 
+def test_what_a_json_column_holds_can_be_taken_apart(catalogue: Catalogue) -> None:
+    sql = "SELECT j.key, j.value FROM cycles, json_each(rejected_codes) AS j"
+    sql += " UNION SELECT 'n', count(*) FROM json_tree('[1]')"
+    assert ask(catalogue, sql).rows == [("COLLISION", 1), ("n", 2)]
+
+
 @pytest.mark.parametrize(
     "sql",
     [
