@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from bus.errors import CatalogueError, ConfigError
+from docs.catalogue_page import EXAMPLES
 from logs.catalogue import Catalogue, open_catalogue
 from logs.catalogue.ask import Answer, ask
 from logs.catalogue.export import csv_lines, write_parquet
@@ -27,7 +28,7 @@ ENDLESS = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) SELEC
 def catalogue(record: Record, tmp_path: Path) -> Iterator[Catalogue]:
     """Of one picked and one failed cycle; the second is labelled."""
     record(None, MORNING)
-    record("plan", NOON)
+    record("plan", NOON, again="The best grasp is weak.")
     append(tmp_path, Label(cycle_id=NOON, at_ns=1, who="anna", label="bad"))
     append(tmp_path, Label(cycle_id=NOON, at_ns=2, who="ben", label="good", note="Only the light was off."))
     with open_catalogue(tmp_path) as opened:
@@ -92,6 +93,12 @@ def test_a_catalogue_in_memory_is_asked_in_the_same_way(record: Record, tmp_path
         with pytest.raises(CatalogueError, match="more than read"):
             ask(catalogue, "DELETE FROM cycle")
     assert not (tmp_path / CATALOGUE).exists()
+
+
+@pytest.mark.parametrize(("answers", "sql"), EXAMPLES, ids=[answers for answers, _ in EXAMPLES])
+def test_every_example_of_the_page_is_answered(catalogue: Catalogue, answers: str, sql: str) -> None:
+    assert ask(catalogue, sql).columns
+    assert ask(catalogue, sql).rows or "bad" in answers, "the label of the last word is good"
 
 
 # --- export -----------------------------------------------------------------------------------------------------------
