@@ -11,6 +11,7 @@ from typing import Literal, NamedTuple, TypeVar
 
 from bus.messages import Delivery, Detections, Execution, Grasp, ObservedScene, PickPlan, Verdict
 from logs.mcap.reader import CycleRecord, Stage
+from logs.mcap.unseen_scene import is_made_up
 
 Value = str | int | float | None
 ResultT = TypeVar("ResultT")
@@ -35,8 +36,9 @@ class Told:
 
     @cached_property
     def scene(self) -> ObservedScene | None:
-        """What detect saw last, also where it failed."""
-        return self.record.scene
+        """What detect saw last, also where it failed; None in recordings of before it was kept."""
+        scene = self.record.scene
+        return None if scene is None or is_made_up(scene) else scene
 
     @cached_property
     def plan(self) -> PickPlan | None:

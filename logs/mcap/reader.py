@@ -35,6 +35,7 @@ from bus.sensor_codec import arm_joints, frame_from_wire
 from logs.mcap.finished_reader import Summary, records
 from logs.mcap.migrate import Content, migrate
 from logs.mcap.names import reading, shown
+from logs.mcap.pictures import without_pictures
 from logs.mcap.recorder import PART
 from logs.mcap.records import Damage
 
@@ -114,6 +115,8 @@ def read_cycle(path: Path) -> CycleRecord:
 def read_stages(path: Path) -> CycleRecord:
     """As `read_cycle`, without what takes long: ``looks``, ``after``, ``hand``, ``health`` and ``arm`` are left out.
 
+    The pictures of detect are a single pixel each.
+
     Raises: RecordingError.
     """
     require_finished(path)
@@ -138,6 +141,9 @@ def _content(summary: Summary) -> Content:
 def _made(path: Path, raw: Content, *, has_frames: bool) -> CycleRecord:
     require_ours(path, has_station=raw.station is not None, metadata=raw.metadata)
     migrate(raw)
+    if not has_frames:
+        for key in (topics.DETECT.key, topics.SCENE.key):
+            raw.payloads[key] = [(at_ns, without_pictures(payload)) for at_ns, payload in raw.payloads.get(key, [])]
     try:
         return _cycle(raw, has_frames=has_frames)
     except BadPayload as error:
