@@ -10,18 +10,20 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from bus.commands import CellState
 from bus.errors import RecordingError
 from logs.catalogue import known_entries, open_catalogue
 from logs.catalogue.columns import COLUMNS, NAMES, SCHEMA
 from logs.catalogue.rows import file_of, row_of, values_of
 from logs.catalogue.store import CATALOGUE, open_store
 from logs.mcap.index import Filter, list_cycles, read_entry
-from logs.mcap.reader import read_cycle
+from logs.mcap.reader import Timed, read_cycle, read_stages
 from logs.mcap.recorder import Recorder
 
 GOLDEN = sorted((Path(__file__).parents[1] / "golden").glob("*.mcap"))
@@ -85,6 +87,20 @@ def test_a_recording_that_cannot_be_read_has_a_row_with_the_reason(tmp_path: Pat
     path.write_bytes(path.read_bytes()[:100])
     row = dict(zip(NAMES, row_of(tmp_path, file_of(path, tmp_path)), strict=True))
     assert (row["cycle_id"], row["result"], row["day"]) == (NOON, "DAMAGED", "2026-01-01") and row["unread"]
+
+
+def test_what_a_client_commanded_is_counted_and_what_the_cell_did_by_itself_is_not() -> None:
+    said = (
+        ("Execute", "", 1), ("Holding", "command 'hold' from anna", 2), ("Held", "", 3), ("Held", "", 4),
+        ("Unholding", "command 'unhold' from anna", 5), ("Execute", "", 6), ("Holding", "the lease of anna is lost", 7),
+        ("Stopping", "command 'stop' from cell", 8), ("Aborting", "command 'abort' from ben", 9),
+    )  # fmt: skip
+    states = tuple(
+        Timed(at * 10**9, CellState(state=state, stage="", cycle_id="x", since_ns=0, available=(), reason=reason))
+        for state, reason, at in said
+    )
+    values = values_of(replace(read_stages(GOLDEN[-1]), states=states))
+    assert [values[name] for name in ("holds", "stops", "aborts", "paused_s")] == [1, 0, 1, 4.0]
 
 
 def test_every_column_has_a_name_of_its_own_and_a_meaning() -> None:
