@@ -13,7 +13,7 @@ from typing import Annotated
 
 import typer
 
-from bus.errors import ConfigError
+from bus.errors import ConfigError, RecordingError
 from cell.cli.options import Config, Json
 from cell.cli.recordings import BAD, STYLE, Cycle, find_cycle, root_of_labels
 from cell.terminal.drawing import console, table, tracked, words
@@ -26,6 +26,7 @@ from logs.catalogue.figures import DEFINITIONS, Counts, Summary, summed
 from logs.catalogue.labels import WORDS, Label, append
 from logs.catalogue.rows import File
 from logs.mcap.index import Entry, Filter, read_entry
+from logs.mcap.names import shown
 
 _WIDTH = 1000
 """Columns when no terminal reports its width: nothing is cut."""
@@ -216,14 +217,19 @@ def label(
 ) -> None:
     """Say of a recorded cycle that it was good or bad, or note something; kept beside it."""
     path = find_cycle(cycle, config)
+    if not path.is_file():
+        raise RecordingError(f"There is no recording {shown(path)}.", "See `cell cycles`.")
     word = said[0] if said[0] in WORDS else ""
+    note = " ".join(said[1:] if word else said).strip()
+    if not (word or note):
+        raise ConfigError("The label says nothing.", "Say good, bad or a note.")
     made = Label.model_validate(
         {
             "cycle_id": read_entry(path).cycle_id,
             "at_ns": time.time_ns(),
             "who": who or _user(),
             "label": word,
-            "note": " ".join(said[1:] if word else said),
+            "note": note,
         }
     )
     append(root_of_labels(path, config), made)

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from bus.errors import CatalogueError, ConfigError
+from bus.errors import CatalogueError, ConfigError, RecordingError
 from cell.cli.commands import command_line
 from logs.mcap.recorder import Recorder
 
@@ -72,6 +72,12 @@ def test_a_label_is_shown_and_can_be_asked_for(station: list[str], tmp_path: Pat
     assert "labelled" not in _cell("show", EARLY, *station).stdout
     asked = _cell("query", "SELECT cycle_id, label, notes FROM cycles WHERE label = 'bad'", "--csv", *station).stdout
     assert asked.splitlines()[1:] == [f"{LATE},bad,2"]
+
+
+def test_a_label_that_says_nothing_or_of_no_recording_is_refused(station: list[str], tmp_path: Path) -> None:
+    assert isinstance(_cell("label", LATE, " ", *station).exception, ConfigError)
+    for nothing in ("T13", str(tmp_path / "recordings" / "none.mcap")):
+        assert isinstance(_cell("label", nothing, "bad", *station).exception, RecordingError)
 
 
 def test_a_rebuild_says_what_it_read(station: list[str]) -> None:

@@ -49,8 +49,8 @@ def _small(folder: Path, name: str, result: str = "SUCCESS", code: str = "") -> 
     return recorder.close({"result": result, "code": code, "reason": "So it ended."})
 
 
-def _rows(folder: Path, **how: bool) -> list[tuple[Any, ...]]:
-    with open_catalogue(folder, **how) as catalogue:
+def _rows(folder: Path, *, thorough: bool = False) -> list[tuple[Any, ...]]:
+    with open_catalogue(folder, thorough=thorough) as catalogue:
         return list(catalogue.rows(f"SELECT {', '.join(NAMES)} FROM cycles ORDER BY file"))
 
 
@@ -59,7 +59,7 @@ def _rows(folder: Path, **how: bool) -> list[tuple[Any, ...]]:
 
 @pytest.mark.parametrize("golden", GOLDEN, ids=lambda path: path.stem)
 def test_every_golden_recording_gives_a_row_with_what_its_own_reader_says(golden: Path) -> None:
-    row = dict(zip(NAMES, row_of(golden.parent, file_of(golden, golden.parent)), strict=True))
+    row: dict[str, Any] = dict(zip(NAMES, row_of(golden.parent, file_of(golden, golden.parent)), strict=True))
     record = read_cycle(golden)
     assert row["unread"] is None and row == row | values_of(record), "the short reading says what the whole one does"
     assert (row["result"], row["looks"]) == (record.metadata["result"], len(record.looks))
