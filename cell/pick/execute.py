@@ -13,7 +13,7 @@ from bus.messages import Delivery, Execution, Grasp, HandState, Motion, Observat
 from bus.trajectory import TICK_S, Trajectory
 from cell.machine.gate import Gate
 from cell.pick.fingers import require_at, require_new, require_possible
-from cell.pick.opening import Opening
+from cell.pick.opening import Opening, opened_meanwhile
 from cell.pick.verify import is_clear
 from cell.pick.watching import watched
 from config.schema import HandSettings, Station
@@ -89,6 +89,14 @@ class _Runner:
     def release(self, width_m: float) -> HandState | None:
         """Let go of what is held. Raises: HandFault when the fingers do not reach the width."""
         return self.move("release", lambda: self._opened(width_m))
+
+    def go_home(self, trajectory: Trajectory) -> bool:
+        """Play the way home, which is free at any width, while the hand opens for the next pick; as `run`.
+
+        Raises: HandFault when the hand does not open.
+        """
+        with opened_meanwhile(self._gate, lambda: self._opened(self._limits.max_width_m)):
+            return self.run("home", trajectory)
 
     def _opened(self, width_m: float) -> HandState | None:
         """Move the free fingers to a width; None when stopped. Raises: HandFault when they do not get there."""
@@ -195,7 +203,7 @@ def deliver(plan: PickPlan, grasp: Grasp, devices: tuple[Arm, Hand], station: St
     released: HandState | None = None
     if runner.run_part(plan, "place"):
         released = runner.release(_release_m(grasp, runner.runs[-1].hand.width_m, station.hand))
-        runner.run_part(plan, "home")
+        runner.go_home(_part(plan, "home"))
     if runner.stopped_in is not None:
         raise CycleFailure(Code.STOPPED, f"Stopped during {runner.stopped_in!r} of the delivery.")
     return Delivery(runs=tuple(runner.runs), released=released)
