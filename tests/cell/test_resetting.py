@@ -20,8 +20,8 @@ from drivers.sim.arm import SimArm
 from drivers.sim.hand import SimHand
 from drivers.sim.world import World
 from perception.models import Models
-from planning.timing import rest_to_rest
 from planning.robot import Robot
+from planning.timing import rest_to_rest
 
 WIDE_M = load_station().hand.max_width_m
 
