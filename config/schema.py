@@ -424,8 +424,15 @@ class TargetSettings(Settings):
 
 
 class PerceptionSettings(Settings):
-    """VLAD-Grasp (paper, Algorithm 1) and the models for its roles."""
+    """VLAD-Grasp (paper, Algorithm 1) and the models for its roles; or another detector."""
 
+    detector: str = "vlad"
+    """Finds the grasps: ``vlad`` is ours; other packages bring others (docs/extend.md), `cell detectors` lists them."""
+    settings: dict[str, Any] = Field(default_factory=dict)
+    """Of another package's detector, which checks them itself."""
+    detector_deadline_s: Seconds = 30.0
+    """The longest that another package's detector may take for a scene; beyond it the cycle ends with DETECTOR_TIMEOUT.
+    """
     model: str = "geometric"
     """Imagines the rod: ``geometric`` is embedded and needs no network; ``onnx`` paints a grasp network's rectangle;
     ``openai`` and ``gemini`` are hosted. Other packages bring others (docs/extend.md)."""

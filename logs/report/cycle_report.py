@@ -67,6 +67,7 @@ def _content(record: CycleRecord) -> Json:
         "scene_uri": images.data_uri(scene.picture) if scene is not None else "",
         "looks": looks,
         "painted": evidence.is_painted(found),
+        "detector": found.detector if found is not None else "",
         "imagined": evidence.imagined(found),
         "replies": [{**dict(reply), "uri": images.file_uri(reply.image_png)} for reply in record.replies],
         "drift": evidence.drift(record, found),

@@ -37,14 +37,20 @@ def choose(scene: Scene, closings: Closings, talk: Conversation, station: Statio
 
     Raises: CycleFailure(TARGET_NOT_FOUND); as the model, when the model is asked.
     """
+    found = named(scene, talk, station, sam)
+    return by_best_grasp(scene, closings) if found is None else [found]
+
+
+def named(scene: Scene, talk: Conversation, station: Station, sam: Sam | None = None) -> int | None:
+    """The number of the target that the station names; None when it names none. Raises: CycleFailure, as `choose`."""
     target = station.perception.target
     if target.text is not None and sam is not None and sam.reads_text:
-        return [_most_covered(scene, sam.by_text(scene.rgbd.color, target.text), target.text)]
+        return _most_covered(scene, sam.by_text(scene.rgbd.color, target.text), target.text)
     if target.text is not None:
-        return [at_pixel(scene, _pointed_at(target.text, scene.rgbd.color, talk, station))]
+        return at_pixel(scene, _pointed_at(target.text, scene.rgbd.color, talk, station))
     if target.pixel is not None:
-        return [at_pixel(scene, target.pixel)]
-    return by_best_grasp(scene, closings)
+        return at_pixel(scene, target.pixel)
+    return None
 
 
 def by_best_grasp(scene: Scene, closings: Closings) -> list[int]:
