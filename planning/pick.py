@@ -32,6 +32,7 @@ from planning.delivery import (
 )
 from planning.infeasible import Infeasible
 from planning.motion import Way, motion
+from planning.obstacle import in_the_way
 from planning.pregrasp import Pregrasp, approach_begins, first_that_works, opening_m, pregrasps_of, ways
 from planning.scene import Scene
 
@@ -74,9 +75,7 @@ def plan_pick(
             aimed = scene if scene_of is None else scene_of(approach.grasp)
             segments = plan_approach(aimed, approach, np.asarray(q_now_rad))
         except Infeasible as why:
-            rejected.append(
-                Rejection(grasp=approach.index, tilt_rad=approach.tilt_rad, code=why.code, reason=why.reason)
-            )
+            rejected.append(_rejection(approach, why))
             continue
         return PickPlan(grasp=approach.index, tilt_rad=approach.tilt_rad, segments=segments, rejected=tuple(rejected))
     raise _none_feasible(rejected)
@@ -106,6 +105,16 @@ def _check_start(scene: Scene, q_now_rad: Joints) -> None:
     collision = scene.collision(q_now_rad, None)
     if collision is not None:
         raise CycleFailure(Code.COLLISION, f"The arm cannot start from where it is: {collision}.")
+
+
+def _rejection(approach: Approach, why: Infeasible) -> Rejection:
+    return Rejection(
+        grasp=approach.index,
+        tilt_rad=approach.tilt_rad,
+        code=why.code,
+        reason=why.reason,
+        obstacle=why.obstacle(),
+    )
 
 
 def _none_feasible(rejected: Sequence[Rejection]) -> CycleFailure:
@@ -174,5 +183,5 @@ def _reach(scene: Scene, grasp: Grasp, way: Way, pregrasp: Pregrasp) -> Segment:
     until = approach_begins(scene.robot, reach.trajectory, scene.station.planning.approach_m)
     collision = scene.gate(reach.trajectory.filtered()[: until + 1], None)
     if collision is not None:
-        raise Infeasible(Code.COLLISION, f"reach, at another width: {collision}")
+        raise in_the_way("reach, at another width", collision, way_there, None)
     return reach

@@ -34,6 +34,7 @@ Width = float | None
 
 FINGER_CLEARANCE_M = 0.002
 """Clearance of the fingers: smaller than the rest's, because they work between objects."""
+TARGET = "the target"
 _FEWEST_POINTS = 20
 _GATE_TICKS = 8
 _GATE_MARGIN_M = 0.001
@@ -241,7 +242,7 @@ class Scene:
             things += (self.field.thing,)
         if self.target is not None:
             near = frozenset[str]() if self.keeps_off else FINGERS
-            things += (Thing("the target", self._target_solid, near=near),)
+            things += (Thing(TARGET, self._target_solid, near=near),)
         if self.held is not None:
             things += (self.held,)
         return things

@@ -13,6 +13,7 @@ from config.load import load_station
 from logs.mcap.names import telling
 from logs.mcap.reader import CycleRecord, recorded_number
 from logs.report import evidence, figures, images
+from logs.report.in_the_way import in_the_way
 from logs.report.looks import Looks, looks_view
 from logs.report.page import Chart, Fact, Figure, packed_plotly, script_json, write_page
 from logs.report.scene import scene_view
@@ -53,7 +54,10 @@ def _content(record: CycleRecord) -> Json:
     scene = scene_view(record, found)
     looks = looks_view(record, found, chosen)
     thumbnail = evidence.thumbnail(record, found, chosen, scene)
+    obstacles = in_the_way(record, found, chosen.rejected)
     charts = _all_charts(view, looks, motion)
+    if obstacles is not None:
+        charts["obstacles"] = obstacles.cloud
     return {
         "timeline": timeline,
         "cycle_id": record.cycle_id,
@@ -76,6 +80,7 @@ def _content(record: CycleRecord) -> Json:
         "rectangles": evidence.rectangles(found, chosen),
         "grasps": evidence.grasps(found),
         "rejected": evidence.rejections(chosen),
+        "obstacles": obstacles,
         "plan": plan,
         "uses": figures.uses(runs),
         "motion": motion,
