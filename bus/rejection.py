@@ -43,7 +43,7 @@ class Rejection(Message):
 
     Attributes:
         tilt_rad: as in `PickPlan`.
-        obstacle: of a collision; None in older recordings, and where the reason is no obstacle.
+        obstacle: of a collision, when no other way was feasible either; else None, as in older recordings.
     """
 
     grasp: int

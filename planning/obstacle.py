@@ -40,6 +40,7 @@ def in_the_way(
     def look() -> Obstacle | None:
         if isinstance(collision, str) or collision.pair is None:
             return None
+        scene.cancel.raise_if_set("plan")
         there = [collision.pair] if q_end_rad is None else [collision.pair.at(q_end_rad), collision.pair]
         return obstacle_of(collision, there, scene, width_m)
 

@@ -61,6 +61,7 @@ def plan_pick(
     _check_start(scene, q_now_rad)
     if not grasps:
         raise CycleFailure(Code.NO_GRASP, "There is no grasp to plan for.")
+    reasons: dict[int, Infeasible] = {}
     rejected = [
         Rejection(grasp=index, tilt_rad=0.0, code=Code.GRASP_MISSED, reason="one like it closed on nothing before")
         for index, grasp in enumerate(grasps)
@@ -75,10 +76,13 @@ def plan_pick(
             aimed = scene if scene_of is None else scene_of(approach.grasp)
             segments = plan_approach(aimed, approach, np.asarray(q_now_rad))
         except Infeasible as why:
-            rejected.append(_rejection(approach, why))
+            reasons[len(rejected)] = why
+            rejected.append(
+                Rejection(grasp=approach.index, tilt_rad=approach.tilt_rad, code=why.code, reason=why.reason)
+            )
             continue
         return PickPlan(grasp=approach.index, tilt_rad=approach.tilt_rad, segments=segments, rejected=tuple(rejected))
-    raise _none_feasible(rejected)
+    raise _none_feasible([_with_obstacle(one, reasons.get(index)) for index, one in enumerate(rejected)])
 
 
 def plan_approach(scene: Scene, approach: Approach, q_now_rad: Joints) -> tuple[Segment, ...]:
@@ -107,14 +111,9 @@ def _check_start(scene: Scene, q_now_rad: Joints) -> None:
         raise CycleFailure(Code.COLLISION, f"The arm cannot start from where it is: {collision}.")
 
 
-def _rejection(approach: Approach, why: Infeasible) -> Rejection:
-    return Rejection(
-        grasp=approach.index,
-        tilt_rad=approach.tilt_rad,
-        code=why.code,
-        reason=why.reason,
-        obstacle=why.obstacle(),
-    )
+def _with_obstacle(rejection: Rejection, why: Infeasible | None) -> Rejection:
+    """The rejection with what was in the way: measured only where nothing else is left to be done."""
+    return rejection if why is None else rejection.model_copy(update={"obstacle": why.obstacle()})
 
 
 def _none_feasible(rejected: Sequence[Rejection]) -> CycleFailure:

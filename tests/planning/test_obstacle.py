@@ -2,38 +2,52 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 
-from bus.rejection import Obstacle
-from config.schema import PlanningSettings, Station
+from bus.errors import CycleFailure
+from bus.messages import Grasp
+from bus.rejection import Obstacle, Rejection
+from config.schema import Box, PlanningSettings, SceneSettings, Station
 from planning.height_field import Sight
 from planning.pick import plan_pick
 from planning.robot import Robot
 from planning.scene import Scene
-from tests.planning.conftest import CAPTURE, NODES, STATION, among, box
+from tests.planning.conftest import CAPTURE, NODES, STATION, box
 from tests.planning.test_pick import grasp
 from tests.planning.views import seen_from_above
 
 AT = grasp(0.45, 0.0, 0.04)
 """It closes along y; opened 60 mm wide, the fingers reach from 30 to 45 mm beside its middle."""
-ELSEWHERE = grasp(0.45, -0.15, 0.04)
+FROM_ABOVE = PlanningSettings(tilts_deg=(0.0,))
 POST = box("post", (0.45, 0.04, 0.05), (0.01, 0.01, 0.1))
 BY_HAND_M = 0.0452 - (0.035 - 0.002)
 """From the finger's outer face to 2 mm before the post: the shortest way out, back along the closing axis."""
 
 
 def in_the_way(scene: Scene) -> Obstacle:
-    """Of the first grasp, from straight above."""
-    (first, *_) = plan_pick(scene, [AT, ELSEWHERE], CAPTURE).rejected
-    assert first.grasp == 0 and first.tilt_rad == 0.0 and first.obstacle is not None
+    """Of the grasp, from straight above."""
+    (first,) = rejected(scene, AT)
+    assert first.obstacle is not None
     return first.obstacle
 
 
-def seen(robot: Robot, *, holes_px: int = 0) -> Scene:
+def rejected(scene: Scene, *grasps: Grasp) -> Sequence[Rejection]:
+    with pytest.raises(CycleFailure) as failure:
+        plan_pick(scene, grasps, CAPTURE)
+    return failure.value.rejected
+
+
+def among(robot: Robot, *obstacles: Box) -> Scene:
+    return Scene.of(robot, Station(nodes=NODES, scene=SceneSettings(obstacles=obstacles), planning=FROM_ABOVE))
+
+
+def seen(robot: Robot) -> Scene:
     """The same post, not known but seen from above."""
-    view = seen_from_above((STATION.scene.table, POST), eye_m=(0.45, 0.0, 1.2), holes_px=holes_px)
-    return Scene.of(robot, Station(nodes=NODES, planning=PlanningSettings()), Sight(*view))
+    view = seen_from_above((STATION.scene.table, POST), eye_m=(0.45, 0.0, 1.2))
+    return Scene.of(robot, Station(nodes=NODES, planning=FROM_ABOVE), Sight(*view))
 
 
 def test_a_known_box_is_named_with_its_corners_and_the_way_out_is_measured(robot: Robot) -> None:
@@ -60,5 +74,9 @@ def test_the_same_inputs_give_the_same_bits(robot: Robot) -> None:
 
 
 def test_a_grasp_out_of_reach_has_nothing_in_its_way(scene: Scene) -> None:
-    (first, *_) = plan_pick(scene, [grasp(1.2, 0.0, 0.05), ELSEWHERE], CAPTURE).rejected
-    assert first.obstacle is None
+    assert all(one.obstacle is None for one in rejected(scene, grasp(1.2, 0.0, 0.05)))
+
+
+def test_nothing_is_measured_where_another_grasp_is_feasible(robot: Robot) -> None:
+    plan = plan_pick(among(robot, POST), [AT, grasp(0.45, -0.15, 0.04)], CAPTURE)
+    assert plan.rejected[0].grasp == 0 and plan.rejected[0].obstacle is None
