@@ -56,7 +56,7 @@ def _content(record: CycleRecord) -> Json:
     thumbnail = evidence.thumbnail(record, found, chosen, scene)
     obstacles = in_the_way(record, found, chosen.rejected)
     charts = _all_charts(view, looks, motion)
-    if obstacles is not None:
+    if obstacles is not None and obstacles.cloud is not None:
         charts["obstacles"] = obstacles.cloud
     return {
         "timeline": timeline,

@@ -21,6 +21,7 @@ from logs.report import images
 from logs.report.clouds import among_points
 from logs.report.images import Image
 from logs.report.look_points import points_of_things, true_pose
+from logs.report.out_of_reach import Cause, unreached
 from logs.report.page import Figure
 from logs.report.scene import pixels_of
 
@@ -31,7 +32,7 @@ _PHASES = {
     "lift": "While it lifts",
     "reach": "On the way there",
     "reach, at another width": "On the way there, at another width of the jaw,",
-    "no way around": "On the way there",
+    "no way around": "On the way, with none found around it,",
     "carry": "On the way to the tray",
     "above the tray": "Above the tray",
     "lower": "While it lowers the object",
@@ -43,87 +44,87 @@ _HAND_RGB, _BLOCKED_RGB, _OBSTACLE_RGB, _TOUCH_RGB = (255, 170, 40), (235, 40, 6
 _PALM_M = (0.032, 0.102)
 """Half of the hand's body across and along the closing axis."""
 _MARGIN_PX, _NEAREST, _CORNERS = 70, 15, 8
+_LEAST_M = 0.001
 _BELOW_MM = 10.0
 """What touches so near to the jaw's middle is below the hand, and not beside it."""
 
 Array = npt.NDArray[np.float64]
 
 
-class Cause(NamedTuple):
-    """One cause of rejections. ``ways``: to grasp, that it stood against; ``needed``: the room that is asked for."""
-
-    ways: int
-    text: str
-    too_near: str
-    needed: str
-
-
 class InTheWay(NamedTuple):
     """The obstacles on the page.
 
     Attributes:
-        causes: the most frequent first. ``shown``: of the one that is drawn. ``uri``: the picture. ``cloud``: 3-D.
+        causes: the most frequent first. ``shown``: of the one that is drawn; else of the first.
+        uri: the picture. ``cloud``: in 3-D. There is neither where only the arm's reach is to blame.
     """
 
     causes: list[Cause]
     shown: str
     uri: str
-    cloud: Figure
+    cloud: Figure | None
 
 
 def in_the_way(record: CycleRecord, found: Detections | None, rejected: Sequence[Rejection]) -> InTheWay | None:
     """What stood against the rejected grasps; None where nothing did, or an older recording does not say it."""
-    known = [(one, one.obstacle) for one in rejected if one.obstacle is not None]
-    if not known or found is None or record.observation is None:
+    if found is None or record.observation is None:
         return None
     groups: dict[str, list[Obstacle]] = defaultdict(list)
-    for one, obstacle in known:
-        groups[_told(record, found, one, obstacle)].append(obstacle)
+    for one in rejected:
+        if one.obstacle is not None:
+            groups[_told(record, found, one, one.obstacle)].append(one.obstacle)
+    far = unreached(record, found, rejected)
+    if not groups:
+        return InTheWay(far, f"{far[0].text[:-1]}: {far[0].measured} ({far[0].limit})", "", None) if far else None
     by_count = sorted(groups.items(), key=lambda group: -len(group[1]))
-    first = by_count[0][1][0]
-    text = by_count[0][0]
+    text, (first, *_) = by_count[0]
     return InTheWay(
-        [_cause(text, group) for text, group in by_count],
-        text + _by_how_much(first),
+        [*(_cause(text, group) for text, group in by_count), *far],
+        text + _beside(first) + _by_how_much(first),
         images.data_uri(_picture(record, found, first)),
         _cloud(record, found, first),
     )
 
 
 def _cause(text: str, group: Sequence[Obstacle]) -> Cause:
-    known_mm = sorted(one.too_near_m * 1e3 for one in group if one.too_near_m is not None)
-    far = len(known_mm) < len(group)
-    if not known_mm:
+    known_m = sorted(one.too_near_m for one in group if one.too_near_m is not None)
+    if not known_m:
         too_near = "more than 60 mm"
-    elif far:
-        too_near = f"from {known_mm[0]:.0f} mm"
+    elif len(known_m) < len(group):
+        too_near = f"{_mm(known_m[0])} to more than 60 mm"
     else:
-        low, high = f"{known_mm[0]:.0f}", f"{known_mm[-1]:.0f}"
+        low, high = _mm(known_m[0]), _mm(known_m[-1])
         too_near = f"{low} mm" if low == high else f"{low} to {high} mm"
-    return Cause(len(group), text + ".", too_near, f"{group[0].needed_m * 1e3:g} mm")
+    return Cause(len(group), text + ".", f"{too_near} too near", f"{group[0].needed_m * 1e3:g} mm must stay free")
 
 
 # --- in words ---------------------------------------------------------------------------------------------------------
 
 
 def _told(record: CycleRecord, found: Detections, rejection: Rejection, one: Obstacle) -> str:
-    """Without a full stop: "On the approach the left finger would touch thing 2, 43 mm beside ..."."""
+    """Without a full stop: "On the approach the left finger would touch thing 2"."""
     phase = _PHASES.get(rejection.reason.partition(":")[0], "")
     part = f"the {one.part}"
-    away_mm = float(np.linalg.norm((one.touch_m - one.base_from_tcp[:3, 3])[:2]) * 1e3)
-    target = found.grasps[rejection.grasp].instance
-    what = _named(record, found, target, one)
-    is_below = one.kind == "robot" or away_mm < _BELOW_MM
-    where = "" if is_below else f", {round(away_mm)} mm beside the middle of the jaw"
+    what = _named(record, found, found.grasps[rejection.grasp].instance, one)
     begin = f"{phase} {part}" if phase else part.capitalize()
-    return f"{begin} would touch {what}{where}"
+    return f"{begin} would touch {what}"
+
+
+def _beside(one: Obstacle) -> str:
+    away_mm = float(np.linalg.norm((one.touch_m - one.base_from_tcp[:3, 3])[:2]) * 1e3)
+    is_below = one.kind == "robot" or away_mm < _BELOW_MM
+    return "" if is_below else f", {round(away_mm)} mm beside the middle of the jaw"
 
 
 def _by_how_much(one: Obstacle) -> str:
     """How much too near, and the room that is needed."""
     if one.too_near_m is None:
         return f": more than 60 mm too near ({one.needed_m * 1e3:g} mm must stay free)"
-    return f": {one.too_near_m * 1e3:.0f} mm too near ({one.needed_m * 1e3:g} mm must stay free)"
+    return f": {_mm(one.too_near_m)} mm too near ({one.needed_m * 1e3:g} mm must stay free)"
+
+
+def _mm(length_m: float) -> str:
+    return f"{length_m * 1e3:.0f}" if length_m >= _LEAST_M else "less than 1"
 
 
 def _named(record: CycleRecord, found: Detections, target: int, one: Obstacle) -> str:

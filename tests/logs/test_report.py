@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
 
+from bus.codes import Code
 from bus.commands import Event, Health
 from bus.errors import RecordingError
 from bus.messages import ArmMode, ArmState, Attempt, Detections, Tried
@@ -132,10 +133,15 @@ def test_a_failed_plan_shows_every_grasp_with_the_reason_of_its_rejection(record
 
 def _in_the_way(record: Record, tmp_path: Path, **changes: object) -> str:
     """The page of a failed plan whose rejection says what was in the way: beside the thing, from above."""
+    return _rejected(record, tmp_path, obstacle=OBSTACLE.model_copy(update=changes))
+
+
+def _rejected(record: Record, tmp_path: Path, **changes: object) -> str:
+    """The page of a failed plan with a rejection of these fields."""
     told = read_cycle(record("plan"))
     failure = told.stages["plan"].failure
     assert failure is not None
-    rejected = REJECTED[0].model_copy(update={"obstacle": OBSTACLE.model_copy(update=changes)})
+    rejected = REJECTED[0].model_copy(update=changes)
     plan = told.stages["plan"].model_copy(update={"failure": failure.model_copy(update={"rejected": (rejected,)})})
     told = replace(told, stages={**told.stages, "plan": plan})
     return write_report(told, tmp_path / "page.html").read_text()
@@ -160,6 +166,13 @@ def test_a_failed_plan_tells_and_draws_what_was_in_the_way(
     section = _section(page, "obstacles")
     assert 'alt="the obstacle and the hand"' in section and 'data-figure="obstacles"' in section
     assert "What was in the way" not in _page(record, tmp_path, "plan"), "an older recording does not say it"
+
+
+def test_a_grasp_out_of_reach_is_told_with_its_distance_beside_the_arm_s(record: Record, tmp_path: Path) -> None:
+    page = _rejected(record, tmp_path, code=Code.UNREACHABLE, reason="unreachable: no arm configuration reaches it")
+    section = _words(_section(page, "obstacles"))
+    assert "What was out of reach" in section and "data-figure" not in _section(page, "obstacles")
+    assert "flange 0.23 m from the shoulder 0.86 m at most" in section
 
 
 def test_a_recording_without_a_result_is_told_as_unfinished(record: Record, tmp_path: Path) -> None:
