@@ -476,6 +476,7 @@ class PlanningSettings(Settings):
         clearance_m: smallest distance between any two things; the fingers may come within 2 mm.
         tilts_deg: approach directions tried, about the rod, as turns from the one perception proposes.
         max_approaches: most ways to grasp that are tried, over all grasps and directions.
+        budget_s: no further way is tried after so much planning, counted in collision checks and not by the clock.
         searches: number of path searches around obstacles before a goal counts as unreachable.
     """
 
@@ -484,7 +485,8 @@ class PlanningSettings(Settings):
     lift_m: Size = 0.15
     clearance_m: Annotated[float, Field(ge=0.003, le=0.02)] = 0.004
     tilts_deg: Annotated[tuple[Tilt, ...], Field(min_length=1)] = (0.0, 15.0, -15.0, 30.0, -30.0)
-    max_approaches: Annotated[int, Field(ge=1, le=1000)] = 24
+    max_approaches: Annotated[int, Field(ge=1, le=1000)] = 1000
+    budget_s: Seconds = 2.0
     searches: Annotated[int, Field(ge=1, le=20)] = 3
 
 

@@ -20,6 +20,7 @@ from bus.errors import CycleFailure
 from bus.messages import Grasp, PickPlan, Segment
 from bus.rejection import Rejection
 from config.limits import outside
+from planning.budget import Budget
 from planning.candidates import Approach, approaches, grasp_pose, is_like
 from planning.carry import keeps_level
 from planning.delivery import (
@@ -71,9 +72,12 @@ def plan_pick(
         text = f"All {len(grasps)} grasps are like one that closed on nothing before."
         raise CycleFailure(Code.NO_GRASP, text, rejected)
     left_out = {rejection.grasp for rejection in rejected}
-    for approach in approaches(grasps, scene.station, left_out):
+    left, budget = approaches(grasps, scene.station, left_out), Budget(scene.station.planning.budget_s)
+    while left and not budget.is_over:
+        approach = left.pop(0)
         try:
             aimed = scene if scene_of is None else scene_of(approach.grasp)
+            budget.watch(aimed.effort)
             segments = plan_approach(aimed, approach, np.asarray(q_now_rad))
         except Infeasible as why:
             reasons[len(rejected)] = why
@@ -82,7 +86,7 @@ def plan_pick(
             )
             continue
         return PickPlan(grasp=approach.index, tilt_rad=approach.tilt_rad, segments=segments, rejected=tuple(rejected))
-    raise _none_feasible([_with_obstacle(one, reasons.get(index)) for index, one in enumerate(rejected)])
+    raise _none_feasible([_with_obstacle(one, reasons.get(index)) for index, one in enumerate(rejected)], len(left))
 
 
 def plan_approach(scene: Scene, approach: Approach, q_now_rad: Joints) -> tuple[Segment, ...]:
@@ -116,11 +120,12 @@ def _with_obstacle(rejection: Rejection, why: Infeasible | None) -> Rejection:
     return rejection if why is None else rejection.model_copy(update={"obstacle": why.obstacle()})
 
 
-def _none_feasible(rejected: Sequence[Rejection]) -> CycleFailure:
+def _none_feasible(rejected: Sequence[Rejection], untried: int) -> CycleFailure:
     counts = Counter(r.reason for r in rejected).most_common()
     reasons = "; ".join(f"{count} x {reason}" for reason, count in counts)
     code = Code.COLLISION if any(r.code is Code.COLLISION for r in rejected) else Code.UNREACHABLE
-    return CycleFailure(code, f"None of {len(rejected)} ways to grasp is feasible: {reasons}.", rejected)
+    over = f" {untried} more were not tried: planning.budget_s is over." if untried else ""
+    return CycleFailure(code, f"None of {len(rejected)} ways to grasp is feasible: {reasons}.{over}", rejected)
 
 
 # --- all the way ------------------------------------------------------------------------------------------------------

@@ -106,6 +106,17 @@ def held_thing(shape: coal.CollisionGeometry, hand_from_shape: Transform) -> Thi
     return Thing("held object", shape, hand_from_shape, _HAND, held=True)
 
 
+@dataclass
+class Effort:
+    """Work done so far, counted and not timed, so that the same inputs get the same share of it.
+
+    Attributes:
+        checks: number of configurations checked.
+    """
+
+    checks: int = 0
+
+
 class World:
     """Checks single configurations for collisions. Not thread-safe.
 
@@ -114,6 +125,7 @@ class World:
         margin_m: smallest allowed distance of every pair.
         finger_margin_m: the same between the fingers and things.
         wide_margins_m: larger margins for every pair, used by ``collision(wide=index)``.
+        effort: counts the checks of several worlds together.
 
     Attributes:
         checks: number of configurations checked so far.
@@ -128,6 +140,7 @@ class World:
         margin_m: float,
         finger_margin_m: float,
         wide_margins_m: Sequence[float] = (),
+        effort: Effort | None = None,
     ) -> None:
         self._robot = robot
         self._things = tuple(things)
@@ -148,6 +161,7 @@ class World:
         self._fine = self._level(margins)
         self._wide = tuple(self._level(np.full_like(margins, wide_m)) for wide_m in wide_margins_m)
         self.checks = 0
+        self._effort = effort or Effort()
 
     def collision(self, q_rad: Joints, width_m: float, *, wide: int | None = None) -> Collision | None:
         """Return a pair nearer than its margin in the configuration ``q_rad`` (7,); None if there is none.
@@ -157,6 +171,7 @@ class World:
             wide: index of the wider margin to use instead.
         """
         self.checks += 1
+        self._effort.checks += 1
         geometry, manager = self._fine if wide is None else self._wide[wide]
         self._full[:7], self._full[7:] = q_rad, width_m / 2
         pin.updateGeometryPlacements(self._robot.model, self._data, self._model, geometry, self._full)
