@@ -22,7 +22,7 @@ from perception.detectors.base import FoundGrasp, SeenLook, SeenScene
 from perception.evidence import evidence_of
 from perception.geometry.rod import rectangle
 from perception.goal.imagine import Conversation, observed_object_of
-from perception.goal.target import named, untried
+from perception.goal.target import among, untried
 from perception.grasps.rank import rank
 from perception.models.detector_call import DetectorCall
 from perception.models.painter import paint
@@ -31,6 +31,8 @@ from perception.proposal import as_painted
 from perception.scene.scene import Scene
 
 _STICK_OUT_M = 0.035
+_FROM_ABOVE = float(np.cos(np.deg2rad(5)))
+"""As with ours, so much counts as from above."""
 _TERM = "detector"
 
 Array = npt.NDArray[np.float64]
@@ -60,11 +62,11 @@ def found_by(
         words: who finds the target when the station names it, and hears of the call.
         failed_at: (3,) places in ``base``: the things there are no targets.
 
-    Raises: CycleFailure: NO_GRASP without any; LEFT_OVER, TARGET_NOT_FOUND; as `DetectorCall.ask`.
+    Raises: CycleFailure: NO_GRASP without any; LEFT_OVER, TARGET_NOT_FOUND, OBSTRUCTED; as `DetectorCall.ask`.
     """
     talk, sam = words
-    target = named(scene, talk, station, sam)
-    targets = untried(scene, list(range(1, scene.count + 1)) if target is None else [target], failed_at)
+    every = list(range(1, scene.count + 1))
+    targets = untried(scene, among(scene, seen.instances, every, talk, station, sam), failed_at)
     given = detector.ask(_shown_to_it(scene, seen, targets, station), talk.on_reply, talk.cancel)
     held = [_held(one, scene, targets, station) for one in given]
     kept = sorted((one for one in held if not one.left_out), key=lambda one: -one.grasp.score)
@@ -115,6 +117,8 @@ def _held(grasp: FoundGrasp, scene: Scene, targets: Sequence[int], station: Stat
     most_m = station.hand.max_width_m
     if nearest < 0 or away_m[nearest] > most_m:
         why = f"nothing was seen of it within {most_m * 1e3:.0f} mm of the tcp"
+    elif station.perception.from_above and _leans(grasp, scene):
+        why = "it does not come from above"
     elif instance not in targets:
         why = "it is not to be picked"
     elif not (scene.color_labels == instance).any():
@@ -122,6 +126,10 @@ def _held(grasp: FoundGrasp, scene: Scene, targets: Sequence[int], station: Stat
     else:
         why = ""
     return _Held(grasp, instance, why)
+
+
+def _leans(grasp: FoundGrasp, scene: Scene) -> bool:
+    return bool(-grasp.base_from_tcp[:3, 2] @ scene.table.base_from_table[:3, 2] < _FROM_ABOVE)
 
 
 def _ends(grasp: FoundGrasp, scene: Scene) -> Array:
