@@ -47,6 +47,7 @@ from cell.build import running_cell
 from cell.cli.console import Screen
 from cell.machine.owner import refuse
 from config.load import load_station
+from perception.detectors.registry import names as detectors
 
 _ENDS_THE_RUN = ("EMPTY", "ABORTED")
 _NEXT_COMMAND = {"Aborted": "clear", "Stopped": "reset", "Complete": "reset", "Idle": "start"}
@@ -99,7 +100,9 @@ def held_(
     first: Annotated[int | None, typer.Option(min=1, help="Only so many objects of the folder.")] = None,
     bin_: Annotated[int, typer.Option("--bin", min=0, max=30, help="So many dropped into a bin; 0 = each alone.")] = 0,
     pace: Annotated[float, typer.Option(min=0.0, help="1 = real time, which picks an hour by the wall need.")] = 0.0,
-    detector: Annotated[str, typer.Option(help="vlad, or onnx:PATH of a grasp network")] = "vlad",
+    detector: Annotated[
+        str, typer.Option(help="onnx:PATH of a grasp network, or a detector of `cell detectors`: shown beside ours.")
+    ] = "vlad",
     endpoint: Annotated[str, typer.Option(help="Free loopback endpoint for its cells.")] = "tcp/127.0.0.1:7493",
     as_json: Annotated[bool, typer.Option("--json", help="Only the figures; progress is on stderr anyway.")] = False,
 ) -> None:
@@ -107,13 +110,14 @@ def held_(
 
     The camera is off by 1 mm and 0.3 degrees, in a direction of the seed's. Feasible = held, or a grasp that the oracle
     finds on the true shapes. Each pick is of one object alone on the table, or of a heap in config/bin.toml's bin.
+    Another detector is shown beside ours, {"ours": ..., "peer": ...}: same objects, seeds and judge.
     """
     if unknown := [one for one in given or () if "=" not in one and one != "paper"]:
         raise typer.BadParameter(f"{unknown[0]!r} is neither key=value nor paper")
     if objects is not None and "paper" in (given or ()):
         raise typer.BadParameter("either --set paper or --objects")
-    if detector != "vlad" and not detector.startswith("onnx:"):
-        raise typer.BadParameter(f"{detector!r} is none of vlad, onnx:PATH")
+    if not (detector.startswith(held.NETWORK) or detector in detectors()):
+        raise typer.BadParameter(f"{detector!r} is none of {', '.join(detectors())}, {held.NETWORK}PATH")
     wanted = held.Wanted(
         objects=objects,
         seeds=_seeds(seeds if ":" in seeds else f"1000:{1000 + int(seeds)}" if seeds.isdecimal() else seeds),
@@ -122,10 +126,10 @@ def held_(
         orientations=orientations,
         bin=bin_,
         pace=pace,
-        detector=None if detector == "vlad" else Path(detector.removeprefix("onnx:")),
+        detector=detector,
         overrides=tuple(one for one in given or () if "=" in one),
     )
-    typer.echo(json.dumps(held.run(wanted, _teller(quiet=False))))
+    typer.echo(json.dumps(held.beside(wanted, _teller(quiet=False))))
 
 
 @app.command(name="alignment")

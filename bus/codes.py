@@ -28,6 +28,8 @@ class Code(StrEnum):
     MODEL_NO_ROD = "MODEL_NO_ROD"
     MODEL_DRIFT = "MODEL_DRIFT"
     SPEND_LIMIT = "SPEND_LIMIT"
+    DETECTOR_FAILED = "DETECTOR_FAILED"
+    DETECTOR_TIMEOUT = "DETECTOR_TIMEOUT"
     STALE_FRAME = "STALE_FRAME"
     BAD_FRAME = "BAD_FRAME"
     ARM_REFLEX = "ARM_REFLEX"
@@ -72,6 +74,10 @@ ADVICE: dict[Code, str] = {
     Code.MODEL_NO_ROD: "Look at the goal image in the report; try again, or raise perception.imagine.samples.",
     Code.SPEND_LIMIT: "Raise perception.hosted.max_cycle_usd or max_day_usd, or use the embedded model.",
     Code.MODEL_DRIFT: "The goal image no longer shows the observed object; try again or use another model.",
+    Code.DETECTOR_FAILED: "The reason names the detector and what it did: correct it, or set perception.detector to"
+    " 'vlad'.",
+    Code.DETECTOR_TIMEOUT: "Raise perception.detector_deadline_s, use a faster machine, or set perception.detector to"
+    " 'vlad'.",
     Code.STALE_FRAME: "Check the camera's cable, power and node.",
     Code.BAD_FRAME: "Correct that field where the frame is made, in the camera's driver or your program: docs/frames.md"
     " says what it has to be. Then `cell clear` and `cell reset`.",

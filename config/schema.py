@@ -414,8 +414,15 @@ class OnnxSettings(Settings):
 
 
 class PerceptionSettings(Settings):
-    """VLAD-Grasp (paper, Algorithm 1) and the models for its roles."""
+    """VLAD-Grasp (paper, Algorithm 1) and the models for its roles; or another detector."""
 
+    detector: str = "vlad"
+    """Finds the grasps: ``vlad`` is ours; other packages bring others (docs/extend.md), `cell detectors` lists them."""
+    settings: dict[str, Any] = Field(default_factory=dict)
+    """Of another package's detector, which checks them itself."""
+    detector_deadline_s: Seconds = 30.0
+    """The longest that another package's detector may take for a scene; beyond it the cycle ends with DETECTOR_TIMEOUT.
+    """
     model: str = "geometric"
     """Imagines the rod: ``geometric`` is embedded and needs no network; ``onnx`` paints a grasp network's rectangle;
     ``openai`` and ``gemini`` are hosted. Other packages bring others (docs/extend.md)."""
@@ -463,6 +470,7 @@ class PlanningSettings(Settings):
         clearance_m: smallest distance between any two things; the fingers may come within 2 mm.
         tilts_deg: approach directions tried, about the rod, as turns from the one perception proposes.
         max_approaches: most ways to grasp that are tried, over all grasps and directions.
+        budget_s: no further way is tried after so much planning, counted in collision checks and not by the clock.
         searches: number of path searches around obstacles before a goal counts as unreachable.
     """
 
@@ -471,7 +479,8 @@ class PlanningSettings(Settings):
     lift_m: Size = 0.15
     clearance_m: Annotated[float, Field(ge=0.003, le=0.02)] = 0.004
     tilts_deg: Annotated[tuple[Tilt, ...], Field(min_length=1)] = (0.0, 15.0, -15.0, 30.0, -30.0)
-    max_approaches: Annotated[int, Field(ge=1, le=1000)] = 24
+    max_approaches: Annotated[int, Field(ge=1, le=1000)] = 1000
+    budget_s: Seconds = 2.0
     searches: Annotated[int, Field(ge=1, le=20)] = 3
 
 

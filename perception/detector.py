@@ -33,6 +33,7 @@ from perception.grasps.sides import search_sides
 from perception.grasps.squared import squared
 from perception.models import Models
 from perception.observed_object import Axis, ObservedObject
+from perception.other_detector import found_by
 from perception.proposal import Proposal, grasps_of, propose
 from perception.rectangles.metric import matches
 from perception.scene.look import Look
@@ -81,14 +82,17 @@ def detect(
 
     Raises:
         CycleFailure: BAD_FRAME, NO_TABLE, TABLE_MOVED, TOO_NEAR, NO_OBJECT, NOT_SEEN, NO_DEPTH, TARGET_NOT_FOUND,
-            OBSTRUCTED, NO_GRASP, LEFT_OVER, MODEL_*, SPEND_LIMIT or STOPPED. Of several proposals, one that succeeds
-            is enough.
+            OBSTRUCTED, NO_GRASP, LEFT_OVER, MODEL_*, DETECTOR_*, SPEND_LIMIT or STOPPED. Of several proposals, one
+            that succeeds is enough.
     """
     cancel = cancel or Cancel()
     cancel.raise_if_set("detect")
     if not (is_again and models.imaginer.is_hosted):
         models.imaginer.begin()
     scene, seen = _see([observation, *others], station, on_scene)
+    if models.detector is not None:
+        talk = Conversation(models.imaginer, on_reply, cancel=cancel)
+        return found_by(models.detector, scene, seen, (talk, models.sam), station, failed_at)
     closings = graded(search(scene.heights, station), seen.instances)
     closings = across_faces(closings, scene, scene.table.base_from_table)
     talk = Conversation(models.imaginer, on_reply, cancel=cancel)

@@ -18,6 +18,7 @@ from bus.messages import Segment, SegmentName
 from bus.trajectory import Trajectory
 from planning.blend import CORNER_SHARE, Curve, blended
 from planning.infeasible import Infeasible
+from planning.obstacle import in_the_way
 from planning.scene import Scene, Width
 from planning.search import search
 from planning.timing import rest_to_rest, timed
@@ -93,7 +94,7 @@ def connect(
             if blocked is None:
                 return way
             collision = blocked
-    raise Infeasible(Code.COLLISION, f"no way around: {collision}")
+    raise in_the_way("no way around", collision, scene, width_m)
 
 
 def _way_along(path_rad: JointSamples, goals_rad: Sequence[Joints]) -> Way:
@@ -136,7 +137,8 @@ def motion(
             collision = _gate(trajectory, curve, scene, leaving, width_m)
             if collision is None:
                 return Segment(name=name, route=way.route, trajectory=trajectory)
-    raise Infeasible(Code.COLLISION, f"{name}: {collision}")
+    assert collision is not None, "no corner share is left out without one"
+    raise in_the_way(name, collision, scene, width_m)
 
 
 def move(scene: Scene, q_from_rad: Joints, q_to_rad: Joints) -> Trajectory:

@@ -20,6 +20,7 @@ from bus.errors import CycleFailure
 from bus.messages import Grasp, PickPlan, Segment
 from bus.rejection import Rejection
 from config.limits import outside
+from planning.budget import Budget
 from planning.candidates import Approach, approaches, grasp_pose, is_like
 from planning.carry import keeps_level
 from planning.delivery import (
@@ -32,6 +33,7 @@ from planning.delivery import (
 )
 from planning.infeasible import Infeasible
 from planning.motion import Way, motion
+from planning.obstacle import in_the_way
 from planning.pregrasp import Pregrasp, approach_begins, first_that_works, opening_m, pregrasps_of, ways
 from planning.scene import Scene
 
@@ -60,6 +62,7 @@ def plan_pick(
     _check_start(scene, q_now_rad)
     if not grasps:
         raise CycleFailure(Code.NO_GRASP, "There is no grasp to plan for.")
+    reasons: dict[int, Infeasible] = {}
     rejected = [
         Rejection(grasp=index, tilt_rad=0.0, code=Code.GRASP_MISSED, reason="one like it closed on nothing before")
         for index, grasp in enumerate(grasps)
@@ -69,17 +72,21 @@ def plan_pick(
         text = f"All {len(grasps)} grasps are like one that closed on nothing before."
         raise CycleFailure(Code.NO_GRASP, text, rejected)
     left_out = {rejection.grasp for rejection in rejected}
-    for approach in approaches(grasps, scene.station, left_out):
+    left, budget = approaches(grasps, scene.station, left_out), Budget(scene.station.planning.budget_s)
+    while left and not budget.is_over:
+        approach = left.pop(0)
         try:
             aimed = scene if scene_of is None else scene_of(approach.grasp)
+            budget.watch(aimed.effort)
             segments = plan_approach(aimed, approach, np.asarray(q_now_rad))
         except Infeasible as why:
+            reasons[len(rejected)] = why
             rejected.append(
                 Rejection(grasp=approach.index, tilt_rad=approach.tilt_rad, code=why.code, reason=why.reason)
             )
             continue
         return PickPlan(grasp=approach.index, tilt_rad=approach.tilt_rad, segments=segments, rejected=tuple(rejected))
-    raise _none_feasible(rejected)
+    raise _none_feasible([_with_obstacle(one, reasons.get(index)) for index, one in enumerate(rejected)], len(left))
 
 
 def plan_approach(scene: Scene, approach: Approach, q_now_rad: Joints) -> tuple[Segment, ...]:
@@ -108,11 +115,17 @@ def _check_start(scene: Scene, q_now_rad: Joints) -> None:
         raise CycleFailure(Code.COLLISION, f"The arm cannot start from where it is: {collision}.")
 
 
-def _none_feasible(rejected: Sequence[Rejection]) -> CycleFailure:
+def _with_obstacle(rejection: Rejection, why: Infeasible | None) -> Rejection:
+    """The rejection with what was in the way: measured only where nothing else is left to be done."""
+    return rejection if why is None else rejection.model_copy(update={"obstacle": why.obstacle()})
+
+
+def _none_feasible(rejected: Sequence[Rejection], untried: int) -> CycleFailure:
     counts = Counter(r.reason for r in rejected).most_common()
     reasons = "; ".join(f"{count} x {reason}" for reason, count in counts)
     code = Code.COLLISION if any(r.code is Code.COLLISION for r in rejected) else Code.UNREACHABLE
-    return CycleFailure(code, f"None of {len(rejected)} ways to grasp is feasible: {reasons}.", rejected)
+    over = f" {untried} more were not tried: planning.budget_s is over." if untried else ""
+    return CycleFailure(code, f"None of {len(rejected)} ways to grasp is feasible: {reasons}.{over}", rejected)
 
 
 # --- all the way ------------------------------------------------------------------------------------------------------
@@ -174,5 +187,5 @@ def _reach(scene: Scene, grasp: Grasp, way: Way, pregrasp: Pregrasp) -> Segment:
     until = approach_begins(scene.robot, reach.trajectory, scene.station.planning.approach_m)
     collision = scene.gate(reach.trajectory.filtered()[: until + 1], None)
     if collision is not None:
-        raise Infeasible(Code.COLLISION, f"reach, at another width: {collision}")
+        raise in_the_way("reach, at another width", collision, way_there, None)
     return reach

@@ -32,6 +32,8 @@ WITH_A_NEW_LOOK = frozenset(
         Code.MODEL_BAD_IMAGE,
         Code.MODEL_NO_ROD,
         Code.MODEL_DRIFT,
+        Code.DETECTOR_FAILED,
+        Code.DETECTOR_TIMEOUT,
     }
 )
 """Codes for which a new capture may help. Causes that only a person can remove (key, quota, spend limit) are left out.

@@ -10,7 +10,7 @@ from bus.errors import CycleFailure
 from bus.messages import Grasp, PickPlan
 from config.franka_hand import FINGER_TIP_M
 from config.limits import UPPER_RAD
-from config.schema import Station, VerifySettings
+from config.schema import PlanningSettings, SceneSettings, Station, VerifySettings
 from planning.height_field import Sight
 from planning.pick import plan_pick
 from planning.pregrasp import LOWER_M
@@ -222,6 +222,17 @@ def test_an_obstacle_in_the_way_of_every_approach_is_named(robot: Robot) -> None
     with pytest.raises(CycleFailure, match="touches lid") as caught:
         plan_pick(among(robot, lid), [GOOD], CAPTURE)
     assert caught.value.failure is Code.COLLISION
+
+
+def test_after_its_budget_no_further_way_is_tried_and_it_says_how_many_are_left(robot: Robot) -> None:
+    lid, hurried = box("lid", (0.45, 0.05, 0.12), (0.2, 0.2, 0.01)), PlanningSettings(budget_s=0.001)
+    station = Station(nodes=NODES, scene=SceneSettings(obstacles=(lid,)), planning=hurried)
+    texts = []
+    for _ in range(2):
+        with pytest.raises(CycleFailure, match=r"None of 1 ways .* 4 more were not tried: planning.budget_s") as caught:
+            plan_pick(Scene.of(robot, station), [GOOD], CAPTURE)
+        texts.append(caught.value.text)
+    assert texts[0] == texts[1]
 
 
 def test_beside_a_wall_it_comes_from_the_free_side(robot: Robot) -> None:
