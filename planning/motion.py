@@ -20,6 +20,7 @@ from planning.blend import CORNER_SHARE, Curve, blended
 from planning.infeasible import Infeasible
 from planning.scene import Scene, Width
 from planning.search import search
+from planning.slow_end import SlowEnd
 from planning.timing import rest_to_rest, timed
 from planning.world import Collision
 
@@ -116,6 +117,7 @@ def motion(
     width_m: Width,
     *,
     leaving: Scene | None = None,
+    slow_end: SlowEnd | None = None,
 ) -> Segment:
     """Return the motion along ``pieces``: the lines of ``way`` and the tcp lines before or after it, each of them free.
 
@@ -123,6 +125,7 @@ def motion(
         pieces: each (m, 7), beginning where the one before ends.
         width_m: opening of the hand; None = any, it may move meanwhile.
         leaving: the scene that applies on the first piece instead, until its corner.
+        slow_end: a bound on the tcp's speed near the end.
 
     Raises:
         Infeasible: UNREACHABLE names the limit, COLLISION the pair that would touch.
@@ -132,7 +135,7 @@ def motion(
         curve = blended(pieces, share)
         collision = _bends_touch(curve, scene, width_m)
         if collision is None:
-            trajectory = _timed(name, scene, curve)
+            trajectory = _timed(name, scene, curve, slow_end)
             collision = _gate(trajectory, curve, scene, leaving, width_m)
             if collision is None:
                 return Segment(name=name, route=way.route, trajectory=trajectory)
@@ -181,8 +184,8 @@ def _gate(
     return leaving.gate(commands[: split + 1], width_m) or scene.gate(commands[split:], width_m)
 
 
-def _timed(name: SegmentName, scene: Scene, curve: Curve) -> Trajectory:
+def _timed(name: SegmentName, scene: Scene, curve: Curve, slow_end: SlowEnd | None) -> Trajectory:
     try:
-        return timed(scene.station, curve)
+        return timed(scene.station, curve, slow_end)
     except CycleFailure as why:
         raise Infeasible(Code.UNREACHABLE, f"{name}: limit: {why.text}") from why

@@ -9,7 +9,7 @@ from bus.messages.camera_model import CameraModel
 from bus.messages.cycle import Attempt, CycleResult, Failure, ResultT, StageName, StageRecord
 from bus.messages.detections import Alignment, Detections, Drift, Evidence, ModelReply, Usage
 from bus.messages.devices import ArmMode, ArmState, Frame, HandState, Motion
-from bus.messages.execution import Delivery, Execution, SegmentRun, Verdict
+from bus.messages.execution import Contact, Delivery, Execution, SegmentRun, Verdict
 from bus.messages.grasps import Grasp, Rectangle
 from bus.messages.observation import Observation, View
 from bus.messages.plan import PickPlan, Segment, SegmentName
@@ -21,6 +21,7 @@ __all__ = [
     "ArmState",
     "Attempt",
     "CameraModel",
+    "Contact",
     "CycleResult",
     "Delivery",
     "Detections",
