@@ -126,7 +126,7 @@ class Bench:
                 slower = station.model_copy(update={"arm": station.arm.model_copy(update={"speed": speed})})
                 felt = slow_end(self.robot, self.robot.base_from_tcp(line[-1])[:3, 3], station.execute)
                 reach = timed(slower, blended([np.stack([q_rad, before]), line]), felt)
-                return guarded(self.robot, reach).model_copy(update={"waits_at": None})
+                return guarded(self.robot, station, reach).model_copy(update={"waits_at": None})
         raise ValueError(f"no way down to {x_m:.3f}, {y_m:.3f} m")
 
     def play(self, reach: Trajectory) -> tuple[Motion | None, Felt]:
@@ -176,8 +176,7 @@ def pick(name: str, change: Callable[[World, Robot, Trajectory], None], settings
     lay_m, felt = table.truth().base_from_object[2, 3], Felt()
     world.felt = felt
     (top_m,) = (float(one.top_m[2]) for one in found.scene.instances if one.number == grasp.instance)
-    among = scenes(found, [before], robot, station)(grasp).empty()
-    thing = Thing(top_m, lambda carry: among.gate(carry.filtered(), grasp.width_m))
+    thing = Thing(top_m, lambda: scenes(found, [before], robot, station)(grasp))
     execution, after = execute(chosen, grasp, (arm, hand), look, robot, station, Gate(), thing)
     rose_m = float(table.truth().base_from_object[2, 3] - lay_m)
     verdict = verify(execution, found, grasp, before, after, robot, station)

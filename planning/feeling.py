@@ -22,6 +22,7 @@ _HELD_BY_TIPS_M = 0.001
 _FADE = 0.6
 """Share of the lift line on which a carry is joined."""
 _POINTS = 301
+_EVERY_TICKS = 4
 _STILL_RAD = 1e-9
 _NEAR_RAD = 5e-3
 """On so short a piece the approach line is straight for the joints, too."""
@@ -72,7 +73,7 @@ def way_back(station: Station, commanded_q_rad: JointSamples) -> Trajectory:
     return timed(station, _curve(np.concatenate([rests[None], commanded_q_rad[passed::-1]])))
 
 
-def joined(robot: Robot, carry: Trajectory, q_rad: Joints) -> Trajectory:
+def joined(robot: Robot, station: Station, carry: Trajectory, q_rad: Joints) -> Trajectory:
     """Return ``carry`` from where the arm is, a little above its start, instead of from there.
 
     The difference fades out on the lift line, so that the tcp stays between that line and the approach line.
@@ -85,10 +86,17 @@ def joined(robot: Robot, carry: Trajectory, q_rad: Joints) -> Trajectory:
     """
     curve = _curve(carry.filtered())
     lifted_m = np.array([robot.base_from_tcp(q)[:3, 3] for q in curve.points_rad])
-    share = np.linalg.norm(lifted_m - lifted_m[0], axis=1) / (_FADE * robot.station.planning.lift_m)
+    share = np.linalg.norm(lifted_m - lifted_m[0], axis=1) / (_FADE * station.planning.lift_m)
     share = np.maximum.accumulate(np.clip(share, 0.0, 1.0))
     rest = 1.0 - share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
-    return timed(robot.station, _curve(curve.points_rad + rest[:, None] * (q_rad - carry.start_q_rad)))
+    return timed(station, _curve(curve.points_rad + rest[:, None] * (q_rad - carry.start_q_rad)))
+
+
+def lifted_at(robot: Robot, station: Station, commands: JointSamples) -> int:
+    """Return the tick of a carry's ``commands`` (n, 7) at which it is on its planned way again, on the lift line."""
+    lifted_m = np.array([robot.base_from_tcp(q)[:3, 3] for q in commands[::_EVERY_TICKS]])
+    far = np.linalg.norm(lifted_m - lifted_m[0], axis=1) >= _FADE * station.planning.lift_m
+    return int(np.argmax(far)) * _EVERY_TICKS if far.any() else len(commands) - 1
 
 
 def _curve(path_rad: JointSamples) -> Curve:

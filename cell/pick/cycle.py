@@ -22,7 +22,6 @@ from bus.messages import (
     PickPlan,
     Verdict,
 )
-from bus.trajectory import Trajectory
 from cell.pick.choosing import Choosing
 from cell.pick.equipment import Equipment
 from cell.pick.execute import deliver, execute
@@ -31,7 +30,6 @@ from cell.pick.plan import scenes
 from cell.pick.stages import FAULTS, Stages
 from cell.pick.touching import Thing
 from cell.pick.verify import lost_on_the_way, verify
-from planning.world import Collision
 
 
 @dataclass
@@ -148,12 +146,7 @@ class Cycle:
 
 
 def _thing(found: Detections, looks: Sequence[Observation], grasp: Grasp, equipment: Equipment) -> Thing:
-    """What is grasped: its top as it was seen, and the scene among which its way up is judged, if ever it must be."""
-    robot, station = equipment.robot, equipment.station
-
-    def judge(carry: Trajectory) -> Collision | None:
-        scene = scenes(found, looks, robot, station)(grasp)
-        return scene.empty().gate(carry.filtered(), grasp.width_m)
-
+    """What is grasped: its top as it was seen, and its scene."""
     tops_m = [float(one.top_m[2]) for one in found.scene.instances if one.number == grasp.instance]
-    return Thing(tops_m[0] if tops_m else None, judge)
+    scene_of = scenes(found, looks, equipment.robot, equipment.station)
+    return Thing(tops_m[0] if tops_m else None, lambda: scene_of(grasp))

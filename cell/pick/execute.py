@@ -25,7 +25,7 @@ from bus.trajectory import TICK_S, Trajectory
 from cell.machine.gate import Gate
 from cell.pick.fingers import require_at, require_new, require_possible
 from cell.pick.opening import Opening
-from cell.pick.touching import Thing, contact_of, from_there, guarded
+from cell.pick.touching import Thing, WayUp, contact_of, guarded
 from cell.pick.verify import is_clear
 from cell.pick.watching import watched
 from config.schema import HandSettings, Station
@@ -158,15 +158,17 @@ def execute(
     grasped: HandState | None = None
     after: Observation | None = None
     began = runner.read_hand()
-    reach = guarded(robot, _part(plan, "reach"))
+    reach = guarded(robot, station, _part(plan, "reach"))
     contact: Contact | None = None
     if runner.reach(reach, grasp.opening_m):
         contact = contact_of(robot, runner.runs[-1].motion, reach, thing)
-        plan_up = plan if contact is None else from_there(robot, plan, runner.runs[-1].motion, contact, thing)
-        if plan_up is None:
-            runner.run("retreat", way_back(station, runner.runs[-1].motion.commanded_q_rad))
+        down, way_up = runner.runs[-1].motion, WayUp(robot, station, thing, grasp)
+        contact = contact_of(robot, down, reach, thing)
+        planned_up = plan if contact is None else way_up.joined_to(plan, down, contact)
+        if planned_up is None:
+            runner.run("retreat", way_back(station, down.commanded_q_rad))
         else:
-            grasped, after = _pick_up(runner, plan_up, grasp, look, robot)
+            grasped, after = _pick_up(runner, planned_up, grasp, look, robot, station)
     execution = Execution(
         runs=tuple(runner.runs),
         grasped=grasped,
@@ -179,10 +181,9 @@ def execute(
 
 
 def _pick_up(
-    runner: _Runner, plan: PickPlan, grasp: Grasp, look: Callable[[], Observation], robot: Robot
+    runner: _Runner, plan: PickPlan, grasp: Grasp, look: Callable[[], Observation], robot: Robot, station: Station
 ) -> tuple[HandState | None, Observation | None]:
     """Close, lift, hold, and look again; returns the hand right after closing, and the second observation."""
-    station = robot.station
     grasped = runner.grasp(station.hand.grasp_force_n, station.hand.speed_m_s)
     after: Observation | None = None
     if runner.carry_part(plan, "carry") and _hold(runner, plan, station):

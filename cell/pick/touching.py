@@ -8,15 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from bus.errors import CycleFailure
-from bus.messages import Contact, Motion, PickPlan
+from bus.messages import Contact, Grasp, Motion, PickPlan
 from bus.trajectory import Trajectory
-from planning.feeling import closes_within_m, guard, joined
+from config.schema import Station
+from planning.feeling import closes_within_m, guard, joined, lifted_at
 from planning.pregrasp import approach_begins
 from planning.robot import Robot
-from planning.world import Collision
-
-Judge = Callable[[Trajectory], Collision | None]
-"""What the empty hand would touch on a motion, at the width of the thing between its fingers."""
+from planning.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -25,16 +23,16 @@ class Thing:
 
     Attributes:
         top_m: its highest point in ``base``; None = unknown.
-        judge: judges the way up with it from elsewhere than was planned; None = there is no other way up.
+        scene: gives the scene with it as the target, which judges the way up with it from elsewhere than was planned;
+            None = there is no other way up.
     """
 
     top_m: float | None = None
-    judge: Judge | None = None
+    scene: Callable[[], Scene] | None = None
 
 
-def guarded(robot: Robot, reach: Trajectory) -> Trajectory:
+def guarded(robot: Robot, station: Station, reach: Trajectory) -> Trajectory:
     """Return ``reach`` as it is played: the arm waits before its approach line, and feels on it if the station says."""
-    station = robot.station
     begins_at = approach_begins(robot, reach, station.planning.approach_m)
     limit_n = station.execute.contact_n
     felt = guard(robot, reach, begins_at, limit_n) if limit_n else None
@@ -55,16 +53,34 @@ def contact_of(robot: Robot, motion: Motion, reach: Trajectory, thing: Thing) ->
     )
 
 
-def from_there(robot: Robot, plan: PickPlan, motion: Motion, contact: Contact, thing: Thing) -> PickPlan | None:
-    """Return the plan with its carry from where the arm rests; None when the fingers are not to close there."""
-    if contact.remaining_m > contact.closes_within_m or thing.judge is None:
-        return None
-    parts = {part.name: part for part in plan.segments}
-    try:
-        carry = joined(robot, parts["carry"].trajectory, motion.commanded_q_rad[-1])
-    except CycleFailure:  # no limit lets it pass: then it goes back
-        return None
-    if thing.judge(carry) is not None:
-        return None
-    parts["carry"] = parts["carry"].model_copy(update={"trajectory": carry})
-    return plan.model_copy(update={"segments": tuple(parts.values())})
+class WayUp:
+    """Makes the way up with a thing that is grasped short of where it was planned."""
+
+    def __init__(self, robot: Robot, station: Station, thing: Thing, grasp: Grasp) -> None:
+        self._robot, self._station, self._thing, self._grasp = robot, station, thing, grasp
+
+    def joined_to(self, plan: PickPlan, motion: Motion, contact: Contact) -> PickPlan | None:
+        """Return ``plan`` with its carry from where the arm rests; None when the fingers are not to close there.
+
+        Args:
+            motion: the one that met something, ``contact``.
+        """
+        if contact.remaining_m > contact.closes_within_m or self._thing.scene is None:
+            return None
+        parts = {part.name: part for part in plan.segments}
+        try:
+            carry = joined(self._robot, self._station, parts["carry"].trajectory, motion.commanded_q_rad[-1])
+        except CycleFailure:  # within the limits there is no such way
+            return None
+        if self._touches(self._thing.scene(), carry, parts["place"].trajectory, contact):
+            return None
+        parts["carry"] = parts["carry"].model_copy(update={"trajectory": carry})
+        return plan.model_copy(update={"segments": tuple(parts.values())})
+
+    def _touches(self, scene: Scene, carry: Trajectory, place: Trajectory, contact: Contact) -> bool:
+        """Whether hand or thing, which hangs lower than was planned, would touch anything on the ways with it."""
+        width_m, up, down = self._grasp.width_m, carry.filtered(), place.filtered()
+        free_at = lifted_at(self._robot, self._station, up)
+        holding = scene.holding(contact.base_from_tcp)
+        judged = ((scene.empty(), up[: free_at + 1]), (holding, up[free_at:]), (holding, down))
+        return any(one.gate(commands, width_m) is not None for one, commands in judged)

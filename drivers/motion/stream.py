@@ -14,7 +14,6 @@ from bus.trajectory import Trajectory
 from drivers.motion.contact import Feeler
 from drivers.motion.progress import Progress
 
-
 _CLEAR_RAD = 0.001
 """An arm that met something goes back by so much of its fastest joint, 0.3 to 0.6 mm: then the friction in its
 joints does not keep it pressing."""
