@@ -100,7 +100,7 @@ class Bench:
     """An arm over an empty table: straight descents that should end just above it."""
 
     def __init__(self, settings: Sequence[str] = ()) -> None:
-        self.station = _with_post(load_station(None, list(settings)))
+        self.station = with_post(load_station(None, list(settings)))
         self.robot, self.world = Robot(self.station), JudgedWorld(self.station)
         self.arm = SimArm(self.world)
         self.arm.connect()
@@ -141,7 +141,8 @@ class Bench:
             return None, felt
 
 
-def _with_post(station: Station) -> Station:
+def with_post(station: Station) -> Station:
+    """Return the station with a post that stands out of the way, deep below the table."""
     return station.model_copy(update={"scene": station.scene.model_copy(update={"obstacles": (_POST,)})})
 
 
@@ -157,7 +158,7 @@ class Pick:
 
 def pick(name: str, change: Callable[[World, Robot, Trajectory], None], settings: Sequence[str] = ()) -> Pick:
     """Look at an object, plan, let ``change`` do to the world what the cell does not know, and execute."""
-    station = _with_post(load_station(None, ["sim.seed=3", "verify.hold_s=0.5", *settings]))
+    station = with_post(load_station(None, ["sim.seed=3", "verify.hold_s=0.5", *settings]))
     world, robot = JudgedWorld(station), Robot(station)
     camera, arm, hand, table = SimCamera(world), Guard(SimArm(world), station), SimHand(world), SimPresenter(world)
     for device in (camera, arm, hand):

@@ -61,7 +61,7 @@ def _say_what_was_seen(content: Content) -> None:
 
 def _say_that_nothing_was_felt(content: Content) -> None:
     if content.station is not None:
-        content.station = {**content.station, "execute": {"contact_n": 0.0}}
+        content.station = {"execute": {"contact_n": 0.0}, **content.station}
 
 
 MIGRATIONS: tuple[Migration, ...] = (

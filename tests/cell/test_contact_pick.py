@@ -6,16 +6,36 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
-from benchmarks.contact import Pick, pick, post_under_palm, table_higher
+from benchmarks.contact import Pick, pick, place_post, post_under_palm, table_higher, with_post
+from bus import topics
+from bus.codec import encode
 from bus.codes import ADVICE, Code
-from bus.messages import Attempt
+from bus.frozen import Message
+from bus.messages import Attempt, CycleResult, PickPlan, StageRecord
+from bus.sample import Sample
+from bus.topics import Topic, encoding_of
+from cell.cli.commands import command_line
+from cell.daemon.actions import Actions
 from cell.daemon.retry import Retries
+from cell.machine.gate import Gate
+from cell.pick.equipment import Equipment
 from cell.pick.stages import FAULTS
 from config.limits import check
+from config.load import load_station
 from config.schema import RetrySettings
+from drivers.node.guard import Guard
+from drivers.sim.arm import SimArm
+from drivers.sim.camera import SimCamera
+from drivers.sim.devices import SimPresenter
+from drivers.sim.hand import SimHand
+from drivers.sim.moved import move_box
+from drivers.sim.world import World
 from logs.mcap.reader import read_cycle
 from logs.report.timeline import in_words
+from perception.models import open_models
+from planning.robot import Robot
 
 GOLDEN = Path(__file__).parents[1] / "golden" / "cycle-schema4.mcap"
 
@@ -68,3 +88,41 @@ def test_a_contact_is_a_failed_pick_with_advice_and_the_next_grasp_is_tried() ->
 
 def test_recordings_of_before_were_not_felt() -> None:
     assert read_cycle(GOLDEN).station["execute"] == {"contact_n": 0.0}
+
+
+def test_after_a_contact_the_cell_looks_again_and_tries_another_grasp(tmp_path: Path) -> None:
+    """Somebody puts a post there after the look, and takes it away again."""
+    station = with_post(load_station(None, [f"recording.folder={tmp_path}", "retry.grasps=1", "verify.hold_s=0.5"]))
+    world, robot, results = World(station), Robot(station), list[CycleResult]()
+    plans, attempts = list[PickPlan](), list[Attempt]()
+    camera, arm, hand = SimCamera(world), Guard(SimArm(world), station), SimHand(world)
+    for device in (camera, arm, hand):
+        device.connect()
+
+    def hear(topic: Topic, said: Message | bytes) -> None:
+        if isinstance(said, StageRecord) and isinstance(said.result, PickPlan):
+            plans.append(said.result)
+        if isinstance(said, Attempt):
+            attempts.append(said)
+        if topic in (topics.EXECUTE, topics.VERIFY) and isinstance(said, Message) and actions.log is not None:
+            actions.log.hear(Sample(topic.key, encoding_of(type(said)), encode(said)))
+
+    def meddle(stage: str) -> None:
+        if stage == "execute":
+            place_post(world, robot, plans[-1].segments[0].trajectory, -100.0 if results else 9.8)
+
+    equipment = Equipment(camera, arm, hand, robot, station, open_models(station, {}))
+    actions = Actions(equipment, Gate(), SimPresenter(world), lambda: set(station.nodes), hear, meddle, results.append)
+    actions.reset()
+    actions.restart_attempts(object_name="controller")
+    for _ in range(2):
+        actions.begin()
+        actions.pick()
+        move_box(world, "post", np.array([0.45, 0.0, -1.0]))
+        actions.complete()
+    camera.close()
+    assert [(result.result, result.code) for result in results] == [("FAILED", Code.CONTACT), ("SUCCESS", None)]
+    assert "before the grasp, too far" in results[0].reason and results[0].retried_as == results[1].cycle_id
+    assert [len(attempt.missed) for attempt in attempts] == [0, 1]
+    shown = CliRunner().invoke(command_line(), ["show", results[0].recording])
+    assert "The arm met" in shown.stdout and "went back" in shown.stdout, shown.stdout
