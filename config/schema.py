@@ -482,12 +482,15 @@ class ExecuteSettings(Settings):
         contact_n: on the approach line the arm stops where it meets more force than this against its motion; 0 = it
             feels nothing. The FR3's own reflex (`fr3.collision_wrench`) is to be well above, its noise well below.
         slow_m: so much of the line, at its end, is slow: only there is what it meets touched softly. 0 = none.
-        slow_m_s: fastest speed of the tcp there. Twice the speed is twice the force beyond `contact_n`.
+        slow_m_s: fastest speed of the tcp there, where the table or another thing is believed to be within 10 mm of the
+            hand at the grasp. Twice the speed is twice the force beyond `contact_n`.
+        free_m_s: the same where nothing is: what it meets there was hidden. Faster than 0.03 it may be a reflex.
     """
 
     contact_n: NonNegative = 5.0
     slow_m: SizeOrNone = 0.010
     slow_m_s: Positive = 0.010
+    free_m_s: Positive = 0.030
 
 
 class VerifySettings(Settings):

@@ -172,7 +172,8 @@ def _ways_to_grasp(
 def _reach(scene: Scene, grasp: Grasp, way: Way, pregrasp: Pregrasp) -> Segment:
     """Plan the reach: up to the approach line the hand may still be on its way to its opening."""
     way_there, opens_m = scene.on_the_way(), opening_m(grasp, scene.station)
-    felt = slow_end(scene.robot, _grasped_at(scene, pregrasp)[:3, 3], scene.station.execute)
+    is_near = scene.is_near(pregrasp.line_rad[-1], opens_m)
+    felt = slow_end(scene.robot, _grasped_at(scene, pregrasp)[:3, 3], scene.station.execute, is_near=is_near)
     reach = motion("reach", way, [*way.lines(), pregrasp.line_rad], way_there, opens_m, slow_end=felt)
     until = approach_begins(scene.robot, reach.trajectory, scene.station.planning.approach_m)
     collision = scene.gate(reach.trajectory.filtered()[: until + 1], None)

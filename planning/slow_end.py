@@ -1,7 +1,8 @@
 """The slow end of an approach, on which what the arm meets is touched softly.
 
 The force of a blow is about ``execute.contact_n`` plus what the arm runs on while it brakes, times its stiffness (10 to
-100 N/mm). So the last ``execute.slow_m`` are no faster than ``execute.slow_m_s``. Frames: docs/frames.md.
+100 N/mm). So the last ``execute.slow_m`` are no faster than ``execute.slow_m_s`` where something is believed to be so
+near that it may be met, and than ``execute.free_m_s`` elsewhere. Frames: docs/frames.md.
 """
 
 from __future__ import annotations
@@ -45,8 +46,12 @@ class SlowEnd:
         return fastest
 
 
-def slow_end(robot: Robot, end_m: Vector3, settings: ExecuteSettings) -> SlowEnd | None:
-    """Return the bound for an approach that ends at ``end_m`` (3,); None where contact is not felt."""
+def slow_end(robot: Robot, end_m: Vector3, settings: ExecuteSettings, *, is_near: bool) -> SlowEnd | None:
+    """Return the bound for an approach that ends at ``end_m`` (3,); None where contact is not felt.
+
+    Args:
+        is_near: whether anything is believed to be near the hand there.
+    """
     if not settings.contact_n or not settings.slow_m:
         return None
-    return SlowEnd(robot, end_m, settings.slow_m, settings.slow_m_s)
+    return SlowEnd(robot, end_m, settings.slow_m, settings.slow_m_s if is_near else settings.free_m_s)

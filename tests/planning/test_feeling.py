@@ -14,6 +14,7 @@ from planning.blend import blended
 from planning.feeling import closes_within_m, guard, joined, way_back
 from planning.line import tcp_line
 from planning.robot import Robot
+from planning.scene import Scene
 from planning.slow_end import slow_end
 from planning.timing import timed
 
@@ -31,7 +32,7 @@ def line(down_m: float, q_rad: np.ndarray = ABOVE_RAD) -> JointSamples:
 
 DOWN = blended([line(0.10)])
 GRASP_RAD = DOWN.points_rad[-1]
-SLOW = timed(STATION, DOWN, slow_end(ROBOT, ROBOT.base_from_tcp(GRASP_RAD)[:3, 3], SETTINGS))
+SLOW = timed(STATION, DOWN, slow_end(ROBOT, ROBOT.base_from_tcp(GRASP_RAD)[:3, 3], SETTINGS, is_near=True))
 
 
 def tcp_m(commands: JointSamples) -> np.ndarray:
@@ -47,9 +48,18 @@ def test_the_end_is_slow_and_the_rest_is_not() -> None:
     assert check(SLOW.filtered()).ok
 
 
+def test_where_nothing_is_believed_to_be_near_it_is_less_slow() -> None:
+    free = timed(STATION, DOWN, slow_end(ROBOT, ROBOT.base_from_tcp(GRASP_RAD)[:3, 3], SETTINGS, is_near=False))
+    assert timed(STATION, DOWN).duration_s + 0.1 < free.duration_s < SLOW.duration_s - 0.5
+    scene = Scene.of(ROBOT, STATION)
+    for height_m, is_near in ((0.0, True), (0.05, False)):
+        down_m = ROBOT.base_from_tcp(ABOVE_RAD)[2, 3] - FINGER_TIP_M - 0.003 - height_m
+        assert scene.is_near(line(down_m)[-1], 0.05) == is_near, height_m
+
+
 def test_an_arm_that_feels_nothing_moves_as_ever() -> None:
     numb = SETTINGS.model_copy(update={"contact_n": 0.0})
-    assert slow_end(ROBOT, np.zeros(3), numb) is None
+    assert slow_end(ROBOT, np.zeros(3), numb, is_near=True) is None
     assert timed(STATION, DOWN).duration_s < SLOW.duration_s - 0.5
 
 
