@@ -98,6 +98,7 @@ class Progress:
             to_at: the place [ticks] before which it ends, ``by_rad`` of the joint that moves most.
         """
         if self._way_back is None:
+            self._rate = self._gain = 0.0
             to_at = self._before(to_at, by_rad)
             far_rad = float(np.abs(self._curve(self._at) - self._curve(to_at)).max())
             longest = max((_GO_BACK * far_rad / _ACCELERATION) ** 0.5, (_GO_BACK_JERK * far_rad / _JERK) ** (1 / 3))

@@ -59,7 +59,8 @@ def test_a_single_sample_is_noise() -> None:
 
 @pytest.mark.parametrize("duration_s", [1.0, 3.0, 12.0])
 def test_at_a_contact_it_brakes_on_its_path_and_goes_back_to_just_before(duration_s: float) -> None:
-    for touched_at in range(510, round(1000 * duration_s), round(97 * duration_s**2)):
+    ticks = round(1000 * duration_s)
+    for touched_at in (*range(510, ticks, round(97 * duration_s**2)), ticks + 50, ticks + 58, ticks + 60):
         commands, stream = play(turn(duration_s), {touched_at: 6.0})
         assert stream.contact_n == pytest.approx(6.0) and not stream.finished
         report = check(commands)
