@@ -207,41 +207,37 @@ def place_post(world: World, robot: Robot, reach: Trajectory, by_mm: float) -> N
     move_box(world, _POST.name, center_m)
 
 
+@dataclass
+class Tally:
+    """What came of the descents.
+
+    Attributes:
+        force_n: largest true forces, of those onto a raised table and those onto a hidden post.
+    """
+
+    force_n: dict[str, list[float]] = field(default_factory=lambda: {"table": [], "post": []})
+    overshoot_mm: list[float] = field(default_factory=list)
+    reflexes: int = 0
+    unnoticed: int = 0
+
+
 def run(tries: int, free: int, seed: int, tell: Callable[[str], None], settings: Sequence[str] = ()) -> dict[str, Any]:
     """Return the figures of ``tries`` descents that meet something, ``free`` that do not, and a pick of each object."""
-    bench, rng = Bench(settings), np.random.default_rng(seed)
-    force_n: dict[str, list[float]] = {"table": [], "post": []}
-    overshoot_mm = list[float]()
-    reflexes = unnoticed = false_contacts = 0
+    bench, rng, tally = Bench(settings), np.random.default_rng(seed), Tally()
     for index in range(tries):
-        by_mm, is_post = TABLE_MM[index % len(TABLE_MM)], index % 5 == 4
-        above_m = _HIGH_M if is_post else 0.0
-        reach = bench.descent(*_place(rng), speed=SPEEDS[index % len(SPEEDS)], above_m=above_m)
-        raise_table(bench.world, 0.0 if is_post else by_mm / 1e3)
-        place_post(bench.world, bench.robot, reach, by_mm - 2.0 if is_post else -100.0)
-        motion, felt = bench.play(reach)
-        what = "post" if is_post else "table"
-        force_n[what].append(felt.peak_n)
-        overshoot_mm.append(felt.overshoot_mm)
-        reflexes += motion is None
-        unnoticed += motion is not None and motion.contact_n is None
-        tell(f"{index + 1}/{tries} {what} {by_mm:.0f} mm: {felt.peak_n:.1f} N, {felt.overshoot_mm:.2f} mm")
-    raise_table(bench.world, 0.0)
-    move_box(bench.world, _POST.name, np.array(_POST.center_m))
-    for index in range(free):
-        motion, _ = bench.play(bench.descent(*_place(rng), speed=SPEEDS[index % len(SPEEDS)]))
-        false_contacts += motion is None or motion.contact_n is not None
+        tell(f"{index + 1}/{tries} {_meet(bench, rng, index, tally)}")
+    false_contacts = _false_contacts(bench, rng, free)
     tell(f"{free} free descents, {false_contacts} false contacts")
     picks = [pick(name, table_higher(10.0), settings) for name in OBJECTS]
     tell("; ".join(f"{name}: {one.verdict.reason}" for name, one in zip(OBJECTS, picks, strict=True)))
     return {
         "contact": {
             "tries": tries,
-            "force_n": _spread(force_n["table"]),
-            "hidden_force_n": _spread(force_n["post"]),
-            "overshoot_mm": _spread(overshoot_mm),
-            "reflexes": reflexes,
-            "unnoticed": unnoticed,
+            "force_n": _spread(tally.force_n["table"]),
+            "hidden_force_n": _spread(tally.force_n["post"]),
+            "overshoot_mm": _spread(tally.overshoot_mm),
+            "reflexes": tally.reflexes,
+            "unnoticed": tally.unnoticed,
             "picks": len(picks),
             "held": sum(one.verdict.held and one.rose_m > 0.05 for one in picks),
             "picks_with_contact": sum(one.execution.contact is not None for one in picks),
@@ -249,6 +245,30 @@ def run(tries: int, free: int, seed: int, tell: Callable[[str], None], settings:
             "false_contacts": false_contacts,
         }
     }
+
+
+def _meet(bench: Bench, rng: np.random.Generator, index: int, tally: Tally) -> str:
+    """Play one descent that meets the table or, each fifth, a post; returns what came of it, in words."""
+    by_mm, is_post = TABLE_MM[index % len(TABLE_MM)], index % 5 == 4
+    above_m = _HIGH_M if is_post else 0.0
+    reach = bench.descent(*_place(rng), speed=SPEEDS[index % len(SPEEDS)], above_m=above_m)
+    raise_table(bench.world, 0.0 if is_post else by_mm / 1e3)
+    place_post(bench.world, bench.robot, reach, by_mm - 2.0 if is_post else -100.0)
+    motion, felt = bench.play(reach)
+    what = "post" if is_post else "table"
+    tally.force_n[what].append(felt.peak_n)
+    tally.overshoot_mm.append(felt.overshoot_mm)
+    tally.reflexes += motion is None
+    tally.unnoticed += motion is not None and motion.contact_n is None
+    return f"{what} {by_mm:.0f} mm: {felt.peak_n:.1f} N, {felt.overshoot_mm:.2f} mm"
+
+
+def _false_contacts(bench: Bench, rng: np.random.Generator, free: int) -> int:
+    """Play ``free`` descents that meet nothing; returns how many were stopped all the same."""
+    raise_table(bench.world, 0.0)
+    move_box(bench.world, _POST.name, np.array(_POST.center_m))
+    motions = [bench.play(bench.descent(*_place(rng), speed=SPEEDS[index % len(SPEEDS)]))[0] for index in range(free)]
+    return sum(motion is None or motion.contact_n is not None for motion in motions)
 
 
 def _place(rng: np.random.Generator) -> tuple[float, float, float]:
