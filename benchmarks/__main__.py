@@ -16,6 +16,7 @@ from benchmarks import (
     alignment,
     busy,
     calibration,
+    contact,
     cycle_time,
     detection,
     fleet,
@@ -302,6 +303,18 @@ def calibrate_(
 ) -> None:
     """Hand-eye calibration with the simulated camera 15 mm and 3 degrees from where it should be: error left."""
     typer.echo(json.dumps(calibration.run(seeds, _teller(as_json))))
+
+
+@app.command(name="contact")
+def contact_(
+    tries: Annotated[int, typer.Option(min=1, help="Descents that meet a raised table or a hidden post.")] = 60,
+    free: Annotated[int, typer.Option(min=0, help="Descents that meet nothing.")] = 100,
+    seed: Annotated[int, typer.Option(help="Below 1000 is to tune on.")] = 1000,
+    overrides: Annotated[list[str] | None, typer.Option("--set", help="key=value")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
+) -> None:
+    """Guarded approaches: true force [N] and overshoot [mm] at a contact, reflexes, picks held, false alarms."""
+    typer.echo(json.dumps(contact.run(tries, free, seed, _teller(as_json), overrides or [])))
 
 
 @app.command(name="intruder")

@@ -35,6 +35,7 @@ class Code(StrEnum):
     ARM_REFLEX = "ARM_REFLEX"
     MOTION_REFUSED = "MOTION_REFUSED"
     HAND_FAULT = "HAND_FAULT"
+    CONTACT = "CONTACT"
     GRASP_MISSED = "GRASP_MISSED"
     DROPPED = "DROPPED"
     NOT_CLEARED = "NOT_CLEARED"
@@ -84,6 +85,8 @@ ADVICE: dict[Code, str] = {
     Code.ARM_REFLEX: "Clear what the arm touched, then `cell clear` and `cell reset`.",
     Code.MOTION_REFUSED: "The guard refused the motion; the report names the limit. Nothing moved.",
     Code.HAND_FAULT: "Check the hand's power and home it again with `cell reset`.",
+    Code.CONTACT: "Look what stands beside the object or over it, and whether table and object are where the report"
+    " shows them. If there was nothing, raise execute.contact_n, or correct fr3.load.",
     Code.GRASP_MISSED: "The fingers closed on nothing. Look at the report's rectangle and aligned clouds.",
     Code.DROPPED: "The object slipped. Raise the grasp force or choose a rougher finger pad.",
     Code.NOT_CLEARED: "Something still lies where the object was; check for a second object.",

@@ -484,6 +484,24 @@ class PlanningSettings(Settings):
     searches: Annotated[int, Field(ge=1, le=20)] = 3
 
 
+class ExecuteSettings(Settings):
+    """What the arm feels on its way to a grasp.
+
+    Attributes:
+        contact_n: on the approach line the arm stops where it meets more force than this against its motion; 0 = it
+            feels nothing. The FR3's own reflex (`fr3.collision_wrench`) is to be well above, its noise well below.
+        slow_m: so much of the line, at its end, is slow: only there is what it meets touched softly. 0 = none.
+        slow_m_s: fastest speed of the tcp there, where the table or another thing is believed to be within 10 mm of the
+            hand at the grasp. Twice the speed is twice the force beyond `contact_n`.
+        free_m_s: the same where nothing is: what it meets there was hidden. Faster than 0.03 it may be a reflex.
+    """
+
+    contact_n: NonNegative = 5.0
+    slow_m: SizeOrNone = 0.010
+    slow_m_s: Positive = 0.010
+    free_m_s: Positive = 0.030
+
+
 class VerifySettings(Settings):
     """Conditions of a successful pick: the object is held for `hold_s`, has weight, and left the table.
 
@@ -519,7 +537,7 @@ class RetrySettings(Settings):
     What fails for good in picks until empty is left where it is, and the next thing is picked.
 
     Attributes:
-        grasps: retries with the next ranked grasp, after the fingers closed on nothing.
+        grasps: retries with the next ranked grasp, after the fingers closed on nothing, or the arm met something.
         looks: retries after any other failure that may not repeat: with a new capture, all grasps again.
         hold_after: the cell holds after so many picks of one `start` in a row failed for good (0 = never).
     """
@@ -587,6 +605,7 @@ class Station(Settings):
     scene: SceneSettings = SceneSettings()
     perception: PerceptionSettings = PerceptionSettings()
     planning: PlanningSettings = PlanningSettings()
+    execute: ExecuteSettings = ExecuteSettings()
     verify: VerifySettings = VerifySettings()
     retry: RetrySettings = RetrySettings()
     queue: QueueSettings = QueueSettings()
@@ -602,6 +621,13 @@ class Station(Settings):
         served = [device for node in self.nodes.values() for device in node.serves]
         if sorted(served) != ["arm", "camera", "hand"]:
             raise ValueError(f"nodes must serve camera, arm and hand exactly once each; they serve {sorted(served)}")
+        return self
+
+    @model_validator(mode="after")
+    def _feels_before_the_reflex(self) -> Station:
+        reflex_n = min(self.fr3.collision_wrench[:3])
+        if self.execute.contact_n >= reflex_n:
+            raise ValueError(f"execute.contact_n must be below the arm's reflex, fr3.collision_wrench ({reflex_n:g} N)")
         return self
 
     @property

@@ -21,6 +21,7 @@ from planning.infeasible import Infeasible
 from planning.obstacle import in_the_way
 from planning.scene import Scene, Width
 from planning.search import search
+from planning.slow_end import SlowEnd
 from planning.timing import rest_to_rest, timed
 from planning.world import Collision
 
@@ -117,6 +118,7 @@ def motion(
     width_m: Width,
     *,
     leaving: Scene | None = None,
+    slow_end: SlowEnd | None = None,
 ) -> Segment:
     """Return the motion along ``pieces``: the lines of ``way`` and the tcp lines before or after it, each of them free.
 
@@ -124,6 +126,7 @@ def motion(
         pieces: each (m, 7), beginning where the one before ends.
         width_m: opening of the hand; None = any, it may move meanwhile.
         leaving: the scene that applies on the first piece instead, until its corner.
+        slow_end: a bound on the tcp's speed near the end.
 
     Raises:
         Infeasible: UNREACHABLE names the limit, COLLISION the pair that would touch.
@@ -133,7 +136,7 @@ def motion(
         curve = blended(pieces, share)
         collision = _bends_touch(curve, scene, width_m)
         if collision is None:
-            trajectory = _timed(name, scene, curve)
+            trajectory = _timed(name, scene, curve, slow_end)
             collision = _gate(trajectory, curve, scene, leaving, width_m)
             if collision is None:
                 return Segment(name=name, route=way.route, trajectory=trajectory)
@@ -183,8 +186,8 @@ def _gate(
     return leaving.gate(commands[: split + 1], width_m) or scene.gate(commands[split:], width_m)
 
 
-def _timed(name: SegmentName, scene: Scene, curve: Curve) -> Trajectory:
+def _timed(name: SegmentName, scene: Scene, curve: Curve, slow_end: SlowEnd | None) -> Trajectory:
     try:
-        return timed(scene.station, curve)
+        return timed(scene.station, curve, slow_end)
     except CycleFailure as why:
         raise Infeasible(Code.UNREACHABLE, f"{name}: limit: {why.text}") from why

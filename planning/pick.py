@@ -36,6 +36,7 @@ from planning.motion import Way, motion
 from planning.obstacle import in_the_way
 from planning.pregrasp import Pregrasp, approach_begins, first_that_works, opening_m, pregrasps_of, ways
 from planning.scene import Scene
+from planning.slow_end import slow_end
 
 Array = npt.NDArray[np.float64]
 
@@ -52,7 +53,8 @@ def plan_pick(
     Args:
         scene: the obstacles, the robot and its station.
         q_now_rad: (7,) the arm's position at rest.
-        missed: ``base_from_tcp`` (4, 4) of grasps that closed on nothing before; grasps like them are left out.
+        missed: ``base_from_tcp`` (4, 4) of grasps that closed on nothing, or met
+            something, before; grasps like them are left out.
         scene_of: the scene in which a grasp's own object is the target, all others are obstacles; None = ``scene``.
 
     Raises:
@@ -64,12 +66,12 @@ def plan_pick(
         raise CycleFailure(Code.NO_GRASP, "There is no grasp to plan for.")
     reasons: dict[int, Infeasible] = {}
     rejected = [
-        Rejection(grasp=index, tilt_rad=0.0, code=Code.GRASP_MISSED, reason="one like it closed on nothing before")
+        Rejection(grasp=index, tilt_rad=0.0, code=Code.GRASP_MISSED, reason="one like it failed before")
         for index, grasp in enumerate(grasps)
         if any(is_like(grasp.base_from_tcp, pose) for pose in missed)
     ]
     if len(rejected) == len(grasps):
-        text = f"All {len(grasps)} grasps are like one that closed on nothing before."
+        text = f"All {len(grasps)} grasps are like one that failed before."
         raise CycleFailure(Code.NO_GRASP, text, rejected)
     left_out = {rejection.grasp for rejection in rejected}
     left, budget = approaches(grasps, scene.station, left_out), Budget(scene.station.planning.budget_s)
@@ -182,8 +184,10 @@ def _ways_to_grasp(
 
 def _reach(scene: Scene, grasp: Grasp, way: Way, pregrasp: Pregrasp) -> Segment:
     """Plan the reach: up to the approach line the hand may still be on its way to its opening."""
-    way_there = scene.on_the_way()
-    reach = motion("reach", way, [*way.lines(), pregrasp.line_rad], way_there, opening_m(grasp, scene.station))
+    way_there, opens_m = scene.on_the_way(), opening_m(grasp, scene.station)
+    is_near = scene.is_near(pregrasp.line_rad[-1], opens_m)
+    felt = slow_end(scene.robot, _grasped_at(scene, pregrasp)[:3, 3], scene.station.execute, is_near=is_near)
+    reach = motion("reach", way, [*way.lines(), pregrasp.line_rad], way_there, opens_m, slow_end=felt)
     until = approach_begins(scene.robot, reach.trajectory, scene.station.planning.approach_m)
     collision = scene.gate(reach.trajectory.filtered()[: until + 1], None)
     if collision is not None:

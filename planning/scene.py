@@ -151,6 +151,10 @@ class Scene:
         self.cancel.raise_if_set("plan")
         return is_free(self._planned_at(width_m), self._travel, q_from_rad, q_to_rad, width_m or 0.0)
 
+    def is_near(self, q_rad: Joints, width_m: float) -> bool:
+        """Whether in one configuration (7,) anything is within 10 mm of what it may not touch."""
+        return self._planned.collision(q_rad, width_m, wide=len(WIDE_MARGINS_M) - 1) is not None
+
     @property
     def checks(self) -> int:
         """Number of configurations checked so far."""

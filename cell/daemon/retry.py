@@ -13,7 +13,7 @@ from bus.codes import Code
 from bus.messages import Attempt, EarlierAttempt, Job, Target
 from config.schema import RetrySettings
 
-WITH_ANOTHER_GRASP = frozenset({Code.GRASP_MISSED})
+WITH_ANOTHER_GRASP = frozenset({Code.GRASP_MISSED, Code.CONTACT})
 WITH_A_NEW_LOOK = frozenset(
     {
         Code.NOT_SEEN,

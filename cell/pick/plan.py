@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 
 from bus.arrays import Transform
@@ -29,11 +29,21 @@ def plan(
 
     Args:
         looks: what was detected in; the arm rests where the last one was taken.
-        missed: base_from_tcp (4, 4) of grasps to leave out, because they closed on nothing before.
+        missed: base_from_tcp (4, 4) of grasps to leave out, because they failed before.
         cancel: ends the planning.
 
     Raises: CycleFailure (NO_GRASP, UNREACHABLE, COLLISION, MOTION_REFUSED; STOPPED by ``cancel``).
     """
+
+    scene_of = scenes(detections, looks, robot, station, cancel)
+    grasps = detections.grasps
+    return plan_pick(scene_of(grasps[0]), grasps, looks[-1].view.arm.q_rad, missed, scene_of)
+
+
+def scenes(
+    detections: Detections, looks: Sequence[Observation], robot: Robot, station: Station, cancel: Cancel | None = None
+) -> Callable[[Grasp], Scene]:
+    """Return what gives the scene of a grasp: its own thing is the target, the others are obstacles. Args as `plan`."""
 
     @cache
     def aimed_at(instance: int) -> Scene:
@@ -43,8 +53,4 @@ def plan(
         ]
         return Scene.of(robot, station, *sights, cancel=cancel)
 
-    def scene_of(grasp: Grasp) -> Scene:
-        return aimed_at(grasp.instance)
-
-    grasps = detections.grasps
-    return plan_pick(scene_of(grasps[0]), grasps, looks[-1].view.arm.q_rad, missed, scene_of)
+    return lambda grasp: aimed_at(grasp.instance)

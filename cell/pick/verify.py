@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bus.codes import Code
-from bus.messages import Detections, Execution, Grasp, HandState, Motion, Observation, SegmentRun, Verdict
+from bus.messages import Contact, Detections, Execution, Grasp, HandState, Motion, Observation, SegmentRun, Verdict
 from bus.messages.plan import ONLY_TO_LOOK
 from config.schema import Station
 from perception.fusion.agreed import corrected
@@ -41,10 +41,12 @@ def verify(
     Args:
         after: the second capture; None when there was none, because `is_clear`.
 
-    Raises: ValueError for an execution that did not reach its hold.
+    Raises: ValueError for an execution that did not reach its hold, and met nothing.
     """
-    grasped = execution.grasped
+    grasped, contact = execution.grasped, execution.contact
     if grasped is None:
+        if contact is not None:
+            return _went_back(contact, execution)
         raise ValueError("verify needs an execution that reached its hold")
     felt, cleared = _felt(execution.runs, robot), None
     if after is not None:
@@ -55,6 +57,8 @@ def verify(
         place = "its place was not " + ("looked at" if after is None else "seen")
     held = (None, f"Held {min(felt.widths_m) * 1e3:.1f} mm wide, {felt.load_n:.2f} N heavy; {place}.")
     code, reason = _not_between(grasped, felt, station) or _not_lifted(felt, cleared, station) or held
+    if contact is not None:
+        reason = f"{reason} {contact.in_words}, and the fingers closed there."
     return Verdict(
         held=code is None,
         code=code,
@@ -64,6 +68,23 @@ def verify(
         load_n=felt.load_n,
         cleared_fraction=cleared,
         carried_n=felt.carried_n if execution.began is not None else None,
+    )
+
+
+def _went_back(contact: Contact, execution: Execution) -> Verdict:
+    """The verdict when the arm met something where the fingers could not close, and went back."""
+    least_mm = contact.closes_within_m * 1e3
+    why = f"too far: from {least_mm:.1f} mm on their tips reach it" if least_mm > 0 else "too far for their tips"
+    if contact.remaining_m <= contact.closes_within_m:
+        why = "but there was no free way up from there"
+    return Verdict(
+        held=False,
+        code=Code.CONTACT,
+        reason=f"{contact.in_words}, {why}; it stopped and went back.",
+        hold_s=0.0,
+        width_min_m=min(run.hand.width_m for run in execution.runs),
+        load_n=0.0,
+        cleared_fraction=None,
     )
 
 
