@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import os
+import time
 from collections import Counter
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 from statistics import median
 from typing import Annotated, Any
@@ -69,14 +71,17 @@ def cycle(
     """Simulated picks of the paper's objects: how they ended, the median time of every stage, and where it goes [s].
 
     robot_s: by the simulation's clock, with the least time of the same paths; wall_s: by that of the wall.
+    from_end_to_end_s_median: by the wall, with what the cell does between two cycles.
     """
     station = load_station(None, [f"sim.seed={seed}", *(overrides or [])])
     screen = Screen(json_lines=as_json, report=False)
     results: list[CycleResult] = []
+    ended_s: list[float] = []
     with running_cell(station, screen.observe) as daemon:
         for said in screen.follow(quiet=True):
             if isinstance(said, CycleResult):
                 results.append(said)
+                ended_s.append(time.monotonic())
                 screen.line(f"{len(results)}/{cycles} {said.object} {said.result} {said.code or ''}")
                 if len(results) == cycles:
                     break
@@ -86,7 +91,7 @@ def cycle(
             if verb is not None:
                 request = CommandRequest(client_id="benchmark", cycles=cycles - len(results))
                 refuse(daemon.command(verb, request))
-    typer.echo(json.dumps(_figures(results)))
+    typer.echo(json.dumps({**_figures(results), "from_end_to_end_s_median": _apart_s(ended_s)}))
 
 
 @app.command(name="held")
@@ -459,6 +464,12 @@ def _figures(results: list[CycleResult]) -> dict[str, Any]:
         },
         **cycle_time.figures(results),
     }
+
+
+def _apart_s(ended_s: list[float]) -> float | None:
+    """The median time from one cycle's end to the next one's, with what the cell does between two cycles."""
+    apart_s = [after - before for before, after in pairwise(ended_s)]
+    return median(apart_s) if apart_s else None
 
 
 def main() -> None:

@@ -121,7 +121,7 @@ class Choosing:
         """What to do, or None after another look, which is taken when it may mend a failure or a weak grasp."""
         e, looks = self.equipment, self.looks
         try:
-            found = self.stages.run("detect", topics.DETECT, self._detect)
+            found = self.stages.run("detect", topics.DETECT, self._detect, meanwhile=True)
             is_hosted = e.models.imaginer.is_hosted
             if self._look_again(why_look_again(found, len(looks), e.station, is_hosted=is_hosted)):
                 return None

@@ -136,6 +136,7 @@ class Cycle:
 
     def result(self, retried_as: str) -> CycleResult:
         """The result of the cycle; the caller publishes it as the last message of the cycle."""
+        self.stages.settle()
         outcome, code, reason = self._outcome()
         grasp = self._planned[1] if self._planned is not None else None
         return CycleResult(

@@ -24,7 +24,7 @@ from bus.messages import (
 from bus.trajectory import TICK_S, Trajectory
 from cell.machine.gate import Gate
 from cell.pick.fingers import require_at, require_new, require_possible
-from cell.pick.opening import Opening
+from cell.pick.opening import Opening, opened_meanwhile
 from cell.pick.touching import Thing, WayUp, contact_of, guarded
 from cell.pick.verify import is_clear
 from cell.pick.watching import watched
@@ -102,6 +102,14 @@ class _Runner:
     def release(self, width_m: float) -> HandState | None:
         """Let go of what is held. Raises: HandFault when the fingers do not reach the width."""
         return self.move("release", lambda: self._opened(width_m))
+
+    def go_home(self, trajectory: Trajectory) -> bool:
+        """Play the way home, which is free at any width, while the hand opens for the next pick; as `run`.
+
+        Raises: HandFault when the hand does not open.
+        """
+        with opened_meanwhile(self._gate, lambda: self._opened(self._limits.max_width_m)):
+            return self.run("home", trajectory)
 
     def _opened(self, width_m: float) -> HandState | None:
         """Move the free fingers to a width; None when stopped. Raises: HandFault when they do not get there."""
@@ -231,7 +239,7 @@ def deliver(plan: PickPlan, grasp: Grasp, devices: tuple[Arm, Hand], station: St
     released: HandState | None = None
     if runner.run_part(plan, "place"):
         released = runner.release(_release_m(grasp, runner.runs[-1].hand.width_m, station.hand))
-        runner.run_part(plan, "home")
+        runner.go_home(_part(plan, "home"))
     if runner.stopped_in is not None:
         raise CycleFailure(Code.STOPPED, f"Stopped during {runner.stopped_in!r} of the delivery.")
     return Delivery(runs=tuple(runner.runs), released=released)

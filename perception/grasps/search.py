@@ -139,25 +139,36 @@ def _along(heights: HeightMap, heading_rad: float, station: Station) -> Candidat
     palm = turned.highest_around(turned.bound_m, *_PALM_M)[::_ROW_CELLS]
     pad = turned.highest_around(turned.surface_m, 0.0, _PAD_M)[::_ROW_CELLS]
     top_m = np.where(is_object, pad, np.float32(0)).max(axis=1)
-    cells, slices, rooms = [np.zeros((0, 2))], [np.zeros(0)], [np.zeros(0)]
-    for tip_m in _levels(float(top_m.max(initial=0.0))):
-        rows = np.flatnonzero(top_m > tip_m + _OVER_TIP_M)
-        row, first, last = _runs(pad[rows] > tip_m + _OVER_TIP_M, hand)
-        row = rows[row]
-        middle = (first + last) // 2
-        free = (palm[row, middle] < tip_m + PALM_ABOVE_TIP_M - 0.001) & is_object[row, middle]
-        row, first, last = row[free], first[free], last[free]
-        for clearance_m in _CLEARANCES_M:
-            beside = (clearance_m + hand.finger_thickness_m / 2) / CELL_M
-            left = np.clip(np.rint(first - beside).astype(int), 0, pad.shape[1] - 1)
-            right = np.clip(np.rint(last + beside).astype(int), 0, pad.shape[1] - 1)
-            fits = (finger[row, left] < tip_m - 0.001) & (finger[row, right] < tip_m - 0.001)
-            cells.append(np.stack([(first + last)[fits] / 2, row[fits] * _ROW_CELLS], axis=1))
-            slices.append(np.full(int(fits.sum()), tip_m + _OVER_TIP_M))
-            rooms.append(np.full(int(fits.sum()), clearance_m))
-    center_m = turned.xy_m(np.concatenate(cells))
-    headings = np.full(len(center_m), heading_rad)
-    return Candidates(center_m, headings, np.concatenate(slices), np.concatenate(rooms))
+    # all levels at once: one by one, most of the time would go into the calls
+    tips_m = _levels(float(top_m.max(initial=0.0)))
+    level, row = np.nonzero(top_m > tips_m[:, None] + _OVER_TIP_M)
+    run, first, last = _runs(pad[row] > tips_m[level, None] + _OVER_TIP_M, hand)
+    level, row, middle = level[run], row[run], (first + last) // 2
+    free = (palm[row, middle] < tips_m[level] + PALM_ABOVE_TIP_M - 0.001) & is_object[row, middle]
+    level, row, first, last = level[free], row[free], first[free], last[free]
+    fits = [_has_room(finger, tips_m[level] - 0.001, row, first, last, room_m, hand) for room_m in _CLEARANCES_M]
+    kept = np.concatenate([np.flatnonzero(one) for one in fits])
+    room_m = np.repeat(_CLEARANCES_M, [int(one.sum()) for one in fits])
+    order = np.argsort(level[kept], kind="stable")
+    kept, room_m = kept[order], room_m[order]
+    center_m = turned.xy_m(np.stack([(first + last)[kept] / 2, row[kept] * _ROW_CELLS], axis=1))
+    return Candidates(center_m, np.full(len(kept), heading_rad), tips_m[level[kept]] + _OVER_TIP_M, room_m)
+
+
+def _has_room(
+    finger: Heights,
+    below_m: Array,
+    row: npt.NDArray[np.intp],
+    first: npt.NDArray[np.intp],
+    last: npt.NDArray[np.intp],
+    clearance_m: float,
+    hand: HandSettings,
+) -> npt.NDArray[np.bool_]:
+    """Whether both fingers (n,), so far beside their run, stand on what is lower than ``below_m`` (n,)."""
+    beside = (clearance_m + hand.finger_thickness_m / 2) / CELL_M
+    left = np.clip(np.rint(first - beside).astype(int), 0, finger.shape[1] - 1)
+    right = np.clip(np.rint(last + beside).astype(int), 0, finger.shape[1] - 1)
+    return np.asarray((finger[row, left] < below_m) & (finger[row, right] < below_m))
 
 
 def _levels(top_m: float) -> Array:
@@ -169,7 +180,8 @@ def _runs(
     solid: npt.NDArray[np.bool_], hand: HandSettings
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], npt.NDArray[np.intp]]:
     """Row, first and last column of every run along the rows that fits into the jaw; also of two neighbours as one."""
-    framed = np.pad(solid, ((0, 0), (1, 1)))
+    framed = np.zeros((len(solid), solid.shape[1] + 2), dtype=bool)
+    framed[:, 1:-1] = solid
     changes = np.flatnonzero(framed[:, 1:] != framed[:, :-1])  # begin and end of every run, by turns
     row, first = np.divmod(changes[::2], solid.shape[1] + 1)
     last = changes[1::2] % (solid.shape[1] + 1) - 1
