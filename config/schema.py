@@ -469,6 +469,8 @@ class PlanningSettings(Settings):
         clearance_m: smallest distance between any two things; the fingers may come within 2 mm.
         tilts_deg: approach directions tried, about the rod, as turns from the one perception proposes.
         max_approaches: most ways to grasp that are tried, over all grasps and directions.
+        max_held_acceleration_m_s2: of what is in the hand: half of gravity pulls at the pads by 1.5 times its weight at
+            most. They pinch a small part of it, which turns between them easily. None = as fast as the joints may.
         searches: number of path searches around obstacles before a goal counts as unreachable.
     """
 
@@ -478,6 +480,7 @@ class PlanningSettings(Settings):
     clearance_m: Annotated[float, Field(ge=0.003, le=0.02)] = 0.004
     tilts_deg: Annotated[tuple[Tilt, ...], Field(min_length=1)] = (0.0, 15.0, -15.0, 30.0, -30.0)
     max_approaches: Annotated[int, Field(ge=1, le=1000)] = 24
+    max_held_acceleration_m_s2: Annotated[float, Field(ge=0.5, le=50)] | None = None
     searches: Annotated[int, Field(ge=1, le=20)] = 3
 
 

@@ -23,12 +23,12 @@ from perception.geometry.inputs import checked
 from perception.geometry.rod import rectangle
 from perception.goal.axes import axes_of
 from perception.goal.imagine import Conversation, OnReply, observed_object_of
-from perception.goal.target import choose, untried
+from perception.goal.target import by_best_grasp, choose, untried
 from perception.grasps.closing import Closings
 from perception.grasps.faces import across_faces
-from perception.grasps.rank import graded, rank
+from perception.grasps.rank import among_others, graded, rank
 from perception.grasps.refusal import why_none
-from perception.grasps.search import search
+from perception.grasps.search import CLOSE, USUAL, Density, search
 from perception.grasps.sides import search_sides
 from perception.grasps.squared import squared
 from perception.models import Models
@@ -41,8 +41,8 @@ from perception.scene.seen import RegionView, described, require_something
 from perception.scene.table import require_where_configured
 
 _GOOD_FROM_ABOVE, _GOOD_IN_A_HEAP, _SIDES_OF = 0.8, 0.6, 2
-"""When the best grasp from above scores less, the first few things are looked at from their sides, too. In a heap
-others stand beside them: only when hardly anything is left."""
+"""When the best grasp from above scores less, the first few things are looked at from their sides, too, and all of them
+as long as nothing is found. In a heap others stand beside them: only when hardly anything is left."""
 
 OnScene = Callable[[ObservedScene], None]
 
@@ -88,15 +88,25 @@ def detect(
     if not (is_again and models.imaginer.is_hosted):
         models.imaginer.begin()
     scene, seen = _see([observation, *others], station, on_scene)
-    closings = graded(search(scene.heights, station), seen.instances)
-    closings = across_faces(closings, scene, scene.table.base_from_table)
+    closings = _searched(scene, seen, station, USUAL)
     talk = Conversation(models.imaginer, on_reply, cancel=cancel)
     targets = untried(scene, choose(scene, closings, talk, station, models.sam), failed_at)
-    tries = _Tries(scene, seen, closings, talk, models, station)
+    if not closings.any_on(targets):
+        closings = _searched(scene, seen, station, CLOSE)
+        targets = sorted(targets, key=by_best_grasp(scene, closings).index)
+    tries = _Tries(scene, seen, closings, talk, models, station, targets)
     tries.make(targets[: station.perception.imagine.targets])
+    if not tries.found and not models.imaginer.is_hosted:
+        tries.make(targets[station.perception.imagine.targets :])
     if not tries.found:
         raise why_none(tries.failures, closings, scene, seen, station)
     return _detections(tries, station)
+
+
+def _searched(scene: Scene, seen: ObservedScene, station: Station, density: Density) -> Closings:
+    """The closings from above, all over the scene."""
+    closings = graded(search(scene.heights, station, density=density), seen.instances)
+    return across_faces(closings, scene, scene.table.base_from_table)
 
 
 def _see(
@@ -124,6 +134,7 @@ class _Tries:
     talk: Conversation
     models: Models
     station: Station
+    targets: list[int]
     found: list[_Found] = field(default_factory=list)
     tried: list[Tried] = field(default_factory=list)
     failures: list[CycleFailure] = field(default_factory=list)
@@ -186,7 +197,8 @@ class _Tries:
     def _wants_sides(self) -> bool:
         good = _GOOD_FROM_ABOVE if self.scene.count == 1 else _GOOD_IN_A_HEAP
         looked_at = {tried.instance for tried in self.tried}
-        return self.closings.score.max(initial=-np.inf) < good and len(looked_at) < _SIDES_OF
+        best = self.closings.score[np.isin(self.closings.instance, self.targets)].max(initial=-np.inf)
+        return best < good and (len(looked_at) < _SIDES_OF or not self.found)
 
     def _try(self, observed_object: ObservedObject, crop: Crop, sample: int) -> None:
         self.talk.cancel.raise_if_set("detect")
@@ -194,6 +206,7 @@ class _Tries:
         try:
             proposal = propose(replace(self.talk, sample=sample), observed_object, self.models, self.station)
             grasps = grasps_of(proposal, observed_object, self.station)
+            grasps = among_others(grasps, self.station) if self.scene.count > 1 else grasps
         except CycleFailure as failure:
             if failure.failure is Code.STOPPED:
                 raise

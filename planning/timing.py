@@ -8,7 +8,7 @@ time is stretched until they do. The raw ones matter too: a brake starts from th
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -41,8 +41,11 @@ _UNEVEN = 0.7
 _STILL_RAD = 1e-12
 
 
-def timed(station: Station, curve: Curve) -> Trajectory:
+def timed(station: Station, curve: Curve, *more: LinearConstraint) -> Trajectory:
     """Return the fastest trajectory within the limits along ``curve``.
+
+    Args:
+        more: constraints besides the joints' own limits.
 
     Raises:
         CycleFailure: MOTION_REFUSED when the path leaves the position limits or cannot be timed within the others.
@@ -53,7 +56,7 @@ def timed(station: Station, curve: Curve) -> Trajectory:
     if length_rad < _TINY_RAD:
         return _tiny(points_rad[0], points_rad[-1], station.planning.window_ms)
     path = toppra.SplineInterpolator(curve.at_rad, points_rad, bc_type="not-a-knot")
-    sampler, duration_s = _fastest(path, length_rad, station.arm.speed)
+    sampler, duration_s = _fastest(path, length_rad, station.arm.speed, more)
     return within_limits(sampler, duration_s, (points_rad[0], points_rad[-1]), station.planning.window_ms)
 
 
@@ -170,7 +173,9 @@ def _excess(report: LimitReport, *, jerk: bool) -> float:
     )
 
 
-def _fastest(path: Any, length_rad: float, speed: float) -> tuple[Sampler, float]:
+def _fastest(
+    path: Any, length_rad: float, speed: float, more: Sequence[LinearConstraint] = ()
+) -> tuple[Sampler, float]:
     """Return the time-optimal profile along ``path`` and its duration [s].
 
     ``speed`` < 1 scales its time by 1 / speed. Raises: CycleFailure: MOTION_REFUSED when the limits allow none.
@@ -179,7 +184,7 @@ def _fastest(path: Any, length_rad: float, speed: float) -> tuple[Sampler, float
     acceleration = JointAccelerationConstraint(limit, discretization_scheme=DiscretizationType.Interpolation)
     velocity = PositionDependentVelocity(_VELOCITY_SHARE * speed)
     s = _grid(path, length_rad)
-    solver = toppra.algorithm.TOPPRA([velocity, acceleration], path, gridpoints=s, solver_wrapper="seidel")
+    solver = toppra.algorithm.TOPPRA([velocity, acceleration, *more], path, gridpoints=s, solver_wrapper="seidel")
     with np.errstate(divide="ignore", invalid="ignore"):  # where no velocity is left at all
         _, rate, _ = solver.compute_parameterization(0.0, 0.0)
         if rate is not None:

@@ -12,6 +12,7 @@ from config.schema import Station
 from perception.fusion.agreed import corrected
 from perception.scene.surroundings import surroundings
 from planning.height_field import Sight
+from planning.held_part import held_parts
 from planning.pick import plan_pick
 from planning.robot import Robot
 from planning.scene import Scene
@@ -36,15 +37,22 @@ def plan(
     """
 
     @cache
-    def aimed_at(instance: int) -> Scene:
-        sights = [
+    def sights_of(instance: int) -> list[Sight]:
+        return [
             Sight(*surroundings(corrected(look, detections.scene.mount), labels == instance), look.view.arm.q_rad)
             for look, labels in zip(looks, detections.scene.look_labels, strict=True)
         ]
-        return Scene.of(robot, station, *sights, cancel=cancel)
+
+    @cache
+    def aimed_at(instance: int) -> Scene:
+        return Scene.of(robot, station, *sights_of(instance), cancel=cancel)
 
     def scene_of(grasp: Grasp) -> Scene:
         return aimed_at(grasp.instance)
 
+    def part_of(grasp: Grasp) -> Scene | None:
+        parts = held_parts(sights_of(grasp.instance), grasp.base_from_tcp, grasp.width_m)
+        return None if parts is None else Scene.of(robot, station, *parts, cancel=cancel)
+
     grasps = detections.grasps
-    return plan_pick(scene_of(grasps[0]), grasps, looks[-1].view.arm.q_rad, missed, scene_of)
+    return plan_pick(scene_of(grasps[0]), grasps, looks[-1].view.arm.q_rad, missed, scene_of, part_of)
