@@ -469,8 +469,9 @@ class PlanningSettings(Settings):
         clearance_m: smallest distance between any two things; the fingers may come within 2 mm.
         tilts_deg: approach directions tried, about the rod, as turns from the one perception proposes.
         max_approaches: most ways to grasp that are tried, over all grasps and directions.
-        max_held_acceleration_m_s2: of what is in the hand: half of gravity pulls at the pads by 1.5 times its weight at
-            most. They pinch a small part of it, which turns between them easily. None = as fast as the joints may.
+        max_held_acceleration_m_s2: of what is in the hand. It hangs beside or below the pads, turns between them
+            easily, and pulls aside as if it leaned by the angle whose tangent is this share of gravity. None = as fast
+            as the joints may.
         searches: number of path searches around obstacles before a goal counts as unreachable.
     """
 
