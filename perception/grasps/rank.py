@@ -36,9 +36,9 @@ _WEIGHTS = {**WEIGHTS, "seen": 2.0, "unmoved": 1.0, "consistent": 0.4}
 measured width is the imagined one."""
 _NEEDED = {"central": 0.4, "robust": 0.5, "patch": 0.42, "square": 0.4, "free": 0.5}
 """Criteria that nothing makes up for when they are less: held far beside its middle a thing turns out of the jaw; a
-grasp that a small error spoils, touches with two rays of seven, or leans by most of what friction holds, slips; with less
-than 3 mm beside each finger these may come down on the thing. Of 60 picks in simulated heaps with such a grasp 27 held, of
-94 others 63 (without the last criterion)."""
+grasp that a small error spoils, touches with two rays of seven, or leans by most of what friction holds, slips; with
+less than 3 mm beside each finger these may come down on the thing. Of 60 picks in simulated heaps with such a grasp 27
+held, of 94 others 63 (without the last criterion)."""
 _LACKING = 0.25
 _CUT = 0.5
 """How much of an object that the image's border cuts counts as seen."""
