@@ -7,7 +7,6 @@ Lengths in metres, angles in radians.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -104,10 +103,6 @@ class Closings:
     def on(self, instance: int) -> Closings:
         """The feasible ones on one thing, in their order."""
         return self.taken(np.flatnonzero((self.instance == instance) & np.isfinite(self.score)))
-
-    def any_on(self, instances: Sequence[int]) -> bool:
-        """Whether one is feasible on any of these things."""
-        return bool((np.isfinite(self.score) & np.isin(self.instance, instances)).any())
 
     def taken(self, chosen: npt.NDArray[np.integer] | npt.NDArray[np.bool_] | list[int]) -> Closings:
         """The chosen ones, in their order."""
