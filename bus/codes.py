@@ -8,6 +8,7 @@ class Code(StrEnum):
 
     NO_OBJECT = "NO_OBJECT"
     TARGET_NOT_FOUND = "TARGET_NOT_FOUND"
+    OBSTRUCTED = "OBSTRUCTED"
     NOT_SEEN = "NOT_SEEN"
     NO_DEPTH = "NO_DEPTH"
     NO_TABLE = "NO_TABLE"
@@ -35,6 +36,8 @@ class Code(StrEnum):
     GRASP_MISSED = "GRASP_MISSED"
     DROPPED = "DROPPED"
     NOT_CLEARED = "NOT_CLEARED"
+    CANCELLED = "CANCELLED"
+    DEADLINE = "DEADLINE"
     STOPPED = "STOPPED"
     DEVICE_LOST = "DEVICE_LOST"
     NODE_LOST = "NODE_LOST"
@@ -45,6 +48,7 @@ class Code(StrEnum):
 ADVICE: dict[Code, str] = {
     Code.NO_OBJECT: "Put an object into the pick region, inside the camera's view.",
     Code.TARGET_NOT_FOUND: "Name it differently, or point at it by its pixel: the picture is in the report.",
+    Code.OBSTRUCTED: "Ask for what lies on it first, send the job with clear_way, or take it away by hand.",
     Code.NOT_SEEN: "Look at the report's picture: is the lens covered, the pick region in view, and nothing in front of"
     " it? Look from above, or from another side (arm.capture_q_rad).",
     Code.NO_DEPTH: "The camera cannot measure glass, black and shiny things, nor what is too near: take it out by hand,"
@@ -77,6 +81,9 @@ ADVICE: dict[Code, str] = {
     Code.GRASP_MISSED: "The fingers closed on nothing. Look at the report's rectangle and aligned clouds.",
     Code.DROPPED: "The object slipped. Raise the grasp force or choose a rougher finger pad.",
     Code.NOT_CLEARED: "Something still lies where the object was; check for a second object.",
+    Code.CANCELLED: "The job was cancelled by its client before the arm moved for it: send another.",
+    Code.DEADLINE: "The job's time was over before the arm could begin its grasp: give it more (deadline_s), or look in"
+    " the stages' times what took long.",
     Code.STOPPED: "The cycle was stopped by command. `cell reset` makes the cell ready again.",
     Code.DEVICE_LOST: "Check the device's power and network; when it is back, `cell clear` and `cell reset`.",
     Code.NODE_LOST: (

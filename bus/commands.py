@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 
 from bus.arrays import Blob, Transform
 from bus.frozen import Message
+from bus.messages.job import Job
 
 MAX_CYCLES = 1_000_000
 """The most picks of one ``start``."""
@@ -26,6 +27,8 @@ class CommandRequest(Message):
         until_empty: ``start`` only, instead of ``cycles``: until a pick finds nothing, or three in a row failed, or two
             that touched nothing.
         object: ``pick`` in simulation only: name of the object to present; None = the next one.
+        job: what every pick of a ``pick`` or ``start`` is to pick, and where to lay it; of ``cancel`` its ``job_id``
+            alone counts.
     """
 
     command_id: Annotated[str, Field(max_length=100)] = ""
@@ -33,6 +36,7 @@ class CommandRequest(Message):
     cycles: Annotated[int, Field(ge=1, le=MAX_CYCLES)] = 1
     until_empty: bool = False
     object: Annotated[str, Field(max_length=100)] | None = None
+    job: Job = Job()
 
     @model_validator(mode="after")
     def _cycles_or_until_empty(self) -> CommandRequest:
@@ -46,8 +50,10 @@ class CommandReply(Message):
 
     Attributes:
         ok, state, code, reason, advice, available: as in `ErrorReply`.
-        cycle_id: the cycle that an accepted ``pick`` or ``start`` begins.
+        cycle_id: the cycle that an accepted ``pick`` or ``start`` begins, now or when it is its turn.
         lease: the client that now holds the lease; when it is lost, the cell holds.
+        job_id: of the accepted job: the client's, or the cycle's id if it named none.
+        position: in the queue, from 1 on; 0 = it begins now.
     """
 
     ok: bool
@@ -58,6 +64,8 @@ class CommandReply(Message):
     available: tuple[str, ...] = ()
     cycle_id: str = ""
     lease: str = ""
+    job_id: str = ""
+    position: int = 0
 
 
 class CellState(Message):
@@ -70,6 +78,7 @@ class CellState(Message):
         since_ns: when this state or stage began, UTC.
         available: the commands accepted now.
         reason: why the machine is in this state.
+        job_id: the job that the cell works at; "" for none. ``queue``: the ids of those that wait, the next one first.
     """
 
     state: str
@@ -78,6 +87,8 @@ class CellState(Message):
     since_ns: int
     available: tuple[str, ...]
     reason: str
+    job_id: str = ""
+    queue: tuple[str, ...] = ()
 
 
 class Event(Message):

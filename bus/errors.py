@@ -30,6 +30,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from bus.arrays import Vector3
 from bus.codes import ADVICE, Code
 from bus.rejection import Rejection
 
@@ -196,10 +197,14 @@ class CycleFailure(CellError):
 
     Args:
         rejected: from the plan stage, every way to grasp that is not feasible.
+        obstacle_m: (3,) of OBSTRUCTED, the top of what lies on the target, in ``base``.
     """
 
-    def __init__(self, code: Code, text: str, rejected: Sequence[Rejection] = ()) -> None:
+    def __init__(
+        self, code: Code, text: str, rejected: Sequence[Rejection] = (), *, obstacle_m: Vector3 | None = None
+    ) -> None:
         super().__init__(text, ADVICE[code])
         self.code = code.value
         self.failure = code
         self.rejected = rejected
+        self.obstacle_m = obstacle_m

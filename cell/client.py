@@ -18,7 +18,7 @@ from bus.codec import decode
 from bus.commands import CellHealth, CellState, CommandReply, CommandRequest, Heartbeat, Nothing, ResultRequest
 from bus.errors import BadPayload, BusError, CellUnreachable, NoReply, Refused, ReplyTimeout
 from bus.fault_injection import Fault, FaultRequest, Part
-from bus.messages import CycleResult
+from bus.messages import CycleResult, Job
 from bus.sample import Sample
 from bus.session import Bus
 from bus.threads import OwnedThread, Role
@@ -77,12 +77,19 @@ class Client:
         return self._bus.request(topics.HEALTH_NOW, Nothing(), CellHealth, timeout_s=self._timeout_s)
 
     def command(
-        self, verb: str, *, cycles: int = 1, until_empty: bool = False, object_name: str | None = None
+        self,
+        verb: str,
+        *,
+        cycles: int = 1,
+        until_empty: bool = False,
+        object_name: str | None = None,
+        job: Job | None = None,
     ) -> CommandReply:
         """Send one command.
 
         Args:
             cycles, until_empty: the picks of a ``start``. ``object_name``: of the simulated object to present.
+            job: what each pick is asked for; of ``cancel``, its ``job_id`` alone counts.
 
         Raises: Refused with code, reason and the available commands; NoReply without a cell.
         """
@@ -94,6 +101,7 @@ class Client:
             cycles=cycles,
             until_empty=until_empty,
             object=object_name,
+            job=job or Job(),
         )
         try:
             return self._bus.request(topics.COMMAND, request, CommandReply, timeout_s=self._timeout_s, verb=verb)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from config.schema import Box, SceneSettings, Station, walls_on
+from config.schema import Box, SceneSettings, walls_on
 
 TRAY_WALL_M = 0.010
 """Thickness of the tray's walls, centred on the tray's outline."""
@@ -14,12 +14,14 @@ def scene_boxes(scene: SceneSettings) -> tuple[Box, ...]:
     return (scene.table, scene.tray, *_tray_walls(scene), *walls, *scene.obstacles)
 
 
-def placing_at(station: Station, number: int) -> Station:
-    """Return the station whose ``place_m`` is the ``number``-th of its place pattern; its own pattern is one zero."""
-    scene = station.scene
-    (dx, dy), (x, y, z) = scene.place_pattern_m[number % len(scene.place_pattern_m)], scene.place_m
-    placed = scene.model_copy(update={"place_m": (x + dx, y + dy, z), "place_pattern_m": ((0.0, 0.0),)})
-    return station.model_copy(update={"scene": placed})
+def floor_m(scene: SceneSettings, x_m: float, y_m: float) -> float | None:
+    """Return the height in ``base`` of the highest box below a place; None where there is none."""
+    tops = [
+        box.center_m[2] + box.size_m[2] / 2
+        for box in scene_boxes(scene)
+        if abs(x_m - box.center_m[0]) <= box.size_m[0] / 2 and abs(y_m - box.center_m[1]) <= box.size_m[1] / 2
+    ]
+    return max(tops, default=None)
 
 
 def _tray_walls(scene: SceneSettings) -> tuple[Box, ...]:

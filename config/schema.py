@@ -18,7 +18,6 @@ from bus.secured import is_loopback
 from config.base import (
     UNSHOWN,
     Chunk,
-    Finite,
     FolderOrName,
     Fraction,
     JointVector,
@@ -37,6 +36,8 @@ from config.bus import BusSettings
 from config.calibration import CalibrationSettings
 from config.fault_injection import FaultSettings
 from config.hardware import FemtoMegaSettings, Fr3Settings, PandaHandSettings
+from config.place import NamedPlace
+from config.target import Label, TargetSettings
 
 # Imported when a value is checked with them, so that a program that only sends "stop" does not wait for them.
 numpy: Any = LazyModule("numpy")
@@ -236,6 +237,8 @@ class SceneSettings(Settings):
         pick_region_m: (x_min, x_max, y_min, y_max) in ``base``: the region searched for objects.
         place_m: tcp position at which the object is released, above the tray's floor.
         place_pattern_m: offsets from it along x and y of ``base``, one per cycle, so that objects do not pile up.
+        place_yaw_rad: heading of the closing axis in ``base`` at the release; None = any.
+        places: others by name, which a job may ask for.
         bins: bins with objects to pick; the pick region lies inside one, or outside all.
         max_height_m: what rises higher above the table is no object: the arm, a camera stand.
     """
@@ -246,6 +249,8 @@ class SceneSettings(Settings):
     pick_region_m: tuple[Metres, Metres, Metres, Metres] = (0.32, 0.60, -0.20, 0.20)
     place_m: Vector = (0.40, 0.45, 0.20)
     place_pattern_m: Annotated[tuple[tuple[Metres, Metres], ...], Field(min_length=1)] = ((0.0, 0.0),)
+    place_yaw_rad: Annotated[float, Field(ge=-7, le=7)] | None = None
+    places: tuple[NamedPlace, ...] = ()
     obstacles: tuple[Box, ...] = ()
     bins: tuple[Bin, ...] = ()
     max_height_m: Size = 0.35
@@ -266,6 +271,9 @@ class SceneSettings(Settings):
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise ValueError(f"every box and bin of the scene needs a name of its own; used twice: {', '.join(twice)}")
+        places = [place.name for place in self.places]
+        if len(set(places)) < len(places):
+            raise ValueError(f"every place of the scene needs a name of its own: {', '.join(places)}")
         return self
 
     @model_validator(mode="after")
@@ -405,24 +413,6 @@ class OnnxSettings(Settings):
     path: SystemPath = Path("grasp.onnx")
 
 
-class TargetSettings(Settings):
-    """The object to take when several stand in the pick region; at most one of the two is set.
-
-    Attributes:
-        text: in words; the hosted model, or SAM 3 if it segments, locates it.
-        pixel: (u, v) in the undistorted colour image. Neither = the one with the best grasp.
-    """
-
-    text: str | None = None
-    pixel: tuple[Finite, Finite] | None = None
-
-    @model_validator(mode="after")
-    def _one_of_them(self) -> TargetSettings:
-        if self.text is not None and self.pixel is not None:
-            raise ValueError("a target is named by text or by pixel, not by both")
-        return self
-
-
 class PerceptionSettings(Settings):
     """VLAD-Grasp (paper, Algorithm 1) and the models for its roles."""
 
@@ -437,6 +427,10 @@ class PerceptionSettings(Settings):
     sam: SamSettings = SamSettings()
     salient: SalientSettings = SalientSettings()
     target: TargetSettings = TargetSettings()
+    labels: tuple[Label, ...] = ()
+    """Words of the station for kinds of things; they name a target without a hosted model."""
+    from_above: bool = False
+    """Only grasps that come from above; no sides, and no leaning hand."""
     goal_depth: Literal["observed", "depth_pro"] = "observed"
     """Depth of the goal image: the model's own if it knows it, else the height of the observed object; or Depth Pro."""
     depth_pro: DepthProSettings = DepthProSettings()
@@ -530,6 +524,16 @@ class RetrySettings(Settings):
     hold_after: Annotated[int, Field(ge=0, le=100)] = 0
 
 
+class QueueSettings(Settings):
+    """Jobs that wait while the cell works. They are lost with the lease, with a stop, and with the daemon.
+
+    Attributes:
+        max: most jobs that wait; a further one is refused.
+    """
+
+    max: Annotated[int, Field(ge=0, le=1000)] = 16
+
+
 class SimSettings(Settings):
     """The simulated cell (MuJoCo).
 
@@ -580,6 +584,7 @@ class Station(Settings):
     planning: PlanningSettings = PlanningSettings()
     verify: VerifySettings = VerifySettings()
     retry: RetrySettings = RetrySettings()
+    queue: QueueSettings = QueueSettings()
     sim: SimSettings = SimSettings()
     calibration: CalibrationSettings = CalibrationSettings()
     fr3: Fr3Settings = Fr3Settings()

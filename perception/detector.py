@@ -84,7 +84,8 @@ def detect(
 
     Raises:
         CycleFailure: BAD_FRAME, NO_TABLE, TABLE_MOVED, TOO_NEAR, NO_OBJECT, NOT_SEEN, NO_DEPTH, TARGET_NOT_FOUND,
-            NO_GRASP, LEFT_OVER, MODEL_*, SPEND_LIMIT or STOPPED. Of several proposals, one that succeeds is enough.
+            OBSTRUCTED, NO_GRASP, LEFT_OVER, MODEL_*, SPEND_LIMIT or STOPPED. Of several proposals, one that succeeds
+            is enough.
     """
     cancel = cancel or Cancel()
     cancel.raise_if_set("detect")
@@ -93,7 +94,7 @@ def detect(
     scene, seen = _see([observation, *others], station, on_scene)
     closings = _searched(scene, seen, station, USUAL)
     talk = Conversation(models.imaginer, on_reply, cancel=cancel)
-    targets = untried(scene, choose(scene, closings, talk, station, models.sam), failed_at)
+    targets = untried(scene, choose(scene, seen.instances, closings, talk, station, models.sam), failed_at)
     tries = _Tries(scene, seen, closings, talk, models, station, targets)
     tries.make(targets[: station.perception.imagine.targets])
     if not tries.found and not models.imaginer.is_hosted:
@@ -200,9 +201,10 @@ class _Tries:
         """
         scene, seen, station = self.scene, self.seen.instances, self.station
         found = [(self.closings, scene.table.base_from_table)]
-        if self._wants_sides():
-            found += self._from_sides(number)
-        found += squared(found, scene, seen, number, station)
+        if not station.perception.from_above:
+            if self._wants_sides():
+                found += self._from_sides(number)
+            found += squared(found, scene, seen, number, station)
         axes = [axis for closings, base_from_level in found for axis in axes_of(closings, number, base_from_level)]
         return tuple(sorted(axes, key=lambda axis: -axis.score))
 

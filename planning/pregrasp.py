@@ -17,6 +17,7 @@ from bus.codes import Code
 from bus.messages import Grasp
 from bus.trajectory import Trajectory
 from bus.transforms import from_rotation
+from config.scene import floor_m
 from config.schema import Station
 from planning.candidates import configurations, twins
 from planning.infeasible import Infeasible, summary
@@ -30,7 +31,7 @@ MadeT = TypeVar("MadeT")
 
 LOWER_M = 0.05
 """Height above the place point from which the object is lowered, and to which the hand retreats."""
-_ABOVE_TRAY_M = 0.005
+_ABOVE_FLOOR_M = 0.005
 _KEPT = 4
 """Number of pregrasps collected before a path around the obstacles is searched."""
 _EVERY_TICKS = 4
@@ -107,14 +108,14 @@ def preplaces(
     """Yield pregrasps above the tray, with a free line down and up again, or the reason against one.
 
     Args:
-        base_from_tcp: (4, 4) of the grasp: the object keeps its tilt, its yaw is free. What hangs far below the hand is
-            released higher than ``scene.place_m``, just above the tray.
+        base_from_tcp: (4, 4) of the grasp: the object keeps its tilt; its yaw is free, or ``scene.place_yaw_rad``. What
+            hangs far below the hand is released higher than ``scene.place_m``, just above what is there.
         view_q: (7,) start; the cheapest configurations from there come first.
     """
     station = holding.station
     down_m = np.array([0.0, 0.0, -LOWER_M])
     above_m = _place_m(base_from_tcp, station) - down_m
-    poses = [from_rotation(_turned(yaw) @ base_from_tcp[:3, :3], above_m) for yaw in _PLACE_YAWS_RAD]
+    poses = [from_rotation(_turned(yaw) @ base_from_tcp[:3, :3], above_m) for yaw in _turns_rad(base_from_tcp, station)]
     for q, pose in configurations(poses, view_q):
         try:
             _require_untouched("above the tray", holding, q, grasp.width_m)
@@ -131,9 +132,21 @@ def _place_m(base_from_tcp: Transform, station: Station) -> Array:
     """Where the tcp (3,) releases the object; it stood on the table when the tcp was at the grasp."""
     scene = station.scene
     hangs_m = float(base_from_tcp[2, 3]) - scene.table.top_m
-    tray_m = scene.tray.center_m[2] + scene.tray.size_m[2] / 2
     x, y, z = scene.place_m
-    return np.array([x, y, max(z, tray_m + hangs_m + station.planning.clearance_m + _ABOVE_TRAY_M)])
+    below_m = floor_m(scene, x, y)
+    if below_m is None:
+        return np.array([x, y, z])
+    return np.array([x, y, max(z, below_m + hangs_m + station.planning.clearance_m + _ABOVE_FLOOR_M)])
+
+
+def _turns_rad(base_from_tcp: Transform, station: Station) -> Array:
+    """Return the turns about the vertical, from the grasp, in which the object may be laid down."""
+    yaw_rad = station.scene.place_yaw_rad
+    if yaw_rad is None:
+        return _PLACE_YAWS_RAD
+    closing = base_from_tcp[:3, 1]
+    turn_rad = yaw_rad - float(np.arctan2(closing[1], closing[0]))
+    return np.array([turn_rad, turn_rad + np.pi])  # a parallel hand has no front
 
 
 def first_that_works(ways: Iterator[tuple[Way, Pregrasp]], make: Callable[[Way, Pregrasp], MadeT]) -> MadeT:

@@ -6,11 +6,23 @@ camera, optical: x right, y down, z forward), ``depth``. Definitions: docs/frame
 """
 
 from bus.messages.camera_model import CameraModel
-from bus.messages.cycle import Attempt, CycleResult, Failure, ResultT, StageName, StageRecord
+from bus.messages.cycle import (
+    Attempt,
+    CycleResult,
+    EarlierAttempt,
+    Failure,
+    FoundThing,
+    GraspOutcome,
+    Laid,
+    ResultT,
+    StageName,
+    StageRecord,
+)
 from bus.messages.detections import Alignment, Detections, Drift, Evidence, ModelReply, Usage
 from bus.messages.devices import ArmMode, ArmState, Frame, HandState, Motion
 from bus.messages.execution import Delivery, Execution, SegmentRun, Verdict
 from bus.messages.grasps import Grasp, Rectangle
+from bus.messages.job import GraspHints, Job, Place, Target
 from bus.messages.observation import Observation, View
 from bus.messages.plan import PickPlan, Segment, SegmentName
 from bus.messages.scene import Instance, ObservedScene, SeenMount, SeenTable, Tried
@@ -25,18 +37,25 @@ __all__ = [
     "Delivery",
     "Detections",
     "Drift",
+    "EarlierAttempt",
     "Evidence",
     "Execution",
     "Failure",
+    "FoundThing",
     "Frame",
     "Grasp",
+    "GraspHints",
+    "GraspOutcome",
     "HandState",
     "Instance",
+    "Job",
+    "Laid",
     "ModelReply",
     "Motion",
     "Observation",
     "ObservedScene",
     "PickPlan",
+    "Place",
     "Rectangle",
     "ResultT",
     "SeenMount",
@@ -46,6 +65,7 @@ __all__ = [
     "SegmentRun",
     "StageName",
     "StageRecord",
+    "Target",
     "Tried",
     "Usage",
     "Verdict",

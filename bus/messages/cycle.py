@@ -8,10 +8,19 @@ from bus.arrays import Transform, Vector3
 from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.frozen import Message
+from bus.messages.job import Job
 from bus.rejection import Rejection
 
 StageName = Literal["capture", "detect", "plan", "execute", "verify", "deliver"]
 ResultT = TypeVar("ResultT", bound=Message)
+
+
+class EarlierAttempt(Message):
+    """A cycle of the same pick before this one. ``code``: None when it cleared the way for it."""
+
+    cycle_id: str
+    code: Code | None
+    reason: str
 
 
 class Attempt(Message):
@@ -21,6 +30,9 @@ class Attempt(Message):
         number: 0 = the first. ``retry_of``: id of the cycle before, "" for the first.
         missed: ``base_from_tcp`` (4, 4) of grasps that closed on nothing in earlier cycles; planning leaves them out.
         failed_at: (3,) places in ``base`` where earlier picks until empty failed for good: what is there is no target.
+        job: what this cycle is asked for. ``then``: while it clears the way, the jobs that follow it, the next one
+            first.
+        earlier: the cycles of this pick before, in order.
     """
 
     cycle_id: str
@@ -28,19 +40,28 @@ class Attempt(Message):
     retry_of: str = ""
     missed: tuple[Transform, ...] = ()
     failed_at: tuple[Vector3, ...] = ()
+    job: Job = Job()
+    then: tuple[Job, ...] = ()
+    earlier: tuple[EarlierAttempt, ...] = ()
 
 
 class Failure(Message):
-    """Why a stage ended the cycle. ``rejected``: from the plan stage, every way to grasp that is not feasible."""
+    """Why a stage ended the cycle.
+
+    Attributes:
+        rejected: from the plan stage, every way to grasp that is not feasible.
+        obstacle_m: (3,) of OBSTRUCTED, the top of what lies on the target, in ``base``.
+    """
 
     code: Code
     text: str
     rejected: tuple[Rejection, ...] = ()
+    obstacle_m: Vector3 | None = None
 
     @classmethod
     def of(cls, error: CycleFailure) -> Failure:
         """Make the message from the error that a stage raised."""
-        return cls(code=error.failure, text=error.text, rejected=tuple(error.rejected))
+        return cls(code=error.failure, text=error.text, rejected=tuple(error.rejected), obstacle_m=error.obstacle_m)
 
 
 class StageRecord(Message, Generic[ResultT]):
@@ -61,14 +82,56 @@ class StageRecord(Message, Generic[ResultT]):
     failure: Failure | None
 
 
+class FoundThing(Message):
+    """The thing that a cycle went for.
+
+    Attributes:
+        text: its colours, size and place, in words.
+        top_m: (3,) its highest point in ``base``. ``size_m``: (3,) length, width and height of the box around it.
+    """
+
+    text: str
+    top_m: Vector3
+    size_m: Vector3
+
+
+class GraspOutcome(Message):
+    """The grasp that was executed, and what the hand felt.
+
+    Attributes:
+        base_from_tcp: (4, 4) as planned. ``score``: of the proposal.
+        width_m: between the pads when they had closed; None when they never did.
+        load_n: vertical force of what was held; None when it was not measured.
+    """
+
+    base_from_tcp: Transform
+    score: float
+    width_m: float | None = None
+    load_n: float | None = None
+
+
+class Laid(Message):
+    """Where a held object was let go. ``place``: name of the station's place, "" for its tray or a position.
+
+    Attributes:
+        position_m: (3,) of the tcp in ``base``.
+    """
+
+    place: str
+    position_m: Vector3
+
+
 class CycleResult(Message):
-    """The result of one cycle.
+    """The result of one cycle, the same for every client and protocol.
 
     Attributes:
         object: name of the presented object in simulation, "" on hardware.
         stages: wall time of each stage that ran [s].
         recording: path of the MCAP.
-        retried_as: id of the cycle that tries again; "" when this one was the last.
+        retried_as: id of the cycle that tries again, or goes on after clearing the way; "" when this one was the last.
+        advice: what to do about ``code``.
+        job: what was asked for; ``found``: what the cycle went for. ``grasp``: as executed; ``laid``: where it let go.
+        earlier: the cycles of the same pick before this one.
     """
 
     cycle_id: str
@@ -80,3 +143,9 @@ class CycleResult(Message):
     wall_s: float
     recording: str
     retried_as: str = ""
+    advice: str = ""
+    job: Job = Job()
+    found: FoundThing | None = None
+    grasp: GraspOutcome | None = None
+    laid: Laid | None = None
+    earlier: tuple[EarlierAttempt, ...] = ()

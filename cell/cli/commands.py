@@ -50,6 +50,7 @@ COMMANDS = {
     "unhold": Row("control", "Go on with a held cycle; returns when it runs again."),
     "suspend": Row("control", "Pause for a reason outside the cell; brakes as hold does; ends in Suspended."),
     "unsuspend": Row("control", "Go on with a suspended cycle; returns when it runs again."),
+    "cancel": Row("control", "Cancel a job that waits, or whose grasp has not begun: nothing of it moves then."),
     "status": Row("control", "The machine's state, what it would accept, and how its nodes are."),
     "watch": Row(
         "setup",

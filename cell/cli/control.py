@@ -12,6 +12,7 @@ import typer
 
 from bus.commands import CellState
 from bus.fault_injection import PARTS, Fault
+from bus.messages import Job
 from cell import client
 from cell.cli.options import Config, Json, Set, finite
 from cell.cli.pick import attended, connected
@@ -70,6 +71,17 @@ suspend = _simple("suspend", "Pause for a reason outside the cell; brakes as hol
 unsuspend = _simple("unsuspend", "Go on with a suspended cycle; returns when it runs again.", _RUNS_AGAIN)
 
 
+def cancel(
+    job_id: Annotated[str, typer.Argument(metavar="JOB", help="Id of the job: `cell status` lists them.")],
+    config: Config = DEFAULT_STATION,
+    overrides: Set = None,
+) -> None:
+    """Cancel a job that waits, or whose grasp has not begun: nothing of it moves then."""
+    with connected("cancel", config, overrides) as cell:
+        cell.command("cancel", job=Job(job_id=job_id))
+    out.line(f"job {job_id} is cancelled")
+
+
 def status(config: Config = DEFAULT_STATION, overrides: Set = None, as_json: Json = False) -> None:
     """The machine's state, what it would accept, and how its nodes are."""
     with client.connect(load_station(config, overrides or [])) as cell:
@@ -81,6 +93,8 @@ def status(config: Config = DEFAULT_STATION, overrides: Set = None, as_json: Jso
     said = why.removeprefix(state.state) if why != state.reason else f" {why}"
     out.line((state.state, "bold"), f" {state.stage} {state.cycle_id}".rstrip(), said.rstrip())
     out.line(f"  available: {', '.join(state.available) or '-'}")
+    if state.job_id or state.queue:
+        out.line(f"  job: {state.job_id or '-'}, waiting: {', '.join(state.queue) or '-'}")
     for name, node in health.nodes.items():
         said = "; ".join(node.problems) or "healthy"
         again = f" (started again {node.restarts} times)" if node.restarts else ""

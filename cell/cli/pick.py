@@ -9,9 +9,23 @@ from typing import Annotated
 
 import typer
 
-from bus.commands import MAX_CYCLES, CellState, CommandRequest
+from bus.commands import MAX_CYCLES, CellState, CommandReply, CommandRequest
 from bus.messages import CycleResult
 from cell import client
+from cell.cli.job_options import (
+    BoxPx,
+    ClearWay,
+    DeadlineS,
+    FromAbove,
+    JobId,
+    MaxForce,
+    Pixel,
+    PlaceAt,
+    PointM,
+    Queue,
+    TargetText,
+    job_of,
+)
 from cell.cli.options import Config, Json, Set, object_name_of
 from cell.client import Client
 from cell.daemon.batch import Batch
@@ -31,14 +45,29 @@ def pick(
     object_name: Annotated[
         str | None, typer.Option("--object", help="Simulation: the object to present.", callback=object_name_of)
     ] = None,
+    job_id: JobId = "",
+    target: TargetText = None,
+    pixel: Pixel = None,
+    box: BoxPx = None,
+    point: PointM = None,
+    place: PlaceAt = None,
+    deadline_s: DeadlineS = None,
+    max_force: MaxForce = None,
+    from_above: FromAbove = False,
+    clear_way: ClearWay = False,
+    queue: Queue = False,
     overrides: Set = None,
     as_json: Json = False,
 ) -> None:
     """Pick one object, and wait for the result. The cell must be Idle or Complete; if this ends early, it holds."""
+    job = job_of(
+        job_id=job_id, text=target, pixel=pixel, box=box, point=point, place=place, deadline_s=deadline_s,
+        max_force_n=max_force, from_above=from_above, clear_way=clear_way, queue=queue,
+    )  # fmt: skip
     with attended(), connected("pick", config, overrides) as cell:
-        reply = cell.command("pick", object_name=object_name)
+        reply = cell.command("pick", object_name=object_name, job=job)
         if not as_json:
-            out.line(f"cycle {reply.cycle_id} begins; Ctrl-C holds it")
+            out.line(_begins(reply))
         shown = _Shown(as_json)
         result = _result_of(cell, reply.cycle_id, shown.state)
     shown.result(result)
@@ -53,34 +82,56 @@ def run(
         bool,
         typer.Option("--until-empty", help="Pick until nothing is left or picks fail in a row."),
     ] = False,
+    job_id: JobId = "",
+    target: TargetText = None,
+    pixel: Pixel = None,
+    box: BoxPx = None,
+    point: PointM = None,
+    place: PlaceAt = None,
+    deadline_s: DeadlineS = None,
+    max_force: MaxForce = None,
+    from_above: FromAbove = False,
+    clear_way: ClearWay = False,
+    queue: Queue = False,
     overrides: Set = None,
     as_json: Json = False,
 ) -> None:
     """Let the running cell pick several times, and wait. It must be Idle; if this ends early, it holds."""
     if (cycles is None) is not until_empty:
         raise typer.BadParameter("one of --cycles and --until-empty says how many picks.")
+    job = job_of(
+        job_id=job_id, text=target, pixel=pixel, box=box, point=point, place=place, deadline_s=deadline_s,
+        max_force_n=max_force, from_above=from_above, clear_way=clear_way, queue=queue,
+    )  # fmt: skip
     station = load_station(config, overrides or [])
     wanted = CommandRequest(cycles=cycles or 1, until_empty=until_empty)
     batch, shown = Batch(wanted, station.retry), _Shown(as_json)
     with attended(), client.connect(station, client_id=client.client_name("run")) as cell:
-        reply = cell.command("start", cycles=wanted.cycles, until_empty=until_empty)
+        reply = cell.command("start", cycles=wanted.cycles, until_empty=until_empty, job=job)
         if not as_json:
-            out.line(f"cycle {reply.cycle_id} begins; Ctrl-C holds it")
-        _follow(cell, batch, shown)
+            out.line(_begins(reply))
+        _follow(cell, batch, shown, reply.job_id)
     if until_empty:
         shown.summary(batch)
     if not (batch.is_empty if until_empty else batch.picked == cycles):
         raise typer.Exit(1)
 
 
-def _follow(cell: Client, batch: Batch, shown: _Shown) -> None:
-    """Show messages until no further pick follows, including when the cell stops or aborts."""
+def _begins(reply: CommandReply) -> str:
+    """What an accepted command begins, for a person."""
+    if reply.position:
+        return f"job {reply.job_id} waits at place {reply.position} of the queue; Ctrl-C drops it"
+    return f"cycle {reply.cycle_id} begins; Ctrl-C holds it"
+
+
+def _follow(cell: Client, batch: Batch, shown: _Shown, job_id: str) -> None:
+    """Show messages until no further pick of a job follows, including when the cell stops or aborts."""
     while not batch.is_over:
         said = cell.next_said(_PATIENCE_S)
-        if isinstance(said, CycleResult):
+        if isinstance(said, CycleResult) and said.job.job_id == job_id:
             shown.result(said)
             batch.hear(said)
-        else:
+        elif isinstance(said, CellState):
             shown.state(said)
             if said.state in _ENDED:
                 batch.end(shown.cause or said.state)
@@ -125,6 +176,8 @@ class _Shown:
             return
         outcome = " ".join(filter(None, (result.result, result.code, result.object)))
         out.line(f"{outcome}: {result.reason}")
+        if result.found is not None:
+            out.line(f"  {result.found.text}")
         out.line(f"  {result.recording}")
 
     def summary(self, batch: Batch) -> None:

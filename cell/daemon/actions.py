@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -11,7 +12,7 @@ from bus.arrays import Vector3
 from bus.codec import encode
 from bus.codes import Code
 from bus.errors import BusError, ConfigError, CycleFailure, DriverError
-from bus.messages import Attempt, CycleResult
+from bus.messages import Attempt, CycleResult, Job
 from bus.sample import Sample
 from bus.topics import encoding_of
 from cell.daemon.resetting import reset
@@ -24,8 +25,9 @@ from cell.pick.cycle import Cycle
 from cell.pick.equipment import Equipment
 from cell.pick.record import CycleLog
 from cell.pick.stages import FAULTS, Publish, Stages
+from cell.pick.withdrawal import Withdrawal
 from config.clock import clock_of
-from config.scene import placing_at
+from config.job import place_of, station_for
 from config.schema import Station
 from drivers.interface import ObjectPresenter
 from logs.mcap.recorder import Under, ensure_space, plain
@@ -51,6 +53,7 @@ class Actions:
     Attributes:
         log: the open cycle's record, or None.
         table: the objects on the simulated table.
+        laid: number of objects laid at each place since a client's last reset, by its name; "" is the tray.
     """
 
     def __init__(
@@ -79,6 +82,9 @@ class Actions:
         self._failed_at: tuple[Vector3, ...] = ()
         self._leaves_failed = False
         self._object: str | None = None
+        self._job = Job()
+        self._withdrawal = Withdrawal()
+        self.laid: Counter[str] = Counter()
         self.log: CycleLog | None = None
 
     @property
@@ -102,13 +108,14 @@ class Actions:
         Raises: CycleFailure, RecordingError.
         """
         ensure_space(self._station.recording.folder, self._station.recording.min_free_mb)
-        attempt = self._next or Attempt(cycle_id=new_cycle_id(), failed_at=self._failed_at)
+        attempt = self._next or Attempt(cycle_id=new_cycle_id(), failed_at=self._failed_at, job=self._job)
         self._next = None
         self._retry, self._number = None, self._number + (attempt.number == 0)
-        station = placing_at(self._station, self._number)
+        self._withdrawal.begin_cycle()
+        station = station_for(self._station, attempt.job, self._laid_before(attempt))
         log = self.log = self._record(attempt.cycle_id, station)
         equipment = replace(self._equipment, station=station)
-        stages = Stages(attempt.cycle_id, self._publish, self._on_stage, log, self._gate)
+        stages = Stages(attempt.cycle_id, self._publish, self._on_stage, log, self._gate, self._withdrawal)
         self._cycle = Cycle(attempt, equipment, stages)
         self._on_stage("")
         try:
@@ -123,6 +130,11 @@ class Actions:
         except CycleFailure as failure:
             if failure.failure is not Code.NO_OBJECT:
                 raise
+
+    def _laid_before(self, attempt: Attempt) -> int:
+        """The number of the attempt's place in its pattern; picks into the station's own tray count, held or not."""
+        place = place_of(attempt.job)
+        return self.laid[place] if place else self._number
 
     def _record(self, cycle_id: str, station: Station) -> CycleLog:
         path = station.recording.folder / datetime.now(UTC).strftime("%Y-%m-%d") / f"{cycle_id}.mcap"
@@ -153,22 +165,37 @@ class Actions:
         except CycleFailure as failure:
             if failure.failure in FAULTS or failure.failure is Code.STOPPED:
                 raise
-        self._retry = self._retries.after(cycle.attempt, cycle.code, cycle.grasp, new_cycle_id())
+        self._retry = self._attempt_after(cycle)
         if self._leaves_failed and self._retry is None and cycle.code is not None and cycle.grasp is not None:
             self._failed_at = (*self._failed_at, cycle.grasp[:3, 3])
         self._hold_after_failures = self._retries.holds()
 
+    def _attempt_after(self, cycle: Cycle) -> Attempt | None:
+        """The attempt that follows a cycle; None for none, also when its job is withdrawn."""
+        if self._withdrawal.due() is not None:
+            return None
+        failure, reason = cycle.stages.failure, cycle.reason
+        obstacle_m = failure.obstacle_m if failure is not None else None
+        return self._retries.after(cycle.attempt, cycle.code, cycle.grasp, new_cycle_id(), reason, obstacle_m)
+
     def restart_attempts(
-        self, attempt: Attempt | None = None, object_name: str | None = None, *, leaves_failed: bool = False
+        self,
+        attempt: Attempt | None = None,
+        object_name: str | None = None,
+        *,
+        leaves_failed: bool = False,
+        withdrawal: Withdrawal | None = None,
     ) -> None:
         """Forget earlier failures, and what they left over, because a client gives a new command.
 
         Args:
-            attempt: the one that begins next; None = a new one.
+            attempt: the one that begins next, whose job those after it have, too; None = a new one.
             object_name: its object on the simulated table; None = the presenter's next.
             leaves_failed: what fails for good is left where it is, and the next thing is picked.
+            withdrawal: of the job.
         """
         self._next, self._object, self._failed_at = attempt, object_name, ()
+        self._job, self._withdrawal = attempt.job if attempt is not None else Job(), withdrawal or Withdrawal()
         self._leaves_failed = leaves_failed
         self._retries, self._hold_after_failures = Retries(self._station.retry), ""
 
@@ -182,6 +209,8 @@ class Actions:
         cycle = self._cycle
         assert cycle is not None
         cycle.deliver()
+        if cycle.laid is not None:
+            self.laid[cycle.laid.place] += 1
         self._name_object(cycle, lambda: self.table.taken(cycle.object))
         self._next = self._retry
         self._finish(self._retry.cycle_id if self._retry is not None else "")

@@ -78,6 +78,8 @@ class Batch:
             self.end(result.reason)
         elif result.result == "ABORTED":
             self.end(f"Aborted by {why}")
+        elif result.code in (Code.CANCELLED, Code.DEADLINE):
+            self.end(f"The job ends: {why}")
         elif self._cycles is None and result.code is Code.LEFT_OVER:
             self.end(result.reason)
         elif self._cycles is None and self._gives_up and self._has_failed_too_often():

@@ -1,48 +1,62 @@
 """Controls the sequence of picks: a command begins a batch, its results end it; in between the cell commands itself.
 
-All of it runs on the machine's owner thread, in order of arrival. `cell.machine.hold_state` decides whether the cell is
-held.
+A job that asks for it waits in the queue while the cell works. All of it runs on the machine's owner thread, in order
+of arrival. `cell.machine.hold_state` decides whether the cell is held.
 """
 
 from __future__ import annotations
 
-from bus.commands import CommandRequest
+from bus.commands import CommandReply, CommandRequest
 from bus.errors import Refused
 from bus.messages import Attempt, CycleResult
 from cell.daemon.actions import Actions, new_cycle_id
 from cell.daemon.batch import Batch
+from cell.daemon.jobs import JobQueue, Ordered
 from cell.daemon.publisher import Publisher
 from cell.machine.leases import CELL_CLIENT
 from cell.machine.owner import Machine
-from cell.machine.states import State
-from config.schema import RetrySettings
+from cell.machine.states import State, available
+from config.job import capacity_of, place_of, require_possible
+from config.schema import Station
 
 _OWN = CommandRequest(client_id=CELL_CLIENT)
+_AT_REST = frozenset({State.IDLE, State.COMPLETE})
+_NOT_READY = frozenset({State.STOPPED, State.STOPPING, State.ABORTED, State.ABORTING, State.CLEARING})
+"""States in which no job can wait for its turn: what waited was dropped, and the cell must be made ready first."""
 
 
 class BatchControl:
     """Controls the batch of one machine. All members but `lose_lease` and `count` are called by its owner thread.
 
     Args:
-        retry: of the station.
+        reads_text: a model finds targets by any words.
     """
 
-    def __init__(self, actions: Actions, publisher: Publisher, retry: RetrySettings) -> None:
-        self._actions, self._publisher, self._retry = actions, publisher, retry
+    def __init__(self, actions: Actions, publisher: Publisher, station: Station, *, reads_text: bool = False) -> None:
+        self._actions, self._publisher, self._station, self._reads_text = actions, publisher, station, reads_text
         self._machine: Machine | None = None
+        self._queue = JobQueue(station.queue.max)
         self._batch: Batch | None = None
+        self._ordered: Ordered | None = None  # of the batch
         self._is_start = False  # a start may hold after failures; a single pick ends
 
     def drive(self, machine: Machine) -> None:
         """Set the machine to command; called once, before any other member."""
         self._machine = machine
 
+    @property
+    def jobs(self) -> tuple[str, tuple[str, ...]]:
+        """The id of the job under way, or "", and those of the waiting ones."""
+        batch, ordered = self._batch, self._ordered
+        is_under_way = ordered is not None and batch is not None and not batch.is_over
+        return ordered.job.job_id if ordered is not None and is_under_way else "", self._queue.ids
+
     # --- commands -----------------------------------------------------------------------------------------------------
 
     def accept(self, verb: str, request: CommandRequest) -> str:
         """Process a command. Returns the id of the cycle that it begins, or "".
 
-        Raises: Refused when the batch or the table does not allow it.
+        Raises: Refused when the batch, the table or the station does not allow it.
         """
         if verb in ("stop", "abort"):
             self._batch = None
@@ -50,29 +64,112 @@ class BatchControl:
             self._require_next(verb)
         elif verb in ("reset", "clear"):
             self._batch = None
+            self._actions.laid.clear()
             self._actions.restart_attempts()
         elif verb in ("start", "pick"):
-            return self._begin(verb, request)
+            self._require_possible(request)
+            ordered = Ordered.of(verb, request, new_cycle_id())
+            self._begin(ordered)
+            return ordered.cycle_id
         return ""
+
+    def beside(self, verb: str, request: CommandRequest, state: State) -> CommandReply | None:
+        """Process a command that changes no state: ``cancel``, and a job that waits while the cell works.
+
+        Returns: its reply; None for any other command. Raises: Refused.
+        """
+        if verb == "cancel":
+            self._cancel(request.job.job_id)
+            return CommandReply(ok=True, state=state, available=available(state), job_id=request.job.job_id)
+        if verb in ("pick", "start") and request.job.queue and self._is_busy(state):
+            self._require_possible(request)
+            ordered = Ordered.of(verb, request, new_cycle_id())
+            position = self._queue.put(ordered)
+            self._publisher.publish_jobs()
+            return CommandReply(ok=True, state=state, available=available(state), cycle_id=ordered.cycle_id,
+                                job_id=ordered.job.job_id, position=position)  # fmt: skip
+        return None
+
+    def _is_busy(self, state: State) -> bool:
+        goes_on = self._batch is not None and not self._batch.is_over
+        return state not in _NOT_READY and (goes_on or bool(self._queue.ids) or state not in _AT_REST)
+
+    def _require_possible(self, request: CommandRequest) -> None:
+        """Refuse what table, station or place cannot do. Raises: Refused."""
+        self._actions.table.require_possible(request)
+        require_possible(self._station, request.job, reads_text=self._reads_text)
+        full = self._why_full(request)
+        if full:
+            raise Refused(full, "Empty it, then `cell stop` and `cell reset`: they begin to count anew.",
+                          code="PLACE_FULL")  # fmt: skip
+
+    def _why_full(self, request: CommandRequest) -> str:
+        place = place_of(request.job)
+        capacity = capacity_of(self._station, place)
+        is_full = 0 < capacity <= self._actions.laid[place]
+        return f"The place {place!r} is full: it takes {capacity}, and so many were laid there." if is_full else ""
 
     def _require_next(self, verb: str) -> None:
         """Check a command of the cell itself between two picks. Raises: Refused when no further pick follows."""
         if verb in ("reset", "start") and (self._batch is None or self._batch.is_over):
             raise Refused("No other pick is to follow.", code="BATCH_OVER")
 
-    def _begin(self, verb: str, request: CommandRequest) -> str:
-        """Begin the picks of a ``start``, or the one of a ``pick``; return the first cycle's id. Raises: Refused."""
-        self._actions.table.require_possible(request)
-        self._is_start = verb == "start"
-        self._batch = Batch(request if verb == "start" else CommandRequest(), self._retry)
-        attempt = Attempt(cycle_id=new_cycle_id())
-        self._actions.restart_attempts(attempt, request.object, leaves_failed=request.until_empty)
-        return attempt.cycle_id
+    def _begin(self, ordered: Ordered) -> None:
+        """Begin the picks of a ``start``, or the one of a ``pick``."""
+        request = ordered.request
+        self._ordered, self._is_start = ordered, ordered.verb == "start"
+        self._batch = Batch(request if self._is_start else CommandRequest(), self._station.retry)
+        self._actions.restart_attempts(
+            Attempt(cycle_id=ordered.cycle_id, job=ordered.job),
+            request.object,
+            leaves_failed=request.until_empty,
+            withdrawal=ordered.withdrawal,
+        )
+
+    # --- the queue ----------------------------------------------------------------------------------------------------
+
+    def _cancel(self, job_id: str) -> None:
+        """Remove a waiting job, or withdraw the one under way before its grasp. Raises: Refused (NO_JOB, TOO_LATE)."""
+        batch, ordered = self._batch, self._ordered
+        if self._queue.remove(job_id):
+            self._publisher.publish_jobs()
+            return
+        if batch is None or batch.is_over or ordered is None or ordered.job.job_id != job_id:
+            waiting = ", ".join(filter(None, (self.jobs[0], *self._queue.ids))) or "none"
+            raise Refused(f"No job {job_id!r} is under way or waits.", f"There are: {waiting}.", code="NO_JOB")
+        is_in_time = ordered.withdrawal.cancel()
+        if not is_in_time and not self._is_start:
+            raise Refused(f"The grasp of {job_id!r} is under way.", "Wait for its result, or stop it.", code="TOO_LATE")
+        if not is_in_time:
+            batch.end("The job was cancelled: the pick under way is its last.")
+
+    def _begin_next(self) -> None:
+        """Begin the next waiting job that can still be done; one that cannot is dropped, with an event."""
+        while (ordered := self._queue.take()) is not None:
+            full = self._why_full(ordered.request)
+            if not full:
+                self._begin(ordered)
+                return
+            self._say_dropped((ordered.job.job_id,), full)
+
+    def _drop(self, why: str) -> None:
+        """End the batch, and drop all that wait."""
+        self._batch = None
+        self._say_dropped(self._queue.drop(), why)
+
+    def _say_dropped(self, ids: tuple[str, ...], why: str) -> None:
+        if ids:
+            text = f"Dropped, not begun: {', '.join(ids)}. {why}"
+            self._publisher.publish_event("JOBS_DROPPED", "warning", text, "Send them again when the cell is ready.")
 
     # --- states -------------------------------------------------------------------------------------------------------
 
     def enter(self, state: State, reason: str) -> None:
         """Publish the new state, and take the actions due in it."""
+        if state in _NOT_READY:
+            self._drop(f"The cell is {state}. {reason}".strip())
+        elif state in _AT_REST and (self._batch is None or self._batch.is_over):
+            self._begin_next()
         self._publisher.publish_state(state, reason)
         if reason and state in (State.ABORTING, State.ABORTED):
             self._publisher.publish_event(state.upper(), "error", reason)
@@ -81,14 +178,12 @@ class BatchControl:
         self._go_on(state)
 
     def _go_on(self, state: State) -> None:
-        """Command the next cycle of a ``start`` when the state is Complete or Idle."""
+        """Command the next cycle of a ``start``, or the next job, when the state is Complete or Idle."""
         goes_on = self._batch is not None and not self._batch.is_over
         if state is State.COMPLETE and goes_on:
             self._drives.post("reset", _OWN)
         elif state is State.IDLE and goes_on:
             self._drives.post("start", _OWN)
-        elif state in (State.STOPPING, State.ABORTING):
-            self._batch = None
 
     def _hold_after_failures(self) -> None:
         """Hold before the delivery after too many failures, so that a person examines the cell first."""
@@ -105,15 +200,17 @@ class BatchControl:
         self._drives.decide(lambda: self._hold_unattended(reason))
 
     def _hold_unattended(self, reason: str) -> None:
-        self._batch = None  # so no further cycle begins
+        self._drop(reason)  # so no further cycle begins
         self._drives.hold_soon(reason)
 
     def count(self, result: CycleResult) -> None:
         """Count a cycle's result, on the thread of the action that ended it; publish an event when a batch gives up."""
-        batch = self._batch
+        batch, ordered = self._batch, self._ordered
         if batch is None:
             return
         batch.hear(result)
+        if ordered is not None and not result.retried_as and (full := self._why_full(ordered.request)):
+            batch.end(full)
         if batch.gave_up:
             self._publisher.publish_event("GAVE_UP", "error", batch.reason)
 

@@ -77,7 +77,8 @@ class Daemon:
         if camera is None or arm is None or hand is None:
             raise DriverError("The cell needs a camera, an arm and a hand.", "Check `serves` in the station file.")
         self._bus = bus
-        self.publisher = Publisher(bus, Views(robot.base_from_tcp), observer, lambda: self._actions.cycle_id)
+        views = Views(robot.base_from_tcp)
+        self.publisher = Publisher(bus, views, observer, lambda: self._actions.cycle_id, lambda: self._batches.jobs)
         hold_state = HoldState()
         self._actions = Actions(
             Equipment(camera, arm, hand, robot, station, models),
@@ -91,7 +92,7 @@ class Daemon:
             under,
         )
         self._monitor = NodeMonitor(station, self._on_lost, restarts, bus.clock)
-        self._batches = BatchControl(self._actions, self.publisher, station.retry)
+        self._batches = BatchControl(self._actions, self.publisher, station, reads_text=models.read_text(station))
         self._leases = Leases(self._batches.lose_lease, station.silence_s, LOOK_PERIOD_S, clock=bus.clock)
         self._watchdog = Watchdog(
             station,
@@ -111,6 +112,7 @@ class Daemon:
             hold_state,
             self._batches.enter,
             self._batches.accept,
+            self._batches.beside,
             on_turn=self._publish_heartbeat,
         )
         self._batches.drive(self.machine)

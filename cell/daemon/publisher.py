@@ -30,13 +30,21 @@ class Publisher:
         views: draws the visualisation of a message.
         observer: called with every message, on the publishing thread; it may only enqueue.
         cycle_id: gives the open cycle's id now, or "".
+        jobs: gives the id of the job under way, or "", and those of the waiting ones.
 
     Attributes:
         state: as last published.
     """
 
-    def __init__(self, bus: Bus, views: Views, observer: Observer, cycle_id: Callable[[], str]) -> None:
-        self._bus, self._views, self._observer, self._cycle_id = bus, views, observer, cycle_id
+    def __init__(
+        self,
+        bus: Bus,
+        views: Views,
+        observer: Observer,
+        cycle_id: Callable[[], str],
+        jobs: Callable[[], tuple[str, tuple[str, ...]]] = lambda: ("", ()),
+    ) -> None:
+        self._bus, self._views, self._observer, self._cycle_id, self._jobs = bus, views, observer, cycle_id, jobs
         self._saying = threading.Lock()
         self.state = CellState(state="", stage="", cycle_id="", since_ns=0, available=(), reason="")
 
@@ -68,7 +76,15 @@ class Publisher:
         with self._saying:  # the machine's owner thread may be publishing another state
             self._publish_state(State(self.state.state), stage, "")
 
+    def publish_jobs(self) -> None:
+        """Publish the state again, because the jobs of its queue have changed."""
+        with self._saying:
+            job_id, queue = self._jobs()
+            self.state = self.state.model_copy(update={"job_id": job_id, "queue": queue})
+            self.publish(topics.STATE, self.state)
+
     def _publish_state(self, state: State, stage: str, reason: str) -> None:
+        job_id, queue = self._jobs()
         self.state = CellState(
             state=state,
             stage=stage,
@@ -76,6 +92,8 @@ class Publisher:
             since_ns=time.time_ns(),
             available=available(state),
             reason=reason,
+            job_id=job_id,
+            queue=queue,
         )
         self.publish(topics.STATE, self.state)
 

@@ -58,6 +58,8 @@ class Machine:
         on_state: called by the owner thread at every change, with the state and the reason.
         on_accept: called by the owner thread with every command that the state allows, before the state changes; it
             returns the id of the cycle that the command begins, or "", and may raise Refused.
+        on_beside: called by the owner thread with every command and the state; it returns the reply of one that needs
+            no change of state, None for any other, and may raise Refused.
         on_turn: called by the owner thread at least every `TURN_S`; as long as it is called, commands are answered.
     """
 
@@ -67,10 +69,11 @@ class Machine:
         hold_state: HoldState,
         on_state: Callable[[State, str], None],
         on_accept: Callable[[str, CommandRequest], str],
+        on_beside: Callable[[str, CommandRequest, State], CommandReply | None] = lambda verb, request, state: None,
         on_turn: Callable[[], None] = lambda: None,
     ) -> None:
         self._actions, self.hold_state = actions, hold_state
-        self._on_state, self._on_accept, self._on_turn = on_state, on_accept, on_turn
+        self._on_state, self._on_accept, self._on_beside, self._on_turn = on_state, on_accept, on_beside, on_turn
         self._inbox: queue.SimpleQueue[Item | None] = queue.SimpleQueue()
         self._answered: dict[tuple[str, str, str], CommandReply] = {}
         self.state = State.STOPPED
@@ -214,6 +217,9 @@ class Machine:
         if is_known and not (command.verb in ENDING and command.verb in available(self.state)):
             return self._answered[key]
         try:
+            reply = self._on_beside(command.verb, request, self.state)
+            if reply is not None:
+                return self._remembered(key, reply)
             target = after_command(self.state, command.verb)
             self._require_quiet(command.verb, target)
             cycle_id = self._on_accept(command.verb, request)
@@ -223,8 +229,15 @@ class Machine:
         if target in PAUSING:
             self._held, self._ended_held = self._run, None
         self._enter(target, command.reason)
-        reply = CommandReply(ok=True, state=self.state, available=available(self.state), cycle_id=cycle_id)
-        if request.command_id:
+        job_id = (request.job.job_id or cycle_id) if cycle_id else ""
+        reply = CommandReply(
+            ok=True, state=self.state, available=available(self.state), cycle_id=cycle_id, job_id=job_id
+        )
+        return self._remembered(key, reply)
+
+    def _remembered(self, key: tuple[str, str, str], reply: CommandReply) -> CommandReply:
+        """The reply, also to the same command sent again; ``key``: verb, client and command id."""
+        if key[2]:
             self._answered[key] = reply
             if len(self._answered) > _REMEMBERED_COMMANDS:
                 self._answered.pop(next(iter(self._answered)))

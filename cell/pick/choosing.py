@@ -90,7 +90,7 @@ class Choosing:
         if not why:
             return False
         try:
-            way = way_to_next_look(self.looks, e.robot, e.station, gate.cancel)
+            way = way_to_next_look(self.looks, e.robot, e.station, self.stages.cancel)
         except CycleFailure as failure:
             if failure.failure is Code.STOPPED:
                 raise self.stages.fail(failure) from failure.__cause__
@@ -126,7 +126,7 @@ class Choosing:
             chosen = self.stages.run(
                 "plan",
                 topics.PLAN,
-                lambda: plan(found, looks, e.robot, e.station, self.attempt.missed, self.stages.gate.cancel),
+                lambda: plan(found, looks, e.robot, e.station, self.attempt.missed, self.stages.cancel),
             )
         except CycleFailure as failure:
             if not self._look_again(why_look_again(failure, len(looks), e.station)):
@@ -136,7 +136,7 @@ class Choosing:
 
     def _detect(self) -> Detections:
         """Detect; what was seen is published alone when there is no result to hold it."""
-        e, seen = self.equipment, list[ObservedScene]()
+        e, seen, cancel = self.equipment, list[ObservedScene](), self.stages.cancel
 
         def say_reply(reply: ModelReply) -> None:
             self.stages.publish(topics.MODEL_REPLY, reply)
@@ -147,7 +147,7 @@ class Choosing:
                 e.station,
                 e.models,
                 say_reply,
-                lambda: self.stages.gate.halted,
+                lambda: cancel.is_set,
                 seen.append,
                 is_again="detect" in self.stages.took_s,
                 failed_at=self.attempt.failed_at,

@@ -8,15 +8,28 @@ from typing import Literal
 
 from bus import topics
 from bus.arrays import Transform
-from bus.codes import Code
+from bus.codes import ADVICE, Code
 from bus.errors import CycleFailure
-from bus.messages import Attempt, CycleResult, Execution, Grasp, HandState, Observation, PickPlan, Verdict
+from bus.messages import (
+    Attempt,
+    CycleResult,
+    Detections,
+    Execution,
+    Grasp,
+    HandState,
+    Laid,
+    Observation,
+    PickPlan,
+    Verdict,
+)
 from cell.pick.choosing import Choosing
 from cell.pick.equipment import Equipment
 from cell.pick.execute import deliver, execute
 from cell.pick.mounting import FEWEST_LOOKS
+from cell.pick.outcome import found_thing, grasp_outcome, laid_at
 from cell.pick.stages import FAULTS, Stages
 from cell.pick.verify import lost_on_the_way, verify
+from config.job import place_of
 
 
 @dataclass
@@ -28,6 +41,7 @@ class Cycle:
         object: name of the presented object in simulation, "" on hardware.
         verdict: the result of verify, or None.
         grasp: base_from_tcp (4, 4) of the planned grasp, or None.
+        laid: where the object was let go, or None.
     """
 
     attempt: Attempt
@@ -36,6 +50,8 @@ class Cycle:
     object: str = ""
     verdict: Verdict | None = None
     grasp: Transform | None = None
+    laid: Laid | None = None
+    _found: Detections | None = None
     _planned: tuple[PickPlan, Grasp] | None = None
     _grasped: HandState | None = None
     _started_s: float = field(default_factory=time.monotonic)
@@ -50,16 +66,22 @@ class Cycle:
         """The code of its failure so far; None for none."""
         return self._outcome()[1]
 
+    @property
+    def reason(self) -> str:
+        """Why it ended so, in words."""
+        return self._outcome()[2]
+
     def run(self) -> None:
         """Run the five stages. Raises: CycleFailure, already published and kept in ``stages.failure``."""
         e, choosing = self.equipment, Choosing(self.attempt, self.equipment, self.stages)
         found, chosen = choosing.choose()
         before, grasp = choosing.looks[found.scene.shown], found.grasps[chosen.grasp]
-        self._planned, self.grasp = (chosen, grasp), grasp.base_from_tcp
+        self._found, self._planned, self.grasp = found, (chosen, grasp), grasp.base_from_tcp
         after: Observation | None = None
 
         def act() -> Execution:
             nonlocal after
+            self.stages.withdrawal.begin_grasp()
             execution, after = execute(
                 chosen, grasp, (e.arm, e.hand), choosing.observe, e.robot, e.station, self.stages.gate
             )
@@ -99,10 +121,14 @@ class Cycle:
             lost = lost_on_the_way(self._grasped, carried[-1], e.station)
             if lost:
                 self.stages.fail(CycleFailure(Code.DROPPED, lost))
+                return
+        if self.verdict.held:
+            self.laid = laid_at(done, e.robot, place_of(self.attempt.job))
 
     def result(self, retried_as: str) -> CycleResult:
         """The result of the cycle; the caller publishes it as the last message of the cycle."""
         outcome, code, reason = self._outcome()
+        grasp = self._planned[1] if self._planned is not None else None
         return CycleResult(
             cycle_id=self.cycle_id,
             object=self.object,
@@ -113,6 +139,12 @@ class Cycle:
             wall_s=time.monotonic() - self._started_s,
             recording=str(self.stages.log.path),
             retried_as=retried_as,
+            advice=ADVICE[code] if code is not None else "",
+            job=self.attempt.job,
+            found=found_thing(self._found, grasp) if self._found is not None and grasp is not None else None,
+            grasp=grasp_outcome(grasp, self._grasped, self.verdict) if grasp is not None else None,
+            laid=self.laid,
+            earlier=self.attempt.earlier,
         )
 
     def _outcome(self) -> tuple[Literal["SUCCESS", "FAILED", "ABORTED", "EMPTY"], Code | None, str]:

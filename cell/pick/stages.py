@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import TypeVar
 
 from bus import topics
+from bus.cancel import Cancel
 from bus.codes import Code
 from bus.commands import Event
 from bus.errors import (
@@ -27,6 +28,7 @@ from bus.messages import Failure, StageName
 from bus.topics import Topic
 from cell.machine.gate import Gate
 from cell.pick.record import CycleLog
+from cell.pick.withdrawal import Withdrawal
 
 ResultT = TypeVar("ResultT", bound=Message)
 Publish = Callable[[Topic, "Message | bytes"], None]
@@ -36,6 +38,8 @@ Ending = CycleFailure | DriverError | BusError | RecordingError
 FAULTS = {Code.ARM_REFLEX, Code.MOTION_REFUSED, Code.HAND_FAULT, Code.STALE_FRAME, Code.BAD_FRAME, Code.DEVICE_LOST,
           Code.NODE_LOST, Code.RECORDING, Code.INTERNAL}  # fmt: skip
 """Codes that abort the machine: a device or the cell itself failed, not the pick."""
+
+_BEFORE_THE_GRASP = ("capture", "detect", "plan")
 
 _CODE_OF_ERROR: tuple[tuple[type[Exception], Code], ...] = (
     (ArmReflex, Code.ARM_REFLEX),
@@ -57,7 +61,7 @@ class Stages:
     Attributes:
         on_stage: called with the name of each as it begins.
         log: the cycle's recording; when it fails, no further stage begins.
-        gate: after a stop, no further stage begins.
+        gate: after a stop, no further stage begins. ``withdrawal``: of the job, until its grasp.
         took_s: wall time of every stage that ran.
         failure: why the cycle ends early, or None.
     """
@@ -67,14 +71,23 @@ class Stages:
     on_stage: Callable[[str], None]
     log: CycleLog
     gate: Gate
+    withdrawal: Withdrawal = field(default_factory=Withdrawal)
     took_s: dict[str, float] = field(default_factory=dict)
     failure: Failure | None = None
+
+    @property
+    def cancel(self) -> Cancel:
+        """The cancel flag of what is computed before the grasp: set by a stop, and when the job is withdrawn."""
+        halt = self.gate.cancel
+        return Cancel(lambda: halt.is_set, lambda: self.withdrawal.due() is not None)
 
     def run(self, name: StageName, topic: Topic, work: Callable[[], ResultT]) -> ResultT:
         """Run one stage and publish its outcome. Raises: CycleFailure for everything that ends the cycle."""
         self.log.check()
         if self.gate.halted:
             raise self.fail(CycleFailure(Code.STOPPED, f"Stopped before {name!r}."))
+        if name in _BEFORE_THE_GRASP and (due := self.withdrawal.due()) is not None:
+            raise self.fail(due)
         self.on_stage(name)
         started_ns, started_s = time.time_ns(), time.monotonic()
         result: ResultT | None = None
@@ -104,13 +117,18 @@ class Stages:
     def fail(self, error: Ending) -> CycleFailure:
         """Keep ``error`` as the cycle's failure and return it as a CycleFailure."""
         if isinstance(error, CycleFailure):
-            failure = error
+            failure = self._why_stopped(error)
         else:
             code = next(code for kind, code in _CODE_OF_ERROR if isinstance(error, kind))
             failure = CycleFailure(code, error.text)
             failure.__cause__ = error
         self.failure = Failure.of(failure)
         return failure
+
+    def _why_stopped(self, failure: CycleFailure) -> CycleFailure:
+        """The failure; of a computation that was stopped because the job was withdrawn, that."""
+        due = self.withdrawal.due()
+        return due if due is not None and failure.failure is Code.STOPPED and not self.gate.halted else failure
 
     def tell(self, event: Event | None) -> None:
         """Publish an event, if there is one."""

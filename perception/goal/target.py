@@ -1,4 +1,4 @@
-"""Chooses the targets among the things in the pick region: by words, by a pixel, or those with the best grasps."""
+"""Chooses the targets among the things in the pick region: by words, pixel, box or point, or by the best grasps."""
 
 from __future__ import annotations
 
@@ -11,40 +11,138 @@ import numpy.typing as npt
 from bus.arrays import Vector3
 from bus.codes import Code
 from bus.errors import CycleFailure
+from bus.messages import Instance
 from bus.transforms import apply
 from config.schema import Station
+from config.words import understood
 from perception.geometry.crop import Mask
+from perception.goal.described import all_in_words, in_words, pixels_of, wanted_of
 from perception.goal.imagine import Conversation
 from perception.goal.prompts import prompt
 from perception.grasps.closing import Closings
+from perception.models.registry import reads_text
 from perception.models.sam import Sam
 from perception.scene.heightmap import CELL_M
 from perception.scene.scene import Scene
+from perception.scene.stacked import lying_on
 
 _NEAR_PX = 40.0
 """Largest distance [px] of a given pixel from the thing it selects."""
-_FAILED_NEAR_M = 0.015
-"""What lies so near to a place where a pick failed is what failed there, though it was touched."""
+_NEAR_M = 0.015
+"""What lies so near to a place is what is meant by it, or what failed there, though it was touched."""
+_MOSTLY = 0.5
 _PIXEL = re.compile(r"(\d+)\D+(\d+)")
 
 
-def choose(scene: Scene, closings: Closings, talk: Conversation, station: Station, sam: Sam | None = None) -> list[int]:
-    """The numbers of the targets, the best first (`config.schema.PerceptionSettings.target`).
+def choose(
+    scene: Scene,
+    instances: Sequence[Instance],
+    closings: Closings,
+    talk: Conversation,
+    station: Station,
+    sam: Sam | None = None,
+) -> list[int]:
+    """The numbers of the targets, the best first (`config.target.TargetSettings`).
 
     Args:
-        closings: of the search over the whole scene, which rank the things when no target is named.
-        sam: finds a target given in words, if it reads text; otherwise the goal-image model locates it.
+        instances: the things of the scene.
+        closings: of the search over the whole scene, which rank the things when no certain one is named.
+        sam: finds a target given in words, if it reads text; otherwise the goal-image model locates it, or, if that
+            is an embedded one, the words of `config.words` are understood.
 
-    Raises: CycleFailure(TARGET_NOT_FOUND); as the model, when the model is asked.
+    Raises: CycleFailure(TARGET_NOT_FOUND), which says what was seen instead; OBSTRUCTED when something lies on the one
+        that is named; as the model, when the model is asked.
     """
+    target = station.perception.target
+    ranked = by_best_grasp(scene, closings)
+    if not target.is_named:
+        return ranked
+    try:
+        found = _named(scene, instances, ranked, talk, station, sam)
+    except CycleFailure as failure:
+        if failure.failure is not Code.TARGET_NOT_FOUND:
+            raise
+        raise CycleFailure(failure.failure, f"{failure.text} {all_in_words(scene, instances)}") from failure
+    return _reachable_from_above(scene, instances, found)
+
+
+def _named(
+    scene: Scene,
+    instances: Sequence[Instance],
+    ranked: list[int],
+    talk: Conversation,
+    station: Station,
+    sam: Sam | None,
+) -> list[int]:
+    """The things that the target names, the best first. Raises: CycleFailure, as `choose`."""
     target = station.perception.target
     if target.text is not None and sam is not None and sam.reads_text:
         return [_most_covered(scene, sam.by_text(scene.rgbd.color, target.text), target.text)]
-    if target.text is not None:
+    if target.text is not None and reads_text(station.perception.model):
         return [at_pixel(scene, _pointed_at(target.text, scene.rgbd.color, talk, station))]
-    if target.pixel is not None:
-        return [at_pixel(scene, target.pixel)]
-    return by_best_grasp(scene, closings)
+    if target.text is not None:
+        return _described(scene, instances, ranked, target.text, station)
+    if target.box is not None:
+        return _in_box(scene, ranked, target.box)
+    if target.point_m is not None:
+        return [_at_point(scene, target.point_m)]
+    assert target.pixel is not None, "one of the four is set"
+    return [at_pixel(scene, target.pixel)]
+
+
+def _reachable_from_above(scene: Scene, instances: Sequence[Instance], found: list[int]) -> list[int]:
+    """Those of the named things on which nothing lies. Raises: CycleFailure(OBSTRUCTED) when all are covered."""
+    above = {number: lying_on(scene, number) for number in found}
+    free = [number for number in found if not above[number]]
+    if free or not found:
+        return free
+
+    def said(one: Instance) -> str:
+        return in_words(pixels_of(scene, one.number), one)
+
+    by_number = {one.number: one for one in instances}
+    first, blocker = found[0], by_number[above[found[0]][0]]
+    raise CycleFailure(
+        Code.OBSTRUCTED,
+        f"On the target ({said(by_number[first])}) lies something: {said(blocker)}.",
+        obstacle_m=blocker.top_m,
+    )
+
+
+def _described(
+    scene: Scene, instances: Sequence[Instance], ranked: list[int], text: str, station: Station
+) -> list[int]:
+    try:
+        wanted = understood(text, station.perception.labels)
+    except ValueError as why:
+        raise CycleFailure(Code.TARGET_NOT_FOUND, f"The words of the target: {why}.") from why
+    found = wanted_of(scene, instances, wanted, ranked)
+    if not found:
+        raise CycleFailure(Code.TARGET_NOT_FOUND, f"Nothing here is {text!r}.")
+    return found
+
+
+def _in_box(scene: Scene, ranked: list[int], box: tuple[float, float, float, float]) -> list[int]:
+    """The things of which more than half, of what is in the picture, lies in a box (u_min, v_min, u_max, v_max)."""
+    u_min, v_min, u_max, v_max = (round(edge) for edge in box)
+    everywhere = np.bincount(scene.color_labels.ravel(), minlength=scene.count + 1)
+    part = scene.color_labels[max(v_min, 0) : max(v_max + 1, 0), max(u_min, 0) : max(u_max + 1, 0)]
+    inside = np.bincount(part.ravel(), minlength=scene.count + 1)
+    found = [number for number in ranked if inside[number] > _MOSTLY * everywhere[number]]
+    if not found:
+        raise CycleFailure(Code.TARGET_NOT_FOUND, f"No object lies mostly in the box {box}.")
+    return found
+
+
+def _at_point(scene: Scene, point_base: Sequence[float]) -> int:
+    """The thing at a point (3,) in ``base``, or the nearest one within 15 mm across."""
+    near = _near(scene, np.asarray(point_base))
+    if not near:
+        x, y = point_base[0], point_base[1]
+        raise CycleFailure(
+            Code.TARGET_NOT_FOUND, f"There is no object within {_NEAR_M * 1e3:.0f} mm of ({x:.3f}, {y:.3f})."
+        )
+    return near[0]
 
 
 def by_best_grasp(scene: Scene, closings: Closings) -> list[int]:
@@ -85,14 +183,16 @@ def untried(scene: Scene, targets: list[int], failed_at: Sequence[Vector3]) -> l
     return left
 
 
-def _near(scene: Scene, place_base: Vector3) -> set[int]:
-    """The numbers of the things beneath a place (3,)."""
-    heights, reach = scene.heights, round(_FAILED_NEAR_M / CELL_M)
+def _near(scene: Scene, place_base: Vector3) -> list[int]:
+    """The numbers of the things beneath a place (3,), or beside it, the nearest first."""
+    heights, reach = scene.heights, round(_NEAR_M / CELL_M)
     at = apply(scene.table.table_from_base, np.asarray(place_base)[None])[0, :2]
     column, row = np.rint((at - heights.origin_m) / CELL_M).astype(int)
-    low_row, low_column = max(row - reach, 0), max(column - reach, 0)
-    window = heights.labels[low_row : max(row + reach + 1, 0), low_column : max(column + reach + 1, 0)]
-    return set(np.unique(window).tolist()) - {0}
+    top, left = max(row - reach, 0), max(column - reach, 0)
+    window = heights.labels[top : max(row + reach + 1, 0), left : max(column + reach + 1, 0)]
+    rows, columns = np.nonzero(window)
+    order = np.argsort(np.hypot(rows + top - row, columns + left - column), kind="stable")
+    return list(dict.fromkeys(window[rows[order], columns[order]].tolist()))
 
 
 def _most_covered(scene: Scene, mask: Mask, text: str) -> int:

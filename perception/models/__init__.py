@@ -23,7 +23,7 @@ from perception.models.depth_pro import DepthPro
 from perception.models.exchange import Line
 from perception.models.hosted import HostedModel
 from perception.models.recorded import RecordedModel, SpoiledModel
-from perception.models.registry import PROVIDERS, is_replayed, open_local
+from perception.models.registry import PROVIDERS, is_replayed, open_local, reads_text
 from perception.models.salient import Salient
 from perception.models.sam import Sam
 from perception.models.server_route import ServerRoute
@@ -43,6 +43,10 @@ class Models:
     sam: Sam | None = None
     salient: Salient | None = None
     depth: DepthPro | None = None
+
+    def read_text(self, station: Station) -> bool:
+        """Whether one of them finds a target by any words."""
+        return reads_text(station.perception.model) or (self.sam is not None and self.sam.reads_text)
 
     def close(self) -> None:
         """Release connections and memory."""

@@ -49,7 +49,7 @@ class GeometricModel:
 
     def locate(self, color: npt.NDArray[np.uint8], prompt: str, cancel: Cancel) -> Answer:
         """Refuse any image (H, W, 3), because it understands no words. Raises: CycleFailure(TARGET_NOT_FOUND)."""
-        text = "The embedded model understands no words: name the target by its pixel."
+        text = "The embedded model reads no words."
         raise CycleFailure(Code.TARGET_NOT_FOUND, text)
 
     def reason(self, observed_object: ObservedObject, prompt: str, cancel: Cancel) -> Answer:

@@ -39,6 +39,11 @@ def names() -> tuple[str, ...]:
     return tuple(sorted({*PROVIDERS, *EMBEDDED, *(point.name for point in entry_points(group=GROUP))}))
 
 
+def reads_text(name: str) -> bool:
+    """Whether a model finds a target by any words; the embedded ones understand those of `config.words` only."""
+    return name not in EMBEDDED
+
+
 def require(name: str) -> None:
     """Raises: ConfigError, listing what there is, when no model is called ``name``."""
     if name not in names():

@@ -7,8 +7,10 @@ from pathlib import Path
 import pytest
 
 from bus.errors import ConfigError
+from bus.messages import Job
+from config.job import station_for
 from config.load import DEFAULT_STATION, load_station
-from config.scene import placing_at, scene_boxes
+from config.scene import scene_boxes
 from config.schema import Bin
 
 BIN_STATION = DEFAULT_STATION.with_name("bin.toml")
@@ -70,10 +72,11 @@ def test_an_obstacle_cannot_take_a_walls_name(tmp_path: Path) -> None:
 def test_the_place_follows_its_pattern_and_begins_again() -> None:
     station = load_station(None, ["scene.place_pattern_m=[[0, 0], [0.1, -0.05]]"])
     x, y, z = station.scene.place_m
-    places = [placing_at(station, number).scene.place_m for number in range(3)]
+    places = [station_for(station, Job(), number).scene.place_m for number in range(3)]
     assert places == [(x, y, z), pytest.approx((x + 0.1, y - 0.05, z)), (x, y, z)]
-    assert placing_at(placing_at(station, 1), 1) == placing_at(station, 1), "a recording's station is at its place"
+    again = station_for(station, Job(), 1)
+    assert station_for(again, Job(), 1) == again, "a recording's station is at its place"
 
 
 def test_without_a_pattern_the_station_stays_what_it_is() -> None:
-    assert placing_at(load_station(), 7) == load_station()
+    assert station_for(load_station(), Job(), 7) == load_station()

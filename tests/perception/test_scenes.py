@@ -98,8 +98,8 @@ def test_a_target_the_model_does_not_see_is_no_object(look: Look, tmp_path: Path
     assert failure.value.failure is Code.TARGET_NOT_FOUND
 
 
-def test_the_embedded_model_understands_no_words(look: Look) -> None:
-    with pytest.raises(CycleFailure, match="no words"):
+def test_the_embedded_model_names_the_words_that_it_does_not_understand(look: Look) -> None:
+    with pytest.raises(CycleFailure, match="does not understand"):
         _detect(look([BAR]), "perception.target.text=the bar")
 
 

@@ -1,0 +1,219 @@
+"""Jobs: they wait while the cell works, in order; they are cancelled, late, dropped; a full place takes no more."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+
+from bus.codes import Code
+from bus.commands import CommandReply
+from bus.errors import CycleFailure
+from bus.messages import Attempt, Job, Place, Target
+from cell.daemon.retry import Retries
+from cell.machine.states import State
+from cell.pick.withdrawal import Withdrawal
+from config.schema import RetrySettings
+from tests.cell.bench import OPERATOR, Bench
+
+PLACES = 'scene.places=[{name="left", position_m=[0.4, 0.45, 0.15], capacity=1}]'
+
+
+@contextmanager
+def _ready(*options: str) -> Iterator[Bench]:
+    bench = Bench(lambda verb: None, *options)
+    bench.machine.command("reset", OPERATOR)
+    assert bench.settle() is State.IDLE
+    yield bench
+    bench.actions.goes_on.set()
+    bench.close()
+
+
+def _send(bench: Bench, verb: str, job: Job, cycles: int = 1) -> CommandReply:
+    return bench.machine.command(verb, OPERATOR.model_copy(update={"job": job, "cycles": cycles}))
+
+
+def _busy(bench: Bench, job_id: str = "first", cycles: int = 1) -> CommandReply:
+    """Begin a job whose motion does not end."""
+    bench.actions.goes_on.clear()
+    return _send(bench, "start", Job(job_id=job_id), cycles)
+
+
+# --- the queue --------------------------------------------------------------------------------------------------------
+
+
+def test_jobs_wait_their_turn_and_begin_in_order() -> None:
+    with _ready() as bench:
+        assert _busy(bench).job_id == "first"
+        replies = [_send(bench, "pick", Job(job_id=name, queue=True)) for name in ("second", "third")]
+        assert [(reply.ok, reply.position) for reply in replies] == [(True, 1), (True, 2)]
+        assert [reply.job_id for reply in replies] == ["second", "third"]
+        assert bench.batches.jobs == ("first", ("second", "third"))
+        bench.actions.goes_on.set()
+        assert bench.settle() is State.COMPLETE
+        assert bench.actions.begun == ["first", "second", "third"]
+        assert not any(bench.batches.jobs)
+
+
+def test_a_job_that_does_not_ask_to_wait_is_refused_while_the_cell_works() -> None:
+    with _ready() as bench:
+        _busy(bench)
+        reply = _send(bench, "pick", Job())
+        assert (reply.ok, reply.code) == (False, "WRONG_STATE")
+
+
+def test_a_job_begins_at_once_when_the_cell_rests() -> None:
+    with _ready() as bench:
+        reply = _send(bench, "pick", Job(queue=True))
+        assert (reply.ok, reply.position) == (True, 0)
+        assert reply.job_id == reply.cycle_id, "a job without a name has that of its cycle"
+
+
+def test_a_full_queue_refuses_and_so_does_one_that_knows_the_job() -> None:
+    with _ready("queue.max=1") as bench:
+        _busy(bench)
+        assert _send(bench, "pick", Job(job_id="a", queue=True)).ok
+        assert _send(bench, "pick", Job(job_id="b", queue=True)).code == "QUEUE_FULL"
+    with _ready() as bench:
+        _busy(bench)
+        assert _send(bench, "pick", Job(job_id="a", queue=True)).ok
+        assert _send(bench, "pick", Job(job_id="a", queue=True)).code == "JOB_KNOWN"
+
+
+@pytest.mark.parametrize("end", ["stop", "abort", "lease"])
+def test_what_ends_the_motion_drops_what_waits_and_says_so(end: str) -> None:
+    with _ready() as bench:
+        _busy(bench)
+        _send(bench, "pick", Job(job_id="second", queue=True))
+        if end == "lease":
+            bench.batches.lose_lease("op", "its token is gone")
+        else:
+            bench.machine.command(end, OPERATOR)
+        bench.actions.goes_on.set()
+        bench.settle()
+        assert bench.batches.jobs[1] == ()
+        assert any("JOBS_DROPPED" in event and "second" in event for event in bench.publisher.events)
+        assert bench.actions.begun == ["first"]
+
+
+def test_nothing_waits_while_the_cell_is_stopped() -> None:
+    bench = Bench()
+    assert _send(bench, "pick", Job(queue=True)).code == "WRONG_STATE"
+    bench.close()
+
+
+# --- cancel -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_waiting_job_is_cancelled_and_the_others_stay() -> None:
+    with _ready() as bench:
+        _busy(bench)
+        for name in ("second", "third"):
+            _send(bench, "pick", Job(job_id=name, queue=True))
+        assert _send(bench, "cancel", Job(job_id="second")).ok
+        assert bench.batches.jobs == ("first", ("third",))
+
+
+def test_who_cancels_an_unknown_job_is_told_which_there_are() -> None:
+    with _ready() as bench:
+        _busy(bench)
+        reply = _send(bench, "cancel", Job(job_id="other"))
+        assert (reply.ok, reply.code) == (False, "NO_JOB")
+        assert "first" in reply.advice
+
+
+def test_a_cancelled_start_picks_no_further() -> None:
+    with _ready() as bench:
+        _busy(bench, cycles=5)
+        assert _send(bench, "cancel", Job(job_id="first")).ok
+        bench.actions.goes_on.set()
+        bench.settle()
+        assert not any(bench.batches.jobs)
+
+
+def test_a_job_is_withdrawn_until_its_grasp_begins() -> None:
+    withdrawal = Withdrawal()
+    withdrawal.begin_cycle()
+    withdrawal.begin_grasp()
+    assert not withdrawal.cancel(), "the arm is on its way"
+    withdrawal.begin_cycle()
+    with pytest.raises(CycleFailure) as ended:
+        withdrawal.begin_grasp()
+    assert ended.value.failure is Code.CANCELLED
+
+
+def test_a_late_job_does_not_begin_its_grasp() -> None:
+    times_s = iter([0.0, 1.0, 3.0])
+    withdrawal = Withdrawal(2.0, lambda: next(times_s))
+    assert withdrawal.due() is None
+    with pytest.raises(CycleFailure, match="2 s were over") as ended:
+        withdrawal.begin_grasp()
+    assert ended.value.failure is Code.DEADLINE
+
+
+def test_a_cancel_and_a_grasp_that_begin_together_agree() -> None:
+    for _ in range(200):
+        withdrawal, outcomes = Withdrawal(), list[bool]()
+        thread = threading.Thread(target=lambda w=withdrawal, o=outcomes: o.append(w.cancel()))
+        thread.start()
+        try:
+            withdrawal.begin_grasp()
+            has_begun = True
+        except CycleFailure:
+            has_begun = False
+        thread.join()
+        assert outcomes == [not has_begun]
+
+
+# --- places -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_full_place_takes_no_more_until_a_client_resets_the_cell() -> None:
+    job = Job(place=Place(name="left"))
+    with _ready(PLACES) as bench:
+        bench.actions.laid["left"] = 1
+        reply = _send(bench, "pick", job)
+        assert (reply.ok, reply.code) == (False, "PLACE_FULL")
+        bench.machine.command("stop", OPERATOR)
+        bench.settle()
+        bench.machine.command("reset", OPERATOR)
+        bench.settle()
+        assert _send(bench, "pick", job).ok
+
+
+def test_a_job_whose_place_filled_up_meanwhile_is_dropped_with_the_reason() -> None:
+    with _ready(PLACES) as bench:
+        _busy(bench)
+        _send(bench, "pick", Job(job_id="second", place=Place(name="left"), queue=True))
+        bench.actions.laid["left"] = 1
+        bench.actions.goes_on.set()
+        bench.settle()
+        assert bench.actions.begun == ["first"]
+        assert any("second" in event and "full" in event for event in bench.publisher.events)
+
+
+# --- clearing the way -------------------------------------------------------------------------------------------------
+
+
+def test_what_lies_on_the_target_is_picked_first_and_then_the_target() -> None:
+    retries = Retries(RetrySettings())
+    job = Job(job_id="j", target=Target(text="red"), place=Place(name="left"), clear_way=True)
+    first = Attempt(cycle_id="1", job=job)
+    clearing = retries.after(first, Code.OBSTRUCTED, None, "2", "blue lies on red", np.array([0.4, 0.1, 0.05]))
+    assert clearing is not None
+    assert clearing.job.target == Target(point_m=(0.4, 0.1, 0.05))
+    assert clearing.job.place is None, "it goes into the tray"
+    assert clearing.then == (job,)
+    again = retries.after(clearing, None, None, "3", "held")
+    assert again is not None
+    assert (again.job, again.then) == (job, ())
+    assert [(one.cycle_id, one.code) for one in again.earlier] == [("1", Code.OBSTRUCTED), ("2", None)]
+    assert retries.after(again, None, None, "4") is None
+
+
+def test_without_being_asked_nothing_else_is_picked() -> None:
+    first = Attempt(cycle_id="1", job=Job(target=Target(text="red")))
+    assert Retries(RetrySettings()).after(first, Code.OBSTRUCTED, None, "2", "", np.array([0.4, 0.1, 0.05])) is None
