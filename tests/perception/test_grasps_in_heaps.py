@@ -9,10 +9,12 @@ import perception.detector as detector
 from bus.errors import CycleFailure
 from bus.messages import Grasp, Observation
 from cell.pick.detect import detect
+from cell.pick.verify import _cleared
 from config.load import load_station
 from perception.grasps.rank import among_others
 from perception.grasps.search import CLOSE, USUAL, Density, search
 from perception.models import open_models
+from perception.scene.change import cleared_fraction
 from perception.scene.look import Look
 from perception.scene.scene import scene_of
 from tests.perception.from_aside import ABOVE, LEFT, RIGHT, Solid, look
@@ -73,3 +75,16 @@ def test_what_lacks_something_needed_comes_after_what_is_sound() -> None:
 def test_what_has_all_that_is_needed_keeps_its_score_and_order() -> None:
     grasps = (_held(0.9, central=0.4), _held(0.7, robust=0.5), _held(0.6, patch=0.43))
     assert among_others(grasps, STATION) == grasps
+
+
+def test_of_what_may_be_several_things_the_part_that_the_pads_held_must_have_left() -> None:
+    """Two boxes of one colour that touch are one thing; the higher one is taken."""
+    low, high = Solid((0.46, 0.06, 0.0), (0.12, 0.07, 0.02)), Solid((0.46, 0.0, 0.0), (0.12, 0.05, 0.07))
+    before, without = look([low, high]), look([low])
+    found = detect([before], STATION, open_models(STATION, {}))
+    grasp = found.grasps[0]
+    assert len(found.scene.instances) == 1 and abs(grasp.base_from_tcp[1, 3]) < 0.01 and grasp.width_m < 0.06
+    whole = cleared_fraction(found, grasp.instance, before, without, STATION)
+    assert whole is not None and whole < STATION.verify.min_cleared_fraction
+    assert _cleared(found, grasp, before, without, STATION) == pytest.approx(1.0, abs=0.05)
+    assert _cleared(found, grasp, before, before, STATION) == pytest.approx(0.0, abs=0.05)
