@@ -217,7 +217,12 @@ class _Tries:
         good = _GOOD_FROM_ABOVE if self.scene.count == 1 else _GOOD_IN_A_HEAP
         looked_at = {tried.instance for tried in self.tried}
         best = self.closings.score[np.isin(self.closings.instance, self.targets)].max(initial=-np.inf)
-        return best < good and (len(looked_at) < _SIDES_OF or self._is_closer)
+        return best < good and (len(looked_at) < _SIDES_OF or (self._is_closer and self._is_last()))
+
+    def _is_last(self) -> bool:
+        """Whether the cell would not look again, which shows more than ten more directions of each thing."""
+        capture = self.station.capture
+        return capture.views != "auto" or len(self.scene.looks) >= capture.most_views
 
     def _try(self, observed_object: ObservedObject, crop: Crop, sample: int) -> None:
         self.talk.cancel.raise_if_set("detect")
