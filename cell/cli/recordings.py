@@ -95,8 +95,8 @@ def show(cycle: Cycle, config: Config = DEFAULT_STATION, as_json: Json = False) 
     for key, here, default in configuration_changes(record.station):
         out.line(f"  changed     {key} = {here} (default {default})", style="dim")
     attempt = record.attempt
-    for line in _asked(attempt.job):
-        out.line(f"  {line}")
+    for asked in _asked(attempt.job):
+        out.line(f"  {asked}")
     if attempt.number:
         out.line(f"  try {attempt.number + 1}, after {attempt.retry_of}")
     if record.result is not None and record.result.retried_as:
