@@ -471,6 +471,9 @@ class PlanningSettings(Settings):
         tilts_deg: approach directions tried, about the rod, as turns from the one perception proposes.
         max_approaches: most ways to grasp that are tried, over all grasps and directions.
         budget_s: no further way is tried after so much planning, counted in collision checks and not by the clock.
+        max_held_acceleration_m_s2: of what is in the hand. It hangs beside or below the pads, turns between them
+            easily, and pulls aside as if it leaned by the angle whose tangent is this share of gravity. None = as fast
+            as the joints may.
         searches: number of path searches around obstacles before a goal counts as unreachable.
     """
 
@@ -481,6 +484,7 @@ class PlanningSettings(Settings):
     tilts_deg: Annotated[tuple[Tilt, ...], Field(min_length=1)] = (0.0, 15.0, -15.0, 30.0, -30.0)
     max_approaches: Annotated[int, Field(ge=1, le=1000)] = 1000
     budget_s: Seconds = 2.0
+    max_held_acceleration_m_s2: Annotated[float, Field(ge=0.5, le=50)] | None = None
     searches: Annotated[int, Field(ge=1, le=20)] = 3
 
 

@@ -17,6 +17,7 @@ from bus.errors import CycleFailure
 from bus.messages import Segment, SegmentName
 from bus.trajectory import Trajectory
 from planning.blend import CORNER_SHARE, Curve, blended
+from planning.calm import CalmTcp
 from planning.infeasible import Infeasible
 from planning.obstacle import in_the_way
 from planning.scene import Scene, Width
@@ -30,6 +31,8 @@ _CORNER_SHARES = (CORNER_SHARE, 0.25, 0.1, 0.02)
 
 _PATIENCE = 4
 """A move has only its one goal; a pick has other arm configurations and other grasps to try."""
+HOLDING = frozenset[SegmentName]({"carry", "aside", "return", "place"})
+"""Motions with the object in the hand."""
 _STEP_RAD = 0.03
 """Distance at which a further condition is asked along a line."""
 
@@ -187,7 +190,9 @@ def _gate(
 
 
 def _timed(name: SegmentName, scene: Scene, curve: Curve, slow_end: SlowEnd | None) -> Trajectory:
+    most_m_s2 = scene.station.planning.max_held_acceleration_m_s2
+    calm = [CalmTcp(scene.robot, curve, most_m_s2)] if name in HOLDING and most_m_s2 is not None else []
     try:
-        return timed(scene.station, curve, slow_end)
+        return timed(scene.station, curve, *calm, slow_end=slow_end)
     except CycleFailure as why:
         raise Infeasible(Code.UNREACHABLE, f"{name}: limit: {why.text}") from why

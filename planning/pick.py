@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -47,6 +48,7 @@ def plan_pick(
     q_now_rad: Joints,
     missed: Sequence[Transform] = (),
     scene_of: Callable[[Grasp], Scene] | None = None,
+    part_of: Callable[[Grasp], Scene | None] | None = None,
 ) -> PickPlan:
     """Choose the first feasible of ``grasps`` (best first) and plan every motion of its pick.
 
@@ -56,6 +58,8 @@ def plan_pick(
         missed: ``base_from_tcp`` (4, 4) of grasps that closed on nothing, or met
             something, before; grasps like them are left out.
         scene_of: the scene in which a grasp's own object is the target, all others are obstacles; None = ``scene``.
+        part_of: the scene in which only the part of that object that hangs in the hand for certain is the target, for
+            a grasp that the rest of it is in the way of; None = there is none.
 
     Raises:
         CycleFailure: NO_GRASP without grasps, or when all are like a missed one; MOTION_REFUSED or COLLISION when the
@@ -74,13 +78,12 @@ def plan_pick(
         text = f"All {len(grasps)} grasps are like one that failed before."
         raise CycleFailure(Code.NO_GRASP, text, rejected)
     left_out = {rejection.grasp for rejection in rejected}
+    scenes = _Scenes(scene_of or (lambda _: scene), part_of or (lambda _: None))
     left, budget = approaches(grasps, scene.station, left_out), Budget(scene.station.planning.budget_s)
     while left and not budget.is_over:
         approach = left.pop(0)
         try:
-            aimed = scene if scene_of is None else scene_of(approach.grasp)
-            budget.watch(aimed.effort)
-            segments = plan_approach(aimed, approach, np.asarray(q_now_rad))
+            segments = _plan_in_one_of(scenes, approach, np.asarray(q_now_rad), budget)
         except Infeasible as why:
             reasons[len(rejected)] = why
             rejected.append(
@@ -89,6 +92,38 @@ def plan_pick(
             continue
         return PickPlan(grasp=approach.index, tilt_rad=approach.tilt_rad, segments=segments, rejected=tuple(rejected))
     raise _none_feasible([_with_obstacle(one, reasons.get(index)) for index, one in enumerate(rejected)], len(left))
+
+
+@dataclass(frozen=True)
+class _Scenes:
+    """The scenes of each grasp: the whole object is the target, or only the part of it that is held for certain."""
+
+    whole_of: Callable[[Grasp], Scene]
+    part_of: Callable[[Grasp], Scene | None]
+    parts: dict[int, Scene | None] = field(default_factory=dict)
+
+    def part(self, approach: Approach) -> Scene | None:
+        """The second one, made once for each grasp."""
+        if approach.index not in self.parts:
+            self.parts[approach.index] = self.part_of(approach.grasp)
+        return self.parts[approach.index]
+
+
+def _plan_in_one_of(scenes: _Scenes, approach: Approach, q_now_rad: Joints, budget: Budget) -> tuple[Segment, ...]:
+    """Plan with the whole object in the hand; where that touches something, with the part that hangs in it for certain.
+
+    Raises: Infeasible.
+    """
+    try:
+        whole = scenes.whole_of(approach.grasp)
+        budget.watch(whole.effort)
+        return plan_approach(whole, approach, q_now_rad)
+    except Infeasible as why:
+        part = scenes.part(approach) if why.code is Code.COLLISION else None
+        if part is None:
+            raise
+        budget.watch(part.effort)
+        return plan_approach(part, approach, q_now_rad)
 
 
 def plan_approach(scene: Scene, approach: Approach, q_now_rad: Joints) -> tuple[Segment, ...]:

@@ -8,7 +8,7 @@ time is stretched until they do. The raw ones matter too: a brake starts from th
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -44,8 +44,11 @@ _UNEVEN = 0.7
 _STILL_RAD = 1e-12
 
 
-def timed(station: Station, curve: Curve, slow_end: SlowEnd | None = None) -> Trajectory:
+def timed(station: Station, curve: Curve, *more: LinearConstraint, slow_end: SlowEnd | None = None) -> Trajectory:
     """Return the fastest trajectory within the limits along ``curve``, and no faster than ``slow_end`` at its end.
+
+    Args:
+        more: constraints besides the joints' own limits.
 
     Raises:
         CycleFailure: MOTION_REFUSED when the path leaves the position limits or cannot be timed within the others.
@@ -56,7 +59,7 @@ def timed(station: Station, curve: Curve, slow_end: SlowEnd | None = None) -> Tr
     if length_rad < _TINY_RAD:
         return _tiny(points_rad[0], points_rad[-1], station.planning.window_ms)
     path = toppra.SplineInterpolator(curve.at_rad, points_rad, bc_type="not-a-knot")
-    sampler, duration_s = _fastest(path, length_rad, station.arm.speed, slow_end)
+    sampler, duration_s = _fastest(path, length_rad, station.arm.speed, slow_end, more)
     return within_limits(sampler, duration_s, (points_rad[0], points_rad[-1]), station.planning.window_ms)
 
 
@@ -173,7 +176,9 @@ def _excess(report: LimitReport, *, jerk: bool) -> float:
     )
 
 
-def _fastest(path: Any, length_rad: float, speed: float, slow_end: SlowEnd | None) -> tuple[Sampler, float]:
+def _fastest(
+    path: Any, length_rad: float, speed: float, slow_end: SlowEnd | None, more: Sequence[LinearConstraint] = ()
+) -> tuple[Sampler, float]:
     """Return the time-optimal profile along ``path`` and its duration [s].
 
     ``speed`` < 1 scales its time by 1 / speed, but for that of ``slow_end``.
@@ -187,7 +192,7 @@ def _fastest(path: Any, length_rad: float, speed: float, slow_end: SlowEnd | Non
     s = _grid(path, length_rad)
     if slow_end is not None:
         s = _denser_at_end(path, s, slow_end)
-    solver = toppra.algorithm.TOPPRA([velocity, acceleration], path, gridpoints=s, solver_wrapper="seidel")
+    solver = toppra.algorithm.TOPPRA([velocity, acceleration, *more], path, gridpoints=s, solver_wrapper="seidel")
     with np.errstate(divide="ignore", invalid="ignore"):  # where no velocity is left at all
         _, rate, _ = solver.compute_parameterization(0.0, 0.0)
         if rate is not None:

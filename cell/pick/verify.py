@@ -13,6 +13,9 @@ from bus.messages.plan import ONLY_TO_LOOK
 from config.schema import Station
 from perception.fusion.agreed import corrected
 from perception.scene.change import cleared_fraction
+from perception.scene.surroundings import surroundings
+from planning.height_field import Sight
+from planning.held_part import held_parts
 from planning.robot import Robot
 
 _HEAD, _TAIL = 10, 20
@@ -51,7 +54,7 @@ def verify(
     felt, cleared = _felt(execution.runs, robot), None
     if after is not None:
         was, now = (corrected(look, detections.scene.mount) for look in (before, after))
-        cleared = cleared_fraction(detections, grasp.instance, was, now, station)
+        cleared = _cleared(detections, grasp, was, now, station)
     place = f"{(cleared or 0.0) * 100:.0f} % of its place is empty"
     if cleared is None:
         place = "its place was not " + ("looked at" if after is None else "seen")
@@ -105,6 +108,21 @@ def is_clear(grasp: Grasp, grasped: HandState, runs: Sequence[SegmentRun], robot
     is_heavy = min(felt.load_n, felt.carried_n) >= max(need.clear_load_n, need.min_load_n)
     is_same = abs(felt.carried_n - felt.load_n) <= max(need.clear_load_n, _SAME_LOAD * felt.load_n)
     return is_as_planned and is_steady and is_heavy and is_same
+
+
+def _cleared(
+    detections: Detections, grasp: Grasp, was: Observation, now: Observation, station: Station
+) -> float | None:
+    """As `cleared_fraction`; of a thing that may be several, at least the part that the pads held must have left."""
+    cleared = cleared_fraction(detections, grasp.instance, was, now, station)
+    if cleared is None or cleared >= station.verify.min_cleared_fraction:
+        return cleared
+    whole = Sight(*surroundings(was, detections.scene.labels == grasp.instance))
+    parts = held_parts([whole], grasp.base_from_tcp, grasp.width_m)
+    if parts is None:
+        return cleared
+    part_base = parts[0].points_base[parts[0].target]
+    return cleared_fraction(detections, grasp.instance, was, now, station, part_base)
 
 
 class _Felt(NamedTuple):

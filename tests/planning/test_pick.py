@@ -313,3 +313,21 @@ def test_same_inputs_give_the_same_bits(scene: Scene, plan: PickPlan) -> None:
     scene.collision(CAPTURE + 0.3, WIDE_M)  # whatever it was asked before
     for anew in (scene, Scene.of(Robot(STATION), STATION)):
         assert plan_pick(anew, [GOOD], CAPTURE).model_dump_json() == plan.model_dump_json()
+
+
+def test_what_is_held_is_accelerated_no_more_than_it_may_be_and_the_empty_hand_as_ever(robot: Robot) -> None:
+    calm = STATION.model_copy(
+        update={"planning": STATION.planning.model_copy(update={"max_held_acceleration_m_s2": 3.0})}
+    )
+    fast, slow = (plan_pick(Scene.of(robot, station), [GOOD], CAPTURE) for station in (STATION, calm))
+    assert _peak_m_s2(robot, fast, "carry") > 4.0
+    for name in ("carry", "place"):
+        assert _peak_m_s2(robot, slow, name) < 1.1 * 3.0
+    for name in ("reach", "home"):
+        assert _peak_m_s2(robot, slow, name) == _peak_m_s2(robot, fast, name)
+
+
+def _peak_m_s2(robot: Robot, plan: PickPlan, name: str) -> float:
+    (segment,) = (segment for segment in plan.segments if segment.name == name)
+    tcp_m = np.stack([robot.base_from_tcp(q)[:3, 3] for q in segment.trajectory.filtered()[::4]])
+    return float(np.linalg.norm(np.diff(tcp_m, 2, axis=0), axis=1).max() / 0.004**2)
