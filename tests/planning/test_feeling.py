@@ -32,7 +32,7 @@ def line(down_m: float, q_rad: np.ndarray = ABOVE_RAD) -> JointSamples:
 
 DOWN = blended([line(0.10)])
 GRASP_RAD = DOWN.points_rad[-1]
-SLOW = timed(STATION, DOWN, slow_end(ROBOT, ROBOT.base_from_tcp(GRASP_RAD)[:3, 3], SETTINGS, is_near=True))
+SLOW = timed(STATION, DOWN, slow_end=slow_end(ROBOT, ROBOT.base_from_tcp(GRASP_RAD)[:3, 3], SETTINGS, is_near=True))
 
 
 def tcp_m(commands: JointSamples) -> np.ndarray:
@@ -49,7 +49,9 @@ def test_the_end_is_slow_and_the_rest_is_not() -> None:
 
 
 def test_where_nothing_is_believed_to_be_near_it_is_less_slow() -> None:
-    free = timed(STATION, DOWN, slow_end(ROBOT, ROBOT.base_from_tcp(GRASP_RAD)[:3, 3], SETTINGS, is_near=False))
+    free = timed(
+        STATION, DOWN, slow_end=slow_end(ROBOT, ROBOT.base_from_tcp(GRASP_RAD)[:3, 3], SETTINGS, is_near=False)
+    )
     assert timed(STATION, DOWN).duration_s + 0.1 < free.duration_s < SLOW.duration_s - 0.5
     scene = Scene.of(ROBOT, STATION)
     for height_m, is_near in ((0.0, True), (0.05, False)):
