@@ -49,8 +49,8 @@ class Choosing:
                 if chosen is not None:
                     return chosen
         except CycleFailure as failure:
-            if len(self.looks) > 1 and not self.stages.gate.halted and failure.failure not in FAULTS:
-                self._go_back(failure)
+            if not self.stages.gate.halted and failure.failure not in FAULTS:
+                self.go_back(failure)
             raise
         finally:
             if self._mount is not None:
@@ -100,8 +100,10 @@ class Choosing:
         self._look(why, lambda: go(e.arm, gate, way))
         return True
 
-    def _go_back(self, why: CycleFailure) -> None:
-        """Move back to the capture pose. Raises: CycleFailure, a fault, when the arm does not get there."""
+    def go_back(self, why: CycleFailure) -> None:
+        """Move from the last look to the capture pose. Raises: CycleFailure, a fault, when it does not get there."""
+        if len(self.looks) < 2:
+            return
         e, gate = self.equipment, self.stages.gate
         try:
             go(e.arm, gate, way_back(self.looks, e.robot, e.station, gate.cancel))
