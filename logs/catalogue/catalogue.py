@@ -58,7 +58,8 @@ class Catalogue:
         ]
         dated = sorted((path for path in others if wanted.dates(path)), key=_name, reverse=True)
         read = (entry for entry in map(read_entry, dated) if wanted.takes(entry))
-        both = merge(self._known(wanted), read, key=lambda entry: entry.path.name, reverse=True)
+        known = self._known(wanted)
+        both = merge(known, read, key=lambda entry: entry.path.name, reverse=True) if dated else known
         return islice(both, wanted.last)
 
     def rows(self, sql: str, given: Sequence[Any] = ()) -> Iterator[tuple[Any, ...]]:
