@@ -20,8 +20,9 @@ from logs.catalogue.ask import ask
 from logs.catalogue.column import Value
 from logs.catalogue.columns import NAMES
 from logs.catalogue.figures import summed
+from logs.catalogue.opening import open_store
 from logs.catalogue.rows import file_of, row_of
-from logs.catalogue.store import CATALOGUE, open_store
+from logs.catalogue.store import CATALOGUE
 from logs.mcap.index import Filter
 
 _A_DAY = 1000

@@ -67,7 +67,7 @@ COMMANDS = {
         "network",
         "Make TLS certificates and Zenoh files for each role: cell, router, node, operator, viewer (docs/security.md).",
     ),
-    "cycles": Row("catalogue", "List recorded cycles, newest first, or sum them up."),
+    "cycles": Row("cycles", "List recorded cycles, newest first, or sum them up."),
     "query": Row("catalogue", "Ask the catalogue of recorded cycles in SQL; it can only be read (docs/catalogue.md)."),
     "label": Row("catalogue", "Say of a recorded cycle that it was good or bad, or note something; kept beside it."),
     "show": Row("recordings", "Why a cycle ended so: its result, what to do, its stages, what was changed for it."),

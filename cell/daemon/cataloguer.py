@@ -18,8 +18,9 @@ from bus.threads import OwnedThread, Role
 from bus.topics import Topic
 from cell.daemon.publisher import Observer
 from cell.daemon.retention import PublishEvent
+from logs.catalogue.opening import open_store, set_aside
 from logs.catalogue.rows import file_of, row_of
-from logs.catalogue.store import DamagedCatalogue, Store, open_store, set_aside
+from logs.catalogue.store import DamagedCatalogue, Store
 from logs.catalogue.update import listing, update
 from logs.mcap.names import is_folder
 

@@ -13,17 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from bus.errors import CatalogueError, RecordingError
-from logs.catalogue.store import (
-    CATALOGUE,
-    DamagedCatalogue,
-    Store,
-    Tell,
-    asking,
-    check,
-    in_memory,
-    open_store,
-    set_aside,
-)
+from logs.catalogue.opening import Tell, check, in_memory, open_store, set_aside
+from logs.catalogue.store import CATALOGUE, DamagedCatalogue, Store, asking
 from logs.catalogue.update import Listing, Progress, listing, quietly, root_of, update
 from logs.mcap.index import FINE, Entry, Filter, read_entry
 from logs.mcap.names import is_folder, shown

@@ -20,8 +20,9 @@ from bus.commands import CellState
 from bus.errors import RecordingError
 from logs.catalogue import known_entries, open_catalogue
 from logs.catalogue.columns import COLUMNS, NAMES, SCHEMA
+from logs.catalogue.opening import open_store
 from logs.catalogue.rows import file_of, row_of, values_of
-from logs.catalogue.store import CATALOGUE, open_store
+from logs.catalogue.store import CATALOGUE
 from logs.mcap.index import Filter, list_cycles, read_entry
 from logs.mcap.reader import Timed, read_cycle, read_stages
 from logs.mcap.recorder import Recorder
@@ -33,7 +34,7 @@ _WRITER = """
 import sys
 from pathlib import Path
 from logs.catalogue.rows import File, row_of
-from logs.catalogue.store import open_store
+from logs.catalogue.opening import open_store
 root = Path(sys.argv[1])
 store, (name, *rest) = open_store(root), row_of(root, File("", "a.mcap", 1, 1))
 for number in range(100_000):
