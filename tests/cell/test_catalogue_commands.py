@@ -45,6 +45,13 @@ def test_a_summary_has_each_figure_with_its_definition(station: list[str]) -> No
     assert isinstance(_cell("cycles", "--summary", "--failed", *station).exception, ConfigError)
 
 
+def test_a_summary_says_that_deleted_successes_are_not_counted(station: list[str]) -> None:
+    path = Path(station[1])
+    assert "not counted" not in _cell("cycles", "--summary", *station).stderr
+    path.write_text(f"{path.read_text()}keep_days = 90\n")
+    assert "what is deleted is not counted" in _cell("cycles", "--summary", *station).stderr
+
+
 def test_a_query_is_printed_as_a_table_csv_or_json(station: list[str]) -> None:
     query = "query", "SELECT code, count(*) AS n FROM cycles GROUP BY code"
     assert _cell(*query, *station).stdout.split() == ["code", "n", "1", "NO_GRASP", "1"]

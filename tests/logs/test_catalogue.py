@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import random
 import shutil
 import signal
 import sqlite3
@@ -88,6 +89,17 @@ def test_a_recording_that_cannot_be_read_has_a_row_with_the_reason(tmp_path: Pat
     path.write_bytes(path.read_bytes()[:100])
     row = dict(zip(NAMES, row_of(tmp_path, file_of(path, tmp_path)), strict=True))
     assert (row["cycle_id"], row["result"], row["day"]) == (NOON, "DAMAGED", "2026-01-01") and row["unread"]
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_recording_with_a_few_other_bytes_has_a_row_all_the_same(tmp_path: Path, seed: int) -> None:
+    rng, content = random.Random(seed), bytearray(GOLDEN[2].read_bytes())
+    for _ in range(1 + seed):
+        content[rng.randrange(len(content))] = rng.randrange(256)
+    path = tmp_path / f"{NOON}.mcap"
+    path.write_bytes(content)
+    row = dict(zip(NAMES, row_of(tmp_path, file_of(path, tmp_path)), strict=True))
+    assert row["result"] == read_entry(path).result and str(tmp_path) not in str(row["unread"])
 
 
 def test_what_a_client_commanded_is_counted_and_what_the_cell_did_by_itself_is_not() -> None:
