@@ -80,6 +80,9 @@ COMMANDS = {
         "recordings",
         "Make torn recordings whole. Exit 0 all that was flushed is kept, 1 something is lost, 2 cannot.",
     ),
+    "http": Row(
+        "http", "Serve a running cell over HTTP, until Ctrl-C: JSON, events, recordings and reports (docs/http.md)."
+    ),
     "config": Row("setup", "Print the whole configuration, defaults included, as JSON."),
     "doctor": Row(
         "setup",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import logging
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -104,8 +105,9 @@ class Door:
     def hear(self, sample: Sample) -> None:
         """Pass one sample of the cell on to the streams."""
         if sample.key in (topics.VIEW_COLOR.key, topics.VIEW_ANNOTATIONS.key):
-            if self.pictures.hear(sample):
-                self.hub.tell("picture", self.pictures.news())
+            shown = self.pictures.hear(sample)
+            if shown is not None:
+                self.hub.tell(shown[0], json.dumps({"stamp_ns": shown[1]}))
             return
         name, kind = _NAMES[sample.key]
         try:

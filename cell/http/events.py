@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import re
 from collections.abc import AsyncIterator
@@ -52,10 +53,13 @@ async def _told(door: Door, listening: Listening, session: Session | None) -> As
     yield f"retry: {_RETRY_MS}\n\n".encode()
     if session is not None:
         yield event("session", _about(session, door))
+    loop = asyncio.get_running_loop()
+    pinged_s = loop.time()
     while True:
         try:
-            said = await listening.next(PING_S)
+            said = await listening.next(pinged_s + PING_S - loop.time())
         except TimeoutError:
+            pinged_s = loop.time()
             yield event("ping", "{}")
             continue
         if said is None:

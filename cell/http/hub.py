@@ -9,7 +9,7 @@ from bus.errors import Refused
 
 KEPT = 256
 """Messages that wait for one stream; a browser that misses more connects again, and is told the present state."""
-FIRST_SAID = ("state", "health", "picture")
+FIRST_SAID = ("state", "health", "picture", "scene")
 """Of these a new stream hears the last one at its begin."""
 
 

@@ -35,32 +35,33 @@ class Pictures:
         picture: None before the first one. ``scene``: the annotations as JSON, "" before the first.
     """
 
+    # They travel apart, and the larger picture may come second: a page compares their stamps.
+
     def __init__(self) -> None:
         self.picture: Picture | None = None
         self.scene = ""
 
-    def hear(self, sample: Sample) -> bool:
-        """Take a sample of `topics.VIEW_COLOR` or `topics.VIEW_ANNOTATIONS`; False when it cannot be read."""
+    def hear(self, sample: Sample) -> tuple[str, int] | None:
+        """Take a sample of `topics.VIEW_COLOR` or `topics.VIEW_ANNOTATIONS`.
+
+        Returns: ``picture`` or ``scene``, and its stamp [ns, UTC]; None when the sample cannot be read.
+        """
         try:
             if sample.key == topics.VIEW_COLOR.key:
-                self.picture = _picture(CompressedImage.FromString(sample.payload)) or self.picture
-            else:
-                self.scene = json.dumps(_scene(ImageAnnotations.FromString(sample.payload)), allow_nan=False)
+                self.picture = _picture(CompressedImage.FromString(sample.payload))
+                return "picture", self.picture.stamp_ns
+            scene = _scene(ImageAnnotations.FromString(sample.payload))
+            self.scene = json.dumps(scene, allow_nan=False)
         except (DecodeError, ValueError):
-            return False
-        return True
-
-    def news(self) -> str:
-        """What a stream is told of a new picture, as JSON."""
-        picture = self.picture
-        return json.dumps({"stamp_ns": picture.stamp_ns if picture else 0, "etag": picture.etag if picture else ""})
+            return None
+        return "scene", scene["stamp_ns"]
 
 
-def _picture(image: CompressedImage) -> Picture | None:
-    """The file in a message; None in a format that a page does not show."""
+def _picture(image: CompressedImage) -> Picture:
+    """The file in a message. Raises: ValueError for a format that no page shows."""
     media_type = _TYPES.get(image.format)
     if media_type is None:
-        return None
+        raise ValueError(f"no page shows {image.format!r}")
     data, stamp_ns = bytes(image.data), image.timestamp.ToNanoseconds()
     return Picture(data, media_type, stamp_ns, f'"{stamp_ns}-{hashlib.sha256(data).hexdigest()[:8]}"')
 

@@ -8,7 +8,7 @@ from starlette.responses import StreamingResponse
 from starlette.types import Receive, Scope, Send
 
 PING_S = 1.0
-"""A stream in which nothing is said is written to so often, so that a client that is gone is noticed."""
+"""A stream is written to so often, so that a client that is gone is noticed, and one that is there can answer."""
 
 
 class EndingStream(StreamingResponse):
