@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
-from bus.errors import ConfigError
+from bus.errors import ConfigError, Refused
 from bus.secrets import checked_secret, require_private
 from cell.machine.states import ENDING
 from config.http import HttpSettings
@@ -31,6 +31,14 @@ class HttpRole(StrEnum):
     def may(self, verb: str) -> bool:
         """Whether this role may send the command ``verb``."""
         return self is HttpRole.OPERATOR or verb in ENDING
+
+
+def require_right(role: HttpRole, verb: str) -> None:
+    """Raises: Refused (NO_RIGHT) when ``role`` may not send the command ``verb``."""
+    if not role.may(verb):
+        raise Refused(
+            f"A {role} may look, and bring motion to rest; not {verb!r}.", "Use an operator's token.", code="NO_RIGHT"
+        )
 
 
 @dataclass(frozen=True)

@@ -1,30 +1,26 @@
-"""``POST /api/commands/VERB`` and ``POST /api/picks``: commands to the cell, and a pick whose result is waited for."""
+"""``POST /api/commands/VERB``: one command to the cell, answered as soon as the cell has accepted or refused it."""
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
 from functools import partial
 
 from starlette.requests import Request
 from starlette.responses import Response
 
-from bus.codec import decode, encode
-from bus.commands import CommandReply, CommandRequest, ErrorReply
-from bus.errors import CellError, Refused
-from bus.frozen import Message
-from bus.messages import Job
-from bus.remote_errors import error_reply
-from cell.client import SETTLED, client_name
-from cell.http.access import HttpRole
-from cell.http.answers import JSON, say
+from bus.codec import decode
+from bus.commands import CommandRequest
+from bus.errors import BadPayload, Refused
+from cell.http.access import require_right
+from cell.http.answers import say
 from cell.http.door import Door
-from cell.http.events import SESSION, name_in
-from cell.http.hub import Listening
-from cell.http.streams import PING_S, EndingStream
+from cell.http.events import SESSION
+from cell.http.waiting import at_rest, attended
 from cell.machine.leases import NEEDS_LEASE, NEEDS_TOKEN
 from cell.machine.states import COMMANDS, ENDING
 
 VERBS = (*COMMANDS, "cancel")
+MOVES = NEEDS_LEASE | NEEDS_TOKEN
+"""Commands that somebody must attend."""
 
 
 async def command(request: Request, door: Door) -> Response:
@@ -32,10 +28,12 @@ async def command(request: Request, door: Door) -> Response:
     verb = request.path_params["verb"]
     if verb not in VERBS:
         raise Refused(f"There is no command {verb!r}.", "See `available`.", code="UNKNOWN_COMMAND", available=VERBS)
-    require_right(request, verb)
-    wanted = decode(CommandRequest, await request.body() or b"{}")
+    require_right(request.state.role, verb)
+    wanted, is_waited_for = decode(CommandRequest, await request.body() or b"{}"), _waits(request, verb)
     token = request.headers.get(SESSION)
-    if verb in NEEDS_LEASE | NEEDS_TOKEN:
+    if is_waited_for:
+        return await attended(request, door, verb, wanted, at_rest)
+    if verb in MOVES:
         session = door.sessions.require(token, verb)
         return say(await door.ask(partial(session.commander.command, verb, wanted)))
     attending = door.sessions.of(token)
@@ -44,79 +42,11 @@ async def command(request: Request, door: Door) -> Response:
     return say(await door.ask(partial(door.cell.send, verb, wanted), stops=verb in ENDING))
 
 
-def require_right(request: Request, verb: str) -> None:
-    """Raises: Refused (NO_RIGHT) when the role of who asks may not send ``verb``."""
-    role: HttpRole = request.state.role
-    if not role.may(verb):
-        raise Refused(
-            f"A {role} may look, and bring motion to rest; not {verb!r}.", "Use an operator's token.", code="NO_RIGHT"
-        )
-
-
-async def pick(request: Request, door: Door) -> Response:
-    """Begin a pick and answer its result; the lease is this request's, and ends with it. Raises: CellError."""
-    require_right(request, "pick")
-    job = decode(Job, await request.body() or b"{}")
-    commander = door.commander(client_name(f"http-{name_in(request) or 'pick'}"))
-    listening = door.hub.join()
-
-    def end() -> None:
-        door.hub.leave(listening)
-        door.end(commander)
-
-    try:
-        reply = await door.ask(partial(commander.command, "pick", CommandRequest(job=job)))
-    except BaseException:
-        end()
-        raise
-    return EndingStream(_awaited(door, listening, reply), JSON, end)
-
-
-async def _awaited(door: Door, listening: Listening, reply: CommandReply) -> AsyncIterator[bytes]:
-    """Blank lines until the result is there, so that a client that is gone is noticed; then the result."""
-    yield b"\n"
-    cycle_id, is_dropped = reply.cycle_id, False
-    while True:
-        try:
-            result = await door.ask(partial(door.cell.result, cycle_id))
-            if result is not None and result.retried_as:
-                cycle_id = result.retried_as
-                continue
-            if result is not None or is_dropped:
-                yield _line(result or _dropped(reply))
-                return
-            is_dropped = await _is_dropped(door, reply)
-        except CellError as error:
-            yield _line(error_reply(error))
-            return
-        try:
-            if await _next_result(listening) is None:
-                yield _line(ErrorReply(code="CLOSED", reason="The HTTP interface is closing: the cell holds."))
-                return
-        except TimeoutError:
-            yield b"\n"
-
-
-async def _next_result(listening: Listening) -> object:
-    """Wait for the next result, of any cycle; None when the interface closes. Raises: TimeoutError after `PING_S`."""
-    while (said := await listening.next(PING_S)) is not None and said.name != "result":
-        pass
-    return said
-
-
-async def _is_dropped(door: Door, reply: CommandReply) -> bool:
-    """True when the cell rests, and neither works at this job nor lets it wait: it has a result, or was dropped."""
-    state = await door.ask(door.cell.state)
-    return state.state in SETTLED and reply.job_id not in (state.job_id, *state.queue)
-
-
-def _dropped(reply: CommandReply) -> ErrorReply:
-    return ErrorReply(
-        code="JOB_DROPPED",
-        reason=f"The job {reply.job_id!r} ended without a cycle: what ended the motion dropped what waited.",
-        advice="Make the cell ready, and send it again.",
-    )
-
-
-def _line(message: Message) -> bytes:
-    return encode(message) + b"\n"
+def _waits(request: Request, verb: str) -> bool:
+    """True when the request attends the motion itself, and is answered at its end. Raises: BadPayload."""
+    wait = request.query_params.get("wait")
+    if wait not in (None, "true"):
+        raise BadPayload("wait: true, or left out.", "See GET /api.")
+    if wait is not None and verb not in MOVES:
+        raise BadPayload(f"wait: {verb!r} is answered at once.", f"It is for {', '.join(sorted(MOVES))}.")
+    return wait is not None

@@ -57,7 +57,8 @@ async def _told(door: Door, listening: Listening, session: Session | None) -> As
     pinged_s = loop.time()
     while True:
         try:
-            said = await listening.next(pinged_s + PING_S - loop.time())
+            async with asyncio.timeout_at(pinged_s + PING_S):
+                said = await listening.next()
         except TimeoutError:
             pinged_s = loop.time()
             yield event("ping", "{}")

@@ -48,7 +48,6 @@ class Guard:
     def __init__(self, app: ASGIApp, settings: HttpSettings, access: Access, open_paths: Collection[str] = ()) -> None:
         self._app, self._access, self._open = app, access, open_paths
         self._names = frozenset(name.strip("[]").lower() for name in (*_LOCAL_NAMES, settings.host, *settings.names))
-        self.body_s, self.stall_s = BODY_S, STALL_S
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Check one request, and pass it on."""
@@ -104,7 +103,7 @@ class Guard:
             return too_large
         body = bytearray()
         try:
-            async with asyncio.timeout(self.body_s):
+            async with asyncio.timeout(BODY_S):
                 while True:
                     message = await receive()
                     body += message.get("body", b"")
@@ -113,7 +112,7 @@ class Guard:
                     if not message.get("more_body", False):
                         return bytes(body)
         except TimeoutError:
-            slow = refuse(408, "TOO_SLOW", f"The body took longer than {self.body_s:.0f} s.")
+            slow = refuse(408, "TOO_SLOW", f"The body took longer than {BODY_S:.0f} s.")
             slow.headers["Connection"] = "close"
             return slow
 
@@ -127,7 +126,7 @@ class Guard:
                     headers.setdefault(name, value)
                 headers.setdefault("Cache-Control", "no-store")
             try:
-                async with asyncio.timeout(self.stall_s):
+                async with asyncio.timeout(STALL_S):
                     await send(message)
             except TimeoutError as error:
                 raise _Stalled from error

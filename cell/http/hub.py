@@ -34,10 +34,9 @@ class Listening:
             said = None
         self._queue.put_nowait(said)
 
-    async def next(self, timeout_s: float) -> Said | None:
-        """The next message; None at the end of the stream. Raises: TimeoutError after ``timeout_s`` without any."""
-        async with asyncio.timeout(timeout_s):
-            return await self._queue.get()
+    async def next(self) -> Said | None:
+        """The next message; None at the end of the stream."""
+        return await self._queue.get()
 
 
 class Hub:

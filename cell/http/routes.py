@@ -11,7 +11,7 @@ from starlette.responses import Response
 from bus.commands import CellHealth, CellState, CommandReply, CommandRequest
 from bus.frozen import Message
 from bus.messages import CycleResult, Job
-from cell.http import commands, events, reading
+from cell.http import commands, events, reading, waiting
 from cell.http.door import Door
 
 Handler = Callable[[Request, Door], Awaitable[Response]]
@@ -68,16 +68,18 @@ TABLE = (
         "POST",
         "/api/commands/{verb}",
         commands.command,
-        "One command. What moves the arm needs a session; stop, abort, hold, suspend, clear and cancel need none.",
+        "One command. What moves the arm needs a session, or attends itself (`wait`); stop, abort, hold, suspend,"
+        " clear and cancel need neither.",
         takes=CommandRequest,
         says=CommandReply,
+        queries=(("wait", "true: the answer comes when nothing moves any more, and is the CellState."), _CLIENT),
         needs_session=True,
         refusals=(404, 409, 422, *_NO_CELL),
     ),
     Served(
         "POST",
         "/api/picks",
-        commands.pick,
+        waiting.pick,
         "One pick, answered with its result, after blank lines while it lasts. Who leaves before leaves it held."
         " After them an ErrorReply is possible, too: look at `ok`, or for `result`.",
         takes=Job,
