@@ -23,6 +23,7 @@ _BESIDE_THE_FILE = (
     ("bus", "zenoh"),
     ("perception", "hosted", "key_file"),
     *(("http", name) for name in ("certificate", "key", "tokens")),
+    *(("opcua", name) for name in ("certificate", "key", "trusted", "users")),
 )
 
 
@@ -61,7 +62,7 @@ def station_hash(station: Station) -> str:
 
 
 def _place(tree: dict[str, Any], folder: Path) -> None:
-    """Make the paths of Zenoh, key and token files absolute: they are relative to the station file, or to a home."""
+    """Make the paths of Zenoh, key and user files absolute: they are relative to the station file, or to a home."""
     for *path, leaf in _BESIDE_THE_FILE:
         node: Any = tree
         for part in path:

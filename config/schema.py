@@ -37,6 +37,7 @@ from config.calibration import CalibrationSettings
 from config.fault_injection import FaultSettings
 from config.hardware import FemtoMegaSettings, Fr3Settings, PandaHandSettings
 from config.http import HttpSettings
+from config.opcua import OpcuaSettings
 from config.place import NamedPlace
 from config.target import Label, TargetSettings
 
@@ -589,6 +590,7 @@ class Station(Settings):
     femto_mega: FemtoMegaSettings = FemtoMegaSettings()
     faults: FaultSettings = FaultSettings()
     http: HttpSettings = HttpSettings()
+    opcua: OpcuaSettings = OpcuaSettings()
 
     @model_validator(mode="after")
     def _every_device_served_once(self) -> Station:

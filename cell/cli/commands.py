@@ -80,9 +80,6 @@ COMMANDS = {
         "recordings",
         "Make torn recordings whole. Exit 0 all that was flushed is kept, 1 something is lost, 2 cannot.",
     ),
-    "http": Row(
-        "http", "Serve a running cell over HTTP, until Ctrl-C: JSON, events, recordings and reports (docs/http.md)."
-    ),
     "config": Row("setup", "Print the whole configuration, defaults included, as JSON."),
     "doctor": Row(
         "setup",
@@ -92,6 +89,14 @@ COMMANDS = {
     "fault": Row(
         "control",
         "Tell a part of a running cell to misbehave, to see what it does: docs/faults.md. Needs faults.allowed = true.",
+    ),
+    "opcua": Row(
+        "opcua",
+        "Serve the running cell over OPC UA, as a PackML machine; what clients commanded is held when they go.",
+    ),
+    "http": Row(
+        "http",
+        "Serve the running cell over HTTP: JSON, events, files; what clients commanded is held when they go.",
     ),
     "node": Row(
         "setup",

@@ -1,40 +1,51 @@
-"""The doors that `cell start` opens beside the cell: checked before anything starts, closed before the cell is."""
+"""The doors that ``cell start`` opens beside the cell, and what their own commands share."""
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager
+from typing import Annotated
 
-from cell.http.access import Access
-from cell.http.needs import require_packages
+import typer
+
+from cell.http.needs import require as require_http
+from cell.nodes.door_child import Serve, serve_supervised, serve_until_interrupted
 from cell.nodes.doors import Door, News
+from cell.opcua.needs import require_package as require_asyncua
+from cell.terminal.printing import out
 from config.schema import Station
 
-
-def wanted(station: Station, *, http: bool) -> list[str]:
-    """The names of the doors to open: those of the station, and those that an option asks for.
-
-    Raises: ConfigError when one of them cannot be opened so.
-    """
-    asked = {"http": (http or station.http.enabled, _require_http)}
-    names = [name for name, (is_wanted, _) in asked.items() if is_wanted]
-    for name in names:
-        asked[name][1](station)
-    return names
+Supervised = Annotated[bool, typer.Option("--supervised", hidden=True, help="Serve the station on stdin.")]
+"""How the cell starts a door as its child."""
+_NEEDS: dict[str, Callable[[Station], None]] = {"opcua": lambda station: require_asyncua(), "http": require_http}
+"""Door, which is also the name of its command and settings -> check of what it needs. Raises: ConfigError."""
 
 
-def _require_http(station: Station) -> None:
-    require_packages()
-    Access.of(station.http, os.environ)
+def wanted_doors(station: Station, *named: str) -> list[str]:
+    """The doors of the options, and those that the station enables. Raises: ConfigError when one cannot open."""
+    doors = [name for name in _NEEDS if name in named or getattr(station, name).enabled]
+    for name in doors:
+        _NEEDS[name](station)
+    return doors
 
 
 @contextmanager
-def opened(
-    names: Sequence[str], station: Station, on_news: News, door: Callable[[str, Station, News], Door] = Door
-) -> Iterator[None]:
-    """Context in which the doors are open; what becomes of them is told as events."""
+def open_doors(station: Station, names: list[str], on_news: News) -> Iterator[None]:
+    """Context with these doors of a running cell; they open in the background, and tell when they have."""
     with ExitStack() as stack:
         for name in names:
-            stack.enter_context(closing(door(name, station, on_news).start()))
+            stack.enter_context(closing(Door(name, station, on_news).start()))
         yield
+
+
+def serve_door(name: str, serve: Serve, load: Callable[[], Station], *, is_supervised: bool) -> None:
+    """Serve a door in this process, in a terminal or as the cell's child.
+
+    Args:
+        load: reads the station of the command line; not called for a child.
+
+    Raises: typer.Exit with the code of a child; as `serve`.
+    """
+    if is_supervised:
+        raise typer.Exit(serve_supervised(serve))
+    serve_until_interrupted(serve, load(), lambda where: out.line(f"{name}: {where}; Ctrl-C ends"))
