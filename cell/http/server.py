@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import logging
 import os
 import socket
@@ -25,11 +26,11 @@ from config.clock import clock_of
 from config.http import HttpSettings
 from config.schema import Station
 
-_STALLED_S = 3.0
+_STALLED_S = 5.0
+"""A loop that stands still for so long ends its process, and with it every lease."""
 _GRACE_S = 2
 _BACKLOG = 256
 _DEFECT_EXIT_CODE = 70
-_log = logging.getLogger(__name__)
 
 
 def serve(station: Station, tell: Callable[[str], None], wait_for_end: Callable[[], None]) -> None:
@@ -100,34 +101,37 @@ class Serving:
 
     async def _serve(self) -> None:
         self._loop = asyncio.get_running_loop()
-        self._turn_s = self._clock.now_s()
         with suppress(BusError):
             self._door.greet(await self._door.ask(self._cell.state))
-        looking = asyncio.create_task(self._look())
+        self._turn_s = self._clock.now_s()
+        regular = [asyncio.create_task(work) for work in (self._look(), self._refresh())]
         self._is_open.set()
         try:
             await self._server.serve(sockets=[self._listener])
         finally:
-            looking.cancel()
+            for task in regular:
+                task.cancel()
 
     async def _look(self) -> None:
-        """The door's regular work."""
-        asked_s = self._clock.now_s()
         while True:
-            await asyncio.sleep(LOOK_S)
             self._turn_s = self._clock.now_s()
             self._door.look()
-            if self._turn_s - asked_s > REFRESH_S:
-                await self._door.refresh()
-                asked_s = self._clock.now_s()
+            await asyncio.sleep(LOOK_S)
+
+    async def _refresh(self) -> None:
+        while True:
+            await asyncio.sleep(REFRESH_S)
+            await self._door.refresh()
 
     def _hear(self) -> None:
-        """Pass on what the cell says; end this process when the loop stands still, so that its leases end with it."""
+        """Pass on what the cell says. Raises: RuntimeError when the loop stands still: no heartbeat would be missed."""
         while not self._closing.is_set():
             sample = self._cell.next_heard(LOOK_S)
             if sample is not None and self._loop is not None:
                 with suppress(RuntimeError):  # the loop has ended
                     self._loop.call_soon_threadsafe(self._door.hear, sample)
+            if self._clock.now_s() - self._turn_s > _STALLED_S and not self._closing.is_set():
+                raise RuntimeError(f"the loop stands still for more than {_STALLED_S:.0f} s")
 
 
 def _config(door: Door) -> uvicorn.Config:
@@ -158,7 +162,7 @@ def _listening(settings: HttpSettings) -> socket.socket:
     except OSError as error:
         listener.close()
         where = f"{settings.host}:{settings.port}"
-        if error.errno == 98:
+        if error.errno == errno.EADDRINUSE:
             raise PortOccupied(
                 f"Another program listens on {where}.", "End it, or set http.port (0 = any free one)."
             ) from error

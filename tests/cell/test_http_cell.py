@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import queue
+import shutil
 import socket
 import subprocess
 import sys
@@ -20,7 +21,8 @@ from config.http import HttpSettings
 from config.schema import Station
 from logs.mcap.reader import read_cycle
 
-EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "http_client.py"
+DOCS = Path(__file__).parents[2] / "docs"
+EXAMPLE, PAGE = DOCS / "examples" / "http_client.py", DOCS / "http.md"
 JSON = {"Content-Type": "application/json"}
 
 
@@ -91,7 +93,20 @@ def test_who_dies_in_motion_leaves_the_arm_held_and_meanwhile_others_are_told(
         assert "http-doomed-" in cell.wait_for_state({"Held"}, 60).reason
     stopped = http.post("/api/commands/stop", content=b'{"client_id": "line"}')
     assert (stopped.status_code, stopped.json()["state"]) == (200, "Stopping")
-    assert http.get("/api/state").json()["reason"].endswith("from line")
+
+
+@pytest.mark.skipif(shutil.which("curl") is None, reason="needs curl")
+def test_the_commands_of_the_page_run_in_a_shell(shared_cell: Station, url: str) -> None:
+    """All but the pick, which the others do in other ways."""
+    lines = [line for line in PAGE.read_text().splitlines() if line.startswith("curl") and "picks" not in line]
+    assert len(lines) == 3
+    said = [
+        json.loads(subprocess.check_output(["bash", "-c", line.replace("http://127.0.0.1:8088", url)], timeout=60))
+        for line in lines
+    ]
+    assert [one["state"] for one in said] == ["Stopped", "Idle", "Stopping"]
+    with client.connect(shared_cell) as cell:
+        cell.wait_for_state({"Stopped"}, 60)
 
 
 def test_without_a_lease_nothing_moves(shared_cell: Station, http: httpx2.Client) -> None:
