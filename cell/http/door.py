@@ -125,9 +125,13 @@ class Door:
         for session, is_silent in list(self.sessions.due(self._state, is_gone=is_gone)):
             if session not in self._ending:
                 self._ending.add(session)
-                self._stopping.submit(session.commander.release).add_done_callback(
-                    partial(self._released, asyncio.get_running_loop(), session)
+                release = (
+                    session.commander.release
+                    if is_silent
+                    else partial(session.commander.release_if_over, self._state, is_gone=is_gone)
                 )
+                done = partial(self._released, asyncio.get_running_loop(), session)
+                self._stopping.submit(release).add_done_callback(done)
                 if is_silent:
                     self._tell(session, "LEASE_LOST", "its heartbeat is missing: the cell holds what it moved.")
         if is_gone and not self._was_gone:

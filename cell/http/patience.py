@@ -23,6 +23,8 @@ class PatientProtocol(H11Protocol):
         """Begin to wait for the first head."""
         super().connection_made(transport)
         plug: Any = transport.get_extra_info("socket")
+        if plug is not None:  # asyncio does so for some sockets only; without it an answer's body waits 40 ms
+            plug.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         if plug is not None and hasattr(socket, "TCP_USER_TIMEOUT"):
             plug.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, UNACKNOWLEDGED_MS)
         self._wait_for_head()

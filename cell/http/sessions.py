@@ -6,6 +6,7 @@ machine that was cut off, keeps its connection for a while, and would leave the 
 
 from __future__ import annotations
 
+import itertools
 import secrets
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
@@ -31,7 +32,9 @@ class Session:
 
     def __init__(self, client_id: str, connect: Connect, now_s: float) -> None:
         self.token, self.client_id, self.heard_s = secrets.token_urlsafe(24), client_id, now_s
-        self.commander = Commander(lambda: connect(client_id))
+        numbers = itertools.count(1)
+        # Each connection has a name of its own: the end of one must not be taken for the end of the next.
+        self.commander = Commander(lambda: connect(f"{client_id}.{next(numbers)}"))
 
 
 class Sessions:

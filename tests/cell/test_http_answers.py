@@ -120,7 +120,7 @@ def test_motion_with_a_session_is_sent_on_a_connection_of_its_own(desk: Desk) ->
     assert answer.status == 200
     ((verb, request),) = desk.cell.sent
     assert (verb, request.cycles, request.job.job_id) == ("start", 3, "7")
-    assert desk.cell.connected == ["http-ann"]
+    assert desk.cell.connected == ["http-ann.1"]
     session.commander.end()
     assert desk.cell.connected == []
 
