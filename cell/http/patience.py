@@ -10,7 +10,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 HEAD_S = 5.0
 """Longest time until the head of a request is there, from its first byte or from the connection on."""
-UNACKNOWLEDGED_MS = 3000
+UNACKNOWLEDGED_MS = 2000
 """A client whose machine acknowledges nothing for so long is gone: a cut cable, a machine that lost power."""
 
 
