@@ -1,1 +1,1 @@
-"""The cell's interfaces to programs that do not speak its bus: how fast they accept, and miss a client."""
+"""What a client of the cell waits for: from a command to its answer, over each protocol."""

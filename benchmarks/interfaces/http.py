@@ -1,8 +1,8 @@
 """The HTTP interface of a real cell, in processes of its own: times to accept, to read, to tell, and to miss a client.
 
-accept: from a POST of ``reset``, on a session, and of ``stop`` until the cell's answer is there. read: of the state.
-told: from that POST until the event stream says the state that it led to. lost: from the reset of the connection that
-attends a pick until the cell is Holding, by the cell's own stamp.
+accept: of jobs that wait for their turn, as over the bus. reset, which takes the lease and opens a connection of its
+own for it, and stop: until the cell's answer is there. read: of the state. told: from the POST of a reset until the
+event stream says Resetting. lost: from the reset of the connection that attends a pick until the cell is Holding.
 """
 
 from __future__ import annotations
@@ -14,14 +14,16 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import httpx2
-import numpy as np
+
+from benchmarks.interfaces.spread import spread_ms
 
 _URL = re.compile(r"DOOR_OPEN .*(http://[\d.]+:\d+)")
 _JSON = {"Content-Type": "application/json"}
@@ -40,12 +42,32 @@ def measure(rounds: int = 200, losses: int = 10, pace: float = 1.0) -> dict[str,
         events = _Events(url)
         stack.callback(events.close)
         times = [_round(http, events) for _ in range(rounds)]
-        reads_ms = [_timed(lambda: http.get("/api/state"))[0] for _ in range(rounds)]
-        lost_ms = [_loss(http, url) for _ in range(losses)]
-    accepts_ms, told_ms = ([time[index] for time in times] for index in (0, 2))
-    stops_ms = [time[1] for time in times]
-    figures = {"accept": accepts_ms, "accept_stop": stops_ms, "read": reads_ms, "told": told_ms, "lost": lost_ms}
-    return {"samples": rounds, "losses": losses, **{f"{name}_ms": _spread(of) for name, of in figures.items()}}
+        reads_s = [_timed(lambda: http.get("/api/state"))[0] for _ in range(rounds)]
+        _make_ready(http)
+        http.post("/api/commands/start", json={"cycles": rounds}, headers=events.session)
+        jobs = accept_ms(http, events.session, rounds)
+        http.post("/api/commands/stop")
+        losses_s = [_loss(http, url) for _ in range(losses)]
+    resets_s, stops_s, told_s = zip(*times, strict=True)
+    figures = {"reset": resets_s, "stop": stops_s, "read": reads_s, "told": told_s, "lost": losses_s}
+    return {"accept_ms": jobs, **{f"{name}_ms": spread_ms(of) for name, of in figures.items()}}
+
+
+def accept_ms(http: httpx2.Client, session: dict[str, str], commands: int) -> dict[str, Any]:
+    """The spread of the acceptance of so many jobs by a cell that works meanwhile; each is cancelled again.
+
+    Args:
+        session: the header of a session.
+
+    Raises: RuntimeError when a job is refused.
+    """
+    took_s: list[float] = []
+    for number in range(commands):
+        job = {"job": {"job_id": f"measured-{number}", "queue": True}}
+        a_job = partial(http.post, "/api/commands/pick", json=job, headers=session)
+        took_s.append(_accepted(a_job))
+        http.post("/api/commands/cancel", json=job)
+    return spread_ms(took_s)
 
 
 class _Events:
@@ -84,7 +106,9 @@ class _Events:
                 self._heard.notify_all()
 
     def _beat(self) -> None:
-        httpx2.post(f"{self._client.base_url}/api/heartbeat", headers={**_JSON, **self.session}, timeout=_PATIENCE_S)
+        headers = {**_JSON, **self.session}
+        with suppress(httpx2.HTTPError):  # closed
+            httpx2.post(f"{self._client.base_url}/api/heartbeat", headers=headers, timeout=_PATIENCE_S)
 
     def when(self, state: str, since_s: float) -> float:
         """The time of the first such state since then."""
@@ -104,22 +128,19 @@ class _Events:
 
 
 def _round(http: httpx2.Client, events: _Events) -> tuple[float, float, float]:
-    """Times [ms] until a reset is accepted, a stop is, and the reset's state is told."""
+    """Times [s] until a reset is accepted, a stop is, and the reset's state is told."""
     began_s = time.perf_counter()
-    reset_ms, answer = _timed(lambda: http.post("/api/commands/reset", headers=events.session))
-    if answer.status_code != 200:
-        raise RuntimeError(answer.text)
+    reset_s = _accepted(lambda: http.post("/api/commands/reset", headers=events.session))
     told_s = events.when("Resetting", began_s)
     stopping_s = time.perf_counter()
-    stop_ms, _ = _timed(lambda: http.post("/api/commands/stop"))
+    stop_s = _accepted(lambda: http.post("/api/commands/stop"))
     events.when("Stopped", stopping_s)
-    return reset_ms, stop_ms, 1e3 * (told_s - began_s)
+    return reset_s, stop_s, told_s - began_s
 
 
 def _loss(http: httpx2.Client, url: str) -> float:
-    """Time [ms] from the reset of an attending connection until the cell begins to hold."""
-    _until(http, "state", "Stopped")
-    http.post("/api/commands/reset?wait=true")
+    """Time [s] from the reset of an attending connection until the cell begins to hold."""
+    _make_ready(http)
     host, port = url.removeprefix("http://").split(":")
     plug = socket.create_connection((host, int(port)))
     plug.sendall(f"POST /api/picks HTTP/1.1\r\nHost: {host}\r\nContent-Type: application/json\r\n\r\n".encode())
@@ -130,7 +151,14 @@ def _loss(http: httpx2.Client, url: str) -> float:
     plug.close()
     held = _until(http, "state", "Holding", "Held")
     http.post("/api/commands/stop")
-    return float(held["since_ns"] - cut_ns) / 1e6
+    return float(held["since_ns"] - cut_ns) / 1e9
+
+
+def _make_ready(http: httpx2.Client) -> None:
+    """Reset a cell that stops, once the lease of the motion before is given back."""
+    _until(http, "state", "Stopped")
+    while http.post("/api/commands/reset?wait=true").status_code != 200:
+        time.sleep(0.05)
 
 
 def _until(http: httpx2.Client, field: str, *values: str) -> dict[str, Any]:
@@ -142,15 +170,17 @@ def _until(http: httpx2.Client, field: str, *values: str) -> dict[str, Any]:
     return dict(state)
 
 
-def _timed(ask: Any) -> tuple[float, httpx2.Response]:
+def _timed(ask: Callable[[], httpx2.Response]) -> tuple[float, httpx2.Response]:
     began_s = time.perf_counter()
-    answer: httpx2.Response = ask()
-    return 1e3 * (time.perf_counter() - began_s), answer
+    answer = ask()
+    return time.perf_counter() - began_s, answer
 
 
-def _spread(times_ms: list[float]) -> dict[str, float]:
-    p50, p99, most = np.percentile(times_ms, (50, 99, 100)) if times_ms else (np.nan,) * 3
-    return {"p50": round(float(p50), 2), "p99": round(float(p99), 2), "max": round(float(most), 2)}
+def _accepted(ask: Callable[[], httpx2.Response]) -> float:
+    took_s, answer = _timed(ask)
+    if answer.status_code != 200:
+        raise RuntimeError(answer.text)
+    return took_s
 
 
 @contextmanager
