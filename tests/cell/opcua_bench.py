@@ -82,9 +82,12 @@ def serving(station: Station) -> Iterator[str]:
     """The endpoint of a door that serves in a thread of this process."""
     ended, told = threading.Event(), queue.SimpleQueue[str | BaseException]()
 
+    def wait_for_end() -> None:
+        ended.wait()
+
     def run() -> None:
         try:
-            serve(station, told.put, lambda: ended.wait() and None)
+            serve(station, told.put, wait_for_end)
         except BaseException as error:  # noqa: BLE001 - raised where it is waited for
             told.put(error)
 
@@ -118,7 +121,7 @@ class Plain:
 
     async def status(self, method: str, *arguments: Any) -> str:
         """The name of a call's status."""
-        return ua.StatusCode((await self.raw(method, *arguments)).StatusCode.value).name
+        return str((await self.raw(method, *arguments)).StatusCode.name)
 
     async def raw(self, method: str, *arguments: Any) -> Any:
         """The whole result of a call, as it is on the wire."""

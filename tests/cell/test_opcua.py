@@ -32,6 +32,7 @@ from cell.opcua import packml
 from cell.opcua.methods import METHODS
 from cell.opcua.variables import VARIABLES
 from config.load import load_station
+from docs import opcua_page
 from tests.cell.opcua_bench import Plain, ScriptedCell, connected, serving, talk
 
 pytestmark = pytest.mark.xdist_group("opcua")
@@ -484,10 +485,9 @@ def test_names_and_ids_are_those_of_the_specification() -> None:
     def name(number: int) -> str:
         return nodes[f"ns=1;i={number}"].get("BrowseName", "").removeprefix("1:")
 
-    for named in (packml.OBJECT_TYPES, packml.DATA_TYPES):
-        assert {number: name(number) for number in named.values()} == {number: key for key, number in named.items()}
-    states = {**packml.STATES, **packml.OUTER_STATES}
-    for state, node in states.items():
+    for kind, number in [*packml.OBJECT_TYPES.items(), *packml.DATA_TYPES.items()]:
+        assert name(number) == kind
+    for state, node in [*packml.STATES.items(), *packml.OUTER_STATES.items()]:
         assert (name(node.node), name(node.number_node)) == (state, "StateNumber")
         value = nodes[f"ns=1;i={node.number_node}"].find(".//{http://opcfoundation.org/UA/2008/02/Types.xsd}UInt32")
         assert value is not None and value.text == str(node.number)
@@ -497,6 +497,10 @@ def test_names_and_ids_are_those_of_the_specification() -> None:
     assert {name(number) for number in packml.BINARY_ENCODINGS.values()} == {"Default Binary"}
     known = {node.get("BrowseName", "").removeprefix("1:") for node in nodes.values()}
     assert {one.path.rpartition(".")[2] for one in VARIABLES if one.is_packml} <= known
+
+
+def test_the_page_is_written_from_the_tables() -> None:
+    assert opcua_page.page() == opcua_page.PAGE.read_text(), "run: just docs"
 
 
 @pytest.mark.parametrize(
