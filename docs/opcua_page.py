@@ -23,8 +23,9 @@ def page() -> str:
         ("refusals", _refusals()),
     ):
         mark = f"<!-- {name} -->"
-        table = "\n".join([mark, "", *rows, ""])
-        text = re.sub(rf"{re.escape(mark)}\n(\n(\|.*\n)+)?", lambda _, table=table: table, text)
+        head, rest = text.split(f"{mark}\n")
+        rest = re.sub(r"\A\n(\|.*\n)+", "", rest)
+        text = "\n".join([f"{head}{mark}", "", *rows, rest])
     return text
 
 

@@ -1,1 +1,1 @@
-"""How soon a command is accepted, and the state that it leads to seen, over each interface of a cell."""
+"""What a client of the cell waits for: from a command to its answer, over each protocol."""

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import webbrowser
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from bus.errors import ConfigError, RecordingError
+from bus.messages import Job
 from cell.cli.options import Config, Json
 from cell.terminal.drawing import console, table, tracked, words
 from cell.terminal.printing import Part, err, out
@@ -93,12 +95,25 @@ def show(cycle: Cycle, config: Config = DEFAULT_STATION, as_json: Json = False) 
     for key, here, default in configuration_changes(record.station):
         out.line(f"  changed     {key} = {here} (default {default})", style="dim")
     attempt = record.attempt
+    for asked in _asked(attempt.job):
+        out.line(f"  {asked}")
     if attempt.number:
         out.line(f"  try {attempt.number + 1}, after {attempt.retry_of}")
     if record.result is not None and record.result.retried_as:
         out.line(f"  tried again as {record.result.retried_as}")
     made_by = record.metadata.get("commit", "an unknown commit")
     out.line(f"  recording   {path}, made by {made_by}", style="dim")
+
+
+def _asked(job: Job) -> Iterator[str]:
+    """What was asked for, where anything was."""
+    if job.job_id:
+        yield f"job         {job.job_id}"
+    for name, asked in (("target", job.target), ("place", job.place)):
+        if asked is not None:
+            yield f"{name:<11} " + ", ".join(
+                f"{key} {value}" for key, value in asked.model_dump(exclude_none=True).items()
+            )
 
 
 def _told(record: CycleRecord, timeline: Timeline) -> dict[str, Any]:
