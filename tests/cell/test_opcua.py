@@ -257,6 +257,18 @@ def test_a_cell_that_is_gone_is_shown_so_until_it_is_back(site: Site) -> None:
     talk(site.endpoint, say)
 
 
+def test_a_state_that_is_none_is_not_shown(site: Site) -> None:
+    """Of another version, or of a stranger behind a router."""
+
+    async def say(plain: Plain) -> None:
+        strange = site.cell.now().model_copy(update={"state": "Dancing", "since_ns": 10**30})
+        site.cell.bus.publish(topics.STATE, strange)
+        site.cell.bus.publish(topics.STATE, strange.model_copy(update={"state": "Held"}))
+        await plain.until("Status.StateName", "Held")
+
+    talk(site.endpoint, say)
+
+
 async def _events(plain: Plain) -> asyncio.Queue[Any]:
     """The events of the cell from now on."""
     heard: asyncio.Queue[Any] = asyncio.Queue()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import subprocess
 from collections.abc import Awaitable, Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -20,7 +21,7 @@ from bus.errors import ConfigError
 from cell.cli.opcua_keys import make_opcua_keys
 from cell.machine.states import State
 from cell.opcua.needs import require_package
-from cell.opcua.passwords import new_user, read_users
+from cell.opcua.passwords import fits, new_user, read_users
 from config.load import load_station
 from tests.cell.opcua_bench import Plain, ScriptedCell, connected, serving
 
@@ -173,6 +174,27 @@ def test_a_file_of_users_that_is_none_is_refused(tmp_path: Path, content: str, m
     file.chmod(mode)
     with pytest.raises(ConfigError, match=words):
         read_users(file)
+
+
+def test_the_command_line_makes_users_and_certificates(
+    in_process: Callable[..., subprocess.CompletedProcess[str]], tmp_path: Path
+) -> None:
+    made = in_process("opcua", "--user", "ann", "--role", "viewer")
+    file = tmp_path / "users"
+    file.write_text(made.stdout)
+    file.chmod(0o600)
+    role, hashed = read_users(file)["ann"]
+    assert role == "viewer" and fits(made.stderr.split()[-1], hashed)
+    assert in_process("opcua", "--user", "a b").returncode == 2
+    assert in_process("opcua", "--user", "ann", "--role", "king").returncode == 2
+    assert in_process("keys", str(tmp_path), "--opcua").returncode == 0
+    assert {path.name for path in tmp_path.rglob("*.pem")} == {
+        "cell.pem",
+        "cell-key.pem",
+        "client.pem",
+        "client-key.pem",
+    }
+    assert (tmp_path / "cell-key.pem").stat().st_mode & 0o777 == 0o600
 
 
 def test_without_the_package_it_is_said_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
