@@ -7,7 +7,7 @@ import queue
 import threading
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
-from contextlib import asynccontextmanager, contextmanager
+from contextlib import asynccontextmanager, contextmanager, nullcontext, suppress
 from typing import Any
 
 from asyncua import Client, ua
@@ -107,7 +107,7 @@ class Plain:
     """A plain client, and the few things that the tests say to it."""
 
     def __init__(self, client: Client, index: int) -> None:
-        self.client, self.index = client, index
+        self.client, self.index, self.is_broken = client, index, False
 
     def node(self, path: str = "") -> Any:
         return self.client.get_node(ua.NodeId(f"Cell.{path}" if path else "Cell", self.index))
@@ -141,25 +141,33 @@ class Plain:
 
     def break_off(self) -> None:
         """End the connection as the kernel does for a process that was killed."""
+        self.is_broken = True
         self.client.uaclient.protocol.transport.abort()
 
 
 @asynccontextmanager
-async def connected(endpoint: str, prepare: Callable[[Client], Awaitable[None]] | None = None) -> AsyncIterator[Plain]:
+async def connected(
+    endpoint: str, prepare: Callable[[Client], Awaitable[None]] | None = None, *, timeout_s: float = 20
+) -> AsyncIterator[Plain]:
     """A connected plain client. ``prepare``: sets its certificate or user."""
-    client = Client(endpoint, timeout=20)
+    client = Client(endpoint, timeout=timeout_s)
     client.application_uri = "urn:vlad-cell:client"
     if prepare is not None:
         await prepare(client)
-    async with client:
-        yield Plain(client, await client.get_namespace_index(NAMESPACE))
+    await client.connect()
+    plain = Plain(client, await client.get_namespace_index(NAMESPACE))
+    try:
+        yield plain
+    finally:
+        with suppress(Exception) if plain.is_broken else nullcontext():  # however asyncua says that the line is dead
+            await client.disconnect()
 
 
-def talk(endpoint: str, say: Callable[[Plain], Awaitable[None]]) -> None:
+def talk(endpoint: str, say: Callable[[Plain], Awaitable[None]], *, timeout_s: float = 20) -> None:
     """Run a conversation of one plain client."""
 
     async def run() -> None:
-        async with connected(endpoint) as plain:
+        async with connected(endpoint, timeout_s=timeout_s) as plain:
             await say(plain)
 
     asyncio.run(run())

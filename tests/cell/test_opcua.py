@@ -251,6 +251,7 @@ def test_a_cell_that_is_gone_is_shown_so_until_it_is_back(site: Site) -> None:
     async def say(plain: Plain) -> None:
         site.cell.bus.withdraw(topics.LEASE, name=CELL_CLIENT)
         await plain.until("Connected", False)
+        assert await plain.status("Stop") == "BadNoCommunication", "at once, and not when nobody has answered"
         site.cell.bus.announce(topics.LEASE, name=CELL_CLIENT)
         await plain.until("Connected", True)
 
@@ -316,25 +317,24 @@ def test_a_client_that_is_killed_loses_its_lease_at_once(site: Site, subscribes:
         assert (await asyncio.to_thread(site.cell.lost.get, timeout=30)).startswith("opcua-")
         assert time.monotonic() - began_s < 1.0
 
-    _talk_to_the_end_of_the_line(site.endpoint, say)
+    talk(site.endpoint, say, timeout_s=2)
 
 
 def test_a_client_that_is_silent_loses_its_lease_with_its_session(site: Site) -> None:
     """As one that is frozen, or behind a cut cable: it asked for a session of 1 s."""
 
-    async def run() -> None:
-        client = Client(site.endpoint, timeout=20)
+    async def prepare(client: Client) -> None:
         client.session_timeout = 1000
-        await client.connect()
-        plain = Plain(client, await client.get_namespace_index("urn:vlad-cell:opcua"))
-        await plain.call("Reset")
-        for task in ("_monitor_server_task", "_renew_channel_task"):
-            if (running := getattr(client, task, None)) is not None:
-                running.cancel()
-        began_s = time.monotonic()
-        await asyncio.to_thread(site.cell.lost.get, timeout=30)
-        assert 0.5 < time.monotonic() - began_s < 4.0
-        plain.break_off()
+
+    async def run() -> None:
+        async with connected(site.endpoint, prepare) as plain:
+            await plain.call("Reset")
+            for name in ("_supervisor_task", "_stale_watchdog_task", "_renew_channel_task"):
+                getattr(plain.client, name).cancel()
+            began_s = time.monotonic()
+            await asyncio.to_thread(site.cell.lost.get, timeout=30)
+            assert 0.5 < time.monotonic() - began_s < 4.0
+            plain.break_off()
 
     asyncio.run(run())
 
@@ -355,7 +355,7 @@ def test_a_command_that_arrives_after_its_client_has_gone_moves_nothing(site: Si
         assert len(site.cell.commands) == 1
         assert site.cell.leases.holder == ""
 
-    _talk_to_the_end_of_the_line(site.endpoint, say)
+    talk(site.endpoint, say, timeout_s=2)
 
 
 def test_a_cell_that_answers_late_keeps_no_other_client_waiting(site: Site) -> None:
@@ -373,22 +373,6 @@ def test_a_cell_that_answers_late_keeps_no_other_client_waiting(site: Site) -> N
 
     talk(site.endpoint, say)
     assert [verb for verb, _ in site.cell.commands] == ["abort", "reset"]
-
-
-def _talk_to_the_end_of_the_line(endpoint: str, say: Callable[[Plain], Any]) -> None:
-    """A conversation whose client does not hang up in order."""
-
-    async def run() -> None:
-        client = Client(endpoint, timeout=2)
-        await client.connect()
-        try:
-            await say(Plain(client, await client.get_namespace_index("urn:vlad-cell:opcua")))
-        finally:
-            with pytest.raises(Exception):  # noqa: B017 - however asyncua says that the line is dead
-                await client.disconnect()
-                raise ConnectionError
-
-    asyncio.run(run())
 
 
 # --- strangers --------------------------------------------------------------------------------------------------------
@@ -463,7 +447,6 @@ def test_what_is_no_opc_ua_ends_nothing_but_its_own_connection(site: Site) -> No
     talk(site.endpoint, say)
 
 
-@pytest.mark.thorough
 def test_a_thousand_random_calls_leave_it_whole(site: Site) -> None:
     rng = random.Random(7)
     kinds: list[Callable[[], Any]] = [

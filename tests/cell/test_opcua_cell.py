@@ -45,13 +45,13 @@ def test_the_documented_client_picks(shared_cell: Station, endpoint: str) -> Non
 
 def test_when_a_client_goes_in_motion_the_cell_holds(shared_cell: Station, endpoint: str) -> None:
     async def run() -> None:
-        async with connected(endpoint) as plain:
+        async with connected(endpoint, timeout_s=2) as plain:
             await plain.call("Reset")
             await plain.until("Status.StateName", "Idle")
             await plain.call("Pick", "", "", "left behind")
             await plain.until("Status.StateName", "Execute")
             async with connected(endpoint) as other:
-                await plain.client.disconnect()
+                plain.break_off()
                 await other.until("Status.StateName", "Held")
                 assert "nobody attends" in await other.read("Status.Reason")
                 assert await other.status("Unhold") == "Good", "another session goes on with it"
