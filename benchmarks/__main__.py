@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import os
+import time
 from collections import Counter
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 from statistics import median
 from typing import Annotated, Any
@@ -16,6 +18,7 @@ from benchmarks import (
     alignment,
     busy,
     calibration,
+    contact,
     cycle_time,
     detection,
     fleet,
@@ -47,6 +50,7 @@ from cell.build import running_cell
 from cell.cli.console import Screen
 from cell.machine.owner import refuse
 from config.load import load_station
+from perception.detectors.registry import names as detectors
 
 _ENDS_THE_RUN = ("EMPTY", "ABORTED")
 _NEXT_COMMAND = {"Aborted": "clear", "Stopped": "reset", "Complete": "reset", "Idle": "start"}
@@ -67,14 +71,17 @@ def cycle(
     """Simulated picks of the paper's objects: how they ended, the median time of every stage, and where it goes [s].
 
     robot_s: by the simulation's clock, with the least time of the same paths; wall_s: by that of the wall.
+    from_end_to_end_s_median: by the wall, with what the cell does between two cycles.
     """
     station = load_station(None, [f"sim.seed={seed}", *(overrides or [])])
     screen = Screen(json_lines=as_json, report=False)
     results: list[CycleResult] = []
+    ended_s: list[float] = []
     with running_cell(station, screen.observe) as daemon:
         for said in screen.follow(quiet=True):
             if isinstance(said, CycleResult):
                 results.append(said)
+                ended_s.append(time.monotonic())
                 screen.line(f"{len(results)}/{cycles} {said.object} {said.result} {said.code or ''}")
                 if len(results) == cycles:
                     break
@@ -84,7 +91,7 @@ def cycle(
             if verb is not None:
                 request = CommandRequest(client_id="benchmark", cycles=cycles - len(results))
                 refuse(daemon.command(verb, request))
-    typer.echo(json.dumps(_figures(results)))
+    typer.echo(json.dumps({**_figures(results), "from_end_to_end_s_median": _apart_s(ended_s)}))
 
 
 @app.command(name="held")
@@ -99,7 +106,9 @@ def held_(
     first: Annotated[int | None, typer.Option(min=1, help="Only so many objects of the folder.")] = None,
     bin_: Annotated[int, typer.Option("--bin", min=0, max=30, help="So many dropped into a bin; 0 = each alone.")] = 0,
     pace: Annotated[float, typer.Option(min=0.0, help="1 = real time, which picks an hour by the wall need.")] = 0.0,
-    detector: Annotated[str, typer.Option(help="vlad, or onnx:PATH of a grasp network")] = "vlad",
+    detector: Annotated[
+        str, typer.Option(help="onnx:PATH of a grasp network, or a detector of `cell detectors`: shown beside ours.")
+    ] = "vlad",
     endpoint: Annotated[str, typer.Option(help="Free loopback endpoint for its cells.")] = "tcp/127.0.0.1:7493",
     as_json: Annotated[bool, typer.Option("--json", help="Only the figures; progress is on stderr anyway.")] = False,
 ) -> None:
@@ -107,13 +116,14 @@ def held_(
 
     The camera is off by 1 mm and 0.3 degrees, in a direction of the seed's. Feasible = held, or a grasp that the oracle
     finds on the true shapes. Each pick is of one object alone on the table, or of a heap in config/bin.toml's bin.
+    Another detector is shown beside ours, {"ours": ..., "peer": ...}: same objects, seeds and judge.
     """
     if unknown := [one for one in given or () if "=" not in one and one != "paper"]:
         raise typer.BadParameter(f"{unknown[0]!r} is neither key=value nor paper")
     if objects is not None and "paper" in (given or ()):
         raise typer.BadParameter("either --set paper or --objects")
-    if detector != "vlad" and not detector.startswith("onnx:"):
-        raise typer.BadParameter(f"{detector!r} is none of vlad, onnx:PATH")
+    if not (detector.startswith(held.NETWORK) or detector in detectors()):
+        raise typer.BadParameter(f"{detector!r} is none of {', '.join(detectors())}, {held.NETWORK}PATH")
     wanted = held.Wanted(
         objects=objects,
         seeds=_seeds(seeds if ":" in seeds else f"1000:{1000 + int(seeds)}" if seeds.isdecimal() else seeds),
@@ -122,10 +132,10 @@ def held_(
         orientations=orientations,
         bin=bin_,
         pace=pace,
-        detector=None if detector == "vlad" else Path(detector.removeprefix("onnx:")),
+        detector=detector,
         overrides=tuple(one for one in given or () if "=" in one),
     )
-    typer.echo(json.dumps(held.run(wanted, _teller(quiet=False))))
+    typer.echo(json.dumps(held.beside(wanted, _teller(quiet=False))))
 
 
 @app.command(name="alignment")
@@ -300,6 +310,18 @@ def calibrate_(
     typer.echo(json.dumps(calibration.run(seeds, _teller(as_json))))
 
 
+@app.command(name="contact")
+def contact_(
+    tries: Annotated[int, typer.Option(min=1, help="Descents that meet a raised table or a hidden post.")] = 60,
+    free: Annotated[int, typer.Option(min=0, help="Descents that meet nothing.")] = 100,
+    seed: Annotated[int, typer.Option(help="Below 1000 is to tune on.")] = 1000,
+    overrides: Annotated[list[str] | None, typer.Option("--set", help="key=value")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
+) -> None:
+    """Guarded approaches: true force [N] and overshoot [mm] at a contact, reflexes, picks held, false alarms."""
+    typer.echo(json.dumps(contact.run(tries, free, seed, _teller(as_json), overrides or [])))
+
+
 @app.command(name="intruder")
 def intruder_(
     tries: Annotated[int, typer.Option(min=1)] = 10_000,
@@ -442,6 +464,12 @@ def _figures(results: list[CycleResult]) -> dict[str, Any]:
         },
         **cycle_time.figures(results),
     }
+
+
+def _apart_s(ended_s: list[float]) -> float | None:
+    """The median time from one cycle's end to the next one's, with what the cell does between two cycles."""
+    apart_s = [after - before for before, after in pairwise(ended_s)]
+    return median(apart_s) if apart_s else None
 
 
 def main() -> None:

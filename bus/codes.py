@@ -28,11 +28,14 @@ class Code(StrEnum):
     MODEL_NO_ROD = "MODEL_NO_ROD"
     MODEL_DRIFT = "MODEL_DRIFT"
     SPEND_LIMIT = "SPEND_LIMIT"
+    DETECTOR_FAILED = "DETECTOR_FAILED"
+    DETECTOR_TIMEOUT = "DETECTOR_TIMEOUT"
     STALE_FRAME = "STALE_FRAME"
     BAD_FRAME = "BAD_FRAME"
     ARM_REFLEX = "ARM_REFLEX"
     MOTION_REFUSED = "MOTION_REFUSED"
     HAND_FAULT = "HAND_FAULT"
+    CONTACT = "CONTACT"
     GRASP_MISSED = "GRASP_MISSED"
     DROPPED = "DROPPED"
     NOT_CLEARED = "NOT_CLEARED"
@@ -72,12 +75,18 @@ ADVICE: dict[Code, str] = {
     Code.MODEL_NO_ROD: "Look at the goal image in the report; try again, or raise perception.imagine.samples.",
     Code.SPEND_LIMIT: "Raise perception.hosted.max_cycle_usd or max_day_usd, or use the embedded model.",
     Code.MODEL_DRIFT: "The goal image no longer shows the observed object; try again or use another model.",
+    Code.DETECTOR_FAILED: "The reason names the detector and what it did: correct it, or set perception.detector to"
+    " 'vlad'.",
+    Code.DETECTOR_TIMEOUT: "Raise perception.detector_deadline_s, use a faster machine, or set perception.detector to"
+    " 'vlad'.",
     Code.STALE_FRAME: "Check the camera's cable, power and node.",
     Code.BAD_FRAME: "Correct that field where the frame is made, in the camera's driver or your program: docs/frames.md"
     " says what it has to be. Then `cell clear` and `cell reset`.",
     Code.ARM_REFLEX: "Clear what the arm touched, then `cell clear` and `cell reset`.",
     Code.MOTION_REFUSED: "The guard refused the motion; the report names the limit. Nothing moved.",
     Code.HAND_FAULT: "Check the hand's power and home it again with `cell reset`.",
+    Code.CONTACT: "Look what stands beside the object or over it, and whether table and object are where the report"
+    " shows them. If there was nothing, raise execute.contact_n, or correct fr3.load.",
     Code.GRASP_MISSED: "The fingers closed on nothing. Look at the report's rectangle and aligned clouds.",
     Code.DROPPED: "The object slipped. Raise the grasp force or choose a rougher finger pad.",
     Code.NOT_CLEARED: "Something still lies where the object was; check for a second object.",

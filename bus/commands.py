@@ -24,7 +24,8 @@ class CommandRequest(Message):
         client_id: name of the client, one chunk of a Zenoh key. A command that moves the arm needs the client's
             liveliness token ``lease/{client_id}`` (`cell.machine.leases`).
         cycles: ``start`` only: the number of picks.
-        until_empty: ``start`` only, instead of ``cycles``: until a pick finds nothing, or three in a row failed.
+        until_empty: ``start`` only, instead of ``cycles``: until a pick finds nothing, or three in a row failed, or two
+            that touched nothing.
         object: ``pick`` in simulation only: name of the object to present; None = the next one.
         job: what every pick of a ``pick`` or ``start`` is to pick, and where to lay it; of ``cancel`` its ``job_id``
             alone counts.

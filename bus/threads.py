@@ -24,6 +24,8 @@ class Role(StrEnum):
     """The action of one acting state."""
     DETECT = "detect"
     """One detection; a stop may abandon it."""
+    RECORD = "record"
+    """The publication of what one stage gave, while the next one computes."""
     MODEL_CALL = "model-call"
     """One call of a hosted model; a stop or its deadline may abandon it."""
     CYCLE_LOG = "cycle-log"

@@ -42,6 +42,30 @@ def moving_average(samples: JointSamples, window: int) -> JointSamples:
     return np.asarray(first + total[window - 1 :] / window)
 
 
+class ContactGuard(Message):
+    """The last part of a motion, on which the arm stops when it meets something.
+
+    The force against the motion is ``force_from_torque @ tau_ext``; contact is when it exceeds by ``limit_n`` what it
+    was when the part began. A driver so needs no model of the arm, and compares at its own rate.
+
+    Attributes:
+        begins_at: the tick of the filtered motion from which it is felt, to the end.
+        limit_n: the force.
+        force_from_torque: (n, 7) [1/m] for evenly spaced ticks of that part: the force on the tcp against the motion
+            [N] for 1 Nm of external torque on each joint.
+    """
+
+    begins_at: Annotated[int, Field(ge=0)]
+    limit_n: Annotated[float, Field(gt=0)]
+    force_from_torque: JointSamples
+
+    @model_validator(mode="after")
+    def _check(self) -> ContactGuard:
+        if not len(self.force_from_torque) or not np.isfinite(self.force_from_torque).all():
+            raise ValueError("a contact guard needs finite weights of the torques, at least one row")
+        return self
+
+
 class Trajectory(Message):
     """A timed motion of the seven joints, at rest at both ends.
 
@@ -49,11 +73,13 @@ class Trajectory(Message):
         raw_q_rad: (n, 7) positions every `TICK_S`, before the filter.
         window: length of the moving average [samples]; 1 = no filter.
         waits_at: the tick of the filtered motion before which the arm rests, held, unless it was resumed; None = none.
+        guard: where and at which force it stops when it meets something; None = nowhere.
     """
 
     raw_q_rad: JointSamples
     window: int
     waits_at: Annotated[int, Field(ge=0)] | None = None
+    guard: ContactGuard | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Trajectory:

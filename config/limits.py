@@ -36,6 +36,12 @@ ACCELERATION_RAD_S2: Joints = np.full(7, 10.0) - MARGIN
 JERK_RAD_S3: Joints = np.full(7, 5000.0) - MARGIN
 """Sets A and B agree."""
 
+SHOULDER_M = 0.333
+"""Height of the axes of joints 1 and 2's crossing above the base (URDF)."""
+REACH_M = 0.858
+"""Farthest that the flange comes from there: the largest of 60 000 configurations drawn from the joints' range, half of
+them with the elbow at its end. Franka's data sheet says 0.855."""
+
 _SPEED_CAP = np.array([2.62, 2.62, 2.62, 2.62, 5.26, 4.18, 5.26])
 _BRAKING = np.array([12.0, 5.17, 7.0, 8.0, 34.0, 11.0, 34.0])  # 2 x braking deceleration [rad/s^2], both sets
 

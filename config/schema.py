@@ -415,8 +415,15 @@ class OnnxSettings(Settings):
 
 
 class PerceptionSettings(Settings):
-    """VLAD-Grasp (paper, Algorithm 1) and the models for its roles."""
+    """VLAD-Grasp (paper, Algorithm 1) and the models for its roles; or another detector."""
 
+    detector: str = "vlad"
+    """Finds the grasps: ``vlad`` is ours; other packages bring others (docs/extend.md), `cell detectors` lists them."""
+    settings: dict[str, Any] = Field(default_factory=dict)
+    """Of another package's detector, which checks them itself."""
+    detector_deadline_s: Seconds = 30.0
+    """The longest that another package's detector may take for a scene; beyond it the cycle ends with DETECTOR_TIMEOUT.
+    """
     model: str = "geometric"
     """Imagines the rod: ``geometric`` is embedded and needs no network; ``onnx`` paints a grasp network's rectangle;
     ``openai`` and ``gemini`` are hosted. Other packages bring others (docs/extend.md)."""
@@ -464,6 +471,10 @@ class PlanningSettings(Settings):
         clearance_m: smallest distance between any two things; the fingers may come within 2 mm.
         tilts_deg: approach directions tried, about the rod, as turns from the one perception proposes.
         max_approaches: most ways to grasp that are tried, over all grasps and directions.
+        budget_s: no further way is tried after so much planning, counted in collision checks and not by the clock.
+        max_held_acceleration_m_s2: of what is in the hand. It hangs beside or below the pads, turns between them
+            easily, and pulls aside as if it leaned by the angle whose tangent is this share of gravity. None = as fast
+            as the joints may.
         searches: number of path searches around obstacles before a goal counts as unreachable.
     """
 
@@ -472,8 +483,28 @@ class PlanningSettings(Settings):
     lift_m: Size = 0.15
     clearance_m: Annotated[float, Field(ge=0.003, le=0.02)] = 0.004
     tilts_deg: Annotated[tuple[Tilt, ...], Field(min_length=1)] = (0.0, 15.0, -15.0, 30.0, -30.0)
-    max_approaches: Annotated[int, Field(ge=1, le=1000)] = 24
+    max_approaches: Annotated[int, Field(ge=1, le=1000)] = 1000
+    budget_s: Seconds = 2.0
+    max_held_acceleration_m_s2: Annotated[float, Field(ge=0.5, le=50)] | None = None
     searches: Annotated[int, Field(ge=1, le=20)] = 3
+
+
+class ExecuteSettings(Settings):
+    """What the arm feels on its way to a grasp.
+
+    Attributes:
+        contact_n: on the approach line the arm stops where it meets more force than this against its motion; 0 = it
+            feels nothing. The FR3's own reflex (`fr3.collision_wrench`) is to be well above, its noise well below.
+        slow_m: so much of the line, at its end, is slow: only there is what it meets touched softly. 0 = none.
+        slow_m_s: fastest speed of the tcp there, where the table or another thing is believed to be within 10 mm of the
+            hand at the grasp. Twice the speed is twice the force beyond `contact_n`.
+        free_m_s: the same where nothing is: what it meets there was hidden. Faster than 0.03 it may be a reflex.
+    """
+
+    contact_n: NonNegative = 5.0
+    slow_m: SizeOrNone = 0.010
+    slow_m_s: Positive = 0.010
+    free_m_s: Positive = 0.030
 
 
 class VerifySettings(Settings):
@@ -511,7 +542,7 @@ class RetrySettings(Settings):
     What fails for good in picks until empty is left where it is, and the next thing is picked.
 
     Attributes:
-        grasps: retries with the next ranked grasp, after the fingers closed on nothing.
+        grasps: retries with the next ranked grasp, after the fingers closed on nothing, or the arm met something.
         looks: retries after any other failure that may not repeat: with a new capture, all grasps again.
         hold_after: the cell holds after so many picks of one `start` in a row failed for good (0 = never).
     """
@@ -579,6 +610,7 @@ class Station(Settings):
     scene: SceneSettings = SceneSettings()
     perception: PerceptionSettings = PerceptionSettings()
     planning: PlanningSettings = PlanningSettings()
+    execute: ExecuteSettings = ExecuteSettings()
     verify: VerifySettings = VerifySettings()
     retry: RetrySettings = RetrySettings()
     queue: QueueSettings = QueueSettings()
@@ -595,6 +627,13 @@ class Station(Settings):
         served = [device for node in self.nodes.values() for device in node.serves]
         if sorted(served) != ["arm", "camera", "hand"]:
             raise ValueError(f"nodes must serve camera, arm and hand exactly once each; they serve {sorted(served)}")
+        return self
+
+    @model_validator(mode="after")
+    def _feels_before_the_reflex(self) -> Station:
+        reflex_n = min(self.fr3.collision_wrench[:3])
+        if self.execute.contact_n >= reflex_n:
+            raise ValueError(f"execute.contact_n must be below the arm's reflex, fr3.collision_wrench ({reflex_n:g} N)")
         return self
 
     @property

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from bus.codes import ADVICE, Code
 from cell.daemon.fault_table import ROWS, Row
 
 PAGE = Path(__file__).with_name("faults.md")
@@ -34,6 +35,10 @@ def page() -> str:
             "",
             "After a fault nothing moves by itself. What is Aborted becomes ready by `cell clear` and `cell reset`,",
             "once the part is well again; nothing else needs to be restarted.",
+            "",
+            "What is not where the cell believes it to be - a table that is higher, a thing under the hand that was",
+            "hidden - is no fault of a part: the arm feels it on its approach, and the pick goes on or ends FAILED",
+            f"`{Code.CONTACT}` ([planning.md](planning.md#choosing)). {ADVICE[Code.CONTACT]}",
             "",
             "| part | is | sets in at | cycle | the cell | advice to the operator |",
             "|---|---|---|---|---|---|",

@@ -43,6 +43,9 @@ class Arm(Protocol):
     def execute(self, trajectory: Trajectory) -> Motion:
         """Play ``trajectory`` and return when the arm rests; where it waits (``waits_at``) it is held until `resume`.
 
+        On its guarded part (``guard``) the arm brakes on its path by itself, within milliseconds, when it meets
+        something: then ``Motion.contact_n`` is the force. While it is held it feels nothing.
+
         Raises:
             MotionRefused: nothing moved.
             ArmReflex: the arm stopped itself.

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from bus.arrays import Vector3
+from bus.arrays import Transform, Vector3
 from bus.cancel import Cancel
 from bus.codes import Code
 from bus.errors import CycleFailure
@@ -23,16 +23,17 @@ from perception.geometry.inputs import checked
 from perception.geometry.rod import rectangle
 from perception.goal.axes import axes_of
 from perception.goal.imagine import Conversation, OnReply, observed_object_of
-from perception.goal.target import choose, untried
+from perception.goal.target import by_best_grasp, choose, untried
 from perception.grasps.closing import Closings
 from perception.grasps.faces import across_faces
-from perception.grasps.rank import graded, rank
+from perception.grasps.rank import among_others, graded, rank
 from perception.grasps.refusal import why_none
-from perception.grasps.search import search
+from perception.grasps.search import CLOSE, USUAL, Density, search
 from perception.grasps.sides import search_sides
 from perception.grasps.squared import squared
 from perception.models import Models
 from perception.observed_object import Axis, ObservedObject
+from perception.other_detector import found_by
 from perception.proposal import Proposal, grasps_of, propose
 from perception.rectangles.metric import matches
 from perception.scene.look import Look
@@ -41,8 +42,11 @@ from perception.scene.seen import RegionView, described, require_something
 from perception.scene.table import require_where_configured
 
 _GOOD_FROM_ABOVE, _GOOD_IN_A_HEAP, _SIDES_OF = 0.8, 0.6, 2
-"""When the best grasp from above scores less, the first few things are looked at from their sides, too. In a heap
-others stand beside them: only when hardly anything is left."""
+"""When the best grasp from above scores less, the first few things are looked at from their sides, too, and all of them
+as long as nothing is found. In a heap others stand beside them: only when hardly anything is left."""
+
+_AXES_EACH = 3
+"""So many axes of each thing are tried at least, of several looks: planning may find no way to the best."""
 
 OnScene = Callable[[ObservedScene], None]
 
@@ -81,23 +85,33 @@ def detect(
 
     Raises:
         CycleFailure: BAD_FRAME, NO_TABLE, TABLE_MOVED, TOO_NEAR, NO_OBJECT, NOT_SEEN, NO_DEPTH, TARGET_NOT_FOUND,
-            OBSTRUCTED, NO_GRASP, LEFT_OVER, MODEL_*, SPEND_LIMIT or STOPPED. Of several proposals, one that succeeds
-            is enough.
+            OBSTRUCTED, NO_GRASP, LEFT_OVER, MODEL_*, DETECTOR_*, SPEND_LIMIT or STOPPED. Of several proposals, one
+            that succeeds is enough.
     """
     cancel = cancel or Cancel()
     cancel.raise_if_set("detect")
     if not (is_again and models.imaginer.is_hosted):
         models.imaginer.begin()
     scene, seen = _see([observation, *others], station, on_scene)
-    closings = graded(search(scene.heights, station), seen.instances)
-    closings = across_faces(closings, scene, scene.table.base_from_table)
+    if models.detector is not None:
+        talk = Conversation(models.imaginer, on_reply, cancel=cancel)
+        return found_by(models.detector, scene, seen, (talk, models.sam), station, failed_at)
+    closings = _searched(scene, seen, station, USUAL)
     talk = Conversation(models.imaginer, on_reply, cancel=cancel)
     targets = untried(scene, choose(scene, seen.instances, closings, talk, station, models.sam), failed_at)
-    tries = _Tries(scene, seen, closings, talk, models, station)
+    tries = _Tries(scene, seen, closings, talk, models, station, targets)
     tries.make(targets[: station.perception.imagine.targets])
+    if not tries.found and not models.imaginer.is_hosted:
+        tries.make_closer()
     if not tries.found:
         raise why_none(tries.failures, closings, scene, seen, station)
     return _detections(tries, station)
+
+
+def _searched(scene: Scene, seen: ObservedScene, station: Station, density: Density) -> Closings:
+    """The closings from above, all over the scene."""
+    closings = graded(search(scene.heights, station, density=density), seen.instances)
+    return across_faces(closings, scene, scene.table.base_from_table)
 
 
 def _see(
@@ -125,9 +139,13 @@ class _Tries:
     talk: Conversation
     models: Models
     station: Station
+    targets: list[int]
     found: list[_Found] = field(default_factory=list)
     tried: list[Tried] = field(default_factory=list)
     failures: list[CycleFailure] = field(default_factory=list)
+    _is_closer: bool = False
+    _asked: dict[int, tuple[Axis, ...]] = field(default_factory=dict)
+    _sides: dict[int, list[tuple[Closings, Transform]]] = field(default_factory=dict)
 
     def make(self, targets: list[int]) -> None:
         """Try the targets, until a hosted model succeeds or the time is over; an embedded one costs nothing."""
@@ -146,9 +164,18 @@ class _Tries:
             except CycleFailure as failure:
                 self._failed(number, 0, failure)
                 continue
-            one = observed_object_of(self.scene, self.seen.instances, number, outline, axes)
+            asked = self._asked.get(number, ())  # a model goes on behind the axes that it was asked for before
+            one = observed_object_of(self.scene, self.seen.instances, number, outline, (*asked, *axes))
+            self._asked[number] = (*asked, *axes[:samples])
             for sample in range(samples if self.models.imaginer.is_hosted else min(samples, max(len(axes), 1))):
-                self._try(*one, sample)
+                self._try(*one, len(asked) + sample)
+
+    def make_closer(self) -> None:
+        """Try every target again, of a closer search, and from its sides; for a model whose rods cost nothing."""
+        self._is_closer = True
+        self.closings = _searched(self.scene, self.seen, self.station, CLOSE)
+        order = by_best_grasp(self.scene, self.closings)
+        self.make(sorted(self.targets, key=order.index))
 
     def _samples(self, things: int) -> int:
         """How many rods are imagined for each of so many things."""
@@ -157,7 +184,7 @@ class _Tries:
             return settings.samples
         if self.models.imaginer.is_hosted or len(self.scene.looks) == 1:
             return 1
-        return max(1, settings.targets // max(things, 1))
+        return max(_AXES_EACH, settings.targets // max(things, 1))
 
     def _outline(self, number: int) -> Mask:
         """The outline (H, W) of a thing in the look that is shown. Raises: CycleFailure(NO_DEPTH) without one there."""
@@ -180,15 +207,26 @@ class _Tries:
         found = [(self.closings, scene.table.base_from_table)]
         if not station.perception.from_above:
             if self._wants_sides():
-                found += search_sides(scene, seen, number, station)
+                found += self._from_sides(number)
             found += squared(found, scene, seen, number, station)
         axes = [axis for closings, base_from_level in found for axis in axes_of(closings, number, base_from_level)]
         return tuple(sorted(axes, key=lambda axis: -axis.score))
 
+    def _from_sides(self, number: int) -> list[tuple[Closings, Transform]]:
+        if number not in self._sides:
+            self._sides[number] = list(search_sides(self.scene, self.seen.instances, number, self.station))
+        return self._sides[number]
+
     def _wants_sides(self) -> bool:
         good = _GOOD_FROM_ABOVE if self.scene.count == 1 else _GOOD_IN_A_HEAP
         looked_at = {tried.instance for tried in self.tried}
-        return self.closings.score.max(initial=-np.inf) < good and len(looked_at) < _SIDES_OF
+        best = self.closings.score[np.isin(self.closings.instance, self.targets)].max(initial=-np.inf)
+        return best < good and (len(looked_at) < _SIDES_OF or (self._is_closer and self._is_last()))
+
+    def _is_last(self) -> bool:
+        """Whether the cell would not look again, which shows more than ten more directions of each thing."""
+        capture = self.station.capture
+        return capture.views != "auto" or len(self.scene.looks) >= capture.most_views
 
     def _try(self, observed_object: ObservedObject, crop: Crop, sample: int) -> None:
         self.talk.cancel.raise_if_set("detect")
@@ -196,6 +234,7 @@ class _Tries:
         try:
             proposal = propose(replace(self.talk, sample=sample), observed_object, self.models, self.station)
             grasps = grasps_of(proposal, observed_object, self.station)
+            grasps = among_others(grasps, self.station) if self.scene.count > 1 else grasps
         except CycleFailure as failure:
             if failure.failure is Code.STOPPED:
                 raise

@@ -58,11 +58,11 @@ def propose(talk: Conversation, observed_object: ObservedObject, models: Models,
     """Imagine one rod and align it to the observed object (stages 1 to 3). Raises: CycleFailure, as `detect`."""
     goal = imagine(talk, observed_object, station)
     if goal.painted is not None and goal.depth_m is not None:
-        return _as_painted(goal, goal.painted, goal.depth_m, observed_object, station)
+        return as_painted(goal, goal.painted, goal.depth_m, observed_object, station)
     return _carried_back(goal, observed_object, models, station)
 
 
-def _as_painted(
+def as_painted(
     goal: GoalImage,
     painted: PaintedRod,
     depth_m: npt.NDArray[np.float32],

@@ -28,7 +28,7 @@ Mask = npt.NDArray[np.bool_]
 CELL_M = 0.005
 KNOWN_M = 0.012
 """Points so near to a box of the station file belong to that box (depth noise, edges)."""
-_NAME = "an observed obstacle"
+OBSERVED = "an observed obstacle"
 _BELOW_M = 0.05
 _MAX_SHEET_M = 1.0
 _ENOUGH_POINTS = 300
@@ -61,11 +61,13 @@ class ObservedHeightField:
     Attributes:
         origin_m: (x, y) of node [0, 0]. ``height_m``: (ny, nx) [m] in ``base``; below the table where nothing is.
         points: (n, 3) the observed points [m] in ``base``, for the independent check of the gate.
+        seen: how many of them were measured; the others, at the end, lie in space that an edge hides.
     """
 
     origin_m: Array
     height_m: Array
     points: Array
+    seen: int = 0
 
     @cached_property
     def thing(self) -> Thing:
@@ -75,12 +77,12 @@ class ObservedHeightField:
         x_m, y_m = self.origin_m + size / 2
         # coal counts rows from the largest y on
         field = coal.HeightFieldAABB(size[0], size[1], self.height_m[::-1], float(self.height_m.min()) - _BELOW_M)
-        return Thing(_NAME, field, from_translation((x_m, y_m, 0.0)))
+        return Thing(OBSERVED, field, from_translation((x_m, y_m, 0.0)))
 
     @cached_property
     def points_thing(self) -> Thing:
         """The points alone as an obstacle: each is a cube that reaches at most half its size above the point."""
-        return Thing(_NAME, coal.makeOctree(self.points - [0.0, 0.0, CELL_M / 2], CELL_M))
+        return Thing(OBSERVED, coal.makeOctree(self.points - [0.0, 0.0, CELL_M / 2], CELL_M))
 
 
 def observed_field(sights: Sequence[Sight], boxes: Sequence[Box]) -> ObservedHeightField | None:
@@ -102,12 +104,12 @@ def observed_field(sights: Sequence[Sight], boxes: Sequence[Box]) -> ObservedHei
     columns, rows = (np.floor(seen[:, :2].max(axis=0) / CELL_M) - low).astype(int) + 3
     nothing = np.full((rows, columns), boxes[0].center_m[2] - boxes[0].size_m[2] / 2)
     if len(sights) == 1:
-        return ObservedHeightField(low * CELL_M, _raised_to(nothing, seen, low), seen)
+        return ObservedHeightField(low * CELL_M, _raised_to(nothing, seen, low), seen, len(single))
     maps = [_raised_to(_floor_of(nothing, points, low), one, low) for points, one in zip(shown, hidden, strict=True)]
     height_m = np.maximum(_raised_to(nothing, single, low), np.fmin.reduce([nothing * np.nan, *maps]))
     height_m = np.where(np.isnan(height_m), nothing, height_m)
     kept = [one[one[:, 2] <= _at(height_m, one, low) + _ABOVE_M] for one in hidden]
-    return ObservedHeightField(low * CELL_M, height_m, np.concatenate([single, *kept]))
+    return ObservedHeightField(low * CELL_M, height_m, np.concatenate([single, *kept]), len(single))
 
 
 def _around_target(sight: Sight) -> Points:

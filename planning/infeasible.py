@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from bus.codes import Code
+from bus.rejection import Obstacle
 
 
 class Infeasible(Exception):
@@ -13,13 +14,17 @@ class Infeasible(Exception):
 
     Attributes:
         by_hand: every other arm configuration with the same hand pose fails too.
+        obstacle: finds out what was in the way, and how near; asked only of what is reported.
     """
 
-    def __init__(self, code: Code, reason: str, *, by_hand: bool = False) -> None:
+    def __init__(
+        self, code: Code, reason: str, *, by_hand: bool = False, obstacle: Callable[[], Obstacle | None] = lambda: None
+    ) -> None:
         super().__init__(reason)
         self.code = code
         self.reason = reason
         self.by_hand = by_hand
+        self.obstacle = obstacle
 
 
 def summary(failures: Sequence[Infeasible], nothing: str) -> Infeasible:
@@ -32,4 +37,5 @@ def summary(failures: Sequence[Infeasible], nothing: str) -> Infeasible:
     if not failures:
         return Infeasible(Code.UNREACHABLE, nothing)
     code, reason = Counter((f.code, f.reason) for f in collisions or failures).most_common(1)[0][0]
-    return Infeasible(code, reason)
+    first = next(f for f in failures if (f.code, f.reason) == (code, reason))
+    return Infeasible(code, reason, obstacle=first.obstacle)

@@ -17,9 +17,12 @@ from bus.errors import CycleFailure
 from bus.messages import Segment, SegmentName
 from bus.trajectory import Trajectory
 from planning.blend import CORNER_SHARE, Curve, blended
+from planning.calm import CalmTcp
 from planning.infeasible import Infeasible
+from planning.obstacle import in_the_way
 from planning.scene import Scene, Width
 from planning.search import search
+from planning.slow_end import SlowEnd
 from planning.timing import rest_to_rest, timed
 from planning.world import Collision
 
@@ -28,6 +31,8 @@ _CORNER_SHARES = (CORNER_SHARE, 0.25, 0.1, 0.02)
 
 _PATIENCE = 4
 """A move has only its one goal; a pick has other arm configurations and other grasps to try."""
+HOLDING = frozenset[SegmentName]({"carry", "aside", "return", "place"})
+"""Motions with the object in the hand."""
 _STEP_RAD = 0.03
 """Distance at which a further condition is asked along a line."""
 
@@ -93,7 +98,7 @@ def connect(
             if blocked is None:
                 return way
             collision = blocked
-    raise Infeasible(Code.COLLISION, f"no way around: {collision}")
+    raise in_the_way("no way around", collision, scene, width_m)
 
 
 def _way_along(path_rad: JointSamples, goals_rad: Sequence[Joints]) -> Way:
@@ -116,6 +121,7 @@ def motion(
     width_m: Width,
     *,
     leaving: Scene | None = None,
+    slow_end: SlowEnd | None = None,
 ) -> Segment:
     """Return the motion along ``pieces``: the lines of ``way`` and the tcp lines before or after it, each of them free.
 
@@ -123,6 +129,7 @@ def motion(
         pieces: each (m, 7), beginning where the one before ends.
         width_m: opening of the hand; None = any, it may move meanwhile.
         leaving: the scene that applies on the first piece instead, until its corner.
+        slow_end: a bound on the tcp's speed near the end.
 
     Raises:
         Infeasible: UNREACHABLE names the limit, COLLISION the pair that would touch.
@@ -132,11 +139,12 @@ def motion(
         curve = blended(pieces, share)
         collision = _bends_touch(curve, scene, width_m)
         if collision is None:
-            trajectory = _timed(name, scene, curve)
+            trajectory = _timed(name, scene, curve, slow_end)
             collision = _gate(trajectory, curve, scene, leaving, width_m)
             if collision is None:
                 return Segment(name=name, route=way.route, trajectory=trajectory)
-    raise Infeasible(Code.COLLISION, f"{name}: {collision}")
+    assert collision is not None, "no corner share is left out without one"
+    raise in_the_way(name, collision, scene, width_m)
 
 
 def move(scene: Scene, q_from_rad: Joints, q_to_rad: Joints) -> Trajectory:
@@ -181,8 +189,10 @@ def _gate(
     return leaving.gate(commands[: split + 1], width_m) or scene.gate(commands[split:], width_m)
 
 
-def _timed(name: SegmentName, scene: Scene, curve: Curve) -> Trajectory:
+def _timed(name: SegmentName, scene: Scene, curve: Curve, slow_end: SlowEnd | None) -> Trajectory:
+    most_m_s2 = scene.station.planning.max_held_acceleration_m_s2
+    calm = [CalmTcp(scene.robot, curve, most_m_s2)] if name in HOLDING and most_m_s2 is not None else []
     try:
-        return timed(scene.station, curve)
+        return timed(scene.station, curve, *calm, slow_end=slow_end)
     except CycleFailure as why:
         raise Infeasible(Code.UNREACHABLE, f"{name}: limit: {why.text}") from why

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +21,7 @@ from bus.errors import CycleFailure
 from bus.messages import Grasp, PickPlan, Segment
 from bus.rejection import Rejection
 from config.limits import outside
+from planning.budget import Budget
 from planning.candidates import Approach, approaches, grasp_pose, is_like
 from planning.carry import keeps_level
 from planning.delivery import (
@@ -32,8 +34,10 @@ from planning.delivery import (
 )
 from planning.infeasible import Infeasible
 from planning.motion import Way, motion
+from planning.obstacle import in_the_way
 from planning.pregrasp import Pregrasp, approach_begins, first_that_works, opening_m, pregrasps_of, ways
 from planning.scene import Scene
+from planning.slow_end import slow_end
 
 Array = npt.NDArray[np.float64]
 
@@ -44,14 +48,18 @@ def plan_pick(
     q_now_rad: Joints,
     missed: Sequence[Transform] = (),
     scene_of: Callable[[Grasp], Scene] | None = None,
+    part_of: Callable[[Grasp], Scene | None] | None = None,
 ) -> PickPlan:
     """Choose the first feasible of ``grasps`` (best first) and plan every motion of its pick.
 
     Args:
         scene: the obstacles, the robot and its station.
         q_now_rad: (7,) the arm's position at rest.
-        missed: ``base_from_tcp`` (4, 4) of grasps that closed on nothing before; grasps like them are left out.
+        missed: ``base_from_tcp`` (4, 4) of grasps that closed on nothing, or met
+            something, before; grasps like them are left out.
         scene_of: the scene in which a grasp's own object is the target, all others are obstacles; None = ``scene``.
+        part_of: the scene in which only the part of that object that hangs in the hand for certain is the target, for
+            a grasp that the rest of it is in the way of; None = there is none.
 
     Raises:
         CycleFailure: NO_GRASP without grasps, or when all are like a missed one; MOTION_REFUSED or COLLISION when the
@@ -60,26 +68,62 @@ def plan_pick(
     _check_start(scene, q_now_rad)
     if not grasps:
         raise CycleFailure(Code.NO_GRASP, "There is no grasp to plan for.")
+    reasons: dict[int, Infeasible] = {}
     rejected = [
-        Rejection(grasp=index, tilt_rad=0.0, code=Code.GRASP_MISSED, reason="one like it closed on nothing before")
+        Rejection(grasp=index, tilt_rad=0.0, code=Code.GRASP_MISSED, reason="one like it failed before")
         for index, grasp in enumerate(grasps)
         if any(is_like(grasp.base_from_tcp, pose) for pose in missed)
     ]
     if len(rejected) == len(grasps):
-        text = f"All {len(grasps)} grasps are like one that closed on nothing before."
+        text = f"All {len(grasps)} grasps are like one that failed before."
         raise CycleFailure(Code.NO_GRASP, text, rejected)
     left_out = {rejection.grasp for rejection in rejected}
-    for approach in approaches(grasps, scene.station, left_out):
+    scenes = _Scenes(scene_of or (lambda _: scene), part_of or (lambda _: None))
+    left, budget = approaches(grasps, scene.station, left_out), Budget(scene.station.planning.budget_s)
+    while left and not budget.is_over:
+        approach = left.pop(0)
         try:
-            aimed = scene if scene_of is None else scene_of(approach.grasp)
-            segments = plan_approach(aimed, approach, np.asarray(q_now_rad))
+            segments = _plan_in_one_of(scenes, approach, np.asarray(q_now_rad), budget)
         except Infeasible as why:
+            reasons[len(rejected)] = why
             rejected.append(
                 Rejection(grasp=approach.index, tilt_rad=approach.tilt_rad, code=why.code, reason=why.reason)
             )
             continue
         return PickPlan(grasp=approach.index, tilt_rad=approach.tilt_rad, segments=segments, rejected=tuple(rejected))
-    raise _none_feasible(rejected)
+    raise _none_feasible([_with_obstacle(one, reasons.get(index)) for index, one in enumerate(rejected)], len(left))
+
+
+@dataclass(frozen=True)
+class _Scenes:
+    """The scenes of each grasp: the whole object is the target, or only the part of it that is held for certain."""
+
+    whole_of: Callable[[Grasp], Scene]
+    part_of: Callable[[Grasp], Scene | None]
+    parts: dict[int, Scene | None] = field(default_factory=dict)
+
+    def part(self, approach: Approach) -> Scene | None:
+        """The second one, made once for each grasp."""
+        if approach.index not in self.parts:
+            self.parts[approach.index] = self.part_of(approach.grasp)
+        return self.parts[approach.index]
+
+
+def _plan_in_one_of(scenes: _Scenes, approach: Approach, q_now_rad: Joints, budget: Budget) -> tuple[Segment, ...]:
+    """Plan with the whole object in the hand; where that touches something, with the part that hangs in it for certain.
+
+    Raises: Infeasible.
+    """
+    try:
+        whole = scenes.whole_of(approach.grasp)
+        budget.watch(whole.effort)
+        return plan_approach(whole, approach, q_now_rad)
+    except Infeasible as why:
+        part = scenes.part(approach) if why.code is Code.COLLISION else None
+        if part is None:
+            raise
+        budget.watch(part.effort)
+        return plan_approach(part, approach, q_now_rad)
 
 
 def plan_approach(scene: Scene, approach: Approach, q_now_rad: Joints) -> tuple[Segment, ...]:
@@ -108,11 +152,17 @@ def _check_start(scene: Scene, q_now_rad: Joints) -> None:
         raise CycleFailure(Code.COLLISION, f"The arm cannot start from where it is: {collision}.")
 
 
-def _none_feasible(rejected: Sequence[Rejection]) -> CycleFailure:
+def _with_obstacle(rejection: Rejection, why: Infeasible | None) -> Rejection:
+    """The rejection with what was in the way: measured only where nothing else is left to be done."""
+    return rejection if why is None else rejection.model_copy(update={"obstacle": why.obstacle()})
+
+
+def _none_feasible(rejected: Sequence[Rejection], untried: int) -> CycleFailure:
     counts = Counter(r.reason for r in rejected).most_common()
     reasons = "; ".join(f"{count} x {reason}" for reason, count in counts)
     code = Code.COLLISION if any(r.code is Code.COLLISION for r in rejected) else Code.UNREACHABLE
-    return CycleFailure(code, f"None of {len(rejected)} ways to grasp is feasible: {reasons}.", rejected)
+    over = f" {untried} more were not tried: planning.budget_s is over." if untried else ""
+    return CycleFailure(code, f"None of {len(rejected)} ways to grasp is feasible: {reasons}.{over}", rejected)
 
 
 # --- all the way ------------------------------------------------------------------------------------------------------
@@ -169,10 +219,12 @@ def _ways_to_grasp(
 
 def _reach(scene: Scene, grasp: Grasp, way: Way, pregrasp: Pregrasp) -> Segment:
     """Plan the reach: up to the approach line the hand may still be on its way to its opening."""
-    way_there = scene.on_the_way()
-    reach = motion("reach", way, [*way.lines(), pregrasp.line_rad], way_there, opening_m(grasp, scene.station))
+    way_there, opens_m = scene.on_the_way(), opening_m(grasp, scene.station)
+    is_near = scene.is_near(pregrasp.line_rad[-1], opens_m)
+    felt = slow_end(scene.robot, _grasped_at(scene, pregrasp)[:3, 3], scene.station.execute, is_near=is_near)
+    reach = motion("reach", way, [*way.lines(), pregrasp.line_rad], way_there, opens_m, slow_end=felt)
     until = approach_begins(scene.robot, reach.trajectory, scene.station.planning.approach_m)
     collision = scene.gate(reach.trajectory.filtered()[: until + 1], None)
     if collision is not None:
-        raise Infeasible(Code.COLLISION, f"reach, at another width: {collision}")
+        raise in_the_way("reach, at another width", collision, way_there, None)
     return reach

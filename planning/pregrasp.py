@@ -23,6 +23,7 @@ from planning.candidates import configurations, twins
 from planning.infeasible import Infeasible, summary
 from planning.line import tcp_line
 from planning.motion import Allowed, Way, connect
+from planning.obstacle import in_the_way
 from planning.robot import Robot
 from planning.scene import Scene, Width
 
@@ -219,13 +220,13 @@ def _line(name: str, q_from_rad: Joints, base_from_tcp: Transform, shift_m: Arra
 def _require_untouched(name: str, scene: Scene, q_rad: Joints, width_m: Width) -> None:
     collision = scene.collision(q_rad, width_m)
     if collision is not None:
-        raise Infeasible(Code.COLLISION, f"{name}: {collision}", by_hand=collision.by_hand)
+        raise in_the_way(name, collision, scene, width_m)
 
 
 def _require_free(name: str, scene: Scene, points_rad: JointSamples, width_m: Width) -> None:
     collision = scene.first_collision(points_rad, width_m)
     if collision is not None:
-        raise Infeasible(Code.COLLISION, f"{name}: {collision}", by_hand=collision.by_hand)
+        raise in_the_way(name, collision, scene, width_m, points_rad[-1])
 
 
 def shifted(pose: Transform, shift_m: Array) -> Transform:

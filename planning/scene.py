@@ -26,7 +26,7 @@ from planning.own_body import on_robot
 from planning.robot import HAND_FROM_TCP, Robot
 from planning.sweep import WIDE_MARGINS_M, first_collision, is_free
 from planning.travel import Travel
-from planning.world import FINGERS, Collision, Thing, World, held_thing
+from planning.world import FINGERS, Collision, Effort, Thing, World, held_thing
 
 Array = npt.NDArray[np.float64]
 Width = float | None
@@ -34,6 +34,7 @@ Width = float | None
 
 FINGER_CLEARANCE_M = 0.002
 """Clearance of the fingers: smaller than the rest's, because they work between objects."""
+TARGET = "the target"
 _FEWEST_POINTS = 20
 _GATE_TICKS = 8
 _GATE_MARGIN_M = 0.001
@@ -52,6 +53,7 @@ class Scene:
         held: the object in the hand.
         fixed: known things of other shapes than the boxes, or turned.
         cancel: once set, every check raises CycleFailure(STOPPED), which ends all planning with this scene.
+        effort: of all checks in this scene, and in those made of it.
     """
 
     robot: Robot
@@ -63,6 +65,7 @@ class Scene:
     held: Thing | None = None
     fixed: tuple[Thing, ...] = ()
     cancel: Cancel = dataclass_field(default_factory=Cancel)
+    effort: Effort = dataclass_field(default_factory=Effort)
 
     @classmethod
     def of(
@@ -148,6 +151,10 @@ class Scene:
         self.cancel.raise_if_set("plan")
         return is_free(self._planned_at(width_m), self._travel, q_from_rad, q_to_rad, width_m or 0.0)
 
+    def is_near(self, q_rad: Joints, width_m: float) -> bool:
+        """Whether in one configuration (7,) anything is within 10 mm of what it may not touch."""
+        return self._planned.collision(q_rad, width_m, wide=len(WIDE_MARGINS_M) - 1) is not None
+
     @property
     def checks(self) -> int:
         """Number of configurations checked so far."""
@@ -198,6 +205,7 @@ class Scene:
             margin_m=clearance_m,
             finger_margin_m=finger_m,
             wide_margins_m=WIDE_MARGINS_M,
+            effort=self.effort,
         )
 
     @cached_property
@@ -218,7 +226,7 @@ class Scene:
             things += (self.field.points_thing,)
         if self.held is not None:
             things += (self.held,)
-        return World(self.robot, parts, things, margin_m=_GATE_MARGIN_M, finger_margin_m=0.0)
+        return World(self.robot, parts, things, margin_m=_GATE_MARGIN_M, finger_margin_m=0.0, effort=self.effort)
 
     @property
     def _known(self) -> tuple[Thing, ...]:
@@ -241,7 +249,7 @@ class Scene:
             things += (self.field.thing,)
         if self.target is not None:
             near = frozenset[str]() if self.keeps_off else FINGERS
-            things += (Thing("the target", self._target_solid, near=near),)
+            things += (Thing(TARGET, self._target_solid, near=near),)
         if self.held is not None:
             things += (self.held,)
         return things

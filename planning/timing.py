@@ -8,7 +8,7 @@ time is stretched until they do. The raw ones matter too: a brake starts from th
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -23,12 +23,15 @@ from config.limits import ACCELERATION_RAD_S2, JERK_RAD_S3, LimitReport, check, 
 from config.schema import Station
 from planning.blend import Curve, blended
 from planning.lean_toppra import DiscretizationType, JointAccelerationConstraint, LinearConstraint, toppra
+from planning.slow_end import SlowEnd
 
 Array = npt.NDArray[np.float64]
 Sampler = Callable[[Array], JointSamples]
 """Positions (n, 7) of a profile at its times (n,) [s]."""
 
 _GRID = 121
+_SLOW_GRID = 17
+_LOOK_RAD = 0.002
 _VELOCITY_SHARE = 0.998  # position-dependent limits are not convex over the filter's window
 _ACCELERATION_SHARE = 0.997
 _TINY_RAD = 1e-5
@@ -41,8 +44,11 @@ _UNEVEN = 0.7
 _STILL_RAD = 1e-12
 
 
-def timed(station: Station, curve: Curve) -> Trajectory:
-    """Return the fastest trajectory within the limits along ``curve``.
+def timed(station: Station, curve: Curve, *more: LinearConstraint, slow_end: SlowEnd | None = None) -> Trajectory:
+    """Return the fastest trajectory within the limits along ``curve``, and no faster than ``slow_end`` at its end.
+
+    Args:
+        more: constraints besides the joints' own limits.
 
     Raises:
         CycleFailure: MOTION_REFUSED when the path leaves the position limits or cannot be timed within the others.
@@ -53,7 +59,7 @@ def timed(station: Station, curve: Curve) -> Trajectory:
     if length_rad < _TINY_RAD:
         return _tiny(points_rad[0], points_rad[-1], station.planning.window_ms)
     path = toppra.SplineInterpolator(curve.at_rad, points_rad, bc_type="not-a-knot")
-    sampler, duration_s = _fastest(path, length_rad, station.arm.speed)
+    sampler, duration_s = _fastest(path, length_rad, station.arm.speed, slow_end, more)
     return within_limits(sampler, duration_s, (points_rad[0], points_rad[-1]), station.planning.window_ms)
 
 
@@ -170,16 +176,23 @@ def _excess(report: LimitReport, *, jerk: bool) -> float:
     )
 
 
-def _fastest(path: Any, length_rad: float, speed: float) -> tuple[Sampler, float]:
+def _fastest(
+    path: Any, length_rad: float, speed: float, slow_end: SlowEnd | None, more: Sequence[LinearConstraint] = ()
+) -> tuple[Sampler, float]:
     """Return the time-optimal profile along ``path`` and its duration [s].
 
-    ``speed`` < 1 scales its time by 1 / speed. Raises: CycleFailure: MOTION_REFUSED when the limits allow none.
+    ``speed`` < 1 scales its time by 1 / speed, but for that of ``slow_end``.
+
+    Raises:
+        CycleFailure: MOTION_REFUSED when the limits allow none.
     """
     limit = (_ACCELERATION_SHARE * speed**2 * ACCELERATION_RAD_S2)[:, None] * np.array([-1.0, 1.0])
     acceleration = JointAccelerationConstraint(limit, discretization_scheme=DiscretizationType.Interpolation)
-    velocity = PositionDependentVelocity(_VELOCITY_SHARE * speed)
+    velocity = PositionDependentVelocity(_VELOCITY_SHARE * speed, slow_end)
     s = _grid(path, length_rad)
-    solver = toppra.algorithm.TOPPRA([velocity, acceleration], path, gridpoints=s, solver_wrapper="seidel")
+    if slow_end is not None:
+        s = _denser_at_end(path, s, slow_end)
+    solver = toppra.algorithm.TOPPRA([velocity, acceleration, *more], path, gridpoints=s, solver_wrapper="seidel")
     with np.errstate(divide="ignore", invalid="ignore"):  # where no velocity is left at all
         _, rate, _ = solver.compute_parameterization(0.0, 0.0)
         if rate is not None:
@@ -205,15 +218,26 @@ def _grid(path: Any, length_rad: float) -> Array:
     return np.asarray(np.interp(np.linspace(0.0, share[-1], _GRID), share, s))
 
 
+def _denser_at_end(path: Any, s: Array, slow_end: SlowEnd) -> Array:
+    """Return the grid ``s`` (n,) with more points where ``slow_end`` holds."""
+    begins = float(s[-1])
+    while begins > _LOOK_RAD and slow_end.is_near(path(np.array([begins - _LOOK_RAD])))[0]:
+        begins -= _LOOK_RAD
+    return np.concatenate([s[s < begins - _LOOK_RAD], np.linspace(begins, s[-1], _SLOW_GRID)])
+
+
 class PositionDependentVelocity(LinearConstraint):  # type: ignore[misc]
     """`config.limits.velocity_bounds`, times ``share``, as a bound on the squared path speed at each grid point.
 
     The methods override those of toppra's ``LinearConstraint``.
+
+    Args:
+        slow_end: a bound on the tcp's speed besides.
     """
 
-    def __init__(self, share: float) -> None:
+    def __init__(self, share: float, slow_end: SlowEnd | None = None) -> None:
         super().__init__()
-        self._share = share
+        self._share, self._slow_end = share, slow_end
         self.identical = True
 
     def get_dof(self) -> int:
@@ -232,4 +256,6 @@ class PositionDependentVelocity(LinearConstraint):  # type: ignore[misc]
         with np.errstate(divide="ignore", invalid="ignore"):
             allowed = np.where(slope > 0, upper / slope, np.where(slope < 0, lower / slope, np.inf))
         fastest = np.minimum(self._share * allowed.min(axis=1), 1e4)
+        if self._slow_end is not None:
+            fastest = np.minimum(fastest, self._slow_end.path_speeds(path(gridpoints), slope))
         return None, None, None, None, None, None, np.stack([np.zeros_like(fastest), fastest**2], axis=1)

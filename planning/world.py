@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from itertools import combinations
-from typing import Any, NamedTuple
+from typing import Any
 
 import coal
 import numpy as np
@@ -49,24 +49,72 @@ class Thing:
     held: bool = False
 
 
-class Collision(NamedTuple):
+@dataclass(frozen=True)
+class Collision:
     """A pair that comes nearer than its margin, e.g. ``right finger touches table``.
 
     Attributes:
         by_hand: a part of the hand touches a fixed thing: every arm configuration with this hand pose collides.
+        pair: the two, in the world and the configuration in which they were found.
     """
 
     part: str
     other: str
     by_hand: bool
+    pair: Pair | None = field(default=None, compare=False, repr=False)
 
     def __str__(self) -> str:
         return f"{self.part} touches {self.other}"
 
 
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """Two shapes of a world in one configuration.
+
+    Attributes:
+        first, second: indices in the world. ``q_rad``: (7,). ``width_m``: opening of the hand, as the world was asked.
+        needed_m: their smallest allowed distance.
+    """
+
+    world: World
+    first: int
+    second: int
+    q_rad: Joints
+    width_m: float
+    needed_m: float
+
+    def at(self, q_rad: Joints) -> Pair:
+        """Return the same two in another configuration (7,)."""
+        return replace(self, q_rad=q_rad)
+
+    @property
+    def things(self) -> tuple[Thing, ...]:
+        """The one that is no part of the robot; empty when both are parts."""
+        return self.world.things_of(self.second)
+
+    def placed(self) -> tuple[Placed, Placed]:
+        """Return both shapes, and where they are in ``base``."""
+        return self.world.placed(self)
+
+
+Placed = tuple[coal.CollisionGeometry, Transform]
+"""A shape and its pose (4, 4) in ``base``."""
+
+
 def held_thing(shape: coal.CollisionGeometry, hand_from_shape: Transform) -> Thing:
     """Return the held object: it moves with the hand at ``hand_from_shape`` (4, 4), and touches it."""
     return Thing("held object", shape, hand_from_shape, _HAND, held=True)
+
+
+@dataclass
+class Effort:
+    """Work done so far, counted and not timed, so that the same inputs get the same share of it.
+
+    Attributes:
+        checks: number of configurations checked.
+    """
+
+    checks: int = 0
 
 
 class World:
@@ -77,6 +125,7 @@ class World:
         margin_m: smallest allowed distance of every pair.
         finger_margin_m: the same between the fingers and things.
         wide_margins_m: larger margins for every pair, used by ``collision(wide=index)``.
+        effort: counts the checks of several worlds together.
 
     Attributes:
         checks: number of configurations checked so far.
@@ -91,6 +140,7 @@ class World:
         margin_m: float,
         finger_margin_m: float,
         wide_margins_m: Sequence[float] = (),
+        effort: Effort | None = None,
     ) -> None:
         self._robot = robot
         self._things = tuple(things)
@@ -107,9 +157,11 @@ class World:
         margins = np.full((len(self._names), len(self._names)), margin_m)
         fingers = [index for index, name in enumerate(self._names) if name in FINGERS]
         margins[np.ix_(fingers, range(self._robot_parts, len(self._names)))] = finger_margin_m
+        self._margins = margins
         self._fine = self._level(margins)
         self._wide = tuple(self._level(np.full_like(margins, wide_m)) for wide_m in wide_margins_m)
         self.checks = 0
+        self._effort = effort or Effort()
 
     def collision(self, q_rad: Joints, width_m: float, *, wide: int | None = None) -> Collision | None:
         """Return a pair nearer than its margin in the configuration ``q_rad`` (7,); None if there is none.
@@ -119,6 +171,7 @@ class World:
             wide: index of the wider margin to use instead.
         """
         self.checks += 1
+        self._effort.checks += 1
         geometry, manager = self._fine if wide is None else self._wide[wide]
         self._full[:7], self._full[7:] = q_rad, width_m / 2
         pin.updateGeometryPlacements(self._robot.model, self._data, self._model, geometry, self._full)
@@ -130,7 +183,26 @@ class World:
         pair = self._model.collisionPairs[callback.collisionPairIndex]
         part, other = self._names[pair.first], self._names[pair.second]
         stands = pair.second >= self._robot_parts and not self._things[pair.second - self._robot_parts].held
-        return Collision(part, other, by_hand=stands and part in _RIGID)
+        found = Pair(self, pair.first, pair.second, np.array(q_rad), width_m, self._margins[pair.first, pair.second])
+        return Collision(part, other, by_hand=stands and part in _RIGID, pair=found)
+
+    def things_of(self, index: int) -> tuple[Thing, ...]:
+        """Return the thing with the index of a `Pair`; empty for a part of the robot."""
+        return self._things[index - self._robot_parts : index - self._robot_parts + 1] if self._is_thing(index) else ()
+
+    def placed(self, pair: Pair) -> tuple[Placed, Placed]:
+        """Return the shapes of a pair, and where they are."""
+        geometry, _ = self._fine
+        self._full[:7], self._full[7:] = pair.q_rad, pair.width_m / 2
+        pin.updateGeometryPlacements(self._robot.model, self._data, self._model, geometry, self._full)
+        first, second = (
+            (self._model.geometryObjects[index].geometry, np.array(geometry.oMg[index].homogeneous))
+            for index in (pair.first, pair.second)
+        )
+        return first, second
+
+    def _is_thing(self, index: int) -> bool:
+        return index >= self._robot_parts
 
     def own_pairs(self) -> frozenset[frozenset[str]]:
         """Return the checked pairs of the robot's own parts."""

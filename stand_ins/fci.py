@@ -16,9 +16,13 @@ class FakeFci:
 
     Args:
         on_cycle: called before every answer of the robot, with the number of the cycle.
+
+    Attributes:
+        tau_ext_nm: (7,) external torques on its joints, by our sign: the robot tells their negative.
     """
 
     def __init__(self, q_rad: np.ndarray, on_cycle: Callable[[int], None]) -> None:
+        self.tau_ext_nm = np.zeros(7)
         self.q_rad, self._on_cycle, self._cycle, self._mode = q_rad, on_cycle, 0, IDLE
 
     def package(self) -> Any:
@@ -40,7 +44,7 @@ class FakeFci:
 
     def read_once(self) -> Any:
         q_rad = self.q_rad.tolist()
-        return SimpleNamespace(q=q_rad, q_d=q_rad, dq=[0.0] * 7, tau_ext_hat_filtered=[0.0] * 7,
+        return SimpleNamespace(q=q_rad, q_d=q_rad, dq=[0.0] * 7, tau_ext_hat_filtered=(-self.tau_ext_nm).tolist(),
                                robot_mode=self._mode, control_command_success_rate=1.0)  # fmt: skip
 
     def start_joint_position_control(self, _mode: int) -> FakeFci:

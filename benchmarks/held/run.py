@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -21,9 +21,11 @@ from config.load import load_station
 from config.schema import Station
 from drivers.sim.mjcf import require_plausible
 from drivers.sim.objects import object_file, object_names
+from perception.detectors.registry import OURS
 
 MOUNTING_ERROR = ("sim.mounting_error_mm=1.0", "sim.mounting_error_deg=0.3")
 """Of the camera, in a direction that the seed gives: what a good hand-eye calibration leaves."""
+NETWORK = "onnx:"
 _BIN = Path(config.__file__).with_name("bin.toml")
 
 
@@ -36,7 +38,8 @@ class Wanted:
         first: at most so many objects, of a folder in a seeded order; None = all of them.
         orientations: picks of each object alone. ``bin``: objects of a heap in a bin; 0 = each object alone.
         overrides: settings of the station, as ``key=value``. ``pace``: as ``sim.pace``.
-        detector: a grasp network's file instead of the embedded model; None = the embedded.
+        detector: ``vlad``: ours; ``onnx:PATH``: a grasp network's file in the role of the model; else the name of
+            another package's detector.
     """
 
     objects: Path | None
@@ -46,7 +49,7 @@ class Wanted:
     orientations: int = 1
     bin: int = 0
     pace: float = 0.0
-    detector: Path | None = None
+    detector: str = OURS
     overrides: tuple[str, ...] = ()
 
     def station(self, seed: int, objects: Path | None, recordings: Path) -> Station:
@@ -55,9 +58,20 @@ class Wanted:
         own += [f"bus.endpoint={self.endpoint}", f"recording.folder={recordings}"]
         own += [] if objects is None else [f"sim.objects={objects}"]
         own += [f"sim.clutter={self.bin}", "sim.heaped=true"] if self.bin else []
-        if self.detector is not None:
-            own += ["perception.model=onnx", f"perception.onnx.path={self.detector}"]
+        if self.detector.startswith(NETWORK):
+            own += ["perception.model=onnx", f"perception.onnx.path={self.detector.removeprefix(NETWORK)}"]
+        else:
+            own += [f"perception.detector={self.detector}"]
         return load_station(_BIN if self.bin else None, [*own, *self.overrides])
+
+
+def beside(wanted: Wanted, tell: Callable[[str], None]) -> dict[str, Any]:
+    """Return the figures of `run`; of another detector beside ours, with the same objects, seeds and judge."""
+    if wanted.detector == OURS:
+        return run(wanted, tell)
+    ours = run(replace(wanted, detector=OURS), lambda line: tell(f"{OURS}: {line}"))
+    peer = run(wanted, lambda line: tell(f"{wanted.detector}: {line}"))
+    return {"detector": wanted.detector, "ours": ours, "peer": peer}
 
 
 def run(wanted: Wanted, tell: Callable[[str], None]) -> dict[str, Any]:

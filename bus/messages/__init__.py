@@ -20,7 +20,7 @@ from bus.messages.cycle import (
 )
 from bus.messages.detections import Alignment, Detections, Drift, Evidence, ModelReply, Usage
 from bus.messages.devices import ArmMode, ArmState, Frame, HandState, Motion
-from bus.messages.execution import Delivery, Execution, SegmentRun, Verdict
+from bus.messages.execution import Contact, Delivery, Execution, SegmentRun, Verdict
 from bus.messages.grasps import Grasp, Rectangle
 from bus.messages.job import GraspHints, Job, Place, Target
 from bus.messages.observation import Observation, View
@@ -33,6 +33,7 @@ __all__ = [
     "ArmState",
     "Attempt",
     "CameraModel",
+    "Contact",
     "CycleResult",
     "Delivery",
     "Detections",

@@ -28,7 +28,8 @@ class Attempt(Message):
 
     Attributes:
         number: 0 = the first. ``retry_of``: id of the cycle before, "" for the first.
-        missed: ``base_from_tcp`` (4, 4) of grasps that closed on nothing in earlier cycles; planning leaves them out.
+        missed: ``base_from_tcp`` (4, 4) of grasps that closed on nothing, or met something on the way there, in earlier
+            cycles; planning leaves them out.
         failed_at: (3,) places in ``base`` where earlier picks until empty failed for good: what is there is no target.
         job: what this cycle is asked for. ``then``: while it clears the way, the jobs that follow it, the next one
             first.

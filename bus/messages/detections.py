@@ -27,17 +27,19 @@ class Usage(Message):
 
 
 class ModelReply(Message):
-    """One call of a goal-image model: request and reply. Published as it happens, so that failed calls are kept too.
+    """One call of a goal-image model, or of another package's detector: request and reply.
+
+    It is published as it happens, so that failed calls are kept too.
 
     Attributes:
-        step, sample: place in the imagination stage; ``sample`` counts the proposals from 0.
+        step, sample: place in the imagination stage; ``sample`` counts the proposals from 0. ``detect``: a detector.
         model: name of the model. ``prompt``: the complete text sent.
         text: the reply's text. ``image_png``: the reply's image, unchanged.
-        failure, text_of_failure: code and reason when no usable reply came; then text and image are empty.
+        failure, text_of_failure: code and reason when no usable reply came; then a model's text and image are empty.
         attempts: how often it was called. ``latency_s``: from the first attempt to the reply.
     """
 
-    step: Literal["locate", "reason", "direct", "render"]
+    step: Literal["locate", "reason", "direct", "render", "detect"]
     sample: int = 0
     model: str
     prompt: str
@@ -128,7 +130,10 @@ class Detections(Message):
 
     Attributes:
         rectangles, grasps: of every proposal that survived; ``evidence``: of the one with the best grasp.
-        scene: what was seen. ``tried``: every rod that was imagined, in order.
+        scene: what was seen. ``tried``: every rod that was imagined, in order; of another package's detector, every
+            thing that it found grasps on.
+        detector: name of the other package's detector that gave the grasps; "" = ours. Then the evidence's rod is
+            drawn along the best grasp's closing axis.
     """
 
     rectangles: tuple[Rectangle, ...]
@@ -136,3 +141,4 @@ class Detections(Message):
     evidence: Evidence
     scene: ObservedScene
     tried: tuple[Tried, ...]
+    detector: str = ""

@@ -84,9 +84,10 @@ class Motion(Message):
     """Outcome of one executed trajectory.
 
     Attributes:
-        finished: played to its end; False = a stop braked it on its path.
+        finished: played to its end; False = a stop, or its guard, braked it on its path.
         commanded_q_rad: (n, 7) joint positions as sent to the arm, at 1 kHz.
         t_s, q_rad, dq_rad_s, tau_ext_nm: measured (m,) and (m, 7), every 10 ms of robot time from the motion's start.
+        contact_n: the force at which its guard (`bus.trajectory.ContactGuard`) braked it; None = it met nothing.
     """
 
     finished: bool
@@ -95,6 +96,7 @@ class Motion(Message):
     q_rad: JointSamples
     dq_rad_s: JointSamples
     tau_ext_nm: JointSamples
+    contact_n: float | None = None
 
 
 class HandState(Message):

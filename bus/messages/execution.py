@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
+from bus.arrays import Transform
 from bus.codes import Code
 from bus.frozen import Message
 from bus.messages.devices import HandState, Motion
@@ -18,10 +19,30 @@ class SegmentRun(Message):
         hand: the hand's state after it. ``hand_meanwhile``: its states while the object is carried, in order.
     """
 
-    name: SegmentName | Literal["hold"]
+    name: SegmentName | Literal["hold", "retreat"]
     motion: Motion
     hand: HandState
     hand_meanwhile: tuple[HandState, ...] = ()
+
+
+class Contact(Message):
+    """What the arm met on its approach line, short of the grasp.
+
+    Attributes:
+        base_from_tcp: (4, 4) where it came to rest.
+        force_n: against its motion, more than when the line began, when it braked.
+        remaining_m: from there to the grasp. ``closes_within_m``: where the fingers still close, it is no more.
+    """
+
+    base_from_tcp: Transform
+    force_n: float
+    remaining_m: float
+    closes_within_m: float
+
+    @property
+    def in_words(self) -> str:
+        """What it met and where, as the beginning of a sentence."""
+        return f"The arm met {self.force_n:.1f} N {self.remaining_m * 1e3:.1f} mm before the grasp"
 
 
 class Execution(Message):
@@ -33,6 +54,8 @@ class Execution(Message):
         stopped_in: the segment (or hand action) that a stop interrupted or prevented, or None.
         after: the second capture, taken while holding; None if not reached, or if width and load were enough.
         began: the hand's state before all of it; None in recordings of before it was kept.
+        contact: what the arm met on its way down; then the fingers closed where it rested, or they did not and it went
+            back (``retreat``). None = nothing.
     """
 
     runs: tuple[SegmentRun, ...]
@@ -40,6 +63,7 @@ class Execution(Message):
     stopped_in: str | None
     after: View | None
     began: HandState | None = None
+    contact: Contact | None = None
 
 
 class Delivery(Message):

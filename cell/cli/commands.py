@@ -85,6 +85,12 @@ COMMANDS = {
         "setup",
         "Check this machine and the station's devices before the first start. Exit 0 nothing to fix, 1 something is.",
     ),
+    "detectors": Row(
+        "plug_ins", "The detectors that a station can name (perception.detector), and the package that brings each."
+    ),
+    "drivers": Row(
+        "plug_ins", "The drivers that a station can name (nodes.NAME.driver), and the package that brings each."
+    ),
     "calibrate": Row("calibrate", "Where the camera sits in the hand: find it, check it."),
     "fault": Row(
         "control",

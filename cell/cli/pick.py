@@ -79,7 +79,8 @@ def run(
     config: Config = DEFAULT_STATION,
     cycles: Annotated[int | None, typer.Option(min=1, max=MAX_CYCLES, help="Run this many picks.")] = None,
     until_empty: Annotated[
-        bool, typer.Option("--until-empty", help="Pick until nothing is left or 3 picks in a row failed.")
+        bool,
+        typer.Option("--until-empty", help="Pick until nothing is left or picks fail in a row."),
     ] = False,
     job_id: JobId = "",
     target: TargetText = None,

@@ -39,7 +39,7 @@ def start(
     ] = None,
     until_empty: Annotated[
         bool,
-        typer.Option("--until-empty", help="Reset, pick until nothing is left or 3 picks in a row failed, and end."),
+        typer.Option("--until-empty", help="Reset, pick until nothing is left or picks fail in a row, and end."),
     ] = False,
     seed: Annotated[int | None, typer.Option(help="Seed of the simulated cell (= --set sim.seed).")] = None,
     objects: Annotated[

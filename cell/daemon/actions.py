@@ -85,6 +85,7 @@ class Actions:
         self._job = Job()
         self._withdrawal = Withdrawal()
         self.laid: Counter[str] = Counter()
+        self._goes_on = False
         self.log: CycleLog | None = None
 
     @property
@@ -97,7 +98,8 @@ class Actions:
         """Run the self-check, then move the arm to the capture pose with an open hand. Raises: CycleFailure,
         DriverError.
         """
-        reset(self._equipment, self._gate, self._nodes_alive())
+        goes_on, self._goes_on = self._goes_on, False
+        reset(self._equipment, self._gate, self._nodes_alive(), goes_on=goes_on)
         self.table.look()
 
     def begin(self) -> None:
@@ -198,6 +200,7 @@ class Actions:
         self._job, self._withdrawal = attempt.job if attempt is not None else Job(), withdrawal or Withdrawal()
         self._leaves_failed = leaves_failed
         self._retries, self._hold_after_failures = Retries(self._station.retry), ""
+        self._goes_on = False
 
     def take_hold_after_failures(self) -> str:
         """The reason to hold at the end of this pick, or ""; called once a pick."""
@@ -214,6 +217,7 @@ class Actions:
         self._name_object(cycle, lambda: self.table.taken(cycle.object))
         self._next = self._retry
         self._finish(self._retry.cycle_id if self._retry is not None else "")
+        self._goes_on = True
 
     def hold(self) -> None:
         """Hold all motion until the arm rests. Raises: CycleFailure when it does not."""

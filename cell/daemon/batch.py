@@ -8,8 +8,13 @@ from bus.frozen import Message
 from bus.messages import CycleResult
 from config.schema import RetrySettings
 
-MAX_FAILED_IN_A_ROW = 3
-"""Limit of consecutive failures in picks until empty: the next pick would fail the same way."""
+MAX_FAILED_IN_A_ROW, MAX_UNTOUCHED_IN_A_ROW = 3, 2
+"""Limits of consecutive failures in picks until empty, and of those that touched nothing: the next pick would fail the
+same way."""
+
+IN_THE_SCENE = frozenset({Code.NO_GRASP, Code.NOT_SEEN, Code.NO_DEPTH, Code.TOO_NEAR, Code.COLLISION, Code.UNREACHABLE})
+"""Failures before any motion that lie in what stands there, all of it, from every look: another pick finds the same
+scene, and differs only by the noise of the camera."""
 
 _NO_HOLD = RetrySettings()
 
@@ -52,7 +57,7 @@ class Batch:
     def __init__(self, request: CommandRequest, retry: RetrySettings = _NO_HOLD) -> None:
         self._gives_up = retry.hold_after == 0  # otherwise the cell holds instead
         self._cycles = None if request.until_empty else request.cycles
-        self._failed_in_a_row = 0
+        self._failed_in_a_row = self._untouched_in_a_row = 0
         self.picked = self.failed = self.done = 0
         self.is_over = self.is_empty = self.gave_up = False
         self.reason = ""
@@ -66,6 +71,7 @@ class Batch:
         failed = result.result in ("FAILED", "ABORTED")
         self.failed += failed
         self._failed_in_a_row = self._failed_in_a_row + 1 if failed else 0
+        self._untouched_in_a_row = self._untouched_in_a_row + 1 if failed and result.code in IN_THE_SCENE else 0
         why = f"{result.code or ''}: {result.reason}"
         if result.result == "EMPTY":
             self.is_empty = True
@@ -76,11 +82,14 @@ class Batch:
             self.end(f"The job ends: {why}")
         elif self._cycles is None and result.code is Code.LEFT_OVER:
             self.end(result.reason)
-        elif self._cycles is None and self._gives_up and self._failed_in_a_row == MAX_FAILED_IN_A_ROW:
+        elif self._cycles is None and self._gives_up and self._has_failed_too_often():
             self.gave_up = True
-            self.end(f"{MAX_FAILED_IN_A_ROW} picks in a row failed, the last by {why}")
+            self.end(f"{self._failed_in_a_row} picks in a row failed, the last by {why}")
         elif self.done == self._cycles:
             self.end("All picks are done.")
+
+    def _has_failed_too_often(self) -> bool:
+        return self._failed_in_a_row == MAX_FAILED_IN_A_ROW or self._untouched_in_a_row == MAX_UNTOUCHED_IN_A_ROW
 
     def end(self, reason: str) -> None:
         """End the batch: no further pick follows. The first reason is kept."""

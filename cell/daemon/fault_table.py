@@ -16,7 +16,8 @@ Result = Literal["SUCCESS", "FAILED", "ABORTED"]
 _LOST = (Code.DEVICE_LOST, Code.NODE_LOST)
 PICK_CODES = (Code.NO_OBJECT, Code.TARGET_NOT_FOUND, Code.NOT_SEEN, Code.NO_DEPTH, Code.NO_TABLE,
          Code.TABLE_MOVED, Code.TOO_NEAR, Code.NO_GRASP, Code.LEFT_OVER, Code.UNREACHABLE, Code.COLLISION,
-         Code.MODEL_NO_ROD, Code.MODEL_DRIFT, Code.GRASP_MISSED, Code.DROPPED, Code.NOT_CLEARED)  # fmt: skip
+         Code.MODEL_NO_ROD, Code.MODEL_DRIFT, Code.CONTACT, Code.GRASP_MISSED, Code.DROPPED,
+         Code.NOT_CLEARED)  # fmt: skip
 """Failures of a pick that was planned on wrong observations."""
 
 
@@ -89,7 +90,7 @@ ROWS: tuple[Row, ...] = (
     Row("hand", "garbage", "execute", "ABORTED", Code.HAND_FAULT, "A width that no hand has ends the cycle."),
     Row("hand", "wrong", "execute", "ABORTED", Code.HAND_FAULT,
         "Free fingers that are not where they were told to be end the cycle. From the grasp on it cannot be noticed"
-        " before they open again.", also=(Code.DROPPED, Code.GRASP_MISSED)),
+        " before they open again.", also=(Code.CONTACT, Code.DROPPED, Code.GRASP_MISSED)),
     Row("hand", "slow", "execute", "SUCCESS", None, "Grasps take longer, and the node's health shows it.", also=_LOST),
     Row("model", "off", "detect", "FAILED", Code.MODEL_UNAVAILABLE, "The pick fails; nothing moved."),
     Row("model", "stuck", "detect", "FAILED", Code.MODEL_TIMEOUT,

@@ -14,23 +14,26 @@ from bus.errors import CycleFailure
 from bus.messages import ArmMode
 from cell.machine.gate import Gate
 from cell.pick.equipment import Equipment
-from cell.pick.fingers import require_at
+from cell.pick.fingers import is_at, require_at
 from config.clock import clock_of
 from logs.mcap.recorder import ensure_space
 from planning.motion import move
 from planning.scene import Scene
 
-_AT_CAPTURE_RAD = 1e-3
+_AT_CAPTURE_RAD = 5e-3
+"""An arm that rests so near to the capture pose is there: it creeps the rest, and where it looks from is measured."""
 
 DoneT = TypeVar("DoneT")
 
 
-def reset(e: Equipment, gate: Gate, nodes_alive: set[str]) -> None:
+def reset(e: Equipment, gate: Gate, nodes_alive: set[str], *, goes_on: bool = False) -> None:
     """Prepare the cell for a cycle: self-check, open the hand, move to the capture pose.
 
     Args:
         gate: every motion passes it.
         nodes_alive: names of the nodes that are up.
+        goes_on: a pick has just ended well, and another of the same command follows. A hand that it left open does not
+            move, and no frame is asked for: the capture that comes next refuses an old one, too.
 
     Raises: CycleFailure, DriverError, RecordingError.
     """
@@ -38,15 +41,17 @@ def reset(e: Equipment, gate: Gate, nodes_alive: set[str]) -> None:
     if missing:
         raise CycleFailure(Code.NODE_LOST, f"These nodes are not up: {', '.join(sorted(missing))}.")
     ensure_space(e.station.recording.folder, e.station.recording.min_free_mb)
-    state = e.arm.state()
+    state, hand = e.arm.state(), e.hand.state()
     if state.mode is not ArmMode.IDLE:
         raise CycleFailure(Code.ARM_REFLEX, f"The arm is in mode {state.mode.value!r}, not idle.")
-    if not e.hand.state().is_homed:
+    if not hand.is_homed:
         _move(gate, e.hand.home)
     _to_capture_pose(e, gate, state.q_rad)
-    hand = e.station.hand
-    require_at(_move(gate, lambda: e.hand.move(hand.max_width_m, hand.max_speed_m_s)), hand.max_width_m)
-    _require_fresh(e)
+    widest_m = e.station.hand.max_width_m
+    if not (goes_on and hand.is_homed and is_at(hand, widest_m)):
+        require_at(_move(gate, lambda: e.hand.move(widest_m, e.station.hand.max_speed_m_s)), widest_m)
+    if not goes_on:
+        _require_fresh(e)
 
 
 def _require_fresh(e: Equipment) -> None:

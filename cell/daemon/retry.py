@@ -13,7 +13,7 @@ from bus.codes import Code
 from bus.messages import Attempt, EarlierAttempt, Job, Target
 from config.schema import RetrySettings
 
-WITH_ANOTHER_GRASP = frozenset({Code.GRASP_MISSED})
+WITH_ANOTHER_GRASP = frozenset({Code.GRASP_MISSED, Code.CONTACT})
 WITH_A_NEW_LOOK = frozenset(
     {
         Code.NOT_SEEN,
@@ -32,6 +32,8 @@ WITH_A_NEW_LOOK = frozenset(
         Code.MODEL_BAD_IMAGE,
         Code.MODEL_NO_ROD,
         Code.MODEL_DRIFT,
+        Code.DETECTOR_FAILED,
+        Code.DETECTOR_TIMEOUT,
     }
 )
 """Codes for which a new capture may help. Causes that only a person can remove (key, quota, spend limit) are left out.

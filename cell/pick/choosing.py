@@ -49,8 +49,8 @@ class Choosing:
                 if chosen is not None:
                     return chosen
         except CycleFailure as failure:
-            if len(self.looks) > 1 and not self.stages.gate.halted and failure.failure not in FAULTS:
-                self._go_back(failure)
+            if not self.stages.gate.halted and failure.failure not in FAULTS:
+                self.go_back(failure)
             raise
         finally:
             if self._mount is not None:
@@ -100,8 +100,10 @@ class Choosing:
         self._look(why, lambda: go(e.arm, gate, way))
         return True
 
-    def _go_back(self, why: CycleFailure) -> None:
-        """Move back to the capture pose. Raises: CycleFailure, a fault, when the arm does not get there."""
+    def go_back(self, why: CycleFailure) -> None:
+        """Move from the last look to the capture pose. Raises: CycleFailure, a fault, when it does not get there."""
+        if len(self.looks) < 2:
+            return
         e, gate = self.equipment, self.stages.gate
         try:
             go(e.arm, gate, way_back(self.looks, e.robot, e.station, gate.cancel))
@@ -119,7 +121,7 @@ class Choosing:
         """What to do, or None after another look, which is taken when it may mend a failure or a weak grasp."""
         e, looks = self.equipment, self.looks
         try:
-            found = self.stages.run("detect", topics.DETECT, self._detect)
+            found = self.stages.run("detect", topics.DETECT, self._detect, meanwhile=True)
             is_hosted = e.models.imaginer.is_hosted
             if self._look_again(why_look_again(found, len(looks), e.station, is_hosted=is_hosted)):
                 return None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -27,7 +28,9 @@ from cell.pick.equipment import Equipment
 from cell.pick.execute import deliver, execute
 from cell.pick.mounting import FEWEST_LOOKS
 from cell.pick.outcome import found_thing, grasp_outcome, laid_at
+from cell.pick.plan import scenes
 from cell.pick.stages import FAULTS, Stages
+from cell.pick.touching import Thing
 from cell.pick.verify import lost_on_the_way, verify
 from config.job import place_of
 
@@ -54,6 +57,7 @@ class Cycle:
     _found: Detections | None = None
     _planned: tuple[PickPlan, Grasp] | None = None
     _grasped: HandState | None = None
+    _choosing: Choosing | None = None
     _started_s: float = field(default_factory=time.monotonic)
 
     @property
@@ -74,16 +78,18 @@ class Cycle:
     def run(self) -> None:
         """Run the five stages. Raises: CycleFailure, already published and kept in ``stages.failure``."""
         e, choosing = self.equipment, Choosing(self.attempt, self.equipment, self.stages)
+        self._choosing = choosing
         found, chosen = choosing.choose()
         before, grasp = choosing.looks[found.scene.shown], found.grasps[chosen.grasp]
         self._found, self._planned, self.grasp = found, (chosen, grasp), grasp.base_from_tcp
+        thing = _thing(found, choosing.looks, grasp, e)
         after: Observation | None = None
 
         def act() -> Execution:
             nonlocal after
             self.stages.withdrawal.begin_grasp()
             execution, after = execute(
-                chosen, grasp, (e.arm, e.hand), choosing.observe, e.robot, e.station, self.stages.gate
+                chosen, grasp, (e.arm, e.hand), choosing.observe, e.robot, e.station, self.stages.gate, thing
             )
             return execution
 
@@ -113,6 +119,9 @@ class Cycle:
         e, planned = self.equipment, self._planned
         if planned is None or self.verdict is None:
             return
+        if self.verdict.code is Code.CONTACT and self._choosing is not None:  # it is where it took its last look
+            self._choosing.go_back(CycleFailure(Code.CONTACT, self.verdict.reason))
+            return
         done = self.stages.run(
             "deliver", topics.DELIVER, lambda: deliver(*planned, (e.arm, e.hand), e.station, self.stages.gate)
         )
@@ -127,6 +136,7 @@ class Cycle:
 
     def result(self, retried_as: str) -> CycleResult:
         """The result of the cycle; the caller publishes it as the last message of the cycle."""
+        self.stages.settle()
         outcome, code, reason = self._outcome()
         grasp = self._planned[1] if self._planned is not None else None
         return CycleResult(
@@ -156,3 +166,10 @@ class Cycle:
             return ("ABORTED" if code is Code.STOPPED or code in FAULTS else "FAILED"), code, failure.text
         assert self.verdict is not None, "a cycle without a verdict has a failure"
         return ("SUCCESS" if self.verdict.held else "FAILED"), self.verdict.code, self.verdict.reason
+
+
+def _thing(found: Detections, looks: Sequence[Observation], grasp: Grasp, equipment: Equipment) -> Thing:
+    """What is grasped: its top as it was seen, and its scene."""
+    tops_m = [float(one.top_m[2]) for one in found.scene.instances if one.number == grasp.instance]
+    scene_of = scenes(found, looks, equipment.robot, equipment.station)
+    return Thing(tops_m[0] if tops_m else None, lambda: scene_of(grasp))

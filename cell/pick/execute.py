@@ -9,19 +9,32 @@ import numpy as np
 
 from bus.codes import Code
 from bus.errors import BusError, CycleFailure, DeviceLost, DriverError
-from bus.messages import Delivery, Execution, Grasp, HandState, Motion, Observation, PickPlan, SegmentName, SegmentRun
+from bus.messages import (
+    Contact,
+    Delivery,
+    Execution,
+    Grasp,
+    HandState,
+    Motion,
+    Observation,
+    PickPlan,
+    SegmentName,
+    SegmentRun,
+)
 from bus.trajectory import TICK_S, Trajectory
 from cell.machine.gate import Gate
 from cell.pick.fingers import require_at, require_new, require_possible
-from cell.pick.opening import Opening
+from cell.pick.opening import Opening, opened_meanwhile
+from cell.pick.touching import Thing, WayUp, contact_of, guarded
 from cell.pick.verify import is_clear
 from cell.pick.watching import watched
 from config.schema import HandSettings, Station
 from drivers.interface import Arm, Hand
-from planning.pregrasp import approach_begins
+from planning.feeling import way_back
 from planning.robot import Robot
 
 DoneT = TypeVar("DoneT")
+_UNKNOWN = Thing()
 _SHORTEST_PIECE_S = 0.1
 """Of a hold: a real hand does not tell its width more often."""
 
@@ -52,7 +65,7 @@ class _Runner:
         return self._keep(name, motion, meanwhile)
 
     def run(self, name: str, trajectory: Trajectory) -> bool:
-        """Play one segment; False when it was stopped, or may not begin."""
+        """Play one segment; False when it was stopped, or may not begin. A contact is no stop."""
         return self._keep(name, self.move(name, lambda: self._arm.execute(trajectory)))
 
     def _keep(self, name: str, motion: Motion | None, meanwhile: Sequence[HandState] = ()) -> bool:
@@ -61,12 +74,12 @@ class _Runner:
         _require_measured(motion)
         hand = {"hand": self.read_hand(), "hand_meanwhile": tuple(meanwhile)}
         self.runs.append(SegmentRun.model_validate({"name": name, "motion": motion, **hand}))
-        if not motion.finished:
+        if not motion.finished and motion.contact_n is None:
             self.stopped_in = name
-        return motion.finished
+        return self.stopped_in is None
 
-    def reach(self, trajectory: Trajectory, approach_at: int, width_m: float) -> bool:
-        """Reach while the hand opens: the arm waits at the tick ``approach_at`` until it is open.
+    def reach(self, trajectory: Trajectory, width_m: float) -> bool:
+        """Reach while the hand opens: the arm waits before its approach line (``waits_at``) until it is open.
 
         Raises: HandFault when it does not open; the arm has not gone on then.
         """
@@ -75,7 +88,7 @@ class _Runner:
             self.stopped_in = "open"
             return False
         try:
-            arrived = self.run("reach", trajectory.model_copy(update={"waits_at": approach_at}))
+            arrived = self.run("reach", trajectory)
         except (DriverError, BusError):
             self._hand.stop()
             raise
@@ -89,6 +102,14 @@ class _Runner:
     def release(self, width_m: float) -> HandState | None:
         """Let go of what is held. Raises: HandFault when the fingers do not reach the width."""
         return self.move("release", lambda: self._opened(width_m))
+
+    def go_home(self, trajectory: Trajectory) -> bool:
+        """Play the way home, which is free at any width, while the hand opens for the next pick; as `run`.
+
+        Raises: HandFault when the hand does not open.
+        """
+        with opened_meanwhile(self._gate, lambda: self._opened(self._limits.max_width_m)):
+            return self.run("home", trajectory)
 
     def _opened(self, width_m: float) -> HandState | None:
         """Move the free fingers to a width; None when stopped. Raises: HandFault when they do not get there."""
@@ -125,12 +146,17 @@ def execute(
     robot: Robot,
     station: Station,
     gate: Gate,
+    thing: Thing = _UNKNOWN,
 ) -> tuple[Execution, Observation | None]:
     """Reach and open on the way, close, lift, hold, and capture again from the side, where the station asks for it.
+
+    An arm that meets something on its approach closes the fingers there, where they still reach the thing; or it goes
+    back the way it came, to where it began.
 
     Args:
         look: captures the second observation.
         gate: every motion passes it.
+        thing: what is grasped.
 
     Returns:
         The execution, and the second observation (None when stopped before it, or when width and load are clear).
@@ -140,24 +166,42 @@ def execute(
     grasped: HandState | None = None
     after: Observation | None = None
     began = runner.read_hand()
-    reach = _part(plan, "reach")
-    if runner.reach(reach, approach_begins(robot, reach, station.planning.approach_m), grasp.opening_m):
-        grasped = runner.grasp(station.hand.grasp_force_n, station.hand.speed_m_s)
-        if runner.carry_part(plan, "carry") and _hold(runner, plan, station):
-            assert grasped is not None, "a hand that was stopped carries nothing"
-            if not any(part.name == "aside" for part in plan.segments):
-                after = look()
-            elif not is_clear(grasp, grasped, runner.runs, robot, station) and runner.carry_part(plan, "aside"):
-                after = look()
-                runner.carry_part(plan, "return")
+    reach = guarded(robot, station, _part(plan, "reach"))
+    contact: Contact | None = None
+    if runner.reach(reach, grasp.opening_m):
+        contact = contact_of(robot, runner.runs[-1].motion, reach, thing)
+        down, way_up = runner.runs[-1].motion, WayUp(robot, station, thing, grasp)
+        contact = contact_of(robot, down, reach, thing)
+        planned_up = plan if contact is None else way_up.joined_to(plan, down, contact)
+        if planned_up is None:
+            runner.run("retreat", way_back(station, down.commanded_q_rad))
+        else:
+            grasped, after = _pick_up(runner, planned_up, grasp, look, robot, station)
     execution = Execution(
         runs=tuple(runner.runs),
         grasped=grasped,
         stopped_in=runner.stopped_in,
         after=after.view if after is not None else None,
         began=began,
+        contact=contact,
     )
     return execution, after
+
+
+def _pick_up(
+    runner: _Runner, plan: PickPlan, grasp: Grasp, look: Callable[[], Observation], robot: Robot, station: Station
+) -> tuple[HandState | None, Observation | None]:
+    """Close, lift, hold, and look again; returns the hand right after closing, and the second observation."""
+    grasped = runner.grasp(station.hand.grasp_force_n, station.hand.speed_m_s)
+    after: Observation | None = None
+    if runner.carry_part(plan, "carry") and _hold(runner, plan, station):
+        assert grasped is not None, "a hand that was stopped carries nothing"
+        if not any(part.name == "aside" for part in plan.segments):
+            after = look()
+        elif not is_clear(grasp, grasped, runner.runs, robot, station) and runner.carry_part(plan, "aside"):
+            after = look()
+            runner.carry_part(plan, "return")
+    return grasped, after
 
 
 def _require_measured(motion: Motion) -> None:
@@ -195,7 +239,7 @@ def deliver(plan: PickPlan, grasp: Grasp, devices: tuple[Arm, Hand], station: St
     released: HandState | None = None
     if runner.run_part(plan, "place"):
         released = runner.release(_release_m(grasp, runner.runs[-1].hand.width_m, station.hand))
-        runner.run_part(plan, "home")
+        runner.go_home(_part(plan, "home"))
     if runner.stopped_in is not None:
         raise CycleFailure(Code.STOPPED, f"Stopped during {runner.stopped_in!r} of the delivery.")
     return Delivery(runs=tuple(runner.runs), released=released)

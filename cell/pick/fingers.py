@@ -18,9 +18,14 @@ def require_possible(state: HandState, widest_m: float) -> None:
         )
 
 
+def is_at(state: HandState, commanded_m: float) -> bool:
+    """Whether free fingers are at ``commanded_m``."""
+    return abs(state.width_m - commanded_m) <= _SLACK_M  # NaN compares false
+
+
 def require_at(state: HandState, commanded_m: float) -> None:
     """Raises: HandFault when free fingers are not at ``commanded_m``."""
-    if not abs(state.width_m - commanded_m) <= _SLACK_M:
+    if not is_at(state, commanded_m):
         raise HandFault(
             f"The hand was told to open to {commanded_m * 1e3:.1f} mm and stands at {state.width_m * 1e3:.1f} mm.",
             "Is something between its fingers? Home it again.",

@@ -1,16 +1,17 @@
-"""Opens the hand while the arm reaches, and lets the arm go on to the object only once the hand is open.
+"""Opens the hand while the arm moves: on its way home, and on its way to an object.
 
-The arm waits by itself before its approach line (`Trajectory.waits_at`), so that whatever is lost - the hand, or this
-process - it never goes down with fingers that are not open. `Arm.resume` lets it go on. So does the end of a hold; that
-is confirmed only when the fingers are open or the arm was stopped for good: until then two motions are under way (see
-`cell.machine.standstill`).
+To an object the arm goes on only once the hand is open: it waits by itself before its approach line
+(`Trajectory.waits_at`), so that whatever is lost - the hand, or this process - it never goes down with fingers that are
+not open. `Arm.resume` lets it go on. So does the end of a hold; that is confirmed only when the fingers are open or the
+arm was stopped for good: until then two motions are under way (see `cell.machine.standstill`).
 """
 
 from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 from bus.errors import BusError, DriverError, MotionRefused
 from bus.messages import ArmMode, HandState
@@ -99,3 +100,28 @@ class Opening:
                 act()
                 return
             self._is_over.wait(_LOOK_S)
+
+
+@contextmanager
+def opened_meanwhile(gate: Gate, open_hand: Callable[[], HandState | None]) -> Iterator[None]:
+    """While the block moves the arm, open the hand, which nothing waits for; its motion passes the gate.
+
+    Raises: at the end of the block, what went wrong with the hand: DriverError, BusError.
+    """
+    failures: list[DriverError | BusError] = []
+
+    def work() -> None:
+        try:
+            with gate.motion() as may_begin:
+                if may_begin:
+                    open_hand()
+        except (DriverError, BusError) as error:
+            failures.append(error)
+
+    thread = OwnedThread(Role.HAND, work, of="opening").start()
+    try:
+        yield
+    finally:
+        thread.join()
+    if failures:
+        raise failures[0]

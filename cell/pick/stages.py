@@ -25,6 +25,7 @@ from bus.errors import (
 )
 from bus.frozen import Message
 from bus.messages import Failure, StageName
+from bus.threads import OwnedThread, Role
 from bus.topics import Topic
 from cell.machine.gate import Gate
 from cell.pick.record import CycleLog
@@ -74,6 +75,7 @@ class Stages:
     withdrawal: Withdrawal = field(default_factory=Withdrawal)
     took_s: dict[str, float] = field(default_factory=dict)
     failure: Failure | None = None
+    _publishing: OwnedThread | None = None
 
     @property
     def cancel(self) -> Cancel:
@@ -81,8 +83,13 @@ class Stages:
         halt = self.gate.cancel
         return Cancel(lambda: halt.is_set, lambda: self.withdrawal.due() is not None)
 
-    def run(self, name: StageName, topic: Topic, work: Callable[[], ResultT]) -> ResultT:
-        """Run one stage and publish its outcome. Raises: CycleFailure for everything that ends the cycle."""
+    def run(self, name: StageName, topic: Topic, work: Callable[[], ResultT], *, meanwhile: bool = False) -> ResultT:
+        """Run one stage and publish its outcome. Raises: CycleFailure for everything that ends the cycle.
+
+        Args:
+            meanwhile: a result is published while the next stage computes: packing a detection's images takes as long
+                as planning. Records stay in the order of the stages.
+        """
         self.log.check()
         if self.gate.halted:
             raise self.fail(CycleFailure(Code.STOPPED, f"Stopped before {name!r}."))
@@ -109,10 +116,20 @@ class Stages:
             result=result,
             failure=self.failure,
         )
-        self.publish(topic, record)
+        self.settle()
+        if meanwhile and failure is None:
+            self._publishing = OwnedThread(Role.RECORD, lambda: self.publish(topic, record), of=name).start()
+        else:
+            self.publish(topic, record)
         if failure is not None or result is None:
             raise failure or AssertionError(f"stage {name!r} returned nothing")
         return result
+
+    def settle(self) -> None:
+        """Wait until every record is published."""
+        if self._publishing is not None:
+            self._publishing.join()
+            self._publishing = None
 
     def fail(self, error: Ending) -> CycleFailure:
         """Keep ``error`` as the cycle's failure and return it as a CycleFailure."""

@@ -8,11 +8,14 @@ from typing import NamedTuple
 import numpy as np
 
 from bus.codes import Code
-from bus.messages import Detections, Execution, Grasp, HandState, Motion, Observation, SegmentRun, Verdict
+from bus.messages import Contact, Detections, Execution, Grasp, HandState, Motion, Observation, SegmentRun, Verdict
 from bus.messages.plan import ONLY_TO_LOOK
 from config.schema import Station
 from perception.fusion.agreed import corrected
 from perception.scene.change import cleared_fraction
+from perception.scene.surroundings import surroundings
+from planning.height_field import Sight
+from planning.held_part import held_parts
 from planning.robot import Robot
 
 _HEAD, _TAIL = 10, 20
@@ -41,20 +44,24 @@ def verify(
     Args:
         after: the second capture; None when there was none, because `is_clear`.
 
-    Raises: ValueError for an execution that did not reach its hold.
+    Raises: ValueError for an execution that did not reach its hold, and met nothing.
     """
-    grasped = execution.grasped
+    grasped, contact = execution.grasped, execution.contact
     if grasped is None:
+        if contact is not None:
+            return _went_back(contact, execution)
         raise ValueError("verify needs an execution that reached its hold")
     felt, cleared = _felt(execution.runs, robot), None
     if after is not None:
         was, now = (corrected(look, detections.scene.mount) for look in (before, after))
-        cleared = cleared_fraction(detections, grasp.instance, was, now, station)
+        cleared = _cleared(detections, grasp, was, now, station)
     place = f"{(cleared or 0.0) * 100:.0f} % of its place is empty"
     if cleared is None:
         place = "its place was not " + ("looked at" if after is None else "seen")
     held = (None, f"Held {min(felt.widths_m) * 1e3:.1f} mm wide, {felt.load_n:.2f} N heavy; {place}.")
     code, reason = _not_between(grasped, felt, station) or _not_lifted(felt, cleared, station) or held
+    if contact is not None:
+        reason = f"{reason} {contact.in_words}, and the fingers closed there."
     return Verdict(
         held=code is None,
         code=code,
@@ -64,6 +71,23 @@ def verify(
         load_n=felt.load_n,
         cleared_fraction=cleared,
         carried_n=felt.carried_n if execution.began is not None else None,
+    )
+
+
+def _went_back(contact: Contact, execution: Execution) -> Verdict:
+    """The verdict when the arm met something where the fingers could not close, and went back."""
+    least_mm = contact.closes_within_m * 1e3
+    why = f"too far: from {least_mm:.1f} mm on their tips reach it" if least_mm > 0 else "too far for their tips"
+    if contact.remaining_m <= contact.closes_within_m:
+        why = "but there was no free way up from there"
+    return Verdict(
+        held=False,
+        code=Code.CONTACT,
+        reason=f"{contact.in_words}, {why}; it stopped and went back.",
+        hold_s=0.0,
+        width_min_m=min(run.hand.width_m for run in execution.runs),
+        load_n=0.0,
+        cleared_fraction=None,
     )
 
 
@@ -84,6 +108,21 @@ def is_clear(grasp: Grasp, grasped: HandState, runs: Sequence[SegmentRun], robot
     is_heavy = min(felt.load_n, felt.carried_n) >= max(need.clear_load_n, need.min_load_n)
     is_same = abs(felt.carried_n - felt.load_n) <= max(need.clear_load_n, _SAME_LOAD * felt.load_n)
     return is_as_planned and is_steady and is_heavy and is_same
+
+
+def _cleared(
+    detections: Detections, grasp: Grasp, was: Observation, now: Observation, station: Station
+) -> float | None:
+    """As `cleared_fraction`; of a thing that may be several, at least the part that the pads held must have left."""
+    cleared = cleared_fraction(detections, grasp.instance, was, now, station)
+    if cleared is None or cleared >= station.verify.min_cleared_fraction:
+        return cleared
+    whole = Sight(*surroundings(was, detections.scene.labels == grasp.instance))
+    parts = held_parts([whole], grasp.base_from_tcp, grasp.width_m)
+    if parts is None:
+        return cleared
+    part_base = parts[0].points_base[parts[0].target]
+    return cleared_fraction(detections, grasp.instance, was, now, station, part_base)
 
 
 class _Felt(NamedTuple):

@@ -152,7 +152,12 @@ STAGES: tuple[Stage, ...] = (
         "plan",
         topics.PLAN,
         _plan,
-        {"segments[*].trajectory.raw_q_rad": _JOINT},
+        {
+            "segments[*].trajectory.raw_q_rad": _JOINT,
+            "rejected[*].obstacle.too_near_m": Tolerance(1e-3, "m"),
+            "rejected[*].obstacle.base_from_tcp": Tolerance(0.05, "mm|deg"),
+            "rejected[*].obstacle.*": _LENGTH,
+        },
     ),
     Stage("execute", topics.EXECUTE),
     Stage(

@@ -126,7 +126,7 @@ class Fr3Arm:
         if not may_begin:
             return unmoved(_state(now, mode), trajectory)
         assert isinstance(played, Played), "an execute is answered with what was played"
-        if not played.finished and asked.want is not MotionRequest.STOP:
+        if not played.finished and played.contact_n is None and asked.want is not MotionRequest.STOP:
             _log.warning("the motion was braked: this process stood still for too long")
         return Motion(
             finished=played.finished,
@@ -135,6 +135,7 @@ class Fr3Arm:
             q_rad=played.q_rad,
             dq_rad_s=played.dq_rad_s,
             tau_ext_nm=played.tau_ext_nm,
+            contact_n=played.contact_n,
         )
 
     @contextmanager

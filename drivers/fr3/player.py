@@ -26,6 +26,7 @@ class Played:
         finished: played to its end.
         commanded_q_rad: (n, 7), one row per tick (1 ms) of robot time.
         t_s, q_rad, dq_rad_s, tau_ext_nm: measured (m,) and (m, 7), every 10 ms.
+        contact_n: the force at which the motion's guard braked it; None = it met nothing.
     """
 
     finished: bool
@@ -34,6 +35,7 @@ class Played:
     q_rad: JointSamples
     dq_rad_s: JointSamples
     tau_ext_nm: JointSamples
+    contact_n: float | None = None
 
 
 class Player:
@@ -82,6 +84,8 @@ class Player:
     def advance(self, ticks: int, state: Any) -> Joints | None:
         """Return the command (7,) [rad] ``ticks`` (ms) later; None at the end. A motion held at rest keeps no ticks."""
         self._obey()
+        if self._stream.is_felt:
+            self._stream.feel(-np.array(state.tau_ext_hat_filtered))  # see SharedState.write
         command = None
         for _ in range(ticks):
             planned_q_rad = self._stream.next()
@@ -111,6 +115,7 @@ class Player:
             q_rad=np.array([state.q for state in states]),
             dq_rad_s=np.array([state.dq for state in states]),
             tau_ext_nm=-np.array([state.tau_ext_hat_filtered for state in states]),  # see SharedState.write
+            contact_n=self._stream.contact_n,
         )
 
     def _still_away_rad(self) -> Joints:

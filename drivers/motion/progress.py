@@ -15,14 +15,19 @@ from scipy.ndimage import minimum_filter1d
 
 from bus.arrays import Joints, JointSamples
 from bus.trajectory import TICK_S
-from config.limits import ACCELERATION_RAD_S2
+from config.limits import ACCELERATION_RAD_S2, JERK_RAD_S3
 
 Array = npt.NDArray[np.float64]
 
 _ACCELERATION = 0.985 * float(ACCELERATION_RAD_S2.min()) * TICK_S**2
 """Largest acceleration of a joint during a change of rate [rad per tick^2]."""
+_JERK = 0.25 * float(JERK_RAD_S3.min()) * TICK_S**3
+"""Largest jerk of a joint on a way back [rad per tick^3]."""
+_GO_BACK, _GO_BACK_JERK = 2 * 5.8, 2 * 60.0
+"""Peak acceleration and jerk of a quintic over a unit distance in a unit time, doubled for the path's own bend."""
 _ONSET = 1.5
 """Onset of a stop relative to the onset of the motion itself, which the moving average gives."""
+_HARD_ONSET = 4.0
 _SHORTEST_WINDOW = 16
 _AHEAD_TICKS = 128
 """Look-ahead, about the duration of a stop: the onset allowed at its end must be known from its start."""
@@ -44,6 +49,7 @@ class Progress:
         self._at = 0.0
         self._rate = 1.0
         self._gain = 0.0  # change of the rate in the last tick
+        self._way_back: tuple[float, float, int, int] | None = None  # its start and end, its ticks, those done
         if self._last > 0:
             self._bounds(window)
 
@@ -67,19 +73,48 @@ class Progress:
         tick = int(self._at)
         return np.asarray(self._samples[tick] if tick == self._at else self._curve(self._at))
 
-    def advance(self, target_rate: float) -> None:
-        """Advance one tick (1 ms), and move the rate towards ``target_rate`` (0 or 1) as fast as every joint allows."""
+    def advance(self, target_rate: float, *, hard: bool = False) -> None:
+        """Advance one tick (1 ms), and move the rate towards ``target_rate`` (0 or 1) as fast as every joint allows.
+
+        Args:
+            hard: where the motion is slow, brake sooner than in a window: as soon as its jerk allows.
+        """
         if self._rate == target_rate:
             self._at = min(self._at + self._rate, float(self._last))
             return
         if self._at == 0.0 and target_rate == 0.0:  # not begun yet
             self._rate = 0.0
             return
-        gain = self._next_gain(target_rate)
+        gain = self._next_gain(target_rate, self._hard_onset if hard else self._onset)
         rate = self._rate + gain
         self._at = min(self._at + (self._rate + rate) / 2, float(self._last))
         arrived = abs(rate - target_rate) < _STILL
         self._rate, self._gain = (target_rate, 0.0) if arrived else (rate, gain)
+
+    def go_back(self, to_at: float, by_rad: float) -> bool:
+        """Go one tick of the way back, from rest to rest; False once there.
+
+        Args:
+            to_at: the place [ticks] before which it ends, ``by_rad`` of the joint that moves most.
+        """
+        if self._way_back is None:
+            self._rate = self._gain = 0.0
+            to_at = self._before(to_at, by_rad)
+            far_rad = float(np.abs(self._curve(self._at) - self._curve(to_at)).max())
+            longest = max((_GO_BACK * far_rad / _ACCELERATION) ** 0.5, (_GO_BACK_JERK * far_rad / _JERK) ** (1 / 3))
+            self._way_back = (self._at, to_at, int(np.ceil(longest)), 0)
+        from_at, to_at, ticks, done = self._way_back
+        if done >= ticks:
+            return False
+        share = (done + 1) / ticks
+        self._at = from_at + (to_at - from_at) * share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
+        self._way_back = (from_at, to_at, ticks, done + 1)
+        return True
+
+    def _before(self, at: float, by_rad: float) -> float:
+        """Return the last place that is ``by_rad`` before ``at``, or the start."""
+        away_rad = np.abs(self._samples[: int(at) + 1] - self._curve(at)).max(axis=1)
+        return float(np.flatnonzero(away_rad >= by_rad)[-1]) if (away_rad >= by_rad).any() else 0.0
 
     def last_start_of_a_stop(self, before: int) -> float:
         """Return the last place [ticks] where a stop from full speed may begin that rests by the tick ``before``."""
@@ -99,10 +134,10 @@ class Progress:
             trial.advance(0.0)
         return trial._at
 
-    def _next_gain(self, target_rate: float) -> float:
+    def _next_gain(self, target_rate: float, onsets: Array) -> float:
         """Return the largest allowed step towards the target that can still fade out before it is reached."""
         tick = int(self._at)
-        onset = self._onset[tick]
+        onset = onsets[tick]
         away = abs(target_rate - self._rate)
         fading = min(away, onset * (np.sqrt(0.25 + 2 * away / onset) - 0.5))
         wanted = max(self._gain - onset, -fading) if target_rate < self._rate else min(self._gain + onset, fading)
@@ -123,6 +158,11 @@ class Progress:
         slope, bend = self._curve(ticks, 1), self._curve(ticks, 2)
         window = max(window, _SHORTEST_WINDOW)
         fastest = np.maximum(np.abs(slope).max(axis=1), 1e-15)
-        onset = _ONSET * np.minimum(4 / window**2, 2 * _ACCELERATION / window / fastest)
-        self._onset: Array = minimum_filter1d(onset, _AHEAD_TICKS, origin=-(_AHEAD_TICKS // 2))
+        by_jerk = 2 * _ACCELERATION / window / fastest
+
+        def onsets(shortest: int, factor: float) -> Array:
+            onset = factor * np.minimum(4 / shortest**2, by_jerk)
+            return np.asarray(minimum_filter1d(onset, _AHEAD_TICKS, origin=-(_AHEAD_TICKS // 2)))
+
+        self._onset, self._hard_onset = onsets(window, _ONSET), onsets(_SHORTEST_WINDOW, _HARD_ONSET)
         self._slope, self._bend = (np.concatenate([rows, np.repeat(rows[-1:], 2, axis=0)]) for rows in (slope, bend))

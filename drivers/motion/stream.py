@@ -11,7 +11,12 @@ from enum import Enum
 
 from bus.arrays import Joints
 from bus.trajectory import Trajectory
+from drivers.motion.contact import Feeler
 from drivers.motion.progress import Progress
+
+_CLEAR_RAD = 0.001
+"""An arm that met something goes back by so much of its fastest joint, 0.3 to 0.6 mm: then the friction in its
+joints does not keep it pressing."""
 
 
 class _Want(Enum):
@@ -26,11 +31,19 @@ class Stream:
 
     One with ``waits_at`` comes to rest before that tick and is held there, until `resume`, which may come earlier.
     Until then its progress has full speed: a hold ends by `resume`, too.
-    `hold`, `resume` and `brake` may be called from any thread, and repeatedly; `next` from one thread.
+    One with a ``guard`` brakes for good when it meets something there, and goes back to just before, so that it does
+    not go on pressing; its driver tells the torques to `feel`.
+    `hold`, `resume` and `brake` may be called from any thread, and repeatedly; `next` and `feel` from one thread.
+
+    Attributes:
+        contact_n: the force at which its guard braked it; None = it met nothing.
     """
 
     def __init__(self, trajectory: Trajectory) -> None:
-        self._progress = Progress(trajectory.filtered(), trajectory.window)
+        samples_rad = trajectory.filtered()
+        self._progress = Progress(samples_rad, trajectory.window)
+        self._feeler = Feeler(trajectory.guard, len(samples_rad) - 1)
+        self.contact_n: float | None = None
         self._want, self._slows_at = _Want.PLAY, 0.0
         if trajectory.waits_at is not None:
             self._want, self._slows_at = _Want.WAIT, self._progress.last_start_of_a_stop(trajectory.waits_at)
@@ -41,7 +54,7 @@ class Stream:
     @property
     def finished(self) -> bool:
         """Whether the trajectory was played to its end."""
-        return self._over and self._progress.at_end
+        return self._over and self._progress.at_end and self.contact_n is None
 
     @property
     def held(self) -> bool:
@@ -70,6 +83,21 @@ class Stream:
         """Come to rest on the path for good."""
         self._ask(_Want.STOP)
 
+    @property
+    def is_felt(self) -> bool:
+        """Whether the motion is guarded here, and under way: the torques of this tick are to be told to `feel`."""
+        is_under_way = self._begun and not self._over and self._want in (_Want.PLAY, _Want.WAIT)
+        return is_under_way and self._feeler.is_due(self._progress.at)
+
+    def feel(self, tau_ext_nm: Joints) -> None:
+        """Brake for good, harder than `brake`, when these external torques (7,) are contact; once a tick."""
+        contact_n = self._feeler.contact_n(self._progress.at, tau_ext_nm)
+        if contact_n is None:
+            return
+        with self._asking:
+            if self._want in (_Want.PLAY, _Want.WAIT):
+                self._want, self.contact_n = _Want.STOP, contact_n
+
     def next(self) -> Joints | None:
         """Return the next command (7,) [rad], one tick (1 ms) after the last; None once at rest for good."""
         if self._over:
@@ -78,10 +106,12 @@ class Stream:
             self._begun = True
             return self._progress.q_rad()
         if self._progress.at_end or (self._want is _Want.STOP and self._progress.at_rest):
-            self._over = True
-            return None
+            if self.contact_n is None or not self._progress.go_back(self._feeler.since_at, _CLEAR_RAD):
+                self._over = True
+                return None
+            return self._progress.q_rad()
         goes_on = self._want is _Want.PLAY or (self._want is _Want.WAIT and self._progress.at < self._slows_at)
-        self._progress.advance(target_rate=1.0 if goes_on else 0.0)
+        self._progress.advance(target_rate=1.0 if goes_on else 0.0, hard=self.contact_n is not None)
         return self._progress.q_rad()
 
     def _ask(self, want: _Want) -> None:

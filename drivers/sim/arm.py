@@ -17,6 +17,8 @@ from drivers.sim.world import World
 
 _MEASURE_TICKS = 10
 _TORQUE_NOISE_NM = 0.02
+_TOUCH = 1
+"""Parts the noise that a guard feels from that of the measurements, in their seeds."""
 _STILL_RAD_S = 1e-3
 _ARRIVED_RAD_S = 0.01
 """At the end of a motion the arm may still creep so fast towards its last command: the servo's lag fades in 0.1 s."""
@@ -115,6 +117,7 @@ class SimArm:
             q_rad=q_rad,
             dq_rad_s=dq_rad_s,
             tau_ext_nm=tau_ext_nm + rng.normal(0.0, _TORQUE_NOISE_NM, tau_ext_nm.shape),
+            contact_n=stream.contact_n,
         )
 
     def _follow(
@@ -124,6 +127,7 @@ class SimArm:
         measured: list[tuple[np.ndarray, np.ndarray, np.ndarray]],
     ) -> None:
         """Command every tick, and measure every tenth; append to the two lists."""
+        noise = np.random.default_rng([self._world.station.sim.seed, self._motions, _TOUCH])
         while (command := stream.next()) is not None:
             if stream.held and commanded and np.array_equal(command, commanded[-1]):
                 self._wait_held(stream, command)
@@ -134,6 +138,8 @@ class SimArm:
             self._world.command_arm(command, commanded[-1] if commanded else command)
             self._world.tick()
             commanded.append(command)
+            if stream.is_felt:
+                stream.feel(self._world.arm()[2] + noise.normal(0.0, _TORQUE_NOISE_NM, 7))
             self._world.pace(len(commanded))
 
     def _brake_without_path(self, commanded: list[np.ndarray]) -> None:

@@ -30,6 +30,10 @@ _HAND_STIFFNESS_N_M = 20_000.0
 _HAND_DAMPING_NS_M = 400.0
 _JAW_ROOT_M = 0.010  # along the finger
 _JAW_SOLREF, _JAW_SOLIMP = (0.004, 1.0), (0.97, 0.995, 0.001, 0.5, 2.0)  # rubber on a hard object yields 0.1-0.5 mm
+_TOUCHING = ("hand", "left_finger", "right_finger")
+_TOUCH_SOLREF, _TOUCH_SOLIMP = (-2500.0, -40.0), (0.95, 0.99, 0.001, 0.5, 2.0)
+"""About 50 N/mm for the arm's effective mass: assumed, not measured on a robot."""
+_NO_TORSION = (0.005, 1e-4, 1e-4)
 _VISIBLE_GROUP, _COLLISION_GROUP = 2, 3
 _APART_M = 2.0
 _LINK_RGBA = (0.90, 0.92, 0.93, 1.0)
@@ -61,6 +65,7 @@ def compose(
     spec.visual.headlight.specular = (0.0,) * 3
     _prepare_robot(spec, station)
     _furnish(spec, station)
+    _soften_touch(spec, station)
     if station.sim.board:
         lay_board(spec, station.calibration)
     for name, pose in hand_from_camera.items():
@@ -84,6 +89,20 @@ def _prepare_robot(spec: mujoco.MjSpec, station: Station) -> None:
     for finger in ("left_finger", "right_finger"):
         _replace_jaw(spec, spec.body(finger), station)
     _simplify_links(spec)
+
+
+def _soften_touch(spec: mujoco.MjSpec, station: Station) -> None:
+    """Let hand and fingers yield on what stands fixed, as rubber tips and elastic joints do; the model has neither.
+
+    Contacts of two rigid bodies would stop all of the arm's inertia, its motors' included, within a millisecond.
+    """
+    touching = [geom for geom in spec.geoms if geom.group == _COLLISION_GROUP and geom.parent.name in _TOUCHING]
+    for index, geom in enumerate(touching):
+        geom.name = geom.name or f"hand_{index}"
+        for box in scene_boxes(station.scene):
+            pair = spec.add_pair(geomname1=geom.name, geomname2=box.name)
+            pair.solref, pair.solimp, pair.condim = _TOUCH_SOLREF, _TOUCH_SOLIMP, 3
+            pair.friction = [station.sim.friction, station.sim.friction, *_NO_TORSION]
 
 
 def _simplify_links(spec: mujoco.MjSpec) -> None:

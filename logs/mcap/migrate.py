@@ -59,11 +59,17 @@ def _say_what_was_seen(content: Content) -> None:
         content.payloads[key] = [(time_ns, with_scene(payload)) for time_ns, payload in content.payloads[key]]
 
 
+def _say_that_nothing_was_felt(content: Content) -> None:
+    if content.station is not None:
+        content.station = {"execute": {"contact_n": 0.0}, **content.station}
+
+
 MIGRATIONS: tuple[Migration, ...] = (
     Migration(0, "The version is named: what names none is of before.", _nothing),
     Migration(1, "Whether the checkout had changes is `dirty`, no longer a + behind the commit.", _split_dirty),
     Migration(2, "A plan that failed lists what it rejected: nothing, where that was not kept.", _nothing),
     Migration(3, "Detect says what it saw, and which thing each grasp holds: its one object.", _say_what_was_seen),
+    Migration(4, "An approach is slow at its end, and felt; before, it was neither.", _say_that_nothing_was_felt),
 )
 SCHEMA_VERSION = len(MIGRATIONS)
 """The version of new recordings."""

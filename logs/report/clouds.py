@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +18,7 @@ from logs.report.page import Figure
 _SHOWN_POINTS = 2500
 """Most points of each cloud: a phone renders these smoothly."""
 _OBSERVED, _IMAGINED, _ROD, _HAND = "#7b8794", "#2f6fde", "#d6249f", "#1f8a5b"
+_BLOCKED, _REJECTED_HAND = "#d8273f", "#e08a00"
 
 _SIGHT_M = (0.14, 0.24)
 """Between these distances from the things' middle a line shows from where a look came; the camera is farther off."""
@@ -94,6 +95,36 @@ def fused(looks: Sequence[tuple[str, str, Array, Array]], grasp: Grasp | None) -
         line = {"width": 8, "color": _HAND}
         data.append(_trace("hand", _hand_outline(grasp), still, mode="lines", line=line))
     return {"data": data, "layout": _LAYOUT}
+
+
+def among_points(
+    seen: Array, obstacle: Array, touch: Array, hand: Mapping[str, Array], blocked: str, *, is_box: bool
+) -> Figure:
+    """An obstacle among what was seen, with the hand where it would be. All in ``base`` [m].
+
+    Args:
+        seen, obstacle: points (n, 3); of a box its eight corners. ``touch``: (3,).
+        hand: the corners (8, 3) of its parts by their names. ``blocked``: the part that would touch.
+    """
+    still = np.eye(4)
+    data = [_trace("seen of the things", _thin(seen), still, mode="markers", marker={"size": 1.8, "color": _OBSERVED})]
+    if is_box:
+        line = {"width": 5, "color": _BLOCKED}
+        data.append(_trace("in the way", _edges(obstacle), still, mode="lines", line=line))
+    else:
+        marker = {"size": 3.2, "color": _BLOCKED}
+        data.append(_trace("in the way", _thin(obstacle), still, mode="markers", marker=marker))
+    for name, corners in hand.items():
+        line = {"width": 8 if name == blocked else 5, "color": _BLOCKED if name == blocked else _REJECTED_HAND}
+        data.append(_trace(name, _edges(corners), still, mode="lines", line=line))
+    marker = {"size": 7, "color": _BLOCKED, "symbol": "diamond"}
+    data.append(_trace("touch", touch[None], still, mode="markers", marker=marker))
+    return {"data": data, "layout": _LAYOUT}
+
+
+def _edges(corners: Array) -> Array:
+    """One line (n, 3) along the edges of a box, whose corners (8, 3) are in the order of `itertools.product`."""
+    return corners[[0, 1, 3, 2, 0, 4, 5, 7, 6, 4, 5, 1, 3, 7, 6, 2]]
 
 
 Dots = tuple[tuple[str, npt.NDArray[np.floating], str, float, bool, bool], ...]

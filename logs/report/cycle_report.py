@@ -13,6 +13,7 @@ from config.load import load_station
 from logs.mcap.names import telling
 from logs.mcap.reader import CycleRecord, recorded_number
 from logs.report import evidence, figures, images
+from logs.report.in_the_way import in_the_way
 from logs.report.looks import Looks, looks_view
 from logs.report.page import Chart, Fact, Figure, packed_plotly, script_json, write_page
 from logs.report.scene import scene_view
@@ -53,7 +54,10 @@ def _content(record: CycleRecord) -> Json:
     scene = scene_view(record, found)
     looks = looks_view(record, found, chosen)
     thumbnail = evidence.thumbnail(record, found, chosen, scene)
+    obstacles = in_the_way(record, found, chosen.rejected)
     charts = _all_charts(view, looks, motion)
+    if obstacles is not None and obstacles.cloud is not None:
+        charts["obstacles"] = obstacles.cloud
     return {
         "timeline": timeline,
         "cycle_id": record.cycle_id,
@@ -67,6 +71,7 @@ def _content(record: CycleRecord) -> Json:
         "scene_uri": images.data_uri(scene.picture) if scene is not None else "",
         "looks": looks,
         "painted": evidence.is_painted(found),
+        "detector": found.detector if found is not None else "",
         "imagined": evidence.imagined(found),
         "replies": [{**dict(reply), "uri": images.file_uri(reply.image_png)} for reply in record.replies],
         "drift": evidence.drift(record, found),
@@ -75,6 +80,7 @@ def _content(record: CycleRecord) -> Json:
         "rectangles": evidence.rectangles(found, chosen),
         "grasps": evidence.grasps(found),
         "rejected": evidence.rejections(chosen),
+        "obstacles": obstacles,
         "plan": plan,
         "uses": figures.uses(runs),
         "motion": motion,

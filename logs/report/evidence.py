@@ -96,8 +96,9 @@ def imagined(found: Detections | None) -> list[Picture]:
     evidence = found.evidence
     around = evidence.object_mask | evidence.goal_rod_mask
     origin = "as painted" if is_painted(found) else "found in it"
+    title = "The best grasp's closing axis, drawn as a rod" if found.detector else "Goal image: the imagined rod"
     return [
-        Picture("Goal image: the imagined rod", images.data_uri(images.crop(evidence.goal_image, around))),
+        Picture(title, images.data_uri(images.crop(evidence.goal_image, around))),
         Picture(f"Rod {origin}", images.data_uri(images.crop(evidence.goal_rod_mask, around))),
         Picture(f"Object {origin}", images.data_uri(images.crop(evidence.goal_object_mask, around))),
     ]

@@ -106,7 +106,7 @@ def region_px(record: CycleRecord, table: SeenTable, observation: Observation | 
     x_min, x_max, y_min, y_max = (float(bound) for bound in region_m)
     corners = np.array([[x_min, y_min], [x_max, y_min], [x_max, y_max], [x_min, y_max]])
     points = np.column_stack([corners, _height_m(table.base_from_table, corners)])
-    return _pixels(apply(inverse(true_pose(observation, record.scene)), points), observation.frame.color_camera)
+    return pixels_of(apply(inverse(true_pose(observation, record.scene)), points), observation.frame.color_camera)
 
 
 def _height_m(base_from_table: Transform, xy_m: Array) -> Array:
@@ -115,7 +115,7 @@ def _height_m(base_from_table: Transform, xy_m: Array) -> Array:
     return np.asarray(origin[2] - (xy_m - origin[:2]) @ normal[:2] / normal[2])
 
 
-def _pixels(points_color: Array, camera: CameraModel) -> Array | None:
+def pixels_of(points_color: Array, camera: CameraModel) -> Array | None:
     """Pixels (n, 2) of points (n, 3) in the camera's frame, without distortion; None when one lies behind it."""
     x, y, z = points_color.T
     if (z <= 0).any():

@@ -162,8 +162,16 @@ def in_words(result: Message | None) -> str:
     if isinstance(result, PickPlan):
         motion_s = sum(part.trajectory.duration_s for part in result.segments if part.name not in ONLY_TO_LOOK)
         return f"grasp {result.grasp}, {motion_s:.1f} s of motion, {len(result.rejected)} grasps rejected"
-    if isinstance(result, Execution) and result.grasped is not None:
-        return f"closed at {result.grasped.width_m * 1e3:.1f} mm"
+    if isinstance(result, Execution):
+        return _done_in_words(result)
     if isinstance(result, Verdict):
         return result.reason
     return ""
+
+
+def _done_in_words(result: Execution) -> str:
+    """Where the fingers closed, and what the arm met before that."""
+    met = f"{result.contact.in_words}; " if result.contact is not None else ""
+    if result.grasped is not None:
+        return f"{met}closed at {result.grasped.width_m * 1e3:.1f} mm"
+    return f"{met}went back" if met else ""

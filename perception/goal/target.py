@@ -53,9 +53,19 @@ def choose(
     Raises: CycleFailure(TARGET_NOT_FOUND), which says what was seen instead; OBSTRUCTED when something lies on the one
         that is named; as the model, when the model is asked.
     """
-    target = station.perception.target
-    ranked = by_best_grasp(scene, closings)
-    if not target.is_named:
+    return among(scene, instances, by_best_grasp(scene, closings), talk, station, sam)
+
+
+def among(
+    scene: Scene,
+    instances: Sequence[Instance],
+    ranked: list[int],
+    talk: Conversation,
+    station: Station,
+    sam: Sam | None = None,
+) -> list[int]:
+    """The targets among things that are ranked already, the best first. Raises: CycleFailure, as `choose`."""
+    if not station.perception.target.is_named:
         return ranked
     try:
         found = _named(scene, instances, ranked, talk, station, sam)

@@ -103,7 +103,7 @@ class Surfaces:
         if normals is None:
             return None
         level_from_table = inverse(base_from_level) @ scene.table.base_from_table
-        known = np.flatnonzero((scene.cloud_labels > 0) & normals.any(axis=1))
+        known = np.flatnonzero((scene.cloud_labels > 0) & scene.cloud.has_normal)
         points = moved(scene.cloud.points_table[known][None], level_from_table)[0]
         turned = moved(normals[known][None], from_rotation(level_from_table[:3, :3]))[0]
         return cls(points, turned, scene.cloud_labels[known])

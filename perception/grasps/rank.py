@@ -34,6 +34,12 @@ _TESTED = 12
 _WEIGHTS = {**WEIGHTS, "seen": 2.0, "unmoved": 1.0, "consistent": 0.4}
 """Besides the closing's own criteria: all of the object has depth and is in the image; the rod was hardly moved; the
 measured width is the imagined one."""
+_NEEDED = {"central": 0.4, "robust": 0.5, "patch": 0.42, "square": 0.4, "free": 0.5}
+"""Criteria that nothing makes up for when they are less: held far beside its middle a thing turns out of the jaw; a
+grasp that a small error spoils, touches with two rays of seven, or leans by most of what friction holds, slips; with
+less than 3 mm beside each finger these may come down on the thing. Of 60 picks in simulated heaps with such a grasp 27
+held, of 94 others 63 (without the last criterion)."""
+_LACKING = 0.25
 _CUT = 0.5
 """How much of an object that the image's border cuts counts as seen."""
 
@@ -86,6 +92,17 @@ def rank(grasps: list[Grasp], station: Station) -> tuple[Grasp, ...]:
     """The best grasps, best first, at most ``perception.max_grasps``; equal scores keep their order."""
     ordered = sorted(grasps, key=lambda grasp: -grasp.score)
     return tuple(ordered[: station.perception.max_grasps])
+
+
+def among_others(grasps: tuple[Grasp, ...], station: Station) -> tuple[Grasp, ...]:
+    """The grasps of a thing among others, of which one may be taken first: what lacks the needed scores less."""
+    lowered = [grasp.model_copy(update={"score": grasp.score * (1 - _LACKING * _lacking(grasp))}) for grasp in grasps]
+    return rank(lowered, station)
+
+
+def _lacking(grasp: Grasp) -> float:
+    """0 where a grasp has all that is needed, 1 where it has nothing of one of it."""
+    return max(0.0, *(1 - grasp.terms[name] / least for name, least in _NEEDED.items() if name in grasp.terms))
 
 
 def pose(closings: Closings, index: int) -> Transform:

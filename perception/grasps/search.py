@@ -19,8 +19,6 @@ from config.schema import HandSettings, Station
 from perception.grasps.closing import TABLE_CLEARANCE_M, Closings, close, joined, weighted
 from perception.scene.heightmap import CELL_M, HeightMap, Heights
 
-_HEADINGS = 16
-_LEVEL_M = 0.008
 _ROW_CELLS = 2
 _GROUP_CELLS, _MARGIN_CELLS = 21, 65
 """Things less than 40 mm apart are looked at together; around them, as far as the palm reaches."""
@@ -29,17 +27,31 @@ _PAD_M = 0.018
 _MIN_WIDTH_M, _OVER_TIP_M = 0.003, 0.003
 _BIN_M = 0.010
 """Candidates are picked by turns from bins of this size and each heading, so that no part of the scene is left out."""
-_MOST, _TESTED = 900, 90
+_TESTED = 90
 _BEST, _BEST_APART_M, _BEST_APART_RAD = 30, 0.010, float(np.deg2rad(15))
 _TURNS_RAD, _SIDES_M = np.deg2rad([-8.0, -4.0, 0.0, 4.0, 8.0]), np.array([-0.004, 0.0, 0.004])
 _FEWER = 0.5
-"""Below this share of `_MOST` candidates, those with little room for the fingers are added."""
+"""Below this share of the most candidates, those with little room for the fingers are added."""
 _CLEARANCES_M = (0.004, 0.002)
 _ERRORS = np.array([[0.003, 0, 0], [-0.003, 0, 0], [0, 0.003, 0], [0, -0.003, 0], [0, 0, 0.087], [0, 0, -0.087]])
 """Pose errors that a grasp should survive: along and across the closing axis [m], and of the heading [rad]."""
 _ROBUST_CLEARANCE_M = 0.0035
 
 Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Density:
+    """How densely a map is searched: headings, the distance of tip heights, and how many candidates are closed."""
+
+    headings: int
+    level_m: float
+    most: int
+
+
+USUAL = Density(headings=16, level_m=0.008, most=900)
+CLOSE = Density(headings=32, level_m=0.004, most=3000)
+"""Four times the work, for a scene in which the usual search finds nothing: what fits narrowly lies in between."""
 
 
 @dataclass(frozen=True)
@@ -61,22 +73,24 @@ class Candidates:
         return Candidates(*(getattr(self, one.name)[chosen] for one in fields(self)))
 
 
-def search(heights: HeightMap, station: Station, base_from_level: Transform | None = None) -> Closings:
+def search(
+    heights: HeightMap, station: Station, base_from_level: Transform | None = None, density: Density = USUAL
+) -> Closings:
     """Closings all over the map, scored, the best of them also by how many pose errors they survive.
 
     Args:
         base_from_level: (4, 4) the map's frame; None = from above, with the x and y of ``base``.
     """
-    found = _everywhere(heights, station)
+    found = _everywhere(heights, station, density)
     found = found.taken(_in_region(found, station, base_from_level))
     roomy = found.taken(found.clearance_m == _CLEARANCES_M[0])
-    chosen = _spread(found if len(roomy.center_m) < _FEWER * _MOST else roomy)
+    chosen = _spread(found if len(roomy.center_m) < _FEWER * density.most else roomy, density.most)
     coarse = close(heights, chosen.center_m, chosen.heading_rad, chosen.slice_m, station)
     fine = _refined(coarse, heights, station)
     return tested(joined([coarse, fine]), heights, station, _TESTED)
 
 
-def _everywhere(heights: HeightMap, station: Station) -> Candidates:
+def _everywhere(heights: HeightMap, station: Station, density: Density) -> Candidates:
     """The candidates of every group of things; between groups that lie apart nothing is looked for."""
     parts = [Candidates(np.zeros((0, 2)), np.zeros(0), np.zeros(0), np.zeros(0))]
     near = cv2.dilate((heights.labels > 0).astype(np.uint8), np.ones((_GROUP_CELLS, _GROUP_CELLS), np.uint8))
@@ -85,7 +99,8 @@ def _everywhere(heights: HeightMap, station: Station) -> Candidates:
         margin = _MARGIN_CELLS - _GROUP_CELLS // 2
         window = np.s_[max(0, top - margin) : top + height + margin, max(0, left - margin) : left + width + margin]
         group = heights.part(window)
-        parts += [_along(group, float(index * np.pi / _HEADINGS), station) for index in range(_HEADINGS)]
+        headings_rad = np.arange(density.headings) * np.pi / density.headings
+        parts += [_along(group, float(heading_rad), station, density.level_m) for heading_rad in headings_rad]
     return Candidates.joined(parts)
 
 
@@ -131,7 +146,7 @@ def _survived(closings: Closings, chosen: npt.NDArray[np.intp], heights: HeightM
     return np.asarray((np.isfinite(erred.score) & same).reshape(len(chosen), len(_ERRORS)).mean(axis=1))
 
 
-def _along(heights: HeightMap, heading_rad: float, station: Station) -> Candidates:
+def _along(heights: HeightMap, heading_rad: float, station: Station, level_m: float) -> Candidates:
     """Every run of material along one heading with room for the fingers."""
     turned, hand = _Turned.of(heights, heading_rad), station.hand
     is_object = turned.is_object[::_ROW_CELLS]
@@ -139,37 +154,49 @@ def _along(heights: HeightMap, heading_rad: float, station: Station) -> Candidat
     palm = turned.highest_around(turned.bound_m, *_PALM_M)[::_ROW_CELLS]
     pad = turned.highest_around(turned.surface_m, 0.0, _PAD_M)[::_ROW_CELLS]
     top_m = np.where(is_object, pad, np.float32(0)).max(axis=1)
-    cells, slices, rooms = [np.zeros((0, 2))], [np.zeros(0)], [np.zeros(0)]
-    for tip_m in _levels(float(top_m.max(initial=0.0))):
-        rows = np.flatnonzero(top_m > tip_m + _OVER_TIP_M)
-        row, first, last = _runs(pad[rows] > tip_m + _OVER_TIP_M, hand)
-        row = rows[row]
-        middle = (first + last) // 2
-        free = (palm[row, middle] < tip_m + PALM_ABOVE_TIP_M - 0.001) & is_object[row, middle]
-        row, first, last = row[free], first[free], last[free]
-        for clearance_m in _CLEARANCES_M:
-            beside = (clearance_m + hand.finger_thickness_m / 2) / CELL_M
-            left = np.clip(np.rint(first - beside).astype(int), 0, pad.shape[1] - 1)
-            right = np.clip(np.rint(last + beside).astype(int), 0, pad.shape[1] - 1)
-            fits = (finger[row, left] < tip_m - 0.001) & (finger[row, right] < tip_m - 0.001)
-            cells.append(np.stack([(first + last)[fits] / 2, row[fits] * _ROW_CELLS], axis=1))
-            slices.append(np.full(int(fits.sum()), tip_m + _OVER_TIP_M))
-            rooms.append(np.full(int(fits.sum()), clearance_m))
-    center_m = turned.xy_m(np.concatenate(cells))
-    headings = np.full(len(center_m), heading_rad)
-    return Candidates(center_m, headings, np.concatenate(slices), np.concatenate(rooms))
+    # all levels at once: one by one, most of the time would go into the calls
+    tips_m = _levels(float(top_m.max(initial=0.0)), level_m)
+    level, row = np.nonzero(top_m > tips_m[:, None] + _OVER_TIP_M)
+    run, first, last = _runs(pad[row] > tips_m[level, None] + _OVER_TIP_M, hand)
+    level, row, middle = level[run], row[run], (first + last) // 2
+    free = (palm[row, middle] < tips_m[level] + PALM_ABOVE_TIP_M - 0.001) & is_object[row, middle]
+    level, row, first, last = level[free], row[free], first[free], last[free]
+    fits = [_has_room(finger, tips_m[level] - 0.001, row, first, last, room_m, hand) for room_m in _CLEARANCES_M]
+    kept = np.concatenate([np.flatnonzero(one) for one in fits])
+    room_m = np.repeat(_CLEARANCES_M, [int(one.sum()) for one in fits])
+    order = np.argsort(level[kept], kind="stable")
+    kept, room_m = kept[order], room_m[order]
+    center_m = turned.xy_m(np.stack([(first + last)[kept] / 2, row[kept] * _ROW_CELLS], axis=1))
+    return Candidates(center_m, np.full(len(kept), heading_rad), tips_m[level[kept]] + _OVER_TIP_M, room_m)
 
 
-def _levels(top_m: float) -> Array:
+def _has_room(
+    finger: Heights,
+    below_m: Array,
+    row: npt.NDArray[np.intp],
+    first: npt.NDArray[np.intp],
+    last: npt.NDArray[np.intp],
+    clearance_m: float,
+    hand: HandSettings,
+) -> npt.NDArray[np.bool_]:
+    """Whether both fingers (n,), so far beside their run, stand on what is lower than ``below_m`` (n,)."""
+    beside = (clearance_m + hand.finger_thickness_m / 2) / CELL_M
+    left = np.clip(np.rint(first - beside).astype(int), 0, finger.shape[1] - 1)
+    right = np.clip(np.rint(last + beside).astype(int), 0, finger.shape[1] - 1)
+    return np.asarray((finger[row, left] < below_m) & (finger[row, right] < below_m))
+
+
+def _levels(top_m: float, level_m: float) -> Array:
     """Tip heights to look at, from the table up to just below the highest object."""
-    return np.arange(TABLE_CLEARANCE_M, max(top_m - 0.004, TABLE_CLEARANCE_M + 1e-4), _LEVEL_M)
+    return np.arange(TABLE_CLEARANCE_M, max(top_m - 0.004, TABLE_CLEARANCE_M + 1e-4), level_m)
 
 
 def _runs(
     solid: npt.NDArray[np.bool_], hand: HandSettings
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], npt.NDArray[np.intp]]:
     """Row, first and last column of every run along the rows that fits into the jaw; also of two neighbours as one."""
-    framed = np.pad(solid, ((0, 0), (1, 1)))
+    framed = np.zeros((len(solid), solid.shape[1] + 2), dtype=bool)
+    framed[:, 1:-1] = solid
     changes = np.flatnonzero(framed[:, 1:] != framed[:, :-1])  # begin and end of every run, by turns
     row, first = np.divmod(changes[::2], solid.shape[1] + 1)
     last = changes[1::2] % (solid.shape[1] + 1) - 1
@@ -182,8 +209,8 @@ def _runs(
     return row[fits], first[fits], last[fits]
 
 
-def _spread(found: Candidates) -> Candidates:
-    """At most `_MOST` of the candidates, by turns from bins of place and heading, the deepest of each bin first."""
+def _spread(found: Candidates, most: int) -> Candidates:
+    """At most ``most`` of the candidates, by turns from bins of place and heading, the deepest of each bin first."""
     place = np.floor(found.center_m / _BIN_M).astype(np.int64)
     keys = np.column_stack([place, np.rint(found.heading_rad * 1e3).astype(np.int64)])
     order = np.lexsort((found.slice_m, keys[:, 2], keys[:, 1], keys[:, 0]))
@@ -192,9 +219,9 @@ def _spread(found: Candidates) -> Candidates:
     turn = np.arange(len(order)) - np.repeat(starts, np.diff(np.r_[starts, len(order)]))
     kept = order[np.argsort(turn, kind="stable")]
     first_turn = int((turn == 0).sum())
-    if first_turn > _MOST:
-        kept = kept[np.linspace(0, first_turn - 1, _MOST).astype(int)]
-    return found.taken(kept[:_MOST])
+    if first_turn > most:
+        kept = kept[np.linspace(0, first_turn - 1, most).astype(int)]
+    return found.taken(kept[:most])
 
 
 @dataclass(frozen=True)

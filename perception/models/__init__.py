@@ -15,11 +15,14 @@ from bus.errors import ConfigError
 from bus.messages import ModelReply
 from bus.redaction import quoted
 from config.schema import Station
+from perception.detectors.registry import open_detector
+from perception.detectors.written import replayed_detector
 from perception.geometry.crop import Mask
 from perception.models.api_key import key_of
 from perception.models.base import GoalImageModel
 from perception.models.budget import LEDGER, Budget
 from perception.models.depth_pro import DepthPro
+from perception.models.detector_call import DetectorCall
 from perception.models.exchange import Line
 from perception.models.hosted import HostedModel
 from perception.models.recorded import RecordedModel, SpoiledModel
@@ -37,12 +40,14 @@ class Models:
         imaginer: the goal-image model.
         sam, salient: at most one; without them the outline is the one that depth gives.
         depth: None = the observed depth is used instead.
+        detector: another package's detector, which finds the grasps; None = ours, with the models above.
     """
 
     imaginer: GoalImageModel
     sam: Sam | None = None
     salient: Salient | None = None
     depth: DepthPro | None = None
+    detector: DetectorCall | None = None
 
     def read_text(self, station: Station) -> bool:
         """Whether one of them finds a target by any words."""
@@ -51,6 +56,8 @@ class Models:
     def close(self) -> None:
         """Release connections and memory."""
         self.imaginer.close()
+        if self.detector is not None:
+            self.detector.close()
 
     def refined(self, outline: Mask, color: npt.NDArray[np.uint8]) -> Mask:
         """The outline (H, W) of an object, redrawn by SAM in its bounding box, or by a salient-object network near it.
@@ -74,19 +81,31 @@ def open_models(station: Station, environ: Mapping[str, str]) -> Models:
         environ: environment variables, for keys and proxies.
 
     Raises:
-        ConfigError: an unknown model; a missing key, model id, package or weights.
+        ConfigError: an unknown model or detector; a missing key, model id, package or weights; a detector's setting.
         RecordingError: the ledger of costs cannot be read.
     """
-    return Models(_imaginer(station, environ, station.recording.folder), *_local(station))
+    found, name = open_detector(station), station.perception.detector
+    detector = None if found is None else DetectorCall(name, found, station.perception.detector_deadline_s)
+    return Models(_imaginer(station, environ, station.recording.folder), *_local(station), detector)
 
 
 def replayed_models(station: Station, replies: Iterable[ModelReply]) -> Models:
-    """The models of a replay: hosted models answer from the recorded replies, recorded injected faults happen again."""
+    """The models of a replay: hosted models answer from the recorded replies, recorded injected faults happen again.
+
+    A detector of another package is asked again if it is deterministic, without a deadline.
+    """
     replies = tuple(replies)
+    found = replayed_detector(station, replies)
+    detector = None if found is None else DetectorCall(station.perception.detector, found, None)
+    imaginer = _replayed_imaginer(station, [reply for reply in replies if reply.step != "detect"])
+    return Models(imaginer, *_local(station), detector)
+
+
+def _replayed_imaginer(station: Station, replies: list[ModelReply]) -> GoalImageModel:
     if is_replayed(station.perception.model, replies):
-        return Models(RecordedModel(replies), *_local(station))
+        return RecordedModel(replies)
     embedded = open_local(station.perception.model, station)
-    return Models(SpoiledModel(embedded, replies) if station.faults.allowed else embedded, *_local(station))
+    return SpoiledModel(embedded, replies) if station.faults.allowed else embedded
 
 
 def _local(station: Station) -> tuple[Sam | None, Salient | None, DepthPro | None]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from bus.arrays import Points
 from bus.messages import Detections, Observation
 from bus.transforms import apply, inverse
 from config.schema import Station
@@ -19,7 +20,12 @@ _MIN_SEEN = 0.25
 
 
 def cleared_fraction(
-    detections: Detections, instance: int, before: Observation, after: Observation, station: Station
+    detections: Detections,
+    instance: int,
+    before: Observation,
+    after: Observation,
+    station: Station,
+    part_base: Points | None = None,
 ) -> float | None:
     """Share of the 4 mm cells under an object that the second capture shows at table height, or lower than it was.
 
@@ -28,8 +34,9 @@ def cleared_fraction(
 
     Args:
         instance: the number of the object that was grasped.
+        part_base: (n, 3) in ``base`` the points of that part of it which alone should have left; None = all of it.
     """
-    was = _points(detections, instance, before)
+    was = _points(detections, instance, before) if part_base is None else np.asarray(part_base, dtype=float)
     if not len(was):
         return None
     was_m = apply(inverse(detections.scene.table.base_from_table), was)[:, 2]

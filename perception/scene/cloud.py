@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -46,6 +47,12 @@ class Cloud:
     is_raised: Mask
     weights: npt.NDArray[np.float64] | None = None
     normals_table: Points | None = None
+
+    @cached_property
+    def has_normal(self) -> Mask:
+        """(n,) the points whose normal is known; none of one look's."""
+        nothing = np.zeros(len(self.points_table), dtype=bool)
+        return nothing if self.normals_table is None else np.asarray(self.normals_table.any(axis=1))
 
     @classmethod
     def of(cls, looks: Sequence[LookOnTable], table: Table, station: Station) -> Cloud:

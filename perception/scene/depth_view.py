@@ -25,6 +25,7 @@ _BEHIND_M = 0.004
 
 Depth = npt.NDArray[np.float32]
 Points = npt.NDArray[np.float32]
+Indices = npt.NDArray[np.int32]
 
 
 @dataclass(frozen=True)
@@ -78,32 +79,47 @@ class DepthView:
 
     def in_view(self, points_base: Points) -> npt.NDArray[np.bool_]:
         """Whether each point (n, 3) [m] lies inside the image."""
-        pixels, z = self.pixels(points_base)
-        return self.inside(pixels, z)
+        return self._within(*self._projected(points_base))
 
     def is_hidden(self, points_base: Points) -> npt.NDArray[np.bool_]:
         """Whether each point (n, 3) [m] lies behind what is seen in its direction, or nothing is seen there.
 
         Points outside the image are not hidden: they are not in view.
         """
-        pixels, z = self.pixels(points_base)
-        inside = self.inside(pixels, z)
-        u, v = np.where(inside[:, None], pixels, 0).T
-        return np.asarray(inside & ~(self.nearest_m[v, u] > z + np.float32(_BEHIND_M)))  # NaN compares false
+        u, v, z = self._projected(points_base)
+        inside = self._within(u, v, z)
+        seen_m = self.nearest_m.ravel().take(np.where(inside, v * np.int32(self.camera.width) + u, 0))
+        return np.asarray(inside & ~(seen_m > z + np.float32(_BEHIND_M)))  # NaN compares false
 
     def inside(self, pixels: npt.NDArray[np.int32], z: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
         """Whether pixels (n, 2) = (u, v) at z-depth (n,) lie inside the image, before the camera."""
-        u, v = pixels.T
-        return np.asarray((z > 0) & (u >= 0) & (v >= 0) & (u < self.camera.width) & (v < self.camera.height))
+        return self._within(pixels[:, 0], pixels[:, 1], z)
 
     def pixels(self, points_base: Points) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]:
         """The nearest pixels (n, 2) = (u, v) of points (n, 3) [m], maybe outside the image, and their z-depth (n,)."""
-        x, y, z = moved(points_base[None], inverse(self.base_from_depth))[0].T
+        u, v, z = self._projected(points_base)
+        return np.stack([u, v], axis=1), z
+
+    def _within(self, u: Indices, v: Indices, z: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
+        return np.asarray((z > 0) & (u >= 0) & (v >= 0) & (u < self.camera.width) & (v < self.camera.height))
+
+    def _projected(self, points_base: Points) -> tuple[Indices, Indices, npt.NDArray[np.float32]]:
+        """As `pixels`, columns (n,) and rows (n,) apart: the height maps spend most of their time here."""
+        x, y, z = np.ascontiguousarray(moved(points_base[None], self._depth_from_base)[0].T)
         scale = 1 / np.where(z > 0, z, np.float32(np.nan))
         x, y = _distorted(x * scale, y * scale, self.camera)
-        u = np.rint(np.nan_to_num(self.camera.fx * x + self.camera.cx, nan=-1.0)).clip(-1, 1 << 20)
-        v = np.rint(np.nan_to_num(self.camera.fy * y + self.camera.cy, nan=-1.0)).clip(-1, 1 << 20)
-        return np.stack([u, v], axis=1).astype(np.int32), z
+        model = self.camera
+        return _whole(model.fx * x + model.cx), _whole(model.fy * y + model.cy), z
+
+    @cached_property
+    def _depth_from_base(self) -> Transform:
+        return inverse(self.base_from_depth)
+
+
+def _whole(pixel: npt.NDArray[np.float32]) -> Indices:
+    """The nearest whole numbers (n,) of pixel coordinates (n,), NaN = before the image."""
+    bounded = np.minimum(np.fmax(np.rint(pixel), np.float32(-1)), np.float32(1 << 20))
+    return np.asarray(bounded.astype(np.int32))
 
 
 def _box(reach_m: float, pixel_m: float) -> npt.NDArray[np.uint8]:

@@ -261,17 +261,19 @@ def _free_above(
     free_m = np.full(height_m.shape, -np.inf, dtype=np.float32)
     level_m = max(_CEILING_M, float(height_m.max(initial=0.0)))
 
-    def column_base(of: npt.NDArray[np.integer], z_m: float) -> npt.NDArray[np.float32]:
-        xyz = np.column_stack([grid.centers_m(of), np.full(len(of), z_m)]).astype(np.float32)
-        return np.asarray(moved(xyz[None], base_from_level)[0])
-
-    in_view = view.in_view(column_base(cells, 0.0))
-    free_m.flat[cells[~in_view]] = level_m
-    active = cells[in_view]
+    free = free_m.ravel()  # of the same memory
+    xyz = np.zeros((len(cells), 3), dtype=np.float32)
+    xyz[:, :2] = grid.centers_m(cells)
+    in_view = view.in_view(moved(xyz[None], base_from_level)[0])
+    free[cells[~in_view]] = level_m
+    active, xyz = cells[in_view], xyz[in_view]
+    down_to_m = height_m.ravel()[active]
     while len(active) and level_m > 0:
-        hidden = view.is_hidden(column_base(active, level_m))
-        free_m.flat[active[hidden]] = level_m
-        active = active[~hidden]
+        xyz[:, 2] = level_m
+        hidden = view.is_hidden(moved(xyz[None], base_from_level)[0])
+        free[active[hidden]] = level_m
         level_m -= _LEVEL_M
-        active = active[height_m.flat[active] < level_m]
+        going_on = np.flatnonzero(~hidden & (down_to_m < level_m))
+        if len(going_on) < len(active):
+            active, xyz, down_to_m = active.take(going_on), xyz.take(going_on, axis=0), down_to_m.take(going_on)
     return free_m

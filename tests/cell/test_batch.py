@@ -56,6 +56,22 @@ def test_three_failures_in_a_row_end_it_with_the_last_reason() -> None:
     assert batch.reason == "3 picks in a row failed, the last by DROPPED: why"
 
 
+@pytest.mark.parametrize("code", [Code.NO_GRASP, Code.COLLISION, Code.NOT_SEEN])
+def test_two_that_touch_nothing_end_it_because_the_next_would_find_the_same_scene(code: Code) -> None:
+    untouched = CycleResult.model_validate(
+        {"cycle_id": "1", "object": "", "result": "FAILED", "code": code, "reason": "why",
+         "stages": {"capture": 1.0, "detect": 1.0}, "wall_s": 1.0, "recording": ""}
+    )  # fmt: skip
+    batch, counted, retried = Batch(UNTIL_EMPTY), Batch(CommandRequest(cycles=3)), Batch(UNTIL_EMPTY)
+    for _ in range(2):
+        assert not batch.is_over
+        batch.hear(untouched)
+        counted.hear(untouched)
+        retried.hear(untouched.model_copy(update={"retried_as": "2"}))
+    assert batch.gave_up and not batch.is_empty and batch.reason == f"2 picks in a row failed, the last by {code}: why"
+    assert not counted.is_over and not retried.is_over
+
+
 @pytest.mark.parametrize("request_", [UNTIL_EMPTY, CommandRequest(cycles=5)])
 def test_a_fault_ends_every_batch(request_: CommandRequest) -> None:
     batch = heard(Batch(request_), "SUCCESS", "ABORTED")

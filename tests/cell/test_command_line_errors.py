@@ -190,7 +190,7 @@ _HEAVY = {"numpy", "cv2", "scipy", "mujoco", "pinocchio", "google.protobuf", "mc
 def _imported(source: str) -> set[str]:
     done = subprocess.run([sys.executable, "-c", f"import sys; {source}; print(*sys.modules)"],
                           capture_output=True, text=True, check=True)  # fmt: skip
-    return set(done.stdout.split())
+    return set(done.stdout.splitlines()[-1].split())  # above it is what the command itself prints
 
 
 def test_an_operator_in_a_hurry_waits_for_no_import() -> None:

@@ -15,11 +15,14 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
+import numpy as np
 import pytest
 
+from bus import topics
 from bus.cancel import Cancel
 from bus.clock import StarvedClock
 from bus.commands import CommandRequest
+from bus.messages import ArmMode, ArmState, View
 from bus.session import Bus
 from bus.starvation import Starvation
 from bus.threads import OwnedThread, Role, handled_by
@@ -34,6 +37,7 @@ from cell.nodes.watchdog import Watchdog
 from cell.pick.detect import detect_unless_halted
 from cell.pick.opening import Opening
 from cell.pick.record import CycleLog
+from cell.pick.stages import Stages
 from config.hardware import FemtoMegaSettings, PandaHandSettings
 from config.load import load_station
 from config.schema import Station
@@ -102,6 +106,13 @@ def _model_call(bench: Bench) -> None:
     with suppress(GivenUp):
         call.wait(0.0, Cancel())
     goes_on.set()
+
+
+def _record(_bench: Bench) -> None:
+    log = cast(Any, SimpleNamespace(check=lambda: None))
+    arm = ArmState(stamp_ns=1, mode=ArmMode.IDLE, q_rad=np.zeros(7), dq_rad_s=np.zeros(7), tau_ext_nm=np.zeros(7))
+    view = View(stamp_ns=1, arm=arm, base_from_color=np.eye(4))
+    Stages("c", broken, lambda _: None, log, Gate()).run("capture", topics.CAPTURE, lambda: view, meanwhile=True)
 
 
 def _clock(bench: Bench) -> None:
@@ -175,6 +186,7 @@ STARTS: dict[Role, Callable[[Bench], Any]] = {
     Role.DETECT: lambda bench: bench.own(
         lambda: detect_unless_halted(cast(Any, None), bench.station, cast(Any, None), broken, lambda: False)
     ),
+    Role.RECORD: _record,
     Role.MODEL_CALL: _model_call,
     Role.CYCLE_LOG: _cycle_log,
     Role.WATCHDOG: _watchdog,

@@ -11,9 +11,18 @@ import pytest
 
 from bus.errors import MotionRefused, NotConnected
 from bus.messages import ArmMode, Motion
-from bus.trajectory import TICK_S, Trajectory
+from bus.trajectory import TICK_S, ContactGuard, Trajectory
+from config.franka_hand import FINGER_TIP_M
 from config.limits import check
+from config.load import load_station
+from drivers.fr3.arm import Fr3Arm
 from drivers.interface import Arm, Devices
+from planning.blend import blended
+from planning.feeling import guard, way_back
+from planning.line import tcp_line
+from planning.robot import Robot
+from planning.slow_end import slow_end
+from planning.timing import timed
 
 REST_RAD_S = 0.1
 """Measured velocities chatter by up to 0.08 rad/s at standstill, on the real arm's simulator as on the arm."""
@@ -219,6 +228,41 @@ def test_a_stop_ends_one_that_waits(arm: Arm, long_s: float) -> None:
     assert not running.end().finished
     with pytest.raises(MotionRefused):
         arm.resume()
+
+
+def test_a_guarded_motion_that_meets_nothing_is_played_as_any_other(arm: Arm) -> None:
+    free = _nod(arm.state().q_rad)
+    guard = ContactGuard(begins_at=100, limit_n=5.0, force_from_torque=np.eye(7))
+    motion = arm.execute(free.model_copy(update={"guard": guard}))
+    assert motion.finished and motion.contact_n is None
+    np.testing.assert_allclose(motion.commanded_q_rad, free.filtered(), atol=START_RAD)
+
+
+def test_a_guarded_motion_brakes_by_itself_where_it_meets_the_table(arm: Arm) -> None:
+    if isinstance(arm, Fr3Arm):
+        pytest.skip("its simulator tells no external torques; see test_fr3_loop")
+    start_q_rad = arm.state().q_rad
+    down = _into_the_table(start_q_rad)
+    motion = arm.execute(down)
+    assert motion.contact_n is not None and motion.contact_n > 5.0 and not motion.finished
+    assert arm.state().mode is ArmMode.IDLE, "a reflex"
+    assert arm.execute(down.model_copy(update={"raw_q_rad": _back(motion), "guard": None})).finished
+    np.testing.assert_allclose(arm.state().q_rad, start_q_rad, atol=5e-3)
+
+
+def _into_the_table(start_q_rad: np.ndarray) -> Trajectory:
+    """Straight down until the finger tips are 3 mm in the table, slow at its end, and guarded."""
+    station = load_station()
+    robot, pose = Robot(station), Robot(station).base_from_tcp(start_q_rad)
+    line = tcp_line(start_q_rad, pose, np.array([0.0, 0.0, FINGER_TIP_M - 0.003 - pose[2, 3]]))
+    assert line is not None
+    end_m = robot.base_from_tcp(line[-1])[:3, 3]
+    reach = timed(station, blended([line]), slow_end(robot, end_m, station.execute, is_near=True))
+    return reach.model_copy(update={"guard": guard(robot, reach, 100, station.execute.contact_n)})
+
+
+def _back(motion: Motion) -> np.ndarray:
+    return way_back(load_station(), motion.commanded_q_rad).raw_q_rad
 
 
 def test_a_hold_without_a_motion_does_nothing_and_holds_no_later_one(arm: Arm) -> None:

@@ -13,7 +13,7 @@ import pytest
 
 from bus.errors import DeviceLost, DriverUnavailable, MotionRefused
 from bus.messages import ArmMode, Motion
-from bus.trajectory import Trajectory
+from bus.trajectory import ContactGuard, Trajectory
 from config.hardware import Fr3Settings
 from config.limits import check
 from config.load import load_station
@@ -36,8 +36,16 @@ def fast(duration_s: float = 4.0) -> Trajectory:
     return Trajectory(raw_q_rad=raw_q_rad, window=64)
 
 
-def played(beats: Callable[[int], bool], wants: dict[int, MotionRequest] | None = None) -> Played:
-    """What a loop plays of `fast` whose driver beats in those milliseconds for which ``beats``, and asks ``wants``."""
+def played(
+    beats: Callable[[int], bool],
+    wants: dict[int, MotionRequest] | None = None,
+    guard: ContactGuard | None = None,
+    touches_at: int | None = None,
+) -> Played:
+    """What a loop plays of `fast` whose driver beats in those milliseconds for which ``beats``, and asks ``wants``.
+
+    From ``touches_at`` on the robot feels 8 Nm on joint 1.
+    """
     now_ns, shared = [5_000 * TICK_NS], SharedState.create()
 
     def on_cycle(cycle: int) -> None:
@@ -46,11 +54,13 @@ def played(beats: Callable[[int], bool], wants: dict[int, MotionRequest] | None 
             shared.beat(now_ns[0])
         if wants is not None and cycle in wants:
             shared.ask(wants[cycle])
+        if cycle == touches_at:
+            robot.tau_ext_nm = np.array([8.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
 
     robot = FakeFci(START_RAD, on_cycle)
     settings = Fr3Settings(realtime="ignore")
     loop = ControlLoop(robot.package(), settings, shared, gone=lambda: False, clock_ns=lambda: now_ns[0])
-    return loop.play(fast(), tolerance_rad=0.02)
+    return loop.play(fast().model_copy(update={"guard": guard}), tolerance_rad=0.02)
 
 
 def test_while_its_driver_lives_a_motion_is_played_to_its_end() -> None:
@@ -85,6 +95,23 @@ def test_a_driver_that_freezes_in_a_hold_ends_the_held_motion() -> None:
 def test_a_driver_that_never_said_that_it_lives_moves_nothing_far() -> None:
     cut = played(lambda _: False)
     assert not cut.finished and np.abs(cut.commanded_q_rad - START_RAD).max() < 1e-3
+
+
+GUARD = ContactGuard(begins_at=500, limit_n=5.0, force_from_torque=np.eye(7)[:1])
+
+
+def test_a_guarded_motion_that_meets_something_brakes_in_the_loop_within_milliseconds() -> None:
+    cut = played(lambda _: True, guard=GUARD, touches_at=1200)
+    assert cut.contact_n == pytest.approx(8.0) and not cut.finished
+    slower = np.flatnonzero(np.abs(cut.commanded_q_rad - fast().filtered()[: len(cut.commanded_q_rad)]).max(1) > 1e-9)
+    assert 1200 < slower[0] < 1206
+    report = check(cut.commanded_q_rad)
+    assert report.ok, report.describe()
+
+
+def test_a_guarded_motion_that_meets_nothing_is_played_to_its_end() -> None:
+    whole = played(lambda _: True, guard=GUARD)
+    assert whole.finished and whole.contact_n is None
 
 
 # --- the driver -------------------------------------------------------------------------------------------------------

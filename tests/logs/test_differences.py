@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from bus.codes import Code
 from bus.messages import Alignment, Failure, HandState, Rectangle, Verdict
-from bus.rejection import Rejection
+from bus.rejection import Obstacle, Rejection
 from bus.trajectory import Trajectory
 from logs.differences import POSE, Tolerance, compare
 
@@ -100,6 +100,20 @@ def test_arrays_report_their_largest_deviation_and_a_different_length() -> None:
     assert (difference.field, difference.difference, difference.unit) == ("raw_q_rad[2,3]", 0.3, "rad")
     (difference,) = compare(one, Trajectory(raw_q_rad=np.zeros((4, 7)), window=1), {})
     assert difference.field == "raw_q_rad.shape"
+
+
+def test_what_an_older_recording_says_nothing_of_is_no_difference() -> None:
+    said = {"grasp": 0, "tilt_rad": 0.0, "code": Code.COLLISION, "reason": "table"}
+    now = Rejection.model_validate({**said, "obstacle": None}).model_copy(update={"obstacle": OBSTACLE})
+    assert compare(Rejection.model_validate(said), now, {}) == []
+    (difference,) = compare(Rejection.model_validate({**said, "obstacle": None}), now, {})
+    assert difference.field == "obstacle"
+
+
+OBSTACLE = Obstacle(
+    part="left finger", name="table", kind="box", too_near_m=0.003, needed_m=0.002, touch_m=np.zeros(3),
+    base_from_tcp=np.eye(4), opening_m=0.05, points_m=np.zeros((8, 3), np.float32),
+)  # fmt: skip
 
 
 @pytest.mark.parametrize(

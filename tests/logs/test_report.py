@@ -12,15 +12,18 @@ import numpy as np
 import pytest
 from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
 
+from bus.codes import Code
 from bus.commands import Event, Health
 from bus.errors import RecordingError
 from bus.messages import ArmMode, ArmState, Attempt, Detections, Tried
+from bus.rejection import Obstacle
 from bus.sensor_codec import arm_state_to_wire
 from logs.mcap.reader import Timed, read_cycle
 from logs.report.cycle_report import configuration_changes, write_report
 from logs.report.day_report import INDEX, days, write_cycle, write_day
 from logs.report.timeline import summarize
 from tests.logs.browser import Page, chromium, find_chromium
+from tests.logs.conftest import REJECTED
 
 Record = Callable[..., Path]
 HOSTILE = "<script>alert('arm')</script>"
@@ -34,6 +37,11 @@ MISSING: dict[str | None, tuple[str, ...]] = {
     "verify": ("verdict",),
 }
 """By the stage that failed: the sections of which there is nothing to show."""
+OBSTACLE = Obstacle(
+    part="left finger", name="an observed obstacle", kind="seen", too_near_m=0.012, needed_m=0.002,
+    touch_m=np.array([0.0, 0.04, 0.0]), base_from_tcp=np.diag([1.0, -1.0, -1.0, 1.0]), opening_m=0.05,
+    points_m=np.array([[0.0, 0.04, 0.0], [0.01, 0.05, 0.02]], np.float32),
+)  # fmt: skip
 FIGURES = {"clouds", *(f"joints-{n}" for n in range(4)), *(f"hand-{n}" for n in range(3))}
 
 
@@ -123,6 +131,50 @@ def test_a_failed_plan_shows_every_grasp_with_the_reason_of_its_rejection(record
     assert "<b>chosen</b>" not in grasps and "yellow" not in grasps
 
 
+def _in_the_way(record: Record, tmp_path: Path, **changes: object) -> str:
+    """The page of a failed plan whose rejection says what was in the way: beside the thing, from above."""
+    return _rejected(record, tmp_path, obstacle=OBSTACLE.model_copy(update=changes))
+
+
+def _rejected(record: Record, tmp_path: Path, **changes: object) -> str:
+    """The page of a failed plan with a rejection of these fields."""
+    told = read_cycle(record("plan"))
+    failure = told.stages["plan"].failure
+    assert failure is not None
+    rejected = REJECTED[0].model_copy(update=changes)
+    plan = told.stages["plan"].model_copy(update={"failure": failure.model_copy(update={"rejected": (rejected,)})})
+    told = replace(told, stages={**told.stages, "plan": plan})
+    return write_report(told, tmp_path / "page.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({}, "the left finger would touch something that was seen, 40 mm beside the middle of the jaw: 12 mm too near"),
+        ({"kind": "box", "name": "bin-left"}, "the left finger would touch the left wall of the bin, 40 mm beside"),
+        ({"kind": "unseen"}, "the left finger would touch space that the camera did not see, 40 mm beside"),
+        ({"kind": "robot", "part": "link 7", "name": "link 3"}, "the link 7 would touch the link 3: 12 mm too near"),
+        ({"kind": "target", "part": "hand", "touch_m": np.zeros(3)}, "the hand would touch the object itself: 12 mm"),
+        ({"too_near_m": None}, "more than 60 mm too near (2 mm must stay free)"),
+    ],
+)
+def test_a_failed_plan_tells_and_draws_what_was_in_the_way(
+    record: Record, tmp_path: Path, changes: dict[str, object], said: str
+) -> None:
+    page = _in_the_way(record, tmp_path, **changes)
+    assert said in _words(page[page.index("<header") :].partition("</header>")[0])
+    section = _section(page, "obstacles")
+    assert 'alt="the obstacle and the hand"' in section and 'data-figure="obstacles"' in section
+    assert "What was in the way" not in _page(record, tmp_path, "plan"), "an older recording does not say it"
+
+
+def test_a_grasp_out_of_reach_is_told_with_its_distance_beside_the_arm_s(record: Record, tmp_path: Path) -> None:
+    page = _rejected(record, tmp_path, code=Code.UNREACHABLE, reason="unreachable: no arm configuration reaches it")
+    section = _words(_section(page, "obstacles"))
+    assert "What was out of reach" in section and "data-figure" not in _section(page, "obstacles")
+    assert "flange 0.23 m from the shoulder 0.86 m at most" in section
+
+
 def test_a_recording_without_a_result_is_told_as_unfinished(record: Record, tmp_path: Path) -> None:
     torn = replace(read_cycle(record()), result=None, metadata={"cycle_id": "1"})
     page = write_report(torn, tmp_path / "page.html").read_text()
@@ -204,6 +256,17 @@ def test_a_browser_draws_every_figure_and_complains_of_nothing(browser: Page, re
     browser.value("document.querySelector('[data-view=before]').click()")
     assert browser.value(_SHOWN) == ["observed", "imagined, as lifted", "its rod"]
     assert browser.errors == []
+
+
+def test_a_browser_draws_the_obstacle_and_the_hand_where_it_would_have_been(
+    browser: Page, record: Record, tmp_path: Path
+) -> None:
+    _in_the_way(record, tmp_path)
+    browser.open(tmp_path / "page.html", 390)
+    assert browser.value(_WIDTH) <= 390
+    names = "document.querySelector('[data-figure=obstacles]').data.map((one) => one.name)"
+    drawn = ["seen of the things", "in the way", "hand", "left finger", "right finger", "touch"]
+    assert browser.value(names) == drawn and browser.errors == []
 
 
 def test_a_browser_shows_the_day_and_a_cycle_that_did_not_move(browser: Page, record: Record, tmp_path: Path) -> None:

@@ -13,72 +13,21 @@ from bus.errors import ConfigError
 from bus.messages import Rectangle
 from perception.rectangles.metric import matches
 from perception.rectangles.network import GraspNetwork
-
-onnx = pytest.importorskip("onnx", reason="needs onnx: uv pip install 'vlad-cell[dev]'")
-pytest.importorskip("onnxruntime", reason="needs onnxruntime: uv pip install 'vlad-cell[onnx]'")
-
-SIZE = 64
-SOBEL = np.array([[-1, 0, 1], [-2, 0, 2], [-1, 0, 1]], np.float32)
-FLOAT = onnx.TensorProto.FLOAT
-MAPS = ("quality", "cos2", "sin2", "wide")
-
-Node = Any
-
-
-def _node(kind: str, inputs: str, output: str, **attributes: Any) -> Node:
-    return onnx.helper.make_node(kind, inputs.split(), [output], **attributes)
-
-
-def _save(path: Path, channels: int, nodes: list[Node], constants: dict[str, np.ndarray]) -> Path:
-    """A network of these nodes, from ``image`` to `MAPS`."""
-    graph = onnx.helper.make_graph(
-        nodes,
-        "grasp",
-        [onnx.helper.make_tensor_value_info("image", FLOAT, [1, channels, SIZE, SIZE])],
-        [onnx.helper.make_tensor_value_info(name, FLOAT, [1, 1, SIZE, SIZE]) for name in MAPS],
-        [onnx.numpy_helper.from_array(value, name) for name, value in constants.items()],
-    )
-    onnx.save(onnx.helper.make_model(graph, opset_imports=[onnx.helper.make_opsetid("", 13)], ir_version=9), str(path))
-    return path
+from tests.perception.small_networks import FLOAT, MAPS, SIZE, Node, gradients, node, onnx, save
 
 
 def _one_plane(path: Path, channels: int, plane: int) -> GraspNetwork:
     """Quality and width are one of the planes as it came in; the angle is 0."""
     nodes = [
-        _node("Slice", "image first last axis", "quality"),
-        _node("Mul", "quality zero", "sin2"),
-        _node("Add", "sin2 one", "cos2"),
-        _node("Identity", "quality", "wide"),
+        node("Slice", "image first last axis", "quality"),
+        node("Mul", "quality zero", "sin2"),
+        node("Add", "sin2 one", "cos2"),
+        node("Identity", "quality", "wide"),
     ]
     whole = {"first": plane, "last": plane + 1, "axis": 1}
     constants = {name: np.array([value], np.int64) for name, value in whole.items()}
     constants |= {"zero": np.zeros((), np.float32), "one": np.ones((), np.float32)}
-    return GraspNetwork(_save(path, channels, nodes, constants))
-
-
-def _gradients(path: Path) -> GraspNetwork:
-    """A grasp network without training: near is good, the jaw closes along the depth's gradient."""
-    mean = {"kernel_shape": [15, 15], "pads": [7, 7, 7, 7]}
-    edge = {"kernel_shape": [3, 3], "pads": [1, 1, 1, 1]}
-    nodes = [
-        _node("Neg", "image", "near"),
-        _node("AveragePool", "near", "quality", **mean),
-        _node("Conv", "image sobel_u", "along_u", **edge),
-        _node("Conv", "image sobel_v", "along_v", **edge),
-        _node("Mul", "along_u along_u", "uu"),
-        _node("Mul", "along_v along_v", "vv"),
-        _node("Sub", "uu vv", "twice_cos"),
-        _node("AveragePool", "twice_cos", "cos2", **mean),
-        _node("Mul", "along_u along_v", "uv"),
-        _node("Mul", "uv minus_two", "twice_sin"),
-        _node("AveragePool", "twice_sin", "sin2", **mean),
-        _node("Mul", "near zero", "nothing"),
-        _node("Add", "nothing width", "wide"),
-    ]
-    scalars = {"minus_two": -2.0, "zero": 0.0, "width": 18 / 150}
-    constants = {name: np.array(value, np.float32) for name, value in scalars.items()}
-    constants |= {"sobel_u": SOBEL[None, None], "sobel_v": np.ascontiguousarray(SOBEL.T)[None, None]}
-    return GraspNetwork(_save(path, 1, nodes, constants))
+    return GraspNetwork(save(path, channels, nodes, constants))
 
 
 def _scene() -> tuple[np.ndarray, np.ndarray]:
@@ -175,7 +124,7 @@ def test_the_jaw_closes_across_a_bar_however_it_lies(angle_deg: int, tmp_path: P
     truth = Rectangle(center_px=(100.0, 60.0), angle_rad=np.deg2rad(angle_deg), width_px=36, height_px=20)
     bar = cv2.boxPoints((truth.center_px, (20, 70), float(angle_deg)))
     cv2.fillPoly(depth_m, [np.rint(bar).astype(np.int32)], 0.9)
-    found = _gradients(tmp_path / "n.onnx").detect(np.zeros((128, 192, 3), np.uint8), depth_m)
+    found = GraspNetwork(gradients(tmp_path / "n.onnx")).detect(np.zeros((128, 192, 3), np.uint8), depth_m)
     apart_deg = (np.degrees(found.angle_rad) - angle_deg + 90) % 180 - 90
     assert abs(apart_deg) < 5 and 0 <= found.angle_rad < np.pi
     along = np.array([-np.sin(truth.angle_rad), np.cos(truth.angle_rad)])
@@ -203,7 +152,7 @@ def _passing(path: Path, side: int, kind: int = FLOAT, step: Node | None = None,
     """Four maps of this side: the input itself, or ``step`` of it."""
     shape = [1, 1, SIZE, SIZE]
     graph = onnx.helper.make_graph(
-        [step or _node("Identity", "image", "map"), *(_node("Identity", "map", name) for name in MAPS)],
+        [step or node("Identity", "image", "map"), *(node("Identity", "map", name) for name in MAPS)],
         "grasp",
         [onnx.helper.make_tensor_value_info("image", kind, shape)] * inputs,
         [onnx.helper.make_tensor_value_info(name, kind, [1, 1, side, side]) for name in MAPS],
@@ -212,8 +161,8 @@ def _passing(path: Path, side: int, kind: int = FLOAT, step: Node | None = None,
     return path
 
 
-HALF = _node("AveragePool", "image", "map", kernel_shape=[2, 2], strides=[2, 2])
-BLANK = _node("Constant", "", "map", value=onnx.numpy_helper.from_array(np.zeros((1, 1, SIZE, SIZE), np.float32)))
+HALF = node("AveragePool", "image", "map", kernel_shape=[2, 2], strides=[2, 2])
+BLANK = node("Constant", "", "map", value=onnx.numpy_helper.from_array(np.zeros((1, 1, SIZE, SIZE), np.float32)))
 
 
 @pytest.mark.parametrize(
@@ -222,8 +171,8 @@ BLANK = _node("Constant", "", "map", value=onnx.numpy_helper.from_array(np.zeros
         ({"side": SIZE // 2, "step": HALF}, "gives maps of the shapes"),
         ({"side": SIZE, "kind": onnx.TensorProto.FLOAT16}, "float16"),
         ({"side": SIZE, "step": BLANK, "inputs": 0}, "has the tensors"),
-        ({"side": SIZE, "step": _node("Identity", "missing", "map")}, "onnxruntime can run"),
-        ({"side": SIZE, "step": _node("NoSuchOperator", "image", "map")}, "onnxruntime can run"),
+        ({"side": SIZE, "step": node("Identity", "missing", "map")}, "onnxruntime can run"),
+        ({"side": SIZE, "step": node("NoSuchOperator", "image", "map")}, "onnxruntime can run"),
     ],
 )
 def test_what_breaks_the_contract_is_refused_with_what_was_found(
@@ -241,7 +190,7 @@ def test_an_empty_file_is_refused(tmp_path: Path) -> None:
 
 def test_weights_may_lie_in_a_file_beside(tmp_path: Path) -> None:
     """As PyTorch's exporter writes them by default."""
-    _gradients(tmp_path / "n.onnx")
+    gradients(tmp_path / "n.onnx")
     beside = {"save_as_external_data": True, "location": "n.onnx.data", "size_threshold": 0}
     onnx.save(onnx.load(tmp_path / "n.onnx"), str(tmp_path / "n.onnx"), **beside)
     assert GraspNetwork(tmp_path / "n.onnx").size_px == SIZE

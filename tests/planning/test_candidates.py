@@ -8,12 +8,13 @@ import pytest
 from bus.codes import Code
 from bus.messages import Grasp
 from config.limits import UPPER_RAD
+from config.schema import PlanningSettings, Station
 from planning.candidates import Approach, approaches, configurations, grasp_pose, twins
 from planning.infeasible import Infeasible
 from planning.kinematics import limit_distance_rad
 from planning.robot import Robot
 from planning.search import LIMIT_MARGIN_RAD
-from tests.planning.conftest import CAPTURE, STATION
+from tests.planning.conftest import CAPTURE, NODES, STATION
 
 
 def grasp(z_m: float = 0.05, score: float = 1.0, width_m: float = 0.04) -> Grasp:
@@ -30,7 +31,9 @@ def test_the_best_score_comes_first_and_a_tilt_costs() -> None:
 
 
 def test_no_more_are_tried_than_configured() -> None:
-    assert len(approaches([grasp()] * 12, STATION)) == STATION.planning.max_approaches
+    few = Station(nodes=NODES, planning=PlanningSettings(max_approaches=24))
+    assert len(approaches([grasp()] * 12, few)) == 24
+    assert len(approaches([grasp()] * 12, STATION)) == 12 * len(STATION.planning.tilts_deg)
 
 
 @pytest.mark.parametrize("tilt_deg", [-30.0, 15.0, 45.0])

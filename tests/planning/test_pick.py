@@ -10,7 +10,7 @@ from bus.errors import CycleFailure
 from bus.messages import Grasp, PickPlan
 from config.franka_hand import FINGER_TIP_M
 from config.limits import UPPER_RAD
-from config.schema import Station, VerifySettings
+from config.schema import PlanningSettings, SceneSettings, Station, VerifySettings
 from planning.height_field import Sight
 from planning.pick import plan_pick
 from planning.pregrasp import LOWER_M
@@ -196,7 +196,7 @@ def test_a_grasp_like_one_that_missed_is_left_out_whichever_way_round_the_hand_i
     aside = grasp(0.45, 0.09, 0.05)
     chosen = plan_pick(scene, [GOOD, aside], CAPTURE, missed=[turned])
     assert chosen.grasp == 1 and (chosen.rejected[0].grasp, chosen.rejected[0].code) == (0, Code.GRASP_MISSED)
-    with pytest.raises(CycleFailure, match="closed on nothing before") as caught:
+    with pytest.raises(CycleFailure, match="one that failed before") as caught:
         plan_pick(scene, [GOOD], CAPTURE, missed=[turned])
     assert caught.value.failure is Code.NO_GRASP
 
@@ -222,6 +222,17 @@ def test_an_obstacle_in_the_way_of_every_approach_is_named(robot: Robot) -> None
     with pytest.raises(CycleFailure, match="touches lid") as caught:
         plan_pick(among(robot, lid), [GOOD], CAPTURE)
     assert caught.value.failure is Code.COLLISION
+
+
+def test_after_its_budget_no_further_way_is_tried_and_it_says_how_many_are_left(robot: Robot) -> None:
+    lid, hurried = box("lid", (0.45, 0.05, 0.12), (0.2, 0.2, 0.01)), PlanningSettings(budget_s=0.001)
+    station = Station(nodes=NODES, scene=SceneSettings(obstacles=(lid,)), planning=hurried)
+    texts = []
+    for _ in range(2):
+        with pytest.raises(CycleFailure, match=r"None of 1 ways .* 4 more were not tried: planning.budget_s") as caught:
+            plan_pick(Scene.of(robot, station), [GOOD], CAPTURE)
+        texts.append(caught.value.text)
+    assert texts[0] == texts[1]
 
 
 def test_beside_a_wall_it_comes_from_the_free_side(robot: Robot) -> None:
@@ -302,3 +313,21 @@ def test_same_inputs_give_the_same_bits(scene: Scene, plan: PickPlan) -> None:
     scene.collision(CAPTURE + 0.3, WIDE_M)  # whatever it was asked before
     for anew in (scene, Scene.of(Robot(STATION), STATION)):
         assert plan_pick(anew, [GOOD], CAPTURE).model_dump_json() == plan.model_dump_json()
+
+
+def test_what_is_held_is_accelerated_no_more_than_it_may_be_and_the_empty_hand_as_ever(robot: Robot) -> None:
+    calm = STATION.model_copy(
+        update={"planning": STATION.planning.model_copy(update={"max_held_acceleration_m_s2": 3.0})}
+    )
+    fast, slow = (plan_pick(Scene.of(robot, station), [GOOD], CAPTURE) for station in (STATION, calm))
+    assert _peak_m_s2(robot, fast, "carry") > 4.0
+    for name in ("carry", "place"):
+        assert _peak_m_s2(robot, slow, name) < 1.1 * 3.0
+    for name in ("reach", "home"):
+        assert _peak_m_s2(robot, slow, name) == _peak_m_s2(robot, fast, name)
+
+
+def _peak_m_s2(robot: Robot, plan: PickPlan, name: str) -> float:
+    (segment,) = (segment for segment in plan.segments if segment.name == name)
+    tcp_m = np.stack([robot.base_from_tcp(q)[:3, 3] for q in segment.trajectory.filtered()[::4]])
+    return float(np.linalg.norm(np.diff(tcp_m, 2, axis=0), axis=1).max() / 0.004**2)

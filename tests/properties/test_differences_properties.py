@@ -100,7 +100,12 @@ MESSAGES: st.SearchStrategy[Message] = st.one_of(
     st.builds(ModelReply, latency_s=NUMBERS, image_png=st.none() | st.binary(max_size=4)),
     st.builds(CameraModel, fx=NUMBERS, distortion=st.lists(NUMBERS, max_size=8).map(tuple)),
     st.builds(Execution, runs=RUNS, grasped=st.none() | HANDS, after=st.none()),
-    st.builds(StageRecord[Verdict], duration_s=NUMBERS, result=st.none() | VERDICTS),
+    st.builds(
+        StageRecord[Verdict],
+        duration_s=NUMBERS,
+        result=st.none() | VERDICTS,
+        failure=st.none() | st.builds(Failure, rejected=st.just(())),
+    ),
     EVIDENCES,
 )
 
