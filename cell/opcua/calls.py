@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 from asyncua import ua
 
 from bus.commands import CommandReply, CommandRequest
-from bus.errors import CellError, Refused
+from bus.errors import CellError, CellUnreachable, Refused
 from cell import client
 from cell.client import Client, client_name
 from cell.commander import Commander
@@ -111,7 +111,14 @@ class Calls:
         return _result(method, reply)
 
     async def _send(self, verb: str, request: CommandRequest, attendant: Attendant) -> CommandReply:
-        """Send a command. It goes on when the client goes meanwhile: its lease is given back after it."""
+        """Send a command. It goes on when the client goes meanwhile: its lease is given back after it.
+
+        Raises: CellUnreachable at once when the cell is known to be gone; as `Client.send`.
+        """
+        if self._viewer.is_gone:
+            raise CellUnreachable(
+                "The cell is gone: it ended, or the link to it.", "Start it: this server will see it."
+            )
         if verb in NEEDS_LEASE | NEEDS_TOKEN:
             return await asyncio.shield(attendant.command(verb, request))
         named = request.model_copy(update={"client_id": attendant.client_id})

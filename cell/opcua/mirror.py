@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -23,6 +24,7 @@ from cell.opcua import packml
 from cell.opcua.address_space import AddressSpace
 from cell.opcua.structures import PackMLAlarmDataType, alarm, count
 
+_log = logging.getLogger(__name__)
 HEARS = (topics.EVENT, topics.HEALTH)
 """What the client of a mirror must subscribe to besides states and results."""
 _TYPES: dict[str, type[Message]] = {
@@ -97,9 +99,12 @@ class Mirror:
             await self._show_health(said)
 
     async def _show_state(self, said: CellState) -> None:
+        if said.state not in packml.STATES:
+            _log.warning("not shown: %.40r is no state", said.state)
+            return
         state = State(said.state)
         is_new, self._state = self._state != said.state, said.state
-        since = datetime.fromtimestamp(said.since_ns * 1e-9, UTC)
+        since = _when(said.since_ns)
         if is_new and said.reason and state in _AT_REST_FOR_A_REASON:
             reason = alarm(state.upper(), said.reason, 2, is_active=False, when=since)
             await self._space.write({"Admin.StopReason": reason, "Admin.StopReasonText": said.reason})
@@ -182,3 +187,11 @@ class Mirror:
                 "Admin.ProdDefectiveCount": [count("failed picks", self._defective)],
             }
         )
+
+
+def _when(stamp_ns: int) -> datetime:
+    """The time of a stamp; of one that cannot be, as another program may send, the time now."""
+    try:
+        return datetime.fromtimestamp(stamp_ns * 1e-9, UTC)
+    except (OverflowError, ValueError, OSError):
+        return datetime.now(UTC)

@@ -12,7 +12,7 @@ import pytest
 
 from bus.codes import Code
 from bus.commands import CellState, CommandReply
-from bus.messages import CycleResult
+from bus.messages import CycleResult, Job
 from cell import client
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
@@ -93,14 +93,14 @@ def test_a_run_is_over_with_its_last_pick(in_process: Run, says: Says) -> None:
     cell = says(_result("1"), _state("Complete"), _state("Execute"), _result("2"))
     done = in_process("run", "--cycles", "2", "--json")
     assert done.returncode == 0 and [json.loads(line)["cycle_id"] for line in done.stdout.splitlines()] == ["1", "2"]
-    assert cell.commands == [("start", {"cycles": 2, "until_empty": False})]
+    assert cell.commands == [("start", {"cycles": 2, "until_empty": False, "job": Job()})]
 
 
 def test_a_run_until_empty_ends_with_its_sum(in_process: Run, says: Says) -> None:
     cell = says(_result("1"), _result("2", "EMPTY"))
     done = in_process("run", "--until-empty")
     assert done.returncode == 0 and "picked 1, failed 0" in done.stdout.splitlines()[-1]
-    assert cell.commands == [("start", {"cycles": 1, "until_empty": True})]
+    assert cell.commands == [("start", {"cycles": 1, "until_empty": True, "job": Job()})]
 
 
 @pytest.mark.parametrize(("state", "reason"), [("Stopped", STOPPED_BY), ("Aborted", "DEVICE_LOST The arm is gone.")])
