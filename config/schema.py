@@ -36,6 +36,7 @@ from config.bus import BusSettings
 from config.calibration import CalibrationSettings
 from config.fault_injection import FaultSettings
 from config.hardware import FemtoMegaSettings, Fr3Settings, PandaHandSettings
+from config.opcua import OpcuaSettings
 from config.place import NamedPlace
 from config.target import Label, TargetSettings
 
@@ -619,6 +620,7 @@ class Station(Settings):
     panda_hand: PandaHandSettings = PandaHandSettings()
     femto_mega: FemtoMegaSettings = FemtoMegaSettings()
     faults: FaultSettings = FaultSettings()
+    opcua: OpcuaSettings = OpcuaSettings()
 
     @model_validator(mode="after")
     def _every_device_served_once(self) -> Station:
