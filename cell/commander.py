@@ -56,13 +56,23 @@ class Commander:
         """True when an open connection can be closed: ``state`` ends what was commanded, or the cell is gone."""
         if self._alone.locked() or self._client is None:
             return False
-        return is_gone or (state is not None and _is_at_rest(state) and state.since_ns >= self._since_ns)
+        return self._is_past(state, is_gone)
 
     def release(self) -> None:
         """Close the connection, which gives the lease back; the next command opens another one."""
         with self._alone:
             self._open.close()
             self._client = None
+
+    def release_if_over(self, state: CellState | None, *, is_gone: bool) -> None:
+        """As `release`, unless a command was accepted since ``state``: its motion is not over."""
+        with self._alone:
+            if self._is_past(state, is_gone):
+                self._open.close()
+                self._client = None
+
+    def _is_past(self, state: CellState | None, is_gone: bool) -> bool:
+        return is_gone or (state is not None and _is_at_rest(state) and state.since_ns >= self._since_ns)
 
     def end(self) -> None:
         """Release for good: further commands are refused."""

@@ -22,6 +22,7 @@ DEFAULT_STATION = Path(__file__).with_name("sim.toml")
 _BESIDE_THE_FILE = (
     ("bus", "zenoh"),
     ("perception", "hosted", "key_file"),
+    *(("http", name) for name in ("certificate", "key", "tokens")),
     *(("opcua", name) for name in ("certificate", "key", "trusted", "users")),
 )
 

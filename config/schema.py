@@ -36,6 +36,7 @@ from config.bus import BusSettings
 from config.calibration import CalibrationSettings
 from config.fault_injection import FaultSettings
 from config.hardware import FemtoMegaSettings, Fr3Settings, PandaHandSettings
+from config.http import HttpSettings
 from config.opcua import OpcuaSettings
 from config.place import NamedPlace
 from config.target import Label, TargetSettings
@@ -620,6 +621,7 @@ class Station(Settings):
     panda_hand: PandaHandSettings = PandaHandSettings()
     femto_mega: FemtoMegaSettings = FemtoMegaSettings()
     faults: FaultSettings = FaultSettings()
+    http: HttpSettings = HttpSettings()
     opcua: OpcuaSettings = OpcuaSettings()
 
     @model_validator(mode="after")

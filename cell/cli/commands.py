@@ -100,6 +100,10 @@ COMMANDS = {
         "opcua",
         "Serve the running cell over OPC UA, as a PackML machine; what clients commanded is held when they go.",
     ),
+    "http": Row(
+        "http",
+        "Serve the running cell over HTTP: JSON, events, files; what clients commanded is held when they go.",
+    ),
     "node": Row(
         "setup",
         'Serve one driver node on the bus (for nodes with run = "elsewhere"; the daemon runs the others).',

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from cell.http.needs import require as require_http
 from cell.nodes.door_child import Serve, serve_supervised, serve_until_interrupted
 from cell.nodes.doors import Door, News
 from cell.opcua.needs import require_package as require_asyncua
@@ -16,15 +17,15 @@ from config.schema import Station
 
 Supervised = Annotated[bool, typer.Option("--supervised", hidden=True, help="Serve the station on stdin.")]
 """How the cell starts a door as its child."""
-_NEEDS: dict[str, Callable[[], None]] = {"opcua": require_asyncua}
-"""Door, which is also the name of its command and settings -> check of its packages. Raises: ConfigError."""
+_NEEDS: dict[str, Callable[[Station], None]] = {"opcua": lambda station: require_asyncua(), "http": require_http}
+"""Door, which is also the name of its command and settings -> check of what it needs. Raises: ConfigError."""
 
 
 def wanted_doors(station: Station, *named: str) -> list[str]:
-    """The doors of the options, and those that the station enables. Raises: ConfigError without their packages."""
+    """The doors of the options, and those that the station enables. Raises: ConfigError when one cannot open."""
     doors = [name for name in _NEEDS if name in named or getattr(station, name).enabled]
     for name in doors:
-        _NEEDS[name]()
+        _NEEDS[name](station)
     return doors
 
 

@@ -55,6 +55,9 @@ def start(
     opcua: Annotated[
         bool, typer.Option("--opcua", help="Serve the cell over OPC UA, too (= --set opcua.enabled=true).")
     ] = False,
+    http: Annotated[
+        bool, typer.Option("--http", help="Serve the cell over HTTP, too (= --set http.enabled=true).")
+    ] = False,
 ) -> None:
     """Start the cell: the daemon and its nodes. Without --cycles or --until-empty it stays, and waits for commands."""
     if cycles is not None and until_empty:
@@ -62,7 +65,8 @@ def start(
     extra = [f"sim.seed={seed}"] if seed is not None else []
     extra += [f"sim.objects={objects}"] if objects is not None else []
     station = load_station(config, [*(overrides or []), *extra])
-    doors = wanted_doors(station, *(["opcua"] if opcua else []))
+    named = {"opcua": opcua, "http": http}
+    doors = wanted_doors(station, *(name for name, is_named in named.items() if is_named))
     if foxglove:
         live.sdk()  # fails before anything starts if it is missing
     wanted = CommandRequest(client_id=_TERMINAL, cycles=cycles or 1, until_empty=until_empty)

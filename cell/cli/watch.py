@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from types import TracebackType
@@ -179,7 +180,8 @@ class Watcher:
         """Release the lease when its motion is over, so that another client may command."""
         is_due = not self._commands and self._commander.is_over(self.model.state, is_gone=self._cell.is_gone)
         if is_due and (self._releasing is None or self._releasing.done()):
-            self._releasing = self._pool.submit(self._commander.release)
+            over = partial(self._commander.release_if_over, self.model.state, is_gone=self._cell.is_gone)
+            self._releasing = self._pool.submit(over)
 
     def wait_for_nodes(self) -> None:
         """Wait until all nodes were received, or for `_NODES_PATIENCE_S`."""
