@@ -12,16 +12,17 @@ from typing import Any
 from asyncua import ua
 from asyncua.common.utils import ServiceError
 from asyncua.server.internal_server import InternalServer
-from asyncua.server.internal_session import InternalSession, SessionState
+from asyncua.server.internal_session import SessionState
 from asyncua.server.uaprocessor import UaProcessor
 
 from cell.opcua.calls import Attendant, Calls
+from cell.opcua.subscriptions import OwnSubscriptions
 from cell.opcua.users import Person
 
 _TOKEN_BYTES = 32
 
 
-class CellSession(InternalSession):  # type: ignore[misc]
+class CellSession(OwnSubscriptions):
     """One session of a client.
 
     Args:

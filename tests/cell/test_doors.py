@@ -13,6 +13,7 @@ import pytest
 
 from bus.errors import ConfigError
 from bus.remote_errors import error_reply
+from cell.cli.doors import wanted_doors
 from cell.nodes import doors
 from cell.nodes.doors import Door
 from cell.nodes.ready import Open
@@ -99,3 +100,12 @@ def test_a_door_that_is_configured_wrongly_stays_closed(told: Told) -> None:
 def test_a_door_is_closed_while_it_still_opens(told: Told, close: Callable[[Door], Any]) -> None:
     close(told.door(STAYS))
     assert told.events.empty()
+
+
+def test_a_door_opens_where_an_option_or_the_station_asks_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert wanted_doors(STATION) == []
+    assert wanted_doors(STATION, "opcua") == ["opcua"]
+    assert wanted_doors(load_station(None, ["opcua.enabled=true"])) == ["opcua"]
+    monkeypatch.setattr("cell.opcua.needs.find_spec", lambda name: None)
+    with pytest.raises(ConfigError, match=r"vlad-cell\[opcua\]"):  # before the cell starts
+        wanted_doors(STATION, "opcua")

@@ -401,6 +401,31 @@ def test_a_session_cannot_be_taken_over_by_guessing_its_token(site: Site) -> Non
     talk(site.endpoint, say)
 
 
+def test_a_subscription_is_its_sessions_alone(site: Site) -> None:
+    """Their numbers count up; the package lets every session end and take over those of all others."""
+
+    async def say(plain: Plain) -> None:
+        heard = await _events(plain)
+        (number,) = plain.client.uaclient._subscription_callbacks
+        async with connected(site.endpoint) as thief:
+            line = thief.client.uaclient.session
+            (status,) = await line.delete_subscriptions([number])
+            assert status.name == "BadSubscriptionIdInvalid"
+            off = ua.SetPublishingModeParameters(PublishingEnabled=False, SubscriptionIds=[number])
+            (status,) = await line.set_publishing_mode(off)
+            assert status.name == "BadSubscriptionIdInvalid"
+            with pytest.raises(ua.UaStatusCodeError):
+                await line.transfer_subscriptions(ua.TransferSubscriptionsParameters(SubscriptionIds=[number]))
+            own = await thief.client.create_subscription(5, object())
+            own.subscription_id = number
+            with pytest.raises(ua.uaerrors.BadSubscriptionIdInvalid):
+                await own.subscribe_events(thief.node())
+        site.cell.say(Event(code="STILL", severity="info", text="It is heard."))
+        assert (await asyncio.wait_for(heard.get(), 30)).Code == "STILL"
+
+    talk(site.endpoint, say)
+
+
 def test_it_listens_on_loopback_alone(site: Site) -> None:
     port = urlsplit(site.endpoint).port
     assert urlsplit(load_station().opcua.endpoint).hostname == "127.0.0.1"
