@@ -99,6 +99,14 @@ COMMANDS = {
         "control",
         "Tell a part of a running cell to misbehave, to see what it does: docs/faults.md. Needs faults.allowed = true.",
     ),
+    "opcua": Row(
+        "opcua",
+        "Serve the running cell over OPC UA, as a PackML machine; what clients commanded is held when they go.",
+    ),
+    "http": Row(
+        "http",
+        "Serve the running cell over HTTP: JSON, events, files; what clients commanded is held when they go.",
+    ),
     "node": Row(
         "setup",
         'Serve one driver node on the bus (for nodes with run = "elsewhere"; the daemon runs the others).',
