@@ -133,6 +133,17 @@ def test_lists_say_what_the_files_say(record: Record, tmp_path: Path) -> None:
             assert list(catalogue.entries(wanted)) == list(list_cycles(tmp_path, wanted))
 
 
+def test_a_list_that_may_not_wait_makes_no_row_and_says_the_same(tmp_path: Path) -> None:
+    gone, changed = _small(tmp_path, MORNING), _small(tmp_path, NOON)
+    _rows(tmp_path)
+    gone.unlink()
+    changed.write_bytes(b"no recording")
+    _small(tmp_path / "2026-01-01", EVENING)
+    for wanted in (Filter(), Filter(last=1), Filter(failed=True)):
+        with open_catalogue(tmp_path, makes=False) as catalogue:
+            assert list(catalogue.entries(wanted)) == list(list_cycles(tmp_path, wanted)) and catalogue.made == 0
+
+
 def test_a_day_has_the_catalogue_of_its_recordings_folder(tmp_path: Path) -> None:
     day = tmp_path / "2026-01-01"
     path = _small(day, MORNING)
