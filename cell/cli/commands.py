@@ -83,6 +83,10 @@ COMMANDS = {
         "Make torn recordings whole. Exit 0 all that was flushed is kept, 1 something is lost, 2 cannot.",
     ),
     "catalogue": Row("catalogue", "The catalogue: one row a recorded cycle, made of the recordings."),
+    "prune": Row(
+        "prune",
+        "Trim and delete recordings by the rule of the station (recording.keep_gb and others), archived before.",
+    ),
     "config": Row("setup", "Print the whole configuration, defaults included, as JSON."),
     "doctor": Row(
         "setup",
