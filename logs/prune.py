@@ -31,7 +31,8 @@ from logs.mcap.thin import ARCHIVED, ARCHIVED_SHA256, thin
 
 _LOCK = ".prune.lock"
 _DAY = re.compile(r"\d{4}-\d{2}-\d{2}")
-_INDEX = "index.html"
+_OF_PAGES = re.compile(r"index\.html|plotly-[\w.-]+\.js")
+"""What lies beside the pages of a day."""
 _STILL_WRITTEN_S = 10.0
 """A cycle writes more often than this: its nodes say once a second how they are."""
 
@@ -155,8 +156,10 @@ def _delete(path: Path) -> None:
         path.with_suffix(".html").unlink(missing_ok=True)
         path.unlink(missing_ok=True)
         day = path.parent
-        if _DAY.fullmatch(day.name) and {one.name for one in day.iterdir()} <= {_INDEX}:
-            (day / _INDEX).unlink(missing_ok=True)
+        left = list(day.iterdir())
+        if _DAY.fullmatch(day.name) and all(_OF_PAGES.fullmatch(one.name) for one in left):
+            for one in left:
+                one.unlink()
             day.rmdir()
     except OSError as error:
         raise RecordingError(

@@ -73,7 +73,7 @@ COMMANDS = {
     "show": Row("recordings", "Why a cycle ended so: its result, what to do, its stages, what was changed for it."),
     "report": Row(
         "recordings",
-        "Write one self-contained HTML page that explains a cycle; of a folder, a page per cycle and one a day.",
+        "Write one HTML page that explains a cycle; of a folder, a page per cycle and one a day.",
     ),
     "replay": Row(
         "replay", "Run the pure stages again from recordings and compare. Exit 0 equal, 1 different, 2 cannot."

@@ -124,20 +124,23 @@ def report(
     ],
     config: Config = DEFAULT_STATION,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Where to write the page.")] = None,
+    embed: Annotated[
+        bool, typer.Option("--embed", help="Put the drawing library into the page, to send it: 5 MB more.")
+    ] = False,
     open_it: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
 ) -> None:
-    """Write one self-contained HTML page that explains a cycle; of a folder, a page per cycle and one a day.
+    """Write one HTML page that explains a cycle; of a folder, a page per cycle and one a day.
 
     Exit 0 all pages are written, 2 a recording cannot be read: the day's page names it as DAMAGED.
     """
     folder = Path(cycle)
     if is_folder(folder):
-        if output is not None:
-            raise ConfigError("--output names one page; those of a folder lie beside their recordings.")
+        if output is not None or embed:
+            raise ConfigError("--output and --embed are of one page; those of a folder lie beside their recordings.")
         pages, damaged = _report_folder(folder)
     else:
         path, damaged = find_cycle(cycle, config), {}
-        pages = [write_report(read_cycle(path), output or path.with_suffix(".html"))]
+        pages = [write_report(read_cycle(path), output or path.with_suffix(".html"), embed=embed)]
     for page in pages:
         out.line(str(page))
     for path, why in damaged.items():

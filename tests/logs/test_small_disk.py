@@ -18,8 +18,8 @@ from logs.mcap.names import found_below
 from logs.mcap.recorder import Recorder
 from logs.prune import Pruner
 
-DAYS, CYCLES = 30, 8
-DISK_BYTES, CYCLE_BYTES = 2_000_000, 30_000
+DAYS, CYCLES = 30, 6
+DISK_BYTES, CYCLE_BYTES = 1_800_000, 30_000
 STATION = load_station().model_dump_json().encode()
 
 
@@ -42,10 +42,10 @@ class Month:
         return DISK_BYTES - sum(path.stat().st_size for path in found_below(self.root, "*.mcap"))
 
     def live(self) -> None:
+        pruner = Pruner(self.settings, clock_ns=lambda: round(self.now.timestamp()) * 10**9, free=self.free)
         for number in range(DAYS * CYCLES):
             self._cycle(number)
             self.least_free = min(self.least_free, self.free())
-            pruner = Pruner(self.settings, clock_ns=lambda: round(self.now.timestamp()) * 10**9, free=self.free)
             for one in pruner.plan().delete:
                 assert pruner.do(one) is not None
 
