@@ -41,10 +41,12 @@ class Archive:
         address: ``s3://bucket/prefix``, ``file:///mnt/nas/cell-1``, a folder. Keys and endpoints of S3 are read from
             the environment, as every S3 client does.
 
-    Raises: ConfigError when a package is missing, or the address is of no known kind.
+        recordings: the folder of recordings; an archive in it would be pruned itself.
+
+    Raises: ConfigError when a package is missing, the address is of no known kind, or lies among the recordings.
     """
 
-    def __init__(self, address: str) -> None:
+    def __init__(self, address: str, recordings: Path | None = None) -> None:
         kind = address.partition("://")[0] if "://" in address else "file"
         try:
             self._fs, self._root = fsspec.url_to_fs(address, **_OPTIONS.get(kind, {}))
@@ -57,6 +59,14 @@ class Archive:
             raise ConfigError(
                 f"{address!r} is no address of an archive: {error}.", "Correct recording.archive."
             ) from error
+        if (
+            kind == "file"
+            and recordings is not None
+            and Path(self._root).resolve().is_relative_to(recordings.resolve())
+        ):
+            raise ConfigError(
+                f"The archive {address} lies among the recordings.", "Name another place, on another disk."
+            )
         self._address, self._needs_folder = address.rstrip("/"), kind not in _WITHOUT_FOLDERS
 
     def put(self, path: Path, name: str) -> Archived:

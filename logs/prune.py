@@ -63,7 +63,7 @@ class Pruner:
         free: Callable[[Path], int] = free_on_disk,
     ) -> None:
         self._settings, self._root, self._clock_ns = settings, settings.folder, clock_ns
-        self._archive = Archive(settings.archive) if settings.archive and settings.rules else None
+        self._archive = Archive(settings.archive, self._root) if settings.archive and settings.rules else None
         self._shelf = Shelf(self._root, read_metadata, rest, self._labelled, free)
 
     def plan(self) -> Plan:

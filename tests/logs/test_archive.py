@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -10,7 +11,7 @@ from bus.errors import ArchiveError, ConfigError
 from logs.archive import Archive
 
 fsspec = pytest.importorskip("fsspec", reason="vlad-cell[archive] is not installed")
-memory = pytest.importorskip("fsspec.implementations.memory")
+_Memory: Any = pytest.importorskip("fsspec.implementations.memory").MemoryFileSystem
 
 
 @pytest.fixture
@@ -45,7 +46,7 @@ def test_what_an_upload_that_was_cut_short_left_is_sent_again(path: Path, tmp_pa
     assert [one.name for one in (tmp_path / "nas").iterdir()] == ["one.mcap"]
 
 
-class _Flips(memory.MemoryFileSystem):  # type: ignore[misc]
+class _Flips(_Memory):  # type: ignore[misc, valid-type]
     """A store that takes a file and keeps another: a checksum that it is sent would not tell."""
 
     protocol = "flips"
