@@ -27,6 +27,8 @@ class CommandRequest(Message):
         until_empty: ``start`` only, instead of ``cycles``: until a pick finds nothing, or three in a row failed, or two
             that touched nothing.
         object: ``pick`` in simulation only: name of the object to present; None = the next one.
+        proposal: ``approve``, ``next_grasp`` and ``reject`` only: the id of what is answered; ``approve`` must name it.
+        reason: of ``reject`` and ``next_grasp``: why, in words.
         job: what every pick of a ``pick`` or ``start`` is to pick, and where to lay it; of ``cancel`` its ``job_id``
             alone counts.
     """
@@ -36,6 +38,8 @@ class CommandRequest(Message):
     cycles: Annotated[int, Field(ge=1, le=MAX_CYCLES)] = 1
     until_empty: bool = False
     object: Annotated[str, Field(max_length=100)] | None = None
+    proposal: Annotated[str, Field(max_length=100)] = ""
+    reason: Annotated[str, Field(max_length=300)] = ""
     job: Job = Job()
 
     @model_validator(mode="after")

@@ -500,12 +500,17 @@ class ExecuteSettings(Settings):
         slow_m_s: fastest speed of the tcp there, where the table or another thing is believed to be within 10 mm of the
             hand at the grasp. Twice the speed is twice the force beyond `contact_n`.
         free_m_s: the same where nothing is: what it meets there was hidden. Faster than 0.03 it may be a reflex.
+        approve: whether a person approves each planned pick before the arm moves for it: ``client``, through any client
+            that may command the cell; ``holder``, only the one that holds the lease. Looks before need no approval.
+        approve_s: how long the cell waits for the answer; then the cycle ends.
     """
 
     contact_n: NonNegative = 5.0
     slow_m: SizeOrNone = 0.010
     slow_m_s: Positive = 0.010
     free_m_s: Positive = 0.030
+    approve: Literal["no", "client", "holder"] = "no"
+    approve_s: Annotated[float, Field(gt=0, le=3600)] = 120.0
 
 
 class VerifySettings(Settings):

@@ -51,6 +51,15 @@ COMMANDS = {
     "suspend": Row("control", "Pause for a reason outside the cell; brakes as hold does; ends in Suspended."),
     "unsuspend": Row("control", "Go on with a suspended cycle; returns when it runs again."),
     "cancel": Row("control", "Cancel a job that waits, or whose grasp has not begun: nothing of it moves then."),
+    "approve": Row(
+        "control", "Approve the planned pick that waits (execute.approve): the arm moves. Prints what it approves."
+    ),
+    "next-grasp": Row(
+        "control", "Pass over the grasp that waits for approval: the next feasible one is planned, and waits."
+    ),
+    "reject": Row(
+        "control", "Reject the planned pick that waits for approval: its cycle ends REJECTED, and is not tried again."
+    ),
     "status": Row("control", "The machine's state, what it would accept, and how its nodes are."),
     "watch": Row(
         "setup",
@@ -150,7 +159,7 @@ class Commands(TyperGroup):
 
 def command(name: str) -> Any:
     """The command of the table, imported."""
-    what = getattr(import_module(f"cell.cli.{COMMANDS[name].module}"), name)
+    what = getattr(import_module(f"cell.cli.{COMMANDS[name].module}"), name.replace("-", "_"))
     app = what
     if not isinstance(what, typer.Typer):
         app = typer.Typer(**_FACE)

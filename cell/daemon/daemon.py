@@ -29,6 +29,7 @@ from cell.nodes.health import LOOK_PERIOD_S, NodeMonitor
 from cell.nodes.speakers import Speakers, strange
 from cell.nodes.watchdog import Watchdog
 from cell.pick.equipment import Equipment
+from cell.pick.plan_view import PlanViews
 from config.schema import Station
 from drivers.interface import Devices
 from logs.live_views import Views
@@ -93,7 +94,10 @@ class Daemon:
         )
         self._monitor = NodeMonitor(station, self._on_lost, restarts, bus.clock)
         self._batches = BatchControl(self._actions, self.publisher, station, reads_text=models.read_text(station))
-        self._leases = Leases(self._batches.lose_lease, station.silence_s, LOOK_PERIOD_S, clock=bus.clock)
+        of_holder = frozenset({"approve"} if station.execute.approve == "holder" else ())
+        self._leases = Leases(
+            self._batches.lose_lease, station.silence_s, LOOK_PERIOD_S, clock=bus.clock, of_holder=of_holder
+        )
         self._watchdog = Watchdog(
             station,
             self._monitor,
@@ -104,6 +108,7 @@ class Daemon:
         )
         ours = [name for name, node in station.nodes.items() if node.run == "here"]
         self._speakers = Speakers(bus, set(station.nodes), self._on_node_twice, self._on_stranger, sealed=ours)
+        self._plan_views = PlanViews(self._actions.approvals, robot, station)
         self._results: OrderedDict[str, CycleResult] = OrderedDict()
         self._defects: tuple[str, ...] = ()
         self._published_s = -TURN_S
@@ -151,6 +156,8 @@ class Daemon:
         self._bus.answer(topics.STATE_NOW, lambda _payload, _asked: self.publisher.state, worker="state")
         self._bus.answer(topics.HEALTH_NOW, lambda _payload, _asked: self.health(), worker="state")
         self._bus.answer(topics.RESULT_NOW, self._on_result_asked, worker="state")
+        self._bus.answer(topics.PROPOSAL_NOW, lambda _payload, _asked: self._proposal(), worker="state")
+        self._bus.answer(topics.PLAN_NOW, lambda _payload, _asked: self._plan_views.now(), worker="plan")
         self._bus.answer(topics.SCHEMA_NOW, lambda _payload, _asked: bus_schema(), worker="schema")
         self._bus.answer(topics.COMMAND, self._on_command, worker=self._worker_of, verb="*")
         self._bus.announce(topics.LEASE, name=CELL_CLIENT)
@@ -251,6 +258,16 @@ class Daemon:
             text = f"There is no result of a cycle {cycle_id!r}: it is not over, or was not one of the last."
             raise Refused(text, "Recorded ones: `cell cycles`.", code="NO_RESULT")
         return result
+
+    def _proposal(self) -> Message:
+        waiting = self._actions.approvals.waiting
+        if waiting is None:
+            raise Refused(
+                "No planned motion waits for an answer.",
+                "A cycle asks in its stage `approve`, where execute.approve is not 'no'.",
+                code="NO_PROPOSAL",
+            )
+        return waiting
 
     def _record(self, sample: Sample) -> None:
         """Record a message of this process, or a reply to it."""

@@ -90,7 +90,7 @@ class Publisher:
             stage=stage,
             cycle_id=self._cycle_id(),
             since_ns=time.time_ns(),
-            available=available(state),
+            available=available(state, stage),
             reason=reason,
             job_id=job_id,
             queue=queue,

@@ -12,6 +12,7 @@ import re
 from enum import StrEnum
 
 from bus.errors import Refused
+from bus.messages.approval import Decision
 
 
 class State(StrEnum):
@@ -62,6 +63,11 @@ BEGINNING = frozenset({State.RESETTING, State.STARTING, State.CLEARING})
 ENDING = frozenset({"stop", "abort", "hold", "suspend"})
 """Commands that bring motion to rest."""
 
+ANSWERS: tuple[Decision, ...] = ("approve", "next_grasp", "reject")
+"""Commands that answer a proposal, in Execute while the stage is ``approve``; like ``cancel`` they change no state."""
+BESIDE = ("cancel", *ANSWERS)
+"""Commands beside the table."""
+
 _UNSTOPPABLE = {State.STOPPING, State.STOPPED, State.CLEARING, State.ABORTING, State.ABORTED}
 _ABORT_FROM = set(State) - {State.ABORTING, State.ABORTED}
 
@@ -100,9 +106,21 @@ _HOW_TO_GET_READY = {
 }
 
 
-def available(state: State) -> tuple[str, ...]:
-    """The commands that are accepted in ``state``, in table order."""
-    return tuple(command for command, arrows in COMMANDS.items() if state in arrows)
+def available(state: State, stage: str = "") -> tuple[str, ...]:
+    """The commands that are accepted in ``state``, in table order; ``stage``: of the running cycle."""
+    answers = ANSWERS if state is State.EXECUTE and stage == "approve" else ()
+    return (*(command for command, arrows in COMMANDS.items() if state in arrows), *answers)
+
+
+def require_answerable(verb: str, state: State) -> None:
+    """Refuse to answer a proposal in another state than Execute: in a pause no answer counts. Raises: Refused."""
+    if state is not State.EXECUTE:
+        raise Refused(
+            f"{verb!r} is not possible while the cell is {state}.",
+            _HOW_TO_GET_READY.get(state, "Wait for a cycle that asks: its stage is `approve`."),
+            code="WRONG_STATE",
+            available=available(state),
+        )
 
 
 def after_command(state: State, command: str) -> State:

@@ -1,0 +1,104 @@
+"""The last plan as a picture in 3-D, made when somebody asks for it: a cycle does not wait for it."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from bus.arrays import JointSamples, PointColors, Points
+from bus.errors import Refused
+from bus.messages import ONLY_TO_LOOK, NamedBox, Observation, PlannedPath, PlanView, Segment, SegmentName
+from bus.trajectory import TICK_S
+from bus.transforms import apply
+from cell.pick.approving import Approvals, Planned
+from config.scene import scene_boxes
+from config.schema import Station
+from perception.fusion.agreed import corrected
+from perception.geometry.depth import register
+from perception.geometry.lift import lift
+from planning.outlines import Outlines
+from planning.robot import Robot
+
+SAMPLE_HZ = 20
+MOST_POINTS = 5000
+_ORDER: tuple[SegmentName, ...] = ("reach", "carry", "aside", "return", "place", "home")
+"""In which the segments of a pick are played."""
+
+
+class PlanViews:
+    """Draws the last plan of a cell. Its members are for one thread.
+
+    Args:
+        approvals: know the last plan.
+    """
+
+    def __init__(self, approvals: Approvals, robot: Robot, station: Station) -> None:
+        self._approvals, self._robot, self._station = approvals, robot, station
+        self._outlines: Outlines | None = None
+        self._drawn: tuple[Planned, PlanView] | None = None
+
+    def now(self) -> PlanView:
+        """The last plan. Raises: Refused (NO_PLAN)."""
+        planned = self._approvals.last
+        if planned is None:
+            raise Refused("Nothing was planned since the cell began.", "It is with the next pick.", code="NO_PLAN")
+        if self._drawn is None or self._drawn[0] is not planned:
+            self._outlines = self._outlines or Outlines(self._robot)
+            self._drawn = (planned, plan_view(planned, self._outlines, self._station))
+        waiting = self._approvals.waiting
+        is_open = waiting is not None and waiting.proposal_id == planned.proposal.proposal_id
+        return self._drawn[1].model_copy(update={"is_open": is_open})
+
+
+def plan_view(planned: Planned, outlines: Outlines, station: Station) -> PlanView:
+    """The picture of a plan, as of one that nobody is asked about."""
+    cloud_m, cloud_rgb = thinned_cloud(corrected(planned.looks[planned.found.scene.shown], planned.found.scene.mount))
+    segments = sorted(planned.plan.segments, key=lambda part: _ORDER.index(part.name))
+    return PlanView(
+        proposal=planned.proposal,
+        is_open=False,
+        frames=outlines.frames,
+        parts=outlines.parts,
+        segments=tuple(_path(part, planned, outlines) for part in segments),
+        boxes=tuple(
+            NamedBox(name=box.name, center_m=np.array(box.center_m), size_m=np.array(box.size_m))
+            for box in scene_boxes(station.scene)
+        ),
+        cloud_m=cloud_m,
+        cloud_rgb=cloud_rgb,
+    )
+
+
+def _path(part: Segment, planned: Planned, outlines: Outlines) -> PlannedPath:
+    times_s, q_rad = sampled(part.trajectory.filtered())
+    holds = part.name not in ("reach", "home")
+    width_m = planned.grasp.width_m if holds else planned.grasp.opening_m
+    poses, tcp_m = outlines.along(q_rad, width_m)
+    return PlannedPath(
+        name=part.name,
+        only_to_look=part.name in ONLY_TO_LOOK,
+        width_m=width_m,
+        times_s=times_s,
+        q_rad=q_rad,
+        tcp_m=tcp_m,
+        base_from_frame=poses,
+    )
+
+
+def sampled(commands_rad: JointSamples) -> tuple[npt.NDArray[np.float64], JointSamples]:
+    """The times (n,) [s] and positions (n, 7) of 1 kHz commands at `SAMPLE_HZ`, with the last one."""
+    rows = np.arange(0, len(commands_rad), round(1 / (TICK_S * SAMPLE_HZ)))
+    if rows[-1] != len(commands_rad) - 1:
+        rows = np.append(rows, len(commands_rad) - 1)
+    return np.asarray(rows * TICK_S, dtype=np.float64), commands_rad[rows]
+
+
+def thinned_cloud(look: Observation) -> tuple[Points, PointColors]:
+    """At most `MOST_POINTS` of a look's points (n, 3) [m] in ``base``, and their colours (n, 3)."""
+    seen = register(look.frame)
+    has_depth = np.isfinite(seen.depth_m)
+    stride = max(1, int(np.ceil(np.sqrt(has_depth.sum() / MOST_POINTS))))
+    kept = np.zeros_like(has_depth)
+    kept[::stride, ::stride] = has_depth[::stride, ::stride]
+    points = apply(look.view.base_from_color, lift(kept, seen.depth_m, look.frame.color_camera))
+    return points[:MOST_POINTS].astype(np.float32), seen.color[kept][:MOST_POINTS].astype(np.uint16)
