@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from bus.arrays import JointSamples, PointColors, Points
+from bus.arrays import JointSamples, Mask, PointColors, Points
 from bus.errors import Refused
 from bus.messages import ONLY_TO_LOOK, NamedBox, Observation, PlannedPath, PlanView, Segment, SegmentName
 from bus.trajectory import TICK_S
@@ -21,6 +21,8 @@ from planning.robot import Robot
 
 SAMPLE_HZ = 20
 MOST_POINTS = 5000
+_ON_THINGS = 0.6
+"""The largest share of the points that lies on things: of the table less is worth seeing."""
 _ORDER: tuple[SegmentName, ...] = ("reach", "carry", "aside", "return", "place", "home")
 """In which the segments of a pick are played."""
 
@@ -52,7 +54,8 @@ class PlanViews:
 
 def plan_view(planned: Planned, outlines: Outlines, station: Station) -> PlanView:
     """The picture of a plan, as of one that nobody is asked about."""
-    cloud_m, cloud_rgb = thinned_cloud(corrected(planned.looks[planned.found.scene.shown], planned.found.scene.mount))
+    scene = planned.found.scene
+    cloud_m, cloud_rgb = thinned_cloud(corrected(planned.looks[scene.shown], scene.mount), scene.labels > 0)
     segments = sorted(planned.plan.segments, key=lambda part: _ORDER.index(part.name))
     return PlanView(
         proposal=planned.proposal,
@@ -93,12 +96,25 @@ def sampled(commands_rad: JointSamples) -> tuple[npt.NDArray[np.float64], JointS
     return np.asarray(rows * TICK_S, dtype=np.float64), commands_rad[rows]
 
 
-def thinned_cloud(look: Observation) -> tuple[Points, PointColors]:
-    """At most `MOST_POINTS` of a look's points (n, 3) [m] in ``base``, and their colours (n, 3)."""
+def thinned_cloud(look: Observation, things: Mask) -> tuple[Points, PointColors]:
+    """At most `MOST_POINTS` of a look's points (n, 3) [m] in ``base``, and their colours (n, 3).
+
+    Args:
+        things: (H, W) pixels of the undistorted colour image that show things; of these most are kept.
+    """
     seen = register(look.frame)
     has_depth = np.isfinite(seen.depth_m)
-    stride = max(1, int(np.ceil(np.sqrt(has_depth.sum() / MOST_POINTS))))
-    kept = np.zeros_like(has_depth)
-    kept[::stride, ::stride] = has_depth[::stride, ::stride]
-    points = apply(look.view.base_from_color, lift(kept, seen.depth_m, look.frame.color_camera))
-    return points[:MOST_POINTS].astype(np.float32), seen.color[kept][:MOST_POINTS].astype(np.uint16)
+    kept = _every(has_depth & things, round(_ON_THINGS * MOST_POINTS))
+    kept |= _every(has_depth & ~things, MOST_POINTS - int(kept.sum()))
+    points = apply(look.view.base_from_color, lift(kept, seen.depth_m, seen.camera))
+    return points.astype(np.float32), seen.color[kept].astype(np.uint16)
+
+
+def _every(mask: Mask, most: int) -> Mask:
+    """The pixels of a mask (H, W) on the finest grid that has at most so many of them."""
+    for stride in range(1, max(mask.shape) + 1):
+        if mask[::stride, ::stride].sum() <= most:
+            break
+    kept = np.zeros_like(mask)
+    kept[::stride, ::stride] = mask[::stride, ::stride]
+    return kept

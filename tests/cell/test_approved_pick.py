@@ -17,11 +17,8 @@ from bus.messages import CycleResult, Proposal
 from cell import client
 from cell.client import Client
 from cell.replay.replay import Request, replay
-from config.load import load_station
 from config.schema import Station
 from logs.mcap.reader import CycleRecord, read_cycle
-from planning.outlines import Outlines
-from planning.robot import Robot
 
 
 @pytest.fixture(scope="module")
@@ -137,12 +134,3 @@ def test_a_lost_lease_holds_what_waits_and_a_stop_ends_it(shared_cell: Station) 
         stopper.start()
         assert person.wait_for_state({"Stopped"}, 60).state == "Stopped"
         stopper.join()
-
-
-def test_the_outline_of_a_part_is_inside_its_hull_and_nearly_as_large() -> None:
-    outlines = Outlines(Robot(load_station(None, [])))
-    assert {part.name for part in outlines.parts} >= {"link 0", "link 7", "hand", "left finger", "camera"}
-    for part in outlines.parts:
-        a, b, c = (part.vertices_m[part.faces[:, corner]].astype(float) for corner in range(3))
-        assert (np.cross(a, b) * c).sum() / 6 > 1e-7, f"{part.name}: the faces look outwards, around a volume"
-        assert len(part.faces) < 200
