@@ -558,6 +558,21 @@ class RetrySettings(Settings):
     hold_after: Annotated[int, Field(ge=0, le=100)] = 0
 
 
+class ManualSettings(Settings):
+    """Motion by hand, in mode Manual.
+
+    Attributes:
+        jog_m: one step of a jog. ``jog_m_s``: the tcp is never faster.
+        home_speed: share of the speed elsewhere, on the way to the capture pose.
+        hand_m_s: rate of the hand's width.
+    """
+
+    jog_m: Annotated[float, Field(gt=0, le=0.02)] = 0.005
+    jog_m_s: Annotated[float, Field(gt=0, le=0.25)] = 0.025
+    home_speed: Annotated[float, Field(gt=0, le=0.25)] = 0.1
+    hand_m_s: Annotated[float, Field(gt=0, le=0.1)] = 0.05
+
+
 class QueueSettings(Settings):
     """Jobs that wait while the cell works. They are lost with the lease, with a stop, and with the daemon.
 
@@ -620,6 +635,7 @@ class Station(Settings):
     verify: VerifySettings = VerifySettings()
     retry: RetrySettings = RetrySettings()
     queue: QueueSettings = QueueSettings()
+    manual: ManualSettings = ManualSettings()
     sim: SimSettings = SimSettings()
     calibration: CalibrationSettings = CalibrationSettings()
     fr3: Fr3Settings = Fr3Settings()

@@ -60,6 +60,16 @@ COMMANDS = {
     "reject": Row(
         "control", "Reject the planned pick that waits for approval: its cycle ends REJECTED, and is not tried again."
     ),
+    "mode": Row(
+        "by_hand",
+        "Set the mode of the unit: in manual the arm is moved by hand, in production it picks. Manual stops the cell.",
+    ),
+    "jog": Row("by_hand", "In mode manual: move the tcp straight by small steps. Ctrl-C ends it within one step."),
+    "jog-home": Row(
+        "by_hand", "In mode manual: move slowly to the capture pose, around the known boxes. Ctrl-C ends it."
+    ),
+    "hand-open": Row("by_hand", "In mode manual: open the hand."),
+    "hand-close": Row("by_hand", "In mode manual: close the hand on what is there."),
     "status": Row("control", "The machine's state, what it would accept, and how its nodes are."),
     "watch": Row(
         "setup",

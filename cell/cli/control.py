@@ -136,6 +136,8 @@ def status(config: Config = DEFAULT_STATION, overrides: Set = None, as_json: Jso
     said = why.removeprefix(state.state) if why != state.reason else f" {why}"
     out.line((state.state, "bold"), f" {state.stage} {state.cycle_id}".rstrip(), said.rstrip())
     out.line(f"  available: {', '.join(state.available) or '-'}")
+    if state.mode != "Production":
+        out.line(f"  mode: {state.mode}", style="bold")
     if state.job_id or state.queue:
         out.line(f"  job: {state.job_id or '-'}, waiting: {', '.join(state.queue) or '-'}")
     for name, node in health.nodes.items():

@@ -7,6 +7,7 @@ of arrival. `cell.machine.hold_state` decides whether the cell is held.
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 
 from bus.commands import CommandReply, CommandRequest
 from bus.errors import Refused
@@ -32,9 +33,19 @@ class BatchControl:
 
     Args:
         reads_text: a model finds targets by any words.
+        rest: brings a motion by hand to rest.
     """
 
-    def __init__(self, actions: Actions, publisher: Publisher, station: Station, *, reads_text: bool = False) -> None:
+    def __init__(
+        self,
+        actions: Actions,
+        publisher: Publisher,
+        station: Station,
+        *,
+        reads_text: bool = False,
+        rest: Callable[[], None] = lambda: None,
+    ) -> None:
+        self._rest = rest
         self._actions, self._publisher, self._station, self._reads_text = actions, publisher, station, reads_text
         self._machine: Machine | None = None
         self._queue = JobQueue(station.queue.max)
@@ -209,6 +220,7 @@ class BatchControl:
         self._drives.decide(lambda: self._hold_unattended(reason))
 
     def _hold_unattended(self, reason: str) -> None:
+        self._rest()
         self._drop(reason)  # so no further cycle begins
         self._drives.hold_soon(reason)
 

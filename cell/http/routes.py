@@ -69,7 +69,7 @@ TABLE = (
         "/api/commands/{verb}",
         commands.command,
         "One command. What moves the arm needs a session, or attends itself (`wait`); stop, abort, hold, suspend,"
-        " clear, cancel, approve, next_grasp and reject need neither.",
+        " clear, cancel, approve, next_grasp, reject and mode need neither.",
         takes=CommandRequest,
         says=CommandReply,
         queries=(("wait", "true: the answer comes when nothing moves any more, and is the CellState."), _CLIENT),

@@ -18,8 +18,9 @@ from bus.errors import Refused
 from bus.sample import Sample
 from bus.session import Bus
 from bus.silence import Silence
+from cell.machine.states import MANUAL_MOTIONS
 
-NEEDS_LEASE = frozenset({"reset", "start", "pick"})
+NEEDS_LEASE = frozenset({"reset", "start", "pick", *MANUAL_MOTIONS})
 """Commands that need the lease: one holder at a time."""
 NEEDS_TOKEN = frozenset({"unhold", "unsuspend"})
 """Commands that resume the holder's motion: any client with a token may send them, and takes a free lease."""
