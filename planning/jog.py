@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-from itertools import product
-
-import coal
 import numpy as np
 import numpy.typing as npt
-import pinocchio as pin
 from scipy.interpolate import CubicSpline
 
 from bus.arrays import Joints, JointSamples, Vector3
 from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.trajectory import Trajectory
-from config.scene import scene_boxes
+from planning.distances import distances
 from planning.line import tcp_line
-from planning.robot import part_name
 from planning.scene import Scene
 from planning.timing import within_limits
 from planning.world import Collision
@@ -28,7 +23,6 @@ _PEAK = 1.875
 _NEAR_M, _SAMPLES = 0.003, 13
 """Pairs nearer than this may only part; the step is looked at in so many places."""
 _ROUNDING_M = 1e-6
-_STANDS_ON = ("link 0", "table")
 
 
 def jog(scene: Scene, q_rad: Joints, width_m: float, shift_m: Vector3, speed_m_s: float) -> Trajectory:
@@ -67,7 +61,7 @@ def _require_parting(scene: Scene, commands_rad: JointSamples, width_m: float, c
     if scene.collision(commands_rad[0], width_m) is None:
         raise CycleFailure(Code.COLLISION, f"That would lead into something: {collision}.")
     rows = np.linspace(0, len(commands_rad) - 1, _SAMPLES).round().astype(int)
-    names, apart_m = distances(scene, commands_rad[rows], width_m)
+    names, apart_m = distances(scene.robot, commands_rad[rows], width_m)
     was_near = apart_m[0] < _NEAR_M
     if not was_near.any():  # it is a part of the robot itself, or a held thing
         raise CycleFailure(Code.COLLISION, f"The arm cannot be jogged from where it is: {collision}.")
@@ -77,20 +71,3 @@ def _require_parting(scene: Scene, commands_rad: JointSamples, width_m: float, c
     if wrong.any():
         part, box = names[int(np.flatnonzero(wrong)[0])]
         raise CycleFailure(Code.COLLISION, f"{part} is at {box}, and would not come away from it: jog the other way.")
-
-
-def distances(scene: Scene, path_rad: JointSamples, width_m: float) -> tuple[list[tuple[str, str]], Array]:
-    """Return (part, box) of every pair, and their distances (n, pairs) [m] along a path (n, 7); negative = overlap."""
-    parts, boxes = scene.robot.hulls, scene_boxes(scene.station.scene)
-    solids = [(box.name, coal.Box(*box.size_m), coal.Transform3s(np.eye(3), np.array(box.center_m))) for box in boxes]
-    pairs = [(part, solid) for part, solid in product(parts, solids) if (part_name(part.name), solid[0]) != _STANDS_ON]
-    data = scene.robot.model.createData()
-    found = np.empty((len(path_rad), len(pairs)))
-    request = coal.DistanceRequest()
-    for row, q_rad in enumerate(path_rad):
-        pin.forwardKinematics(scene.robot.model, data, np.concatenate([q_rad, [width_m / 2, width_m / 2]]))
-        for column, (part, (_, box, at)) in enumerate(pairs):
-            pose = data.oMi[part.parentJoint] * part.placement
-            placed = coal.Transform3s(pose.rotation, pose.translation)
-            found[row, column] = coal.distance(part.geometry, placed, box, at, request, coal.DistanceResult())
-    return [(part_name(part.name), solid[0]) for part, solid in pairs], found

@@ -16,6 +16,7 @@ from config.schema import Station
 from perception.fusion.agreed import corrected
 from perception.geometry.depth import register
 from perception.geometry.lift import lift
+from planning.distances import distances
 from planning.outlines import Outlines
 from planning.robot import Robot
 
@@ -46,13 +47,13 @@ class PlanViews:
             raise Refused("Nothing was planned since the cell began.", "It is with the next pick.", code="NO_PLAN")
         if self._drawn is None or self._drawn[0] is not planned:
             self._outlines = self._outlines or Outlines(self._robot)
-            self._drawn = (planned, plan_view(planned, self._outlines, self._station))
+            self._drawn = (planned, plan_view(planned, self._outlines, self._robot, self._station))
         waiting = self._approvals.waiting
         is_open = waiting is not None and waiting.proposal_id == planned.proposal.proposal_id
         return self._drawn[1].model_copy(update={"is_open": is_open})
 
 
-def plan_view(planned: Planned, outlines: Outlines, station: Station) -> PlanView:
+def plan_view(planned: Planned, outlines: Outlines, robot: Robot, station: Station) -> PlanView:
     """The picture of a plan, as of one that nobody is asked about."""
     scene = planned.found.scene
     cloud_m, cloud_rgb = thinned_cloud(corrected(planned.looks[scene.shown], scene.mount), scene.labels > 0)
@@ -62,7 +63,7 @@ def plan_view(planned: Planned, outlines: Outlines, station: Station) -> PlanVie
         is_open=False,
         frames=outlines.frames,
         parts=outlines.parts,
-        segments=tuple(_path(part, planned, outlines) for part in segments),
+        segments=tuple(_path(part, planned, outlines, robot) for part in segments),
         boxes=tuple(
             NamedBox(name=box.name, center_m=np.array(box.center_m), size_m=np.array(box.size_m))
             for box in scene_boxes(station.scene)
@@ -72,15 +73,20 @@ def plan_view(planned: Planned, outlines: Outlines, station: Station) -> PlanVie
     )
 
 
-def _path(part: Segment, planned: Planned, outlines: Outlines) -> PlannedPath:
+def _path(part: Segment, planned: Planned, outlines: Outlines, robot: Robot) -> PlannedPath:
     times_s, q_rad = sampled(part.trajectory.filtered())
     holds = part.name not in ("reach", "home")
     width_m = planned.grasp.width_m if holds else planned.grasp.opening_m
     poses, tcp_m = outlines.along(q_rad, width_m)
+    pairs, apart_m = distances(robot, q_rad, width_m)
+    nearest_m: dict[str, float] = {}
+    for (_, box), least_m in zip(pairs, apart_m.min(axis=0), strict=True):
+        nearest_m[box] = min(float(least_m), nearest_m.get(box, np.inf))
     return PlannedPath(
         name=part.name,
         only_to_look=part.name in ONLY_TO_LOOK,
         width_m=width_m,
+        nearest_m=nearest_m,
         times_s=times_s,
         q_rad=q_rad,
         tcp_m=tcp_m,

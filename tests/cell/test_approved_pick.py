@@ -92,6 +92,7 @@ def _sees_the_plan(person: Client, asked: Proposal) -> None:
     reach = view.segments[0]
     at_m = asked.base_from_tcp[:3, 3]
     assert np.linalg.norm(reach.tcp_m[-1] - at_m) < 0.005
+    assert 0 < reach.nearest_m["table"] < 0.03, "the fingers come near to the table"
     assert reach.base_from_frame.shape == (len(reach.times_s), len(view.frames), 3, 4)
     assert 500 < len(view.cloud_m) <= 5000 and len(view.cloud_rgb) == len(view.cloud_m)
     assert np.linalg.norm(view.cloud_m - at_m, axis=1).min() < 0.05, "the cloud is where the thing is"

@@ -44,7 +44,8 @@ def view(outlines: Outlines, robot: Robot) -> PlanView:
         until_ns=0,
     )  # fmt: skip
     reach = PlannedPath(
-        name="reach", only_to_look=False, width_m=0.05, times_s=np.linspace(0, 1, 21), q_rad=path, tcp_m=tcp_m,
+        name="reach", only_to_look=False, width_m=0.05, nearest_m={"table": 0.3},
+        times_s=np.linspace(0, 1, 21), q_rad=path, tcp_m=tcp_m,
         base_from_frame=poses,
     )  # fmt: skip
     boxes = [NamedBox(name=box.name, center_m=np.array(box.center_m), size_m=np.array(box.size_m))

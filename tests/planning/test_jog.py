@@ -9,7 +9,8 @@ from bus.codes import Code
 from bus.errors import CycleFailure
 from config.limits import check
 from config.load import load_station
-from planning.jog import distances, jog
+from planning.distances import distances
+from planning.jog import jog
 from planning.line import tcp_line
 from planning.robot import Robot
 from planning.scene import Scene
@@ -51,11 +52,11 @@ def test_a_step_into_the_table_is_refused_and_says_what_would_touch(scene: Scene
 
 def test_from_what_is_touched_the_arm_comes_away_and_goes_nowhere_else(scene: Scene) -> None:
     inside = _above_the_table(scene, 0.002)
-    names, before = distances(scene, inside[None], 0.08)
+    names, before = distances(scene.robot, inside[None], 0.08)
     touched = [names[i] for i in np.flatnonzero(before[0] < 0)]
     assert touched and {box for _, box in touched} == {"table"}
     up = jog(scene, inside, 0.08, np.array([0, 0, 0.005]), 0.025)
-    _, after = distances(scene, up.filtered()[-1:], 0.08)
+    _, after = distances(scene.robot, up.filtered()[-1:], 0.08)
     assert after.min() == pytest.approx(before.min() + 0.005, abs=1e-4)
     for shift in ([0, 0, -0.005], [0.005, 0, 0]):
         with pytest.raises(CycleFailure, match="would not come away") as refused:
