@@ -8,6 +8,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Generic, NamedTuple, TypeVar
 
@@ -40,6 +41,7 @@ from logs.mcap.names import reading, shown
 from logs.mcap.pictures import without_pictures
 from logs.mcap.recorder import PART
 from logs.mcap.records import Damage
+from logs.mcap.thin import ARCHIVED, THINNED
 
 STAGE_TOPICS = (
     topics.CAPTURE,
@@ -111,6 +113,16 @@ class CycleRecord:
     hand: tuple[Timed[HandState], ...] = ()
     health: tuple[Timed[Health], ...] = ()
     arm: tuple[Timed[JointStates], ...] = ()
+
+    @property
+    def trimmed(self) -> str:
+        """When the pictures were trimmed, and where the whole recording is, in words; "" for a whole one."""
+        if THINNED not in self.metadata:
+            return ""
+        said = self.metadata[THINNED]
+        day = f" on {datetime.fromtimestamp(int(said) / 1e9, UTC):%Y-%m-%d}" if re.fullmatch(r"\d{1,19}", said) else ""
+        where = self.metadata.get(ARCHIVED, "")
+        return f"trimmed{day}; {f'whole at {where}' if where else 'nowhere whole'}"
 
     @property
     def observation(self) -> Observation | None:
@@ -309,11 +321,11 @@ def _arm_states(raw: Content) -> Iterator[Timed[JointStates]]:
 def _frames(raw: Content) -> tuple[dict[int, Frame], bool]:
     """All recorded frames by their stamp [ns UTC], and whether every frame that was used must be among them.
 
-    The five parts of a frame are recorded together, in order. Of a recovered file some may be missing, and an older one
-    may hold a frame that today no cycle would use.
+    The five parts of a frame are recorded together, in order. Of a recovered file some may be missing, of a trimmed one
+    all are, and an older one may hold a frame that today no cycle would use.
     """
     frames: dict[int, Frame] = {}
-    is_whole = RECOVERED not in raw.metadata
+    is_whole = RECOVERED not in raw.metadata and THINNED not in raw.metadata
     columns = [raw.payloads.get(topic.key, []) for topic in topics.FRAME_PARTS]
     if len({len(column) for column in columns}) > 1 and is_whole:
         raise BadPayload("Parts of a frame are missing.")
