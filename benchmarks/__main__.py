@@ -18,6 +18,7 @@ from benchmarks import (
     alignment,
     busy,
     calibration,
+    catalogue,
     contact,
     cycle_time,
     detection,
@@ -308,6 +309,17 @@ def calibrate_(
 ) -> None:
     """Hand-eye calibration with the simulated camera 15 mm and 3 degrees from where it should be: error left."""
     typer.echo(json.dumps(calibration.run(seeds, _teller(as_json))))
+
+
+@app.command(name="catalogue")
+def catalogue_(
+    cycles: Annotated[int, typer.Option(min=1)] = 100_000,
+    recording: Annotated[Path | None, typer.Option(help="Of a cycle; default: one of a simulated cell.")] = None,
+    endpoint: Annotated[str, typer.Option(help="Free loopback endpoint for its cell.")] = "tcp/127.0.0.1:7492",
+    as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
+) -> None:
+    """The catalogue of many cycles: a row inserted, all listed and summed, a query [ms]; recordings read a second."""
+    typer.echo(json.dumps(catalogue.run(cycles, endpoint, recording, _teller(as_json))))
 
 
 @app.command(name="contact")
