@@ -55,14 +55,14 @@ def cycles(
     """List recorded cycles, newest first, or sum them up."""
     if summary and (failed or code or last):
         raise ConfigError("--summary is of all cycles, or of those of one --day.", "Leave out the other options.")
-    with open_catalogue(folder or load_station(config).recording.folder, _reading, err.line) as catalogue:
+    with open_catalogue(folder or load_station(config).recording.folder, reading, err.line) as catalogue:
         if summary:
             _sum_up(summed(catalogue, f"{datetime.now(UTC):%Y-%m-%d}" if day == "today" else day), as_json)
         else:
             _list(catalogue, Filter(failed=failed, code=code, day=day, last=last), as_json)
 
 
-def _reading(files: Iterable[File], total: int) -> Iterator[File]:
+def reading(files: Iterable[File], total: int) -> Iterator[File]:
     """Passes the recordings on that are read, with a progress bar, or a line where there is no terminal."""
     began_s, is_said = time.monotonic(), False
     for file in tracked(files, total, f"reading {total} recordings into the catalogue", err):
@@ -178,7 +178,7 @@ def query(
     """Ask the catalogue of recorded cycles in SQL; it can only be read (docs/catalogue.md)."""
     if as_csv + as_json + (to_parquet is not None) > 1:
         raise ConfigError("--csv, --json and --parquet exclude each other.", "Give one of them.")
-    with open_catalogue(folder or load_station(config).recording.folder, _reading, err.line) as catalogue:
+    with open_catalogue(folder or load_station(config).recording.folder, reading, err.line) as catalogue:
         answer = ask(catalogue, sql, max_rows=max_rows, max_s=max_s)
     if to_parquet is not None:
         write_parquet(answer, to_parquet)
@@ -261,7 +261,7 @@ def rebuild(
     """Check the catalogue, and read every recording that is new or has changed; a damaged catalogue is made anew."""
     began_s = time.monotonic()
     with open_catalogue(
-        folder or load_station(config).recording.folder, _reading, err.line, thorough=True, anew=anew
+        folder or load_station(config).recording.folder, reading, err.line, thorough=True, anew=anew
     ) as made:
         ((rows,),) = made.rows("SELECT count(*) FROM cycle")
         done = {"catalogue": str(made.store.path), "rows": rows, "read": made.made, "torn": len(made.listed.torn)}

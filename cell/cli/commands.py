@@ -83,6 +83,7 @@ COMMANDS = {
         "Make torn recordings whole. Exit 0 all that was flushed is kept, 1 something is lost, 2 cannot.",
     ),
     "catalogue": Row("catalogue", "The catalogue: one row a recorded cycle, made of the recordings."),
+    "export": Row("export", "Chosen recordings as a data set of another program."),
     "config": Row("setup", "Print the whole configuration, defaults included, as JSON."),
     "doctor": Row(
         "setup",
