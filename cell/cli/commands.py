@@ -67,7 +67,7 @@ COMMANDS = {
         "network",
         "Make TLS certificates and Zenoh files for each role: cell, router, node, operator, viewer (docs/security.md).",
     ),
-    "cycles": Row("catalogue", "List recorded cycles, newest first, or sum them up."),
+    "cycles": Row("cycles", "List recorded cycles, newest first, or sum them up."),
     "query": Row("catalogue", "Ask the catalogue of recorded cycles in SQL; it can only be read (docs/catalogue.md)."),
     "label": Row("catalogue", "Say of a recorded cycle that it was good or bad, or note something; kept beside it."),
     "show": Row("recordings", "Why a cycle ended so: its result, what to do, its stages, what was changed for it."),
@@ -99,6 +99,14 @@ COMMANDS = {
     "fault": Row(
         "control",
         "Tell a part of a running cell to misbehave, to see what it does: docs/faults.md. Needs faults.allowed = true.",
+    ),
+    "opcua": Row(
+        "opcua",
+        "Serve the running cell over OPC UA, as a PackML machine; what clients commanded is held when they go.",
+    ),
+    "http": Row(
+        "http",
+        "Serve the running cell over HTTP: JSON, events, files; what clients commanded is held when they go.",
     ),
     "node": Row(
         "setup",

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from bus.errors import RecordingError
-from cell.cli.catalogue import Folder, reading
+from cell.cli.cycles import Folder, reading
 from cell.cli.options import Config, Json
 from cell.terminal.drawing import tracked
 from cell.terminal.printing import err, out

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import queue
 import time
 from collections.abc import Callable
@@ -17,11 +18,13 @@ from bus.threads import OwnedThread, Role
 from bus.topics import Topic
 from cell.daemon.publisher import Observer
 from cell.daemon.retention import PublishEvent
+from logs.catalogue.opening import open_store, set_aside
 from logs.catalogue.rows import file_of, row_of
-from logs.catalogue.store import DamagedCatalogue, Store, open_store, set_aside
+from logs.catalogue.store import DamagedCatalogue, Store
 from logs.catalogue.update import listing, update
 from logs.mcap.names import is_folder
 
+_log = logging.getLogger(__name__)
 _REST_S = 0.05
 """Pause between two recordings that are read at the start: a third of a core, and only until all are known."""
 _SAID_AGAIN_S = 3600.0
@@ -76,7 +79,10 @@ class Cataloguer:
                 self._store.close()
 
     def _guarded(self, work: Callable[[], None]) -> None:
-        """Do it, once more with a new file if the catalogue is damaged; publish what else goes wrong."""
+        """Do it, once more with a new file if the catalogue is damaged; publish what else goes wrong, even a defect.
+
+        No defect of what is derived may end a pick.
+        """
         try:
             try:
                 work()
@@ -88,10 +94,17 @@ class Cataloguer:
         except _Closing:
             return
         except RecordingError as error:
-            self._forget()
-            if time.monotonic() - self._said_s >= _SAID_AGAIN_S:
-                self._said_s = time.monotonic()
-                self._publish_event("CATALOGUE_FAILED", "warning", error.text, _ADVICE)
+            self._fail(error.text)
+        except Exception as defect:  # noqa: BLE001 - see the docstring
+            _log.critical("defect in the catalogue", exc_info=defect)
+            self._fail(f"The catalogue is not written: {type(defect).__name__}: {defect}. This is a defect.")
+
+    def _fail(self, text: str) -> None:
+        """Publish why nothing is written, at most once an hour; the next cycle tries again."""
+        self._forget()
+        if time.monotonic() - self._said_s >= _SAID_AGAIN_S:
+            self._said_s = time.monotonic()
+            self._publish_event("CATALOGUE_FAILED", "warning", text, _ADVICE)
 
     def _catch_up(self) -> None:
         """Make the rows of all recordings that have none. Raises: RecordingError."""

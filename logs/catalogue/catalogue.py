@@ -13,17 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from bus.errors import CatalogueError, RecordingError
-from logs.catalogue.store import (
-    CATALOGUE,
-    DamagedCatalogue,
-    Store,
-    Tell,
-    asking,
-    check,
-    in_memory,
-    open_store,
-    set_aside,
-)
+from logs.catalogue.opening import Tell, check, in_memory, open_store, set_aside
+from logs.catalogue.store import CATALOGUE, DamagedCatalogue, Store, asking
 from logs.catalogue.update import Listing, Progress, listing, quietly, root_of, update
 from logs.mcap.index import FINE, Entry, Filter, read_entry
 from logs.mcap.names import is_folder, shown
@@ -42,6 +33,7 @@ class Catalogue:
     Attributes:
         folder: as it was asked for. ``below``: the way down to it from the folder of recordings, "" for that itself.
         made: how many rows were made to bring it up to date. ``listed``: what has no row, among others.
+        is_made: up to date; else `entries` reads what has no row, and only that, as it comes to it.
     """
 
     store: Store
@@ -49,16 +41,18 @@ class Catalogue:
     below: str
     made: int
     listed: Listing
+    is_made: bool = True
 
     def entries(self, wanted: Filter | None = None) -> Iterator[Entry]:
         """The selected recordings, newest first, as `logs.mcap.index.list_cycles` gives them."""
         wanted = wanted or Filter()
-        others = [
-            self.folder / self._path(file.folder, file.name) for file in (*self.listed.torn, *self.listed.nameless)
-        ]
+        unmade = () if self.is_made else self.listed.unknown
+        files = (*self.listed.torn, *self.listed.nameless, *unmade)
+        others = [self.folder / self._path(file.folder, file.name) for file in files]
         dated = sorted((path for path in others if wanted.dates(path)), key=_name, reverse=True)
         read = (entry for entry in map(read_entry, dated) if wanted.takes(entry))
-        both = merge(self._known(wanted), read, key=lambda entry: entry.path.name, reverse=True)
+        known = self._known(wanted)
+        both = merge(known, read, key=lambda entry: entry.path.name, reverse=True) if dated else known
         return islice(both, wanted.last)
 
     def rows(self, sql: str, given: Sequence[Any] = ()) -> Iterator[tuple[Any, ...]]:
@@ -86,11 +80,14 @@ class Catalogue:
             given += FINE
         if wanted.code:
             where, given = f"{where} AND code = ?", [*given, wanted.code.upper()]
-        limit = "" if wanted.last is None else f" LIMIT {wanted.last:d}"
+        stale = set() if self.is_made else {file[:2] for file in self.listed.unknown} | self.listed.pairs_gone()
+        limit = "" if wanted.last is None or stale else f" LIMIT {wanted.last:d}"
         folders: dict[str, Path] = {}
         for folder, name, *values in self.rows(
             f"SELECT {_LISTED} FROM cycle WHERE {where} ORDER BY name DESC{limit}", given
         ):
+            if (folder, name) in stale:
+                continue
             if folder not in folders:
                 folders[folder] = self.folder / self._path(folder, "")
             yield Entry(folders[folder] / name, *values)
@@ -105,7 +102,13 @@ def _name(path: Path) -> str:
 
 @contextmanager
 def open_catalogue(
-    folder: Path, progress: Progress = quietly, tell: Tell = _silent, *, thorough: bool = False, anew: bool = False
+    folder: Path,
+    progress: Progress = quietly,
+    tell: Tell = _silent,
+    *,
+    thorough: bool = False,
+    anew: bool = False,
+    makes: bool = True,
 ) -> Iterator[Catalogue]:
     """The catalogue of a folder of recordings, or of one of its days, made or brought up to date.
 
@@ -114,6 +117,7 @@ def open_catalogue(
     Args:
         progress: shows how far it is. ``tell``: told what was set aside, and why nothing can be written.
         thorough: every file is looked at, and the whole catalogue is checked. ``anew``: all rows are made again.
+        makes: False = no row is made, for a list that may not wait.
 
     Raises: RecordingError when the folder does not exist or cannot be read; CatalogueError.
     """
@@ -123,21 +127,28 @@ def open_catalogue(
         )
     root, below = root_of(folder)
     try:
-        store, made, listed = _up_to_date(root, below, progress, tell, thorough=thorough, anew=anew)
+        store, made, listed = _up_to_date(root, below, progress, tell, thorough=thorough, anew=anew, makes=makes)
     except DamagedCatalogue as error:
         tell(f"{error.text} It is kept as {set_aside(root).name}, and made anew.")
-        store, made, listed = _up_to_date(root, below, progress, tell)
+        store, made, listed = _up_to_date(root, below, progress, tell, makes=makes)
     except CatalogueError as error:
         tell(f"{error.text} What it lacks is read, and not kept.")
         store = in_memory(root)
         listed = listing(store, below)
-        made = update(store, listed, progress)
+        made = update(store, listed, progress) if makes else 0
     with closing(store):
-        yield Catalogue(store, folder, below, made, listed)
+        yield Catalogue(store, folder, below, made, listed, is_made=makes)
 
 
 def _up_to_date(
-    root: Path, below: str, progress: Progress, tell: Tell, *, thorough: bool = False, anew: bool = False
+    root: Path,
+    below: str,
+    progress: Progress,
+    tell: Tell,
+    *,
+    thorough: bool = False,
+    anew: bool = False,
+    makes: bool = True,
 ) -> tuple[Store, int, Listing]:
     store = open_store(root, tell)
     try:
@@ -146,7 +157,7 @@ def _up_to_date(
         if anew:
             store.forget()
         listed = listing(store, below, thorough=thorough or anew)
-        return store, update(store, listed, progress), listed
+        return store, update(store, listed, progress) if makes else 0, listed
     except BaseException:
         store.close()
         raise

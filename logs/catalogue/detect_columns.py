@@ -92,6 +92,8 @@ SEEN = (
 )  # fmt: skip
 
 IMAGINED = (
+    Column("detector", "TEXT", "", "The other package's detector that gave the grasps; empty: ours.",
+           _found(lambda found: found.detector)),
     Column("tried", "INTEGER", "", "Rods that were imagined.", _found(lambda found: len(found.tried))),
     Column("tried_codes", "TEXT", "", "Of those that failed: a JSON object, code to count.", _tried_codes),
     Column("rectangles", "INTEGER", "", "Grasp rectangles that survived.", _found(lambda found: len(found.rectangles))),
@@ -115,7 +117,7 @@ IMAGINED = (
 )  # fmt: skip
 
 MODELS = (
-    Column("model", "TEXT", "", "Goal-image models that were called.", _models),
+    Column("model", "TEXT", "", "Goal-image models, and detectors of other packages, that were called.", _models),
     Column("model_calls", "INTEGER", "", "Calls of them.", lambda told: len(told.record.replies)),
     Column("model_failures", "INTEGER", "", "Calls without a usable reply.",
            lambda told: sum(reply.failure is not None for reply in told.record.replies)),

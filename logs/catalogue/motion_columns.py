@@ -8,8 +8,9 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import numpy.typing as npt
 
-from bus.messages import Grasp, SegmentRun
+from bus.messages import Failure, Grasp, PickPlan, SegmentRun
 from bus.messages.plan import ONLY_TO_LOOK
+from bus.rejection import Rejection
 from bus.trajectory import TICK_S
 from logs.catalogue.column import Column, Told, Value, packed
 
@@ -49,12 +50,21 @@ def _terms(grasp: Grasp) -> Value:
 # --- the plan ---------------------------------------------------------------------------------------------------------
 
 
-def _rejected(told: Told) -> Counter[str]:
+def _ways(told: Told) -> tuple[Rejection, ...]:
+    """The ways to grasp that plan rejected, also where it failed."""
     plan = told.record.stages.get("plan")
     if plan is None:
-        return Counter()
-    ways = plan.result.rejected if plan.result is not None else plan.failure.rejected if plan.failure else ()
-    return Counter(way.code.value for way in ways)
+        return ()
+    ended: PickPlan | Failure | None = plan.result or plan.failure
+    return ended.rejected if ended is not None else ()
+
+
+def _rejected_codes(told: Told) -> Value:
+    return packed(Counter(way.code.value for way in _ways(told)))
+
+
+def _in_the_way(told: Told) -> Value:
+    return packed(Counter(way.obstacle.name for way in _ways(told) if way.obstacle is not None))
 
 
 def _planned_s(told: Told) -> Value:
@@ -115,6 +125,15 @@ def _grasped_m(told: Told) -> Value:
     return grasped.width_m if grasped is not None else None
 
 
+def _contact(name: str) -> Callable[[Told], Value]:
+    def take(told: Told) -> Value:
+        met = told.execution.contact if told.execution is not None else None
+        value: Value = getattr(met, name) if met is not None else None
+        return value
+
+    return take
+
+
 def _released(told: Told) -> Value:
     return told.delivery is not None and told.delivery.released is not None
 
@@ -155,9 +174,10 @@ CHOSEN = (
 
 PLAN = (
     Column("rejected", "INTEGER", "", "Ways to grasp that were not feasible.",
-           lambda told: sum(_rejected(told).values()) if "plan" in told.record.stages else None),
-    Column("rejected_codes", "TEXT", "", "The same by reason: a JSON object, code to count.",
-           lambda told: packed(_rejected(told))),
+           lambda told: len(_ways(told)) if "plan" in told.record.stages else None),
+    Column("rejected_codes", "TEXT", "", "The same by reason: a JSON object, code to count.", _rejected_codes),
+    Column("in_the_way", "TEXT", "", "What they would have touched, when no way was free: JSON, name to count.",
+           _in_the_way),
     Column("planned_s", "REAL", "s", "Duration of all planned motion.", _planned_s),
     Column("searched", "INTEGER", "", "Segments that were searched around obstacles; the others are straight.",
            _searched),
@@ -167,10 +187,12 @@ MOTION = (
     Column("executed", "INTEGER", "", "1: the fingers closed.", _is_closed),
     *(
         Column(f"{name}_s", "REAL", "s", f"Commanded duration of the segment `{name}`.", _segment_s(name))
-        for name in ("reach", "carry", "hold", "place", "home")
+        for name in ("reach", "carry", "hold", "place", "home", "retreat")
     ),
     Column("stopped_in", "TEXT", "", "The segment or hand action that a stop ended.",
            _attribute("execution", "stopped_in")),
+    Column("contact_n", "REAL", "N", "Force at which the approach met something; NULL: nothing.", _contact("force_n")),
+    Column("contact_remaining_m", "REAL", "m", "From there to the grasp.", _contact("remaining_m")),
     Column("closed_m", "REAL", "m", "Hand width right after closing.", _grasped_m),
     Column("torque_max_nm", "REAL", "Nm", "Largest torque from outside on a joint.", _most(_torque_nm)),
     Column("tracking_max_rad", "REAL", "rad", "Largest distance of a joint from where it was commanded.",

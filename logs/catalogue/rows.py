@@ -11,7 +11,7 @@ from logs.catalogue.column import Told, Value, stored
 from logs.catalogue.columns import COLUMNS
 from logs.catalogue.cycle_columns import day_of, stamp_ns
 from logs.mcap.index import read_entry
-from logs.mcap.names import reading, telling
+from logs.mcap.names import reading, shown, telling
 from logs.mcap.reader import CycleRecord, read_stages
 
 
@@ -49,7 +49,7 @@ def row_of(root: Path, file: File) -> tuple[Value, ...]:
     try:
         values = values_of(read_stages(path))
     except RecordingError as error:
-        values = _outcome(path, error.text)
+        values = _outcome(path, error.text.removeprefix(f"{shown(path)} "))
     return (file.path, *file[:2], *file[2:], *(values.get(column.name) for column in COLUMNS))
 
 

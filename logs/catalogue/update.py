@@ -57,6 +57,10 @@ class Listing:
     gone: dict[str, list[str]]
     settled: dict[str, int | None]
 
+    def pairs_gone(self) -> set[tuple[str, str]]:
+        """Folder and name of every row without a file."""
+        return {(folder, name) for folder, names in self.gone.items() for name in names}
+
 
 def listing(store: Store, below: str = "", *, thorough: bool = False) -> Listing:
     """Compare the folders with the rows; folders that have not changed are not listed again. Raises: RecordingError.

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from bus.errors import CatalogueError, ConfigError
+from bus.errors import CatalogueError, ConfigError, RecordingError
 from cell.cli.commands import command_line
 from logs.mcap.recorder import Recorder
 
@@ -45,6 +45,13 @@ def test_a_summary_has_each_figure_with_its_definition(station: list[str]) -> No
     assert isinstance(_cell("cycles", "--summary", "--failed", *station).exception, ConfigError)
 
 
+def test_a_summary_says_that_deleted_successes_are_not_counted(station: list[str]) -> None:
+    path = Path(station[1])
+    assert "not counted" not in _cell("cycles", "--summary", *station).stderr
+    path.write_text(f"{path.read_text()}keep_days = 90\n")
+    assert "what is deleted is not counted" in _cell("cycles", "--summary", *station).stderr
+
+
 def test_a_query_is_printed_as_a_table_csv_or_json(station: list[str]) -> None:
     query = "query", "SELECT code, count(*) AS n FROM cycles GROUP BY code"
     assert _cell(*query, *station).stdout.split() == ["code", "n", "1", "NO_GRASP", "1"]
@@ -74,6 +81,12 @@ def test_a_label_is_shown_and_can_be_asked_for(station: list[str], tmp_path: Pat
     assert asked.splitlines()[1:] == [f"{LATE},bad,2"]
 
 
+def test_a_label_that_says_nothing_or_of_no_recording_is_refused(station: list[str], tmp_path: Path) -> None:
+    assert isinstance(_cell("label", LATE, " ", *station).exception, ConfigError)
+    for nothing in ("T13", str(tmp_path / "recordings" / "none.mcap")):
+        assert isinstance(_cell("label", nothing, "bad", *station).exception, RecordingError)
+
+
 def test_a_rebuild_says_what_it_read(station: list[str]) -> None:
     for options, read in (((), 2), ((), 0), (("--anew",), 2)):
         said = json.loads(_cell("catalogue", "rebuild", "--json", *options, *station).stdout)
@@ -83,5 +96,5 @@ def test_a_rebuild_says_what_it_read(station: list[str]) -> None:
 
 def test_a_long_list_has_a_line_for_every_cycle(station: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     whole = _cell("cycles", *station).stdout.splitlines()
-    monkeypatch.setattr("cell.cli.catalogue._AT_ONCE", 1)
+    monkeypatch.setattr("cell.cli.cycles._AT_ONCE", 1)
     assert [line.split() for line in _cell("cycles", *station).stdout.splitlines()] == [line.split() for line in whole]

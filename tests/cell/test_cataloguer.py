@@ -6,10 +6,14 @@ import sqlite3
 import threading
 from contextlib import closing
 from pathlib import Path
+from typing import Any
+
+import pytest
 
 from bus import topics
 from bus.messages import CycleResult
 from cell.daemon.cataloguer import Cataloguer
+from logs.catalogue.rows import row_of
 from logs.catalogue.store import CATALOGUE
 from logs.mcap.recorder import Recorder
 
@@ -97,6 +101,20 @@ def test_what_cannot_be_written_is_an_event_once_and_no_defect(tmp_path: Path) -
     events = _run(tmp_path, *(_recorded(tmp_path, name) for name in (MORNING, NOON, EVENING)))
     assert [event[:2] for event in events] == [("CATALOGUE_FAILED", "warning")]
     assert "cell catalogue rebuild" in events[0][3]
+
+
+def test_a_defect_of_the_catalogue_is_an_event_and_the_next_cycle_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    breaks = iter((True,))
+
+    def row_once_broken(*given: Any) -> Any:
+        return 1 / 0 if next(breaks, False) else row_of(*given)
+
+    monkeypatch.setattr("cell.daemon.cataloguer.row_of", row_once_broken)
+    events = _run(tmp_path, *(_recorded(tmp_path, name) for name in (MORNING, NOON)))
+    assert [event[0] for event in events] == ["CATALOGUE_FAILED"] and "ZeroDivisionError" in events[0][2]
+    assert NOON in _rows(tmp_path)
 
 
 def test_a_recording_that_was_not_closed_has_no_row(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import random
 import shutil
 import signal
 import sqlite3
@@ -10,18 +11,21 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from bus.commands import CellState
 from bus.errors import RecordingError
 from logs.catalogue import known_entries, open_catalogue
 from logs.catalogue.columns import COLUMNS, NAMES, SCHEMA
+from logs.catalogue.opening import open_store
 from logs.catalogue.rows import file_of, row_of, values_of
-from logs.catalogue.store import CATALOGUE, open_store
+from logs.catalogue.store import CATALOGUE
 from logs.mcap.index import Filter, list_cycles, read_entry
-from logs.mcap.reader import read_cycle
+from logs.mcap.reader import Timed, read_cycle, read_stages
 from logs.mcap.recorder import Recorder
 
 GOLDEN = sorted((Path(__file__).parents[1] / "golden").glob("*.mcap"))
@@ -31,7 +35,7 @@ _WRITER = """
 import sys
 from pathlib import Path
 from logs.catalogue.rows import File, row_of
-from logs.catalogue.store import open_store
+from logs.catalogue.opening import open_store
 root = Path(sys.argv[1])
 store, (name, *rest) = open_store(root), row_of(root, File("", "a.mcap", 1, 1))
 for number in range(100_000):
@@ -47,8 +51,8 @@ def _small(folder: Path, name: str, result: str = "SUCCESS", code: str = "") -> 
     return recorder.close({"result": result, "code": code, "reason": "So it ended."})
 
 
-def _rows(folder: Path, **how: bool) -> list[tuple[Any, ...]]:
-    with open_catalogue(folder, **how) as catalogue:
+def _rows(folder: Path, *, thorough: bool = False) -> list[tuple[Any, ...]]:
+    with open_catalogue(folder, thorough=thorough) as catalogue:
         return list(catalogue.rows(f"SELECT {', '.join(NAMES)} FROM cycles ORDER BY file"))
 
 
@@ -57,7 +61,7 @@ def _rows(folder: Path, **how: bool) -> list[tuple[Any, ...]]:
 
 @pytest.mark.parametrize("golden", GOLDEN, ids=lambda path: path.stem)
 def test_every_golden_recording_gives_a_row_with_what_its_own_reader_says(golden: Path) -> None:
-    row = dict(zip(NAMES, row_of(golden.parent, file_of(golden, golden.parent)), strict=True))
+    row: dict[str, Any] = dict(zip(NAMES, row_of(golden.parent, file_of(golden, golden.parent)), strict=True))
     record = read_cycle(golden)
     assert row["unread"] is None and row == row | values_of(record), "the short reading says what the whole one does"
     assert (row["result"], row["looks"]) == (record.metadata["result"], len(record.looks))
@@ -87,6 +91,31 @@ def test_a_recording_that_cannot_be_read_has_a_row_with_the_reason(tmp_path: Pat
     assert (row["cycle_id"], row["result"], row["day"]) == (NOON, "DAMAGED", "2026-01-01") and row["unread"]
 
 
+@pytest.mark.parametrize("seed", range(12))
+def test_a_recording_with_a_few_other_bytes_has_a_row_all_the_same(tmp_path: Path, seed: int) -> None:
+    rng, content = random.Random(seed), bytearray(GOLDEN[2].read_bytes())
+    for _ in range(1 + seed):
+        content[rng.randrange(len(content))] = rng.randrange(256)
+    path = tmp_path / f"{NOON}.mcap"
+    path.write_bytes(content)
+    row = dict(zip(NAMES, row_of(tmp_path, file_of(path, tmp_path)), strict=True))
+    assert row["result"] == read_entry(path).result and str(tmp_path) not in str(row["unread"])
+
+
+def test_what_a_client_commanded_is_counted_and_what_the_cell_did_by_itself_is_not() -> None:
+    said = (
+        ("Execute", "", 1), ("Holding", "command 'hold' from anna", 2), ("Held", "", 3), ("Held", "", 4),
+        ("Unholding", "command 'unhold' from anna", 5), ("Execute", "", 6), ("Holding", "the lease of anna is lost", 7),
+        ("Stopping", "command 'stop' from cell", 8), ("Aborting", "command 'abort' from ben", 9),
+    )  # fmt: skip
+    states = tuple(
+        Timed(at * 10**9, CellState(state=state, stage="", cycle_id="x", since_ns=0, available=(), reason=reason))
+        for state, reason, at in said
+    )
+    values = values_of(replace(read_stages(GOLDEN[-1]), states=states))
+    assert [values[name] for name in ("holds", "stops", "aborts", "paused_s")] == [1, 0, 1, 4.0]
+
+
 def test_every_column_has_a_name_of_its_own_and_a_meaning() -> None:
     assert len(set(NAMES)) == len(NAMES) and all(column.meaning.endswith(".") for column in COLUMNS)
 
@@ -102,6 +131,17 @@ def test_lists_say_what_the_files_say(record: Record, tmp_path: Path) -> None:
     for wanted in (Filter(), Filter(failed=True), Filter(code="no_grasp"), Filter(day="2026-01", last=2)):
         with open_catalogue(tmp_path) as catalogue:
             assert list(catalogue.entries(wanted)) == list(list_cycles(tmp_path, wanted))
+
+
+def test_a_list_that_may_not_wait_makes_no_row_and_says_the_same(tmp_path: Path) -> None:
+    gone, changed = _small(tmp_path, MORNING), _small(tmp_path, NOON)
+    _rows(tmp_path)
+    gone.unlink()
+    changed.write_bytes(b"no recording")
+    _small(tmp_path / "2026-01-01", EVENING)
+    for wanted in (Filter(), Filter(last=1), Filter(failed=True)):
+        with open_catalogue(tmp_path, makes=False) as catalogue:
+            assert list(catalogue.entries(wanted)) == list(list_cycles(tmp_path, wanted)) and catalogue.made == 0
 
 
 def test_a_day_has_the_catalogue_of_its_recordings_folder(tmp_path: Path) -> None:

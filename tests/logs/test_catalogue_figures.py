@@ -9,7 +9,7 @@ import pytest
 from logs.catalogue import summary
 from logs.catalogue.columns import NAMES
 from logs.catalogue.figures import DEFINITIONS, Counts
-from logs.catalogue.store import open_store
+from logs.catalogue.opening import open_store
 from logs.catalogue.update import listing, update
 
 ID = "2026010{day}T12000000{n}"

@@ -17,7 +17,8 @@ from logs.catalogue import Catalogue, open_catalogue
 from logs.catalogue.ask import Answer, ask
 from logs.catalogue.export import csv_lines, write_parquet
 from logs.catalogue.labels import LABELS, Label, append, read_labels
-from logs.catalogue.store import CATALOGUE, open_store
+from logs.catalogue.opening import open_store
+from logs.catalogue.store import CATALOGUE
 
 Record = Callable[..., Path]
 MORNING, NOON = "20260101T080000000", "20260101T120000000"
