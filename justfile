@@ -36,6 +36,10 @@ stand-in *args: stand-ins
 salient: setup
     @./setup.sh salient
 
+# Install LeRobot into .venv-lerobot (8 GB), for the test that it opens an exported data set
+lerobot: setup
+    @./setup.sh lerobot
+
 # Run the tests of the gate; more arguments go to pytest
 test *args: setup
     @./setup.sh stand-ins || echo "test: tests of the real drivers that need the above will be skipped" >&2
