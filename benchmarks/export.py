@@ -21,7 +21,7 @@ def run(cycles: int, seed: int, folder: Path | None, endpoint: str, tell: Callab
 
     Returns:
         ``s_per_gb``, ``cpu_s_per_gb``: LeRobot's data set, of recordings, by the wall and by the processor; ``frames``,
-        ``episodes`` of it and its size. ``grasps_s_per_gb``, ``grasps``: of the other one.
+        ``episodes`` of it and its size. ``grasps_s_per_gb``, ``grasps_cpu_s_per_gb``, ``grasps``: of the other one.
         ``loads_in_lerobot``: whether LeRobot gives its first and its last frame; None without `just lerobot`.
     """
     with TemporaryDirectory() as name:
@@ -33,7 +33,7 @@ def run(cycles: int, seed: int, folder: Path | None, endpoint: str, tell: Callab
         tell(f"{len(chosen.paths)} recordings")
         lerobot, wall_s, cpu_s = _timed(chosen, lambda some: export_lerobot(some, made / "lerobot", _silently))
         tell(f"LeRobot: {lerobot.counts}, {wall_s:.1f} s")
-        grasps, grasps_s, _ = _timed(chosen, lambda some: export_grasps(some, made / "grasps", _silently))
+        grasps, grasps_s, grasps_cpu_s = _timed(chosen, lambda some: export_grasps(some, made / "grasps", _silently))
         tell(f"grasps: {grasps.counts}, {grasps_s:.1f} s")
         return {
             "s_per_gb": round(wall_s / lerobot.recordings_bytes * _GB, 1),
@@ -44,6 +44,7 @@ def run(cycles: int, seed: int, folder: Path | None, endpoint: str, tell: Callab
             "recordings_bytes": lerobot.recordings_bytes,
             "grasps": grasps.counts["grasps"],
             "grasps_s_per_gb": round(grasps_s / grasps.recordings_bytes * _GB, 1),
+            "grasps_cpu_s_per_gb": round(grasps_cpu_s / grasps.recordings_bytes * _GB, 1),
             "loads_in_lerobot": _opened(made / "lerobot", lerobot.counts["frames"]),
         }
 

@@ -11,10 +11,11 @@ import cv2
 import numpy as np
 import pytest
 
+from bus.messages import Detections
 from logs.catalogue import open_catalogue
 from logs.export import Done, export_grasps, select
 from logs.export.grasps import CYCLE, GRASP, PICTURES
-from logs.mcap.reader import read_cycle
+from logs.mcap.reader import CycleRecord, read_cycle
 
 parquet = pytest.importorskip("pyarrow.parquet")
 
@@ -32,6 +33,17 @@ def exported(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Done]:
         return target, export_grasps(select(catalogue), target, lambda paths, _total: paths)
 
 
+def _detections(record: CycleRecord) -> Detections:
+    found = record.stages["detect"].result
+    assert isinstance(found, Detections)
+    return found
+
+
+def read_picture(path: Path) -> np.ndarray:
+    """As it is in the file, blue first."""
+    return np.asarray(cv2.imread(str(path), cv2.IMREAD_UNCHANGED))
+
+
 def rows(target: Path, name: str) -> list[dict[str, Any]]:
     found: list[dict[str, Any]] = parquet.read_table(target / f"{name}.parquet").to_pylist()
     return found
@@ -40,7 +52,7 @@ def rows(target: Path, name: str) -> list[dict[str, Any]]:
 def test_every_grasp_is_a_row_with_all_columns(exported: tuple[Path, Done]) -> None:
     target, done = exported
     cycles, grasps = rows(target, "cycles"), rows(target, "grasps")
-    found = read_cycle(GOLDEN).stages["detect"].result
+    found = _detections(read_cycle(GOLDEN))
     mine = [row for row in grasps if row["cycle_id"] == read_cycle(GOLDEN).cycle_id]
     assert done.counts == {"cycles": len(cycles), "grasps": len(grasps)} and not done.left_out
     assert list(cycles[0]) == list(CYCLE) and list(grasps[0]) == list(GRASP)
@@ -69,7 +81,7 @@ def test_a_pose_lies_in_its_rectangle_on_the_thing_in_the_picture(exported: tupl
         tcp_px = np.array([camera["fx"] * x / z + camera["cx"], camera["fy"] * y / z + camera["cy"]])
         corners = np.reshape(row["corners_px"], (4, 2)).astype(np.float32)
         assert cv2.pointPolygonTest(corners, tcp_px.tolist(), True) > -5, "[px]"
-        labels = cv2.imread(str(target / row["things_png"]), cv2.IMREAD_UNCHANGED)
+        labels = read_picture(target / row["things_png"])
         assert labels[round(row["center_v_px"]), round(row["center_u_px"])] == row["instance"]
         base_from_color = np.reshape(cycles[row["cycle_id"]]["base_from_color"], (4, 4))
         base_from_tcp = base_from_color @ np.reshape(row["color_from_tcp"], (4, 4))
@@ -80,8 +92,8 @@ def test_the_pictures_are_those_that_detect_saw(exported: tuple[Path, Done]) -> 
     target, _ = exported
     record = read_cycle(GOLDEN)
     row = next(row for row in rows(target, "grasps") if row["cycle_id"] == record.cycle_id)
-    found, look = record.stages["detect"].result, record.looks[0]
-    read = {name: cv2.imread(str(target / row[f"{name}_png"]), cv2.IMREAD_UNCHANGED) for name in PICTURES}
+    found, look = _detections(record), record.looks[0]
+    read = {name: read_picture(target / row[f"{name}_png"]) for name in PICTURES}
     assert (read["color"][..., ::-1] == found.evidence.color).all()
     assert ((read["mask"] == 255) == found.evidence.object_mask).all() and (read["things"] == found.scene.labels).all()
     assert read["depth"] == pytest.approx(np.nan_to_num(look.frame.depth_m) * 1000, abs=0.5)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -297,8 +297,8 @@ def test_an_existing_folder_is_refused_and_unchanged(recordings: Path, tmp_path:
 
 
 def test_an_export_that_is_broken_off_leaves_nothing(recordings: Path, tmp_path: Path) -> None:
-    def one_then_interrupted(paths: list[Path], _total: int) -> Iterator[Path]:
-        yield paths[0]
+    def one_then_interrupted(paths: Iterable[Path], _total: int) -> Iterator[Path]:
+        yield next(iter(paths))
         assert (tmp_path / "dataset.part" / "data").is_dir() and not (tmp_path / "dataset").exists()
         with pytest.raises(ConfigError, match="Another export writes"):
             export_lerobot(chosen(recordings), tmp_path / "dataset", all_of)
