@@ -195,10 +195,11 @@ def test_the_hand_is_told_its_width_and_then_to_press(exported: tuple[Path, Done
     frames = Dataset(exported[0]).frames(0)
     record = read_cycle(GOLDEN / f"{PICKED}.mcap")
     told, measured = frames["action"][:, 7], frames["observation.state"][:, 7]
-    opening = record.stages["detect"].result.grasps[record.stages["plan"].result.grasp].opening_m
+    done: dict[str, Any] = {name: stage.result for name, stage in record.stages.items()}
+    opening = done["detect"].grasps[done["plan"].grasp].opening_m
     held = measured[(told == 0) & (np.roll(told, 1) == 0)][3:]
     assert np.isclose(told, opening, atol=1e-4).any() and (told == 0).sum() > 20
-    assert held == pytest.approx(record.stages["execute"].result.grasped.width_m, abs=2e-3)
+    assert held == pytest.approx(done["execute"].grasped.width_m, abs=2e-3)
     assert (frames["hand_utc_ns"] <= frames["utc_ns"] + 10**6).all(), "the last one, none of the future"
 
 
