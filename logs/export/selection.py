@@ -96,8 +96,9 @@ def select(catalogue: Catalogue, where: str = "") -> Selection:
     below = f"{catalogue.below}/" if catalogue.below else ""
     files = sorted((name, file) for name, file in answer.rows if file.startswith(below))
     root = catalogue.store.root
-    torn = [LeftOut(root / file.path, _NOT_FINISHED, False) for file in catalogue.listed.torn]
+    left_out = [LeftOut(root / file.path, _NOT_FINISHED, False) for file in catalogue.listed.torn]
+    left_out += [LeftOut(root / file.path, "its name is not UTF-8", True) for file in catalogue.listed.nameless]
     if not files:
         which = f"where {where}" if where else "that is finished"
         raise RecordingError(f"There is no recorded cycle {which} in {shown(catalogue.folder)}.", "See `cell cycles`.")
-    return Selection([root / file for _, file in files], root, torn)
+    return Selection([root / file for _, file in files], root, left_out)

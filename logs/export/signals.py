@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,37 +65,30 @@ def measured_joints(record: CycleRecord, motions: Sequence[Played], clock: Episo
 
     Of a motion every 10 ms as the arm measured it, else as it was published. Raises: NothingToExport without any.
     """
-    rows = [np.array([said.position, said.velocity, said.effort]) for said in _joints(record)]
-    stamps = np.array([stamp_ns(said.message.timestamp) for said in record.arm], np.int64)
-    is_apart = np.ones(len(stamps), bool)
+    published = _published(record)
+    is_apart = np.ones(len(published.time_s), bool)
     times, values = [], []
     for one in motions:
-        is_apart &= (stamps < one.began_ns) | (stamps > one.ended_ns)
+        is_apart &= (published.utc_ns < one.began_ns) | (published.utc_ns > one.ended_ns)
         motion = one.motion
         times.append(clock.time_s(one.began_ns) + motion.t_s)
         values.append(np.hstack([motion.q_rad, motion.dq_rad_s, motion.tau_ext_nm]))
-    if rows:
-        times.append(clock.time_s(stamps[is_apart]))
-        values.append(np.array(rows).reshape(-1, 3 * _JOINTS)[is_apart])
-    if not sum(map(len, times)):
-        raise NothingToExport("It has no joint states.")
+    times.append(clock.time_s(published.utc_ns[is_apart]))
+    values.append(published.values[is_apart])
     time_s = np.concatenate(times)
+    if not len(time_s):
+        raise NothingToExport("It has no joint states.")
     return _sorted(time_s, np.concatenate(values), clock.utc_ns(time_s))
 
 
-@dataclass(frozen=True)
-class _Joints:
-    position: list[float]
-    velocity: list[float]
-    effort: list[float]
-
-
-def _joints(record: CycleRecord) -> Iterator[_Joints]:
-    for said in record.arm:
-        joints = said.message.joints
-        yield _Joints(
-            [one.position for one in joints], [one.velocity for one in joints], [one.effort for one in joints]
-        )
+def _published(record: CycleRecord) -> Samples:
+    """The states (n, 21) that the arm published; their ``time_s`` is not used."""
+    rows = [
+        [getattr(joint, name) for name in ("position", "velocity", "effort") for joint in said.message.joints]
+        for said in record.arm
+    ]
+    stamps = np.array([stamp_ns(said.message.timestamp) for said in record.arm], np.int64)
+    return Samples(np.zeros(len(stamps)), np.array(rows, np.float64).reshape(-1, 3 * _JOINTS), stamps)
 
 
 def commanded_joints(motions: Sequence[Played], clock: EpisodeClock, rest_q_rad: Array) -> Samples:
