@@ -23,6 +23,7 @@ from benchmarks import (
     contact,
     cycle_time,
     detection,
+    export,
     fleet,
     freezing,
     fusion,
@@ -321,6 +322,18 @@ def catalogue_(
 ) -> None:
     """The catalogue of many cycles: a row inserted, all listed and summed, a query [ms]; recordings read a second."""
     typer.echo(json.dumps(catalogue.run(cycles, endpoint, recording, _teller(as_json))))
+
+
+@app.command(name="export")
+def export_(
+    cycles: Annotated[int, typer.Option(min=1)] = 6,
+    seed: Annotated[int, typer.Option(help="Below 1000 is to tune on.")] = 1000,
+    folder: Annotated[Path | None, typer.Option(help="Recordings; default: of a simulated cell.")] = None,
+    endpoint: Annotated[str, typer.Option(help="Free loopback endpoint for its cell.")] = "tcp/127.0.0.1:7491",
+    as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
+) -> None:
+    """Recordings as data sets: time a GB of them [s], frames, and whether the real LeRobot opens the result."""
+    typer.echo(json.dumps(export.run(cycles, seed, folder, endpoint, _teller(as_json))))
 
 
 @app.command(name="contact")

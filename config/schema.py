@@ -535,12 +535,17 @@ class ExecuteSettings(Settings):
         slow_m_s: fastest speed of the tcp there, where the table or another thing is believed to be within 10 mm of the
             hand at the grasp. Twice the speed is twice the force beyond `contact_n`.
         free_m_s: the same where nothing is: what it meets there was hidden. Faster than 0.03 it may be a reflex.
+        approve: whether a person approves each planned pick before the arm moves for it: ``client``, through any client
+            that may command the cell; ``holder``, only the one that holds the lease. Looks before need no approval.
+        approve_s: how long the cell waits for the answer; then the cycle ends.
     """
 
     contact_n: NonNegative = 5.0
     slow_m: SizeOrNone = 0.010
     slow_m_s: Positive = 0.010
     free_m_s: Positive = 0.030
+    approve: Literal["no", "client", "holder"] = "no"
+    approve_s: Annotated[float, Field(gt=0, le=3600)] = 120.0
 
 
 class VerifySettings(Settings):
@@ -586,6 +591,21 @@ class RetrySettings(Settings):
     grasps: Annotated[int, Field(ge=0, le=10)] = 2
     looks: Annotated[int, Field(ge=0, le=10)] = 1
     hold_after: Annotated[int, Field(ge=0, le=100)] = 0
+
+
+class ManualSettings(Settings):
+    """Motion by hand, in mode Manual.
+
+    Attributes:
+        jog_m: one step of a jog. ``jog_m_s``: the tcp is never faster.
+        home_speed: share of the speed elsewhere, on the way to the capture pose.
+        hand_m_s: rate of the hand's width.
+    """
+
+    jog_m: Annotated[float, Field(gt=0, le=0.02)] = 0.005
+    jog_m_s: Annotated[float, Field(gt=0, le=0.25)] = 0.025
+    home_speed: Annotated[float, Field(gt=0, le=0.25)] = 0.1
+    hand_m_s: Annotated[float, Field(gt=0, le=0.1)] = 0.05
 
 
 class QueueSettings(Settings):
@@ -650,6 +670,7 @@ class Station(Settings):
     verify: VerifySettings = VerifySettings()
     retry: RetrySettings = RetrySettings()
     queue: QueueSettings = QueueSettings()
+    manual: ManualSettings = ManualSettings()
     sim: SimSettings = SimSettings()
     calibration: CalibrationSettings = CalibrationSettings()
     fr3: Fr3Settings = Fr3Settings()

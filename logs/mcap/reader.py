@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -16,10 +16,12 @@ from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
 from mcap.records import Attachment, Channel, McapRecord, Message, Metadata
 
 from bus import topics
+from bus.arrays import Transform
 from bus.codec import Json, MessageT, decode
 from bus.commands import CellState, Event, Health
 from bus.errors import BadFrame, BadPayload, RecordingError
 from bus.messages import (
+    Approval,
     Attempt,
     CycleResult,
     Detections,
@@ -41,7 +43,15 @@ from logs.mcap.recorder import PART
 from logs.mcap.records import Damage
 from logs.mcap.thin import ARCHIVED, THINNED
 
-STAGE_TOPICS = (topics.CAPTURE, topics.DETECT, topics.PLAN, topics.EXECUTE, topics.VERIFY, topics.DELIVER)
+STAGE_TOPICS = (
+    topics.CAPTURE,
+    topics.DETECT,
+    topics.PLAN,
+    topics.APPROVE,
+    topics.EXECUTE,
+    topics.VERIFY,
+    topics.DELIVER,
+)
 _TOLD = (*STAGE_TOPICS, topics.ATTEMPT, topics.RESULT, topics.SCENE, topics.MODEL_REPLY, topics.STATE, topics.EVENT)
 """What `read_stages` reads."""
 STATION = "station.json"
@@ -77,6 +87,7 @@ class CycleRecord:
         stages: the record of every stage that ran, in order; of one that ran again, the last.
         superseded: the records of earlier looks and what was made of them, in the order of time.
         attempt: the attempt of the pick that this cycle is.
+        passed_over: base_from_tcp (4, 4) of the proposed grasps that a person passed over, in order.
         looks: the captures before the pick, in order. ``after``: the one while holding; None when not reached.
         replies: all calls to the goal-image model, in order. ``last_replies``: those since the last look.
         scene: what detect saw; None when it did not come so far.
@@ -93,6 +104,7 @@ class CycleRecord:
     result: CycleResult | None
     attempt: Attempt
     superseded: tuple[Stage, ...] = ()
+    passed_over: tuple[Transform, ...] = ()
     replies: tuple[ModelReply, ...] = ()
     last_replies: tuple[ModelReply, ...] = ()
     scene: ObservedScene | None = None
@@ -124,6 +136,15 @@ def read_cycle(path: Path) -> CycleRecord:
     return _made(path, _read(path), has_frames=True)
 
 
+def read_with_messages(path: Path) -> tuple[CycleRecord, Content]:
+    """As `read_cycle`, with a single pixel for each picture of detect; and all messages as they travelled.
+
+    Raises: RecordingError.
+    """
+    raw = _read(path)
+    return _made(path, raw, has_frames=True, has_pictures=False), raw
+
+
 def read_stages(path: Path) -> CycleRecord:
     """As `read_cycle`, without what takes long: ``looks``, ``after``, ``hand``, ``health`` and ``arm`` are left out.
 
@@ -135,7 +156,7 @@ def read_stages(path: Path) -> CycleRecord:
     with reading(path), path.open("rb") as file:
         summary = Summary(file)
         raw = _content(summary) if summary.is_there else None
-    return _made(path, raw or _read(path), has_frames=False)
+    return _made(path, raw or _read(path), has_frames=False, has_pictures=False)
 
 
 def _content(summary: Summary) -> Content:
@@ -150,10 +171,10 @@ def _content(summary: Summary) -> Content:
     return raw
 
 
-def _made(path: Path, raw: Content, *, has_frames: bool) -> CycleRecord:
+def _made(path: Path, raw: Content, *, has_frames: bool, has_pictures: bool = True) -> CycleRecord:
     require_ours(path, has_station=raw.station is not None, metadata=raw.metadata)
     migrate(raw)
-    if not has_frames:
+    if not has_pictures:
         for key in (topics.DETECT.key, topics.SCENE.key):
             raw.payloads[key] = [(at_ns, without_pictures(payload)) for at_ns, payload in raw.payloads.get(key, [])]
     try:
@@ -254,6 +275,7 @@ def _cycle(raw: Content, *, has_frames: bool) -> CycleRecord:
         after=_observation(execution.after if execution is not None else None, frames, is_whole),
         result=decode(CycleResult, results[-1][1]) if results else None,
         attempt=decode(Attempt, attempts[0][1]) if attempts else Attempt(cycle_id=raw.metadata["cycle_id"]),
+        passed_over=tuple(_passed_over(stage for _, stage in runs)),
         scene=_scene(raw, [stage for _, stage in runs if stage.stage == "detect"]),
         replies=tuple(reply.message for reply in replies),
         last_replies=tuple(reply.message for reply in replies if reply.log_time_ns >= since_ns),
@@ -281,6 +303,12 @@ def _stages(raw: Content) -> Iterator[tuple[int, Stage]]:
             if not topic.key.endswith(f"/{record.stage}"):
                 raise BadPayload(f"What was said of {record.stage} lies under {topic.key!r}.")
             yield at_ns, record
+
+
+def _passed_over(runs: Iterable[Stage]) -> Iterator[Transform]:
+    for run in runs:
+        if isinstance(run.result, Approval) and run.result.decision == "next_grasp":
+            yield run.result.base_from_tcp
 
 
 def _timed(raw: Content, key: str, kind: type[MessageT]) -> tuple[Timed[MessageT], ...]:
