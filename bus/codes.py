@@ -39,6 +39,7 @@ class Code(StrEnum):
     GRASP_MISSED = "GRASP_MISSED"
     DROPPED = "DROPPED"
     NOT_CLEARED = "NOT_CLEARED"
+    MULTI_PICK = "MULTI_PICK"
     CANCELLED = "CANCELLED"
     DEADLINE = "DEADLINE"
     STOPPED = "STOPPED"
@@ -90,6 +91,8 @@ ADVICE: dict[Code, str] = {
     Code.GRASP_MISSED: "The fingers closed on nothing. Look at the report's rectangle and aligned clouds.",
     Code.DROPPED: "The object slipped. Raise the grasp force or choose a rougher finger pad.",
     Code.NOT_CLEARED: "Something still lies where the object was; check for a second object.",
+    Code.MULTI_PICK: "More than one object was laid into the tray: take out what is too many, or count them. The reason"
+    " says what told so; if it was one, raise verify.max_load_n or verify.max_density_kg_m3.",
     Code.CANCELLED: "The job was cancelled by its client before the arm moved for it: send another.",
     Code.DEADLINE: "The job's time was over before the arm could begin its grasp: give it more (deadline_s), or look in"
     " the stages' times what took long.",

@@ -1,0 +1,145 @@
+"""Scene change beside the object: which other things left their places, too, and did not only move.
+
+In ``base``; see docs/frames.md.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+
+from bus.messages import Detections, Observation
+from bus.transforms import inverse
+from config.schema import Station
+from perception.geometry.depth import moved, registered, without_flying_pixels
+from perception.scene.depth_view import DepthView
+from perception.scene.table import find_table
+
+_CELL_M = 0.004
+_HANGING_M = 0.15
+"""Points above this height are what hangs in the hand."""
+_MIN_SEEN, _MIN_NET = 0.5, 0.5
+_NEAR_M = 0.15
+"""So far around its place a thing that was only pushed, or fell over, is looked for."""
+_PATCH = np.ones((3, 3), dtype=bool)
+"""Smaller patches of new height are the ragged edges of what stayed."""
+
+Mask = npt.NDArray[np.bool_]
+Grid = npt.NDArray[np.float64]
+
+
+class Others(NamedTuple):
+    """What became of the things beside the one that was grasped, by their numbers.
+
+    Attributes:
+        gone: their place is empty, or lower than it was, and nothing as large stands newly near it.
+        unseen: the second capture sees less than half of their place.
+    """
+
+    gone: tuple[int, ...] = ()
+    unseen: tuple[int, ...] = ()
+
+
+def others_gone(
+    detections: Detections, instance: int, before: Observation, after: Observation, station: Station
+) -> Others:
+    """Compare the place of every thing but ``instance`` in both captures.
+
+    A neighbour that the hand pushed aside empties its place, too, but stands elsewhere then: what newly rises within
+    150 mm is subtracted.
+
+    Args:
+        instance: the number of the object that was grasped.
+        before: the look that is shown in ``detections``. ``after``: the second capture.
+    """
+    numbers = [one.number for one in detections.scene.instances if one.number != instance]
+    if not numbers:
+        return Others()
+    least_m = station.perception.min_object_height_m
+    was_base, was_m, label = _labelled(detections, before)
+    now_base, now_m = _low(after, station)
+    grid = _Grid.around(was_base[np.isin(label, numbers) & (was_m >= least_m)])
+    was, now = _Heights.of(grid, was_base, was_m, least_m), _Heights.of(grid, now_base, now_m, least_m)
+    rises = ((now.standing >= 0.5) & (was.standing < 0.5)) | (now.mean_m > was.mean_m + least_m)
+    new = ndimage.binary_opening(rises, _PATCH)
+    gone, unseen = [], []
+    for number in numbers:
+        ours = (label == number) & (was_m >= least_m)
+        lay, lay_m = _Heights.of(grid, was_base[ours], was_m[ours], least_m), now.mean_m
+        place = ~np.isnan(lay.mean_m)
+        seen = place & ~np.isnan(lay_m)
+        if not place.any() or seen.sum() < _MIN_SEEN * place.sum():
+            unseen.append(number)
+            continue
+        empty = seen & ((now.standing < 0.5) | (lay_m < lay.mean_m - least_m))
+        net = empty.sum() - (new & grid.near(place)).sum()
+        if empty.sum() >= station.verify.min_cleared_fraction * seen.sum() and net >= _MIN_NET * seen.sum():
+            gone.append(number)
+    return Others(tuple(gone), tuple(unseen))
+
+
+def _labelled(
+    detections: Detections, before: Observation
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32], npt.NDArray[np.int16]]:
+    """Points (n, 3) [m] of the depth image in ``base``, their heights (n,), and the numbers (n,) of their things."""
+    depth_m = without_flying_pixels(before.frame.depth_m)
+    _, source = registered(before.frame, depth_m)
+    label = np.zeros(depth_m.size, dtype=np.int16)
+    label[source[source >= 0]] = detections.scene.labels[source >= 0]
+    points = DepthView.of(before, depth_m).points_base
+    height_m = moved(points, inverse(detections.scene.table.base_from_table))[..., 2].ravel()
+    is_seen = np.isfinite(height_m)
+    return points.reshape(-1, 3)[is_seen], height_m[is_seen], label[is_seen]
+
+
+def _low(after: Observation, station: Station) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    """The points (n, 3) [m] of the second capture below the hand, in ``base``, and their heights (n,)."""
+    points = DepthView.of(after, without_flying_pixels(after.frame.depth_m)).points_base
+    height_m = moved(points, find_table(points, station).table_from_base)[..., 2]
+    low = np.isfinite(height_m) & (height_m < _HANGING_M)
+    return points[low], height_m[low]
+
+
+class _Grid(NamedTuple):
+    """Cells of 4 mm in ``base``: the lowest one's index (2,), and their number along x and y."""
+
+    low: npt.NDArray[np.int64]
+    shape: tuple[int, int]
+
+    @classmethod
+    def around(cls, points_base: npt.NDArray[np.float32]) -> _Grid:
+        cells = np.floor(points_base[:, :2] / _CELL_M).astype(int) if len(points_base) else np.zeros((1, 2), dtype=int)
+        margin = round(_NEAR_M / _CELL_M)
+        low, high = cells.min(axis=0) - margin, cells.max(axis=0) + margin
+        return cls(low, (int(high[0] - low[0]) + 1, int(high[1] - low[1]) + 1))
+
+    def near(self, place: Mask) -> Mask:
+        """The cells within 150 mm of any of ``place``."""
+        return np.asarray(ndimage.distance_transform_edt(~place) <= _NEAR_M / _CELL_M)
+
+
+class _Heights(NamedTuple):
+    """Of each cell the mean height [m], and the share of its points that stand above the table; NaN = none seen."""
+
+    mean_m: Grid
+    standing: Grid
+
+    @classmethod
+    def of(
+        cls,
+        grid: _Grid,
+        points_base: npt.NDArray[np.float32],
+        height_m: npt.NDArray[np.float32],
+        least_m: float,
+    ) -> _Heights:
+        cells = np.floor(points_base[:, :2] / _CELL_M).astype(int) - grid.low
+        inside = ((cells >= 0) & (cells < grid.shape)).all(axis=1)
+        flat, height_m = np.ravel_multi_index(tuple(cells[inside].T), grid.shape), height_m[inside]
+        length = grid.shape[0] * grid.shape[1]
+        count = np.bincount(flat, minlength=length).astype(float)
+        count[count == 0] = np.nan
+        mean_m, standing = (np.bincount(flat, of, length) / count for of in (height_m, height_m >= least_m))
+        return cls(mean_m.reshape(grid.shape), standing.reshape(grid.shape))
