@@ -11,7 +11,7 @@ from bus.messages.devices import HandState, Motion
 from bus.messages.observation import View
 from bus.messages.plan import SegmentName
 
-Witness = Literal["load", "width", "place"]
+Witness = Literal["load", "width", "place", "seam"]
 """What can tell that more than one thing was picked."""
 
 

@@ -14,6 +14,7 @@ from perception.geometry.depth import registered, without_flying_pixels
 from perception.scene.change import points_of
 from perception.scene.depth_view import DepthView
 from perception.scene.gone import Others, others_gone
+from perception.scene.jaw import in_jaw
 
 _G_M_S2 = 9.81
 _CELL_M = 0.004
@@ -83,11 +84,14 @@ def several(
     before, after = looks
     others = Others() if after is None else others_gone(detections, grasp.instance, before, after, station)
     volume_m3 = _volume_m3(detections, grasp.instance, before)
+    jaw = in_jaw(detections, grasp, grasped.width_m, before, station)
+    also = tuple(number for number in others.gone if number in (*others.apart, *jaw.others))
     found: list[tuple[Witness, str]] = []
-    if others.gone:
-        count = len(others.gone)
-        found.append(("place", "the place of another thing is" if count == 1 else f"the places of {count} others are"))
-        found[-1] = ("place", f"{found[-1][1]} empty, too")
+    if also:
+        which = "the place of another thing is" if len(also) == 1 else f"the places of {len(also)} other things are"
+        found.append(("place", f"{which} empty, too"))
+    if jaw.has_seam:
+        found.append(("seam", "two patches of different colours lay side by side between the fingers"))
     if load := _too_heavy(load_n, volume_m3, station):
         found.append(("load", load))
     if width := _too_wide(detections, grasp, grasped.width_m, station, is_seen=after is not None and not others.unseen):
@@ -95,7 +99,7 @@ def several(
     if not found:
         return None
     told = "; ".join(text for _, text in found)
-    return Several(tuple(name for name, _ in found), others.gone, f"More than one thing was picked: {told}.")
+    return Several(tuple(name for name, _ in found), also, f"More than one thing was picked: {told}.")
 
 
 def _too_heavy(load_n: float, volume_m3: float, station: Station) -> str:

@@ -24,6 +24,7 @@ _HANGING_M = 0.15
 _MIN_SEEN, _MIN_NET = 0.5, 0.5
 _NEAR_M = 0.15
 """So far around its place a thing that was only pushed, or fell over, is looked for."""
+_TOUCHES_M = 0.012
 _PATCH = np.ones((3, 3), dtype=bool)
 """Smaller patches of new height are the ragged edges of what stayed."""
 
@@ -36,10 +37,12 @@ class Others(NamedTuple):
 
     Attributes:
         gone: their place is empty, or lower than it was, and nothing as large stands newly near it.
+        apart: those of them that did not touch what was grasped: no part of it that was taken for another thing.
         unseen: the second capture sees less than half of their place.
     """
 
     gone: tuple[int, ...] = ()
+    apart: tuple[int, ...] = ()
     unseen: tuple[int, ...] = ()
 
 
@@ -65,7 +68,9 @@ def others_gone(
     was, now = _Heights.of(grid, was_base, was_m, least_m), _Heights.of(grid, now_base, now_m, least_m)
     rises = ((now.standing >= 0.5) & (was.standing < 0.5)) | (now.mean_m > was.mean_m + least_m)
     new = ndimage.binary_opening(rises, _PATCH)
-    gone, unseen = [], []
+    its = label == instance
+    held = grid.near(~np.isnan(_Heights.of(grid, was_base[its], was_m[its], least_m).mean_m), _TOUCHES_M)
+    gone, apart, unseen = [], [], []
     for number in numbers:
         ours = (label == number) & (was_m >= least_m)
         lay, lay_m = _Heights.of(grid, was_base[ours], was_m[ours], least_m), now.mean_m
@@ -75,10 +80,11 @@ def others_gone(
             unseen.append(number)
             continue
         empty = seen & ((now.standing < 0.5) | (lay_m < lay.mean_m - least_m))
-        net = empty.sum() - (new & grid.near(place)).sum()
+        net = empty.sum() - (new & grid.near(place, _NEAR_M)).sum()
         if empty.sum() >= station.verify.min_cleared_fraction * seen.sum() and net >= _MIN_NET * seen.sum():
             gone.append(number)
-    return Others(tuple(gone), tuple(unseen))
+            apart += [] if (place & held).any() else [number]
+    return Others(tuple(gone), tuple(apart), tuple(unseen))
 
 
 def _labelled(
@@ -116,9 +122,11 @@ class _Grid(NamedTuple):
         low, high = cells.min(axis=0) - margin, cells.max(axis=0) + margin
         return cls(low, (int(high[0] - low[0]) + 1, int(high[1] - low[1]) + 1))
 
-    def near(self, place: Mask) -> Mask:
-        """The cells within 150 mm of any of ``place``."""
-        return np.asarray(ndimage.distance_transform_edt(~place) <= _NEAR_M / _CELL_M)
+    def near(self, place: Mask, reach_m: float) -> Mask:
+        """The cells within ``reach_m`` of any of ``place``; of none where there is none."""
+        if not place.any():
+            return place
+        return np.asarray(ndimage.distance_transform_edt(~place) <= reach_m / _CELL_M)
 
 
 class _Heights(NamedTuple):
