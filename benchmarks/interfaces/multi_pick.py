@@ -11,6 +11,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from itertools import count, islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -194,29 +195,37 @@ def _link_some(objects: Path | None, into: Path, seed: int) -> None:
 
 
 def multi_pick(
-    tries: int, singles: int, seed: int, tell: Callable[[str], None], objects: Path | None = None
+    tries: int,
+    singles: int,
+    seed: int,
+    tell: Callable[[str], None],
+    objects: Path | None = None,
+    kinds: Sequence[str] = (*KINDS, *SINGLE_KINDS),
 ) -> dict[str, Any]:
     """Return the figures of so many provoked picks of each of `KINDS`, and single ones of each of `SINGLE_KINDS`.
 
     Args:
-        seed: the first one. ``objects``: folder of objects for the heap; None = no heap.
+        seed: the first one. ``objects``: folder of objects for the heap; None = no heap. ``kinds``: only these.
     """
     by_kind: dict[str, dict[str, Any]] = {}
-    for kind in KINDS:
-        some = islice(_all(lambda one, of=kind: provoked(of, one), tries, seed, f"{kind}", tell, risen=2), tries)
-        by_kind[kind] = _unnoticed(list(some))
-    for kind in SINGLE_KINDS if objects else SINGLE_KINDS[:-1]:
-        some = islice(_all(lambda one, of=kind: single(of, one, objects), singles, seed, kind, tell, risen=1), singles)
-        by_kind[kind] = _false_alarms(list(some))
+    for kind in kinds:
+        if kind in KINDS:
+            made = _all(partial(provoked, kind), tries, seed, kind, tell, risen=2)
+            by_kind[kind] = _unnoticed(list(islice(made, tries)))
+        elif kind != "heap" or objects is not None:
+            made = _all(partial(single, kind, objects=objects), singles, seed, kind, tell, risen=1)
+            by_kind[kind] = _false_alarms(list(islice(made, singles)))
+    return summed(by_kind)
+
+
+def summed(by_kind: dict[str, dict[str, Any]]) -> dict[str, Any]:
+    """Return the figures of some kinds with their sums."""
+    several, one = ([by_kind[kind] for kind in some if kind in by_kind] for some in (KINDS, SINGLE_KINDS))
     return {
-        "provoked": sum(one["n"] for kind, one in by_kind.items() if kind in KINDS),
-        "unnoticed": _summed(by_kind, KINDS, "unnoticed"),
-        "told_apart": sum(by_kind[kind]["told_apart"]["n"] for kind in KINDS),
-        "told_apart_unnoticed": {
-            way: sum(by_kind[kind]["told_apart"]["unnoticed"][way] for kind in KINDS) for way in WAYS
-        },
-        "singles": sum(one["n"] for kind, one in by_kind.items() if kind in SINGLE_KINDS),
-        "false_alarms": _summed(by_kind, SINGLE_KINDS, "false_alarms"),
+        "provoked": sum(kind["n"] for kind in several),
+        "unnoticed": {way: sum(kind["unnoticed"][way] for kind in several) for way in WAYS},
+        "singles": sum(kind["n"] for kind in one),
+        "false_alarms": {way: sum(kind["false_alarms"][way] for kind in one) for way in WAYS},
         "by_kind": by_kind,
     }
 
@@ -236,7 +245,7 @@ def _all(
             continue
         codes = " ".join(f"{way}={one.code or 'held'}" for way, one in judged.verdicts.items())
         tell(f"{name} {at}: {judged.risen} rose, {codes} {judged.verdicts['always'].reason}")
-        if judged.risen == risen or judged.risen > 1 < risen:
+        if min(judged.risen, 2) == risen:
             yield judged
 
 
@@ -260,7 +269,3 @@ def _witnesses(some: Sequence[Judged]) -> dict[str, int]:
         for witness in one.verdicts["weighed"].several_by:
             found[witness] += 1
     return dict(found)
-
-
-def _summed(by_kind: dict[str, dict[str, Any]], kinds: Sequence[str], of: str) -> dict[str, int]:
-    return {way: sum(by_kind[kind][of][way] for kind in kinds if kind in by_kind) for way in WAYS}

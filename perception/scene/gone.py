@@ -24,7 +24,6 @@ _HANGING_M = 0.15
 _MIN_SEEN, _MIN_NET = 0.5, 0.5
 _NEAR_M = 0.15
 """So far around its place a thing that was only pushed, or fell over, is looked for."""
-_TOUCHES_M = 0.012
 _PATCH = np.ones((3, 3), dtype=bool)
 """Smaller patches of new height are the ragged edges of what stayed."""
 
@@ -37,7 +36,7 @@ class Others(NamedTuple):
 
     Attributes:
         gone: their place is empty, or lower than it was, and nothing as large stands newly near it.
-        apart: those of them that did not touch what was grasped: no part of it that was taken for another thing.
+        apart: those of them that nothing which left joined to what was grasped, and which are so no part of it.
         unseen: the second capture sees less than half of their place.
     """
 
@@ -69,21 +68,22 @@ def others_gone(
     rises = ((now.standing >= 0.5) & (was.standing < 0.5)) | (now.mean_m > was.mean_m + least_m)
     new = ndimage.binary_opening(rises, _PATCH)
     its = label == instance
-    held = grid.near(~np.isnan(_Heights.of(grid, was_base[its], was_m[its], least_m).mean_m), _TOUCHES_M)
+    left = _joined(was, now, least_m)
+    held = np.unique(left[~np.isnan(_Heights.of(grid, was_base[its], was_m[its], least_m).mean_m)])
     gone, apart, unseen = [], [], []
     for number in numbers:
         ours = (label == number) & (was_m >= least_m)
-        lay, lay_m = _Heights.of(grid, was_base[ours], was_m[ours], least_m), now.mean_m
+        lay = _Heights.of(grid, was_base[ours], was_m[ours], least_m)
         place = ~np.isnan(lay.mean_m)
-        seen = place & ~np.isnan(lay_m)
+        seen = place & ~np.isnan(now.mean_m)
         if not place.any() or seen.sum() < _MIN_SEEN * place.sum():
             unseen.append(number)
             continue
-        empty = seen & ((now.standing < 0.5) | (lay_m < lay.mean_m - least_m))
+        empty = seen & ((now.standing < 0.5) | (now.top_m < lay.mean_m - least_m))
         net = empty.sum() - (new & grid.near(place, _NEAR_M)).sum()
         if empty.sum() >= station.verify.min_cleared_fraction * seen.sum() and net >= _MIN_NET * seen.sum():
             gone.append(number)
-            apart += [] if (place & held).any() else [number]
+            apart += [] if np.isin(left[place], held[held > 0]).any() else [number]
     return Others(tuple(gone), tuple(apart), tuple(unseen))
 
 
@@ -109,6 +109,13 @@ def _low(after: Observation, station: Station) -> tuple[npt.NDArray[np.float32],
     return points[low], height_m[low]
 
 
+def _joined(was: _Heights, now: _Heights, least_m: float) -> npt.NDArray[np.int32]:
+    """Number the connected patches of what left its place, or may have, from 1 on; gaps up to 8 mm do not part them."""
+    stood, unseen = was.standing >= 0.5, np.isnan(now.mean_m)
+    left = stood & (unseen | (now.standing < 0.5) | (now.top_m < was.mean_m - least_m))
+    return np.asarray(ndimage.label(ndimage.binary_dilation(left, _PATCH), _PATCH)[0], dtype=np.int32)
+
+
 class _Grid(NamedTuple):
     """Cells of 4 mm in ``base``: the lowest one's index (2,), and their number along x and y."""
 
@@ -130,10 +137,16 @@ class _Grid(NamedTuple):
 
 
 class _Heights(NamedTuple):
-    """Of each cell the mean height [m], and the share of its points that stand above the table; NaN = none seen."""
+    """Heights [m] of each cell; NaN = none seen.
+
+    Attributes:
+        mean_m: of its points. ``standing``: the share of them that stand above the table.
+        top_m: the highest of it and of its eight neighbours: from aside, the sides of what stands are seen, too.
+    """
 
     mean_m: Grid
     standing: Grid
+    top_m: Grid
 
     @classmethod
     def of(
@@ -150,4 +163,7 @@ class _Heights(NamedTuple):
         count = np.bincount(flat, minlength=length).astype(float)
         count[count == 0] = np.nan
         mean_m, standing = (np.bincount(flat, of, length) / count for of in (height_m, height_m >= least_m))
-        return cls(mean_m.reshape(grid.shape), standing.reshape(grid.shape))
+        top_m = np.full(length, -np.inf)
+        np.maximum.at(top_m, flat, height_m)
+        around_m = ndimage.maximum_filter(top_m.reshape(grid.shape), footprint=_PATCH)
+        return cls(mean_m.reshape(grid.shape), standing.reshape(grid.shape), around_m)

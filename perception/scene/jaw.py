@@ -20,7 +20,7 @@ from perception.scene.depth_view import DepthView
 _PAD_M, _ABOVE_M, _BELOW_M = 0.009, 0.05, 0.02
 """To either side across the closing axis, half a pad; and above and below the tcp."""
 _BIN_M = 0.002
-_LEAST_M = 0.008
+_LEAST_M = 0.010
 """A patch that is narrower along the closing axis is a stripe or a rim."""
 _COLOR_STEP, _EVEN = 12.0, 0.3
 """Of two patches: the CIE76 distance of their colours, and the share of it by which either may vary in itself."""
@@ -35,7 +35,7 @@ class InJaw(NamedTuple):
     """What lay between the fingers.
 
     Attributes:
-        others: numbers of other things of which at least 8 mm along the closing axis lay there.
+        others: numbers of other things of which at least 10 mm along the closing axis lay there.
         has_seam: it was two even patches of different colours, side by side along the closing axis.
     """
 
@@ -51,11 +51,7 @@ def in_jaw(detections: Detections, grasp: Grasp, width_m: float, before: Observa
     """
     y_m, lab, number = _between(detections, grasp, width_m, before, station)
     cell = np.floor(y_m / _BIN_M).astype(int)
-    spans_m = {
-        int(one): len(np.unique(cell[number == one])) * _BIN_M for one in set(number.tolist()) - {0, grasp.instance}
-    }
-    others = tuple(sorted(one for one, span_m in spans_m.items() if span_m >= _LEAST_M))
-    return InJaw(others, _has_seam(cell, lab))
+    return InJaw(_beside(cell, number, grasp.instance), _has_seam(cell, lab))
 
 
 def _between(
@@ -76,6 +72,12 @@ def _between(
     color = rgbd.color[is_thing][there].astype(np.float32) / 255
     lab = cv2.cvtColor(color[:, None], cv2.COLOR_RGB2LAB)[:, 0] * _SHADED
     return y[there], np.asarray(lab, dtype=float), labels[is_thing][there]
+
+
+def _beside(cell: npt.NDArray[np.int64], number: npt.NDArray[np.int16], instance: int) -> tuple[int, ...]:
+    """The numbers of other things to which most pixels of enough bins belong: they lie beside it, not below it."""
+    most = [int(np.bincount(number[cell == one]).argmax()) for one in np.unique(cell)]
+    return tuple(one for one in sorted(set(most) - {instance}) if most.count(one) * _BIN_M >= _LEAST_M)
 
 
 def _has_seam(cell: npt.NDArray[np.int64], lab: Array) -> bool:
