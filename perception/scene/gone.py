@@ -70,7 +70,8 @@ def others_gone(
     its = label == instance
     left = _joined(was, now, least_m)
     held = np.unique(left[~np.isnan(_Heights.of(grid, was_base[its], was_m[its], least_m).mean_m)])
-    gone, apart, unseen = [], [], []
+    emptied: dict[int, _Emptied] = {}
+    unseen, apart = [], []
     for number in numbers:
         ours = (label == number) & (was_m >= least_m)
         lay = _Heights.of(grid, was_base[ours], was_m[ours], least_m)
@@ -80,11 +81,30 @@ def others_gone(
             unseen.append(number)
             continue
         empty = seen & ((now.standing < 0.5) | (now.top_m < lay.mean_m - least_m))
-        net = empty.sum() - (new & grid.near(place, _NEAR_M)).sum()
-        if empty.sum() >= station.verify.min_cleared_fraction * seen.sum() and net >= _MIN_NET * seen.sum():
-            gone.append(number)
+        if empty.sum() >= station.verify.min_cleared_fraction * seen.sum():
+            emptied[number] = _Emptied(int(empty.sum()), int((new & grid.near(place, _NEAR_M)).sum()))
             apart += [] if np.isin(left[place], held[held > 0]).any() else [number]
+    gone = _not_moved(emptied, int(new.sum()))
+    apart = [number for number in apart if number in gone]
     return Others(tuple(gone), tuple(apart), tuple(unseen))
+
+
+class _Emptied(NamedTuple):
+    """Numbers of cells: of a place that is empty now, and of those near it that rose."""
+
+    cells: int
+    rose: int
+
+
+def _not_moved(emptied: dict[int, _Emptied], rose: int) -> list[int]:
+    """Which of the emptied places' things stand nowhere else; what rose (cells, in all) explains each thing once."""
+    gone = []
+    for number, one in sorted(emptied.items(), key=lambda item: abs(item[1].cells - item[1].rose)):
+        if one.cells - min(one.rose, rose) < _MIN_NET * one.cells:
+            rose -= min(rose, one.cells)
+        else:
+            gone.append(number)
+    return sorted(gone)
 
 
 def _labelled(
