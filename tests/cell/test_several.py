@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import pytest
@@ -19,11 +20,15 @@ from logs.mcap.reader import read_cycle
 from planning.robot import Robot
 
 RECORD = read_cycle(Path(__file__).parents[1] / "golden" / "cycle-schema4.mcap")
-FOUND, PLAN, EXECUTION = (RECORD.stages[name].result for name in ("detect", "plan", "execute"))
-assert isinstance(FOUND, Detections) and isinstance(PLAN, PickPlan) and isinstance(EXECUTION, Execution)
-GRASP = FOUND.grasps[PLAN.grasp]
-SINGLE = RECORD.stages["verify"].result
-assert isinstance(SINGLE, Verdict)
+ResultT = TypeVar("ResultT")
+
+
+def _recorded(kind: type[ResultT]) -> ResultT:
+    return next(stage.result for stage in RECORD.stages.values() if isinstance(stage.result, kind))
+
+
+FOUND, EXECUTION, SINGLE = _recorded(Detections), _recorded(Execution), _recorded(Verdict)
+GRASP = FOUND.grasps[_recorded(PickPlan).grasp]
 
 
 def _station(**need: float) -> Station:
