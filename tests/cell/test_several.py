@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -10,13 +11,19 @@ import pytest
 
 from benchmarks.interfaces.multi_pick import Judged, provoked, single
 from bus.codes import ADVICE, Code
-from bus.messages import Attempt, Detections, Execution, PickPlan, Verdict
+from bus.messages import Attempt, CycleResult, Detections, Execution, PickPlan, Verdict
+from cell.daemon.actions import Actions
 from cell.daemon.retry import Retries
+from cell.machine.gate import Gate
+from cell.pick.equipment import Equipment
 from cell.pick.several import may_be_several, one_thing
 from cell.pick.verify import is_clear, verify
+from cell.replay.replay import Request, replay
 from config.load import load_station, station_from
 from config.schema import RetrySettings, Station
+from drivers.node.registry import open_devices
 from logs.mcap.reader import read_cycle
+from perception.models import open_models
 from planning.robot import Robot
 
 RECORD = read_cycle(Path(__file__).parents[1] / "golden" / "cycle-schema4.mcap")
@@ -46,6 +53,13 @@ def test_a_load_above_what_one_object_weighs_is_that_of_several() -> None:
     assert (verdict.held, verdict.code, verdict.several_by) == (False, Code.MULTI_PICK, ("load",))
     assert "More than one thing" in verdict.reason and "weighs at most" in verdict.reason
     assert _judged(_station(max_load_n=1.5 * SINGLE.load_n)) == SINGLE
+
+
+def test_it_replays_equal() -> None:
+    station = _station(max_load_n=0.7 * SINGLE.load_n)
+    said = RECORD.stages["verify"].model_copy(update={"result": _judged(station)})
+    record = replace(RECORD, stages={**RECORD.stages, "verify": said}, station=station.model_dump(mode="json"))
+    assert replay(record, Request(only="verify")).equal
 
 
 def test_a_load_that_no_solid_thing_of_that_size_has_is_that_of_several() -> None:
@@ -100,6 +114,32 @@ def test_two_touching_blocks_in_one_grasp_are_noticed_with_and_without_the_look(
     assert two.risen == 2
     assert {way: one.code for way, one in two.verdicts.items()} == dict.fromkeys(two.verdicts, Code.MULTI_PICK)
     assert {"place", "seam"} <= set(two.verdicts["always"].several_by) and two.verdicts["always"].also_gone
+
+
+def test_the_cell_lays_them_into_the_tray_reports_the_failure_and_does_not_try_again(tmp_path: Path) -> None:
+    """A cup that is heavier than the settings allow one object to be."""
+    options = [f"recording.folder={tmp_path}", "verify.hold_s=0.3", "verify.max_load_n=1.0", "retry.looks=1"]
+    station, results = load_station(None, options), list[CycleResult]()
+    devices = open_devices("sim", station)
+    camera, arm, hand, presenter = devices.camera, devices.arm, devices.hand, devices.presenter
+    assert camera is not None and arm is not None and hand is not None and presenter is not None
+    for device in (camera, arm, hand):
+        device.connect()
+    equipment = Equipment(camera, arm, hand, Robot(station), station, open_models(station, {}))
+    actions = Actions(
+        equipment, Gate(), presenter, lambda: set(station.nodes), lambda *_: None, lambda _: None, results.append
+    )
+    actions.reset()
+    actions.restart_attempts(object_name="cup")
+    for act in (actions.begin, actions.pick, actions.complete):
+        act()
+    camera.close()
+    (result,) = results
+    assert (result.result, result.code, result.retried_as) == ("FAILED", Code.MULTI_PICK, "")
+    assert result.advice == ADVICE[Code.MULTI_PICK] and result.laid is not None
+    tray = station.scene.tray
+    off_m = np.abs(presenter.truth().base_from_object[:2, 3] - tray.center_m[:2])
+    assert (off_m < np.array(tray.size_m[:2]) / 2).all()
 
 
 def test_one_of_two_touching_blocks_is_one() -> None:
