@@ -93,16 +93,25 @@ class Client:
 
         Raises: Refused with code, reason and the available commands; NoReply without a cell.
         """
-        if verb in NEEDS_LEASE | NEEDS_TOKEN:
+        request = CommandRequest(cycles=cycles, until_empty=until_empty, object=object_name, job=job or Job())
+        return self.send(verb, request)
+
+    def send(self, verb: str, request: CommandRequest) -> CommandReply:
+        """Send one command as it is, with a new ``command_id`` where it has none.
+
+        Args:
+            request: its ``client_id`` counts for commands that need no lease; otherwise it is this client's.
+
+        Raises: as `command`.
+        """
+        needs_lease = verb in NEEDS_LEASE | NEEDS_TOKEN
+        if needs_lease:
             self._attend()
-        request = CommandRequest(
-            command_id=uuid.uuid4().hex,
-            client_id=self.client_id,
-            cycles=cycles,
-            until_empty=until_empty,
-            object=object_name,
-            job=job or Job(),
-        )
+        named = {
+            "command_id": request.command_id or uuid.uuid4().hex,
+            "client_id": self.client_id if needs_lease else request.client_id or self.client_id,
+        }
+        request = request.model_copy(update=named)
         try:
             return self._bus.request(topics.COMMAND, request, CommandReply, timeout_s=self._timeout_s, verb=verb)
         except NoReply as error:
@@ -177,7 +186,7 @@ class Client:
         """
         give_up_s = self._now_s() + timeout_s
         while True:
-            result = self._result(cycle_id)
+            result = self.result(cycle_id)
             if result is not None and not result.retried_as:
                 return result
             if result is not None:
@@ -187,8 +196,8 @@ class Client:
             else:
                 self._await((topics.RESULT,), give_up_s)
 
-    def _result(self, cycle_id: str) -> CycleResult | None:
-        """The cell's result of a cycle; None while it has none."""
+    def result(self, cycle_id: str) -> CycleResult | None:
+        """The cell's result of a cycle; None while it has none. Raises: BusError."""
         request = ResultRequest(cycle_id=cycle_id)
         try:
             return self._bus.request(topics.RESULT_NOW, request, CycleResult, timeout_s=self._timeout_s)
@@ -220,6 +229,12 @@ class Client:
         while not self._heard.empty():
             if (sample := self._heard.get_nowait()) is not None:
                 yield sample
+
+    def next_heard(self, timeout_s: float) -> Sample | None:
+        """The next sample of any topic; None after ``timeout_s`` without one, or when the cell is gone."""
+        with suppress(queue.Empty):
+            return self._heard.get(timeout=timeout_s)
+        return None
 
     def _await(self, of: tuple[Topic, ...], give_up_s: float) -> Sample | None:
         """The next sample on one of these topics; None after a short time without one. Raises: CellUnreachable."""

@@ -19,6 +19,12 @@ from config.toml_file import parsed, read_text
 
 _LONGEST_GIVEN = 200
 DEFAULT_STATION = Path(__file__).with_name("sim.toml")
+_BESIDE_THE_FILE = (
+    ("bus", "zenoh"),
+    ("perception", "hosted", "key_file"),
+    *(("http", name) for name in ("certificate", "key", "tokens")),
+    *(("opcua", name) for name in ("certificate", "key", "trusted", "users")),
+)
 
 
 def load_station(path: Path | None = None, overrides: Iterable[str] = ()) -> Station:
@@ -56,8 +62,8 @@ def station_hash(station: Station) -> str:
 
 
 def _place(tree: dict[str, Any], folder: Path) -> None:
-    """Make the paths of the Zenoh and key files absolute: they are relative to the station file, or to a home."""
-    for *path, leaf in (("bus", "zenoh"), ("perception", "hosted", "key_file")):
+    """Make the paths of Zenoh, key and user files absolute: they are relative to the station file, or to a home."""
+    for *path, leaf in _BESIDE_THE_FILE:
         node: Any = tree
         for part in path:
             node = node.get(part) if isinstance(node, dict) else None

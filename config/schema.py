@@ -36,6 +36,8 @@ from config.bus import BusSettings
 from config.calibration import CalibrationSettings
 from config.fault_injection import FaultSettings
 from config.hardware import FemtoMegaSettings, Fr3Settings, PandaHandSettings
+from config.http import HttpSettings
+from config.opcua import OpcuaSettings
 from config.place import NamedPlace
 from config.target import Label, TargetSettings
 
@@ -484,7 +486,7 @@ class PlanningSettings(Settings):
     tilts_deg: Annotated[tuple[Tilt, ...], Field(min_length=1)] = (0.0, 15.0, -15.0, 30.0, -30.0)
     max_approaches: Annotated[int, Field(ge=1, le=1000)] = 1000
     budget_s: Seconds = 2.0
-    max_held_acceleration_m_s2: Annotated[float, Field(ge=0.5, le=50)] | None = None
+    max_held_acceleration_m_s2: Annotated[float, Field(ge=0.5, le=50)] | None = 5.0
     searches: Annotated[int, Field(ge=1, le=20)] = 3
 
 
@@ -627,6 +629,8 @@ class Station(Settings):
     panda_hand: PandaHandSettings = PandaHandSettings()
     femto_mega: FemtoMegaSettings = FemtoMegaSettings()
     faults: FaultSettings = FaultSettings()
+    http: HttpSettings = HttpSettings()
+    opcua: OpcuaSettings = OpcuaSettings()
 
     @model_validator(mode="after")
     def _every_device_served_once(self) -> Station:

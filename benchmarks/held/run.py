@@ -13,6 +13,7 @@ import numpy as np
 import config
 from benchmarks.heaps import oracle, sides
 from benchmarks.held.figures import figures
+from benchmarks.held.holdable import why_not
 from benchmarks.held.operator import operated
 from benchmarks.held.rounds import Pick
 from benchmarks.held.watched import NODE
@@ -100,10 +101,13 @@ def run(wanted: Wanted, tell: Callable[[str], None]) -> dict[str, Any]:
 
 
 def chosen(wanted: Wanted, scratch: Path) -> tuple[Path | None, list[str]]:
-    """Return a folder of the objects to pick, and why others of the folder cannot be. Raises: ConfigError."""
+    """Return a folder of the objects to pick, and why others of the folder cannot be. Raises: ConfigError.
+
+    Into a bin come only those that the jaw could hold: it is judged by how empty it gets.
+    """
     if wanted.objects is None:
         return None, []
-    region_m = load_station(_BIN if wanted.bin else None, wanted.overrides).scene.pick_region_m
+    station = load_station(_BIN if wanted.bin else None, wanted.overrides)
     names, refused, folder = object_names(wanted.objects), [], scratch / wanted.objects.name
     folder.mkdir()
     order = [names[index] for index in np.random.default_rng(0).permutation(len(names))]
@@ -112,9 +116,12 @@ def chosen(wanted: Wanted, scratch: Path) -> tuple[Path | None, list[str]]:
         if taken == wanted.first:
             break
         try:
-            require_plausible(file := object_file(wanted.objects, name), region_m)
+            require_plausible(file := object_file(wanted.objects, name), station.scene.pick_region_m)
         except ConfigError as error:
             refused.append(str(error))
+            continue
+        if wanted.bin and (why := why_not(file, station)):
+            refused.append(f"{name}: {why}")
             continue
         own = file.parent if file.name == "object.xml" else file
         (folder / own.name).symlink_to(own.resolve())

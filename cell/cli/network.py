@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from cell.cli import fleet as seen
+from cell.cli.opcua_keys import make_opcua_keys
 from cell.cli.options import Config, Json, Set
 from cell.cli.tls_keys import make_keys
 from cell.terminal.printing import out
@@ -47,9 +48,15 @@ def keys(
     hosts: Annotated[
         list[str] | None, typer.Option("--host", help="Address or name of the cell or the router. Repeatable.")
     ] = None,
+    opcua: Annotated[
+        bool, typer.Option("--opcua", help="Instead: certificates for OPC UA, of the cell and one client.")
+    ] = False,
 ) -> None:
     """Make TLS certificates and Zenoh files for each role: cell, router, node, operator, viewer (docs/security.md)."""
-    written = make_keys(folder, hosts or [])
+    written = make_opcua_keys(folder, hosts or []) if opcua else make_keys(folder, hosts or [])
     for path in written:
         out.line(str(path))
+    if opcua:
+        out.line("The client gets client.pem, client-key.pem and cell.pem. What lies in trusted may connect.")
+        return
     out.line("A machine of a role gets ca.pem and that role's .pem, .key and .json5. ca.key stays here.")

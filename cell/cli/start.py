@@ -14,6 +14,7 @@ from bus.errors import PortOccupied
 from bus.messages import CycleResult
 from cell.build import running_cell
 from cell.cli.console import Screen
+from cell.cli.doors import open_doors, wanted_doors
 from cell.cli.options import Config, Json, Set
 from cell.daemon.batch import Batch
 from cell.daemon.daemon import Daemon
@@ -51,6 +52,12 @@ def start(
         bool, typer.Option("--foxglove", help="Show the bus live to Foxglove or Lichtblick, on this machine only.")
     ] = False,
     foxglove_port: Annotated[int, typer.Option(min=1, max=65535, help="Where --foxglove listens.")] = live.DEFAULT_PORT,
+    opcua: Annotated[
+        bool, typer.Option("--opcua", help="Serve the cell over OPC UA, too (= --set opcua.enabled=true).")
+    ] = False,
+    http: Annotated[
+        bool, typer.Option("--http", help="Serve the cell over HTTP, too (= --set http.enabled=true).")
+    ] = False,
 ) -> None:
     """Start the cell: the daemon and its nodes. Without --cycles or --until-empty it stays, and waits for commands."""
     if cycles is not None and until_empty:
@@ -58,6 +65,8 @@ def start(
     extra = [f"sim.seed={seed}"] if seed is not None else []
     extra += [f"sim.objects={objects}"] if objects is not None else []
     station = load_station(config, [*(overrides or []), *extra])
+    named = {"opcua": opcua, "http": http}
+    doors = wanted_doors(station, *(name for name, is_named in named.items() if is_named))
     if foxglove:
         live.sdk()  # fails before anything starts if it is missing
     wanted = CommandRequest(client_id=_TERMINAL, cycles=cycles or 1, until_empty=until_empty)
@@ -66,7 +75,7 @@ def start(
     screen = Screen(json_lines=as_json, report=report and not as_json, each_turn=service.turn)
     on_end(screen.interrupted.set, insists=True)
     try:
-        batch = _run(station, picks, screen, service, foxglove_port if foxglove else None)
+        batch = _run(station, picks, screen, service, foxglove_port if foxglove else None, doors)
     except PortOccupied as error:
         raise _occupied(station, error) from error
     if batch is None:
@@ -78,7 +87,12 @@ def start(
 
 
 def _run(
-    station: Station, picks: CommandRequest | None, screen: Screen, service: Service, view_port: int | None
+    station: Station,
+    picks: CommandRequest | None,
+    screen: Screen,
+    service: Service,
+    view_port: int | None,
+    doors: list[str],
 ) -> Batch | None:
     """Run the cell for these ``picks``; without any, for commands of other clients, until interrupted."""
     screen.line(f"cell {station.cell_id} on {station.bus.endpoint}: starting {', '.join(station.nodes)} ...")
@@ -86,6 +100,7 @@ def _run(
         running_cell(station, screen.observe) as daemon,
         _live_view(station, view_port) as view,
         service.around(lambda: takes_commands(daemon.machine)),
+        open_doors(station, doors, daemon.publisher.publish_event),
     ):
         if view is not None:
             screen.line(f"live view: open ws://{live.HOST}:{view.port} in Foxglove or Lichtblick (docs/foxglove)")

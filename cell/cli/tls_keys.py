@@ -51,7 +51,7 @@ def make_keys(folder: Path, hosts: Sequence[str]) -> list[Path]:
         authority, key, written = _authority(folder)
         for role in ROLES:
             own = generate_private_key(SECP256R1())
-            names = _names(hosts) if role in LISTENING else []
+            names = host_names(hosts) if role in LISTENING else []
             written += [_write_key(folder / f"{role}.key", own)]
             written += [_write(folder / f"{role}.pem", _certificate(role, own, names, authority, key))]
             if not (folder / f"{role}.json5").exists():
@@ -114,7 +114,8 @@ def _called(name: str) -> x509.Name:
     return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)])
 
 
-def _names(hosts: Sequence[str]) -> list[x509.GeneralName]:
+def host_names(hosts: Sequence[str]) -> list[x509.GeneralName]:
+    """Addresses and names for a certificate, this machine's own among them. Raises: ConfigError."""
     return [_name(host) for host in dict.fromkeys((*hosts, "127.0.0.1", "localhost"))]
 
 

@@ -10,10 +10,11 @@ import termios
 import threading
 import time
 import tty
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from types import TracebackType
@@ -32,7 +33,8 @@ from bus.sample import Sample
 from bus.topics import encoding_of
 from cell import client
 from cell.cli.watch_screen import HISTORY, KEYS, QUIT, Model, view
-from cell.client import SETTLED, Client
+from cell.client import Client
+from cell.commander import Commander
 from cell.machine.states import ENDING
 from cell.terminal.drawing import console
 from cell.terminal.printing import out
@@ -49,7 +51,6 @@ _SILENCE_S = 2.0
 """A cell answers immediately; after this time the view reports it as silent, while the request is still pending."""
 _NODES_PATIENCE_S = 2.5
 _ENDED = "The cell has ended, or the link to it. It is shown again once it is back."
-_UNKNOWN_NS = 2**63
 _TYPES: dict[str, type[Message]] = {
     topics.STATE.key: CellState,
     topics.RESULT.key: CycleResult,
@@ -105,43 +106,6 @@ class Keyboard:
         if not typed:
             raise EOFError
         return list(dict.fromkeys(_ESCAPE_SEQUENCE.sub(b"", typed).decode("ascii", "ignore")))
-
-
-class Commander:
-    """Sends the view's commands. It holds the lease from the first motion command until that motion is over.
-
-    Args:
-        connect: opens a new connection to the cell; leaving its context closes it and ends the lease.
-    """
-
-    def __init__(self, connect: Callable[[], AbstractContextManager[Client]]) -> None:
-        self._connect = connect
-        self._alone = threading.Lock()
-        self._open = ExitStack()
-        self._client: Client | None = None
-        self._since_ns = 0
-
-    def command(self, verb: str) -> CommandReply:
-        """Send one command, from any thread. Raises: as `Client.command`."""
-        with self._alone:
-            if self._client is None:
-                self._client = self._open.enter_context(self._connect())
-            reply = self._client.command(verb)
-            self._since_ns = _UNKNOWN_NS
-            self._since_ns = self._client.state().since_ns  # of the state it led to, or of a later one
-            return reply
-
-    def is_over(self, state: CellState | None, *, is_gone: bool) -> bool:
-        """True when an open connection can be closed: ``state`` ends what was commanded, or the cell is gone."""
-        if self._alone.locked() or self._client is None:
-            return False
-        return is_gone or (state is not None and state.state in SETTLED and state.since_ns >= self._since_ns)
-
-    def release(self) -> None:
-        """Close the connection, which gives the lease back; the next command opens another one."""
-        with self._alone:
-            self._open.close()
-            self._client = None
 
 
 class Watcher:
@@ -216,7 +180,8 @@ class Watcher:
         """Release the lease when its motion is over, so that another client may command."""
         is_due = not self._commands and self._commander.is_over(self.model.state, is_gone=self._cell.is_gone)
         if is_due and (self._releasing is None or self._releasing.done()):
-            self._releasing = self._pool.submit(self._commander.release)
+            over = partial(self._commander.release_if_over, self.model.state, is_gone=self._cell.is_gone)
+            self._releasing = self._pool.submit(over)
 
     def wait_for_nodes(self) -> None:
         """Wait until all nodes were received, or for `_NODES_PATIENCE_S`."""

@@ -19,6 +19,7 @@ from bus.remote_errors import error_reply
 from bus.seal import Seal
 from bus.threads import handled_by
 from cell.machine.leases import CELL_CLIENT
+from cell.nodes.pipes import own_stdout
 from cell.nodes.process import freeze_gc, limit_malloc_arenas
 from cell.nodes.ready import Ready
 from cell.terminal.signals import on_end
@@ -35,14 +36,7 @@ _DEFECT_EXIT_CODE = 70
 
 def serve_supervised(name: str) -> int:
     """Serve node ``name`` of the station on stdin until stdin closes. Returns the exit code."""
-    return _serve(name, io.TextIOWrapper(sys.stdin.buffer, encoding="utf-8"), _own_stdout())
-
-
-def _own_stdout() -> IO[str]:
-    """This process's stdout, reserved for our lines: output of vendor libraries goes to stderr from now on."""
-    ours = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")
-    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
-    return ours
+    return _serve(name, io.TextIOWrapper(sys.stdin.buffer, encoding="utf-8"), own_stdout())
 
 
 def _serve(name: str, stdin: IO[str], stdout: IO[str]) -> int:

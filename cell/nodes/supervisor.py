@@ -8,14 +8,11 @@ closes, so it never outlives the daemon.
 from __future__ import annotations
 
 import logging
-import selectors
 import subprocess
 import sys
 import threading
 from collections.abc import Callable
-from contextlib import suppress
 from functools import partial
-from typing import IO
 
 from bus.clock import DeadlineClock
 from bus.codec import decode
@@ -23,6 +20,7 @@ from bus.errors import BadPayload, CellError, DriverUnavailable
 from bus.remote_errors import error_from_reply
 from bus.seal import Seal
 from bus.threads import OwnedThread, Role
+from cell.nodes.pipes import close_pipes, has_ended, line_within
 from cell.nodes.ready import Ready
 from config.clock import clock_of
 from config.schema import Station
@@ -80,14 +78,14 @@ class Supervisor:
             if child.stdin is not None and not child.stdin.closed:
                 child.stdin.close()
         for name, child in self._children.items():
-            if not self._clock.wait_for(partial(_has_ended, child), _STOP_TIMEOUT_S):
+            if not self._clock.wait_for(partial(has_ended, child), _STOP_TIMEOUT_S):
                 _log.warning("node %s did not end by itself; killing it", name)
                 child.kill()
                 child.wait()
         for watcher in self._watchers:
             watcher.join(_STOP_TIMEOUT_S)
         for child in self._children.values():
-            _close_pipes(child)
+            close_pipes(child)
 
     def restarts(self, name: str) -> int:
         """Number of restarts of the node."""
@@ -118,7 +116,7 @@ class Supervisor:
             self._serving.discard(name)
             if self._closing.is_set():
                 return
-            _close_pipes(child)
+            close_pipes(child)
             self._on_exit(name, code)
             if not self._bring_back(name):
                 return
@@ -161,7 +159,7 @@ def _child(name: str, station: Station, seal: Seal | None = None) -> subprocess.
 def _await_ready(name: str, child: subprocess.Popen[str], clock: DeadlineClock) -> None:
     """Wait for the child's first line. Raises: DriverUnavailable, or the child's error; the child has ended then."""
     assert child.stdout is not None
-    line = _line_within(child.stdout, START_TIMEOUT_S, clock)
+    line = line_within(child.stdout, START_TIMEOUT_S, clock)
     try:
         ready = decode(Ready, line.encode())
     except BadPayload as error:
@@ -171,27 +169,6 @@ def _await_ready(name: str, child: subprocess.Popen[str], clock: DeadlineClock) 
             "Its own message stands above.",
         ) from error
     if ready.error is not None:
-        if not clock.wait_for(partial(_has_ended, child), _STOP_TIMEOUT_S):
+        if not clock.wait_for(partial(has_ended, child), _STOP_TIMEOUT_S):
             child.kill()
         raise error_from_reply(ready.error)
-
-
-def _close_pipes(child: subprocess.Popen[str]) -> None:
-    for pipe in (child.stdin, child.stdout):
-        if pipe is not None:
-            with suppress(BrokenPipeError):  # the unwritten rest is lost with the child
-                pipe.close()
-
-
-def _line_within(stream: IO[str], timeout_s: float, clock: DeadlineClock) -> str:
-    """The stream's next line, or "" after ``timeout_s`` or at its end."""
-    with selectors.DefaultSelector() as selector:
-        selector.register(stream, selectors.EVENT_READ)
-        return stream.readline() if clock.wait_for(selector.select, timeout_s) else ""
-
-
-def _has_ended(child: subprocess.Popen[str], timeout_s: float) -> bool:
-    """Wait for the end of ``child``, for ``timeout_s`` at most; True when it has ended."""
-    with suppress(subprocess.TimeoutExpired):
-        child.wait(timeout_s)
-    return child.returncode is not None

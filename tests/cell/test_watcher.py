@@ -19,8 +19,9 @@ from bus.fault_injection import Fault, FaultRequest
 from bus.frozen import Message
 from bus.sample import Sample
 from bus.topics import encoding_of
-from cell.cli.watch import Commander, Watcher
+from cell.cli.watch import Watcher
 from cell.client import Client, client_name
+from cell.commander import Commander
 from config.load import load_station
 
 
@@ -47,6 +48,9 @@ class ScriptedCell:
         return self.now
 
     def command(self, verb: str) -> CommandReply:
+        return self.send(verb, CommandRequest())
+
+    def send(self, verb: str, _request: CommandRequest) -> CommandReply:
         if verb == "pick":
             raise Refused("The cell moves for 'x'.", code="LEASE_HELD")
         self.commands.append(verb)

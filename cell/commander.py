@@ -1,0 +1,85 @@
+"""Sends commands for somebody who attends the motion; each has a connection of its own, and with it a lease."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from contextlib import AbstractContextManager, ExitStack, suppress
+
+from bus.commands import CellState, CommandReply, CommandRequest
+from bus.errors import BusError, Refused
+from cell.client import SETTLED, Client
+
+_UNKNOWN_NS = 2**63
+
+
+class Commander:
+    """Holds the lease from the first motion command until that motion is over.
+
+    Args:
+        connect: opens a new connection to the cell; leaving its context closes it and ends the lease.
+    """
+
+    def __init__(self, connect: Callable[[], AbstractContextManager[Client]]) -> None:
+        self._connect = connect
+        self._alone = threading.Lock()
+        self._open = ExitStack()
+        self._client: Client | None = None
+        self._since_ns = 0
+        self._is_ended = False
+
+    @property
+    def is_open(self) -> bool:
+        """True while there is a connection, and with it perhaps a lease."""
+        return self._client is not None
+
+    def command(self, verb: str, request: CommandRequest | None = None) -> CommandReply:
+        """Send one command, from any thread.
+
+        Args:
+            request: its content; the client id is that of the connection.
+
+        Raises: as `Client.send`; Refused (NO_LEASE) after `end`.
+        """
+        with self._alone:
+            if self._is_ended:
+                raise Refused("Nobody attends this motion any more.", "Connect again.", code="NO_LEASE")
+            if self._client is None:
+                self._client = self._open.enter_context(self._connect())
+            reply = self._client.send(verb, request or CommandRequest())
+            self._since_ns = _UNKNOWN_NS
+            with suppress(BusError):  # it is accepted all the same
+                self._since_ns = self._client.state().since_ns  # of the state it led to, or of a later one
+            return reply
+
+    def is_over(self, state: CellState | None, *, is_gone: bool) -> bool:
+        """True when an open connection can be closed: ``state`` ends what was commanded, or the cell is gone."""
+        if self._alone.locked() or self._client is None:
+            return False
+        return self._is_past(state, is_gone)
+
+    def release(self) -> None:
+        """Close the connection, which gives the lease back; the next command opens another one."""
+        with self._alone:
+            self._open.close()
+            self._client = None
+
+    def release_if_over(self, state: CellState | None, *, is_gone: bool) -> None:
+        """As `release`, unless a command was accepted since ``state``: its motion is not over."""
+        with self._alone:
+            if self._is_past(state, is_gone):
+                self._open.close()
+                self._client = None
+
+    def _is_past(self, state: CellState | None, is_gone: bool) -> bool:
+        return is_gone or (state is not None and _is_at_rest(state) and state.since_ns >= self._since_ns)
+
+    def end(self) -> None:
+        """Release for good: further commands are refused."""
+        self._is_ended = True
+        self.release()
+
+
+def _is_at_rest(state: CellState) -> bool:
+    """Nothing moves, and no pick of a job follows."""
+    return state.state in SETTLED and not state.job_id and not state.queue

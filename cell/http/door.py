@@ -1,0 +1,171 @@
+"""What the requests share: the connection to the cell, what it said last, the streams, the sessions, the threads."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+from typing import Protocol, TypeVar
+
+from bus import topics
+from bus.codec import decode
+from bus.commands import CellHealth, CellState, CommandReply, CommandRequest, Event
+from bus.errors import BadPayload, BusError
+from bus.frozen import Message
+from bus.messages import CycleResult
+from bus.sample import Sample
+from cell.commander import Commander
+from cell.http.access import Access
+from cell.http.hub import Hub
+from cell.http.pictures import Pictures
+from cell.http.sessions import Connect, Session, Sessions
+from config.http import HttpSettings
+
+LOOK_S, REFRESH_S = 0.2, 2.0
+_ASKING, _STOPPING, _RELEASING = 12, 4, 4
+"""Threads that wait for the cell: for commands that bring to rest, and the end of a lease, apart from the others."""
+_NAMES: dict[str, tuple[str, type[Message]]] = {
+    topics.STATE.key: ("state", CellState),
+    topics.HEALTH.key: ("health", CellHealth),
+    topics.EVENT.key: ("event", Event),
+    topics.RESULT.key: ("result", CycleResult),
+}
+ALSO = (topics.HEALTH, topics.EVENT, topics.VIEW_COLOR, topics.VIEW_ANNOTATIONS)
+"""What the connection hears besides states and results."""
+AnswerT = TypeVar("AnswerT")
+_log = logging.getLogger(__name__)
+
+
+class Cell(Protocol):
+    """The connection to the cell that all requests share (`cell.client.Client`)."""
+
+    client_id: str
+    is_gone: bool
+
+    def state(self) -> CellState:
+        """The state now."""
+
+    def health(self) -> CellHealth:
+        """The health now."""
+
+    def send(self, verb: str, request: CommandRequest) -> CommandReply:
+        """Send one command."""
+
+    def result(self, cycle_id: str) -> CycleResult | None:
+        """The result of a cycle."""
+
+
+class Door:
+    """The shared part of an HTTP interface. Without another word, members are for the loop's thread.
+
+    Args:
+        cell: the shared connection. ``connect``: opens one more, under a client id.
+        recordings: their folder.
+        now_s: the clock of deadlines.
+    """
+
+    def __init__(
+        self,
+        cell: Cell,
+        connect: Connect,
+        settings: HttpSettings,
+        access: Access,
+        recordings: Path,
+        now_s: Callable[[], float],
+    ) -> None:
+        self.cell, self.settings, self.access, self.recordings = cell, settings, access, recordings
+        self._connect = connect
+        self.hub, self.pictures = Hub(settings.most_streams), Pictures()
+        self.sessions = Sessions(connect, now_s, settings.silence_s)
+        self._state: CellState | None = None
+        self._was_gone = False
+        self._asking = ThreadPoolExecutor(_ASKING, "http-asking")
+        self._stopping = ThreadPoolExecutor(_STOPPING, "http-stopping")
+        self._releasing = ThreadPoolExecutor(_RELEASING, "http-releasing")
+        self._ending: set[Session] = set()
+
+    async def ask(self, question: Callable[[], AnswerT], *, stops: bool = False) -> AnswerT:
+        """Ask the cell, or read a file, in a thread. ``stops``: it is a command that brings motion to rest."""
+        return await asyncio.get_running_loop().run_in_executor(self._stopping if stops else self._asking, question)
+
+    def commander(self, client_id: str) -> Commander:
+        """One that sends the motion commands of a single request."""
+        return Commander(lambda: self._connect(client_id))
+
+    def end(self, commander: Commander) -> None:
+        """End a commander in the background: whatever it had in motion is held."""
+        self._releasing.submit(commander.end)
+
+    # --- what the cell says -------------------------------------------------------------------------------------------
+
+    def hear(self, sample: Sample) -> None:
+        """Pass one sample of the cell on to the streams."""
+        if sample.key in (topics.VIEW_COLOR.key, topics.VIEW_ANNOTATIONS.key):
+            shown = self.pictures.hear(sample)
+            if shown is not None:
+                self.hub.tell(shown[0], json.dumps({"stamp_ns": shown[1]}))
+            return
+        name, kind = _NAMES[sample.key]
+        try:
+            said = decode(kind, sample.payload)
+        except BadPayload as error:
+            _log.warning("not passed on: %s", error)
+            return
+        if isinstance(said, CellState):
+            self._state = said
+        self.hub.tell(name, said.model_dump_json())
+
+    def look(self) -> None:
+        """Give leases back whose motion is over, or whose session is silent; called every `LOOK_S`."""
+        is_gone = self.cell.is_gone
+        for session, is_silent in list(self.sessions.due(self._state, is_gone=is_gone)):
+            if session not in self._ending:
+                self._ending.add(session)
+                release = (
+                    session.commander.release
+                    if is_silent
+                    else partial(session.commander.release_if_over, self._state, is_gone=is_gone)
+                )
+                done = partial(self._released, asyncio.get_running_loop(), session)
+                self._releasing.submit(release).add_done_callback(done)
+                if is_silent:
+                    self._tell(session, "LEASE_LOST", "its heartbeat is missing: the cell holds what it moved.")
+        if is_gone and not self._was_gone:
+            self._tell_gone()
+        self._was_gone = is_gone
+
+    async def refresh(self) -> None:
+        """Ask for the state, because a sample may have been lost, or the cell was gone; called every `REFRESH_S`."""
+        with suppress(BusError):
+            self.greet(await self.ask(self.cell.state))
+
+    def _released(self, loop: asyncio.AbstractEventLoop, session: Session, _done: object) -> None:
+        loop.call_soon_threadsafe(self._ending.discard, session)
+
+    def _tell(self, session: Session, code: str, why: str) -> None:
+        event = Event(code=code, severity="warning", text=f"{session.client_id}: {why}")
+        self.hub.tell("event", event.model_dump_json())
+
+    def _tell_gone(self) -> None:
+        text = "The cell is gone: it ended, or the link to it."
+        self.hub.tell("event", Event(code="CELL_GONE", severity="error", text=text).model_dump_json())
+
+    def greet(self, state: CellState) -> None:
+        """Take the present state, and pass it on where it is new."""
+        if state != self._state:
+            self._state = state
+            self.hub.tell("state", state.model_dump_json())
+
+    def close(self) -> None:
+        """End all streams; their sessions end with them."""
+        self.hub.close()
+
+    def wait(self) -> None:
+        """Wait until every lease is given back; after the loop's end, on any thread."""
+        for pool in (self._asking, self._stopping, self._releasing):
+            pool.shutdown(wait=True)

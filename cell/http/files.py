@@ -1,0 +1,52 @@
+"""Recordings and reports for download: files of one kind in one folder, nothing outside of it."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from starlette.exceptions import HTTPException
+from starlette.responses import Response
+from starlette.staticfiles import StaticFiles
+from starlette.types import Scope
+
+_REPORT_POLICY = (
+    "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' blob:; style-src 'unsafe-inline';"
+    " img-src data: blob:; font-src data:; connect-src data: blob:; frame-ancestors 'none'; base-uri 'none';"
+    " form-action 'none'; sandbox allow-scripts allow-popups"
+)
+"""A report is a page of its own origin: it draws with its own scripts, and reaches nothing of this server."""
+
+
+class Downloads(StaticFiles):
+    """The files below ``folder`` whose names end with ``suffix``; links that leave it are not followed."""
+
+    def __init__(self, folder: Path, suffix: str) -> None:
+        super().__init__(directory=folder, check_dir=False)
+        self._suffix = suffix
+
+    async def check_config(self) -> None:
+        """The folder appears with the first recording: until then nothing is found."""
+
+    async def get_response(self, path: str, scope: Scope) -> Response:
+        """The file at ``path``. Raises: HTTPException (404)."""
+        if not path.endswith(self._suffix):
+            raise HTTPException(404)
+        try:
+            response = await super().get_response(path, scope)
+        except OSError as error:
+            raise HTTPException(404) from error
+        except HTTPException as error:  # 401 for a file that this process may not read: no token would help
+            raise HTTPException(404 if error.status_code == 401 else error.status_code) from error
+        response.headers["Cache-Control"] = "no-cache"
+        if self._suffix == ".html":
+            response.headers["Content-Security-Policy"] = _REPORT_POLICY
+        else:
+            response.headers.setdefault("Content-Disposition", f'attachment; filename="{_plain(path)}"')
+        return response
+
+
+def _plain(path: str) -> str:
+    """The file's name for a header: ASCII without quotation marks."""
+    name = os.path.basename(path)
+    return "".join(one if one.isascii() and one.isprintable() and one not in '"\\' else "_" for one in name)

@@ -1,0 +1,125 @@
+"""What can be read: state, health, results, the list of recordings, the last picture, who one is."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+from pydantic import Field
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+
+from bus.codec import decode
+from bus.errors import BadPayload, RecordingError, Refused
+from bus.frozen import Message
+from cell.http.answers import JSON, refuse, say
+from cell.http.door import Door
+from cell.http.guard import COOKIE
+from logs.catalogue import open_catalogue
+from logs.mcap.index import Filter
+
+_USUAL, _MOST = 20, 500
+
+
+class Login(Message):
+    """A token, to be kept by the browser in a cookie that no script can read."""
+
+    token: str = Field(max_length=1000)
+
+
+async def state(_request: Request, door: Door) -> Response:
+    """The state now."""
+    return say(await door.ask(door.cell.state))
+
+
+async def health(_request: Request, door: Door) -> Response:
+    """The health now."""
+    return say(await door.ask(door.cell.health))
+
+
+async def result(request: Request, door: Door) -> Response:
+    """The result of one of the last cycles. Raises: Refused (NO_RESULT)."""
+    cycle_id = request.path_params["cycle_id"]
+    found = await door.ask(partial(door.cell.result, cycle_id))
+    if found is None:
+        raise Refused(
+            f"There is no result of a cycle {cycle_id!r}: it is not over, or was not one of the last.",
+            "Recorded ones: GET /api/cycles.",
+            code="NO_RESULT",
+        )
+    return say(found)
+
+
+async def cycles(request: Request, door: Door) -> Response:
+    """The newest recordings, with the paths of their files here. Raises: BadPayload."""
+    limit = _limit(request.query_params.get("limit", str(_USUAL)))
+    return JSONResponse(await door.ask(partial(_listed, door.recordings, limit)))
+
+
+def _limit(text: str) -> int:
+    if not (text.isascii() and text.isdecimal() and len(text) < 6 and 1 <= int(text) <= _MOST):
+        raise BadPayload(f"limit: a number from 1 to {_MOST}.", "Leave it out for the usual one.")
+    return int(text)
+
+
+def _listed(folder: Path, limit: int) -> list[dict[str, Any]]:
+    try:
+        with open_catalogue(folder, makes=False) as catalogue:
+            entries = list(catalogue.entries(Filter(last=limit)))
+    except RecordingError:  # nothing was recorded yet
+        return []
+    return [{**entry.to_json(), **_paths(entry.path, folder)} for entry in entries]
+
+
+def _paths(file: Path, folder: Path) -> dict[str, str]:
+    """Where a recording and its report are served; "" for what is not there."""
+    page = file.with_suffix(".html")
+    return {
+        "file": f"/recordings/{_quoted(file, folder)}" if file.suffix == ".mcap" else "",
+        "report": f"/reports/{_quoted(page, folder)}" if page.is_file() else "",
+    }
+
+
+def _quoted(file: Path, folder: Path) -> str:
+    return quote(bytes(file.relative_to(folder)))
+
+
+async def picture(request: Request, door: Door) -> Response:
+    """The last colour image that the cell has shown. Raises: Refused (NO_PICTURE)."""
+    shown = door.pictures.picture
+    if shown is None:
+        raise _nothing_shown()
+    headers = {"ETag": shown.etag, "Cache-Control": "no-cache"}
+    if request.headers.get("if-none-match") == shown.etag:
+        return Response(status_code=304, headers=headers)
+    return Response(shown.data, media_type=shown.media_type, headers=headers)
+
+
+async def scene(_request: Request, door: Door) -> Response:
+    """What is drawn into that image: outlines, rectangles, numbers. Raises: Refused (NO_PICTURE)."""
+    if not door.pictures.scene:
+        raise _nothing_shown()
+    return Response(door.pictures.scene, media_type=JSON)
+
+
+def _nothing_shown() -> Refused:
+    return Refused("The cell has shown nothing since this began.", "It does with the next pick.", code="NO_PICTURE")
+
+
+async def role(request: Request, _door: Door) -> Response:
+    """Who the client is."""
+    return JSONResponse({"role": str(request.state.role)})
+
+
+async def login(request: Request, door: Door) -> Response:
+    """Keep a token in a cookie, for a browser, whose pictures and downloads carry no header."""
+    token = decode(Login, await request.body()).token
+    found = door.access.role_of(token)
+    if found is None:
+        return refuse(401, "NO_TOKEN", "Nobody has this token.")
+    answer = JSONResponse({"role": str(found)})
+    if door.access.tokens:
+        answer.set_cookie(COOKIE, token, httponly=True, samesite="strict", secure=request.url.scheme == "https")
+    return answer

@@ -1,0 +1,120 @@
+"""Requests that attend their motion themselves: the lease is theirs, and they are answered when the motion is over.
+
+The answer begins at once, with blank lines, which JSON allows: writing to a client that is gone fails, which ends the
+request, its lease, and with it the motion.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable
+from functools import partial
+
+from starlette.requests import Request
+from starlette.responses import Response
+
+from bus.codec import decode, encode
+from bus.commands import CellState, CommandReply, CommandRequest, ErrorReply
+from bus.errors import CellError
+from bus.frozen import Message
+from bus.messages import Job
+from bus.remote_errors import error_reply
+from cell.client import SETTLED, client_name
+from cell.http.access import require_right
+from cell.http.answers import JSON
+from cell.http.door import Door
+from cell.http.events import name_in
+from cell.http.hub import Listening
+from cell.http.streams import PING_S, EndingStream
+
+Awaited = Callable[[Door, Listening, CommandReply], AsyncIterator[Message | None]]
+"""What an accepted command comes to: None as long as it lasts, then the answer."""
+
+
+async def pick(request: Request, door: Door) -> Response:
+    """Begin a pick, and answer its result. Raises: CellError."""
+    job = decode(Job, await request.body() or b"{}")
+    return await attended(request, door, "pick", CommandRequest(job=job), result)
+
+
+async def attended(request: Request, door: Door, verb: str, wanted: CommandRequest, comes_to: Awaited) -> Response:
+    """Send a command and answer what it comes to, on a lease of its own. Raises: CellError when it is refused."""
+    require_right(request.state.role, verb)
+    commander = door.commander(client_name(f"http-{name_in(request) or verb}"))
+    listening = door.hub.join()
+
+    def end() -> None:
+        door.hub.leave(listening)
+        door.end(commander)
+
+    try:
+        reply = await door.ask(partial(commander.command, verb, wanted))
+    except BaseException:
+        end()
+        raise
+    return EndingStream(_lines(comes_to(door, listening, reply)), JSON, end)
+
+
+async def _lines(said: AsyncIterator[Message | None]) -> AsyncIterator[bytes]:
+    yield b"\n"
+    try:
+        async for message in said:
+            yield b"\n" if message is None else encode(message) + b"\n"
+    except CellError as error:
+        yield encode(error_reply(error)) + b"\n"
+
+
+async def at_rest(door: Door, listening: Listening, _reply: CommandReply) -> AsyncIterator[Message | None]:
+    """The state in which nothing moves any more, and no pick follows."""
+    while not _rests(state := await door.ask(door.cell.state)):
+        if await _turn(listening, "state") is None:
+            yield _CLOSED
+            return
+        yield None
+    yield state
+
+
+async def result(door: Door, listening: Listening, reply: CommandReply) -> AsyncIterator[Message | None]:
+    """The result of the pick, of its last attempt."""
+    cycle_id, is_dropped = reply.cycle_id, False
+    while True:
+        found = await door.ask(partial(door.cell.result, cycle_id))
+        if found is not None and found.retried_as:
+            cycle_id = found.retried_as
+            continue
+        if found is not None or is_dropped:
+            yield found or _dropped(reply)
+            return
+        state = await door.ask(door.cell.state)
+        is_dropped = state.state in SETTLED and reply.job_id not in (state.job_id, *state.queue)
+        if await _turn(listening, "result") is None:
+            yield _CLOSED
+            return
+        yield None
+
+
+async def _turn(listening: Listening, name: str) -> bool | None:
+    """Wait for the next message of that name, for `PING_S` at most: whether it came; None when the interface closes."""
+    try:
+        async with asyncio.timeout(PING_S):
+            while (said := await listening.next()) is not None:
+                if said.name == name:
+                    return True
+    except TimeoutError:
+        return False
+    return None
+
+
+def _rests(state: CellState) -> bool:
+    return state.state in SETTLED and not state.job_id and not state.queue
+
+
+def _dropped(reply: CommandReply) -> ErrorReply:
+    return ErrorReply(
+        code="JOB_DROPPED",
+        reason=f"The job {reply.job_id!r} ended without a cycle: what ended the motion dropped what waited.",
+        advice="Make the cell ready, and send it again.",
+    )
+
+
+_CLOSED = ErrorReply(code="CLOSED", reason="The HTTP interface is closing: the cell holds.", advice="Connect again.")

@@ -1,0 +1,156 @@
+"""Doors: processes beside the cell that serve it to programs which do not speak its bus (OPC UA, HTTP).
+
+A door is a client of the cell, as any other: it can neither do more, nor take the cell with it when it dies. The
+child's half is `cell.nodes.door_child`: it gets its station as one JSON line on stdin, answers with one line on stdout,
+`cell.nodes.ready.Open`, and ends when its stdin closes.
+"""
+
+from __future__ import annotations
+
+import logging
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
+from typing import Literal
+
+from bus.clock import DeadlineClock
+from bus.codec import decode
+from bus.errors import BadPayload, CellError
+from bus.remote_errors import error_from_reply
+from bus.threads import OwnedThread, Role
+from cell.nodes.pipes import close_pipes, has_ended, line_within
+from cell.nodes.ready import Open
+from config.clock import clock_of
+from config.schema import Station
+
+_log = logging.getLogger(__name__)
+_OPEN_S = 120.0
+"""Longest time until a door is open; some take 10 s of computing."""
+_STOP_TIMEOUT_S = 5.0
+_FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.5, 30.0
+_FOR_GOOD = 2
+"""Exit code of an error that another try would only repeat: usage, configuration."""
+
+News = Callable[[str, Literal["info", "warning", "error"], str, str], None]
+"""Called with code, severity, text and advice of an event."""
+
+
+class Door:
+    """One door of a running cell: its process is started again, with growing pauses, until `close`.
+
+    Args:
+        name: of its command, which `cell` lists.
+        on_news: publishes an event, from any thread.
+        spawn: starts the door's process.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        station: Station,
+        on_news: News,
+        spawn: Callable[[str, Station], subprocess.Popen[str]] | None = None,
+    ) -> None:
+        self._name, self._station, self._on_news = name, station, on_news
+        self._spawn = spawn or _child
+        self._clock = clock_of(station)
+        self._child: subprocess.Popen[str] | None = None
+        self._closing = threading.Event()
+        self._spawning = threading.Lock()  # no process is spawned once closing is set
+        self._thread = OwnedThread(Role.SUPERVISOR, self._keep_open, of=name)
+
+    def start(self) -> Door:
+        """Start the door's process in the background and return at once."""
+        self._thread.start()
+        return self
+
+    def close(self) -> None:
+        """End the door's process: first by closing its stdin, then by force; idempotent."""
+        with self._spawning:
+            self._closing.set()
+        child = self._child
+        if child is not None:
+            if child.stdin is not None and not child.stdin.closed:
+                with suppress(BrokenPipeError):
+                    child.stdin.close()
+            if not self._clock.wait_for(partial(has_ended, child), _STOP_TIMEOUT_S):
+                _log.warning("the door %s did not end by itself; killing it", self._name)
+                child.kill()
+                child.wait()
+        self._thread.join(_STOP_TIMEOUT_S)
+        if child is not None:
+            close_pipes(child)
+
+    def _keep_open(self) -> None:
+        """Run one process after the other until `close`, or until one ends for good."""
+        pause_s = 0.0
+        while not self._closing.wait(pause_s):
+            with self._spawning:
+                if self._closing.is_set():
+                    return
+                self._child = child = self._spawn(self._name, self._station)
+            try:
+                where = _await_open(child, self._clock)
+            except CellError as error:
+                if not self._closing.is_set():
+                    self._tell_closed(error)
+                if error.exit_code == _FOR_GOOD:
+                    return
+                pause_s = min(max(2 * pause_s, _FIRST_PAUSE_S), _LONGEST_PAUSE_S)
+                continue
+            self._on_news("DOOR_OPEN", "info", f"The door {self._name!r} is open: {where}.", "")
+            code = child.wait()
+            if self._closing.is_set():
+                return
+            close_pipes(child)
+            pause_s = _FIRST_PAUSE_S
+            self._on_news(
+                "DOOR_LOST",
+                "warning",
+                f"The door {self._name!r} ended with exit code {code}; it is started again.",
+                "Its own message stands above. What its clients had in motion is held.",
+            )
+
+    def _tell_closed(self, error: CellError) -> None:
+        again = "" if error.exit_code == _FOR_GOOD else " It is tried again."
+        self._on_news("DOOR_CLOSED", "error", f"The door {self._name!r} cannot open: {error.text}{again}", error.advice)
+
+
+def _child(name: str, station: Station) -> subprocess.Popen[str]:
+    child = subprocess.Popen(
+        [sys.executable, "-P", "-m", "cell", name, "--supervised"],  # -P: as for a node
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        encoding="utf-8",
+        start_new_session=True,  # Ctrl-C in the terminal reaches the daemon only, which ends the door in order
+    )
+    assert child.stdin is not None
+    try:
+        child.stdin.write(f"{station.model_dump_json()}\n")
+        child.stdin.flush()
+    except BrokenPipeError:
+        _log.error("the door %s ended before it read its station", name)
+    return child
+
+
+def _await_open(child: subprocess.Popen[str], clock: DeadlineClock) -> str:
+    """Wait for the child's first line; return its endpoint. Raises: the child's error; the child has ended then."""
+    assert child.stdout is not None
+    line = line_within(child.stdout, _OPEN_S, clock)
+    try:
+        said = decode(Open, line.encode())
+    except BadPayload as error:
+        child.kill()
+        code = child.wait()
+        close_pipes(child)
+        raise CellError(f"its process said nothing (exit code {code}).", "Its own message stands above.") from error
+    if said.error is not None:
+        if not clock.wait_for(partial(has_ended, child), _STOP_TIMEOUT_S):
+            child.kill()
+            child.wait()
+        close_pipes(child)
+        raise error_from_reply(said.error)
+    return said.endpoint

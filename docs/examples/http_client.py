@@ -1,0 +1,55 @@
+"""Picks once over HTTP, with the standard library only, and attends it. Usage: python http_client.py [URL [TOKEN]]"""
+
+import json
+import sys
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+from typing import Any
+
+url = sys.argv[1] if len(sys.argv) > 1 else "http://127.0.0.1:8088"
+headers = {"Content-Type": "application/json"}
+if len(sys.argv) > 2:
+    headers["Authorization"] = f"Bearer {sys.argv[2]}"
+
+
+def post(path: str, body: dict[str, Any]) -> dict[str, Any]:
+    request = urllib.request.Request(f"{url}{path}", json.dumps(body).encode(), headers, method="POST")
+    try:
+        with urllib.request.urlopen(request) as answer:
+            said: dict[str, Any] = json.loads(answer.read() or "{}")
+            return said
+    except urllib.error.HTTPError as refusal:
+        why = json.loads(refusal.read())
+        sys.exit(f"{path}: {why['code']}: {why['reason']} {why['advice']}")
+
+
+def events(path: str) -> Iterator[tuple[str, dict[str, Any]]]:
+    """What the cell says, as (name, content)."""
+    with urllib.request.urlopen(urllib.request.Request(f"{url}{path}", headers=headers)) as stream:
+        name = ""
+        for line in stream:
+            field, _, value = line.decode().strip().partition(": ")
+            if field == "event":
+                name = value
+            elif field == "data":
+                yield name, json.loads(value)
+
+
+cycle_id = ""
+for name, said in events("/api/events?client=example"):
+    if name == "session":
+        # While this stream is open and its heartbeat comes, the arm moves for us; else the cell holds.
+        headers["X-Cell-Session"] = said["session"]
+    elif name == "ping":
+        post("/api/heartbeat", {})
+    elif name == "state" and said["state"] in ("Stopped", "Complete") and not cycle_id:
+        post("/api/commands/reset", {})
+    elif name == "state" and said["state"] == "Idle" and not cycle_id:
+        print("Idle; picking")
+        cycle_id = post("/api/commands/pick", {"job": {"job_id": "example"}})["cycle_id"]
+    elif name == "result" and said["cycle_id"] == cycle_id:
+        print("result ->", said)
+        if not said["retried_as"]:
+            break
+        cycle_id = said["retried_as"]

@@ -1,0 +1,60 @@
+"""Lets a cell pick once over OPC UA, with plain asyncua only. Usage: python opcua_client.py [endpoint]"""
+
+import asyncio
+import json
+import sys
+from typing import Any
+
+from asyncua import Client, Node, ua
+
+
+class Heard:
+    """What the subscription brings: states and results, in order."""
+
+    def __init__(self) -> None:
+        self.states: asyncio.Queue[str] = asyncio.Queue()
+        self.results: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
+
+    def datachange_notification(self, _node: Node, value: str, _data: Any) -> None:
+        self.states.put_nowait(value)
+
+    def event_notification(self, event: Any) -> None:
+        self.results.put_nowait(json.loads(event.Json))
+
+
+async def pick(endpoint: str, target: str = "", place: str = "") -> dict[str, Any]:
+    """The result of one pick; what is thrown names the refusal."""
+    async with Client(endpoint) as client:  # the lease is the session's: when this program ends or dies, the cell holds
+        ours = await client.get_namespace_index("urn:vlad-cell:opcua")
+        cell = client.get_node(f"ns={ours};s=Cell")
+
+        async def call(method: str, *arguments: Any) -> Any:
+            try:
+                return await cell.call_method(ua.NodeId(f"Cell.{method}", ours), *arguments)
+            except ua.UaStatusCodeError as refusal:
+                why = [client.get_node(f"ns={ours};s=Cell.LastRefusal.{name}") for name in ("Code", "Reason", "Advice")]
+                raise SystemExit(
+                    f"{method}: {refusal}: {' '.join([await node.read_value() for node in why])}"
+                ) from None
+
+        heard = Heard()
+        subscription = await client.create_subscription(50, heard)
+        state = client.get_node(f"ns={ours};s=Cell.Status.StateName")
+        await subscription.subscribe_data_change(state, queuesize=100)  # every state, not only the newest
+        base = client.get_node(ua.ObjectIds.BaseEventType)
+        await subscription.subscribe_events(cell, [await base.get_child(f"{ours}:ResultEvent")])
+
+        if await heard.states.get() in ("Stopped", "Complete"):
+            await call("Reset")
+        while (now := await heard.states.get()) != "Idle":
+            print(now)
+        cycle_id, job_id, position = await call("Pick", target, place, "")
+        print(f"cycle {cycle_id} of job {job_id}, {position} before it")
+        while (result := await heard.results.get())["cycle_id"] != cycle_id or result["retried_as"]:
+            if result["cycle_id"] == cycle_id:
+                cycle_id = result["retried_as"]
+        return result
+
+
+if __name__ == "__main__":
+    print(asyncio.run(pick(*sys.argv[1:] or ["opc.tcp://127.0.0.1:4840/cell"])))
