@@ -22,7 +22,7 @@ import numpy as np
 import config
 from benchmarks.interfaces.pieces import KINDS, Pair, drawn, lay
 from bus.codes import Code
-from bus.errors import CycleFailure, DriverError
+from bus.errors import CellError, CycleFailure
 from bus.messages import Detections, Execution, Grasp, Observation, PickPlan, Verdict
 from cell.machine.gate import Gate
 from cell.pick.capture import capture
@@ -237,7 +237,7 @@ def _all(
     for at in islice(count(seed), _AS_MANY_MORE * wanted):
         try:
             judged = make(at)
-        except (CycleFailure, DriverError) as error:
+        except (CycleFailure, CellError) as error:
             tell(f"{name} {at}: {error.text}")
             continue
         if judged is None:
