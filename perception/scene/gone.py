@@ -76,7 +76,7 @@ def others_gone(
     for number in numbers:
         ours = (label == number) & (was_m >= least_m)
         lay = _Heights.of(grid, was_base[ours], was_m[ours], least_m)
-        place = ndimage.binary_opening(~np.isnan(lay.mean_m), _PATCH)
+        place = ndimage.binary_opening(~np.isnan(lay.mean_m) & (was.standing >= 0.5), _PATCH)
         seen = place & ~np.isnan(now.mean_m)
         if not place.any() or seen.sum() < _MIN_SEEN * place.sum():
             unseen.append(number)
