@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -31,6 +32,20 @@ class Login(Message):
 async def state(_request: Request, door: Door) -> Response:
     """The state now."""
     return say(await door.ask(door.cell.state))
+
+
+async def about(request: Request, door: Door) -> Response:
+    """What the station is: its name, its places, the client's role, and the clock here."""
+    station = door.station
+    return JSONResponse(
+        {
+            "cell_id": station.cell_id,
+            "is_simulated": station.simulated,
+            "places": [{"name": place.name, "capacity": place.capacity} for place in station.scene.places],
+            "role": str(request.state.role),
+            "now_ns": time.time_ns(),
+        }
+    )
 
 
 async def health(_request: Request, door: Door) -> Response:

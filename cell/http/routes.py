@@ -46,6 +46,7 @@ _CLIENT = ("client", "Your name, at most 40 letters, digits, '.', '_', '-'.")
 
 TABLE = (
     Served("GET", "/api/state", reading.state, "The machine's state now.", says=CellState, refusals=_NO_CELL),
+    Served("GET", "/api/cell", reading.about, "What the station is: its name and places; your role; the clock."),
     Served("GET", "/api/health", reading.health, "The cell and its nodes now.", says=CellHealth, refusals=_NO_CELL),
     Served(
         "GET",
