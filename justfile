@@ -73,7 +73,7 @@ golden-update: setup
 report *args: setup
     uv run cell report "$@"
 
-# Regenerate the pages that are written from the code: commands, states, faults, bus, settings, recording, opcua
+# Regenerate the pages that are written from the code: commands, states, faults, bus, settings, recording, catalogue, opcua
 docs: setup
     uv run python -m docs.commands_page
     uv run python -m docs.states_page
@@ -81,6 +81,7 @@ docs: setup
     uv run python -m docs.bus_page
     uv run python -m docs.settings_page
     uv run python -m docs.recording_page
+    uv run python -m docs.catalogue_page
     uv run python -m docs.opcua_page
 
 # Resolve the dependencies anew into requirements.lock

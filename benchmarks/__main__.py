@@ -7,6 +7,7 @@ import os
 import time
 from collections import Counter
 from collections.abc import Callable
+from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
 from statistics import median
@@ -18,6 +19,7 @@ from benchmarks import (
     alignment,
     busy,
     calibration,
+    catalogue,
     contact,
     cycle_time,
     detection,
@@ -310,6 +312,17 @@ def calibrate_(
     typer.echo(json.dumps(calibration.run(seeds, _teller(as_json))))
 
 
+@app.command(name="catalogue")
+def catalogue_(
+    cycles: Annotated[int, typer.Option(min=1)] = 100_000,
+    recording: Annotated[Path | None, typer.Option(help="Of a cycle; default: one of a simulated cell.")] = None,
+    endpoint: Annotated[str, typer.Option(help="Free loopback endpoint for its cell.")] = "tcp/127.0.0.1:7492",
+    as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
+) -> None:
+    """The catalogue of many cycles: a row inserted, all listed and summed, a query [ms]; recordings read a second."""
+    typer.echo(json.dumps(catalogue.run(cycles, endpoint, recording, _teller(as_json))))
+
+
 @app.command(name="contact")
 def contact_(
     tries: Annotated[int, typer.Option(min=1, help="Descents that meet a raised table or a hidden post.")] = 60,
@@ -335,6 +348,17 @@ def intruder_(
         if kind not in intruder.SHARES:
             raise typer.BadParameter(f"{kind!r} is none of {', '.join(intruder.SHARES)}")
     typer.echo(json.dumps(intruder.run(tries, seed, endpoint, _teller(as_json), tuple(only or ()))))
+
+
+@app.command(name="interfaces")
+def interfaces_(
+    rounds: Annotated[int, typer.Option(min=10, help="Commands over each protocol.")] = 200,
+    contacts: Annotated[int, typer.Option(min=1, help="Descents onto something, and free ones.")] = 20,
+    as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
+) -> None:
+    """The doors of a simulated cell, all in one run: from a command to its answer [ms]; and contacts on approach."""
+    interfaces = import_module("benchmarks.interfaces.run")  # OPC UA alone takes two seconds to import
+    typer.echo(json.dumps(interfaces.run(rounds, contacts, _teller(as_json))))
 
 
 @app.command(name="stop")

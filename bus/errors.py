@@ -5,6 +5,7 @@
     CellError                 .exit_code  .code  .advice
     ├── ConfigError           2  the station file, an option or an argument is wrong: correct it
     ├── RecordingError        2  a recording cannot be read or replayed
+    │   └── CatalogueError       the catalogue of recordings cannot be read, written or asked
     ├── BusError              4  the other process cannot be reached
     │   ├── PortOccupied         another program listens on our endpoint
     │   ├── CellUnreachable      no cell at this endpoint
@@ -67,6 +68,12 @@ class RecordingError(CellError):
 
     exit_code = 2
     code = "RECORDING"
+
+
+class CatalogueError(RecordingError):
+    """The catalogue of recordings cannot be read or written, or a question to it is refused."""
+
+    code = "CATALOGUE"
 
 
 class BusError(CellError):

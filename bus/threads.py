@@ -52,6 +52,8 @@ class Role(StrEnum):
     """The published poses of the arm's links."""
     RETENTION = "retention"
     """The deletion of old recordings."""
+    CATALOGUE = "catalogue"
+    """The rows of recorded cycles."""
     CLOCK = "clock"
     """The measurement of this process's starvation."""
     PROBE = "probe"

@@ -12,6 +12,7 @@ from bus.lazy import LazyModule
 from bus.secured import is_loopback
 from bus.session import Bus
 from bus.threads import handled_by
+from cell.daemon.cataloguer import Cataloguer
 from cell.daemon.daemon import Daemon
 from cell.daemon.publisher import Observer
 from cell.daemon.retention import Retention
@@ -68,6 +69,7 @@ def running_cell(station: Station, observer: Observer) -> Iterator[Daemon]:
         bus = stack.enter_context(_listen(station))
         supervisor = stack.enter_context(closing(Supervisor(station, news.node_ended, news.node_is_back, bus.seal)))
         retention = Retention(station.recording, news.event)
+        cataloguer = Cataloguer(station.recording.folder, news.event)
         supervisor.start()
         daemon = news.daemon = Daemon(
             station,
@@ -75,7 +77,7 @@ def running_cell(station: Station, observer: Observer) -> Iterator[Daemon]:
             remote_devices(bus, station),
             robot,
             models,
-            retention.after_cycles(observer),
+            cataloguer.after_cycles(retention.after_cycles(observer)),
             supervisor.restarts,
             supervisor.end_frozen,
             plain if faults is None else faults.under,
@@ -83,11 +85,13 @@ def running_cell(station: Station, observer: Observer) -> Iterator[Daemon]:
         if faults is not None:
             faults.answer(bus, daemon.publisher.publish)
         stack.enter_context(handled_by(daemon.on_defect))
+        stack.enter_context(closing(cataloguer))  # closed after the daemon, whose end closes a cycle
         daemon.open()
         stack.callback(daemon.close)
         daemon.publisher.publish_recovered(recover_leftovers(station.recording.folder))
         stack.enter_context(freeze_gc())
         stack.enter_context(closing(retention.start()))
+        cataloguer.start()
         stack.enter_context(closing(RobotTf(bus, robot, daemon.is_ours)))
         yield daemon
 

@@ -486,7 +486,7 @@ class PlanningSettings(Settings):
     tilts_deg: Annotated[tuple[Tilt, ...], Field(min_length=1)] = (0.0, 15.0, -15.0, 30.0, -30.0)
     max_approaches: Annotated[int, Field(ge=1, le=1000)] = 1000
     budget_s: Seconds = 2.0
-    max_held_acceleration_m_s2: Annotated[float, Field(ge=0.5, le=50)] | None = None
+    max_held_acceleration_m_s2: Annotated[float, Field(ge=0.5, le=50)] | None = 3.0
     searches: Annotated[int, Field(ge=1, le=20)] = 3
 
 

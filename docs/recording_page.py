@@ -74,6 +74,8 @@ One cycle is one [MCAP](https://mcap.dev): `recordings/DAY/CYCLE_ID.mcap` (`reco
 Foxglove and Lichtblick without a plug-in ([foxglove](foxglove/README.md)). While it is written it is a `.mcap.part`,
 flushed after every stage and state, and 100 ms after anything else at the latest; `cell recover` makes one whole whose
 process was killed. Beside it lies `CYCLE_ID.html`, the report. An empty `CYCLE_ID.keep` keeps both from being deleted.
+Above the days lie `catalogue.sqlite`, made of the recordings, and `labels.jsonl`, what people say of them
+([catalogue.md](catalogue.md)).
 
 ## Channels
 

@@ -67,7 +67,9 @@ COMMANDS = {
         "network",
         "Make TLS certificates and Zenoh files for each role: cell, router, node, operator, viewer (docs/security.md).",
     ),
-    "cycles": Row("recordings", "List recorded cycles, newest first."),
+    "cycles": Row("cycles", "List recorded cycles, newest first, or sum them up."),
+    "query": Row("catalogue", "Ask the catalogue of recorded cycles in SQL; it can only be read (docs/catalogue.md)."),
+    "label": Row("catalogue", "Say of a recorded cycle that it was good or bad, or note something; kept beside it."),
     "show": Row("recordings", "Why a cycle ended so: its result, what to do, its stages, what was changed for it."),
     "report": Row(
         "recordings",
@@ -80,6 +82,7 @@ COMMANDS = {
         "recordings",
         "Make torn recordings whole. Exit 0 all that was flushed is kept, 1 something is lost, 2 cannot.",
     ),
+    "catalogue": Row("catalogue", "The catalogue: one row a recorded cycle, made of the recordings."),
     "config": Row("setup", "Print the whole configuration, defaults included, as JSON."),
     "doctor": Row(
         "setup",

@@ -1,9 +1,9 @@
-"""``cell cycles``, ``show``, ``report``, ``recover``: list, explain, report and recover recordings."""
+"""``cell show``, ``report``, ``recover``: explain, report and recover recordings."""
 
 from __future__ import annotations
 
 import webbrowser
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,10 +12,12 @@ import typer
 from bus.errors import ConfigError, RecordingError
 from bus.messages import Job
 from cell.cli.options import Config, Json
-from cell.terminal.drawing import console, table, tracked, words
-from cell.terminal.printing import Part, err, out
+from cell.terminal.drawing import tracked
+from cell.terminal.printing import err, out
 from config.load import DEFAULT_STATION, load_station
-from logs.mcap.index import Entry, Filter, find_recording, list_cycles
+from logs.catalogue.labels import Label, labels_of
+from logs.catalogue.update import root_of
+from logs.mcap.index import find_recording
 from logs.mcap.names import is_folder
 from logs.mcap.reader import CycleRecord, read_cycle
 from logs.mcap.recover import recover as recover_file
@@ -23,10 +25,8 @@ from logs.report.cycle_report import configuration_changes, write_report
 from logs.report.day_report import days, outdated, write_cycle, write_day
 from logs.report.timeline import Timeline, summarize
 
-_STYLE = {"SUCCESS": "green", "EMPTY": "yellow", "UNFINISHED": "yellow", "INTERRUPTED": "yellow", "TORN": "yellow"}
-_BAD = "bold red"
-_WIDTH = 1000
-"""Columns when no terminal reports its width: nothing is cut."""
+STYLE = {"SUCCESS": "green", "EMPTY": "yellow", "UNFINISHED": "yellow", "INTERRUPTED": "yellow", "TORN": "yellow"}
+BAD = "bold red"
 
 Cycle = Annotated[
     str, typer.Argument(metavar="FILE|CYCLE", help="A recording (.mcap), or a cycle's id or a part of it.")
@@ -38,40 +38,10 @@ def find_cycle(name: str, config: Path) -> Path:
     return find_recording(name, load_station(config).recording.folder)
 
 
-# --- cycles -----------------------------------------------------------------------------------------------------------
-
-
-def cycles(
-    folder: Annotated[Path | None, typer.Argument(help="Recordings folder.")] = None,
-    config: Config = DEFAULT_STATION,
-    failed: Annotated[bool, typer.Option("--failed", help="Only what did not end in SUCCESS or EMPTY.")] = False,
-    code: Annotated[str, typer.Option(help="Only cycles that ended with this code.")] = "",
-    day: Annotated[str, typer.Option(help="Only this day (UTC): 2026-11-28, 2026-11, today.")] = "",
-    last: Annotated[int | None, typer.Option(min=1, help="Only so many of the newest.")] = None,
-    as_json: Json = False,
-) -> None:
-    """List recorded cycles, newest first."""
-    wanted = Filter(failed=failed, code=code, day=day, last=last)
-    entries = list_cycles(folder or load_station(config).recording.folder, wanted)
-    if as_json:
-        for entry in entries:
-            out.json(entry.to_json())
-        return
-    rows = table(("cycle", "result", "code", "object", "time", "try", "why"), right=("time",))
-    for entry in entries:
-        rows.add_row(*map(words, _cells(entry)))
-    if rows.rows:
-        console(out, None if out.isatty() else _WIDTH).print(rows)
-    else:
-        out.line("none")
-
-
-def _cells(entry: Entry) -> tuple[Part, ...]:
-    style = _STYLE.get(entry.result, _BAD)
-    took = f"{entry.wall_s:.1f} s" if entry.wall_s is not None else ""
-    tries = f"{entry.number + 1}{' ->' if entry.retried_as else ''}"
-    texts = entry.cycle_id, entry.result, entry.code, entry.object, took, tries, entry.reason
-    return tuple((text, style if place in (1, 2) else "") for place, text in enumerate(texts))
+def root_of_labels(path: Path, config: Path) -> Path:
+    """The folder whose labels are of a recording: the station's, if it lies there. Raises: ConfigError."""
+    folder = load_station(config).recording.folder
+    return folder if path.resolve().is_relative_to(folder.resolve()) else root_of(path.parent)[0]
 
 
 # --- show -------------------------------------------------------------------------------------------------------------
@@ -82,10 +52,11 @@ def show(cycle: Cycle, config: Config = DEFAULT_STATION, as_json: Json = False) 
     path = find_cycle(cycle, config)
     record = read_cycle(path)
     timeline = summarize(record)
+    labels = labels_of(root_of_labels(path, config), record.cycle_id)
     if as_json:
-        out.json(_told(record, timeline))
+        out.json(_told(record, timeline, labels))
         return
-    out.line((timeline.title, _STYLE.get(timeline.outcome, _BAD)), f": {timeline.why}")
+    out.line((timeline.title, STYLE.get(timeline.outcome, BAD)), f": {timeline.why}")
     if timeline.advice:
         out.line(("  what to do  ", "bold"), timeline.advice)
     for line in timeline.stages:
@@ -101,6 +72,8 @@ def show(cycle: Cycle, config: Config = DEFAULT_STATION, as_json: Json = False) 
         out.line(f"  try {attempt.number + 1}, after {attempt.retry_of}")
     if record.result is not None and record.result.retried_as:
         out.line(f"  tried again as {record.result.retried_as}")
+    for one in labels:
+        out.line(f"  {one.in_words()}")
     made_by = record.metadata.get("commit", "an unknown commit")
     out.line(f"  recording   {path}, made by {made_by}", style="dim")
 
@@ -116,7 +89,7 @@ def _asked(job: Job) -> Iterator[str]:
             )
 
 
-def _told(record: CycleRecord, timeline: Timeline) -> dict[str, Any]:
+def _told(record: CycleRecord, timeline: Timeline, labels: Sequence[Label]) -> dict[str, Any]:
     return {
         "result": record.result.model_dump(mode="json") if record.result is not None else None,
         "why": timeline.why,
@@ -125,6 +98,7 @@ def _told(record: CycleRecord, timeline: Timeline) -> dict[str, Any]:
         "said": {line.name: line.said for line in timeline.stages},
         "states": [span.name for span in timeline.states],
         "changed": {key: here for key, here, _ in configuration_changes(record.station)},
+        "labels": [one.model_dump() for one in labels],
         "metadata": record.metadata,
     }
 

@@ -28,8 +28,8 @@ from config.http import HttpSettings
 from config.schema import Station
 
 LOOK_S, REFRESH_S = 0.2, 2.0
-_ASKING, _STOPPING = 12, 4
-"""Threads that wait for the cell's answers; those of stops wait for no other question."""
+_ASKING, _STOPPING, _RELEASING = 12, 4, 4
+"""Threads that wait for the cell: for commands that bring to rest, and the end of a lease, apart from the others."""
 _NAMES: dict[str, tuple[str, type[Message]]] = {
     topics.STATE.key: ("state", CellState),
     topics.HEALTH.key: ("health", CellHealth),
@@ -88,6 +88,7 @@ class Door:
         self._was_gone = False
         self._asking = ThreadPoolExecutor(_ASKING, "http-asking")
         self._stopping = ThreadPoolExecutor(_STOPPING, "http-stopping")
+        self._releasing = ThreadPoolExecutor(_RELEASING, "http-releasing")
         self._ending: set[Session] = set()
 
     async def ask(self, question: Callable[[], AnswerT], *, stops: bool = False) -> AnswerT:
@@ -100,7 +101,7 @@ class Door:
 
     def end(self, commander: Commander) -> None:
         """End a commander in the background: whatever it had in motion is held."""
-        self._stopping.submit(commander.end)
+        self._releasing.submit(commander.end)
 
     # --- what the cell says -------------------------------------------------------------------------------------------
 
@@ -133,7 +134,7 @@ class Door:
                     else partial(session.commander.release_if_over, self._state, is_gone=is_gone)
                 )
                 done = partial(self._released, asyncio.get_running_loop(), session)
-                self._stopping.submit(release).add_done_callback(done)
+                self._releasing.submit(release).add_done_callback(done)
                 if is_silent:
                     self._tell(session, "LEASE_LOST", "its heartbeat is missing: the cell holds what it moved.")
         if is_gone and not self._was_gone:
@@ -168,5 +169,5 @@ class Door:
 
     def wait(self) -> None:
         """Wait until every lease is given back; after the loop's end, on any thread."""
-        for pool in (self._asking, self._stopping):
-            pool.shutdown(wait=True, cancel_futures=False)
+        for pool in (self._asking, self._stopping, self._releasing):
+            pool.shutdown(wait=True)

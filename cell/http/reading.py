@@ -18,7 +18,8 @@ from bus.frozen import Message
 from cell.http.answers import JSON, refuse, say
 from cell.http.door import Door
 from cell.http.guard import COOKIE
-from logs.mcap.index import Filter, list_cycles
+from logs.catalogue import open_catalogue
+from logs.mcap.index import Filter
 
 _USUAL, _MOST = 20, 500
 
@@ -80,7 +81,8 @@ def _limit(text: str) -> int:
 
 def _listed(folder: Path, limit: int) -> list[dict[str, Any]]:
     try:
-        entries = list(list_cycles(folder, Filter(last=limit)))
+        with open_catalogue(folder, makes=False) as catalogue:
+            entries = list(catalogue.entries(Filter(last=limit)))
     except RecordingError:  # nothing was recorded yet
         return []
     return [{**entry.to_json(), **_paths(entry.path, folder)} for entry in entries]

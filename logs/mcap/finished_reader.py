@@ -114,6 +114,10 @@ class Summary:
 
     def messages(self, topics: frozenset[str]) -> Iterator[tuple[str, bytes]]:
         """Topic and payload of every message of ``topics``, in the order of the file."""
+        return ((topic, payload) for topic, _, payload in self.timed_messages(topics))
+
+    def timed_messages(self, topics: frozenset[str]) -> Iterator[tuple[str, int, bytes]]:
+        """Topic, log time [ns UTC] and payload of every message of ``topics``, in the order of the file."""
         wanted = {one.id: one.topic for one in self.channels.values() if one.topic in topics}
         for index in self.chunks:
             if not wanted.keys().isdisjoint(index.message_index_offsets):
@@ -122,7 +126,7 @@ class Summary:
                     self._budget.spend(0)
                     message = parsed(kind, part) if kind == Opcode.MESSAGE else None
                     if isinstance(message, Message) and message.channel_id in wanted:
-                        yield wanted[message.channel_id], message.data
+                        yield wanted[message.channel_id], message.log_time, message.data
 
     def _at(self, offset: int, expected: int) -> McapRecord:
         return parsed(expected, self._read(offset, expected))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field, fields
 from datetime import UTC, datetime
 from itertools import islice
 from pathlib import Path
@@ -59,7 +59,10 @@ class Entry:
 
     def to_json(self) -> Json:
         """The fields as a JSON object, with the path as ``recording``."""
-        return {"recording": shown(self.path)} | {key: value for key, value in asdict(self).items() if key != "path"}
+        return {"recording": shown(self.path), **{name: getattr(self, name) for name in _TOLD}}
+
+
+_TOLD = tuple(one.name for one in fields(Entry) if one.name != "path")
 
 
 @dataclass(frozen=True)
@@ -77,10 +80,15 @@ class Filter:
     day: str = ""
     last: int | None = None
 
+    @property
+    def digits(self) -> str:
+        """What the names of the selected day's recordings begin with."""
+        day = datetime.now(UTC).strftime("%Y-%m-%d") if self.day == "today" else self.day
+        return day.replace("-", "")
+
     def dates(self, path: Path) -> bool:
         """True when the recording is of the selected day."""
-        day = datetime.now(UTC).strftime("%Y-%m-%d") if self.day == "today" else self.day
-        return path.name.startswith(day.replace("-", ""))
+        return path.name.startswith(self.digits)
 
     def takes(self, entry: Entry) -> bool:
         """True when the entry has the selected result and code."""

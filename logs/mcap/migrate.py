@@ -62,6 +62,9 @@ def _say_what_was_seen(content: Content) -> None:
 def _say_that_nothing_was_felt(content: Content) -> None:
     if content.station is not None:
         content.station = {"execute": {"contact_n": 0.0}, **content.station}
+        planning = content.station.get("planning", {})
+        if isinstance(planning, dict):
+            content.station["planning"] = {"max_held_acceleration_m_s2": None, **planning}
 
 
 MIGRATIONS: tuple[Migration, ...] = (
@@ -69,7 +72,11 @@ MIGRATIONS: tuple[Migration, ...] = (
     Migration(1, "Whether the checkout had changes is `dirty`, no longer a + behind the commit.", _split_dirty),
     Migration(2, "A plan that failed lists what it rejected: nothing, where that was not kept.", _nothing),
     Migration(3, "Detect says what it saw, and which thing each grasp holds: its one object.", _say_what_was_seen),
-    Migration(4, "An approach is slow at its end, and felt; before, it was neither.", _say_that_nothing_was_felt),
+    Migration(
+        4,
+        "An approach is slow at its end, and felt, and what is held is carried calmly; before, neither was.",
+        _say_that_nothing_was_felt,
+    ),
 )
 SCHEMA_VERSION = len(MIGRATIONS)
 """The version of new recordings."""

@@ -17,7 +17,8 @@ import numpy as np
 
 from bus.codes import ADVICE
 from bus.errors import RecordingError
-from logs.mcap.index import Entry, read_entry, recordings
+from logs.catalogue import known_entries
+from logs.mcap.index import Entry, recordings
 from logs.mcap.names import shown
 from logs.mcap.reader import read_cycle, recorded_number
 from logs.mcap.recorder import PART
@@ -103,11 +104,11 @@ def write_day(day: Path, damaged: Mapping[Path, str] = _NONE) -> Path:
     Raises: RecordingError when it cannot be written.
     """
     summaries: dict[Path, Summary] = {}
-    rows = []
+    rows, read = [], known_entries(day)
     for path in recordings(day):
         if path.parent != day:
             continue
-        entry = read_entry(path)
+        entry = read(path)
         if path in damaged:
             entry = replace(entry, result="DAMAGED", reason=damaged[path])
         has_page = path.suffix != PART and path not in damaged

@@ -9,14 +9,17 @@ import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 
 import httpx2
 import pytest
 
 from cell import client
+from cell.cli.tls_keys import make_keys
 from cell.http.server import serve
+from cell.nodes.doors import Door
 from config.http import HttpSettings
 from config.schema import Station
 from logs.mcap.reader import read_cycle
@@ -107,6 +110,37 @@ def test_the_commands_of_the_page_run_in_a_shell(shared_cell: Station, url: str)
     assert [one["state"] for one in said] == ["Stopped", "Idle", "Stopping"]
     with client.connect(shared_cell) as cell:
         cell.wait_for_state({"Stopped"}, 60)
+
+
+def test_the_cell_opens_it_as_a_process_of_its_own_and_closes_it(shared_cell: Station) -> None:
+    news: queue.SimpleQueue[tuple[str, ...]] = queue.SimpleQueue()
+    station = shared_cell.model_copy(update={"http": HttpSettings(port=0)})
+    with closing(Door("http", station, lambda *said: news.put(said)).start()):
+        code, _, text, _ = news.get(timeout=60)
+        assert code == "DOOR_OPEN"
+        there = text.removesuffix(".").rpartition(" ")[2]
+        assert httpx2.get(f"{there}/api/state", timeout=60).json()["state"] == "Stopped"
+    with pytest.raises(httpx2.ConnectError):
+        httpx2.get(f"{there}/api/state")
+
+
+def test_what_is_not_safe_is_refused_before_anything_starts(
+    in_process: Callable[..., subprocess.CompletedProcess[str]], options: list[str], tmp_path: Path
+) -> None:
+    make_keys(tmp_path / "keys", [])
+    settings = ("http.host=0.0.0.0", f"http.certificate={tmp_path}/keys/cell.pem", f"http.key={tmp_path}/keys/cell.key")
+    beyond = [word for setting in settings for word in ("--set", setting)]
+    for command in (["start", "--http"], ["http"]):
+        done = in_process(*command, *options, *beyond)
+        assert (done.returncode, "no operator's token" in done.stderr) == (2, True)
+    assert "needs TLS" in in_process("http", *options, "--set", "http.host=0.0.0.0").stderr
+
+
+def test_without_a_cell_it_says_so_and_ends(
+    in_process: Callable[..., subprocess.CompletedProcess[str]], options: list[str]
+) -> None:
+    done = in_process("http", *options, "--set", "http.port=0")
+    assert (done.returncode, "UNREACHABLE_CELL" in done.stderr) == (4, True)
 
 
 def test_without_a_lease_nothing_moves(shared_cell: Station, http: httpx2.Client) -> None:

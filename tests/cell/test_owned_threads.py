@@ -26,6 +26,7 @@ from bus.messages import ArmMode, ArmState, View
 from bus.session import Bus
 from bus.starvation import Starvation
 from bus.threads import OwnedThread, Role, handled_by
+from cell.daemon.cataloguer import Cataloguer
 from cell.daemon.daemon import Daemon
 from cell.daemon.retention import Retention
 from cell.daemon.robot_tf import RobotTf
@@ -180,6 +181,12 @@ def _retention(bench: Bench) -> None:
     bench.ending.callback(Retention(settings, broken, clock_ns=broken).start().close)
 
 
+def _catalogue(bench: Bench) -> None:
+    """It cannot write, and cannot say so either."""
+    (bench.folder / ".catalogue.lock").mkdir()
+    bench.ending.callback(Cataloguer(bench.folder, broken).start().close)
+
+
 STARTS: dict[Role, Callable[[Bench], Any]] = {
     Role.MACHINE: lambda bench: bench.daemon.machine.decide(broken),
     Role.ACTION: _action,
@@ -199,6 +206,7 @@ STARTS: dict[Role, Callable[[Bench], Any]] = {
     Role.LIVE_VIEW: _live_view,
     Role.ROBOT_TF: _robot_tf,
     Role.RETENTION: _retention,
+    Role.CATALOGUE: _catalogue,
     Role.CLOCK: _clock,
     Role.PROBE: lambda bench: answer_within(0.01, broken),
 }

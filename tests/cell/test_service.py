@@ -7,10 +7,12 @@ import queue
 import shutil
 import signal
 import socket
+import sqlite3
 import subprocess
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +27,7 @@ from cell.machine.hold_state import HoldState
 from cell.machine.owner import Machine
 from config.schema import Station
 from drivers.remote import RemoteArm
+from logs.catalogue.store import CATALOGUE
 from logs.mcap.reader import read_cycle
 
 Cell = tuple[subprocess.Popen[str], Station]
@@ -124,8 +127,10 @@ def test_sigterm_in_the_middle_of_a_pick_is_a_controlled_stop(systemd: Systemd, 
     systemd.wait_for(f"STATUS=Execute, execute, cycle {cycle_id}")
     systemd.wait_for("STOPPING=1")
     assert process.wait(60) == 0
-    (recording,) = [path for path in station.recording.folder.rglob("*") if path.is_file()]
+    (recording,) = station.recording.folder.rglob("*.mcap*")
     assert recording.name == f"{cycle_id}.mcap"
+    with closing(sqlite3.connect(station.recording.folder / CATALOGUE)) as catalogue:
+        assert catalogue.execute("SELECT cycle_id, result FROM cycles").fetchall() == [(cycle_id, "ABORTED")]
     record = read_cycle(recording)
     assert record.result is not None and (record.result.result, record.result.code) == ("ABORTED", "STOPPED")
     execution = record.stages["execute"].result

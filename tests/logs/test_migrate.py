@@ -48,10 +48,14 @@ def test_before_schema_4_the_scene_is_the_one_object_that_was_seen(version: int)
     assert {grasp.instance for grasp in found.grasps} == {1}
 
 
-def test_before_schema_5_no_approach_was_slow_or_felt() -> None:
+def test_before_schema_5_no_approach_was_felt_and_nothing_carried_calmly() -> None:
     content = Content(metadata={"schema": "4"}, station={"cell_id": "sim"})
     migrate(content)
-    assert content.station == {"cell_id": "sim", "execute": {"contact_n": 0.0}}
+    assert content.station == {
+        "cell_id": "sim",
+        "execute": {"contact_n": 0.0},
+        "planning": {"max_held_acceleration_m_s2": None},
+    }
 
 
 def test_every_channel_has_a_schema_and_foxgloves_are_named_so() -> None:

@@ -1,0 +1,42 @@
+"""All doors of one simulated cell in one run, beside the contacts on an approach line."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from benchmarks import contact
+from benchmarks.interfaces import http, opcua, zenoh
+from cell import client
+from cell.build import running_cell
+from config.load import load_station
+
+_PATIENCE_S = 60.0
+
+
+def run(rounds: int, contacts: int, tell: Callable[[str], None]) -> dict[str, Any]:
+    """Return the figures of every door, each asked ``rounds`` times, and of ``contacts`` descents onto something."""
+    tell("over the bus")
+    figures: dict[str, Any] = {"zenoh": {"accept_ms": _over_the_bus(rounds)}}
+    tell("over HTTP")
+    figures["http"] = http.measure(rounds)
+    tell("over OPC UA")
+    with opcua.cell_with_door() as endpoint:
+        figures["opcua"] = opcua.measure(endpoint, rounds)
+    tell("contacts")
+    return {**figures, **contact.run(contacts, contacts, 1000, tell)}
+
+
+def _over_the_bus(rounds: int) -> dict[str, Any]:
+    with TemporaryDirectory() as folder:
+        station = load_station(None, ["sim.pace=1", f"recording.folder={Path(folder)}"])
+        with running_cell(station, lambda topic, message: None), client.connect(station) as cell:
+            cell.command("reset")
+            cell.wait_for_state({"Idle"}, _PATIENCE_S)
+            cell.command("start", cycles=rounds)
+            figures = zenoh.accept_ms(cell, rounds)
+            cell.command("stop")
+            cell.wait_for_state({"Stopped"}, _PATIENCE_S)
+        return figures

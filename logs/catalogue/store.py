@@ -1,0 +1,145 @@
+"""The file of the catalogue: SQLite in WAL mode beside the recordings, so that it is read while it is written.
+
+It is derived: one that is damaged, or of another version of this program, is renamed and made anew.
+"""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from bus.errors import CatalogueError
+from logs.catalogue.column import Value
+from logs.catalogue.columns import LABEL_COLUMNS, NAMES
+from logs.catalogue.labels import LABELS, read_labels
+
+CATALOGUE = "catalogue.sqlite"
+_PUT = f"INSERT OR REPLACE INTO cycle ({', '.join(NAMES)}) VALUES ({', '.join('?' * len(NAMES))})"
+_PUT_LABEL = f"INSERT INTO labels VALUES ({', '.join('?' * len(LABEL_COLUMNS))})"
+
+
+class DamagedCatalogue(CatalogueError):
+    """The file is no database, or a damaged one."""
+
+
+@contextmanager
+def asking(path: Path) -> Iterator[None]:
+    """Context in which the catalogue is used. Raises: DamagedCatalogue, CatalogueError for errors of SQLite."""
+    try:
+        yield
+    except sqlite3.Error as error:
+        primary = getattr(error, "sqlite_errorcode", 0) & 0xFF
+        if primary in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB):
+            raise DamagedCatalogue(f"{path} is damaged: {error}.", "`cell catalogue rebuild` makes it anew.") from error
+        raise CatalogueError(f"{path} cannot be used: {error}.", "Check the disk, and who may write there.") from error
+
+
+class Store:
+    """One connection that writes the catalogue; used by the thread that opened it. Its methods raise CatalogueError.
+
+    Args:
+        path: of the catalogue; its folder is that of the recordings.
+        connection: to it, or to a copy in memory.
+    """
+
+    def __init__(self, path: Path, connection: sqlite3.Connection, *, is_in_memory: bool = False) -> None:
+        self.path, self.connection, self.is_in_memory = path, connection, is_in_memory
+        self._inode = _inode(path)
+
+    @property
+    def root(self) -> Path:
+        """The folder of recordings."""
+        return self.path.parent
+
+    def is_current(self) -> bool:
+        """False when the file was deleted or replaced since it was opened."""
+        return self._inode is not None and _inode(self.path) == self._inode
+
+    def put(self, rows: Iterable[Sequence[Value]]) -> None:
+        """Add rows, or replace those of the same files; all of them or none."""
+        with self._transaction() as connection:
+            connection.executemany(_PUT, rows)
+
+    def drop(self, gone: Mapping[str, Iterable[str]]) -> None:
+        """Remove the rows of files that are not there any more: their names by folder."""
+        if not gone:
+            return
+        with self._transaction() as connection:
+            pairs = [(folder, name) for folder, names in gone.items() for name in names]
+            connection.executemany("DELETE FROM cycle WHERE folder = ? AND name = ?", pairs)
+
+    def forget(self) -> None:
+        """Remove all rows."""
+        with self._transaction() as connection:
+            connection.execute("DELETE FROM cycle")
+            connection.execute("DELETE FROM folders")
+
+    def known(self, folder: str) -> dict[str, tuple[int, int]]:
+        """Size and time [ns] of every file of a folder that has a row, by its name."""
+        with asking(self.path):
+            rows = self.connection.execute("SELECT name, bytes, mtime_ns FROM cycle WHERE folder = ?", (folder,))
+            return {name: (size, mtime_ns) for name, size, mtime_ns in rows}
+
+    def folders(self) -> dict[str, int]:
+        """The folders that need not be listed while their time [ns] is this."""
+        with asking(self.path):
+            return dict(self.connection.execute("SELECT folder, mtime_ns FROM folders"))
+
+    def folders_with_rows(self) -> list[str]:
+        """The folders of all rows."""
+        with asking(self.path):
+            return [folder for (folder,) in self.connection.execute("SELECT DISTINCT folder FROM cycle")]
+
+    def settle(self, folders: Mapping[str, int | None]) -> None:
+        """Remember that the rows are those of each folder at that time [ns]; None = forget it."""
+        was = self.folders()
+        changed = [(folder, mtime_ns) for folder, mtime_ns in folders.items() if was.get(folder) != mtime_ns]
+        if not changed:
+            return
+        with self._transaction() as connection:
+            connection.executemany("DELETE FROM folders WHERE folder = ?", [(folder,) for folder, _ in changed])
+            connection.executemany("INSERT INTO folders VALUES (?, ?)", [one for one in changed if one[1] is not None])
+
+    def copy_labels(self) -> None:
+        """Make the table of labels anew if their file has changed."""
+        try:
+            found = os.stat(self.root / LABELS)
+            now: tuple[int, int] = found.st_size, found.st_mtime_ns
+        except OSError:
+            now = (0, 0)
+        with asking(self.path):
+            was = self.connection.execute("SELECT bytes, mtime_ns FROM labels_file").fetchone() or (0, 0)
+        if was == now:
+            return
+        rows = [tuple(getattr(one, name) for name, _, _ in LABEL_COLUMNS) for one in read_labels(self.root)]
+        with self._transaction() as connection:
+            connection.execute("DELETE FROM labels")
+            connection.execute("DELETE FROM labels_file")
+            connection.executemany(_PUT_LABEL, rows)
+            connection.execute("INSERT INTO labels_file VALUES (?, ?)", now)
+
+    def close(self) -> None:
+        """Close the connection; idempotent."""
+        self.connection.close()
+
+    @contextmanager
+    def _transaction(self) -> Iterator[sqlite3.Connection]:
+        with asking(self.path):
+            self.connection.execute("BEGIN IMMEDIATE")
+            try:
+                yield self.connection
+                self.connection.execute("COMMIT")
+            except BaseException:
+                with suppress(sqlite3.Error):
+                    self.connection.execute("ROLLBACK")
+                raise
+
+
+def _inode(path: Path) -> int | None:
+    try:
+        return os.stat(path).st_ino
+    except OSError:
+        return None
