@@ -4,6 +4,8 @@ import { bodyOf, byId, el, isOff, say, setButton, tell, tellRefusal } from "./do
 import { cell, command, now, untilState } from "./link.js";
 import { texts } from "./texts.js";
 
+const FREE_MS = 5000;
+const AGAIN_MS = 250;
 const buttons = {};
 
 /** Why a command is not possible now; "" when it is. */
@@ -55,10 +57,23 @@ async function takeOver() {
       await command("stop");
       await untilState(["Stopped"]);
     }
-    await command("reset");
+    await resetWhenFree();
     tell(texts.takenOver);
   } catch (refusal) {
     tellRefusal(refusal);
+  }
+}
+
+/** The other one's lease ends a moment after its motion; one that is kept for longer is refused by its name. */
+async function resetWhenFree() {
+  const giveUp = Date.now() + FREE_MS;
+  for (;;) {
+    try {
+      return await command("reset");
+    } catch (refusal) {
+      if (refusal.code !== "LEASE_HELD" || Date.now() > giveUp) throw refusal;
+      await new Promise((resolve) => setTimeout(resolve, AGAIN_MS));
+    }
   }
 }
 

@@ -4,7 +4,7 @@
 import { texts } from "./texts.js";
 
 export const cell = new EventTarget();
-export const now = { state: null, health: null, role: "operator", isLinked: false, offset_ns: 0, about: null };
+export const now = { state: null, health: null, role: "operator", client_id: "", isLinked: false, offset_ns: 0, about: null };
 
 const RETRY_MS = 2000;
 const NAMES = ["state", "health", "event", "result", "picture", "scene"];
@@ -32,7 +32,7 @@ export function listen() {
   stream?.close();
   stream = new EventSource(`/api/events?client=${clientName()}`);
   stream.addEventListener("session", (said) => {
-    session = JSON.parse(said.data).session;
+    ({ session, client_id: now.client_id } = JSON.parse(said.data));
     setLinked(true);
   });
   stream.addEventListener("ping", () => ask("/api/heartbeat", {}).catch(() => {}));

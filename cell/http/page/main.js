@@ -1,8 +1,8 @@
 // Puts the parts of the page together.
 
 import { askToken } from "./login.js";
-import { byId, el, tell } from "./dom.js";
-import { cell, learn, listen } from "./link.js";
+import { tell } from "./dom.js";
+import { cell, learn, listen, now } from "./link.js";
 import { LANGUAGE, texts } from "./texts.js";
 import { showState } from "./state.js";
 import { showCommands } from "./commands.js";
@@ -18,7 +18,7 @@ async function begin() {
   showCommands();
   const parts = [showPicture, showPicks, showToday, showHealth];
   cell.addEventListener("event", ({ detail }) => {
-    if (detail.severity !== "info") tell(`${detail.text} ${detail.advice ?? ""}`.trim(), true);
+    if (detail.severity !== "info" && detail.text !== now.state?.reason) tell(`${detail.text} ${detail.advice ?? ""}`.trim(), true);
   });
   try {
     await learn();

@@ -5,13 +5,15 @@ import { cell, cellNow, command, now } from "./link.js";
 import { duration, texts } from "./texts.js";
 
 const BY = /^command '(?:stop|abort|hold|suspend)' from (.+)$/;
+const WORKING = ["Execute", "Completing"];
 let cause = "";
 
 /** The reason for a person; that of Stopping holds for the Stopped that follows. */
 function reasonOf(state) {
   if (state.reason || !["Stopping", "Stopped"].includes(state.state)) cause = state.reason;
   const by = BY.exec(cause);
-  return by ? texts.by(by[1]) : cause;
+  if (!by) return cause;
+  return now.client_id && by[1].startsWith(now.client_id) ? texts.byThis : texts.by(by[1]);
 }
 
 function draw() {
@@ -25,7 +27,7 @@ function draw() {
   }
   byId("banner").className = `tone-${texts.tones[state.state] ?? "busy"}`;
   const reason = reasonOf(state);
-  const stage = texts.stages[state.stage];
+  const stage = WORKING.includes(state.state) ? texts.stages[state.stage] : "";
   say(byId("state"), stage ? `${state.state}: ${stage}` : state.state);
   say(byId("reason"), reason || (texts.meaning[state.state] ?? ""));
   say(byId("todo"), texts.todo[state.state] ?? "");

@@ -58,6 +58,7 @@ export const texts = {
     deliver: "lays it down",
   },
   by: (client) => `by ${client}`,
+  byThis: "by this page",
 
   facts: { cell: "cell", mode: "mode", since: "for", cycle: "cycle", role: "you" },
   simulated: "Produce, simulated",
