@@ -246,7 +246,7 @@ def site_of(cell: FakeCell, folder: Path, tokens: dict[HttpRole, str] | None = N
 
 ENTRY = {
     "cycle_id": "20261129T101500000", "result": "FAILED", "code": "GRASP_MISSED", "reason": HOSTILE, "object": HOSTILE,
-    "wall_s": 3.0, "number": 0, "retry_of": "", "retried_as": "", "file": "", "report": "",
+    "wall_s": 3.0, "number": 0, "retry_of": "", "retried_as": "", "file": "/recordings/x.mcap", "report": "",
     "labels": [{"cycle_id": "c", "at_ns": 1, "who": HOSTILE, "label": "bad", "note": HOSTILE}],
 }  # fmt: skip
 

@@ -21,6 +21,7 @@ async function refresh() {
   } catch {
     return;
   }
+  cycles = cycles.filter((one) => one.result !== "TORN" || one.cycle_id !== now.state?.cycle_id); // the one that runs
   const isThere = !expected || cycles.some((one) => one.cycle_id === expected);
   if (!isThere || cycles.some((one) => one.result === "TORN" || !one.report)) again(isThere ? AGAIN_MS : SOON_MS);
   const content = JSON.stringify(cycles);
@@ -62,7 +63,7 @@ function entry(one) {
     el("span", { class: "clip" }, one.reason ?? ""),
     el("span", { class: "soft" }, one.cycle_id, one.report ? "" : ` · ${texts.noReport}`),
     label ? el("span", { class: "said" }, said(label)) : null,
-    now.role === "viewer" ? null : el("div", { class: "row" },
+    now.role === "viewer" || !one.file ? null : el("div", { class: "row" },
       ...["good", "bad", "note"].map((word) => el("button", { type: "button", class: "small", "aria-label": `${texts[word]}: ${one.cycle_id}`, onclick: () => judge(one.cycle_id, word) }, texts[word])))));
 }
 

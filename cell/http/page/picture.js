@@ -28,6 +28,7 @@ async function refreshScene() {
 
 function draw() {
   const { image, overlay, things, none, figure } = parts;
+  drawAge();
   const hasPicture = image.naturalWidth > 0;
   none.hidden = hasPicture;
   figure.hidden = !hasPicture;

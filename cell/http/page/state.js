@@ -6,6 +6,8 @@ import { duration, texts } from "./texts.js";
 
 const BY = /^command '(?:stop|abort|hold|suspend)' from (.+)$/;
 const WORKING = ["Execute", "Completing"];
+const PRESS_MS = 1000; // a click within this time is the end of a press
+const OWN_NAME = /^\d{8}T\d{9}$/; // of a job that its client gave none
 let cause = "";
 
 /** The reason for a person; that of Stopping holds for the Stopped that follows. */
@@ -52,7 +54,7 @@ function drawFacts() {
 
 function drawJobs(state) {
   const parts = [];
-  if (state.job_id) parts.push(el("span", { class: "job" }, state.job_id === state.cycle_id ? texts.thisPick : texts.job(state.job_id), cancelling(state.job_id)));
+  if (state.job_id) parts.push(el("span", { class: "job" }, OWN_NAME.test(state.job_id) ? texts.thisPick : texts.job(state.job_id), cancelling(state.job_id)));
   if (state.queue.length) parts.push(el("span", {}, texts.waiting));
   for (const job of state.queue) parts.push(el("span", { class: "job" }, job, cancelling(job)));
   byId("jobs").replaceChildren(...parts);
@@ -72,8 +74,12 @@ export function showState() {
   const button = byId("stop");
   button.append(texts.stop, " ", el("kbd", { "aria-hidden": "true" }, texts.stopKey));
   setButton(button, "", texts.stopTitle);
-  button.addEventListener("pointerdown", stop); // at the press, not at its end
-  button.addEventListener("click", (event) => event.detail === 0 && stop()); // by keyboard
+  let pressed_ms = -PRESS_MS;
+  button.addEventListener("pointerdown", () => {
+    pressed_ms = performance.now();
+    stop(); // at the press, not at its end
+  });
+  button.addEventListener("click", () => performance.now() - pressed_ms > PRESS_MS && stop()); // keyboard, screen reader
   document.addEventListener("keydown", (event) => event.key === "Escape" && !event.repeat && stop(), { capture: true });
   say(byId("state"), texts.connecting);
   for (const name of ["state", "link", "about"]) cell.addEventListener(name, draw);

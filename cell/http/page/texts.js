@@ -66,7 +66,7 @@ export const texts = {
   viewer: "viewer: look and stop only",
   operator: "operator",
   job: (job) => `Job: ${job}`,
-  thisPick: "This pick:",
+  thisPick: "What runs:",
   waiting: "Waiting:",
   cancel: "Cancel",
   cancelJob: (job) => `Cancel the job ${job}`,
