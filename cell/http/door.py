@@ -17,7 +17,7 @@ from bus.codec import decode
 from bus.commands import CellHealth, CellState, CommandReply, CommandRequest, Event
 from bus.errors import BadPayload, BusError
 from bus.frozen import Message
-from bus.messages import CycleResult
+from bus.messages import CycleResult, PlanView, Proposal
 from bus.sample import Sample
 from cell.commander import Commander
 from cell.http.access import Access
@@ -35,8 +35,9 @@ _NAMES: dict[str, tuple[str, type[Message]]] = {
     topics.HEALTH.key: ("health", CellHealth),
     topics.EVENT.key: ("event", Event),
     topics.RESULT.key: ("result", CycleResult),
+    topics.PROPOSAL.key: ("proposal", Proposal),
 }
-ALSO = (topics.HEALTH, topics.EVENT, topics.VIEW_COLOR, topics.VIEW_ANNOTATIONS)
+ALSO = (topics.HEALTH, topics.EVENT, topics.PROPOSAL, topics.VIEW_COLOR, topics.VIEW_ANNOTATIONS)
 """What the connection hears besides states and results."""
 AnswerT = TypeVar("AnswerT")
 _log = logging.getLogger(__name__)
@@ -59,6 +60,12 @@ class Cell(Protocol):
 
     def result(self, cycle_id: str) -> CycleResult | None:
         """The result of a cycle."""
+
+    def proposal(self) -> Proposal:
+        """The planned motion that waits for an answer."""
+
+    def plan_view(self) -> PlanView:
+        """The last plan."""
 
 
 class Door:

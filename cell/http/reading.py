@@ -60,6 +60,16 @@ async def result(request: Request, door: Door) -> Response:
     return say(found)
 
 
+async def proposal(_request: Request, door: Door) -> Response:
+    """The planned motion that waits for an answer. Raises: Refused (NO_PROPOSAL)."""
+    return say(await door.ask(door.cell.proposal))
+
+
+async def plan(_request: Request, door: Door) -> Response:
+    """The last plan, to look at in 3-D. Raises: Refused (NO_PLAN)."""
+    return say(await door.ask(door.cell.plan_view))
+
+
 async def picture(request: Request, door: Door) -> Response:
     """The last colour image that the cell has shown. Raises: Refused (NO_PICTURE)."""
     shown = door.pictures.picture

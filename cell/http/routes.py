@@ -10,7 +10,7 @@ from starlette.responses import Response
 
 from bus.commands import CellHealth, CellState, CommandReply, CommandRequest
 from bus.frozen import Message
-from bus.messages import CycleResult, Job
+from bus.messages import CycleResult, Job, PlanView, Proposal
 from cell.http import commands, events, reading, recorded, storage, waiting
 from cell.http.door import Door
 from logs.catalogue.labels import Label
@@ -53,7 +53,7 @@ TABLE = (
         "GET",
         "/api/events",
         events.listen,
-        "Server-sent events: session, state, health, event, result, picture, ping; first what counts now.",
+        "Server-sent events: session, state, health, event, proposal, result, picture, scene, ping; first what counts.",
         media_type="text/event-stream",
         queries=(_CLIENT,),
         refusals=(422, 503),
@@ -71,7 +71,7 @@ TABLE = (
         "/api/commands/{verb}",
         commands.command,
         "One command. What moves the arm needs a session, or attends itself (`wait`); stop, abort, hold, suspend,"
-        " clear and cancel need neither.",
+        " clear, cancel, approve, next_grasp, reject and mode need neither.",
         takes=CommandRequest,
         says=CommandReply,
         queries=(("wait", "true: the answer comes when nothing moves any more, and is the CellState."), _CLIENT),
@@ -96,6 +96,22 @@ TABLE = (
         "The result of one of the last 64 cycles.",
         says=CycleResult,
         refusals=(404, 422, *_NO_CELL),
+    ),
+    Served(
+        "GET",
+        "/api/proposal",
+        reading.proposal,
+        "The planned motion that waits for approve, next_grasp or reject.",
+        says=Proposal,
+        refusals=(404, *_NO_CELL),
+    ),
+    Served(
+        "GET",
+        "/api/plan",
+        reading.plan,
+        "The last plan in 3-D: the robot on its way, the cloud, the known boxes.",
+        says=PlanView,
+        refusals=(404, *_NO_CELL),
     ),
     Served(
         "GET",

@@ -16,6 +16,7 @@ from bus.messages import (
     CycleResult,
     Detections,
     Execution,
+    FoundThing,
     Grasp,
     HandState,
     Laid,
@@ -23,6 +24,7 @@ from bus.messages import (
     PickPlan,
     Verdict,
 )
+from cell.pick.approving import Approvals
 from cell.pick.choosing import Choosing
 from cell.pick.equipment import Equipment
 from cell.pick.execute import deliver, execute
@@ -45,6 +47,7 @@ class Cycle:
         verdict: the result of verify, or None.
         grasp: base_from_tcp (4, 4) of the planned grasp, or None.
         laid: where the object was let go, or None.
+        approvals: asks a person before the arm moves for a grasp, where the station wants it.
     """
 
     attempt: Attempt
@@ -54,7 +57,9 @@ class Cycle:
     verdict: Verdict | None = None
     grasp: Transform | None = None
     laid: Laid | None = None
+    approvals: Approvals = field(default_factory=Approvals)
     _found: Detections | None = None
+    _target: Grasp | None = None
     _planned: tuple[PickPlan, Grasp] | None = None
     _grasped: HandState | None = None
     _choosing: Choosing | None = None
@@ -77,11 +82,16 @@ class Cycle:
 
     def run(self) -> None:
         """Run the five stages. Raises: CycleFailure, already published and kept in ``stages.failure``."""
-        e, choosing = self.equipment, Choosing(self.attempt, self.equipment, self.stages)
+        e, choosing = self.equipment, Choosing(self.attempt, self.equipment, self.stages, self.approvals)
         self._choosing = choosing
-        found, chosen = choosing.choose()
+        try:
+            found, chosen = choosing.choose()
+        finally:
+            if choosing.planned is not None:  # perhaps it was not approved
+                self._found, self._target = choosing.planned.found, choosing.planned.grasp
+                self.grasp = self._target.base_from_tcp
         before, grasp = choosing.looks[found.scene.shown], found.grasps[chosen.grasp]
-        self._found, self._planned, self.grasp = found, (chosen, grasp), grasp.base_from_tcp
+        self._planned = (chosen, grasp)
         thing = _thing(found, choosing.looks, grasp, e)
         after: Observation | None = None
 
@@ -151,11 +161,16 @@ class Cycle:
             retried_as=retried_as,
             advice=ADVICE[code] if code is not None else "",
             job=self.attempt.job,
-            found=found_thing(self._found, grasp) if self._found is not None and grasp is not None else None,
+            found=self._found_thing(),
             grasp=grasp_outcome(grasp, self._grasped, self.verdict) if grasp is not None else None,
             laid=self.laid,
             earlier=self.attempt.earlier,
+            approvals=tuple(self.stages.approvals),
         )
+
+    def _found_thing(self) -> FoundThing | None:
+        found, grasp = self._found, self._target
+        return found_thing(found, grasp) if found is not None and grasp is not None else None
 
     def _outcome(self) -> tuple[Literal["SUCCESS", "FAILED", "ABORTED", "EMPTY"], Code | None, str]:
         failure = self.stages.failure

@@ -16,7 +16,7 @@ import httpx2
 from bus.clock import WALL_CLOCK
 from bus.commands import CellHealth, CellState, CommandReply, CommandRequest
 from bus.errors import Refused
-from bus.messages import CycleResult
+from bus.messages import CycleResult, PlanView, Proposal
 from bus.sample import Sample
 from cell.client import Client
 from cell.http.access import Access
@@ -64,6 +64,12 @@ class FakeCell:
     def result(self, cycle_id: str) -> CycleResult | None:
         self._answer()
         return self.results.get(cycle_id)
+
+    def proposal(self) -> Proposal:
+        raise Refused("Nothing waits.", code="NO_PROPOSAL")
+
+    def plan_view(self) -> PlanView:
+        raise Refused("Nothing was planned.", code="NO_PLAN")
 
     def next_heard(self, timeout_s: float) -> Sample | None:
         try:
