@@ -92,7 +92,7 @@ COMMANDS = {
     "show": Row("recordings", "Why a cycle ended so: its result, what to do, its stages, what was changed for it."),
     "report": Row(
         "recordings",
-        "Write one self-contained HTML page that explains a cycle; of a folder, a page per cycle and one a day.",
+        "Write one HTML page that explains a cycle; of a folder, a page per cycle and one a day.",
     ),
     "replay": Row(
         "replay", "Run the pure stages again from recordings and compare. Exit 0 equal, 1 different, 2 cannot."
@@ -102,6 +102,11 @@ COMMANDS = {
         "Make torn recordings whole. Exit 0 all that was flushed is kept, 1 something is lost, 2 cannot.",
     ),
     "catalogue": Row("catalogue", "The catalogue: one row a recorded cycle, made of the recordings."),
+    "prune": Row(
+        "prune",
+        "Trim and delete recordings by the rule of the station (recording.keep_gb and others), archived before.",
+    ),
+    "export": Row("export", "Chosen recordings as a data set of another program."),
     "config": Row("setup", "Print the whole configuration, defaults included, as JSON."),
     "doctor": Row(
         "setup",

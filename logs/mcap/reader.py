@@ -8,6 +8,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Generic, NamedTuple, TypeVar
 
@@ -40,6 +41,7 @@ from logs.mcap.names import reading, shown
 from logs.mcap.pictures import without_pictures
 from logs.mcap.recorder import PART
 from logs.mcap.records import Damage
+from logs.mcap.thin import ARCHIVED, THINNED
 
 STAGE_TOPICS = (
     topics.CAPTURE,
@@ -113,6 +115,16 @@ class CycleRecord:
     arm: tuple[Timed[JointStates], ...] = ()
 
     @property
+    def trimmed(self) -> str:
+        """When the pictures were trimmed, and where the whole recording is, in words; "" for a whole one."""
+        if THINNED not in self.metadata:
+            return ""
+        said = self.metadata[THINNED]
+        day = f" on {datetime.fromtimestamp(int(said) / 1e9, UTC):%Y-%m-%d}" if re.fullmatch(r"\d{1,19}", said) else ""
+        where = self.metadata.get(ARCHIVED, "")
+        return f"trimmed{day}; {f'whole at {where}' if where else 'nowhere whole'}"
+
+    @property
     def observation(self) -> Observation | None:
         """The look that the images of detect belong to; None when nothing was captured."""
         shown = self.scene.shown if self.scene is not None else 0
@@ -122,6 +134,15 @@ class CycleRecord:
 def read_cycle(path: Path) -> CycleRecord:
     """Read one closed recording; older ones are migrated. Raises: RecordingError, which names the error of the file."""
     return _made(path, _read(path), has_frames=True)
+
+
+def read_with_messages(path: Path) -> tuple[CycleRecord, Content]:
+    """As `read_cycle`, with a single pixel for each picture of detect; and all messages as they travelled.
+
+    Raises: RecordingError.
+    """
+    raw = _read(path)
+    return _made(path, raw, has_frames=True, has_pictures=False), raw
 
 
 def read_stages(path: Path) -> CycleRecord:
@@ -135,7 +156,7 @@ def read_stages(path: Path) -> CycleRecord:
     with reading(path), path.open("rb") as file:
         summary = Summary(file)
         raw = _content(summary) if summary.is_there else None
-    return _made(path, raw or _read(path), has_frames=False)
+    return _made(path, raw or _read(path), has_frames=False, has_pictures=False)
 
 
 def _content(summary: Summary) -> Content:
@@ -150,10 +171,10 @@ def _content(summary: Summary) -> Content:
     return raw
 
 
-def _made(path: Path, raw: Content, *, has_frames: bool) -> CycleRecord:
+def _made(path: Path, raw: Content, *, has_frames: bool, has_pictures: bool = True) -> CycleRecord:
     require_ours(path, has_station=raw.station is not None, metadata=raw.metadata)
     migrate(raw)
-    if not has_frames:
+    if not has_pictures:
         for key in (topics.DETECT.key, topics.SCENE.key):
             raw.payloads[key] = [(at_ns, without_pictures(payload)) for at_ns, payload in raw.payloads.get(key, [])]
     try:
@@ -309,11 +330,11 @@ def _arm_states(raw: Content) -> Iterator[Timed[JointStates]]:
 def _frames(raw: Content) -> tuple[dict[int, Frame], bool]:
     """All recorded frames by their stamp [ns UTC], and whether every frame that was used must be among them.
 
-    The five parts of a frame are recorded together, in order. Of a recovered file some may be missing, and an older one
-    may hold a frame that today no cycle would use.
+    The five parts of a frame are recorded together, in order. Of a recovered file some may be missing, of a trimmed one
+    all are, and an older one may hold a frame that today no cycle would use.
     """
     frames: dict[int, Frame] = {}
-    is_whole = RECOVERED not in raw.metadata
+    is_whole = RECOVERED not in raw.metadata and THINNED not in raw.metadata
     columns = [raw.payloads.get(topic.key, []) for topic in topics.FRAME_PARTS]
     if len({len(column) for column in columns}) > 1 and is_whole:
         raise BadPayload("Parts of a frame are missing.")
