@@ -100,10 +100,10 @@ if [ "${1:-}" = lerobot ]; then
 fi
 [ "${1:-}" = stand-ins ] || [ -e .venv/.hardware ] || exit 0
 
-# --- for the tests of the report page: a browser without a window; they are skipped where there is none -------------------
+# --- for the tests of the pages: a browser without a window; they are skipped where there is none -------------------
 browser() { command -v chromium-headless-shell >/dev/null || command -v chromium >/dev/null; }
 if ! browser && command -v apt-get >/dev/null && [ "$(id -u)" -eq 0 ]; then
-    say "installing chromium-headless-shell with apt-get (64 MB), for the tests of the report page"
+    say "installing chromium-headless-shell with apt-get (64 MB), for the tests of the pages"
     env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends \
         -o DPkg::Lock::Timeout=120 chromium-headless-shell >/dev/null || say "no browser: its tests will be skipped"
 fi

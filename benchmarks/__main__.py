@@ -387,6 +387,17 @@ def interfaces_(
     typer.echo(json.dumps(interfaces.run(rounds, contacts, _teller(as_json))))
 
 
+@app.command(name="page")
+def page_(
+    stops: Annotated[int, typer.Option(min=1, help="Picks that are stopped from the page.")] = 20,
+    seed: int = 1,
+    as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
+) -> None:
+    """The operator's page in a headless browser: first paint, events to the screen, processor time, stop [ms]."""
+    operators_page = import_module("benchmarks.operators_page")  # needs playwright
+    typer.echo(json.dumps(operators_page.run(stops, seed, _teller(as_json))))
+
+
 @app.command(name="stop")
 def stop_(
     repeats: Annotated[int, typer.Option(min=1, help="Interrupted picks for each trigger.")] = 10,

@@ -25,6 +25,7 @@ from cell.http.hub import Hub
 from cell.http.pictures import Pictures
 from cell.http.sessions import Connect, Session, Sessions
 from config.http import HttpSettings
+from config.schema import Station
 
 LOOK_S, REFRESH_S = 0.2, 2.0
 _ASKING, _STOPPING, _RELEASING = 12, 4, 4
@@ -72,7 +73,7 @@ class Door:
 
     Args:
         cell: the shared connection. ``connect``: opens one more, under a client id.
-        recordings: their folder.
+        station: whose cell it is.
         now_s: the clock of deadlines.
     """
 
@@ -80,15 +81,16 @@ class Door:
         self,
         cell: Cell,
         connect: Connect,
-        settings: HttpSettings,
+        station: Station,
         access: Access,
-        recordings: Path,
         now_s: Callable[[], float],
     ) -> None:
-        self.cell, self.settings, self.access, self.recordings = cell, settings, access, recordings
+        self.cell, self.station, self.access = cell, station, access
+        self.settings: HttpSettings = station.http
+        self.recordings: Path = station.recording.folder
         self._connect = connect
-        self.hub, self.pictures = Hub(settings.most_streams), Pictures()
-        self.sessions = Sessions(connect, now_s, settings.silence_s)
+        self.hub, self.pictures = Hub(self.settings.most_streams), Pictures()
+        self.sessions = Sessions(connect, now_s, self.settings.silence_s)
         self._state: CellState | None = None
         self._was_gone = False
         self._asking = ThreadPoolExecutor(_ASKING, "http-asking")

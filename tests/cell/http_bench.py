@@ -24,6 +24,7 @@ from cell.http.app import application
 from cell.http.door import Door
 from cell.http.server import Serving
 from config.http import HttpSettings
+from config.load import load_station
 
 IDLE = CellState(state="Idle", stage="", cycle_id="", since_ns=1, available=("pick",), reason="")
 HEALTHY = CellHealth(is_healthy=True, nodes={})
@@ -90,8 +91,9 @@ class FakeCell:
 def door_of(
     cell: FakeCell, folder: Path, access: Access = EVERYBODY, settings: HttpSettings | None = None, **clock: Any
 ) -> Door:
-    settings = settings or HttpSettings()
-    return Door(cell, cell.connect, settings, access, folder, clock.get("now_s", WALL_CLOCK.now_s))
+    station = load_station(None, [f"recording.folder={folder}"])
+    station = station.model_copy(update={"http": settings or HttpSettings()})
+    return Door(cell, cell.connect, station, access, clock.get("now_s", WALL_CLOCK.now_s))
 
 
 class Site(NamedTuple):
