@@ -78,6 +78,10 @@ COMMANDS = {
     "replay": Row(
         "replay", "Run the pure stages again from recordings and compare. Exit 0 equal, 1 different, 2 cannot."
     ),
+    "compare": Row(
+        "compare",
+        "Compare two cycles stage by stage: input, decision, outcome; or two folders, by code and object (95 %).",
+    ),
     "recover": Row(
         "recordings",
         "Make torn recordings whole. Exit 0 all that was flushed is kept, 1 something is lost, 2 cannot.",
