@@ -54,3 +54,17 @@ def test_two_folders_are_compared_with_intervals(folders: tuple[Path, Path]) -> 
     assert (found["success"]["a"]["n"], found["success"]["b"]["of"]) == (1, 4)
     assert found["success"]["difference"]["low"] > 0
     assert isinstance(_cell("compare", before, FOUR).exception, ConfigError)
+
+
+def test_failures_are_grouped_and_a_cycle_has_neighbours(folders: tuple[Path, Path]) -> None:
+    before = str(folders[0])
+    text = _cell("groups", before, "--failed").stdout
+    assert "3  3 cycles ended NO_GRASP" in text and "Too wide." in text
+    (group,) = (json.loads(line) for line in _cell("groups", before, "--failed", "--json").stdout.splitlines())
+    assert group["count"] == 3 and len(group["examples"]) == 3
+    assert isinstance(_cell("groups", before).exception, ConfigError)
+    one = str(folders[0] / "20260101T080000001.mcap")
+    found = [json.loads(line) for line in _cell("alike", one, "--json").stdout.splitlines()]
+    assert [cycle["code"] for cycle in found] == ["NO_GRASP", "NO_GRASP", ""]
+    assert found[0]["distance"] == 0.0 < found[2]["distance"]
+    assert "the same: how it ended" in _cell("alike", one).stdout
