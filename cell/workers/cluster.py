@@ -11,9 +11,12 @@ from importlib import import_module, metadata
 from typing import Any
 
 from bus.errors import CellUnreachable, ConfigError
+from cell.workers.local import LocalWorkers
 from cell.workers.work import TRIES, ItemT, ResultT, WorkerLost, lost
 
 _PATIENCE_S = 10.0
+_APART = 2
+"""More than one, so that it is never this process that dies."""
 
 
 @dataclass(frozen=True)
@@ -35,16 +38,24 @@ class ClusterWorkers:
         """
         distributed = _distributed()
         try:
-            client = distributed.Client(self.address, timeout=_PATIENCE_S, set_as_default=False)
+            client = distributed.Client(self.address, timeout=_PATIENCE_S)
         except (OSError, TimeoutError, ValueError) as error:
             raise CellUnreachable(
                 f"No Dask scheduler answers at {self.address}.", "Start it, or leave out --scheduler."
             ) from error
+        suspects: list[int] = []
         with client:
             numbers = {client.submit(_told, work, item, pure=False): index for index, item in enumerate(items)}
             for future in distributed.as_completed([*numbers]):
-                yield numbers[future], _result(distributed, future)
+                found = _result(distributed, future)
                 future.release()
+                if isinstance(found, WorkerLost):
+                    suspects.append(numbers[future])
+                else:
+                    yield numbers[future], found
+        # Dask blames all that waited on a worker that died; a process of this machine for each one is certain.
+        for number, tried in LocalWorkers(_APART).run(work, [items[index] for index in suspects]):
+            yield suspects[number], tried
 
 
 def _result(distributed: Any, future: Any) -> Any:
