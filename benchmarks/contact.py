@@ -125,7 +125,7 @@ class Bench:
                 slower = station.model_copy(update={"arm": station.arm.model_copy(update={"speed": speed})})
                 end_m = self.robot.base_from_tcp(line[-1])[:3, 3]
                 felt = slow_end(self.robot, end_m, station.execute, is_near=above_m < 0.01)
-                reach = timed(slower, blended([np.stack([q_rad, before]), line]), felt)
+                reach = timed(slower, blended([np.stack([q_rad, before]), line]), slow_end=felt)
                 return guarded(self.robot, station, reach).model_copy(update={"waits_at": None})
         raise ValueError(f"no way down to {x_m:.3f}, {y_m:.3f} m")
 

@@ -101,7 +101,7 @@ def _replay_folder(folder: Path, request: Request, count: int | None, scheduler:
     outcomes = judgements(paths, request, workers_for(len(paths), count, scheduler))
     for judged in tracked(outcomes, len(paths), f"replaying {len(paths)} recordings", err):
         tally.add(judged)
-        err.line(f"{judged.path.stem} {judged.verdict}")
+        err.line(f"{judged.path.stem} {judged.in_words}")
     if as_json:
         out.json(tally.to_json())
     else:

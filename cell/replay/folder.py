@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
-from bus.errors import CellError, RecordingError
+from bus.errors import CellError, PicturesTrimmed, RecordingError
 from cell.replay.replay import Replay, Request, replay
 from cell.replay.view import to_json, verdict
 from cell.workers import LocalWorkers, WorkerLost, Workers
@@ -20,6 +20,8 @@ from logs.mcap.reader import read_cycle
 from planning.robot import Robot
 
 ItemT = TypeVar("ItemT")
+TRIMMED = "trimmed"
+"""The pictures of the recording were taken out: nothing can be run again."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +29,7 @@ class Judged:
     """The outcome of one recording, small enough to travel between processes.
 
     Attributes:
-        verdict: of `cell.replay.view.verdict`, or ``unreadable``. ``error``: why it is unreadable, else "".
+        verdict: of `cell.replay.view.verdict`, `TRIMMED` or ``unreadable``. ``error``: why it was not replayed, or "".
         stages: rerun, each with whether it differs. ``fields``: those that differ. ``said``: of `to_json` if different.
     """
 
@@ -37,6 +39,11 @@ class Judged:
     stages: tuple[tuple[str, bool], ...] = ()
     fields: tuple[str, ...] = ()
     said: dict[str, Any] | None = None
+
+    @property
+    def in_words(self) -> str:
+        """The verdict for a person."""
+        return f"{TRIMMED}: not replayed" if self.verdict == TRIMMED else self.verdict
 
 
 class Tally:
@@ -51,7 +58,7 @@ class Tally:
 
     def add(self, judged: Judged) -> None:
         """Count one recording."""
-        if judged.error:
+        if judged.error and judged.verdict == "unreadable":
             self.unreadable[shown(judged.path)] = judged.error
             return
         self.verdicts[judged.verdict] += 1
@@ -72,7 +79,7 @@ class Tally:
         """The counts as a JSON object: recordings, and those in which each stage and each field differs."""
         return {
             "cycles": self.verdicts.total() + len(self.unreadable),
-            **{said: self.verdicts[said] for said in ("equal", "different", "empty")},
+            **{said: self.verdicts[said] for said in ("equal", "different", "empty", "trimmed")},
             "unreadable": self.unreadable,
             "stages": dict(self.stages),
             "fields": dict(self.fields.most_common()),
@@ -103,7 +110,7 @@ def replay_folder(
     tally = Tally()
     for judged in judgements(paths, request, workers or LocalWorkers(1)):
         tally.add(judged)
-        tell(judged.path, judged.verdict)
+        tell(judged.path, judged.in_words)
     return tally
 
 
@@ -133,6 +140,8 @@ def judge(path: Path, request: Request) -> Judged:
     try:
         with telling(shown(path)):
             outcome = replay(read_cycle(path), request, _robot_of)
+    except PicturesTrimmed as error:
+        return Judged(path, TRIMMED, str(error))
     except CellError as error:
         return Judged(path, "unreadable", str(error))
     return _judged(path, outcome)

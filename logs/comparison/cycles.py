@@ -38,6 +38,8 @@ _PLACE: dict[str, tuple[str, Kind]] = {
     "Time of the stages": ("", "outcome"),
 }
 """Stage and kind of the columns of each group of `logs.catalogue.columns`; a stage's time is of its own stage."""
+_LATER = {"What became of the recording"}
+"""Groups of what came after the cycle, and says nothing of it."""
 _EXCEPTIONS: dict[str, tuple[str, Kind]] = {
     **dict.fromkeys(("object", "number"), ("asked", "input")),
     **dict.fromkeys(("looks", "looked_again"), ("capture", "decision")),
@@ -170,7 +172,7 @@ def _columns(a: CycleRecord, b: CycleRecord) -> Iterator[Row]:
     in_a, in_b = values_of(a), values_of(b)
     for group, columns in GROUPS:
         for column in columns:
-            if column.name in _SKIPPED:
+            if column.name in _SKIPPED or group in _LATER:
                 continue
             stage, kind = _EXCEPTIONS.get(column.name, _PLACE[group])
             stage = stage or column.name.removesuffix("_s")

@@ -19,7 +19,7 @@ from logs.mcap.names import telling
 from logs.mcap.reader import CycleRecord
 from logs.report import evidence
 from logs.report.figures import FONT, GRID
-from logs.report.page import Chart, Figure, packed_plotly, script_json, write_page
+from logs.report.page import Chart, Figure, script_json, write_page
 from logs.report.scene import scene_view
 from logs.report.timeline import Timeline, summarize
 
@@ -50,9 +50,8 @@ def write_cycles_page(found: Comparison, path: Path) -> Path:
         "motion": found.motion,
         "charts": charts,
         "figures": script_json({f"chart-{index}": chart.figure for index, chart in enumerate(charts)}),
-        "plotly": packed_plotly() if charts else "",
     }
-    return write_page("compare.html.j2", content, path)
+    return write_page("compare.html.j2", content, path, library=bool(charts))
 
 
 def write_folders_page(found: Sides, names: tuple[str, str], path: Path) -> Path:

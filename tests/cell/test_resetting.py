@@ -41,7 +41,11 @@ class NoCamera:
 
 @pytest.fixture
 def equipment(tmp_path: Path) -> Equipment:
-    station = load_station(None, [f"recording.folder={tmp_path}", "recording.min_free_mb=0"])
+    return _equipment(tmp_path)
+
+
+def _equipment(folder: Path, *options: str) -> Equipment:
+    station = load_station(None, [f"recording.folder={folder}", "recording.min_free_mb=0", *options])
     world = World(station)
     arm, hand = SimArm(world), SimHand(world)
     arm.connect()
@@ -76,7 +80,9 @@ def test_the_reset_of_a_person_asks_for_a_fresh_frame(equipment: Equipment) -> N
         _reset(equipment, goes_on=False)
 
 
-def test_on_the_way_home_the_hand_opens_without_that_the_arm_waits_for_it(equipment: Equipment) -> None:
+def test_on_the_way_home_the_hand_opens_without_that_the_arm_waits_for_it(tmp_path: Path) -> None:
+    """In real time: otherwise the arm may be there before the thread of the hand has begun."""
+    equipment = _equipment(tmp_path, "sim.pace=1")
     station, arm, hand = equipment.station, equipment.arm, equipment.hand
     hand.home()
     hand.move(0.04, 0.1)

@@ -257,7 +257,7 @@ def _into_the_table(start_q_rad: np.ndarray) -> Trajectory:
     line = tcp_line(start_q_rad, pose, np.array([0.0, 0.0, FINGER_TIP_M - 0.003 - pose[2, 3]]))
     assert line is not None
     end_m = robot.base_from_tcp(line[-1])[:3, 3]
-    reach = timed(station, blended([line]), slow_end(robot, end_m, station.execute, is_near=True))
+    reach = timed(station, blended([line]), slow_end=slow_end(robot, end_m, station.execute, is_near=True))
     return reach.model_copy(update={"guard": guard(robot, reach, 100, station.execute.contact_n)})
 
 
