@@ -126,7 +126,7 @@ def run(
         station, witness = load_station(None, overrides), Witness()
         with running_cell(station, witness.observe) as daemon, Bus.join(station.cell_id, endpoint) as ear:
             ear.subscribe(topics.ARM_STATE.key, witness.hear)
-            bench = _Bench(daemon, station, overrides, witness, np.random.default_rng(seed))
+            bench = Bench(daemon, station, overrides, witness, np.random.default_rng(seed))
             figures: dict[str, Any] = {}
             for trigger in triggers:
                 once, first = (bench.frozen, "noticed_ms") if trigger == FROZEN else (bench.interrupted, "brake_ms")
@@ -135,7 +135,7 @@ def run(
 
 
 @dataclass(frozen=True)
-class _Bench:
+class Bench:
     """A running cell, and what interrupts its picks."""
 
     daemon: Daemon
@@ -167,9 +167,7 @@ class _Bench:
                 started_ns = time.time_ns()
                 picker.kill()
             else:
-                with client.connect(self.station) as cell:
-                    started_ns = time.time_ns()
-                    cell.command(trigger)
+                started_ns = self.send(trigger)
             self._wait_for("Held", "Stopped", "Aborted", "Complete")
             rest_ns = self.witness.rest_ns(started_ns)
             if self.daemon.machine.state == "Held":
@@ -182,6 +180,13 @@ class _Bench:
         if brake_ns is None or rest_ns is None:
             return None
         return Measured((brake_ns - started_ns) / 1e6, (rest_ns - started_ns) / 1e9)
+
+    def send(self, verb: str) -> int:
+        """Send a command; return when [ns UTC]."""
+        with client.connect(self.station) as cell:
+            started_ns = time.time_ns()
+            cell.command(verb)
+        return started_ns
 
     def frozen(self, _trigger: str) -> Measured | None:
         """One pick whose node stands still, and goes on once the cell has noticed."""

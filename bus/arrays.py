@@ -88,6 +88,9 @@ if TYPE_CHECKING:
     Transform = npt.NDArray[np.float64]
     Vector3 = npt.NDArray[np.float64]
     Points = npt.NDArray[np.float32]
+    PoseSamples = npt.NDArray[np.float32]
+    Triangles = npt.NDArray[np.uint16]
+    PointColors = npt.NDArray[np.uint16]
     ColorImage = npt.NDArray[np.uint8]
     DepthImage = npt.NDArray[np.float32]
     Mask = npt.NDArray[np.bool_]
@@ -99,6 +102,9 @@ else:
     Transform = array_of("float64", 4, 4)  # homogeneous; a_from_b maps b-coordinates to a
     Vector3 = array_of("float64", 3)
     Points = array_of("float32", None, 3)  # [m]
+    PoseSamples = array_of("float32", None, None, 3, 4)  # upper rows of homogeneous poses, one row of them per sample
+    Triangles = array_of("uint16", None, 3)  # indices of points
+    PointColors = array_of("uint16", None, 3)  # RGB, 0 to 255
     DepthImage = array_of("float32", None, None, made=_measured)  # [m], NaN = invalid
     ColorImage = _image(3, "uint8")  # RGB
     Mask = _image(1, "bool")

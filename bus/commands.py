@@ -13,6 +13,9 @@ from bus.messages.job import Job
 MAX_CYCLES = 1_000_000
 """The most picks of one ``start``."""
 
+UnitMode = Literal["Production", "Manual"]
+"""PackML's modes of the unit."""
+
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
@@ -27,6 +30,9 @@ class CommandRequest(Message):
         until_empty: ``start`` only, instead of ``cycles``: until a pick finds nothing, or three in a row failed, or two
             that touched nothing.
         object: ``pick`` in simulation only: name of the object to present; None = the next one.
+        proposal: ``approve``, ``next_grasp`` and ``reject`` only: the id of what is answered; ``approve`` must name it.
+        mode: ``mode`` only. ``axis``, ``direction``: ``jog`` only, an axis of ``base`` and its sense, 1 or -1.
+        reason: of ``reject`` and ``next_grasp``: why, in words.
         job: what every pick of a ``pick`` or ``start`` is to pick, and where to lay it; of ``cancel`` its ``job_id``
             alone counts.
     """
@@ -36,6 +42,11 @@ class CommandRequest(Message):
     cycles: Annotated[int, Field(ge=1, le=MAX_CYCLES)] = 1
     until_empty: bool = False
     object: Annotated[str, Field(max_length=100)] | None = None
+    proposal: Annotated[str, Field(max_length=100)] = ""
+    reason: Annotated[str, Field(max_length=300)] = ""
+    mode: UnitMode | None = None
+    axis: Literal["x", "y", "z"] | None = None
+    direction: Literal[-1, 1] | None = None
     job: Job = Job()
 
     @model_validator(mode="after")
@@ -73,11 +84,12 @@ class CellState(Message):
 
     Attributes:
         state: PackML name, e.g. ``Execute``.
-        stage: the stage of the running cycle; "" where none runs.
+        stage: the stage of the running cycle, or the motion by hand; "" where none runs.
         cycle_id: the open cycle.
         since_ns: when this state or stage began, UTC.
         available: the commands accepted now.
         reason: why the machine is in this state.
+        mode: of the unit: it picks, or is moved by hand.
         job_id: the job that the cell works at; "" for none. ``queue``: the ids of those that wait, the next one first.
     """
 
@@ -89,6 +101,7 @@ class CellState(Message):
     reason: str
     job_id: str = ""
     queue: tuple[str, ...] = ()
+    mode: UnitMode = "Production"
 
 
 class Event(Message):

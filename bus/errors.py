@@ -5,7 +5,9 @@
     CellError                 .exit_code  .code  .advice
     ├── ConfigError           2  the station file, an option or an argument is wrong: correct it
     ├── RecordingError        2  a recording cannot be read or replayed
-    │   └── CatalogueError       the catalogue of recordings cannot be read, written or asked
+    │   ├── CatalogueError       the catalogue of recordings cannot be read, written or asked
+    │   ├── PicturesTrimmed      a recording without its pictures cannot be replayed
+    │   └── ArchiveError         a recording cannot be copied into the archive, or its copy differs
     ├── BusError              4  the other process cannot be reached
     │   ├── PortOccupied         another program listens on our endpoint
     │   ├── CellUnreachable      no cell at this endpoint
@@ -74,6 +76,18 @@ class CatalogueError(RecordingError):
     """The catalogue of recordings cannot be read or written, or a question to it is refused."""
 
     code = "CATALOGUE"
+
+
+class PicturesTrimmed(RecordingError):
+    """The pictures of a recording were trimmed, so its stages cannot run again."""
+
+    code = "TRIMMED"
+
+
+class ArchiveError(RecordingError):
+    """A recording cannot be copied into the archive, or what is read back differs; the recording stays."""
+
+    code = "ARCHIVE"
 
 
 class BusError(CellError):

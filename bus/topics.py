@@ -32,6 +32,7 @@ from bus.fault_injection import FaultRequest
 from bus.foxglove import FoxgloveType
 from bus.frozen import Message
 from bus.messages import (
+    Approval,
     ArmState,
     Attempt,
     CycleResult,
@@ -43,6 +44,8 @@ from bus.messages import (
     Motion,
     ObservedScene,
     PickPlan,
+    PlanView,
+    Proposal,
     StageRecord,
     Verdict,
     View,
@@ -101,6 +104,9 @@ SCENE = Topic("cycle/scene", "publish", ObservedScene)
 """Of a cycle whose detection failed: a successful one holds it in its result."""
 DETECT = Topic("cycle/detect", "publish", StageRecord[Detections])
 PLAN = Topic("cycle/plan", "publish", StageRecord[PickPlan])
+PROPOSAL = Topic("cycle/proposal", "publish", Proposal)
+PROPOSAL_NOW = Topic("cycle/proposal", "query", Proposal, Nothing, logged=False)
+APPROVE = Topic("cycle/approve", "publish", StageRecord[Approval])
 EXECUTE = Topic("cycle/execute", "publish", StageRecord[Execution])
 VERIFY = Topic("cycle/verify", "publish", StageRecord[Verdict])
 DELIVER = Topic("cycle/deliver", "publish", StageRecord[Delivery])
@@ -116,6 +122,7 @@ VIEW_GOAL = Topic("view/goal", "publish", CompressedImage)
 VIEW_CLOUD = Topic("view/cloud", "publish", PointCloud)
 VIEW_SCENE = Topic("view/scene", "publish", SceneUpdate)
 VIEW_LOG = Topic("view/log", "publish", Log)
+PLAN_NOW = Topic("view/plan", "query", PlanView, Nothing, logged=False)
 
 # A capture is answered by the five below, one reply each; they are recorded as those replies, not as published.
 CAMERA_CAPTURE = Topic("camera/capture", "query", None, Nothing, acts="cell")

@@ -18,7 +18,7 @@ from bus.codec import decode
 from bus.commands import CellHealth, CellState, CommandReply, CommandRequest, Heartbeat, Nothing, ResultRequest
 from bus.errors import BadPayload, BusError, CellUnreachable, NoReply, Refused, ReplyTimeout
 from bus.fault_injection import Fault, FaultRequest, Part
-from bus.messages import CycleResult, Job
+from bus.messages import CycleResult, Job, PlanView, Proposal
 from bus.sample import Sample
 from bus.session import Bus
 from bus.threads import OwnedThread, Role
@@ -75,6 +75,14 @@ class Client:
     def health(self) -> CellHealth:
         """The cell's health now, node by node. Raises: BusError."""
         return self._bus.request(topics.HEALTH_NOW, Nothing(), CellHealth, timeout_s=self._timeout_s)
+
+    def proposal(self) -> Proposal:
+        """The planned motion that waits for an answer. Raises: Refused (NO_PROPOSAL); BusError."""
+        return self._bus.request(topics.PROPOSAL_NOW, Nothing(), Proposal, timeout_s=self._timeout_s)
+
+    def plan_view(self) -> PlanView:
+        """The last plan, to look at in 3-D. Raises: Refused (NO_PLAN); BusError."""
+        return self._bus.request(topics.PLAN_NOW, Nothing(), PlanView, timeout_s=self._timeout_s)
 
     def command(
         self,

@@ -81,5 +81,5 @@ class Commander:
 
 
 def _is_at_rest(state: CellState) -> bool:
-    """Nothing moves, and no pick of a job follows."""
-    return state.state in SETTLED and not state.job_id and not state.queue
+    """Nothing moves, no pick of a job follows, and nobody moves the arm by hand."""
+    return state.state in SETTLED and not state.job_id and not state.queue and state.mode != "Manual"

@@ -55,14 +55,49 @@ class RecordingSettings(Settings):
         keep_gb: space for the recordings; 0 = the whole disk, until `min_free_mb` refuses the next cycle. A cell that
             picks all day records tens of GB. Beyond it the oldest successes are deleted; failures, oldest first too,
             only when no success is left, because they are the ones still worth studying.
-        keep_days: a success is deleted when it is older; 0 = never. Failures are bounded by `keep_gb` only.
+        keep_free_gb: space that the disk keeps free; what is beyond goes as with `keep_gb`, whoever fills the disk. It
+            must be more than `min_free_mb`, so that no cycle is refused. 0 = none.
+        keep_days: a success is deleted when it is older; 0 = never.
+        keep_failed_days: a failure is deleted when it is older; 0 = never.
+        keep_labelled: what a person labelled or noted (`cell label`) is never deleted or trimmed.
+        thin_after_days: a success that is older is trimmed: it loses its pictures, and can be shown, reported and
+            counted, but not replayed; 0 = never.
+        archive: what is deleted or trimmed is first copied below this address of any fsspec file system
+            (``s3://bucket/cell-1``, ``file:///mnt/nas/cell-1``), read back and compared; "" = no copy. Needs
+            `vlad-cell[archive]`. It holds no password: a recording shows its station.
     """
 
     folder: SystemPath = Path("recordings")
     min_free_mb: NonNegative = 500.0
     patience_s: Positive = 10.0
     keep_gb: NonNegative = 0.0
+    keep_free_gb: NonNegative = 0.0
     keep_days: NonNegative = 0.0
+    keep_failed_days: NonNegative = 0.0
+    keep_labelled: bool = True
+    thin_after_days: NonNegative = 0.0
+    archive: str = ""
+
+    @property
+    def rules(self) -> dict[str, float]:
+        """The settings that delete or trim anything, by their name; empty: nothing ever goes."""
+        names = ("keep_gb", "keep_free_gb", "keep_days", "keep_failed_days", "thin_after_days")
+        return {name: getattr(self, name) for name in names if getattr(self, name)}
+
+    @field_validator("archive")
+    @classmethod
+    def _without_password(cls, address: str) -> str:
+        if ":" in urlsplit(address).netloc.rpartition("@")[0]:
+            raise PydanticCustomError(UNSHOWN, "a recording shows its station: leave the password to the environment")
+        return address
+
+    @model_validator(mode="after")
+    def _deletes_before_it_refuses(self) -> RecordingSettings:
+        if 0 < self.keep_free_gb * 1e3 <= self.min_free_mb:
+            raise PydanticCustomError(
+                "keep_free_gb", "keep_free_gb must be more than min_free_mb, below which cycles are refused"
+            )
+        return self
 
 
 class NodeSettings(Settings):
@@ -486,7 +521,7 @@ class PlanningSettings(Settings):
     tilts_deg: Annotated[tuple[Tilt, ...], Field(min_length=1)] = (0.0, 15.0, -15.0, 30.0, -30.0)
     max_approaches: Annotated[int, Field(ge=1, le=1000)] = 1000
     budget_s: Seconds = 2.0
-    max_held_acceleration_m_s2: Annotated[float, Field(ge=0.5, le=50)] | None = 3.0
+    max_held_acceleration_m_s2: Annotated[float, Field(ge=0.5, le=50)] | None = 5.0
     searches: Annotated[int, Field(ge=1, le=20)] = 3
 
 
@@ -500,12 +535,17 @@ class ExecuteSettings(Settings):
         slow_m_s: fastest speed of the tcp there, where the table or another thing is believed to be within 10 mm of the
             hand at the grasp. Twice the speed is twice the force beyond `contact_n`.
         free_m_s: the same where nothing is: what it meets there was hidden. Faster than 0.03 it may be a reflex.
+        approve: whether a person approves each planned pick before the arm moves for it: ``client``, through any client
+            that may command the cell; ``holder``, only the one that holds the lease. Looks before need no approval.
+        approve_s: how long the cell waits for the answer; then the cycle ends.
     """
 
     contact_n: NonNegative = 5.0
     slow_m: SizeOrNone = 0.010
     slow_m_s: Positive = 0.010
     free_m_s: Positive = 0.030
+    approve: Literal["no", "client", "holder"] = "no"
+    approve_s: Annotated[float, Field(gt=0, le=3600)] = 120.0
 
 
 class VerifySettings(Settings):
@@ -520,6 +560,11 @@ class VerifySettings(Settings):
             back for a look only when width and load do not tell clearly that it is the object.
         clear_load_n: with ``auto``, a load of which it is clear that it is no error of the measurement.
         clear_width_m: with ``auto``, how far the grasped width may be from the grasp's and be clearly the object's.
+        clear_density_kg_m3: with ``auto``, a load above that of so dense a thing, as large as was seen, may be that of
+            several. Wood, plastic, glass and aluminium are less dense.
+        max_density_kg_m3: a load above that of a solid thing so dense, as large as was seen, is that of several: steel.
+        max_load_n: what one object weighs at most, where that is known; more is several. Halfway from one to two is
+            best. None = not known: of things of one colour that touch, or are nested, nothing else tells.
     """
 
     hold_s: Annotated[float, Field(gt=0, le=60)] = 3.0
@@ -531,6 +576,9 @@ class VerifySettings(Settings):
     look: Literal["always", "auto"] = "always"
     clear_load_n: NonNegative = 0.3
     clear_width_m: Size = 0.006
+    clear_density_kg_m3: Positive = 3000.0
+    max_density_kg_m3: Positive = 7850.0
+    max_load_n: NonNegative | None = None
     look_aside_m: tuple[tuple[Metres, Metres], ...] = ((-0.28, -0.25), (0.05, -0.45), (-0.15, -0.25), (0.0, -0.3))
     """Offsets of the camera for the second capture from above the object's place, along x and y of ``base``; the first
     that the arm reaches is used. The held object hides most of the near field: these keep the place in the free part of
@@ -551,6 +599,21 @@ class RetrySettings(Settings):
     grasps: Annotated[int, Field(ge=0, le=10)] = 2
     looks: Annotated[int, Field(ge=0, le=10)] = 1
     hold_after: Annotated[int, Field(ge=0, le=100)] = 0
+
+
+class ManualSettings(Settings):
+    """Motion by hand, in mode Manual.
+
+    Attributes:
+        jog_m: one step of a jog. ``jog_m_s``: the tcp is never faster.
+        home_speed: share of the speed elsewhere, on the way to the capture pose.
+        hand_m_s: rate of the hand's width.
+    """
+
+    jog_m: Annotated[float, Field(gt=0, le=0.02)] = 0.005
+    jog_m_s: Annotated[float, Field(gt=0, le=0.25)] = 0.025
+    home_speed: Annotated[float, Field(gt=0, le=0.25)] = 0.1
+    hand_m_s: Annotated[float, Field(gt=0, le=0.1)] = 0.05
 
 
 class QueueSettings(Settings):
@@ -615,6 +678,7 @@ class Station(Settings):
     verify: VerifySettings = VerifySettings()
     retry: RetrySettings = RetrySettings()
     queue: QueueSettings = QueueSettings()
+    manual: ManualSettings = ManualSettings()
     sim: SimSettings = SimSettings()
     calibration: CalibrationSettings = CalibrationSettings()
     fr3: Fr3Settings = Fr3Settings()

@@ -99,8 +99,11 @@ recordings lack comes in as soon as it is read; a file that was overwritten in p
 Where the folder cannot be written, the catalogue is made in memory, and that is said. It belongs on a local disk,
 like every SQLite file in WAL mode.
 
-A recording that is deleted takes its row along. Where `recording.keep_gb` or `keep_days` delete the oldest successes
-first, figures of days that long ago count too few of them.
+What the cell or `cell prune` deletes keeps its row: `deleted_ns` says when, `deleted_by` by which setting, `archived`
+where its whole recording is. It is counted in all figures, and left out of lists of what can be opened. The truth of it
+is `deleted.jsonl` beside the recordings: a line each, written before the recording goes, with its row, and only ever
+appended; keep it, for nothing else knows these cycles. A recording that a person deletes takes its row along; one that
+comes back from an archive is there again.
 
 `cell label CYCLE good|bad|NOTE` says what a person thinks of a cycle. Labels are lines of `labels.jsonl` beside the
 recordings, with who and when; they are only ever appended, `cell show` shows them, and the catalogue has a copy.

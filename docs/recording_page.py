@@ -74,8 +74,11 @@ One cycle is one [MCAP](https://mcap.dev): `recordings/DAY/CYCLE_ID.mcap` (`reco
 Foxglove and Lichtblick without a plug-in ([foxglove](foxglove/README.md)). While it is written it is a `.mcap.part`,
 flushed after every stage and state, and 100 ms after anything else at the latest; `cell recover` makes one whole whose
 process was killed. Beside it lies `CYCLE_ID.html`, the report. An empty `CYCLE_ID.keep` keeps both from being deleted.
-Above the days lie `catalogue.sqlite`, made of the recordings, and `labels.jsonl`, what people say of them
-([catalogue.md](catalogue.md)).
+`plotly-VERSION.min.js` is the drawing library of all pages of a folder. Above the days lie `catalogue.sqlite`, made of
+the recordings, `labels.jsonl`, what people say of them, and `deleted.jsonl`, which of them went, when and why
+([catalogue.md](catalogue.md)). A recording that was trimmed ([service.md](service.md#how-long-recordings-are-kept))
+has no `/camera/color`, `/camera/depth`, `/view/color`, `/view/goal`, `/view/cloud` and goal images, and its record
+of detect has grey pictures.
 
 ## Channels
 
@@ -99,7 +102,8 @@ A model's key is in none of them. Prompts, replies and pictures are: they show w
 ## Metadata
 
 `run` is written first, `result` last: `result` (SUCCESS, FAILED, ABORTED or EMPTY), `code`, `reason`. A recording that
-was made whole has `recovered`, too.
+was made whole has `recovered`, too; one that was trimmed has `thinned_ns` (when, UTC), and `archived` and
+`archived_sha256` where its whole copy is.
 """
 _VERSIONS = f"""\
 `schema` is {SCHEMA_VERSION} now. Older recordings are read as if they were written today; the files stay:"""

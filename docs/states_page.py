@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cell.machine.states import COMMANDS, NEXT, State, available
+from bus.codes import Code
+from cell.machine.states import ANSWERS, COMMANDS, MODE_FROM, NEXT, PRODUCTION_ONLY, State, available
 
 PAGE = Path(__file__).with_name("states.md")
 _ALMOST_EVERYWHERE = 6
@@ -35,6 +36,51 @@ def page() -> str:
             "",
             "From Unholding the cell goes back to where the hold came from: Execute or Completing.",
             "",
+            "## Beside the table",
+            "",
+            "These commands change no state. `cancel` ends a job that waits, or whose grasp has not begun.",
+            "",
+            f"{_listed(ANSWERS)} answer a proposal, where a person approves motion (`execute.approve`). After its plan",
+            "each cycle, a retry too, waits in Execute, in the stage `approve`, and nothing moves. What waits is",
+            "published on `cycle/proposal`, and asked for there; `view/plan` shows it in 3-D.",
+            "",
+            "| command | does |",
+            "|---|---|",
+            "| `approve` | The arm moves. It names the proposal (`proposal`): nobody approves another than they saw. |",
+            "| `next_grasp` | The next feasible grasp is planned, and waits; those like this one are left out. |",
+            f"| `reject` | The cycle ends FAILED `{Code.REJECTED}` with the `reason`; it is not tried again. |",
+            "",
+            f"Without an answer for `execute.approve_s` the cycle ends `{Code.APPROVAL_TIMEOUT}`, and its `start` too.",
+            "A stop, an abort, a cancelled or late job end it as ever. A hold, and a lost lease, hold it: no answer",
+            "counts then, and the time goes on; after `unhold` it waits again. Every answer, who gave it, when and why",
+            "is in the recording (`cycle/approve`), in the result (`approvals`) and an event. With `client` any",
+            "program that may command the cell can answer; with `holder` only the lease's holder can approve.",
+            "The looks before the plan move the arm without being asked about, and so does the way back from them:",
+            "`capture.views = 1` needs neither.",
+            "",
+            "## Mode Manual",
+            "",
+            "`mode` sets PackML's mode of the unit, `Production` or `Manual`; `state` says it. In Manual a person",
+            "moves the arm by hand: away from an obstacle, to the capture pose, the hand open or closed. `Manual`",
+            "stops an Idle or Complete cell, so that a `reset` comes before the next pick.",
+            f"It can change in {', '.join(sorted(MODE_FROM))}.",
+            f"{_listed(tuple(sorted(PRODUCTION_ONLY)))} are refused in Manual, and these in Production:",
+            "",
+            "| command | does |",
+            "|---|---|",
+            "| `jog` | One small straight step along an `axis` of base (`x`, `y`, `z`; `direction` 1, -1). |",
+            "| `jog_home` | Slowly to the capture pose, around the known boxes, while it is sent again. |",
+            "| `hand_open`, `hand_close` | The fingers open, or close on what is there. |",
+            "",
+            "A step is `manual.jog_m` long, and no faster than `manual.jog_m_s`. A held button sends it again and",
+            "again; it is refused (`MOVING`) until the one before is over. `jog_home` ends 0.5 s after it was",
+            "last sent: a held button sends it every 0.2 s. All of it is in Stopped, with the lease, through the",
+            "gate and the node's guard; `stage` names it while it lasts. A motion is planned among the known",
+            "boxes only: what lies on the table is for the person to see. It is refused (`COLLISION`) when it",
+            "would touch a box; too near to one it may only lead away. Who jogs is an event. Who lets go, or is",
+            "gone: a step is over within itself, `jog_home` within 0.5 s, and a lost lease ends both at once. A",
+            "`stop`, `hold`, `suspend` or `abort` ends the motion, and the mode: it is Production again.",
+            "",
         ]
     )
 
@@ -50,6 +96,11 @@ def _in_words(command: str) -> str:
     refused = [str(state) for state in State if state not in COMMANDS[command]]
     (target,) = set(COMMANDS[command].values())
     return f"- `{command}` leads to {target} from everywhere but {', '.join(refused)}."
+
+
+def _listed(commands: tuple[str, ...]) -> str:
+    *others, last = (f"`{command}`" for command in commands)
+    return f"{', '.join(others)} and {last}"
 
 
 def _row(state: State) -> str:

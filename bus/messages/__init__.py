@@ -5,6 +5,7 @@ nanoseconds UTC. Frames: ``base``, ``flange``, ``hand``, ``tcp`` (z = approach, 
 camera, optical: x right, y down, z forward), ``depth``. Definitions: docs/frames.md.
 """
 
+from bus.messages.approval import Approval, Decision, Proposal
 from bus.messages.camera_model import CameraModel
 from bus.messages.cycle import (
     Attempt,
@@ -24,17 +25,21 @@ from bus.messages.execution import Contact, Delivery, Execution, SegmentRun, Ver
 from bus.messages.grasps import Grasp, Rectangle
 from bus.messages.job import GraspHints, Job, Place, Target
 from bus.messages.observation import Observation, View
-from bus.messages.plan import PickPlan, Segment, SegmentName
+from bus.messages.plan import ONLY_TO_LOOK, PickPlan, Segment, SegmentName
+from bus.messages.plan_view import NamedBox, Outline, PlannedPath, PlanView
 from bus.messages.scene import Instance, ObservedScene, SeenMount, SeenTable, Tried
 
 __all__ = [
+    "ONLY_TO_LOOK",
     "Alignment",
+    "Approval",
     "ArmMode",
     "ArmState",
     "Attempt",
     "CameraModel",
     "Contact",
     "CycleResult",
+    "Decision",
     "Delivery",
     "Detections",
     "Drift",
@@ -53,10 +58,15 @@ __all__ = [
     "Laid",
     "ModelReply",
     "Motion",
+    "NamedBox",
     "Observation",
     "ObservedScene",
+    "Outline",
     "PickPlan",
     "Place",
+    "PlanView",
+    "PlannedPath",
+    "Proposal",
     "Rectangle",
     "ResultT",
     "SeenMount",

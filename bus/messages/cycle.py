@@ -8,10 +8,11 @@ from bus.arrays import Transform, Vector3
 from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.frozen import Message
+from bus.messages.approval import Approval
 from bus.messages.job import Job
 from bus.rejection import Rejection
 
-StageName = Literal["capture", "detect", "plan", "execute", "verify", "deliver"]
+StageName = Literal["capture", "detect", "plan", "approve", "execute", "verify", "deliver"]
 ResultT = TypeVar("ResultT", bound=Message)
 
 
@@ -133,6 +134,7 @@ class CycleResult(Message):
         advice: what to do about ``code``.
         job: what was asked for; ``found``: what the cycle went for. ``grasp``: as executed; ``laid``: where it let go.
         earlier: the cycles of the same pick before this one.
+        approvals: what was answered to each proposal, where a person approves motion (``execute.approve``).
     """
 
     cycle_id: str
@@ -150,3 +152,4 @@ class CycleResult(Message):
     grasp: GraspOutcome | None = None
     laid: Laid | None = None
     earlier: tuple[EarlierAttempt, ...] = ()
+    approvals: tuple[Approval, ...] = ()

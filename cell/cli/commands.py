@@ -51,6 +51,25 @@ COMMANDS = {
     "suspend": Row("control", "Pause for a reason outside the cell; brakes as hold does; ends in Suspended."),
     "unsuspend": Row("control", "Go on with a suspended cycle; returns when it runs again."),
     "cancel": Row("control", "Cancel a job that waits, or whose grasp has not begun: nothing of it moves then."),
+    "approve": Row(
+        "control", "Approve the planned pick that waits (execute.approve): the arm moves. Prints what it approves."
+    ),
+    "next-grasp": Row(
+        "control", "Pass over the grasp that waits for approval: the next feasible one is planned, and waits."
+    ),
+    "reject": Row(
+        "control", "Reject the planned pick that waits for approval: its cycle ends REJECTED, and is not tried again."
+    ),
+    "mode": Row(
+        "by_hand",
+        "Set the mode of the unit: in manual the arm is moved by hand, in production it picks. Manual stops the cell.",
+    ),
+    "jog": Row("by_hand", "In mode manual: move the tcp straight by small steps. Ctrl-C ends it within one step."),
+    "jog-home": Row(
+        "by_hand", "In mode manual: move slowly to the capture pose, around the known boxes. Ctrl-C ends it."
+    ),
+    "hand-open": Row("by_hand", "In mode manual: open the hand."),
+    "hand-close": Row("by_hand", "In mode manual: close the hand on what is there."),
     "status": Row("control", "The machine's state, what it would accept, and how its nodes are."),
     "watch": Row(
         "setup",
@@ -73,7 +92,7 @@ COMMANDS = {
     "show": Row("recordings", "Why a cycle ended so: its result, what to do, its stages, what was changed for it."),
     "report": Row(
         "recordings",
-        "Write one self-contained HTML page that explains a cycle; of a folder, a page per cycle and one a day.",
+        "Write one HTML page that explains a cycle; of a folder, a page per cycle and one a day.",
     ),
     "replay": Row(
         "replay", "Run the pure stages again from recordings and compare. Exit 0 equal, 1 different, 2 cannot."
@@ -83,6 +102,11 @@ COMMANDS = {
         "Make torn recordings whole. Exit 0 all that was flushed is kept, 1 something is lost, 2 cannot.",
     ),
     "catalogue": Row("catalogue", "The catalogue: one row a recorded cycle, made of the recordings."),
+    "prune": Row(
+        "prune",
+        "Trim and delete recordings by the rule of the station (recording.keep_gb and others), archived before.",
+    ),
+    "export": Row("export", "Chosen recordings as a data set of another program."),
     "config": Row("setup", "Print the whole configuration, defaults included, as JSON."),
     "doctor": Row(
         "setup",
@@ -153,7 +177,7 @@ class Commands(TyperGroup):
 
 def command(name: str) -> Any:
     """The command of the table, imported."""
-    what = getattr(import_module(f"cell.cli.{COMMANDS[name].module}"), name)
+    what = getattr(import_module(f"cell.cli.{COMMANDS[name].module}"), name.replace("-", "_"))
     app = what
     if not isinstance(what, typer.Typer):
         app = typer.Typer(**_FACE)

@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from bus.commands import CellState
+from bus.commands import CellState, CommandRequest
 from bus.fault_injection import PARTS, Fault
 from bus.messages import Job
 from cell import client
@@ -82,6 +82,49 @@ def cancel(
     out.line(f"job {job_id} is cancelled")
 
 
+def approve(
+    proposal: Annotated[
+        str, typer.Argument(metavar="PROPOSAL", help="Its id, as the event names it; left out: the one that waits.")
+    ] = "",
+    config: Config = DEFAULT_STATION,
+    overrides: Set = None,
+    as_json: Json = False,
+) -> None:
+    """Approve the planned pick that waits (execute.approve): the arm moves. Prints what it approves."""
+    _answer("approve", proposal, "", config, overrides, as_json)
+
+
+def next_grasp(
+    reason: Annotated[str, typer.Option("--reason", help="Why; it is recorded.")] = "",
+    config: Config = DEFAULT_STATION,
+    overrides: Set = None,
+    as_json: Json = False,
+) -> None:
+    """Pass over the grasp that waits for approval: the next feasible one is planned, and waits."""
+    _answer("next_grasp", "", reason, config, overrides, as_json)
+
+
+def reject(
+    reason: Annotated[str, typer.Argument(metavar="REASON", help="Why; it is recorded.")] = "",
+    config: Config = DEFAULT_STATION,
+    overrides: Set = None,
+    as_json: Json = False,
+) -> None:
+    """Reject the planned pick that waits for approval: its cycle ends REJECTED, and is not tried again."""
+    _answer("reject", "", reason, config, overrides, as_json)
+
+
+def _answer(verb: str, proposal_id: str, reason: str, config: Path, overrides: list[str] | None, as_json: bool) -> None:
+    with connected(verb, config, overrides) as cell:
+        asked = cell.proposal()
+        cell.send(verb, CommandRequest(proposal=proposal_id or asked.proposal_id, reason=reason))
+    if as_json:
+        out.json(asked.model_dump_json())
+        return
+    what = asked.object or f"grasp {asked.grasp}"
+    out.line(f"{verb.replace('_', ' ')}: {asked.proposal_id}, {what}, score {asked.score:.2f}, {asked.motion_s:.1f} s")
+
+
 def status(config: Config = DEFAULT_STATION, overrides: Set = None, as_json: Json = False) -> None:
     """The machine's state, what it would accept, and how its nodes are."""
     with client.connect(load_station(config, overrides or [])) as cell:
@@ -93,6 +136,8 @@ def status(config: Config = DEFAULT_STATION, overrides: Set = None, as_json: Jso
     said = why.removeprefix(state.state) if why != state.reason else f" {why}"
     out.line((state.state, "bold"), f" {state.stage} {state.cycle_id}".rstrip(), said.rstrip())
     out.line(f"  available: {', '.join(state.available) or '-'}")
+    if state.mode != "Production":
+        out.line(f"  mode: {state.mode}", style="bold")
     if state.job_id or state.queue:
         out.line(f"  job: {state.job_id or '-'}, waiting: {', '.join(state.queue) or '-'}")
     for name, node in health.nodes.items():

@@ -26,7 +26,6 @@ WIDTH = 1000
 """Columns when no terminal reports its width: nothing is cut."""
 _SAID_AFTER_S = 2.0
 _COLUMNS = ("cycle", "result", "code", "object", "time", "try", "why")
-_NOT_COUNTED = "what is deleted is not counted"
 _AT_ONCE = 500
 """Rows of the table, which says how wide its columns are; further ones are lines of the same widths."""
 
@@ -48,10 +47,7 @@ def cycles(
     """List recorded cycles, newest first, or sum them up."""
     if summary and (failed or code or last):
         raise ConfigError("--summary is of all cycles, or of those of one --day.", "Leave out the other options.")
-    recording = load_station(config).recording
-    with open_catalogue(folder or recording.folder, reading, err.line) as catalogue:
-        if summary and (recording.keep_gb or recording.keep_days):
-            err.line(f"recordings are deleted (recording.keep_gb, keep_days), successes first: {_NOT_COUNTED}")
+    with open_catalogue(folder or load_station(config).recording.folder, reading, err.line) as catalogue:
         if summary:
             _sum_up(summed(catalogue, f"{datetime.now(UTC):%Y-%m-%d}" if day == "today" else day), as_json)
         else:

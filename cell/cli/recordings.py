@@ -15,6 +15,7 @@ from cell.cli.options import Config, Json
 from cell.terminal.drawing import tracked
 from cell.terminal.printing import err, out
 from config.load import DEFAULT_STATION, load_station
+from logs.catalogue.journal import last_of
 from logs.catalogue.labels import Label, labels_of
 from logs.catalogue.update import root_of
 from logs.mcap.index import find_recording
@@ -27,6 +28,7 @@ from logs.report.timeline import Timeline, summarize
 
 STYLE = {"SUCCESS": "green", "EMPTY": "yellow", "UNFINISHED": "yellow", "INTERRUPTED": "yellow", "TORN": "yellow"}
 BAD = "bold red"
+_ROW = 'Its row is still in the catalogue: `cell query "SELECT * FROM cycles WHERE cycle_id = ..."`.'
 
 Cycle = Annotated[
     str, typer.Argument(metavar="FILE|CYCLE", help="A recording (.mcap), or a cycle's id or a part of it.")
@@ -35,7 +37,14 @@ Cycle = Annotated[
 
 def find_cycle(name: str, config: Path) -> Path:
     """The recording named by a command's FILE|CYCLE. Raises: RecordingError, ConfigError."""
-    return find_recording(name, load_station(config).recording.folder)
+    folder = load_station(config).recording.folder
+    try:
+        return find_recording(name, folder)
+    except RecordingError as error:
+        gone = last_of(folder, name)
+        if gone is None:
+            raise
+        raise RecordingError(f"The recording of {gone.cycle_id} was {gone.in_words()}.", _ROW) from error
 
 
 def root_of_labels(path: Path, config: Path) -> Path:
@@ -74,6 +83,8 @@ def show(cycle: Cycle, config: Config = DEFAULT_STATION, as_json: Json = False) 
         out.line(f"  tried again as {record.result.retried_as}")
     for one in labels:
         out.line(f"  {one.in_words()}")
+    if record.trimmed:
+        out.line(f"  pictures    {record.trimmed}")
     made_by = record.metadata.get("commit", "an unknown commit")
     out.line(f"  recording   {path}, made by {made_by}", style="dim")
 
@@ -98,6 +109,7 @@ def _told(record: CycleRecord, timeline: Timeline, labels: Sequence[Label]) -> d
         "said": {line.name: line.said for line in timeline.stages},
         "states": [span.name for span in timeline.states],
         "changed": {key: here for key, here, _ in configuration_changes(record.station)},
+        "trimmed": record.trimmed,
         "labels": [one.model_dump() for one in labels],
         "metadata": record.metadata,
     }
@@ -112,20 +124,23 @@ def report(
     ],
     config: Config = DEFAULT_STATION,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Where to write the page.")] = None,
+    embed: Annotated[
+        bool, typer.Option("--embed", help="Put the drawing library into the page, to send it: 5 MB more.")
+    ] = False,
     open_it: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
 ) -> None:
-    """Write one self-contained HTML page that explains a cycle; of a folder, a page per cycle and one a day.
+    """Write one HTML page that explains a cycle; of a folder, a page per cycle and one a day.
 
     Exit 0 all pages are written, 2 a recording cannot be read: the day's page names it as DAMAGED.
     """
     folder = Path(cycle)
     if is_folder(folder):
-        if output is not None:
-            raise ConfigError("--output names one page; those of a folder lie beside their recordings.")
+        if output is not None or embed:
+            raise ConfigError("--output and --embed are of one page; those of a folder lie beside their recordings.")
         pages, damaged = _report_folder(folder)
     else:
         path, damaged = find_cycle(cycle, config), {}
-        pages = [write_report(read_cycle(path), output or path.with_suffix(".html"))]
+        pages = [write_report(read_cycle(path), output or path.with_suffix(".html"), embed=embed)]
     for page in pages:
         out.line(str(page))
     for path, why in damaged.items():

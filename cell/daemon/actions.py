@@ -21,6 +21,7 @@ from cell.daemon.runinfo import open_recorder
 from cell.daemon.simulated_table import SimulatedTable
 from cell.machine import standstill
 from cell.machine.gate import Gate
+from cell.pick.approving import Approvals
 from cell.pick.cycle import Cycle
 from cell.pick.equipment import Equipment
 from cell.pick.record import CycleLog
@@ -53,6 +54,7 @@ class Actions:
     Attributes:
         log: the open cycle's record, or None.
         table: the objects on the simulated table.
+        approvals: the planned motion that waits for a person, and its answer.
         laid: number of objects laid at each place since a client's last reset, by its name; "" is the tray.
     """
 
@@ -84,6 +86,7 @@ class Actions:
         self._object: str | None = None
         self._job = Job()
         self._withdrawal = Withdrawal()
+        self.approvals = Approvals()
         self.laid: Counter[str] = Counter()
         self._goes_on = False
         self.log: CycleLog | None = None
@@ -118,7 +121,7 @@ class Actions:
         log = self.log = self._record(attempt.cycle_id, station)
         equipment = replace(self._equipment, station=station)
         stages = Stages(attempt.cycle_id, self._publish, self._on_stage, log, self._gate, self._withdrawal)
-        self._cycle = Cycle(attempt, equipment, stages)
+        self._cycle = Cycle(attempt, equipment, stages, approvals=self.approvals)
         self._on_stage("")
         try:
             log.await_open()
@@ -168,7 +171,8 @@ class Actions:
             if failure.failure in FAULTS or failure.failure is Code.STOPPED:
                 raise
         self._retry = self._attempt_after(cycle)
-        if self._leaves_failed and self._retry is None and cycle.code is not None and cycle.grasp is not None:
+        is_left = cycle.code not in (None, Code.MULTI_PICK)  # that place is empty
+        if self._leaves_failed and self._retry is None and is_left and cycle.grasp is not None:
             self._failed_at = (*self._failed_at, cycle.grasp[:3, 3])
         self._hold_after_failures = self._retries.holds()
 

@@ -78,7 +78,7 @@ class Batch:
             self.end(result.reason)
         elif result.result == "ABORTED":
             self.end(f"Aborted by {why}")
-        elif result.code in (Code.CANCELLED, Code.DEADLINE):
+        elif result.code in (Code.CANCELLED, Code.DEADLINE, Code.APPROVAL_TIMEOUT):
             self.end(f"The job ends: {why}")
         elif self._cycles is None and result.code is Code.LEFT_OVER:
             self.end(result.reason)

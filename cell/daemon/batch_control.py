@@ -6,6 +6,9 @@ of arrival. `cell.machine.hold_state` decides whether the cell is held.
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
+
 from bus.commands import CommandReply, CommandRequest
 from bus.errors import Refused
 from bus.messages import Attempt, CycleResult
@@ -15,7 +18,7 @@ from cell.daemon.jobs import JobQueue, Ordered
 from cell.daemon.publisher import Publisher
 from cell.machine.leases import CELL_CLIENT
 from cell.machine.owner import Machine
-from cell.machine.states import State, available
+from cell.machine.states import ANSWERS, State, available, require_answerable
 from config.job import capacity_of, place_of, require_possible
 from config.schema import Station
 
@@ -30,9 +33,19 @@ class BatchControl:
 
     Args:
         reads_text: a model finds targets by any words.
+        rest: brings a motion by hand to rest.
     """
 
-    def __init__(self, actions: Actions, publisher: Publisher, station: Station, *, reads_text: bool = False) -> None:
+    def __init__(
+        self,
+        actions: Actions,
+        publisher: Publisher,
+        station: Station,
+        *,
+        reads_text: bool = False,
+        rest: Callable[[], None] = lambda: None,
+    ) -> None:
+        self._rest = rest
         self._actions, self._publisher, self._station, self._reads_text = actions, publisher, station, reads_text
         self._machine: Machine | None = None
         self._queue = JobQueue(station.queue.max)
@@ -74,13 +87,20 @@ class BatchControl:
         return ""
 
     def beside(self, verb: str, request: CommandRequest, state: State) -> CommandReply | None:
-        """Process a command that changes no state: ``cancel``, and a job that waits while the cell works.
+        """Process a command that changes no state: ``cancel``, an answer to a proposal, a job that waits while the cell
+        works.
 
         Returns: its reply; None for any other command. Raises: Refused.
         """
         if verb == "cancel":
             self._cancel(request.job.job_id)
             return CommandReply(ok=True, state=state, available=available(state), job_id=request.job.job_id)
+        for answer in ANSWERS:
+            if verb == answer:
+                require_answerable(verb, state)
+                said = (request.proposal, request.client_id, request.reason)
+                self._actions.approvals.answer(answer, *said, time.time_ns())
+                return CommandReply(ok=True, state=state, available=available(state))
         if verb in ("pick", "start") and request.job.queue and self._is_busy(state):
             self._require_possible(request)
             ordered = Ordered.of(verb, request, new_cycle_id())
@@ -200,6 +220,7 @@ class BatchControl:
         self._drives.decide(lambda: self._hold_unattended(reason))
 
     def _hold_unattended(self, reason: str) -> None:
+        self._rest()
         self._drop(reason)  # so no further cycle begins
         self._drives.hold_soon(reason)
 

@@ -20,15 +20,17 @@ from bus.sample import Asked, Sample
 from bus.session import Bus
 from cell.daemon.actions import Actions
 from cell.daemon.batch_control import BatchControl
+from cell.daemon.manual import Manual
 from cell.daemon.publisher import Observer, Publisher
 from cell.machine.hold_state import HoldState
 from cell.machine.leases import CELL_CLIENT, Leases
 from cell.machine.owner import TURN_S, Action, Machine, refuse
-from cell.machine.states import State, available
+from cell.machine.states import MANUAL_MOTIONS, State, available
 from cell.nodes.health import LOOK_PERIOD_S, NodeMonitor
 from cell.nodes.speakers import Speakers, strange
 from cell.nodes.watchdog import Watchdog
 from cell.pick.equipment import Equipment
+from cell.pick.plan_view import PlanViews
 from config.schema import Station
 from drivers.interface import Devices
 from logs.live_views import Views
@@ -78,10 +80,14 @@ class Daemon:
             raise DriverError("The cell needs a camera, an arm and a hand.", "Check `serves` in the station file.")
         self._bus = bus
         views = Views(robot.base_from_tcp)
-        self.publisher = Publisher(bus, views, observer, lambda: self._actions.cycle_id, lambda: self._batches.jobs)
+        self.publisher = Publisher(
+            bus, views, observer, lambda: self._actions.cycle_id, lambda: self._batches.jobs, lambda: self._manual.mode
+        )
         hold_state = HoldState()
+        equipment = Equipment(camera, arm, hand, robot, station, models)
+        self._manual = Manual(equipment, hold_state.gate, self.publisher, self._post_stop)
         self._actions = Actions(
-            Equipment(camera, arm, hand, robot, station, models),
+            equipment,
             hold_state.gate,
             devices.presenter,
             lambda: bus.alive(topics.NODE_ALIVE),
@@ -92,8 +98,14 @@ class Daemon:
             under,
         )
         self._monitor = NodeMonitor(station, self._on_lost, restarts, bus.clock)
-        self._batches = BatchControl(self._actions, self.publisher, station, reads_text=models.read_text(station))
-        self._leases = Leases(self._batches.lose_lease, station.silence_s, LOOK_PERIOD_S, clock=bus.clock)
+        reads_text = models.read_text(station)
+        self._batches = BatchControl(
+            self._actions, self.publisher, station, reads_text=reads_text, rest=self._manual.rest
+        )
+        of_holder = frozenset({"approve"} if station.execute.approve == "holder" else ())
+        self._leases = Leases(
+            self._batches.lose_lease, station.silence_s, LOOK_PERIOD_S, clock=bus.clock, of_holder=of_holder
+        )
         self._watchdog = Watchdog(
             station,
             self._monitor,
@@ -104,6 +116,7 @@ class Daemon:
         )
         ours = [name for name, node in station.nodes.items() if node.run == "here"]
         self._speakers = Speakers(bus, set(station.nodes), self._on_node_twice, self._on_stranger, sealed=ours)
+        self._plan_views = PlanViews(self._actions.approvals, robot, station)
         self._results: OrderedDict[str, CycleResult] = OrderedDict()
         self._defects: tuple[str, ...] = ()
         self._published_s = -TURN_S
@@ -112,10 +125,16 @@ class Daemon:
             hold_state,
             self._batches.enter,
             self._batches.accept,
-            self._batches.beside,
+            self._beside,
             on_turn=self._publish_heartbeat,
         )
         self._batches.drive(self.machine)
+
+    def _beside(self, verb: str, request: CommandRequest, state: State) -> CommandReply | None:
+        return self._manual.beside(verb, request, state) or self._batches.beside(verb, request, state)
+
+    def _post_stop(self, reason: str) -> None:
+        self.machine.post("stop", CommandRequest(client_id=CELL_CLIENT), reason)
 
     def _actions_by_state(self) -> dict[State, Action]:
         actions = self._actions
@@ -151,6 +170,8 @@ class Daemon:
         self._bus.answer(topics.STATE_NOW, lambda _payload, _asked: self.publisher.state, worker="state")
         self._bus.answer(topics.HEALTH_NOW, lambda _payload, _asked: self.health(), worker="state")
         self._bus.answer(topics.RESULT_NOW, self._on_result_asked, worker="state")
+        self._bus.answer(topics.PROPOSAL_NOW, lambda _payload, _asked: self._proposal(), worker="state")
+        self._bus.answer(topics.PLAN_NOW, lambda _payload, _asked: self._plan_views.now(), worker="plan")
         self._bus.answer(topics.SCHEMA_NOW, lambda _payload, _asked: bus_schema(), worker="schema")
         self._bus.answer(topics.COMMAND, self._on_command, worker=self._worker_of, verb="*")
         self._bus.announce(topics.LEASE, name=CELL_CLIENT)
@@ -159,6 +180,7 @@ class Daemon:
 
     def close(self) -> None:
         """Stop all actions, then end the machine; idempotent."""
+        self._manual.end("the cell ends")
         if "stop" in available(self.machine.state):
             self.command("stop", CommandRequest(client_id=CELL_CLIENT))
         now_s = self._bus.clock.now_s
@@ -229,6 +251,8 @@ class Daemon:
         self._leases.require(verb, request.client_id, asked.received_s)
         reply = self.machine.command(verb, request)
         refuse(reply)
+        if verb in MANUAL_MOTIONS:
+            self._manual.run(verb, request)
         return reply.model_copy(update={"lease": self._leases.take(verb, request.client_id, asked.source)})
 
     def _worker_of(self, asked: Asked, payload: bytes) -> str:
@@ -251,6 +275,16 @@ class Daemon:
             text = f"There is no result of a cycle {cycle_id!r}: it is not over, or was not one of the last."
             raise Refused(text, "Recorded ones: `cell cycles`.", code="NO_RESULT")
         return result
+
+    def _proposal(self) -> Message:
+        waiting = self._actions.approvals.waiting
+        if waiting is None:
+            raise Refused(
+                "No planned motion waits for an answer.",
+                "A cycle asks in its stage `approve`, where execute.approve is not 'no'.",
+                code="NO_PROPOSAL",
+            )
+        return waiting
 
     def _record(self, sample: Sample) -> None:
         """Record a message of this process, or a reply to it."""

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable
 from typing import Literal
 
 from bus import topics
-from bus.commands import CellState, Event
+from bus.commands import CellState, Event, UnitMode
 from bus.errors import BusError, RecordingError
 from bus.frozen import Message
 from bus.session import Bus
@@ -30,6 +30,7 @@ class Publisher:
         views: draws the visualisation of a message.
         observer: called with every message, on the publishing thread; it may only enqueue.
         cycle_id: gives the open cycle's id now, or "".
+        mode: gives the mode of the unit.
         jobs: gives the id of the job under way, or "", and those of the waiting ones.
 
     Attributes:
@@ -43,7 +44,9 @@ class Publisher:
         observer: Observer,
         cycle_id: Callable[[], str],
         jobs: Callable[[], tuple[str, tuple[str, ...]]] = lambda: ("", ()),
+        mode: Callable[[], UnitMode] = lambda: "Production",
     ) -> None:
+        self._mode = mode
         self._bus, self._views, self._observer, self._cycle_id, self._jobs = bus, views, observer, cycle_id, jobs
         self._saying = threading.Lock()
         self.state = CellState(state="", stage="", cycle_id="", since_ns=0, available=(), reason="")
@@ -77,10 +80,12 @@ class Publisher:
             self._publish_state(State(self.state.state), stage, "")
 
     def publish_jobs(self) -> None:
-        """Publish the state again, because the jobs of its queue have changed."""
+        """Publish the state again, because the jobs of its queue have changed, or the mode."""
         with self._saying:
             job_id, queue = self._jobs()
-            self.state = self.state.model_copy(update={"job_id": job_id, "queue": queue})
+            state, stage, mode = State(self.state.state), self.state.stage, self._mode()
+            now = {"job_id": job_id, "queue": queue, "mode": mode, "available": available(state, stage, mode)}
+            self.state = self.state.model_copy(update=now)
             self.publish(topics.STATE, self.state)
 
     def _publish_state(self, state: State, stage: str, reason: str) -> None:
@@ -90,10 +95,11 @@ class Publisher:
             stage=stage,
             cycle_id=self._cycle_id(),
             since_ns=time.time_ns(),
-            available=available(state),
+            available=available(state, stage, self._mode()),
             reason=reason,
             job_id=job_id,
             queue=queue,
+            mode=self._mode(),
         )
         self.publish(topics.STATE, self.state)
 

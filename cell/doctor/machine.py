@@ -11,15 +11,15 @@ import shutil
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Callable
 from importlib.metadata import PackageNotFoundError, requires, version
 
-from bus.errors import RecordingError
+from bus.errors import ConfigError, RecordingError
 from cell.doctor.finding import Finding, fix, ok, skip
 from config.schema import Station
 from drivers.node import registry
-from logs.mcap.retention import Shelf, in_words
+from logs.mcap.retention import in_words
+from logs.prune import Pruner
 
 _DISTRIBUTION = "vlad-cell"
 _NAMED = ("mujoco", "eclipse-zenoh", "pin", "numpy")
@@ -134,18 +134,20 @@ def disk(station: Station) -> Finding:
     found = f"{free_mb / 1e3:.1f} GB free for {folder}, and it can be written"
     try:
         return ok(name, f"{found}; {_what_goes(station)}")
-    except RecordingError as error:
+    except (RecordingError, ConfigError) as error:
         return fix(name, error.text, error.advice)
 
 
 def _what_goes(station: Station) -> str:
-    """The recordings that retention would delete next, in words. Raises: RecordingError."""
+    """The recordings that retention would delete next, in words. Raises: RecordingError, ConfigError."""
     settings = station.recording
-    if not (settings.keep_gb or settings.keep_days):
+    if not settings.rules:
         return "recordings are never deleted (recording.keep_gb = 0)"
-    plan = Shelf(settings.folder).plan(time.time_ns(), settings)
-    now, soon = in_words(plan.delete), in_words(plan.soon)
-    return f"to be deleted by recording.keep_gb and keep_days: {now} now, {soon} within a day"
+    plan = Pruner(settings).plan()
+    now, soon, thin = (in_words([one.file for one in due]) for due in (plan.delete, plan.soon, plan.thin))
+    trimmed = f", {thin} to be trimmed" if plan.thin else ""
+    rules = ", ".join(f"recording.{name}" for name in settings.rules)
+    return f"to be deleted by {rules}: {now} now, {soon} within a day{trimmed}"
 
 
 class _Timex(ctypes.Structure):

@@ -12,7 +12,9 @@ from bus.frozen import Message
 from bus.remote_errors import error_reply
 
 JSON = "application/json"
-_REFUSED = {"NO_RIGHT": 403, "NO_RESULT": 404, "UNKNOWN_COMMAND": 404, "NO_PICTURE": 404, "TOO_MANY": 503}
+_REFUSED = {"NO_RIGHT": 403, "TOO_MANY": 503} | dict.fromkeys(
+    ("NO_RESULT", "UNKNOWN_COMMAND", "NO_PICTURE", "NO_PROPOSAL", "NO_PLAN"), 404
+)
 _STATUS: tuple[tuple[type[CellError], int], ...] = (
     (BadPayload, 422),
     (ReplyTimeout, 504),

@@ -19,9 +19,10 @@ from cell.http.answers import answer_error, bad_value, refuse
 from cell.http.door import Door
 from cell.http.files import Downloads
 from cell.http.guard import Guard
+from cell.http.page_files import PageFiles, index
 from cell.http.routes import TABLE, Handler
 
-OPEN = ("/api", "/api/openapi.json", "/api/login")
+OPEN = ("/", "/page/", "/api", "/api/openapi.json", "/api/login")
 """What needs no token."""
 _CODES = {404: "NOT_FOUND", 405: "METHOD", 400: "BAD_REQUEST"}
 _log = logging.getLogger(__name__)
@@ -41,6 +42,8 @@ def application(door: Door) -> ASGIApp:
     routes += [
         Route("/api/openapi.json", described),
         Route("/api", listed),
+        Route("/", index),
+        Mount("/page", PageFiles()),
         Mount("/recordings", Downloads(door.recordings, ".mcap")),
         Mount("/reports", Downloads(door.recordings, ".html")),
     ]

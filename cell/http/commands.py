@@ -16,9 +16,9 @@ from cell.http.door import Door
 from cell.http.events import SESSION
 from cell.http.waiting import at_rest, attended
 from cell.machine.leases import NEEDS_LEASE, NEEDS_TOKEN
-from cell.machine.states import COMMANDS, ENDING
+from cell.machine.states import ANSWERS, BESIDE, COMMANDS, ENDING
 
-VERBS = (*COMMANDS, "cancel")
+VERBS = (*COMMANDS, *BESIDE)
 MOVES = NEEDS_LEASE | NEEDS_TOKEN
 """Commands that somebody must attend."""
 
@@ -37,6 +37,9 @@ async def command(request: Request, door: Door) -> Response:
         session = door.sessions.require(token, verb)
         return say(await door.ask(partial(session.commander.command, verb, wanted)))
     attending = door.sessions.of(token)
+    if verb in ANSWERS and attending is not None and attending.commander.is_open:  # it holds the lease by that name
+        wanted = wanted.model_copy(update={"client_id": ""})
+        return say(await door.ask(partial(attending.commander.command, verb, wanted)))
     if attending is not None and not wanted.client_id:
         wanted = wanted.model_copy(update={"client_id": attending.client_id})
     return say(await door.ask(partial(door.cell.send, verb, wanted), stops=verb in ENDING))

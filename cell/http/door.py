@@ -17,7 +17,7 @@ from bus.codec import decode
 from bus.commands import CellHealth, CellState, CommandReply, CommandRequest, Event
 from bus.errors import BadPayload, BusError
 from bus.frozen import Message
-from bus.messages import CycleResult
+from bus.messages import CycleResult, PlanView, Proposal
 from bus.sample import Sample
 from cell.commander import Commander
 from cell.http.access import Access
@@ -25,6 +25,7 @@ from cell.http.hub import Hub
 from cell.http.pictures import Pictures
 from cell.http.sessions import Connect, Session, Sessions
 from config.http import HttpSettings
+from config.schema import Station
 
 LOOK_S, REFRESH_S = 0.2, 2.0
 _ASKING, _STOPPING, _RELEASING = 12, 4, 4
@@ -34,8 +35,9 @@ _NAMES: dict[str, tuple[str, type[Message]]] = {
     topics.HEALTH.key: ("health", CellHealth),
     topics.EVENT.key: ("event", Event),
     topics.RESULT.key: ("result", CycleResult),
+    topics.PROPOSAL.key: ("proposal", Proposal),
 }
-ALSO = (topics.HEALTH, topics.EVENT, topics.VIEW_COLOR, topics.VIEW_ANNOTATIONS)
+ALSO = (topics.HEALTH, topics.EVENT, topics.PROPOSAL, topics.VIEW_COLOR, topics.VIEW_ANNOTATIONS)
 """What the connection hears besides states and results."""
 AnswerT = TypeVar("AnswerT")
 _log = logging.getLogger(__name__)
@@ -59,13 +61,19 @@ class Cell(Protocol):
     def result(self, cycle_id: str) -> CycleResult | None:
         """The result of a cycle."""
 
+    def proposal(self) -> Proposal:
+        """The planned motion that waits for an answer."""
+
+    def plan_view(self) -> PlanView:
+        """The last plan."""
+
 
 class Door:
     """The shared part of an HTTP interface. Without another word, members are for the loop's thread.
 
     Args:
         cell: the shared connection. ``connect``: opens one more, under a client id.
-        recordings: their folder.
+        station: whose cell it is.
         now_s: the clock of deadlines.
     """
 
@@ -73,15 +81,16 @@ class Door:
         self,
         cell: Cell,
         connect: Connect,
-        settings: HttpSettings,
+        station: Station,
         access: Access,
-        recordings: Path,
         now_s: Callable[[], float],
     ) -> None:
-        self.cell, self.settings, self.access, self.recordings = cell, settings, access, recordings
+        self.cell, self.station, self.access = cell, station, access
+        self.settings: HttpSettings = station.http
+        self.recordings: Path = station.recording.folder
         self._connect = connect
-        self.hub, self.pictures = Hub(settings.most_streams), Pictures()
-        self.sessions = Sessions(connect, now_s, settings.silence_s)
+        self.hub, self.pictures = Hub(self.settings.most_streams), Pictures()
+        self.sessions = Sessions(connect, now_s, self.settings.silence_s)
         self._state: CellState | None = None
         self._was_gone = False
         self._asking = ThreadPoolExecutor(_ASKING, "http-asking")

@@ -42,7 +42,8 @@ class Guard:
     """The wrapper of an ASGI application; it adds the client's role as ``scope["state"]["role"]``.
 
     Args:
-        open_paths: paths that need no token; each holds for what is below it, too, when it ends with ``/``.
+        open_paths: paths that need no token; each holds for what is below it, too, when it ends with ``/``, but
+            for the root.
     """
 
     def __init__(self, app: ASGIApp, settings: HttpSettings, access: Access, open_paths: Collection[str] = ()) -> None:
@@ -89,7 +90,7 @@ class Guard:
         return None
 
     def _is_open(self, path: str) -> bool:
-        return any(path == one or (one.endswith("/") and path.startswith(one)) for one in self._open)
+        return any(path == one or (one.endswith("/") and one != "/" and path.startswith(one)) for one in self._open)
 
     async def _body(self, scope: Scope, receive: Receive) -> bytes | Response:
         """The whole body; an answer when it is too large or too slow. A GET without one does not wait for it."""

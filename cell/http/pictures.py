@@ -13,8 +13,11 @@ from google.protobuf.message import DecodeError
 
 from bus import topics
 from bus.sample import Sample
+from logs.image_annotations import BLUE, GREEN, GREY, ORANGE, color_message
 
 _TYPES = {"jpeg": "image/jpeg", "png": "image/png"}
+_KINDS = {GREEN: "grasp", BLUE: "other_grasp", ORANGE: "object", GREY: "rod"}
+"""What the colours mean; any other outlines a thing."""
 _PLACES = 1
 """Decimals of a pixel's coordinates."""
 
@@ -73,6 +76,7 @@ def _scene(drawn: ImageAnnotations) -> dict[str, Any]:
         "stamp_ns": max(stamps, default=0),
         "outlines": [
             {
+                "kind": _KIND_OF.get(_css(line.outline_color), "thing"),
                 "color": _css(line.outline_color),
                 "points_px": [[round(point.x, _PLACES), round(point.y, _PLACES)] for point in line.points],
             }
@@ -87,3 +91,6 @@ def _scene(drawn: ImageAnnotations) -> dict[str, Any]:
 
 def _css(color: Color) -> str:
     return "#" + "".join(f"{round(255 * min(1.0, max(0.0, part))):02x}" for part in (color.r, color.g, color.b))
+
+
+_KIND_OF = {_css(color_message(color)): kind for color, kind in _KINDS.items()}

@@ -1,26 +1,20 @@
-"""What can be read: state, health, results, the list of recordings, the last picture, who one is."""
+"""What can be read: state, health, results, the station, the last picture, who one is."""
 
 from __future__ import annotations
 
+import time
 from functools import partial
-from pathlib import Path
-from typing import Any
-from urllib.parse import quote
 
 from pydantic import Field
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 
 from bus.codec import decode
-from bus.errors import BadPayload, RecordingError, Refused
+from bus.errors import Refused
 from bus.frozen import Message
 from cell.http.answers import JSON, refuse, say
 from cell.http.door import Door
 from cell.http.guard import COOKIE
-from logs.catalogue import open_catalogue
-from logs.mcap.index import Filter
-
-_USUAL, _MOST = 20, 500
 
 
 class Login(Message):
@@ -32,6 +26,20 @@ class Login(Message):
 async def state(_request: Request, door: Door) -> Response:
     """The state now."""
     return say(await door.ask(door.cell.state))
+
+
+async def about(request: Request, door: Door) -> Response:
+    """What the station is: its name, its places, the client's role, and the clock here."""
+    station = door.station
+    return JSONResponse(
+        {
+            "cell_id": station.cell_id,
+            "is_simulated": station.simulated,
+            "places": [{"name": place.name, "capacity": place.capacity} for place in station.scene.places],
+            "role": str(request.state.role),
+            "now_ns": time.time_ns(),
+        }
+    )
 
 
 async def health(_request: Request, door: Door) -> Response:
@@ -52,38 +60,14 @@ async def result(request: Request, door: Door) -> Response:
     return say(found)
 
 
-async def cycles(request: Request, door: Door) -> Response:
-    """The newest recordings, with the paths of their files here. Raises: BadPayload."""
-    limit = _limit(request.query_params.get("limit", str(_USUAL)))
-    return JSONResponse(await door.ask(partial(_listed, door.recordings, limit)))
+async def proposal(_request: Request, door: Door) -> Response:
+    """The planned motion that waits for an answer. Raises: Refused (NO_PROPOSAL)."""
+    return say(await door.ask(door.cell.proposal))
 
 
-def _limit(text: str) -> int:
-    if not (text.isascii() and text.isdecimal() and len(text) < 6 and 1 <= int(text) <= _MOST):
-        raise BadPayload(f"limit: a number from 1 to {_MOST}.", "Leave it out for the usual one.")
-    return int(text)
-
-
-def _listed(folder: Path, limit: int) -> list[dict[str, Any]]:
-    try:
-        with open_catalogue(folder, makes=False) as catalogue:
-            entries = list(catalogue.entries(Filter(last=limit)))
-    except RecordingError:  # nothing was recorded yet
-        return []
-    return [{**entry.to_json(), **_paths(entry.path, folder)} for entry in entries]
-
-
-def _paths(file: Path, folder: Path) -> dict[str, str]:
-    """Where a recording and its report are served; "" for what is not there."""
-    page = file.with_suffix(".html")
-    return {
-        "file": f"/recordings/{_quoted(file, folder)}" if file.suffix == ".mcap" else "",
-        "report": f"/reports/{_quoted(page, folder)}" if page.is_file() else "",
-    }
-
-
-def _quoted(file: Path, folder: Path) -> str:
-    return quote(bytes(file.relative_to(folder)))
+async def plan(_request: Request, door: Door) -> Response:
+    """The last plan, to look at in 3-D. Raises: Refused (NO_PLAN)."""
+    return say(await door.ask(door.cell.plan_view))
 
 
 async def picture(request: Request, door: Door) -> Response:

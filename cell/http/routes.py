@@ -10,9 +10,10 @@ from starlette.responses import Response
 
 from bus.commands import CellHealth, CellState, CommandReply, CommandRequest
 from bus.frozen import Message
-from bus.messages import CycleResult, Job
-from cell.http import commands, events, reading, waiting
+from bus.messages import CycleResult, Job, PlanView, Proposal
+from cell.http import commands, events, reading, recorded, storage, waiting
 from cell.http.door import Door
+from logs.catalogue.labels import Label
 
 Handler = Callable[[Request, Door], Awaitable[Response]]
 
@@ -46,12 +47,13 @@ _CLIENT = ("client", "Your name, at most 40 letters, digits, '.', '_', '-'.")
 
 TABLE = (
     Served("GET", "/api/state", reading.state, "The machine's state now.", says=CellState, refusals=_NO_CELL),
+    Served("GET", "/api/cell", reading.about, "What the station is: its name and places; your role; the clock."),
     Served("GET", "/api/health", reading.health, "The cell and its nodes now.", says=CellHealth, refusals=_NO_CELL),
     Served(
         "GET",
         "/api/events",
         events.listen,
-        "Server-sent events: session, state, health, event, result, picture, ping; first what counts now.",
+        "Server-sent events: session, state, health, event, proposal, result, picture, scene, ping; first what counts.",
         media_type="text/event-stream",
         queries=(_CLIENT,),
         refusals=(422, 503),
@@ -69,7 +71,7 @@ TABLE = (
         "/api/commands/{verb}",
         commands.command,
         "One command. What moves the arm needs a session, or attends itself (`wait`); stop, abort, hold, suspend,"
-        " clear and cancel need neither.",
+        " clear, cancel, approve, next_grasp, reject and mode need neither.",
         takes=CommandRequest,
         says=CommandReply,
         queries=(("wait", "true: the answer comes when nothing moves any more, and is the CellState."), _CLIENT),
@@ -97,12 +99,54 @@ TABLE = (
     ),
     Served(
         "GET",
+        "/api/proposal",
+        reading.proposal,
+        "The planned motion that waits for approve, next_grasp or reject.",
+        says=Proposal,
+        refusals=(404, *_NO_CELL),
+    ),
+    Served(
+        "GET",
+        "/api/plan",
+        reading.plan,
+        "The last plan in 3-D: the robot on its way, the cloud, the known boxes.",
+        says=PlanView,
+        refusals=(404, *_NO_CELL),
+    ),
+    Served(
+        "GET",
         "/api/cycles",
-        reading.cycles,
-        "The newest recordings; `file` and `report` are paths of this server.",
+        recorded.cycles,
+        "The newest recordings; `file` and `report` are paths of this server, `labels` what persons said of them.",
         queries=(("limit", "How many, 1 to 500; 20 if left out."),),
         refusals=(422,),
     ),
+    Served(
+        "GET",
+        "/api/thumbnails/{cycle_id}",
+        recorded.small_picture,
+        "A small picture of a recorded cycle.",
+        media_type="image/jpeg",
+        refusals=(404,),
+    ),
+    Served(
+        "POST",
+        "/api/labels/{cycle_id}",
+        recorded.verdict,
+        "What a person says of a recorded cycle: good, bad, a note. It is appended, and changes nothing.",
+        takes=recorded.Verdict,
+        says=Label,
+        refusals=(404, 409, 422),
+    ),
+    Served(
+        "GET",
+        "/api/summary",
+        recorded.summary,
+        "The figures of `cell cycles --summary --json`.",
+        queries=(("day", "today, 2026-11-28, 2026-11 or 2026 (UTC); all days if left out."),),
+        refusals=(404, 409, 422),
+    ),
+    Served("GET", "/api/storage", storage.storage, "The disk, and what will be deleted next.", refusals=(404, 409)),
     Served("GET", "/api/picture", reading.picture, "The last picture.", media_type="image/jpeg", refusals=(404,)),
     Served(
         "GET",

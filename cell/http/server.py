@@ -51,7 +51,7 @@ def serve(station: Station, tell: Callable[[str], None], wait_for_end: Callable[
         handled_by(_end_by_defect),
     ):
         clock = clock_of(station)
-        door = Door(cell, connect, settings, access, station.recording.folder, clock.now_s)
+        door = Door(cell, connect, station, access, clock.now_s)
         serving = Serving(door, cell, listener, clock)
         serving.start()
         try:

@@ -106,7 +106,8 @@ async def _turn(listening: Listening, name: str) -> bool | None:
 
 
 def _rests(state: CellState) -> bool:
-    return state.state in SETTLED and not state.job_id and not state.queue
+    moves_by_hand = state.mode == "Manual" and state.stage != ""
+    return state.state in SETTLED and not state.job_id and not state.queue and not moves_by_hand
 
 
 def _dropped(reply: CommandReply) -> ErrorReply:

@@ -18,8 +18,9 @@ from bus.errors import Refused
 from bus.sample import Sample
 from bus.session import Bus
 from bus.silence import Silence
+from cell.machine.states import MANUAL_MOTIONS
 
-NEEDS_LEASE = frozenset({"reset", "start", "pick"})
+NEEDS_LEASE = frozenset({"reset", "start", "pick", *MANUAL_MOTIONS})
 """Commands that need the lease: one holder at a time."""
 NEEDS_TOKEN = frozenset({"unhold", "unsuspend"})
 """Commands that resume the holder's motion: any client with a token may send them, and takes a free lease."""
@@ -43,6 +44,7 @@ class Leases:
         look_s: period of `look`.
         arrival_s: longest delay of a token after the command that needs it was received.
         clock: the clock of all three.
+        of_holder: commands besides `NEEDS_LEASE` that only the present holder may send.
     """
 
     def __init__(
@@ -52,8 +54,9 @@ class Leases:
         look_s: float,
         arrival_s: float = ARRIVAL_S,
         clock: DeadlineClock = WALL_CLOCK,
+        of_holder: frozenset[str] = frozenset(),
     ) -> None:
-        self._clock = clock
+        self._clock, self._of_holder = clock, of_holder
         self._on_lost, self._silence_s, self._arrival_s = on_lost, silence_s, arrival_s
         self._new_silence = partial(Silence, silence_s, look_s, clock.now_s)
         self._alive: set[str] = set()
@@ -105,6 +108,12 @@ class Leases:
 
         Raises: Refused (NO_LEASE, LEASE_HELD).
         """
+        if verb in self._of_holder and client_id != self.holder:
+            raise Refused(
+                f"{verb!r} is for the client that holds the lease, which is {self.holder or 'nobody'!r}.",
+                "Send it from that client, or set execute.approve = 'client'.",
+                code="LEASE_HELD" if self.holder else "NO_LEASE",
+            )
         if verb not in NEEDS_LEASE | NEEDS_TOKEN:
             return
         left_s = max(0.0, received_s + self._arrival_s - time.monotonic())

@@ -219,7 +219,7 @@ class Machine:
         try:
             reply = self._on_beside(command.verb, request, self.state)
             if reply is not None:
-                return self._remembered(key, reply)
+                return reply if command.verb in ENDING else self._remembered(key, reply)
             target = after_command(self.state, command.verb)
             self._require_quiet(command.verb, target)
             cycle_id = self._on_accept(command.verb, request)

@@ -11,7 +11,9 @@ from __future__ import annotations
 import re
 from enum import StrEnum
 
+from bus.commands import UnitMode
 from bus.errors import Refused
+from bus.messages.approval import Decision
 
 
 class State(StrEnum):
@@ -62,6 +64,13 @@ BEGINNING = frozenset({State.RESETTING, State.STARTING, State.CLEARING})
 ENDING = frozenset({"stop", "abort", "hold", "suspend"})
 """Commands that bring motion to rest."""
 
+ANSWERS: tuple[Decision, ...] = ("approve", "next_grasp", "reject")
+"""Commands that answer a proposal, in Execute while the stage is ``approve``; like ``cancel`` they change no state."""
+MANUAL_MOTIONS = ("jog", "jog_home", "hand_open", "hand_close")
+"""Motions by hand: in mode Manual, while the cell is Stopped."""
+BESIDE = ("cancel", *ANSWERS, "mode", *MANUAL_MOTIONS)
+"""Commands beside the table."""
+
 _UNSTOPPABLE = {State.STOPPING, State.STOPPED, State.CLEARING, State.ABORTING, State.ABORTED}
 _ABORT_FROM = set(State) - {State.ABORTING, State.ABORTED}
 
@@ -100,9 +109,34 @@ _HOW_TO_GET_READY = {
 }
 
 
-def available(state: State) -> tuple[str, ...]:
-    """The commands that are accepted in ``state``, in table order."""
-    return tuple(command for command, arrows in COMMANDS.items() if state in arrows)
+PRODUCTION_ONLY = frozenset({"reset", "start", "pick"})
+"""Commands that mode Manual refuses."""
+MODE_FROM = frozenset({State.STOPPED, State.IDLE, State.COMPLETE, State.ABORTED})
+"""States in which the mode can change; to Manual, it stops the cell."""
+
+
+def available(state: State, stage: str = "", mode: UnitMode = "Production") -> tuple[str, ...]:
+    """The commands that are accepted in ``state``, in table order.
+
+    Args:
+        stage: of the running cycle. ``mode``: of the unit.
+    """
+    commands = tuple(command for command, arrows in COMMANDS.items() if state in arrows)
+    if mode == "Manual":
+        moves = (*MANUAL_MOTIONS, "stop") if state is State.STOPPED else ()
+        return (*(command for command in commands if command not in PRODUCTION_ONLY), *moves, "mode")
+    return (*commands, *ANSWERS) if state is State.EXECUTE and stage == "approve" else commands
+
+
+def require_answerable(verb: str, state: State) -> None:
+    """Refuse to answer a proposal in another state than Execute: in a pause no answer counts. Raises: Refused."""
+    if state is not State.EXECUTE:
+        raise Refused(
+            f"{verb!r} is not possible while the cell is {state}.",
+            _HOW_TO_GET_READY.get(state, "Wait for a cycle that asks: its stage is `approve`."),
+            code="WRONG_STATE",
+            available=available(state),
+        )
 
 
 def after_command(state: State, command: str) -> State:

@@ -7,11 +7,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from bus import topics
+from bus.arrays import Transform
 from bus.codes import Code
 from bus.commands import Event
 from bus.errors import BusError, CycleFailure, DriverError
 from bus.messages import Attempt, Detections, ModelReply, Observation, ObservedScene, PickPlan, SeenMount, View
 from bus.sensor_codec import transforms_to_wire
+from cell.pick.approving import Approvals, Planned, approved
 from cell.pick.capture import capture, require_sight
 from cell.pick.detect import detect_unless_halted
 from cell.pick.equipment import Equipment
@@ -26,17 +28,21 @@ class Choosing:
 
     Attributes:
         looks: the observations so far, the first from the capture pose.
+        approvals: asks a person, where the station wants it.
+        planned: the last plan, and what it was made of; None before there is one.
     """
 
     attempt: Attempt
     equipment: Equipment
     stages: Stages
+    approvals: Approvals = field(default_factory=Approvals)
     looks: list[Observation] = field(default_factory=list)
+    planned: Planned | None = None
     _mount: SeenMount | None = None
     _seen_ns: int = 0
 
     def choose(self) -> tuple[Detections, PickPlan]:
-        """Look as often as it takes, detect and plan.
+        """Look as often as it takes, detect and plan; then ask a person, where the station wants it.
 
         Raises: CycleFailure; unless a device or the cell failed, with the arm back at the capture pose.
         """
@@ -47,7 +53,7 @@ class Choosing:
             while True:
                 chosen = self._detect_and_plan()
                 if chosen is not None:
-                    return chosen
+                    return chosen[0], self._approved(*chosen)
         except CycleFailure as failure:
             if not self.stages.gate.halted and failure.failure not in FAULTS:
                 self.go_back(failure)
@@ -125,16 +131,35 @@ class Choosing:
             is_hosted = e.models.imaginer.is_hosted
             if self._look_again(why_look_again(found, len(looks), e.station, is_hosted=is_hosted)):
                 return None
-            chosen = self.stages.run(
-                "plan",
-                topics.PLAN,
-                lambda: plan(found, looks, e.robot, e.station, self.attempt.missed, self.stages.cancel),
-            )
+            chosen = self._plan(found)
         except CycleFailure as failure:
             if not self._look_again(why_look_again(failure, len(looks), e.station)):
                 raise
             return None
         return found, chosen
+
+    def _plan(self, found: Detections, passed_over: tuple[Transform, ...] = ()) -> PickPlan:
+        e, missed = self.equipment, (*self.attempt.missed, *passed_over)
+        return self.stages.run(
+            "plan", topics.PLAN, lambda: plan(found, self.looks, e.robot, e.station, missed, self.stages.cancel)
+        )
+
+    def _approved(self, found: Detections, chosen: PickPlan) -> PickPlan:
+        """The plan that a person approved, where the station wants it; else the chosen one. Raises: CycleFailure."""
+        settings = self.equipment.station.execute
+
+        def planned(plan: PickPlan, passed_over: int = 0) -> Planned:
+            is_asked = settings.approve != "no"
+            until_ns = time.time_ns() + round(settings.approve_s * 1e9) if is_asked else 0
+            self.planned = Planned(self.attempt.cycle_id, found, plan, tuple(self.looks), passed_over, until_ns)
+            self.approvals.last = self.planned
+            return self.planned
+
+        first = planned(chosen)
+        if settings.approve == "no":
+            return chosen
+        another = lambda passed_over: planned(self._plan(found, passed_over), len(passed_over))  # noqa: E731
+        return approved(self.stages, self.approvals, first, another, settings.approve_s).plan
 
     def _detect(self) -> Detections:
         """Detect; what was seen is published alone when there is no result to hold it."""

@@ -16,6 +16,7 @@ from bus.messages import (
     CycleResult,
     Detections,
     Execution,
+    FoundThing,
     Grasp,
     HandState,
     Laid,
@@ -23,16 +24,19 @@ from bus.messages import (
     PickPlan,
     Verdict,
 )
+from cell.pick.approving import Approvals
 from cell.pick.choosing import Choosing
 from cell.pick.equipment import Equipment
 from cell.pick.execute import deliver, execute
 from cell.pick.mounting import FEWEST_LOOKS
 from cell.pick.outcome import found_thing, grasp_outcome, laid_at
 from cell.pick.plan import scenes
+from cell.pick.several import one_thing
 from cell.pick.stages import FAULTS, Stages
 from cell.pick.touching import Thing
 from cell.pick.verify import lost_on_the_way, verify
 from config.job import place_of
+from perception.fusion.agreed import corrected
 
 
 @dataclass
@@ -45,6 +49,7 @@ class Cycle:
         verdict: the result of verify, or None.
         grasp: base_from_tcp (4, 4) of the planned grasp, or None.
         laid: where the object was let go, or None.
+        approvals: asks a person before the arm moves for a grasp, where the station wants it.
     """
 
     attempt: Attempt
@@ -54,7 +59,9 @@ class Cycle:
     verdict: Verdict | None = None
     grasp: Transform | None = None
     laid: Laid | None = None
+    approvals: Approvals = field(default_factory=Approvals)
     _found: Detections | None = None
+    _target: Grasp | None = None
     _planned: tuple[PickPlan, Grasp] | None = None
     _grasped: HandState | None = None
     _choosing: Choosing | None = None
@@ -77,11 +84,16 @@ class Cycle:
 
     def run(self) -> None:
         """Run the five stages. Raises: CycleFailure, already published and kept in ``stages.failure``."""
-        e, choosing = self.equipment, Choosing(self.attempt, self.equipment, self.stages)
+        e, choosing = self.equipment, Choosing(self.attempt, self.equipment, self.stages, self.approvals)
         self._choosing = choosing
-        found, chosen = choosing.choose()
+        try:
+            found, chosen = choosing.choose()
+        finally:
+            if choosing.planned is not None:  # perhaps it was not approved
+                self._found, self._target = choosing.planned.found, choosing.planned.grasp
+                self.grasp = self._target.base_from_tcp
         before, grasp = choosing.looks[found.scene.shown], found.grasps[chosen.grasp]
-        self._found, self._planned, self.grasp = found, (chosen, grasp), grasp.base_from_tcp
+        self._planned = (chosen, grasp)
         thing = _thing(found, choosing.looks, grasp, e)
         after: Observation | None = None
 
@@ -131,7 +143,7 @@ class Cycle:
             if lost:
                 self.stages.fail(CycleFailure(Code.DROPPED, lost))
                 return
-        if self.verdict.held:
+        if self.verdict.held or self.verdict.code is Code.MULTI_PICK:  # they all lie there now
             self.laid = laid_at(done, e.robot, place_of(self.attempt.job))
 
     def result(self, retried_as: str) -> CycleResult:
@@ -151,11 +163,16 @@ class Cycle:
             retried_as=retried_as,
             advice=ADVICE[code] if code is not None else "",
             job=self.attempt.job,
-            found=found_thing(self._found, grasp) if self._found is not None and grasp is not None else None,
+            found=self._found_thing(),
             grasp=grasp_outcome(grasp, self._grasped, self.verdict) if grasp is not None else None,
             laid=self.laid,
             earlier=self.attempt.earlier,
+            approvals=tuple(self.stages.approvals),
         )
+
+    def _found_thing(self) -> FoundThing | None:
+        found, grasp = self._found, self._target
+        return found_thing(found, grasp) if found is not None and grasp is not None else None
 
     def _outcome(self) -> tuple[Literal["SUCCESS", "FAILED", "ABORTED", "EMPTY"], Code | None, str]:
         failure = self.stages.failure
@@ -172,4 +189,5 @@ def _thing(found: Detections, looks: Sequence[Observation], grasp: Grasp, equipm
     """What is grasped: its top as it was seen, and its scene."""
     tops_m = [float(one.top_m[2]) for one in found.scene.instances if one.number == grasp.instance]
     scene_of = scenes(found, looks, equipment.robot, equipment.station)
-    return Thing(tops_m[0] if tops_m else None, lambda: scene_of(grasp))
+    shown = corrected(looks[found.scene.shown], found.scene.mount)
+    return Thing(tops_m[0] if tops_m else None, lambda: scene_of(grasp), lambda: one_thing(found, grasp, shown))

@@ -24,7 +24,7 @@ from bus.errors import (
     StaleFrame,
 )
 from bus.frozen import Message
-from bus.messages import Failure, StageName
+from bus.messages import Approval, Failure, StageName
 from bus.threads import OwnedThread, Role
 from bus.topics import Topic
 from cell.machine.gate import Gate
@@ -40,7 +40,7 @@ FAULTS = {Code.ARM_REFLEX, Code.MOTION_REFUSED, Code.HAND_FAULT, Code.STALE_FRAM
           Code.NODE_LOST, Code.RECORDING, Code.INTERNAL}  # fmt: skip
 """Codes that abort the machine: a device or the cell itself failed, not the pick."""
 
-_BEFORE_THE_GRASP = ("capture", "detect", "plan")
+_BEFORE_THE_GRASP = ("capture", "detect", "plan", "approve")
 
 _CODE_OF_ERROR: tuple[tuple[type[Exception], Code], ...] = (
     (ArmReflex, Code.ARM_REFLEX),
@@ -65,6 +65,7 @@ class Stages:
         gate: after a stop, no further stage begins. ``withdrawal``: of the job, until its grasp.
         took_s: wall time of every stage that ran.
         failure: why the cycle ends early, or None.
+        approvals: what a person answered to its plans, in order.
     """
 
     cycle_id: str
@@ -75,6 +76,7 @@ class Stages:
     withdrawal: Withdrawal = field(default_factory=Withdrawal)
     took_s: dict[str, float] = field(default_factory=dict)
     failure: Failure | None = None
+    approvals: list[Approval] = field(default_factory=list)
     _publishing: OwnedThread | None = None
 
     @property

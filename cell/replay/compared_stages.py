@@ -84,7 +84,7 @@ def _detect(record: CycleRecord, station: Station, _robot: Robot, models: Models
 def _plan(record: CycleRecord, station: Station, robot: Robot, _models: Models) -> Message:
     found = _result(record, "detect", Detections)
     assert isinstance(found, Detections)
-    return plan(found, _seen_by(found, record), robot, station, record.attempt.missed)
+    return plan(found, _seen_by(found, record), robot, station, (*record.attempt.missed, *record.passed_over))
 
 
 def _verify(record: CycleRecord, station: Station, robot: Robot, _models: Models) -> Message:
@@ -159,6 +159,7 @@ STAGES: tuple[Stage, ...] = (
             "rejected[*].obstacle.*": _LENGTH,
         },
     ),
+    Stage("approve", topics.APPROVE),
     Stage("execute", topics.EXECUTE),
     Stage(
         "verify",

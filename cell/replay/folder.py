@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from bus.errors import CellError, RecordingError
+from bus.errors import CellError, PicturesTrimmed, RecordingError
 from cell.replay.replay import Replay, Request, replay
 from cell.replay.view import to_json, verdict
 from config.load import station_hash
@@ -29,6 +29,9 @@ class Tally:
 
     def add(self, path: Path, outcome: Replay | CellError) -> str:
         """Count one recording; return its verdict."""
+        if isinstance(outcome, PicturesTrimmed):
+            self.verdicts["trimmed"] += 1
+            return "trimmed: not replayed"
         if isinstance(outcome, CellError):
             self.unreadable[shown(path)] = str(outcome)
             return "unreadable"
@@ -53,7 +56,7 @@ class Tally:
         """The counts as a JSON object: recordings, and those in which each stage and each field differs."""
         return {
             "cycles": self.verdicts.total() + len(self.unreadable),
-            **{said: self.verdicts[said] for said in ("equal", "different", "empty")},
+            **{said: self.verdicts[said] for said in ("equal", "different", "empty", "trimmed")},
             "unreadable": self.unreadable,
             "stages": dict(self.stages),
             "fields": dict(self.fields.most_common()),

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Any, cast
 
 from bus.codes import Code
-from bus.errors import ConfigError, CycleFailure, RecordingError
+from bus.errors import ConfigError, CycleFailure, PicturesTrimmed, RecordingError
 from bus.frozen import Message
 from bus.messages import Detections, Failure, PickPlan, StageName, StageRecord
 from cell.replay.compared_stages import STAGES, Stage
@@ -106,8 +106,14 @@ def replay(record: CycleRecord, request: Request, robot_of: Callable[[Station], 
     Args:
         robot_of: builds the planning model of a station, which takes a second; it may cache it for many recordings.
 
-    Raises: RecordingError when it holds none of the requested pure stages; ConfigError for a bad override.
+    Raises: RecordingError when it holds none of the requested pure stages; PicturesTrimmed; ConfigError for a bad
+        override.
     """
+    if record.trimmed:
+        raise PicturesTrimmed(
+            f"The pictures of {record.cycle_id} were {record.trimmed}: no stage can run again.",
+            "Replay the whole recording, if there is one; recording.thin_after_days says when they are trimmed.",
+        )
     station = station_from(dict(record.station), request.overrides, source="the recorded station")
     robot, models = robot_of(station), request.models(station, record)
     try:

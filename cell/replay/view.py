@@ -71,7 +71,9 @@ def show_tally(said: dict[str, Any], out: Printer) -> None:
         out.line(("different", "red"), f" {one['cycle_id']}: first in {where}")
     for name, count in said["fields"].items():
         out.line(f"  {count:>5} x {name}")
-    counts = ", ".join(f"{said[name]} {name}" for name in ("equal", "different", "empty"))
+    counts = ", ".join(
+        f"{said[name]} {name}" for name in ("equal", "different", "empty", "trimmed") if name != "trimmed" or said[name]
+    )
     out.line(f"{said['cycles']} recordings: {counts}, {len(said['unreadable'])} unreadable")
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 from bus.errors import CatalogueError, RecordingError
 from logs.catalogue.opening import Tell, check, in_memory, open_store, set_aside
-from logs.catalogue.store import CATALOGUE, DamagedCatalogue, Store, asking
+from logs.catalogue.store import CATALOGUE, THERE, DamagedCatalogue, Store, asking
 from logs.catalogue.update import Listing, Progress, listing, quietly, root_of, update
 from logs.mcap.index import FINE, Entry, Filter, read_entry
 from logs.mcap.names import is_folder, shown
@@ -73,6 +73,7 @@ class Catalogue:
 
     def _known(self, wanted: Filter) -> Iterator[Entry]:
         where, given = self.where()
+        where += f" AND {THERE}"
         if digits := wanted.digits:
             where, given = f"{where} AND name >= ? AND name < ?", [*given, digits, f"{digits}~"]
         if wanted.failed:

@@ -29,6 +29,7 @@ GROUPS: tuple[tuple[str, tuple[Column, ...]], ...] = (
     ("Goal-image models", detect_columns.MODELS),
     ("What was asked for", cycle_columns.JOB),
     ("What it ran with", cycle_columns.VERSIONS),
+    ("What became of the recording", cycle_columns.KEPT),
 )
 """The columns in the order of the table, under the heads of docs/catalogue.md."""
 
@@ -64,6 +65,8 @@ CREATE TABLE labels ({_definitions(LABEL_COLUMNS)});
 CREATE INDEX label_by_cycle ON labels (cycle_id, at_ns);
 CREATE TABLE folders (folder TEXT PRIMARY KEY, mtime_ns INTEGER NOT NULL);
 CREATE TABLE labels_file (bytes INTEGER NOT NULL, mtime_ns INTEGER NOT NULL);
+CREATE TABLE deletions (file TEXT PRIMARY KEY, at INTEGER NOT NULL);
+CREATE TABLE journal (bytes INTEGER NOT NULL);
 CREATE VIEW cycles AS SELECT cycle.*,
     (SELECT label FROM labels WHERE labels.cycle_id = cycle.cycle_id AND label <> '' ORDER BY at_ns DESC LIMIT 1)
     AS label,

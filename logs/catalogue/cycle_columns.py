@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 
 from logs.catalogue.column import Column, Told, Value
 from logs.mcap.reader import RECOVERED
+from logs.mcap.thin import ARCHIVED, ARCHIVED_SHA256, THINNED
 
 UNFINISHED = "UNFINISHED"
 _STAMP = re.compile(r"\d{8}T\d{9}")
@@ -16,7 +17,7 @@ _COMMANDED = re.compile(r"command '\w+' from (?!cell$)")
 """The reason of a state that a client commanded, and not the cell itself."""
 _PAUSED = frozenset({"Holding", "Held", "Suspending", "Suspended"})
 _NAMED = ("schema", "cell_id", "station_hash", "seed", "robot_model_sha256", "commit", "dirty", "python", "vlad-cell")
-_OF_THE_RESULT = ("cycle_id", "result", "code", "reason", RECOVERED)
+_OF_THE_RESULT = ("cycle_id", "result", "code", "reason", RECOVERED, THINNED, ARCHIVED, ARCHIVED_SHA256)
 
 
 # --- when -------------------------------------------------------------------------------------------------------------
@@ -188,3 +189,12 @@ VERSIONS = (
            lambda told: RECOVERED in told.record.metadata),
     Column("versions", "TEXT", "", "Versions of the packages, as JSON.", _versions),
 )  # fmt: skip
+
+KEPT = (
+    Column("trimmed", "INTEGER", "", "1: its pictures were trimmed.", lambda told: THINNED in told.record.metadata),
+    Column("deleted_ns", "INTEGER", "ns", "When its recording was deleted, UTC; NULL: it is there.", lambda _: None),
+    Column("deleted_by", "TEXT", "", "The setting that asked for it.", lambda _: None),
+    Column("archived", "TEXT", "", "Address of its whole recording, of one that was deleted or trimmed; NULL: none.",
+           lambda told: told.record.metadata.get(ARCHIVED)),
+)  # fmt: skip
+"""What became of the recording; of a deleted one the journal says it."""

@@ -5,9 +5,7 @@ One JSON object a line. The catalogue holds a copy, which is made anew whenever 
 
 from __future__ import annotations
 
-import fcntl
 import json
-import os
 from collections.abc import Iterator
 from contextlib import suppress
 from datetime import UTC, datetime
@@ -18,7 +16,7 @@ from pydantic import Field, ValidationError
 
 from bus.errors import CatalogueError
 from bus.frozen import Message
-from logs.mcap.recorder import MODE
+from logs.catalogue.lines import append_line
 
 LABELS = "labels.jsonl"
 WORDS = ("good", "bad")
@@ -47,19 +45,7 @@ class Label(Message):
 def append(root: Path, label: Label) -> Path:
     """Append one label below the folder of recordings, synced to the disk; return the file. Raises: CatalogueError."""
     path = root / LABELS
-    line = json.dumps(label.model_dump()).encode() + b"\n"
-    try:
-        file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, MODE)
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX)
-            size = os.fstat(file).st_size
-            is_torn = size > 0 and os.pread(file, 1, size - 1) != b"\n"  # by a power cut: it ends that line
-            os.write(file, b"\n" * is_torn + line)
-            os.fsync(file)
-        finally:
-            os.close(file)
-    except OSError as error:
-        raise CatalogueError(f"{path} cannot be written: {error.strerror}.", "Check who may write there.") from error
+    append_line(path, json.dumps(label.model_dump()).encode())
     return path
 
 

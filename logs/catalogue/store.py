@@ -9,14 +9,20 @@ import os
 import sqlite3
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from itertools import islice
 from pathlib import Path
 
 from bus.errors import CatalogueError
 from logs.catalogue.column import Value
 from logs.catalogue.columns import LABEL_COLUMNS, NAMES
+from logs.catalogue.deleted_row import row_of_deleted
+from logs.catalogue.journal import Gone, journal_bytes, read_journal
 from logs.catalogue.labels import LABELS, read_labels
 
 CATALOGUE = "catalogue.sqlite"
+THERE = "deleted_ns IS NULL"
+"""Selects the rows whose recording is there."""
+_BATCH = 1000
 _PUT = f"INSERT OR REPLACE INTO cycle ({', '.join(NAMES)}) VALUES ({', '.join('?' * len(NAMES))})"
 _PUT_LABEL = f"INSERT INTO labels VALUES ({', '.join('?' * len(LABEL_COLUMNS))})"
 
@@ -64,23 +70,29 @@ class Store:
             connection.executemany(_PUT, rows)
 
     def drop(self, gone: Mapping[str, Iterable[str]]) -> None:
-        """Remove the rows of files that are not there any more: their names by folder."""
+        """Take the rows of files that are not there any more, names by folder, from the journal; remove the others."""
         if not gone:
             return
         with self._transaction() as connection:
             pairs = [(folder, name) for folder, names in gone.items() for name in names]
             connection.executemany("DELETE FROM cycle WHERE folder = ? AND name = ?", pairs)
+            files = [os.path.join(*pair) for pair in pairs]
+            connection.executemany(_PUT, filter(None, (self._row_of_journal(connection, file) for file in files)))
 
     def forget(self) -> None:
         """Remove all rows."""
         with self._transaction() as connection:
             connection.execute("DELETE FROM cycle")
             connection.execute("DELETE FROM folders")
+            connection.execute("DELETE FROM deletions")
+            connection.execute("DELETE FROM journal")
 
     def known(self, folder: str) -> dict[str, tuple[int, int]]:
-        """Size and time [ns] of every file of a folder that has a row, by its name."""
+        """Size and time [ns] of every file of a folder that has a row and is not deleted, by its name."""
         with asking(self.path):
-            rows = self.connection.execute("SELECT name, bytes, mtime_ns FROM cycle WHERE folder = ?", (folder,))
+            rows = self.connection.execute(
+                f"SELECT name, bytes, mtime_ns FROM cycle WHERE folder = ? AND {THERE}", (folder,)
+            )
             return {name: (size, mtime_ns) for name, size, mtime_ns in rows}
 
     def folders(self) -> dict[str, int]:
@@ -89,9 +101,9 @@ class Store:
             return dict(self.connection.execute("SELECT folder, mtime_ns FROM folders"))
 
     def folders_with_rows(self) -> list[str]:
-        """The folders of all rows."""
+        """The folders of all rows whose file is not deleted."""
         with asking(self.path):
-            return [folder for (folder,) in self.connection.execute("SELECT DISTINCT folder FROM cycle")]
+            return [folder for (folder,) in self.connection.execute(f"SELECT DISTINCT folder FROM cycle WHERE {THERE}")]
 
     def settle(self, folders: Mapping[str, int | None]) -> None:
         """Remember that the rows are those of each folder at that time [ns]; None = forget it."""
@@ -120,6 +132,34 @@ class Store:
             connection.execute("DELETE FROM labels_file")
             connection.executemany(_PUT_LABEL, rows)
             connection.execute("INSERT INTO labels_file VALUES (?, ?)", now)
+
+    def copy_journal(self) -> None:
+        """Read what was appended to the journal of deletions; make the rows of the files that have none."""
+        with asking(self.path):
+            (known,) = self.connection.execute("SELECT bytes FROM journal").fetchone() or (0,)
+        size = journal_bytes(self.root)
+        if known == size:
+            return
+        lines = read_journal(self.root, known if known < size else 0)
+        while batch := list(islice(lines, _BATCH)):
+            with self._transaction() as connection:
+                self._add_lines(connection, [(at, gone) for at, _, gone in batch if gone is not None])
+                connection.execute("DELETE FROM journal")
+                connection.execute("INSERT INTO journal VALUES (?)", (batch[-1][1],))
+
+    def _add_lines(self, connection: sqlite3.Connection, lines: Iterable[tuple[int, Gone]]) -> None:
+        deleted = [(at, gone) for at, gone in lines if gone.what == "deleted"]
+        connection.executemany(
+            "INSERT OR REPLACE INTO deletions VALUES (?, ?)", [(one.file, at) for at, one in deleted]
+        )
+        rows = (row_of_deleted(gone) for _, gone in deleted if not os.path.lexists(self.root / gone.file))
+        connection.executemany(_PUT, rows)
+
+    def _row_of_journal(self, connection: sqlite3.Connection, file: str) -> tuple[Value, ...] | None:
+        """The row of a deleted file; None for one that the journal does not name."""
+        found = connection.execute("SELECT at FROM deletions WHERE file = ?", (file,)).fetchone()
+        _, _, gone = next(read_journal(self.root, found[0]), (0, 0, None)) if found else (0, 0, None)
+        return row_of_deleted(gone) if gone is not None and gone.file == file else None
 
     def close(self) -> None:
         """Close the connection; idempotent."""

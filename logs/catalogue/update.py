@@ -1,4 +1,4 @@
-"""Brings the catalogue up to date: rows for recordings that are new or have changed, none for those that are gone."""
+"""Brings the catalogue up to date: rows for recordings that are new or have changed; of deleted ones the journal's."""
 
 from __future__ import annotations
 
@@ -89,6 +89,7 @@ def update(store: Store, listed: Listing, progress: Progress = quietly, rest: Ca
     Args:
         rest: called between two recordings, to leave processor time to the cell.
     """
+    store.copy_journal()
     store.drop(listed.gone)
     files = iter(progress(listed.unknown, len(listed.unknown)))
     while batch := list(islice(files, _BATCH)):

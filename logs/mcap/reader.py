@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Generic, NamedTuple, TypeVar
 
@@ -15,10 +16,12 @@ from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
 from mcap.records import Attachment, Channel, McapRecord, Message, Metadata
 
 from bus import topics
+from bus.arrays import Transform
 from bus.codec import Json, MessageT, decode
 from bus.commands import CellState, Event, Health
 from bus.errors import BadFrame, BadPayload, RecordingError
 from bus.messages import (
+    Approval,
     Attempt,
     CycleResult,
     Detections,
@@ -38,8 +41,17 @@ from logs.mcap.names import reading, shown
 from logs.mcap.pictures import without_pictures
 from logs.mcap.recorder import PART
 from logs.mcap.records import Damage
+from logs.mcap.thin import ARCHIVED, THINNED
 
-STAGE_TOPICS = (topics.CAPTURE, topics.DETECT, topics.PLAN, topics.EXECUTE, topics.VERIFY, topics.DELIVER)
+STAGE_TOPICS = (
+    topics.CAPTURE,
+    topics.DETECT,
+    topics.PLAN,
+    topics.APPROVE,
+    topics.EXECUTE,
+    topics.VERIFY,
+    topics.DELIVER,
+)
 _TOLD = (*STAGE_TOPICS, topics.ATTEMPT, topics.RESULT, topics.SCENE, topics.MODEL_REPLY, topics.STATE, topics.EVENT)
 """What `read_stages` reads."""
 STATION = "station.json"
@@ -75,6 +87,7 @@ class CycleRecord:
         stages: the record of every stage that ran, in order; of one that ran again, the last.
         superseded: the records of earlier looks and what was made of them, in the order of time.
         attempt: the attempt of the pick that this cycle is.
+        passed_over: base_from_tcp (4, 4) of the proposed grasps that a person passed over, in order.
         looks: the captures before the pick, in order. ``after``: the one while holding; None when not reached.
         replies: all calls to the goal-image model, in order. ``last_replies``: those since the last look.
         scene: what detect saw; None when it did not come so far.
@@ -91,6 +104,7 @@ class CycleRecord:
     result: CycleResult | None
     attempt: Attempt
     superseded: tuple[Stage, ...] = ()
+    passed_over: tuple[Transform, ...] = ()
     replies: tuple[ModelReply, ...] = ()
     last_replies: tuple[ModelReply, ...] = ()
     scene: ObservedScene | None = None
@@ -99,6 +113,16 @@ class CycleRecord:
     hand: tuple[Timed[HandState], ...] = ()
     health: tuple[Timed[Health], ...] = ()
     arm: tuple[Timed[JointStates], ...] = ()
+
+    @property
+    def trimmed(self) -> str:
+        """When the pictures were trimmed, and where the whole recording is, in words; "" for a whole one."""
+        if THINNED not in self.metadata:
+            return ""
+        said = self.metadata[THINNED]
+        day = f" on {datetime.fromtimestamp(int(said) / 1e9, UTC):%Y-%m-%d}" if re.fullmatch(r"\d{1,19}", said) else ""
+        where = self.metadata.get(ARCHIVED, "")
+        return f"trimmed{day}; {f'whole at {where}' if where else 'nowhere whole'}"
 
     @property
     def observation(self) -> Observation | None:
@@ -112,6 +136,15 @@ def read_cycle(path: Path) -> CycleRecord:
     return _made(path, _read(path), has_frames=True)
 
 
+def read_with_messages(path: Path) -> tuple[CycleRecord, Content]:
+    """As `read_cycle`, with a single pixel for each picture of detect; and all messages as they travelled.
+
+    Raises: RecordingError.
+    """
+    raw = _read(path)
+    return _made(path, raw, has_frames=True, has_pictures=False), raw
+
+
 def read_stages(path: Path) -> CycleRecord:
     """As `read_cycle`, without what takes long: ``looks``, ``after``, ``hand``, ``health`` and ``arm`` are left out.
 
@@ -123,7 +156,7 @@ def read_stages(path: Path) -> CycleRecord:
     with reading(path), path.open("rb") as file:
         summary = Summary(file)
         raw = _content(summary) if summary.is_there else None
-    return _made(path, raw or _read(path), has_frames=False)
+    return _made(path, raw or _read(path), has_frames=False, has_pictures=False)
 
 
 def _content(summary: Summary) -> Content:
@@ -138,10 +171,10 @@ def _content(summary: Summary) -> Content:
     return raw
 
 
-def _made(path: Path, raw: Content, *, has_frames: bool) -> CycleRecord:
+def _made(path: Path, raw: Content, *, has_frames: bool, has_pictures: bool = True) -> CycleRecord:
     require_ours(path, has_station=raw.station is not None, metadata=raw.metadata)
     migrate(raw)
-    if not has_frames:
+    if not has_pictures:
         for key in (topics.DETECT.key, topics.SCENE.key):
             raw.payloads[key] = [(at_ns, without_pictures(payload)) for at_ns, payload in raw.payloads.get(key, [])]
     try:
@@ -242,6 +275,7 @@ def _cycle(raw: Content, *, has_frames: bool) -> CycleRecord:
         after=_observation(execution.after if execution is not None else None, frames, is_whole),
         result=decode(CycleResult, results[-1][1]) if results else None,
         attempt=decode(Attempt, attempts[0][1]) if attempts else Attempt(cycle_id=raw.metadata["cycle_id"]),
+        passed_over=tuple(_passed_over(stage for _, stage in runs)),
         scene=_scene(raw, [stage for _, stage in runs if stage.stage == "detect"]),
         replies=tuple(reply.message for reply in replies),
         last_replies=tuple(reply.message for reply in replies if reply.log_time_ns >= since_ns),
@@ -271,6 +305,12 @@ def _stages(raw: Content) -> Iterator[tuple[int, Stage]]:
             yield at_ns, record
 
 
+def _passed_over(runs: Iterable[Stage]) -> Iterator[Transform]:
+    for run in runs:
+        if isinstance(run.result, Approval) and run.result.decision == "next_grasp":
+            yield run.result.base_from_tcp
+
+
 def _timed(raw: Content, key: str, kind: type[MessageT]) -> tuple[Timed[MessageT], ...]:
     """The decodable messages of ``key``; undecodable ones, e.g. of a faulty node, are recorded but skipped here."""
     timed = []
@@ -290,11 +330,11 @@ def _arm_states(raw: Content) -> Iterator[Timed[JointStates]]:
 def _frames(raw: Content) -> tuple[dict[int, Frame], bool]:
     """All recorded frames by their stamp [ns UTC], and whether every frame that was used must be among them.
 
-    The five parts of a frame are recorded together, in order. Of a recovered file some may be missing, and an older one
-    may hold a frame that today no cycle would use.
+    The five parts of a frame are recorded together, in order. Of a recovered file some may be missing, of a trimmed one
+    all are, and an older one may hold a frame that today no cycle would use.
     """
     frames: dict[int, Frame] = {}
-    is_whole = RECOVERED not in raw.metadata
+    is_whole = RECOVERED not in raw.metadata and THINNED not in raw.metadata
     columns = [raw.payloads.get(topic.key, []) for topic in topics.FRAME_PARTS]
     if len({len(column) for column in columns}) > 1 and is_whole:
         raise BadPayload("Parts of a frame are missing.")

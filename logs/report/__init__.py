@@ -1,1 +1,1 @@
-"""Self-contained HTML report pages: one per cycle, one per day."""
+"""HTML report pages: one per cycle, one per day."""

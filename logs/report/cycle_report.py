@@ -15,7 +15,7 @@ from logs.mcap.reader import CycleRecord, recorded_number
 from logs.report import evidence, figures, images
 from logs.report.in_the_way import in_the_way
 from logs.report.looks import Looks, looks_view
-from logs.report.page import Chart, Fact, Figure, packed_plotly, script_json, write_page
+from logs.report.page import Chart, Fact, Figure, script_json, write_page
 from logs.report.scene import scene_view
 from logs.report.timeline import Timeline, summarize
 
@@ -34,16 +34,18 @@ class LogLine(NamedTuple):
     bad: bool
 
 
-def write_report(record: CycleRecord, path: Path, *, index: str = "") -> Path:
+def write_report(record: CycleRecord, path: Path, *, index: str = "", embed: bool = False) -> Path:
     """Write the page to ``path`` and return it.
 
     Args:
         index: file name of the day's page beside it, "" for none.
+        embed: the drawing library is in the page, not beside it: 5 MB more.
 
     Raises: RecordingError when the page cannot be drawn or written.
     """
     with telling(f"The cycle {record.cycle_id!r}"):
-        return write_page("report.html.j2", {**_content(record), "index": index}, path)
+        content = {**_content(record), "index": index}
+        return write_page("report.html.j2", content, path, library=bool(content["charts"]), embed=embed)
 
 
 def _content(record: CycleRecord) -> Json:
@@ -64,6 +66,7 @@ def _content(record: CycleRecord) -> Json:
         "began": datetime.fromtimestamp(timeline.start_ns / 1e9, UTC).strftime("%Y-%m-%d %H:%M:%S UTC"),
         "result": record.result,
         "attempt": record.attempt,
+        "trimmed": record.trimmed,
         "thumbnail": thumbnail,
         "summary": script_json(_summary(record, timeline, thumbnail)),
         "seen": evidence.seen(record, found),
@@ -76,7 +79,7 @@ def _content(record: CycleRecord) -> Json:
         "replies": [{**dict(reply), "uri": images.file_uri(reply.image_png)} for reply in record.replies],
         "drift": evidence.drift(record, found),
         "clouds": view,
-        "charts": script_json(charts),
+        "charts": script_json(charts) if charts else "",
         "rectangles": evidence.rectangles(found, chosen),
         "grasps": evidence.grasps(found),
         "rejected": evidence.rejections(chosen),
@@ -89,7 +92,6 @@ def _content(record: CycleRecord) -> Json:
         "log": _log(record, timeline),
         "changes": configuration_changes(record.station),
         "metadata": record.metadata,
-        "plotly": packed_plotly() if charts else "",
     }
 
 

@@ -31,7 +31,7 @@ _HEAD_BYTES = 1 << 17
 _MARK = f'<meta name="vlad-cell-page" content="{VERSION} {INDEX}">'
 _MARKS = '<script id="summary" type="application/json">', "</script>"
 _SHOWN_S = (0.01, 0.1, 1.0, 10.0, 100.0)
-_STAGES = ("capture", "detect", "plan", "execute", "verify", "deliver")
+_STAGES = ("capture", "detect", "plan", "approve", "execute", "verify", "deliver")
 
 
 class Row(NamedTuple):

@@ -1,10 +1,12 @@
-"""Self-contained HTML pages: nothing is fetched, recorded text is escaped, the drawing library is embedded."""
+"""HTML pages: nothing is fetched but the drawing library beside them, recorded text is escaped.
+
+Every folder of pages holds one copy of the library, or a page has it inside, to be sent.
+"""
 
 from __future__ import annotations
 
 import base64
 import functools
-import gzip
 import json
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
-from plotly.offline import get_plotlyjs
+from plotly.offline import get_plotlyjs, get_plotlyjs_version
 
 from bus.atomic import write_atomically
 from bus.codec import Json
@@ -22,7 +24,7 @@ from bus.errors import RecordingError
 from logs.mcap.names import shown
 from logs.mcap.recorder import MODE
 
-VERSION = "7"
+VERSION = "8"
 """Version of the pages: a page of another version is written anew."""
 
 
@@ -64,16 +66,27 @@ def _typed_array(values: npt.ArrayLike) -> dict[str, str]:
     return {"dtype": "f4", "bdata": base64.b64encode(np.asarray(values, "<f4").tobytes()).decode()}
 
 
-@functools.cache
-def packed_plotly() -> str:
-    """plotly.js, gzip and base64: 2 MB in a page instead of 5; every browser since 2023 can unpack it."""
-    return base64.b64encode(gzip.compress(get_plotlyjs().encode(), 6, mtime=0)).decode()
+def library_name() -> str:
+    """The file name of plotly.js beside the pages, its version included."""
+    return f"plotly-{get_plotlyjs_version()}.min.js"
 
 
-def write_page(template: str, content: Mapping[str, object], path: Path) -> Path:
-    """Fill ``template`` of this package and write it to ``path``. Raises: RecordingError when it cannot be written."""
-    page = _environment().get_template(template).render(**content, version=VERSION)
+def write_page(
+    template: str, content: Mapping[str, object], path: Path, *, library: bool = False, embed: bool = False
+) -> Path:
+    """Fill ``template`` of this package and write it to ``path``.
+
+    Args:
+        library: the page draws with plotly.js, which is put beside it where it is not yet. ``embed``: into it instead.
+
+    Raises: RecordingError when it cannot be written.
+    """
+    name = library_name() if library and not embed else ""
+    script = Markup(get_plotlyjs()) if library and embed else ""
+    page = _environment().get_template(template).render(**content, version=VERSION, library=name, script=script)
     try:
+        if name and not path.with_name(name).is_file():
+            write_atomically(path.with_name(name), get_plotlyjs().encode(), mode=MODE)
         write_atomically(path, page.encode(errors="backslashreplace"), mode=MODE)
     except OSError as error:
         raise RecordingError(

@@ -16,6 +16,7 @@ from cell.daemon.publisher import Publisher
 from cell.machine.hold_state import HoldState
 from cell.machine.owner import Machine
 from cell.machine.states import State
+from cell.pick.approving import Approvals
 from config.load import load_station
 
 OPERATOR = CommandRequest(client_id="op")
@@ -31,6 +32,8 @@ class _Actions:
     laid: Counter[str] = field(default_factory=Counter)
     begun: list[str] = field(default_factory=list)
     goes_on: threading.Event = field(default_factory=threading.Event)
+    approvals: Approvals = field(default_factory=Approvals)
+    pick: Callable[[], None] | None = None
 
     @property
     def table(self) -> Any:
@@ -87,7 +90,7 @@ class Bench:
             {
                 State.RESETTING: moves,
                 State.STARTING: still,
-                State.EXECUTE: moves,
+                State.EXECUTE: lambda: (self.actions.pick or moves)(),
                 State.COMPLETING: self._complete,
                 State.HOLDING: still,
                 State.UNHOLDING: self.actions.hold_state.gate.release,

@@ -16,7 +16,7 @@ import httpx2
 from bus.clock import WALL_CLOCK
 from bus.commands import CellHealth, CellState, CommandReply, CommandRequest
 from bus.errors import Refused
-from bus.messages import CycleResult
+from bus.messages import CycleResult, PlanView, Proposal
 from bus.sample import Sample
 from cell.client import Client
 from cell.http.access import Access
@@ -24,6 +24,7 @@ from cell.http.app import application
 from cell.http.door import Door
 from cell.http.server import Serving
 from config.http import HttpSettings
+from config.load import load_station
 
 IDLE = CellState(state="Idle", stage="", cycle_id="", since_ns=1, available=("pick",), reason="")
 HEALTHY = CellHealth(is_healthy=True, nodes={})
@@ -64,6 +65,12 @@ class FakeCell:
         self._answer()
         return self.results.get(cycle_id)
 
+    def proposal(self) -> Proposal:
+        raise Refused("Nothing waits.", code="NO_PROPOSAL")
+
+    def plan_view(self) -> PlanView:
+        raise Refused("Nothing was planned.", code="NO_PLAN")
+
     def next_heard(self, timeout_s: float) -> Sample | None:
         try:
             return self.said.get(timeout=timeout_s)
@@ -84,8 +91,9 @@ class FakeCell:
 def door_of(
     cell: FakeCell, folder: Path, access: Access = EVERYBODY, settings: HttpSettings | None = None, **clock: Any
 ) -> Door:
-    settings = settings or HttpSettings()
-    return Door(cell, cell.connect, settings, access, folder, clock.get("now_s", WALL_CLOCK.now_s))
+    station = load_station(None, [f"recording.folder={folder}"])
+    station = station.model_copy(update={"http": settings or HttpSettings()})
+    return Door(cell, cell.connect, station, access, clock.get("now_s", WALL_CLOCK.now_s))
 
 
 class Site(NamedTuple):

@@ -94,6 +94,12 @@ def test_the_page_that_lists_it_loads_and_runs_nothing(desk: Desk) -> None:
     assert "<script" not in page and "src=" not in page and "http:" not in page
 
 
+def test_before_something_waits_there_is_nothing_to_approve_nor_to_look_at(desk: Desk) -> None:
+    for path, code in (("/api/proposal", "NO_PROPOSAL"), ("/api/plan", "NO_PLAN")):
+        answer = desk.ask("GET", path)
+        assert (answer.status, said(answer)["code"]) == (404, code)
+
+
 # --- commands ---------------------------------------------------------------------------------------------------------
 
 
@@ -121,6 +127,9 @@ def test_motion_with_a_session_is_sent_on_a_connection_of_its_own(desk: Desk) ->
     ((verb, request),) = desk.cell.sent
     assert (verb, request.cycles, request.job.job_id) == ("start", 3, "7")
     assert desk.cell.connected == ["http-ann.1"]
+    yes = desk.post("/api/commands/approve", {"proposal": "c-0", "client_id": "x"}, X_Cell_Session=session.token)
+    assert yes.status == 200 and desk.cell.sent[-1][1].proposal == "c-0"
+    assert desk.cell.sent[-1][1].client_id == "", "it goes out on that connection, under the name that holds the lease"
     session.commander.end()
     assert desk.cell.connected == []
 

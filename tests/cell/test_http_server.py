@@ -49,6 +49,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (recordings / "2026-11-29").mkdir(parents=True)
     (recordings / "2026-11-29" / "c1.mcap").write_bytes(bytes(range(100)))
     (recordings / "2026-11-29" / "c1.html").write_text("<p>why</p>")
+    (recordings / "2026-11-29" / "drawn.html").write_text('<p>why</p><script src="plotly-1.min.js"></script>')
+    (recordings / "2026-11-29" / "alone.html").write_text('<script src="plotly-0.min.js"></script>')
+    (recordings / "2026-11-29" / "plotly-1.min.js").write_text("draw()")
     (recordings / "2026-11-29" / "c2.mcap.part").write_bytes(b"torn")
     (above / "secret.mcap").write_text("hidden words")
     (recordings / "link.mcap").symlink_to(above / "secret.mcap")
@@ -103,6 +106,14 @@ def test_a_report_is_a_page_of_its_own_that_reaches_nothing_here(shared_site: Si
     assert (page.status_code, page.text) == (200, "<p>why</p>")
     policy = page.headers["content-security-policy"]
     assert "sandbox allow-scripts" in policy and "allow-same-origin" not in policy and "default-src 'none'" in policy
+
+
+def test_a_report_has_its_drawing_library_inside_because_it_may_fetch_nothing(shared_site: Site) -> None:
+    page = shared_site.http.get("/reports/2026-11-29/drawn.html")
+    assert page.text == "<p>why</p><script>draw()</script>"
+    assert "sandbox allow-scripts" in page.headers["content-security-policy"]
+    assert shared_site.http.get("/reports/2026-11-29/alone.html").text == '<script src="plotly-0.min.js"></script>'
+    assert shared_site.http.get("/reports/2026-11-29/plotly-1.min.js").status_code == 404
 
 
 @pytest.mark.parametrize(

@@ -222,7 +222,20 @@ def test_nothing_is_loaded_from_elsewhere_and_nothing_recorded_runs(record: Reco
     page = _page(record, tmp_path)
     assert not re.search(r"""(src|href)\s*=\s*["']?(https?:)?//""", page)
     assert "<script>alert" not in page and "&lt;script&gt;alert" in page
-    assert len(page) < 5e6
+    assert len(page) < 4e5
+
+
+def test_the_drawing_library_lies_beside_the_pages_once_or_in_the_one_that_is_sent(
+    record: Record, tmp_path: Path
+) -> None:
+    told = read_cycle(record())
+    (tmp_path / "pages").mkdir()
+    first, second = (write_report(told, tmp_path / "pages" / name) for name in ("first.html", "second.html"))
+    (library,) = (tmp_path / "pages").glob("plotly-*.js")
+    assert first.read_text().count(f'<script src="{library.name}"></script>') == 1
+    sent = write_report(told, tmp_path / "sent.html", embed=True)
+    assert library.read_text() in sent.read_text() and "<script src" not in sent.read_text()
+    assert not list(tmp_path.glob("plotly-*.js")) and second.exists()
 
 
 def test_a_page_that_cannot_be_written_says_so(record: Record, tmp_path: Path) -> None:

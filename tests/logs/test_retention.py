@@ -9,8 +9,12 @@ import pytest
 
 from bus.errors import RecordingError
 from config.schema import RecordingSettings
+from logs.catalogue import open_catalogue
+from logs.catalogue.labels import Label, append
 from logs.mcap.recorder import Recorder
-from logs.mcap.retention import Plan, Recorded, Shelf, delete, in_words
+from logs.mcap.retention import Due, Plan, Recorded, in_words
+from logs.mcap.shelf import Shelf
+from logs.prune import Done, Pruner, is_recording
 
 NOW_NS = round(datetime(2026, 1, 9, tzinfo=UTC).timestamp()) * 10**9
 BYTES = 1000
@@ -22,13 +26,18 @@ def _recorded(folder: Path, day: int, result: str = "SUCCESS", name: str = "") -
     return Recorder(path, metadata={"cycle_id": cycle_id}, clock=lambda: 1).close({"result": result})
 
 
+def _settings(folder: Path, **rule: float) -> RecordingSettings:
+    return RecordingSettings.model_validate({"folder": folder, **rule})
+
+
 def _plan(folder: Path, **rule: float) -> Plan:
-    return Shelf(folder).plan(NOW_NS, RecordingSettings(folder=folder, **rule))
+    return Shelf(folder).plan(NOW_NS, _settings(folder, **rule))
 
 
 def _deleted(folder: Path, **rule: float) -> list[str]:
-    gone = list(delete(_plan(folder, **rule).delete))
-    return [one.path.name for one in gone if isinstance(one, Recorded)]
+    pruner = Pruner(_settings(folder, **rule), clock_ns=lambda: NOW_NS)
+    gone = [pruner.do(one) for one in pruner.plan().delete]
+    return [one.due.file.path.name for one in gone if isinstance(one, Done)]
 
 
 def test_a_success_that_is_too_old_goes_with_its_page_and_its_empty_day(tmp_path: Path) -> None:
@@ -45,8 +54,8 @@ def test_what_goes_within_a_day_is_known_before(tmp_path: Path) -> None:
     soon = _recorded(tmp_path, 3)
     _recorded(tmp_path, 8)
     plan = _plan(tmp_path, keep_days=6)
-    assert plan.delete == () and [file.path for file in plan.soon] == [soon]
-    assert in_words(plan.soon).startswith("1 recordings (0.00 GB")
+    assert plan.delete == () and [one.file.path for one in plan.soon] == [soon]
+    assert in_words([one.file for one in plan.soon]).startswith("1 recordings (0.00 GB")
 
 
 def test_beyond_its_room_the_oldest_success_goes_before_an_older_failure(tmp_path: Path) -> None:
@@ -87,22 +96,67 @@ def test_a_recording_is_looked_into_once_and_only_where_it_may_go(tmp_path: Path
 
     shelf = Shelf(tmp_path, metadata)
     for _ in range(2):
-        assert shelf.plan(NOW_NS, RecordingSettings(folder=tmp_path, keep_gb=1000)) == ((), ())
-        assert shelf.plan(NOW_NS, RecordingSettings(folder=tmp_path, keep_days=5)) == ((), ())
+        assert shelf.plan(NOW_NS, _settings(tmp_path, keep_gb=1000)) == Plan()
+        assert shelf.plan(NOW_NS, _settings(tmp_path, keep_days=5)) == Plan()
     assert len(read) == 2
 
 
-def test_what_cannot_be_deleted_is_said_and_the_others_go(tmp_path: Path) -> None:
-    kept, gone = (Recorded(tmp_path / name, BYTES, 1) for name in ("folder.mcap", "file.mcap"))
-    kept.path.mkdir()
-    gone.path.touch()
-    first, second = delete([kept, gone])
-    assert isinstance(first, RecordingError) and str(kept.path) in first.text
-    assert second == gone and not gone.path.exists()
+def test_what_cannot_be_deleted_is_said_and_written_down_only_once_it_goes(tmp_path: Path) -> None:
+    path = _recorded(tmp_path, 1)
+    path.with_suffix(".html").mkdir()
+    with pytest.raises(RecordingError, match="cannot be deleted"):
+        Pruner(_settings(tmp_path, keep_days=1)).do(Due(Recorded(path, BYTES, 1), "delete", "recording.keep_days = 1"))
+    assert path.exists()
+    with open_catalogue(tmp_path) as catalogue:
+        assert [entry.path for entry in catalogue.entries()] == [path]
+
+
+def test_what_a_person_labelled_stays_also_when_that_was_after_the_plan(tmp_path: Path) -> None:
+    first, second = _recorded(tmp_path, 1), _recorded(tmp_path, 2)
+    _recorded(tmp_path, 8)
+    append(tmp_path, Label(cycle_id=first.stem, at_ns=1, who="anna", note="look at this"))
+    pruner = Pruner(_settings(tmp_path, keep_gb=1e-9))
+    (due,) = pruner.plan().delete
+    append(tmp_path, Label(cycle_id=second.stem, at_ns=2, who="anna", label="bad"))
+    assert pruner.do(due) is None
+    assert first.exists() and second.exists()
+    assert _deleted(tmp_path, keep_gb=1e-9, keep_labelled=False) == [first.name, second.name]
+
+
+def test_a_failure_that_is_too_old_goes_by_its_own_setting(tmp_path: Path) -> None:
+    failed, fine = _recorded(tmp_path, 1, "FAILED"), _recorded(tmp_path, 2)
+    _recorded(tmp_path, 8)
+    assert _deleted(tmp_path, keep_failed_days=5) == [failed.name]
+    assert fine.exists()
+
+
+def test_two_do_not_prune_one_folder(tmp_path: Path) -> None:
+    _recorded(tmp_path, 1)
+    first, second = (Pruner(_settings(tmp_path, keep_days=1)) for _ in range(2))
+    with first.alone() as is_alone, second.alone() as is_alone_too:
+        assert (is_alone, is_alone_too) == (True, False)
+
+
+def test_a_cycle_is_recorded_while_its_file_grows(tmp_path: Path) -> None:
+    path = tmp_path / "2026-01-08" / "20260108T120000000.mcap"
+    recorder = Recorder(path, metadata={"cycle_id": path.stem}, clock=lambda: 1)
+    assert is_recording(tmp_path)
+    recorder.close({"result": "SUCCESS"})
+    assert not is_recording(tmp_path)
+
+
+def test_free_space_that_refuses_cycles_before_anything_goes_is_refused() -> None:
+    with pytest.raises(ValueError, match="min_free_mb"):
+        RecordingSettings(keep_free_gb=0.4, min_free_mb=500.0)
+
+
+def test_an_archive_with_a_password_is_refused_without_showing_it() -> None:
+    with pytest.raises(ValueError, match="environment"):
+        RecordingSettings(archive="ftp://anna:secret@nas/cell")
 
 
 def test_a_folder_that_is_not_there_yet_holds_nothing(tmp_path: Path) -> None:
-    assert _plan(tmp_path / "absent", keep_gb=1) == ((), ())
+    assert _plan(tmp_path / "absent", keep_gb=1) == Plan()
 
 
 @pytest.mark.parametrize("name", ["20261399T120000000", "20260101T120000000.copy"])

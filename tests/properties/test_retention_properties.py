@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from config.schema import RecordingSettings
-from logs.mcap.retention import DAY_NS, GB, Recorded, plan_retention
+from logs.mcap.retention import DAY_NS, GB, Plan, Recorded, plan_retention
 
 NOW_NS = 1_800_000_000 * 10**9
 FILES = st.lists(
@@ -30,8 +30,12 @@ RULES = st.builds(
 )
 
 
+def _gone(files: list[Recorded], rule: RecordingSettings) -> list[Recorded]:
+    return [one.file for one in plan_retention(files, NOW_NS, rule).delete]
+
+
 def _left(files: list[Recorded], rule: RecordingSettings) -> list[Recorded]:
-    gone = set(plan_retention(files, NOW_NS, rule).delete)
+    gone = set(_gone(files, rule))
     return [file for file in files if file not in gone]
 
 
@@ -41,7 +45,7 @@ def _bytes(files: list[Recorded]) -> int:
 
 @given(FILES)
 def test_without_a_rule_nothing_goes_ever(files: list[Recorded]) -> None:
-    assert plan_retention(files, NOW_NS, RecordingSettings()) == ((), ())
+    assert plan_retention(files, NOW_NS, RecordingSettings()) == Plan()
 
 
 @given(FILES, RULES)
@@ -54,7 +58,7 @@ def test_what_is_pinned_and_the_newest_stay(files: list[Recorded], rule: Recordi
 
 @given(FILES, RULES)
 def test_no_failure_goes_while_a_success_is_left_to_go(files: list[Recorded], rule: RecordingSettings) -> None:
-    gone = plan_retention(files, NOW_NS, rule).delete
+    gone = _gone(files, rule)
     left = [file for file in _left(files, rule) if not file.is_pinned]
     newest_ns = max((file.stamp_ns for file in files if not file.is_pinned), default=0)
     if any(not file.is_fine for file in gone):
@@ -68,7 +72,7 @@ def test_no_failure_goes_while_a_success_is_left_to_go(files: list[Recorded], ru
 
 @given(FILES, RULES)
 def test_as_much_goes_as_must_and_not_one_more(files: list[Recorded], rule: RecordingSettings) -> None:
-    gone, left = plan_retention(files, NOW_NS, rule).delete, _left(files, rule)
+    gone, left = _gone(files, rule), _left(files, rule)
     if rule.keep_gb and _bytes(left) > rule.keep_gb * GB:
         assert sum(not file.is_pinned for file in left) <= 1, "nothing that may go is left"
     if gone and not rule.keep_days:
@@ -87,5 +91,29 @@ def test_what_is_said_a_day_ahead_is_another_thing_than_what_goes_now(
     files: list[Recorded], rule: RecordingSettings
 ) -> None:
     plan = plan_retention(files, NOW_NS, rule)
-    assert not {*plan.delete} & {*plan.soon}
-    assert set(plan_retention(files, NOW_NS + DAY_NS, rule).delete) <= {*plan.delete, *plan.soon}
+    now, soon = ({one.file for one in due} for due in (plan.delete, plan.soon))
+    assert not now & soon
+    assert {one.file for one in plan_retention(files, NOW_NS + DAY_NS, rule).delete} <= now | soon
+
+
+@given(FILES, RULES, st.integers(0, 10**10))
+def test_the_disk_keeps_its_free_space_or_it_is_said_why_not(
+    files: list[Recorded], rule: RecordingSettings, free_bytes: int
+) -> None:
+    rule = rule.model_copy(update={"keep_free_gb": 2.0})
+    plan = plan_retention(files, NOW_NS, rule, free_bytes)
+    free_then = free_bytes + _bytes([one.file for one in plan.delete])
+    assert free_then >= 2 * GB or plan.short
+
+
+@given(FILES, RULES, st.floats(0.1, 12.0))
+def test_only_old_successes_that_stay_are_trimmed_and_once(
+    files: list[Recorded], rule: RecordingSettings, days: float
+) -> None:
+    rule = rule.model_copy(update={"thin_after_days": days})
+    files = [file._replace(is_thin=file.bytes % 2 == 1) for file in files]
+    plan = plan_retention(files, NOW_NS, rule)
+    thin = [one.file for one in plan.thin]
+    assert not {*thin} & {one.file for one in plan.delete}
+    assert all(file.is_fine and not file.is_thin and not file.is_pinned for file in thin)
+    assert all(NOW_NS - file.stamp_ns > days * DAY_NS for file in thin)

@@ -1,0 +1,55 @@
+"""What a person is asked before the arm moves for a grasp, and what they answered."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from bus.arrays import Transform
+from bus.frozen import Message
+
+Decision = Literal["approve", "next_grasp", "reject"]
+
+
+class Proposal(Message):
+    """A planned pick that waits for a person: nothing of it moves before somebody approves it (``execute.approve``).
+
+    Attributes:
+        proposal_id: of this plan of this cycle; who approves names it, so that nobody approves another than they saw.
+        grasp: its index among the detected grasps. ``base_from_tcp``: (4, 4), as detected. ``score``: of the detection.
+        opening_m: opening of the hand on the way to it.
+        object: the thing that it is to hold, in words.
+        motion_s: how long all motions last that are played in any case. ``segments_s``: each motion.
+        rejected: number of better ways to grasp that planning left out or found not feasible.
+        passed_over: number of grasps that were passed over before in this cycle.
+        until_ns: when the time for an answer is over, UTC.
+    """
+
+    proposal_id: str
+    cycle_id: str
+    grasp: int
+    base_from_tcp: Transform
+    score: float
+    opening_m: float
+    object: str
+    motion_s: float
+    segments_s: dict[str, float]
+    rejected: int
+    passed_over: int
+    until_ns: int
+
+
+class Approval(Message):
+    """The answer to one `Proposal`.
+
+    Attributes:
+        decision: approve it; plan the next grasp instead; or end the cycle.
+        client_id: the client that decided. ``decided_ns``: when, UTC. ``reason``: why, in its words.
+        base_from_tcp: (4, 4) of the proposed grasp; after ``next_grasp`` planning leaves out those like it.
+    """
+
+    proposal_id: str
+    decision: Decision
+    client_id: str
+    decided_ns: int
+    base_from_tcp: Transform
+    reason: str = ""

@@ -1,0 +1,61 @@
+// Makes elements. Text goes in as text only: names and replies of others never become markup.
+
+const SVG = "http://www.w3.org/2000/svg";
+
+function dress(one, attributes, children) {
+  for (const [name, value] of Object.entries(attributes)) {
+    if (name.startsWith("on")) one.addEventListener(name.slice(2), value);
+    else if (value !== null && value !== undefined && value !== false) one.setAttribute(name, value === true ? "" : value);
+  }
+  one.append(...children.filter((child) => child !== null && child !== undefined).map((child) => (child instanceof Node ? child : String(child))));
+  return one;
+}
+
+/** An element; children are nodes or text. */
+export function el(tag, attributes = {}, ...children) {
+  return dress(document.createElement(tag), attributes, children);
+}
+
+/** An SVG element. */
+export function svg(tag, attributes = {}, ...children) {
+  return dress(document.createElementNS(SVG, tag), attributes, children);
+}
+
+export function byId(id) {
+  return document.getElementById(id);
+}
+
+/** Where a section of the page puts what it shows. */
+export function bodyOf(id) {
+  return byId(id).querySelector(".body");
+}
+
+/** Sets a text only where it is another one: a live region repeats nothing. */
+export function say(one, text) {
+  if (one.textContent !== text) one.textContent = text;
+}
+
+let quiet = 0;
+
+/** Shows a message to the person for a while. */
+export function tell(text, isBad = false) {
+  const place = byId("message");
+  place.replaceChildren(el("p", { class: isBad ? "bad" : "good" }, text));
+  clearTimeout(quiet);
+  quiet = setTimeout(() => place.replaceChildren(), isBad ? 15000 : 6000);
+}
+
+/** Shows a refusal of the cell: what happened, and what to do. */
+export function tellRefusal(refusal) {
+  tell(`${refusal.reason ?? refusal} ${refusal.advice ?? ""}`.trim(), true);
+}
+
+/** A button that is never removed from the tab order: what it cannot do now it says. */
+export function setButton(button, why, title) {
+  button.setAttribute("aria-disabled", why ? "true" : "false");
+  button.title = why || title;
+}
+
+export function isOff(button) {
+  return button.getAttribute("aria-disabled") === "true";
+}

@@ -1,0 +1,79 @@
+// Health in lines: nodes, disk and what will be deleted, spending, clocks. A red line says what to do.
+
+import { bodyOf, el } from "./dom.js";
+import { ask, cell, cellNow, learn, now } from "./link.js";
+import { texts } from "./texts.js";
+
+const PERIOD_MS = 60000;
+const CLOCK_S = 2;
+const FULL = 0.05;
+const EVENTS = 6;
+let storage = null;
+let spent = null;
+const events = [];
+
+function line(kind, text, advice) {
+  return el("li", { class: kind }, text, advice ? el("span", { class: "advice" }, advice) : null);
+}
+
+function nodeLines() {
+  return Object.entries(now.health?.nodes ?? {}).map(([name, node]) => {
+    const restarts = node.restarts ? `, ${texts.restarts(node.restarts)}` : "";
+    if (!node.is_alive) return line("bad", texts.nodeGone(name), texts.nodeAdvice);
+    if (node.problems.length) return line("bad", `${name}: ${node.problems.join("; ")}${restarts}`, texts.nodeAdvice);
+    return line("good", `${name}: ${texts.nodeWell}${restarts}`);
+  });
+}
+
+const gb = (bytes) => (bytes / 1e9).toFixed(bytes < 1e10 ? 2 : 0);
+
+function storageLines() {
+  if (storage === null) return [];
+  const isFull = storage.free_bytes < FULL * storage.total_bytes;
+  const limits = storage.keep_gb || storage.keep_days;
+  const { recordings, bytes } = storage.soon;
+  return [
+    line(isFull ? "bad" : "good", texts.disk(gb(storage.free_bytes), gb(storage.recordings_bytes)), isFull ? texts.diskAdvice : ""),
+    line("plain", !limits ? texts.keepsAll : recordings ? texts.willGo(recordings, gb(bytes)) : texts.nothingGoes),
+  ];
+}
+
+function clockLine() {
+  const off = Math.abs(now.offset_ns) / 1e9;
+  const time = new Date(cellNow() / 1e6).toISOString().slice(0, 16).replace("T", " ");
+  const isOff = off > CLOCK_S;
+  return line(isOff ? "bad" : "good", texts.clock(`${time} UTC`), isOff ? texts.clockOff(Math.round(off)) : "");
+}
+
+function draw() {
+  const defects = (now.health?.defects ?? []).map((one) => line("bad", one, texts.nodeAdvice));
+  const shown = events.map((one) => line(one.severity === "error" ? "bad" : "plain", `${one.code} ${one.text}`, one.advice));
+  bodyOf("health").replaceChildren(
+    el("ul", { class: "lines", id: "lines" }, ...defects, ...nodeLines(), ...storageLines(),
+      spent === null ? null : line("plain", texts.spent(spent.toFixed(2))), clockLine()),
+    ...(shown.length ? [el("h3", {}, texts.events), el("ul", { class: "lines" }, ...shown)] : []),
+  );
+}
+
+async function refresh() {
+  try {
+    storage = await ask("/api/storage");
+    spent = (await ask("/api/summary?day=today")).cost_usd;
+    await learn();
+    if (now.health === null) now.health = await ask("/api/health");
+  } catch {
+    // the banner says that there is no link
+  }
+  draw();
+}
+
+export function showHealth() {
+  cell.addEventListener("health", draw);
+  cell.addEventListener("event", ({ detail }) => {
+    events.unshift(detail);
+    events.length = Math.min(events.length, EVENTS);
+    draw();
+  });
+  setInterval(refresh, PERIOD_MS);
+  refresh();
+}

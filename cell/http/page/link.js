@@ -1,0 +1,111 @@
+// The link to the cell: what it says, as events, and what it is asked. The stream is the session of whoever attends
+// the motion: when this page is gone, or answers no ping, the cell holds.
+
+import { texts } from "./texts.js";
+
+export const cell = new EventTarget();
+export const now = { state: null, health: null, role: "operator", client_id: "", isLinked: false, offset_ns: 0, about: null };
+
+const RETRY_MS = 2000;
+const NAMES = ["state", "health", "event", "result", "picture", "scene"];
+let session = "";
+let stream = null;
+
+/** Who this page says it is. */
+function clientName() {
+  const person = (localStorage.getItem("name") ?? "").normalize("NFKD").replace(/[^A-Za-z0-9._-]/g, "");
+  return `page${person ? `-${person}` : ""}`.slice(0, 40);
+}
+
+function announce(name, detail) {
+  cell.dispatchEvent(new CustomEvent(name, { detail }));
+}
+
+function setLinked(isLinked) {
+  if (now.isLinked === isLinked) return;
+  now.isLinked = isLinked;
+  announce("link", isLinked);
+}
+
+/** Opens the stream, and keeps it open. */
+export function listen() {
+  stream?.close();
+  stream = new EventSource(`/api/events?client=${clientName()}`);
+  stream.addEventListener("session", (said) => {
+    ({ session, client_id: now.client_id } = JSON.parse(said.data));
+    setLinked(true);
+  });
+  stream.addEventListener("ping", () => ask("/api/heartbeat", {}).catch(() => {}));
+  for (const name of NAMES) {
+    stream.addEventListener(name, (said) => {
+      const detail = JSON.parse(said.data);
+      if (name === "state" || name === "health") now[name] = detail;
+      announce(name, detail);
+    });
+  }
+  stream.onerror = () => {
+    session = "";
+    setLinked(false);
+    if (stream.readyState === EventSource.CLOSED) setTimeout(listen, RETRY_MS);
+  };
+}
+
+/** Asks the interface: GET, or with a body POST. Throws what it refuses with: {code, reason, advice}. */
+export async function ask(path, body) {
+  const init = { cache: "no-store", keepalive: body !== undefined };
+  if (body !== undefined) {
+    init.method = "POST";
+    init.headers = { "Content-Type": "application/json" };
+    if (session) init.headers["X-Cell-Session"] = session;
+    init.body = JSON.stringify(body);
+  }
+  let answer;
+  try {
+    answer = await fetch(path, init);
+  } catch {
+    throw { code: "NO_LINK", reason: `${texts.noLink}.`, advice: "" };
+  }
+  const text = await answer.text();
+  const said = text ? JSON.parse(text) : null;
+  if (!answer.ok) throw said ?? { code: String(answer.status), reason: answer.statusText, advice: "" };
+  return said;
+}
+
+/** Sends one command. */
+export function command(verb, request = {}) {
+  return ask(`/api/commands/${verb}`, request);
+}
+
+/** Resolves when the cell is in one of the states; rejects after so many seconds. */
+export function untilState(wanted, withinS = 60) {
+  return new Promise((resolve, reject) => {
+    const look = () => {
+      if (!wanted.includes(now.state?.state)) return;
+      end();
+      resolve();
+    };
+    const end = () => {
+      cell.removeEventListener("state", look);
+      clearTimeout(late);
+    };
+    const late = setTimeout(() => {
+      end();
+      reject({ code: "LATE", reason: texts.noCell, advice: "" });
+    }, 1000 * withinS);
+    cell.addEventListener("state", look);
+    look();
+  });
+}
+
+/** The cell's UTC now [ns, as a number], whatever this device's clock says. */
+export function cellNow() {
+  return Date.now() * 1e6 + now.offset_ns;
+}
+
+/** What the station is, and how far this device's clock is from the cell's. */
+export async function learn() {
+  now.about = await ask("/api/cell");
+  now.offset_ns = now.about.now_ns - Date.now() * 1e6;
+  now.role = now.about.role;
+  announce("about", now.about);
+}

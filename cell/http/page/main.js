@@ -1,0 +1,37 @@
+// Puts the parts of the page together.
+
+import { askToken } from "./login.js";
+import { tell } from "./dom.js";
+import { cell, learn, listen, now } from "./link.js";
+import { LANGUAGE, texts } from "./texts.js";
+import { showState } from "./state.js";
+import { showCommands } from "./commands.js";
+import { showPicture } from "./picture.js";
+import { showPicks } from "./picks.js";
+import { showToday } from "./today.js";
+import { showHealth } from "./health.js";
+
+async function begin() {
+  document.documentElement.lang = LANGUAGE;
+  for (const one of document.querySelectorAll("[data-text]")) one.textContent = texts[one.dataset.text];
+  showState();
+  showCommands();
+  const parts = [showPicture, showPicks, showToday, showHealth];
+  cell.addEventListener("event", ({ detail }) => {
+    if (detail.severity !== "info" && detail.text !== now.state?.reason) tell(`${detail.text} ${detail.advice ?? ""}`.trim(), true);
+  });
+  try {
+    await learn();
+  } catch (refusal) {
+    if (refusal.code === "NO_TOKEN") {
+      await askToken();
+      location.reload();
+      return;
+    }
+    setTimeout(() => learn().catch(() => {}), 3000);
+  }
+  listen();
+  for (const show of parts) show();
+}
+
+begin();

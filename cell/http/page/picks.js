@@ -1,0 +1,118 @@
+// The last picks, newest first: small pictures, results, reports, and what persons say of them.
+
+import { bodyOf, byId, el, tell, tellRefusal } from "./dom.js";
+import { ask, cell, now } from "./link.js";
+import { texts } from "./texts.js";
+
+const SHOWN = 8;
+const SOON_MS = 700; // the recording is finished after the result, its report later
+const AGAIN_MS = 2000;
+const TRIES = 8;
+let list = null;
+let later = 0;
+let drawn = "";
+let expected = ""; // the cycle of the last result
+let tries = 0;
+
+async function refresh() {
+  let cycles;
+  try {
+    cycles = await ask(`/api/cycles?limit=${SHOWN}`);
+  } catch {
+    return;
+  }
+  cycles = cycles.filter((one) => one.result !== "TORN" || one.cycle_id !== now.state?.cycle_id); // the one that runs
+  const isThere = !expected || cycles.some((one) => one.cycle_id === expected);
+  if (!isThere || cycles.some((one) => one.result === "TORN" || !one.report)) again(isThere ? AGAIN_MS : SOON_MS);
+  const content = JSON.stringify(cycles);
+  if (content === drawn) return;
+  drawn = content;
+  const empty = cycles.length === 0 ? [el("li", { class: "about soft" }, texts.noPicks)] : [];
+  list.replaceChildren(...empty, ...cycles.map(entry));
+  loadInTurn([...list.querySelectorAll("img")]);
+  cell.dispatchEvent(new Event("recorded"));
+}
+
+function again(ms) {
+  clearTimeout(later);
+  if (tries++ < TRIES) later = setTimeout(refresh, ms);
+}
+
+/** One picture after the other: a browser opens few connections, and Stop needs one. */
+async function loadInTurn(images) {
+  for (const image of images) {
+    await new Promise((resolve) => {
+      image.onload = image.onerror = resolve;
+      image.src = image.dataset.src;
+    });
+  }
+}
+
+function entry(one) {
+  const result = texts.results[one.result] ?? one.result;
+  const image = one.result === "TORN" || !one.file
+    ? el("span", { class: "thumbnail" })
+    : el("img", { "data-src": `/api/thumbnails/${encodeURIComponent(one.cycle_id)}`, alt: "" });
+  const name = `${result}${one.code ? ` ${one.code}` : ""}${one.object ? `, ${one.object}` : ""}`;
+  const picture = one.report
+    ? el("a", { class: "thumbnail", href: one.report, target: "_blank", rel: "noopener", "aria-label": `${texts.report}: ${one.cycle_id}, ${name}` }, image)
+    : el("span", { class: "thumbnail" }, image);
+  const label = one.labels.at(-1);
+  return el("li", { "data-cycle": one.cycle_id }, picture, el("div", { class: "about" },
+    el("span", { class: "tag" }, el("span", { class: one.result }, result), one.code ? ` ${one.code}` : "", one.object ? ` · ${one.object}` : ""),
+    el("span", { class: "clip" }, one.reason ?? ""),
+    el("span", { class: "soft" }, one.cycle_id, one.report ? "" : ` · ${texts.noReport}`),
+    label ? el("span", { class: "said" }, said(label)) : null,
+    now.role === "viewer" || !one.file ? null : el("div", { class: "row" },
+      ...["good", "bad", "note"].map((word) => el("button", { type: "button", class: "small", "aria-label": `${texts[word]}: ${one.cycle_id}`, onclick: () => judge(one.cycle_id, word) }, texts[word])))));
+}
+
+function said(label) {
+  const words = texts.saidBy(label.label ? texts[label.label] : texts.note, label.who);
+  return label.note ? `${words}: ${label.note}` : words;
+}
+
+/** A verdict with the person's name; the name is asked once. */
+function judge(cycle, word) {
+  const who = localStorage.getItem("name") ?? "";
+  if (word !== "note" && who) {
+    keep(cycle, { who, label: word, note: "" });
+    return;
+  }
+  const name = el("input", { id: "who", maxlength: 100, required: true, value: who, autocomplete: "name" });
+  const note = el("input", { id: "note", maxlength: 1000, required: word === "note" });
+  const dialog = byId("asking");
+  const save = (event) => {
+    event.preventDefault();
+    localStorage.setItem("name", name.value.trim());
+    dialog.close();
+    keep(cycle, { who: name.value.trim(), label: word === "note" ? "" : word, note: note.value });
+  };
+  dialog.replaceChildren(el("form", { onsubmit: save },
+    el("h2", { id: "asking-title" }, `${texts.verdictOf(cycle)}: ${texts[word]}`),
+    el("label", { for: "who" }, texts.yourName), name, el("label", { for: "note" }, texts.yourNote), note,
+    el("div", { class: "row" }, el("button", { type: "button", onclick: () => dialog.close() }, texts.close), el("button", { type: "submit", class: "main" }, texts.save))));
+  dialog.showModal();
+}
+
+async function keep(cycle, verdict) {
+  try {
+    await ask(`/api/labels/${encodeURIComponent(cycle)}`, verdict);
+    tell(texts.kept);
+    await refresh();
+  } catch (refusal) {
+    tellRefusal(refusal);
+  }
+}
+
+export function showPicks() {
+  list = el("ol", { id: "pick-list" });
+  bodyOf("picks").append(list);
+  cell.addEventListener("result", ({ detail }) => {
+    expected = detail.cycle_id;
+    tries = 0;
+    again(SOON_MS);
+  });
+  cell.addEventListener("link", ({ detail }) => detail && refresh());
+  refresh();
+}

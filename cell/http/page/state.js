@@ -1,0 +1,87 @@
+// The banner: the state in words, why it is so, what to do, the job and what waits.
+
+import { byId, el, say, setButton, tellRefusal } from "./dom.js";
+import { cell, cellNow, command, now } from "./link.js";
+import { duration, texts } from "./texts.js";
+
+const BY = /^command '(?:stop|abort|hold|suspend)' from (.+)$/;
+const WORKING = ["Execute", "Completing"];
+const PRESS_MS = 1000; // a click within this time is the end of a press
+const OWN_NAME = /^\d{8}T\d{9}$/; // of a job that its client gave none
+let cause = "";
+
+/** The reason for a person; that of Stopping holds for the Stopped that follows. */
+function reasonOf(state) {
+  if (state.reason || !["Stopping", "Stopped"].includes(state.state)) cause = state.reason;
+  const by = BY.exec(cause);
+  if (!by) return cause;
+  return now.client_id && by[1].startsWith(now.client_id) ? texts.byThis : texts.by(by[1]);
+}
+
+function draw() {
+  const state = now.state;
+  if (!now.isLinked || state === null) {
+    byId("banner").className = "tone-none";
+    say(byId("state"), now.isLinked ? texts.connecting : texts.noLink);
+    say(byId("reason"), now.isLinked ? "" : texts.noLinkReason);
+    say(byId("todo"), now.isLinked ? "" : texts.noLinkTodo);
+    return;
+  }
+  byId("banner").className = `tone-${texts.tones[state.state] ?? "busy"}`;
+  const reason = reasonOf(state);
+  const stage = WORKING.includes(state.state) ? texts.stages[state.stage] : "";
+  say(byId("state"), stage ? `${state.state}: ${stage}` : state.state);
+  say(byId("reason"), reason || (texts.meaning[state.state] ?? ""));
+  say(byId("todo"), texts.todo[state.state] ?? "");
+  drawJobs(state);
+  drawFacts();
+}
+
+function drawFacts() {
+  const state = now.state;
+  if (state === null) return;
+  const facts = [
+    [texts.facts.cell, now.about?.cell_id ?? ""],
+    [texts.facts.mode, now.about === null ? "" : now.about.is_simulated ? texts.simulated : texts.real],
+    [texts.facts.since, duration((cellNow() - state.since_ns) / 1e9)],
+    [texts.facts.cycle, state.cycle_id],
+    [texts.facts.role, now.role === "viewer" ? texts.viewer : ""],
+  ];
+  byId("facts").replaceChildren(
+    ...facts.filter(([, what]) => what).map(([name, what]) => el("div", {}, el("dt", {}, name), el("dd", {}, what))),
+  );
+}
+
+function drawJobs(state) {
+  const parts = [];
+  if (state.job_id) parts.push(el("span", { class: "job" }, OWN_NAME.test(state.job_id) ? texts.thisPick : texts.job(state.job_id), cancelling(state.job_id)));
+  if (state.queue.length) parts.push(el("span", {}, texts.waiting));
+  for (const job of state.queue) parts.push(el("span", { class: "job" }, job, cancelling(job)));
+  byId("jobs").replaceChildren(...parts);
+}
+
+function cancelling(job) {
+  if (now.role === "viewer") return null;
+  const cancel = () => command("cancel", { job: { job_id: job } }).catch(tellRefusal);
+  return el("button", { type: "button", class: "small", "aria-label": texts.cancelJob(job), onclick: cancel }, texts.cancel);
+}
+
+function stop() {
+  command("stop").catch(tellRefusal);
+}
+
+export function showState() {
+  const button = byId("stop");
+  button.append(texts.stop, " ", el("kbd", { "aria-hidden": "true" }, texts.stopKey));
+  setButton(button, "", texts.stopTitle);
+  let pressed_ms = -PRESS_MS;
+  button.addEventListener("pointerdown", () => {
+    pressed_ms = performance.now();
+    stop(); // at the press, not at its end
+  });
+  button.addEventListener("click", () => performance.now() - pressed_ms > PRESS_MS && stop()); // keyboard, screen reader
+  document.addEventListener("keydown", (event) => event.key === "Escape" && !event.repeat && stop(), { capture: true });
+  say(byId("state"), texts.connecting);
+  for (const name of ["state", "link", "about"]) cell.addEventListener(name, draw);
+  setInterval(drawFacts, 1000);
+}

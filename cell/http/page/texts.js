@@ -1,0 +1,186 @@
+// Every word of the page that a person reads. To translate it, translate this file.
+
+export const LANGUAGE = "en";
+
+export const texts = {
+  sees: "What it sees",
+  commands: "Run it",
+  picks: "Last picks",
+  today: "Today",
+  health: "Health",
+
+  stop: "Stop",
+  stopKey: "Esc",
+  stopTitle: "Stop the arm now, in a controlled way (key Escape). Not an emergency stop: that is the red button on the cell.",
+
+  connecting: "Connecting",
+  noLink: "No link to the cell",
+  noLinkReason: "The network or the cell's interface is gone. Whatever this page had in motion, the cell holds by itself.",
+  noLinkTodo: "It connects again by itself. Go to the cell if it must stop at once.",
+  noCell: "The cell does not answer.",
+  refused: "Refused",
+
+  // What each state is called, what it means, and what to do.
+  tones: {
+    Stopped: "rest", Resetting: "busy", Idle: "good", Starting: "busy", Execute: "busy", Holding: "held", Held: "held",
+    Unholding: "busy", Suspending: "held", Suspended: "held", Unsuspending: "busy", Completing: "busy",
+    Complete: "good", Stopping: "rest", Aborting: "bad", Aborted: "bad", Clearing: "busy",
+  },
+  meaning: {
+    Stopped: "Nothing moves.",
+    Resetting: "The arm goes to where it looks from.",
+    Idle: "Ready.",
+    Starting: "It begins.",
+    Execute: "It picks by itself: keep away from the arm.",
+    Holding: "The arm brakes where it is.",
+    Held: "The arm waits where it is.",
+    Unholding: "It goes on.",
+    Suspending: "The arm brakes where it is.",
+    Suspended: "The arm waits for something outside of the cell.",
+    Unsuspending: "It goes on.",
+    Completing: "It finishes.",
+    Complete: "Done.",
+    Stopping: "The arm brakes.",
+    Aborting: "Something failed: the arm brakes.",
+    Aborted: "Something failed.",
+    Clearing: "It recovers.",
+  },
+  todo: {
+    Stopped: "See that nobody is near the arm, then press Reset.",
+    Idle: "Press Start, or click what it shall pick in the picture.",
+    Held: "See that nobody is near the arm. Then Unhold to go on, or Stop to end.",
+    Suspended: "Unsuspend to go on, or Stop to end.",
+    Complete: "Press Reset to start anew, or click what it shall pick next.",
+    Aborted: "Look at the reason and at the cell. Then Clear, then Reset.",
+  },
+  stages: {
+    capture: "looks", detect: "finds out what it sees", plan: "plans", execute: "grasps", verify: "checks what it holds",
+    deliver: "lays it down",
+  },
+  by: (client) => `by ${client}`,
+  byThis: "by this page",
+
+  facts: { cell: "cell", mode: "mode", since: "for", cycle: "cycle", role: "you" },
+  simulated: "Produce, simulated",
+  real: "Produce",
+  viewer: "viewer: look and stop only",
+  operator: "operator",
+  job: (job) => `Job: ${job}`,
+  thisPick: "What runs:",
+  waiting: "Waiting:",
+  cancel: "Cancel",
+  cancelJob: (job) => `Cancel the job ${job}`,
+
+  verbs: {
+    start: "Start", empty: "Until empty", reset: "Reset", clear: "Clear", hold: "Hold", unhold: "Unhold",
+    suspend: "Suspend", unsuspend: "Unsuspend", abort: "Abort",
+  },
+  means: {
+    start: "Picks so many times.",
+    empty: "Picks until nothing is left.",
+    reset: "Makes it ready; the arm moves to where it looks from.",
+    clear: "Acknowledges the failure; nothing moves.",
+    hold: "Pauses where it is.",
+    unhold: "Goes on from the pause.",
+    unsuspend: "Goes on.",
+    abort: "Ends everything as a failure.",
+  },
+  howMany: "How many picks",
+  why: {
+    viewer: "Only an operator may.",
+    noLink: "There is no link to the cell.",
+    start: { Stopped: "Reset first.", Aborted: "Clear, then Reset first.", Held: "Unhold, or Stop first.",
+             Complete: "Reset first.", Suspended: "Unsuspend, or Stop first.", other: "It is busy." },
+    reset: { Idle: "It is ready already.", Aborted: "Clear first.", Held: "Stop first.", Suspended: "Stop first.",
+             other: "It is busy: Stop first." },
+    clear: { other: "Nothing has failed." },
+    hold: { Held: "It is held already.", other: "No pick is running." },
+    unhold: { other: "Nothing is held." },
+    unsuspend: { other: "Nothing is suspended." },
+    abort: { other: "It is aborted already." },
+    pick: { Stopped: "To pick, Reset first.", Aborted: "To pick: Clear, then Reset.", Held: "To pick: Unhold, or Stop first.",
+            other: "Wait until it is ready to pick." },
+  },
+
+  takeOver: "Take over?",
+  takeOverText: "Somebody else runs the cell:",
+  takeOverYes: "Stop it, and take over",
+  takeOverNo: "Leave it",
+  takenOver: "The cell is yours, and ready.",
+
+  noPicture: "No picture yet: it comes with the first pick.",
+  pictureAlt: "The last picture of the camera, with what the cell found in it",
+  pictureAge: (age) => `Taken ${age} ago; the next one comes with the next pick.`,
+  legend: { grasp: "chosen grasp", object: "chosen object", rod: "imagined rod", other_grasp: "other grasps" },
+  thing: (number) => `Thing ${number}`,
+  things: "Pick a thing by its number",
+  pictureHelp: "Click an object to pick it, or drag a box around it.",
+  words: "Or say it in words",
+  wordsHint: "the largest red one",
+  chosen: { pixel: "The object at the cross", box: "What is in the box", text: (words) => `“${words}”` },
+  layAt: "Lay it",
+  tray: "into the tray",
+  place: (name) => `at ${name}`,
+  pickIt: "Pick it",
+  forget: "Not this",
+  queued: (position) => `It waits its turn: number ${position}.`,
+  begun: "It is being picked.",
+
+  noPicks: "No pick is recorded yet.",
+  results: { SUCCESS: "picked", FAILED: "failed", ABORTED: "aborted", EMPTY: "nothing left", TORN: "not finished",
+             DAMAGED: "damaged", UNFINISHED: "not finished" },
+  report: "Report",
+  noReport: "no report page",
+  good: "Good",
+  bad: "Bad",
+  note: "Note",
+  saidBy: (label, who) => `${label} by ${who}`,
+  verdictOf: (cycle) => `Verdict on ${cycle}`,
+  yourName: "Your name",
+  yourNote: "Note",
+  save: "Save",
+  close: "Close",
+  kept: "Kept.",
+
+  figures: {
+    picks_per_hour: "picks an hour", success: "success", picks: "picks", interventions: "interventions an hour",
+    missed: "missed", infeasible: "infeasible", multi_pick: "two at once", dropped: "dropped",
+  },
+  lost: "Time lost, by reason",
+  nothingLost: "No time lost.",
+  perDay: "Picks of each day",
+  noFigures: "No pick was made today.",
+  seconds: (value) => `${value} s`,
+
+  healthy: "Everything is well.",
+  nodeGone: (name) => `${name} is gone.`,
+  nodeWell: "well",
+  restarts: (count) => `restarted ${count}×`,
+  nodeAdvice: "Look at its cable and its power; `cell doctor` says more.",
+  disk: (free, kept) => `Disk: ${free} GB free, recordings ${kept} GB`,
+  diskAdvice: "Make room, or let old recordings go: recording.keep_gb.",
+  keepsAll: "Nothing is deleted by itself.",
+  willGo: (count, size) => `Within a day ${count} recordings (${size} GB) will be deleted. Pin what must stay.`,
+  nothingGoes: "Nothing will be deleted within a day.",
+  spent: (usd) => `Models: ${usd} US$ today`,
+  clock: (time) => `The cell's clock: ${time}`,
+  clockOff: (seconds) => `This device's clock is ${seconds} s off; ages may look wrong.`,
+  events: "What it said last",
+
+  login: "This cell asks for a token",
+  token: "Token",
+  enter: "Enter",
+  badToken: "Nobody has this token.",
+};
+
+/** A duration for a person: 7 s, 3 min, 26 h. */
+export function duration(seconds) {
+  const s = Math.max(0, seconds);
+  if (s < 120) return `${Math.round(s)} s`;
+  return s < 7200 ? `${Math.round(s / 60)} min` : `${Math.round(s / 3600)} h`;
+}
+
+/** A share from 0 to 1 in percent; a dash for none. */
+export function percent(share) {
+  return share === null || share === undefined ? "–" : `${Math.round(1000 * share) / 10} %`;
+}
