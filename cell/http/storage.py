@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import time
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,9 +13,8 @@ from starlette.responses import JSONResponse, Response
 from cell.http.door import Door
 from config.schema import RecordingSettings
 from logs.catalogue import open_catalogue
-from logs.mcap.index import read_metadata
 from logs.mcap.names import is_folder
-from logs.mcap.retention import Recorded, Shelf
+from logs.prune import Pruner
 
 
 async def storage(_request: Request, door: Door) -> Response:
@@ -26,20 +24,16 @@ async def storage(_request: Request, door: Door) -> Response:
 
 def _told(settings: RecordingSettings) -> dict[str, Any]:
     disk = shutil.disk_usage(_existing(settings.folder))
-    plan = Shelf(settings.folder, read_metadata, lambda: time.sleep(0.001)).plan(time.time_ns(), settings)
-    due = (*plan.delete, *plan.soon)
+    plan = Pruner(settings).plan()
+    due = [one.file for one in (*plan.delete, *plan.soon)]
     return {
         "free_bytes": disk.free,
         "total_bytes": disk.total,
         "recordings_bytes": _recorded_bytes(settings.folder),
-        "keep_gb": settings.keep_gb,
-        "keep_days": settings.keep_days,
-        "soon": {"recordings": len(due), "bytes": sum(map(_size, due))},
+        "rules": settings.rules,
+        "soon": {"recordings": len(due), "bytes": sum(one.bytes for one in due), "trimmed": len(plan.thin)},
+        "short": plan.short,
     }
-
-
-def _size(one: Recorded) -> int:
-    return one.bytes
 
 
 def _existing(folder: Path) -> Path:

@@ -161,6 +161,8 @@ export const texts = {
   diskAdvice: "Make room, or let old recordings go: recording.keep_gb.",
   keepsAll: "Nothing is deleted by itself.",
   willGo: (count, size) => `Within a day ${count} recordings (${size} GB) will be deleted. Pin what must stay.`,
+  willTrim: (count) => `${count} old recordings will lose their pictures.`,
+  short: (rule) => `No more recordings may go, and ${rule} is not met.`,
   nothingGoes: "Nothing will be deleted within a day.",
   spent: (usd) => `Models: ${usd} US$ today`,
   clock: (time) => `The cell's clock: ${time}`,
