@@ -32,8 +32,12 @@ function letGo() {
 
 function holding(words, verb, request = {}) {
   const press = () => button.getAttribute("aria-disabled") !== "true" && whileHeld(button, verb, request);
+  const grab = (event) => {
+    button.setPointerCapture(event.pointerId); // the page may move below the pointer
+    press();
+  };
   const button = el("button", {
-    type: "button", class: "do", onpointerdown: press, onpointerup: letGo, onpointerleave: letGo, onpointercancel: letGo, onblur: letGo,
+    type: "button", class: "do", onpointerdown: grab, onpointerup: letGo, onlostpointercapture: letGo, onpointercancel: letGo, onblur: letGo,
     onkeydown: (event) => [" ", "Enter"].includes(event.key) && !event.repeat && press(), onkeyup: letGo,
     oncontextmenu: (event) => event.preventDefault(),
   }, words);
