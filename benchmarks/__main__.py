@@ -23,6 +23,7 @@ from benchmarks import (
     contact,
     cycle_time,
     detection,
+    export,
     fleet,
     freezing,
     fusion,
@@ -44,6 +45,7 @@ from benchmarks.drifted import REGIMES
 from benchmarks.heaps import run as heaps
 from benchmarks.heaps.plan import HEAPS, SETS
 from benchmarks.held import run as held
+from benchmarks.interfaces.multi_pick import multi_pick
 from benchmarks.openness import trouble
 from bus.commands import CommandRequest
 from bus.errors import CellError
@@ -323,6 +325,18 @@ def catalogue_(
     typer.echo(json.dumps(catalogue.run(cycles, endpoint, recording, _teller(as_json))))
 
 
+@app.command(name="export")
+def export_(
+    cycles: Annotated[int, typer.Option(min=1)] = 6,
+    seed: Annotated[int, typer.Option(help="Below 1000 is to tune on.")] = 1000,
+    folder: Annotated[Path | None, typer.Option(help="Recordings; default: of a simulated cell.")] = None,
+    endpoint: Annotated[str, typer.Option(help="Free loopback endpoint for its cell.")] = "tcp/127.0.0.1:7491",
+    as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
+) -> None:
+    """Recordings as data sets: time a GB of them [s], frames, and whether the real LeRobot opens the result."""
+    typer.echo(json.dumps(export.run(cycles, seed, folder, endpoint, _teller(as_json))))
+
+
 @app.command(name="contact")
 def contact_(
     tries: Annotated[int, typer.Option(min=1, help="Descents that meet a raised table or a hidden post.")] = 60,
@@ -333,6 +347,18 @@ def contact_(
 ) -> None:
     """Guarded approaches: true force [N] and overshoot [mm] at a contact, reflexes, picks held, false alarms."""
     typer.echo(json.dumps(contact.run(tries, free, seed, _teller(as_json), overrides or [])))
+
+
+@app.command(name="multi-pick")
+def multi_pick_(
+    tries: Annotated[int, typer.Option(min=1, help="Provoked picks of each kind.")] = 34,
+    singles: Annotated[int, typer.Option(min=0, help="Single picks of each kind.")] = 34,
+    seed: Annotated[int, typer.Option(help="Below 1000 is to tune on.")] = 1000,
+    objects: Annotated[Path | None, typer.Option(help="Folder of objects for the heap; default: no heap.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
+) -> None:
+    """More than one thing in the hand: provoked picks that the verdict does not notice, false alarms on single ones."""
+    typer.echo(json.dumps({"multi_pick": multi_pick(tries, singles, seed, _teller(as_json), objects)}))
 
 
 @app.command(name="intruder")

@@ -52,8 +52,13 @@ def _await_answer(station: Station, process: subprocess.Popen[bytes]) -> None:
 
 def recorded_cycle(folder: Path, endpoint: str) -> Path:
     """The recording of one simulated cycle. Raises: CellUnreachable when the cell ended without one."""
-    settings = (f"recording.folder={folder}", f"bus.endpoint={endpoint}")
-    command = [sys.executable, "-m", "cell", "start", "--cycles", "1", "--json", "--no-report"]
+    return recorded_cycles(folder, endpoint, 1)[-1]
+
+
+def recorded_cycles(folder: Path, endpoint: str, count: int, seed: int = 1) -> list[Path]:
+    """The recordings of so many simulated cycles. Raises: CellUnreachable when the cell ended without any."""
+    settings = (f"recording.folder={folder}", f"bus.endpoint={endpoint}", f"sim.seed={seed}")
+    command = [sys.executable, "-m", "cell", "start", "--cycles", str(count), "--json", "--no-report"]
     done = subprocess.run(
         [*command, *(part for setting in settings for part in ("--set", setting))],
         check=False,
@@ -65,4 +70,4 @@ def recorded_cycle(folder: Path, endpoint: str) -> Path:
     recordings = [Path(line["recording"]) for line in lines if "recording" in line]
     if not recordings:
         raise CellUnreachable(f"The cell recorded no cycle: {done.stderr.strip()[-500:]}", "See its own message.")
-    return recordings[-1]
+    return recordings

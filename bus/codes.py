@@ -41,6 +41,7 @@ class Code(StrEnum):
     NOT_CLEARED = "NOT_CLEARED"
     REJECTED = "REJECTED"
     APPROVAL_TIMEOUT = "APPROVAL_TIMEOUT"
+    MULTI_PICK = "MULTI_PICK"
     CANCELLED = "CANCELLED"
     DEADLINE = "DEADLINE"
     STOPPED = "STOPPED"
@@ -96,6 +97,8 @@ ADVICE: dict[Code, str] = {
     " another target, and pick again.",
     Code.APPROVAL_TIMEOUT: "Nobody answered in time whether the arm may move, so it did not: pick again, or raise"
     " execute.approve_s.",
+    Code.MULTI_PICK: "More than one object was laid into the tray: take out what is too many, or count them. The reason"
+    " says what told so; if it was one, raise verify.max_load_n or verify.max_density_kg_m3.",
     Code.CANCELLED: "The job was cancelled by its client before the arm moved for it: send another.",
     Code.DEADLINE: "The job's time was over before the arm could begin its grasp: give it more (deadline_s), or look in"
     " the stages' times what took long.",

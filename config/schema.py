@@ -560,6 +560,11 @@ class VerifySettings(Settings):
             back for a look only when width and load do not tell clearly that it is the object.
         clear_load_n: with ``auto``, a load of which it is clear that it is no error of the measurement.
         clear_width_m: with ``auto``, how far the grasped width may be from the grasp's and be clearly the object's.
+        clear_density_kg_m3: with ``auto``, a load above that of so dense a thing, as large as was seen, may be that of
+            several. Wood, plastic, glass and aluminium are less dense.
+        max_density_kg_m3: a load above that of a solid thing so dense, as large as was seen, is that of several: steel.
+        max_load_n: what one object weighs at most, where that is known; more is several. Halfway from one to two is
+            best. None = not known: of things of one colour that touch, or are nested, nothing else tells.
     """
 
     hold_s: Annotated[float, Field(gt=0, le=60)] = 3.0
@@ -571,6 +576,9 @@ class VerifySettings(Settings):
     look: Literal["always", "auto"] = "always"
     clear_load_n: NonNegative = 0.3
     clear_width_m: Size = 0.006
+    clear_density_kg_m3: Positive = 3000.0
+    max_density_kg_m3: Positive = 7850.0
+    max_load_n: NonNegative | None = None
     look_aside_m: tuple[tuple[Metres, Metres], ...] = ((-0.28, -0.25), (0.05, -0.45), (-0.15, -0.25), (0.0, -0.3))
     """Offsets of the camera for the second capture from above the object's place, along x and y of ``base``; the first
     that the arm reaches is used. The held object hides most of the near field: these keep the place in the free part of

@@ -11,6 +11,9 @@ from bus.messages.devices import HandState, Motion
 from bus.messages.observation import View
 from bus.messages.plan import SegmentName
 
+Witness = Literal["load", "width", "place", "seam"]
+"""What can tell that more than one thing was picked."""
+
 
 class SegmentRun(Message):
     """A segment as it was executed.
@@ -87,6 +90,8 @@ class Verdict(Message):
         carried_n: the same over the way there, lift included; None in recordings of before it was measured.
         cleared_fraction: share of the object's place that the second capture shows empty, or lower than it was; None =
             it sees less than a quarter of it, or there was none.
+        several_by: what told that more than one thing was picked. ``also_gone``: the numbers of the other things whose
+            places are empty, too.
     """
 
     held: bool
@@ -97,3 +102,5 @@ class Verdict(Message):
     load_n: float
     cleared_fraction: float | None
     carried_n: float | None = None
+    several_by: tuple[Witness, ...] = ()
+    also_gone: tuple[int, ...] = ()

@@ -106,6 +106,7 @@ COMMANDS = {
         "prune",
         "Trim and delete recordings by the rule of the station (recording.keep_gb and others), archived before.",
     ),
+    "export": Row("export", "Chosen recordings as a data set of another program."),
     "config": Row("setup", "Print the whole configuration, defaults included, as JSON."),
     "doctor": Row(
         "setup",

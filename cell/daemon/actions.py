@@ -171,7 +171,8 @@ class Actions:
             if failure.failure in FAULTS or failure.failure is Code.STOPPED:
                 raise
         self._retry = self._attempt_after(cycle)
-        if self._leaves_failed and self._retry is None and cycle.code is not None and cycle.grasp is not None:
+        is_left = cycle.code not in (None, Code.MULTI_PICK)  # that place is empty
+        if self._leaves_failed and self._retry is None and is_left and cycle.grasp is not None:
             self._failed_at = (*self._failed_at, cycle.grasp[:3, 3])
         self._hold_after_failures = self._retries.holds()
 

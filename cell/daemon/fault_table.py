@@ -17,7 +17,7 @@ _LOST = (Code.DEVICE_LOST, Code.NODE_LOST)
 PICK_CODES = (Code.NO_OBJECT, Code.TARGET_NOT_FOUND, Code.NOT_SEEN, Code.NO_DEPTH, Code.NO_TABLE,
          Code.TABLE_MOVED, Code.TOO_NEAR, Code.NO_GRASP, Code.LEFT_OVER, Code.UNREACHABLE, Code.COLLISION,
          Code.MODEL_NO_ROD, Code.MODEL_DRIFT, Code.CONTACT, Code.GRASP_MISSED, Code.DROPPED,
-         Code.NOT_CLEARED)  # fmt: skip
+         Code.NOT_CLEARED, Code.MULTI_PICK)  # fmt: skip
 """Failures of a pick that was planned on wrong observations."""
 
 

@@ -31,10 +31,12 @@ from cell.pick.execute import deliver, execute
 from cell.pick.mounting import FEWEST_LOOKS
 from cell.pick.outcome import found_thing, grasp_outcome, laid_at
 from cell.pick.plan import scenes
+from cell.pick.several import one_thing
 from cell.pick.stages import FAULTS, Stages
 from cell.pick.touching import Thing
 from cell.pick.verify import lost_on_the_way, verify
 from config.job import place_of
+from perception.fusion.agreed import corrected
 
 
 @dataclass
@@ -141,7 +143,7 @@ class Cycle:
             if lost:
                 self.stages.fail(CycleFailure(Code.DROPPED, lost))
                 return
-        if self.verdict.held:
+        if self.verdict.held or self.verdict.code is Code.MULTI_PICK:  # they all lie there now
             self.laid = laid_at(done, e.robot, place_of(self.attempt.job))
 
     def result(self, retried_as: str) -> CycleResult:
@@ -187,4 +189,5 @@ def _thing(found: Detections, looks: Sequence[Observation], grasp: Grasp, equipm
     """What is grasped: its top as it was seen, and its scene."""
     tops_m = [float(one.top_m[2]) for one in found.scene.instances if one.number == grasp.instance]
     scene_of = scenes(found, looks, equipment.robot, equipment.station)
-    return Thing(tops_m[0] if tops_m else None, lambda: scene_of(grasp))
+    shown = corrected(looks[found.scene.shown], found.scene.mount)
+    return Thing(tops_m[0] if tops_m else None, lambda: scene_of(grasp), lambda: one_thing(found, grasp, shown))

@@ -176,7 +176,7 @@ def execute(
         if planned_up is None:
             runner.run("retreat", way_back(station, down.commanded_q_rad))
         else:
-            grasped, after = _pick_up(runner, planned_up, grasp, look, robot, station)
+            grasped, after = _pick_up(runner, planned_up, grasp, look, robot, station, thing)
     execution = Execution(
         runs=tuple(runner.runs),
         grasped=grasped,
@@ -189,7 +189,13 @@ def execute(
 
 
 def _pick_up(
-    runner: _Runner, plan: PickPlan, grasp: Grasp, look: Callable[[], Observation], robot: Robot, station: Station
+    runner: _Runner,
+    plan: PickPlan,
+    grasp: Grasp,
+    look: Callable[[], Observation],
+    robot: Robot,
+    station: Station,
+    thing: Thing,
 ) -> tuple[HandState | None, Observation | None]:
     """Close, lift, hold, and look again; returns the hand right after closing, and the second observation."""
     grasped = runner.grasp(station.hand.grasp_force_n, station.hand.speed_m_s)
@@ -198,7 +204,7 @@ def _pick_up(
         assert grasped is not None, "a hand that was stopped carries nothing"
         if not any(part.name == "aside" for part in plan.segments):
             after = look()
-        elif not is_clear(grasp, grasped, runner.runs, robot, station) and runner.carry_part(plan, "aside"):
+        elif not is_clear(grasp, grasped, runner.runs, robot, station, thing.one) and runner.carry_part(plan, "aside"):
             after = look()
             runner.carry_part(plan, "return")
     return grasped, after

@@ -10,6 +10,7 @@ import numpy as np
 from bus.errors import CycleFailure
 from bus.messages import Contact, Grasp, Motion, PickPlan
 from bus.trajectory import Trajectory
+from cell.pick.several import OneThing
 from config.schema import Station
 from planning.feeling import closes_within_m, guard, joined, lifted_at
 from planning.pregrasp import approach_begins
@@ -25,10 +26,12 @@ class Thing:
         top_m: its highest point in ``base``; None = unknown.
         scene: gives the scene with it as the target, which judges the way up with it from elsewhere than was planned;
             None = there is no other way up.
+        one: measures what it alone explains of load and width; None = not known.
     """
 
     top_m: float | None = None
     scene: Callable[[], Scene] | None = None
+    one: Callable[[], OneThing] | None = None
 
 
 def guarded(robot: Robot, station: Station, reach: Trajectory) -> Trajectory:

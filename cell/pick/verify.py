@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from bus.codes import Code
 from bus.messages import Contact, Detections, Execution, Grasp, HandState, Motion, Observation, SegmentRun, Verdict
 from bus.messages.plan import ONLY_TO_LOOK
+from cell.pick.several import OneThing, may_be_several, several
 from config.schema import Station
 from perception.fusion.agreed import corrected
 from perception.scene.change import cleared_fraction
@@ -39,7 +40,8 @@ def verify(
 
     Every criterion must hold during the whole hold: width, load, and the object gone from its place, where the second
     capture sees that; the width also on every way with the object. What turned flush in the jaw may lose width, if it
-    keeps it; what is too light for the arm to weigh is held when its place is seen empty.
+    keeps it; what is too light for the arm to weigh is held when its place is seen empty. What is held must not be more
+    than one thing explains.
 
     Args:
         after: the second capture; None when there was none, because `is_clear`.
@@ -52,14 +54,18 @@ def verify(
             return _went_back(contact, execution)
         raise ValueError("verify needs an execution that reached its hold")
     felt, cleared = _felt(execution.runs, robot), None
-    if after is not None:
-        was, now = (corrected(look, detections.scene.mount) for look in (before, after))
+    was = corrected(before, detections.scene.mount)
+    now = None if after is None else corrected(after, detections.scene.mount)
+    if now is not None:
         cleared = _cleared(detections, grasp, was, now, station)
     place = f"{(cleared or 0.0) * 100:.0f} % of its place is empty"
     if cleared is None:
         place = "its place was not " + ("looked at" if after is None else "seen")
     held = (None, f"Held {min(felt.widths_m) * 1e3:.1f} mm wide, {felt.load_n:.2f} N heavy; {place}.")
     code, reason = _not_between(grasped, felt, station) or _not_lifted(felt, cleared, station) or held
+    many = several(detections, grasp, grasped, felt.load_n, (was, now), station) if code is None else None
+    if many is not None:
+        code, reason = Code.MULTI_PICK, f"{many.reason} {reason}"
     if contact is not None:
         reason = f"{reason} {contact.in_words}, and the fingers closed there."
     return Verdict(
@@ -71,6 +77,8 @@ def verify(
         load_n=felt.load_n,
         cleared_fraction=cleared,
         carried_n=felt.carried_n if execution.began is not None else None,
+        several_by=many.witnesses if many is not None else (),
+        also_gone=many.also_gone if many is not None else (),
     )
 
 
@@ -91,14 +99,24 @@ def _went_back(contact: Contact, execution: Execution) -> Verdict:
     )
 
 
-def is_clear(grasp: Grasp, grasped: HandState, runs: Sequence[SegmentRun], robot: Robot, station: Station) -> bool:
+def is_clear(
+    grasp: Grasp,
+    grasped: HandState,
+    runs: Sequence[SegmentRun],
+    robot: Robot,
+    station: Station,
+    one: Callable[[], OneThing] | None = None,
+) -> bool:
     """Whether width and load tell by themselves how the pick went, so that a look at the place would change nothing.
 
     They do when the fingers lost it; and when they stand, and stay, where they should on that object, and its load is
     far from the measurement's errors, and the same in the hold as on the way there: nothing hangs on it, or fell off.
 
+    Nor may it be open whether it is more than one.
+
     Args:
         runs: to the end of the hold.
+        one: measures what the object alone explains, when the rest is clear; None = not known.
     """
     need, felt = station.verify, _felt(runs, robot)
     if _not_between(grasped, felt, station) is not None:
@@ -107,7 +125,9 @@ def is_clear(grasp: Grasp, grasped: HandState, runs: Sequence[SegmentRun], robot
     is_steady = grasped.width_m - min(felt.widths_m) <= need.max_width_loss_m
     is_heavy = min(felt.load_n, felt.carried_n) >= max(need.clear_load_n, need.min_load_n)
     is_same = abs(felt.carried_n - felt.load_n) <= max(need.clear_load_n, _SAME_LOAD * felt.load_n)
-    return is_as_planned and is_steady and is_heavy and is_same
+    if not (is_as_planned and is_steady and is_heavy and is_same):
+        return False
+    return one is None or not may_be_several(one(), felt.load_n, station)
 
 
 def _cleared(

@@ -136,6 +136,15 @@ def read_cycle(path: Path) -> CycleRecord:
     return _made(path, _read(path), has_frames=True)
 
 
+def read_with_messages(path: Path) -> tuple[CycleRecord, Content]:
+    """As `read_cycle`, with a single pixel for each picture of detect; and all messages as they travelled.
+
+    Raises: RecordingError.
+    """
+    raw = _read(path)
+    return _made(path, raw, has_frames=True, has_pictures=False), raw
+
+
 def read_stages(path: Path) -> CycleRecord:
     """As `read_cycle`, without what takes long: ``looks``, ``after``, ``hand``, ``health`` and ``arm`` are left out.
 
@@ -147,7 +156,7 @@ def read_stages(path: Path) -> CycleRecord:
     with reading(path), path.open("rb") as file:
         summary = Summary(file)
         raw = _content(summary) if summary.is_there else None
-    return _made(path, raw or _read(path), has_frames=False)
+    return _made(path, raw or _read(path), has_frames=False, has_pictures=False)
 
 
 def _content(summary: Summary) -> Content:
@@ -162,10 +171,10 @@ def _content(summary: Summary) -> Content:
     return raw
 
 
-def _made(path: Path, raw: Content, *, has_frames: bool) -> CycleRecord:
+def _made(path: Path, raw: Content, *, has_frames: bool, has_pictures: bool = True) -> CycleRecord:
     require_ours(path, has_station=raw.station is not None, metadata=raw.metadata)
     migrate(raw)
-    if not has_frames:
+    if not has_pictures:
         for key in (topics.DETECT.key, topics.SCENE.key):
             raw.payloads[key] = [(at_ns, without_pictures(payload)) for at_ns, payload in raw.payloads.get(key, [])]
     try:

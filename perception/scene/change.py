@@ -36,7 +36,7 @@ def cleared_fraction(
         instance: the number of the object that was grasped.
         part_base: (n, 3) in ``base`` the points of that part of it which alone should have left; None = all of it.
     """
-    was = _points(detections, instance, before) if part_base is None else np.asarray(part_base, dtype=float)
+    was = points_of(detections, instance, before) if part_base is None else np.asarray(part_base, dtype=float)
     if not len(was):
         return None
     was_m = apply(inverse(detections.scene.table.base_from_table), was)[:, 2]
@@ -57,7 +57,7 @@ def cleared_fraction(
     return float(np.mean((standing < 0.5)[seen] | fell[seen]))
 
 
-def _points(detections: Detections, instance: int, before: Observation) -> np.ndarray:
+def points_of(detections: Detections, instance: int, before: Observation) -> np.ndarray:
     """(n, 3) what was seen of an object, in ``base``: the evidence's points, when the evidence is of this object."""
     if instance == detections.grasps[0].instance:
         return apply(before.view.base_from_color, detections.evidence.observed_points.astype(float))

@@ -14,13 +14,15 @@ from bus.arrays import JointSamples, Mask
 from bus.frozen import Message
 from bus.topics import TOPICS
 from config.load import load_station
-from docs import bus_page, catalogue_page, recording_page, settings_page
+from docs import bus_page, catalogue_page, export_page, recording_page, settings_page
 from docs.fields import Row, lead, rows
 
 GOLDEN = Path(__file__).parents[1] / "golden" / "cycle-schema4.mcap"
 
 
-@pytest.mark.parametrize("of", [bus_page, settings_page, recording_page, catalogue_page], ids=lambda of: of.PAGE.name)
+@pytest.mark.parametrize(
+    "of", [bus_page, settings_page, recording_page, catalogue_page, export_page], ids=lambda of: of.PAGE.name
+)
 def test_a_page_is_written_from_the_code(of: ModuleType) -> None:
     assert of.PAGE.read_text() == of.page(), "run: just docs"
 

@@ -46,7 +46,7 @@ def test_what_an_upload_that_was_cut_short_left_is_sent_again(path: Path, tmp_pa
     assert [one.name for one in (tmp_path / "nas").iterdir()] == ["one.mcap"]
 
 
-class _Flips(_Memory):  # type: ignore[misc, valid-type]
+class _Flips(_Memory):  # type: ignore[misc]
     """A store that takes a file and keeps another: a checksum that it is sent would not tell."""
 
     protocol = "flips"

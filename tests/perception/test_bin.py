@@ -23,6 +23,7 @@ from perception.detector import detect, ignore_reply
 from perception.grasps.closing import OVER_M
 from perception.models import open_models
 from perception.scene.change import cleared_fraction
+from perception.scene.gone import others_gone
 from perception.scene.scene import Scene, observe
 from perception.scene.seen import RegionView, require_something
 from planning.kinematics import inverse, q7_grid
@@ -129,3 +130,24 @@ def test_where_detection_lets_the_palm_pass_the_planner_does_too(filled: Callabl
     base_from_tcp[2, 3] -= 0.006
     touches = [bin_.scene.collision(q_rad, 0.08) for q_rad in inverse(flange_pose(base_from_tcp), q7_grid())]
     assert touches and None not in touches
+
+
+def test_of_the_others_only_those_that_were_taken_away_are_gone_not_what_was_moved(
+    filled: Callable[..., Bin],
+) -> None:
+    bin_ = filled(0)
+    before = bin_.look()
+    found = detect(before, bin_.station, open_models(bin_.station, {}), ignore_reply)
+    picked = found.grasps[0]
+    target = bin_.nearest(picked.base_from_tcp[:2, 3])
+    free_m = bin_.world.data.joint(target).qpos[:2].copy()
+    far_m = {body: np.hypot(*(bin_.world.data.joint(body).qpos[:2] - free_m)) for body in bin_.world.objects}
+    _, moved, *_, taken = sorted(far_m, key=lambda body: float(far_m[body]))
+    bin_.take_away(target)
+    assert others_gone(found, picked.instance, before, bin_.look(), bin_.station).gone == ()
+    lay_m, lay_taken_m = (bin_.world.data.joint(body).qpos[:2].copy() for body in (moved, taken))
+    bin_.world.data.joint(moved).qpos[:2] += 0.1 * (free_m - lay_m) / np.hypot(*(free_m - lay_m))
+    bin_.take_away(taken)
+    gone = others_gone(found, picked.instance, before, bin_.look(), bin_.station).gone
+    places_m = [one.top_m[:2] for one in found.scene.instances if one.number in gone]
+    assert places_m and all(np.hypot(*(place_m - lay_taken_m)) < 0.1 for place_m in places_m)

@@ -1,0 +1,104 @@
+"""Which recordings are exported, and which are left out and why."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from bus.codec import Json
+from bus.errors import RecordingError
+from logs.catalogue import Catalogue
+from logs.catalogue.ask import ask
+from logs.mcap.names import shown
+
+MAX_CYCLES = 10_000_000
+_MAX_S = 60.0
+_NOT_FINISHED = "not finished; `cell recover` makes it readable"
+
+Progress = Callable[[Iterable[Path], int], Iterable[Path]]
+"""Passes the recordings on, of so many; it may show how far it is."""
+
+
+class NothingToExport(RecordingError):
+    """A recording lacks what the data set is made of; it can be read."""
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """A recording that is not in the data set. ``is_damaged``: it cannot be read, else it has nothing to export."""
+
+    path: Path
+    why: str
+    is_damaged: bool
+
+    def to_json(self) -> Json:
+        """The fields as a JSON object."""
+        return {"recording": shown(self.path), "why": self.why, "is_damaged": self.is_damaged}
+
+
+@dataclass
+class Selection:
+    """The recordings to export, oldest first, and what was left out so far. ``root``: the folder of recordings."""
+
+    paths: list[Path]
+    root: Path
+    left_out: list[LeftOut] = field(default_factory=list)
+
+    @contextmanager
+    def or_left_out(self, path: Path) -> Iterator[None]:
+        """Context in which a recording is read; one that cannot be, or that lacks what is needed, is left out."""
+        try:
+            yield
+        except RecordingError as error:
+            why = error.text.removeprefix(f"{shown(path)} ")
+            self.left_out.append(LeftOut(path, why, not isinstance(error, NothingToExport)))
+
+    def nothing(self) -> NothingToExport:
+        """The error for a data set without any content: why the first recording is not in it."""
+        paths = {*self.paths}
+        first = next(one for one in self.left_out if one.path in paths)
+        return NothingToExport(f"None of {len(paths)} recordings can be exported; {shown(first.path)}: {first.why}")
+
+
+@dataclass(frozen=True)
+class Done:
+    """What an export wrote.
+
+    Attributes:
+        target: its folder. ``counts``: of what it holds. ``recordings_bytes``: size of the recordings it was made of.
+        left_out: chosen recordings that are not in it.
+    """
+
+    target: Path
+    counts: dict[str, int]
+    recordings_bytes: int
+    left_out: tuple[LeftOut, ...]
+
+    def to_json(self) -> Json:
+        """The fields as a JSON object."""
+        said: dict[str, Any] = {"target": shown(self.target), **self.counts, "bytes": self.recordings_bytes}
+        return {**said, "left_out": [one.to_json() for one in self.left_out]}
+
+
+def select(catalogue: Catalogue, where: str = "") -> Selection:
+    """The recordings of an up-to-date catalogue that a condition in SQL chooses, oldest first.
+
+    Args:
+        where: of the columns of ``cycles`` (docs/catalogue.md), e.g. ``result = 'SUCCESS'``; "" chooses all.
+
+    Raises: CatalogueError when the condition cannot be answered; RecordingError when no recording is chosen.
+    """
+    condition = f" WHERE ({where}\n)" if where else ""  # a comment in it ends with its line
+    answer = ask(catalogue, f"SELECT name, file FROM cycles{condition}", max_rows=MAX_CYCLES, max_s=_MAX_S)
+    below = f"{catalogue.below}/" if catalogue.below else ""
+    files = sorted((name, file) for name, file in answer.rows if file.startswith(below))
+    root = catalogue.store.root
+    left_out = [LeftOut(root / file.path, _NOT_FINISHED, False) for file in catalogue.listed.torn]
+    left_out += [LeftOut(root / file.path, "its name is not UTF-8", True) for file in catalogue.listed.nameless]
+    if not files:
+        which = f"where {where}" if where else "that is finished"
+        raise RecordingError(f"There is no recorded cycle {which} in {shown(catalogue.folder)}.", "See `cell cycles`.")
+    return Selection([root / file for _, file in files], root, left_out)
