@@ -23,7 +23,7 @@ KINDS: tuple[Kind, ...] = ("input", "decision", "outcome")
 STAGES = ("asked", "capture", "detect", "plan", "execute", "verify", "deliver", "result")
 """``asked`` is all that was there before the cycle, ``result`` how it ended."""
 
-_PLACE: dict[str, tuple[str, Kind]] = {
+PLACES: dict[str, tuple[str, Kind]] = {
     "What was asked for": ("asked", "input"),
     "What it ran with": ("asked", "input"),
     "What was seen": ("detect", "input"),
@@ -38,7 +38,7 @@ _PLACE: dict[str, tuple[str, Kind]] = {
     "Time of the stages": ("", "outcome"),
 }
 """Stage and kind of the columns of each group of `logs.catalogue.columns`; a stage's time is of its own stage."""
-_LATER = {"What became of the recording"}
+LATER = {"What became of the recording"}
 """Groups of what came after the cycle, and says nothing of it."""
 _EXCEPTIONS: dict[str, tuple[str, Kind]] = {
     **dict.fromkeys(("object", "number"), ("asked", "input")),
@@ -172,9 +172,9 @@ def _columns(a: CycleRecord, b: CycleRecord) -> Iterator[Row]:
     in_a, in_b = values_of(a), values_of(b)
     for group, columns in GROUPS:
         for column in columns:
-            if column.name in _SKIPPED or group in _LATER:
+            if column.name in _SKIPPED or group in LATER:
                 continue
-            stage, kind = _EXCEPTIONS.get(column.name, _PLACE[group])
+            stage, kind = _EXCEPTIONS.get(column.name, PLACES[group])
             stage = stage or column.name.removesuffix("_s")
             for name, one, other in _parts(column.name, in_a[column.name], in_b[column.name]):
                 if name not in _SKIPPED and not _same(one, other):

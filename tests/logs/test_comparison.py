@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from bus.messages import Execution
-from logs.comparison.cycles import compare_cycles
+from logs.catalogue.columns import GROUPS
+from logs.comparison.cycles import LATER, PLACES, compare_cycles
 from logs.comparison.folders import Pick, compare_picks
 from logs.comparison.intervals import median_difference, picks_needed, rate, rate_difference
 from logs.mcap.reader import CycleRecord, read_cycle
@@ -123,3 +124,8 @@ def test_what_a_cycle_did_not_come_to_is_named_and_the_page_has_both(record: Rec
 
 def _order(stage: str) -> int:
     return ("asked", "capture", "detect", "plan", "execute", "verify", "deliver", "result").index(stage)
+
+
+def test_every_column_of_the_catalogue_has_its_place_in_a_comparison() -> None:
+    groups = {group for group, _ in GROUPS}
+    assert groups == {*PLACES, *LATER}
