@@ -15,7 +15,6 @@ from cell.http.door import Door
 from config.schema import RecordingSettings
 from logs.catalogue import open_catalogue
 from logs.mcap.names import is_folder
-from logs.mcap.retention import Due
 from logs.prune import Pruner
 
 
@@ -27,19 +26,15 @@ async def storage(_request: Request, door: Door) -> Response:
 def _told(settings: RecordingSettings) -> dict[str, Any]:
     disk = shutil.disk_usage(_existing(settings.folder))
     plan = Pruner(settings, lambda: time.sleep(0.001)).plan()
-    due = (*plan.delete, *plan.soon)
+    due = [one.file for one in (*plan.delete, *plan.soon)]
     return {
         "free_bytes": disk.free,
         "total_bytes": disk.total,
         "recordings_bytes": _recorded_bytes(settings.folder),
-        "keep_gb": settings.keep_gb,
-        "keep_days": settings.keep_days,
-        "soon": {"recordings": len(due), "bytes": sum(map(_size, due))},
+        "rules": settings.rules,
+        "soon": {"recordings": len(due), "bytes": sum(one.bytes for one in due), "trimmed": len(plan.thin)},
+        "short": plan.short,
     }
-
-
-def _size(one: Due) -> int:
-    return one.file.bytes
 
 
 def _existing(folder: Path) -> Path:

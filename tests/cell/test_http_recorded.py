@@ -70,7 +70,7 @@ def test_the_disk_is_told(ask: Asked) -> None:
     disk = told(ask("GET", "/api/storage"))
     assert 0 < disk["free_bytes"] <= disk["total_bytes"]
     assert disk["recordings_bytes"] >= GOLDEN.stat().st_size
-    assert disk["soon"] == {"recordings": 0, "bytes": 0}
+    assert disk["soon"] == {"recordings": 0, "bytes": 0, "trimmed": 0}
 
 
 def test_verdicts_are_appended_and_listed_with_their_cycle(ask: Asked, folder: Path) -> None:

@@ -13,6 +13,7 @@ export function whyNot(verb) {
   if (!now.isLinked || now.state === null) return texts.why.noLink;
   if (now.role === "viewer") return texts.why.viewer;
   if (now.state.available.includes(verb)) return "";
+  if (now.state.mode === "Manual" && ["start", "reset", "pick"].includes(verb)) return texts.why.manual;
   const why = texts.why[verb];
   return why[now.state.state] ?? why.other;
 }

@@ -30,11 +30,12 @@ const gb = (bytes) => (bytes / 1e9).toFixed(bytes < 1e10 ? 2 : 0);
 function storageLines() {
   if (storage === null) return [];
   const isFull = storage.free_bytes < FULL * storage.total_bytes;
-  const limits = storage.keep_gb || storage.keep_days;
-  const { recordings, bytes } = storage.soon;
+  const { recordings, bytes, trimmed } = storage.soon;
+  const next = [recordings ? texts.willGo(recordings, gb(bytes)) : texts.nothingGoes, trimmed ? texts.willTrim(trimmed) : ""];
   return [
     line(isFull ? "bad" : "good", texts.disk(gb(storage.free_bytes), gb(storage.recordings_bytes)), isFull ? texts.diskAdvice : ""),
-    line("plain", !limits ? texts.keepsAll : recordings ? texts.willGo(recordings, gb(bytes)) : texts.nothingGoes),
+    line("plain", storage.rules ? next.join(" ").trim() : texts.keepsAll),
+    storage.short ? line("bad", texts.short(storage.short), texts.diskAdvice) : null,
   ];
 }
 

@@ -7,7 +7,7 @@ export const cell = new EventTarget();
 export const now = { state: null, health: null, role: "operator", client_id: "", isLinked: false, offset_ns: 0, about: null };
 
 const RETRY_MS = 2000;
-const NAMES = ["state", "health", "event", "result", "picture", "scene"];
+const NAMES = ["state", "health", "event", "result", "picture", "scene", "proposal"];
 let session = "";
 let stream = null;
 

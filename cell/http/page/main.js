@@ -7,6 +7,8 @@ import { LANGUAGE, texts } from "./texts.js";
 import { showState } from "./state.js";
 import { showCommands } from "./commands.js";
 import { showPicture } from "./picture.js";
+import { showApprove } from "./approve.js";
+import { showJog } from "./jog.js";
 import { showPicks } from "./picks.js";
 import { showToday } from "./today.js";
 import { showHealth } from "./health.js";
@@ -16,7 +18,7 @@ async function begin() {
   for (const one of document.querySelectorAll("[data-text]")) one.textContent = texts[one.dataset.text];
   showState();
   showCommands();
-  const parts = [showPicture, showPicks, showToday, showHealth];
+  const parts = [showPicture, showApprove, showJog, showPicks, showToday, showHealth];
   cell.addEventListener("event", ({ detail }) => {
     if (detail.severity !== "info" && detail.text !== now.state?.reason) tell(`${detail.text} ${detail.advice ?? ""}`.trim(), true);
   });

@@ -31,8 +31,9 @@ function draw() {
   const reason = reasonOf(state);
   const stage = WORKING.includes(state.state) ? texts.stages[state.stage] : "";
   say(byId("state"), stage ? `${state.state}: ${stage}` : state.state);
-  say(byId("reason"), reason || (texts.meaning[state.state] ?? ""));
-  say(byId("todo"), texts.todo[state.state] ?? "");
+  const special = state.mode === "Manual" ? "manual" : state.stage === "approve" ? "approve" : state.state;
+  say(byId("reason"), reason || (texts.meaning[special] ?? texts.meaning[state.state] ?? ""));
+  say(byId("todo"), texts.todo[special] ?? texts.todo[state.state] ?? "");
   drawJobs(state);
   drawFacts();
 }
@@ -42,7 +43,7 @@ function drawFacts() {
   if (state === null) return;
   const facts = [
     [texts.facts.cell, now.about?.cell_id ?? ""],
-    [texts.facts.mode, now.about === null ? "" : now.about.is_simulated ? texts.simulated : texts.real],
+    [texts.facts.mode, [texts.modes[state.mode] ?? state.mode, now.about?.is_simulated ? texts.simulated : ""].filter(Boolean).join(", ")],
     [texts.facts.since, duration((cellNow() - state.since_ns) / 1e9)],
     [texts.facts.cycle, state.cycle_id],
     [texts.facts.role, now.role === "viewer" ? texts.viewer : ""],
