@@ -4,7 +4,7 @@ import { bodyOf, byId, el, tell, tellRefusal } from "./dom.js";
 import { ask, cell, now } from "./link.js";
 import { texts } from "./texts.js";
 
-const SHOWN = 8;
+const SHOWN = 6;
 const SOON_MS = 700; // the recording is finished after the result, its report later
 const AGAIN_MS = 2000;
 const TRIES = 8;
