@@ -380,11 +380,12 @@ def intruder_(
 def interfaces_(
     rounds: Annotated[int, typer.Option(min=10, help="Commands over each protocol.")] = 200,
     contacts: Annotated[int, typer.Option(min=1, help="Descents onto something, and free ones.")] = 20,
+    pairs: Annotated[int, typer.Option(min=1, help="Picks of two things at once, of each kind.")] = 2,
     as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
 ) -> None:
     """The doors of a simulated cell, all in one run: from a command to its answer [ms]; and contacts on approach."""
     interfaces = import_module("benchmarks.interfaces.run")  # OPC UA alone takes two seconds to import
-    typer.echo(json.dumps(interfaces.run(rounds, contacts, _teller(as_json))))
+    typer.echo(json.dumps(interfaces.run(rounds, contacts, pairs, _teller(as_json))))
 
 
 @app.command(name="page")

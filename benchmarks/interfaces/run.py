@@ -9,6 +9,7 @@ from typing import Any
 
 from benchmarks import contact
 from benchmarks.interfaces import http, opcua, zenoh
+from benchmarks.interfaces.multi_pick import multi_pick
 from cell import client
 from cell.build import running_cell
 from config.load import load_station
@@ -16,8 +17,12 @@ from config.load import load_station
 _PATIENCE_S = 60.0
 
 
-def run(rounds: int, contacts: int, tell: Callable[[str], None]) -> dict[str, Any]:
-    """Return the figures of every door, each asked ``rounds`` times, and of ``contacts`` descents onto something."""
+def run(rounds: int, contacts: int, pairs: int, tell: Callable[[str], None]) -> dict[str, Any]:
+    """Return the figures of every door, each asked ``rounds`` times, and of ``contacts`` descents onto something.
+
+    Args:
+        pairs: picks of two things at once of each kind, and as many single picks.
+    """
     tell("over the bus")
     figures: dict[str, Any] = {"zenoh": {"accept_ms": _over_the_bus(rounds)}}
     tell("over HTTP")
@@ -25,6 +30,8 @@ def run(rounds: int, contacts: int, tell: Callable[[str], None]) -> dict[str, An
     tell("over OPC UA")
     with opcua.cell_with_door() as endpoint:
         figures["opcua"] = opcua.measure(endpoint, rounds)
+    tell("several things at once")
+    figures["multi_pick"] = multi_pick(pairs, pairs, 1000, tell, None)
     tell("contacts")
     return {**figures, **contact.run(contacts, contacts, 1000, tell)}
 
