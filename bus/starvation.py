@@ -7,7 +7,7 @@ cores a timer of 50 ms was 8 ms late in the mean, while 1 s of computing took 20
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
@@ -61,7 +61,7 @@ class StarvationMeter:
 
     def __init__(
         self,
-        threads: Callable[[], Counts] = lambda: dict(_threads()),
+        threads: Callable[[], Counts] = lambda: counts_of(_THREADS),
         runnable: Callable[[], float] = lambda: _runnable(),
         cores: int | None = None,
     ) -> None:
@@ -86,13 +86,15 @@ class StarvationMeter:
         return Starvation(slowdown, self._load, self._cores)
 
 
-def _threads() -> Iterator[tuple[str, tuple[float, float]]]:
-    """Read the counts of every thread; none where the kernel does not count."""
+def counts_of(tasks: Path) -> Counts:
+    """Read the counts of every thread in a process's folder ``task``; none where the kernel does not count."""
+    counts: dict[str, tuple[float, float]] = {}
     with suppress(OSError):
-        for thread in os.listdir(_THREADS):
+        for thread in os.listdir(tasks):
             with suppress(OSError):  # the thread has just ended
-                ran_ns, waited_ns, _ = (_THREADS / thread / "schedstat").read_bytes().split()
-                yield thread, (int(ran_ns) / 1e9, int(waited_ns) / 1e9)
+                ran_ns, waited_ns, _ = (tasks / thread / "schedstat").read_bytes().split()
+                counts[thread] = int(ran_ns) / 1e9, int(waited_ns) / 1e9
+    return counts
 
 
 def _runnable() -> float:

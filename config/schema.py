@@ -14,6 +14,7 @@ from pydantic import Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from bus.lazy import LazyModule
+from bus.messages.execution import Witness
 from bus.secured import is_loopback
 from config.base import (
     UNSHOWN,
@@ -565,6 +566,8 @@ class VerifySettings(Settings):
         max_density_kg_m3: a load above that of a solid thing so dense, as large as was seen, is that of several: steel.
         max_load_n: what one object weighs at most, where that is known; more is several. Halfway from one to two is
             best. None = not known: of things of one colour that touch, or are nested, nothing else tells.
+        several_by: what may tell that several were picked. ``seam`` is for a station whose objects have one colour
+            each: of two-coloured ones it takes every one for two. ``place`` errs in heaps, where things slide.
     """
 
     hold_s: Annotated[float, Field(gt=0, le=60)] = 3.0
@@ -579,6 +582,7 @@ class VerifySettings(Settings):
     clear_density_kg_m3: Positive = 3000.0
     max_density_kg_m3: Positive = 7850.0
     max_load_n: NonNegative | None = None
+    several_by: tuple[Witness, ...] = ("load", "width", "place")
     look_aside_m: tuple[tuple[Metres, Metres], ...] = ((-0.28, -0.25), (0.05, -0.45), (-0.15, -0.25), (0.0, -0.3))
     """Offsets of the camera for the second capture from above the object's place, along x and y of ``base``; the first
     that the arm reaches is used. The held object hides most of the near field: these keep the place in the free part of

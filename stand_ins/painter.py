@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -71,9 +72,16 @@ def _subject(image: Image, prompt: str) -> ObservedObject:
     """The picture as a flat scene at the prompt's scale, its rod in the prompt's colour."""
     scale = _SCALE.search(prompt)
     m_per_px = 1e-3 / float(scale.group(1)) if scale else 0.15 / image.shape[0]
-    observed_object = flat_object(image, object_mask(image), m_per_px, _STATION)
+    observed_object = _flat(image.tobytes(), image.shape, m_per_px)
     color = next((color for color in ROD_COLORS if color.name in prompt), ROD_COLORS[0])
     return replace(observed_object, masked=image, rod=RodColor(color.name, color.rgb))
+
+
+@lru_cache(maxsize=4)
+def _flat(image: bytes, shape: tuple[int, ...], m_per_px: float) -> ObservedObject:
+    """The same picture is shown again with each step and by every test: its grasps are searched once."""
+    picture = np.frombuffer(image, np.uint8).reshape(shape)
+    return flat_object(picture, object_mask(picture), m_per_px, _STATION)
 
 
 def _axis_px(observed_object: ObservedObject) -> np.ndarray:

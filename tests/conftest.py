@@ -37,6 +37,15 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> FilesOrGroup
     return FilesOrGroups(config, log) if config.getvalue("dist") == "loadgroup" else None
 
 
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Where only the tests at 1 kHz are wanted, a file that marks none, nor its folder's conftest, is not imported."""
+    if not str(config.getoption("markexpr")).startswith("realtime") or not collection_path.match("test_*.py"):
+        return None
+    beside = collection_path.with_name("conftest.py")
+    marks = any(path.exists() and "mark.realtime" in path.read_text() for path in (collection_path, beside))
+    return None if marks else True
+
+
 @pytest.fixture(scope="session")
 def new_endpoint() -> Callable[[], str]:
     """Gives loopback endpoints nobody listens on."""

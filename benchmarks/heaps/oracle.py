@@ -53,12 +53,14 @@ class Robust:
         return cls(None if pose is None else np.array(pose), told["opening_m"], told["judged"])
 
 
-def search(heap: Heap, rounds: int = _ROUNDS) -> Robust:
-    """Try grasps square to faces, then any, ``rounds`` times, until one is robust or the tries are used up."""
+def search(heap: Heap, rounds: int = _ROUNDS, anywhere: int = _ANYWHERE) -> Robust:
+    """Try grasps square to faces, then ``anywhere`` drawn at random, ``rounds`` times, until one is robust or the tries
+    are used up.
+    """
     truth, judge = Truth(heap), Judge.of(heap)
     rng = np.random.default_rng([heap.seed, heap.n, 4])
     judged = 0
-    for draw, count in ((truth.on_faces, _ON_FACES), (truth.anywhere, _ANYWHERE)) * rounds:
+    for draw, count in ((truth.on_faces, _ON_FACES), (truth.anywhere, anywhere)) * rounds:
         for grasp, opening_m in truth.poses(draw(count, rng)):
             if judged == _MOST_JUDGED:
                 break

@@ -49,6 +49,7 @@ WAYS = ("always", "auto", "weighed")
 SINGLE_KINDS = ("alone", "beside", "heap")
 """The paper's objects; one of two touching blocks, by the product's own grasp; one of a heap in the bin."""
 RISEN_M = 0.05
+_ALL_WITNESSES = ('verify.several_by=["load", "width", "place", "seam"]',)
 _PAPER = ("cup", "spatula", "bottle", "controller", "drone")
 _HEAPED = 4
 _AS_MANY_MORE = 4
@@ -74,7 +75,9 @@ class Bench:
     """One world with the simulated devices; the arm is where it looks from."""
 
     def __init__(self, settings: Sequence[str], base: Path | None = None) -> None:
-        self.station: Station = load_station(base, ["verify.look=always", "verify.hold_s=0.3", *settings])
+        self.station: Station = load_station(
+            base, [*_ALL_WITNESSES, "verify.look=always", "verify.hold_s=0.3", *settings]
+        )
         self.robot, self.world = Robot(self.station), World(self.station)
         self.camera, self.hand = SimCamera(self.world), SimHand(self.world)
         self.arm = Guard(SimArm(self.world), self.station)

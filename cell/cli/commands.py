@@ -97,6 +97,17 @@ COMMANDS = {
     "replay": Row(
         "replay", "Run the pure stages again from recordings and compare. Exit 0 equal, 1 different, 2 cannot."
     ),
+    "compare": Row(
+        "compare",
+        "Compare two cycles stage by stage: input, decision, outcome; or two folders, by code and object (95 %).",
+    ),
+    "alike": Row(
+        "alike",
+        "The past cycles nearest to one, by what was seen and what happened; 0 = no difference (docs/alike.md).",
+    ),
+    "groups": Row(
+        "alike", "Failures in groups, the largest first: a sentence and three examples each (docs/alike.md)."
+    ),
     "recover": Row(
         "recordings",
         "Make torn recordings whole. Exit 0 all that was flushed is kept, 1 something is lost, 2 cannot.",

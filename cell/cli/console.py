@@ -79,7 +79,7 @@ class Screen:
         elif isinstance(message, CellState):
             if message.state in ("Starting", "Aborted") and message.cycle_id:
                 out.line("cycle ", (message.cycle_id, "bold"))
-            elif message.stage == "" or message.state != self._state:
+            elif (message.stage == "" and message.mode == "Production") or message.state != self._state:
                 self._show_state(message)
             self._state = message.state
         elif isinstance(message, StageRecord):

@@ -40,3 +40,17 @@ Set = Annotated[
     typer.Option("--set", help="Override one setting: key=value. Repeatable."),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON for programs.")]
+Count = Annotated[
+    int | None,
+    typer.Option(
+        "--workers",
+        min=1,
+        max=256,
+        help="Of a folder: so many processes; 1 = this one alone.",
+        show_default="one a core, fewer for a few recordings",
+    ),
+]
+Scheduler = Annotated[
+    str,
+    typer.Option(help="Of a folder: work on the Dask cluster of this scheduler, tcp://HOST:PORT (vlad-cell[cluster])."),
+]

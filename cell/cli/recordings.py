@@ -11,9 +11,10 @@ import typer
 
 from bus.errors import ConfigError, RecordingError
 from bus.messages import Job
-from cell.cli.options import Config, Json
+from cell.cli.options import Config, Count, Json, Scheduler
 from cell.terminal.drawing import tracked
 from cell.terminal.printing import err, out
+from cell.workers import workers_for
 from config.load import DEFAULT_STATION, load_station
 from logs.catalogue.journal import last_of
 from logs.catalogue.labels import Label, labels_of
@@ -128,6 +129,8 @@ def report(
         bool, typer.Option("--embed", help="Put the drawing library into the page, to send it: 5 MB more.")
     ] = False,
     open_it: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
+    workers: Count = None,
+    scheduler: Scheduler = "",
 ) -> None:
     """Write one HTML page that explains a cycle; of a folder, a page per cycle and one a day.
 
@@ -137,7 +140,7 @@ def report(
     if is_folder(folder):
         if output is not None or embed:
             raise ConfigError("--output and --embed are of one page; those of a folder lie beside their recordings.")
-        pages, damaged = _report_folder(folder)
+        pages, damaged = _report_folder(folder, workers, scheduler)
     else:
         path, damaged = find_cycle(cycle, config), {}
         pages = [write_report(read_cycle(path), output or path.with_suffix(".html"), embed=embed)]
@@ -151,11 +154,13 @@ def report(
         raise typer.Exit(RecordingError.exit_code)
 
 
-def _report_folder(folder: Path) -> tuple[list[Path], dict[Path, str]]:
+def _report_folder(folder: Path, count: int | None, scheduler: str) -> tuple[list[Path], dict[Path, str]]:
     """Write missing and outdated pages; return the days' pages, newest first, and the failed recordings' reasons."""
     todo = outdated(folder)
-    written = {path: write_cycle(path) for path in tracked(todo, len(todo), "writing pages", err)}
-    damaged = {path: why for path, why in written.items() if why}
+    absolute = [path.absolute() for path in todo]  # of a worker elsewhere the working folder is another
+    run = workers_for(len(todo), count, scheduler).run(write_cycle, absolute if scheduler else todo)
+    written = {todo[index]: str(why) for index, why in tracked(run, len(todo), "writing pages", err)}
+    damaged = {path: written[path] for path in todo if written[path]}
     return [write_day(day, damaged) for day in days(folder)], damaged
 
 

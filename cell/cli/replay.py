@@ -8,16 +8,17 @@ from typing import Annotated
 import typer
 
 from bus.session import Bus
-from cell.cli.options import Config, Json, Set, finite
+from cell.cli.options import Config, Count, Json, Scheduler, Set, finite
 from cell.cli.recordings import find_cycle
 from cell.replay import view
-from cell.replay.folder import replay_folder
+from cell.replay.folder import Tally, judgements, recordings_below
 from cell.replay.replay import Request
 from cell.replay.replay import replay as run_again
 from cell.replay.republish import ROOT, await_listener, payloads, republish, require_no_live_cell
 from cell.terminal.drawing import tracked
 from cell.terminal.printing import err, out
 from cell.terminal.signals import ending
+from cell.workers import workers_for
 from config.load import DEFAULT_STATION, station_from
 from logs.mcap.names import is_folder, shown, telling
 from logs.mcap.reader import read_cycle
@@ -48,6 +49,8 @@ def replay(
     wait_s: Annotated[
         float, typer.Option(min=0, help="With --publish: how long to wait for the first one.", callback=finite)
     ] = 30.0,
+    workers: Count = None,
+    scheduler: Scheduler = "",
     config: Config = DEFAULT_STATION,
     overrides: Set = None,
     as_json: Json = False,
@@ -64,7 +67,7 @@ def replay(
         return
     request = Request.of(overrides or [], start, only, live_models=live_models)
     if is_folder(Path(cycle)):
-        _replay_folder(Path(cycle), request, as_json=as_json)
+        _replay_folder(Path(cycle), request, workers, scheduler, as_json=as_json)
         return
     path = find_cycle(cycle, config)
     with telling(shown(path)):
@@ -93,8 +96,12 @@ def _interrupt() -> None:
     raise KeyboardInterrupt
 
 
-def _replay_folder(folder: Path, request: Request, *, as_json: bool) -> None:
-    tally = replay_folder(folder, request, lambda path, said: err.line(f"{path.stem} {said}"))
+def _replay_folder(folder: Path, request: Request, count: int | None, scheduler: str, *, as_json: bool) -> None:
+    paths, tally = recordings_below(folder), Tally()
+    outcomes = judgements(paths, request, workers_for(len(paths), count, scheduler))
+    for judged in tracked(outcomes, len(paths), f"replaying {len(paths)} recordings", err):
+        tally.add(judged)
+        err.line(f"{judged.path.stem} {judged.in_words}")
     if as_json:
         out.json(tally.to_json())
     else:

@@ -96,6 +96,7 @@ def several(
         found.append(("load", load))
     if width := _too_wide(detections, grasp, grasped.width_m, station, is_seen=after is not None and not others.unseen):
         found.append(("width", width))
+    found = [one for one in found if one[0] in station.verify.several_by]
     if not found:
         return None
     told = "; ".join(text for _, text in found)

@@ -3,18 +3,47 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from bus.errors import CellError, PicturesTrimmed, RecordingError
 from cell.replay.replay import Replay, Request, replay
 from cell.replay.view import to_json, verdict
+from cell.workers import LocalWorkers, WorkerLost, Workers
 from config.load import station_hash
 from config.schema import Station
 from logs.mcap.names import found_below, shown, telling
 from logs.mcap.reader import read_cycle
 from planning.robot import Robot
+
+ItemT = TypeVar("ItemT")
+TRIMMED = "trimmed"
+"""The pictures of the recording were taken out: nothing can be run again."""
+
+
+@dataclass(frozen=True)
+class Judged:
+    """The outcome of one recording, small enough to travel between processes.
+
+    Attributes:
+        verdict: of `cell.replay.view.verdict`, `TRIMMED` or ``unreadable``. ``error``: why it was not replayed, or "".
+        stages: rerun, each with whether it differs. ``fields``: those that differ. ``said``: of `to_json` if different.
+    """
+
+    path: Path
+    verdict: str
+    error: str = ""
+    stages: tuple[tuple[str, bool], ...] = ()
+    fields: tuple[str, ...] = ()
+    said: dict[str, Any] | None = None
+
+    @property
+    def in_words(self) -> str:
+        """The verdict for a person."""
+        return f"{TRIMMED}: not replayed" if self.verdict == TRIMMED else self.verdict
 
 
 class Tally:
@@ -27,23 +56,17 @@ class Tally:
         self.different: list[dict[str, Any]] = []
         self.unreadable: dict[str, str] = {}
 
-    def add(self, path: Path, outcome: Replay | CellError) -> str:
-        """Count one recording; return its verdict."""
-        if isinstance(outcome, PicturesTrimmed):
-            self.verdicts["trimmed"] += 1
-            return "trimmed: not replayed"
-        if isinstance(outcome, CellError):
-            self.unreadable[shown(path)] = str(outcome)
-            return "unreadable"
-        said = verdict(outcome)
-        self.verdicts[said] += 1
-        for stage in outcome.stages:
-            self.stages[stage.stage] += bool(stage.differences)
-            fields = {f"{stage.stage}.{difference.field.partition('[')[0]}" for _, difference in stage.differences}
-            self.fields.update(fields)
-        if said == "different":
-            self.different.append({"recording": shown(path), **to_json(outcome)})
-        return said
+    def add(self, judged: Judged) -> None:
+        """Count one recording."""
+        if judged.error and judged.verdict == "unreadable":
+            self.unreadable[shown(judged.path)] = judged.error
+            return
+        self.verdicts[judged.verdict] += 1
+        for stage, differs in judged.stages:
+            self.stages[stage] += differs
+        self.fields.update(judged.fields)
+        if judged.said is not None:
+            self.different.append({"recording": shown(judged.path), **judged.said})
 
     @property
     def exit_code(self) -> int:
@@ -64,27 +87,81 @@ class Tally:
         }
 
 
-def replay_folder(folder: Path, request: Request, tell: Callable[[Path, str], None]) -> Tally:
-    """Replay every closed recording below ``folder``; ``tell`` is called with each path and verdict.
-
-    Raises: RecordingError when there is none.
-    """
+def recordings_below(folder: Path) -> list[Path]:
+    """Every closed recording below ``folder``, sorted. Raises: RecordingError when there is none."""
     paths = found_below(folder, "*.mcap")
     if not paths:
         raise RecordingError(f"There is no recording below {shown(folder)}.", "Name another folder, or a file.")
-    robots: dict[str, Robot] = {}
+    return paths
 
-    def robot_of(station: Station) -> Robot:
-        key = station_hash(station.model_copy(update={"recording": type(station.recording)()}))
-        return robots.get(key) or robots.setdefault(key, Robot(station))
 
+def replay_folder(
+    folder: Path, request: Request, tell: Callable[[Path, str], None], workers: Workers | None = None
+) -> Tally:
+    """Replay every closed recording below ``folder``.
+
+    Args:
+        tell: called with each path and verdict, in the order of the paths.
+        workers: who replays; None = this process. The tally is the same whoever does.
+
+    Raises: RecordingError when there is none; what `cell.workers.Workers.run` raises.
+    """
+    paths = recordings_below(folder)
     tally = Tally()
-    for path in paths:
-        outcome: Replay | CellError
-        try:
-            with telling(shown(path)):
-                outcome = replay(read_cycle(path), request, robot_of)
-        except CellError as error:
-            outcome = error
-        tell(path, tally.add(path, outcome))
+    for judged in judgements(paths, request, workers or LocalWorkers(1)):
+        tally.add(judged)
+        tell(judged.path, judged.in_words)
     return tally
+
+
+def judgements(paths: list[Path], request: Request, workers: Workers) -> Iterator[Judged]:
+    """The outcome of each recording, in the order of the paths."""
+    absolute = [path.absolute() for path in paths]  # of a worker elsewhere the working folder is another
+    for index, found in in_order(workers.run(partial(judge, request=request), absolute)):
+        if isinstance(found, WorkerLost):
+            yield Judged(paths[index], "unreadable", str(found))
+        else:
+            yield Judged(paths[index], found.verdict, found.error, found.stages, found.fields, found.said)
+
+
+def in_order(results: Iterable[tuple[int, ItemT]]) -> Iterator[tuple[int, ItemT]]:
+    """Numbered results in the order of their numbers, each as soon as those before it are there."""
+    early: dict[int, ItemT] = {}
+    due = 0
+    for index, found in results:
+        early[index] = found
+        while due in early:
+            yield due, early.pop(due)
+            due += 1
+
+
+def judge(path: Path, request: Request) -> Judged:
+    """Replay one recording; what is wrong with it becomes part of the outcome."""
+    try:
+        with telling(shown(path)):
+            outcome = replay(read_cycle(path), request, _robot_of)
+    except PicturesTrimmed as error:
+        return Judged(path, TRIMMED, str(error))
+    except CellError as error:
+        return Judged(path, "unreadable", str(error))
+    return _judged(path, outcome)
+
+
+def _judged(path: Path, outcome: Replay) -> Judged:
+    said = verdict(outcome)
+    fields = {
+        f"{stage.stage}.{difference.field.partition('[')[0]}": None  # a set, in order
+        for stage in outcome.stages
+        for _, difference in stage.differences
+    }
+    stages = tuple((stage.stage, bool(stage.differences)) for stage in outcome.stages)
+    return Judged(path, said, "", stages, tuple(fields), to_json(outcome) if said == "different" else None)
+
+
+_robots: dict[str, Robot] = {}
+"""The planning models of this process, by the configuration they are made of: each takes a second."""
+
+
+def _robot_of(station: Station) -> Robot:
+    key = station_hash(station.model_copy(update={"recording": type(station.recording)()}))
+    return _robots.get(key) or _robots.setdefault(key, Robot(station))

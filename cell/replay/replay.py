@@ -68,6 +68,14 @@ class Replay:
         return len(detect.result.grasps) if detect is not None and isinstance(detect.result, Detections) else 0
 
 
+def _recorded_models(station: Station, record: CycleRecord) -> Models:
+    return replayed_models(station, record.last_replies)
+
+
+def _live_models(station: Station, _record: CycleRecord) -> Models:
+    return open_models(station, os.environ)
+
+
 @dataclass(frozen=True)
 class Request:
     """The stages to rerun, and how.
@@ -76,13 +84,13 @@ class Request:
         start: chained, from this stage on. ``only``: this stage alone. Neither: all, isolated - or chained from the
             first
             when ``overrides`` change the settings ("what if?").
-        models: opens the models; by default they answer with the recorded replies.
+        models: opens the models, a function of a module; by default they answer with the recorded replies.
     """
 
     overrides: tuple[str, ...] = ()
     start: StageName | None = None
     only: StageName | None = None
-    models: ModelsOf = lambda station, record: replayed_models(station, record.last_replies)
+    models: ModelsOf = _recorded_models
 
     @classmethod
     def of(cls, overrides: Iterable[str], start: str | None, only: str | None, *, live_models: bool = False) -> Request:
@@ -90,9 +98,8 @@ class Request:
         for name in (start, only):
             if name is not None and name not in PURE:
                 raise ConfigError(f"The stage {name!r} cannot be run again.", f"Pure stages: {', '.join(PURE)}.")
-        live: ModelsOf = lambda station, _: open_models(station, os.environ)  # noqa: E731
-        chosen = {"models": live} if live_models else {}
-        return cls(tuple(overrides), cast(StageName | None, start), cast(StageName | None, only), **chosen)
+        models = _live_models if live_models else _recorded_models
+        return cls(tuple(overrides), cast(StageName | None, start), cast(StageName | None, only), models)
 
     @property
     def chained(self) -> bool:

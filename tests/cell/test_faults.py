@@ -1,4 +1,4 @@
-"""Every row of the fault table, on running cells: the soak's first cycles walk through them. Who may set a fault."""
+"""Every row of the fault table, on running cells: the soak's first cycles walk through them."""
 
 from __future__ import annotations
 
@@ -8,16 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from typer.testing import CliRunner
 
 from benchmarks.growth import Growth
 from benchmarks.soak import soak, soak_station, summary
 from benchmarks.trials import Outcome, Trial, trials
-from bus.errors import ConfigError, Refused
+from bus.errors import ConfigError
 from bus.fault_injection import PARTS, Fault
-from cell import client
-from cell.build import running_cell
-from cell.cli.commands import command_line
 from cell.daemon.fault_table import ROWS, Row
 from cell.replay.replay import Request, replay
 from config.load import load_station
@@ -116,21 +112,7 @@ def test_a_recording_of_a_fault_replays(walk: Callable[[str], Run], slice_: str,
     assert replay(read_cycle(Path(walk(slice_).of(name).recording)), Request()).equal
 
 
-# --- who may set one --------------------------------------------------------------------------------------------------
-
-
-def test_where_faults_are_not_allowed_nobody_listens(tmp_path: Path, endpoint: str) -> None:
-    options = [f"bus.endpoint={endpoint}", f"recording.folder={tmp_path}"]
-    station = load_station(None, options)
-    with running_cell(station, lambda topic, message: None), client.connect(station) as cell:
-        for part in ("arm", "disk"):  # one of the node's, one of the daemon's
-            with pytest.raises(Refused, match=r"faults\.allowed") as refusal:
-                cell.fault(part, Fault.OFF)
-            assert refusal.value.exit_code == 3
-        command = ["fault", "arm", "off", *(word for option in options for word in ("--set", option))]
-        outcome = CliRunner().invoke(command_line(), command)
-        assert isinstance(outcome.exception, Refused)
-        assert CliRunner().invoke(command_line(), ["fault", "leg", "off"]).exit_code == 2
+# --- what a station may have ------------------------------------------------------------------------------------------
 
 
 def test_a_station_cannot_have_a_fault_that_it_does_not_allow() -> None:

@@ -257,7 +257,7 @@ def _until(ask: Callable[[], bool], patience_s: float) -> float:
     return time.monotonic() - started_s
 
 
-@pytest.mark.parametrize("blow", [signal.SIGKILL, signal.SIGSTOP])
+@pytest.mark.parametrize("blow", [pytest.param(signal.SIGKILL, marks=pytest.mark.thorough), signal.SIGSTOP])
 def test_a_killed_or_frozen_node_aborts_the_cell_with_its_name_and_comes_back(
     shared_cell: Station, blow: signal.Signals
 ) -> None:

@@ -1,4 +1,4 @@
-"""Who may make the arm move - and what happens when that client is gone."""
+"""Who may make the arm move, or set a fault - and what happens when that client is gone."""
 
 from __future__ import annotations
 
@@ -9,15 +9,18 @@ import time
 from collections.abc import Iterator
 
 import pytest
+from typer.testing import CliRunner
 
 from bus import topics
 from bus.clock import WallClock
 from bus.commands import CommandReply, CommandRequest
 from bus.errors import Refused
+from bus.fault_injection import Fault
 from bus.sample import Sample
 from bus.session import Bus
 from bus.starvation import Starvation
 from cell import client
+from cell.cli.commands import command_line
 from cell.machine.leases import Leases
 from config.schema import Station
 
@@ -193,3 +196,14 @@ def test_a_stranger_without_a_token_moves_nothing(shared_cell: Station) -> None:
         with pytest.raises(Refused) as refusal:
             bus.request(topics.COMMAND, request, CommandReply, timeout_s=60, verb="reset")
         assert refusal.value.code == "NO_LEASE"
+
+
+def test_where_faults_are_not_allowed_nobody_listens(shared_cell: Station, shared_options: list[str]) -> None:
+    with client.connect(shared_cell) as cell:
+        for part in ("arm", "disk"):  # one of the node's, one of the daemon's
+            with pytest.raises(Refused, match=r"faults\.allowed") as refusal:
+                cell.fault(part, Fault.OFF)
+            assert refusal.value.exit_code == 3
+        outcome = CliRunner().invoke(command_line(), ["fault", "arm", "off", *shared_options])
+        assert isinstance(outcome.exception, Refused)
+        assert CliRunner().invoke(command_line(), ["fault", "leg", "off"]).exit_code == 2

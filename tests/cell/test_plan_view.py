@@ -18,7 +18,7 @@ from planning.outlines import Outlines
 from planning.robot import Robot
 from tests.logs.browser import Page, chromium, find_chromium
 
-SCRIPT = Path(cell.http.__file__).parent / "page" / "plan_view.js"
+SCRIPTS = [Path(cell.http.__file__).parent / "page" / name for name in ("plan_scene.js", "plan_view.js")]
 STATION = load_station(None, [])
 
 
@@ -120,7 +120,8 @@ def page(view: PlanView, tmp_path_factory: pytest.TempPathFactory) -> Iterator[P
         pytest.skip("neither chromium-headless-shell nor chromium is installed")
     folder = tmp_path_factory.mktemp("plan")
     file = folder / "plan.html"
-    file.write_text(HTML.format(script=SCRIPT.read_text(), plan=json.dumps(view.model_dump(mode="json"))))
+    script = "".join(line for one in SCRIPTS for line in one.read_text().splitlines(True) if "import {" not in line)
+    file.write_text(HTML.format(script=script, plan=json.dumps(view.model_dump(mode="json"))))
     with chromium(program, folder / "profile") as page:
         page.open(file, 900)
         yield page

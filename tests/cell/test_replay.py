@@ -113,6 +113,9 @@ FAILED = Failure(
 
 def test_every_rule_of_the_stage_table_names_a_field_that_exists(record: CycleRecord) -> None:
     for stage in STAGES:
+        if stage.name not in record.stages:  # nobody was asked to approve it
+            assert not stage.tolerances and not stage.steps
+            continue
         result = record.stages[stage.name].result
         paths = [path for said in (result, FAILED) for path, _, _ in leaves("", said, said)]
         fields = [part for _, parts in stage.steps for part in parts]

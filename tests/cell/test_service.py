@@ -97,10 +97,16 @@ def _pick_until_it_moves(station: Station) -> str:
         return cycle_id
 
 
+def _children(process: subprocess.Popen[str]) -> list[Path]:
+    """Where the kernel tells of the processes that this one has started, as long as they exist."""
+    tasks = Path(f"/proc/{process.pid}/task").glob("*/children")
+    return [Path(f"/proc/{pid}") for task in tasks for pid in task.read_text().split()]
+
+
 # --- a real cell ------------------------------------------------------------------------------------------------------
 
 
-def test_systemd_hears_how_it_is(systemd: Systemd, daemon: Cell) -> None:
+def test_systemd_hears_how_it_is_until_sigterm_ends_it_and_its_node(systemd: Systemd, daemon: Cell) -> None:
     process, station = daemon
     systemd.wait_for("READY=1")
     systemd.wait_for("STATUS=Stopped")
@@ -115,9 +121,11 @@ def test_systemd_hears_how_it_is(systemd: Systemd, daemon: Cell) -> None:
         systemd.wait_for("STATUS=Resetting, command 'reset' from cell-")
         systemd.wait_for("STATUS=Idle")
     assert "STOPPING=1" not in systemd.heard
+    nodes = _children(process)
     process.send_signal(signal.SIGTERM)
     systemd.wait_for("STOPPING=1")
     assert process.wait(60) == 0
+    assert nodes and not any(node.exists() for node in nodes), "no process is left"
 
 
 def test_sigterm_in_the_middle_of_a_pick_is_a_controlled_stop(systemd: Systemd, daemon: Cell) -> None:
@@ -142,8 +150,7 @@ def test_sigterm_in_the_middle_of_a_pick_is_a_controlled_stop(systemd: Systemd, 
 def test_a_second_sigterm_ends_at_once(systemd: Systemd, daemon: Cell) -> None:
     process, station = daemon
     _pick_until_it_moves(station)
-    tasks = Path(f"/proc/{process.pid}/task").glob("*/children")
-    nodes = [Path(f"/proc/{pid}") for task in tasks for pid in task.read_text().split()]
+    nodes = _children(process)
     process.send_signal(signal.SIGTERM)
     systemd.wait_for("STOPPING=1")
     process.send_signal(signal.SIGTERM)

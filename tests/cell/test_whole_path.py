@@ -177,16 +177,6 @@ def test_a_plain_zenoh_program_triggers_a_pick(shared_daemon: Cell) -> None:
     assert "'result': 'SUCCESS'" in done.stdout, done.stdout
 
 
-def test_sigterm_stops_the_cell_and_leaves_no_process(daemon: Cell) -> None:
-    process, _ = daemon
-    children = _children(process)
-    assert children
-    process.send_signal(signal.SIGTERM)
-    assert process.wait(60) == 0
-    for pid in children:
-        assert not Path(f"/proc/{pid}").exists()
-
-
 def _in_process(*arguments: str) -> str:
     """What a ``cell`` command prints; run here, a new process would miss the motion."""
     done = CliRunner().invoke(command_line(), list(arguments), catch_exceptions=False)

@@ -90,6 +90,6 @@ def _entry(one: Solid, start_m: Array, along: Array) -> Array:
     start_m, along = one.from_base() @ (start_m - one.foot_m), along @ one.from_base().T
     low = -np.array([one.size_m[0] / 2, one.size_m[1] / 2, 0.0])
     with np.errstate(divide="ignore", invalid="ignore"):
-        walls = np.sort([(low - start_m) / along, (low + one.size_m - start_m) / along], axis=0)
-    enter, leave = walls[0].max(axis=-1), walls[1].min(axis=-1)
+        walls = (low - start_m) / along, (low + one.size_m - start_m) / along
+    enter, leave = np.minimum(*walls).max(axis=-1), np.maximum(*walls).min(axis=-1)
     return np.where(enter < leave, enter, np.inf)

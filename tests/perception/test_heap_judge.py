@@ -145,8 +145,11 @@ def test_the_oracle_finds_a_grasp_that_the_judge_confirms_and_physics_lifts() ->
     assert not done.touched and not done.unstable and len(done.held) == 1
 
 
-def test_the_oracle_finds_none_on_what_no_jaw_takes() -> None:
-    assert search(_heap(((0.10, 0.10, 0.03), (0.40, 0.0, 0.015))), rounds=1).base_from_tcp is None
+@pytest.mark.parametrize("anywhere", [2000, pytest.param(20_000, marks=pytest.mark.thorough)])
+def test_the_oracle_finds_none_on_what_no_jaw_takes(anywhere: int) -> None:
+    wide = _heap(((0.10, 0.10, 0.03), (0.40, 0.0, 0.015)))
+    found = search(wide, rounds=1, anywhere=anywhere)
+    assert found.base_from_tcp is None and found.judged > 0
 
 
 def test_physics_loses_what_stands_beside_the_jaw_and_feels_what_is_under_a_finger() -> None:

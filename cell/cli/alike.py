@@ -1,0 +1,80 @@
+"""``cell alike`` and ``groups``: the past cycles that are nearest to one, and failures in groups."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bus.errors import ConfigError, RecordingError
+from cell.cli.cycles import Folder, reading
+from cell.cli.options import Config, Json
+from cell.cli.recordings import BAD, STYLE, Cycle, find_cycle, root_of_labels
+from cell.terminal.printing import err, out
+from config.load import DEFAULT_STATION, load_station
+from logs.alike.features import Space, space
+from logs.alike.groups import ALIKE, group_failures, nearest
+from logs.catalogue import open_catalogue
+from logs.mcap.index import read_entry
+
+_FIRST = 5
+
+
+def alike(
+    cycle: Cycle,
+    config: Config = DEFAULT_STATION,
+    folder: Annotated[Path | None, typer.Option("--folder", help="Look among the recordings of this folder.")] = None,
+    last: Annotated[int, typer.Option(min=1, help="So many of the nearest.")] = _FIRST,
+    as_json: Json = False,
+) -> None:
+    """The past cycles nearest to one, by what was seen and what happened; 0 = no difference (docs/alike.md)."""
+    path = find_cycle(cycle, config)
+    cycle_id = read_entry(path).cycle_id
+    where = _space(folder or root_of_labels(path, config))
+    try:
+        found = nearest(where, cycle_id, last)
+    except KeyError as error:
+        raise RecordingError(
+            f"The catalogue has no finished cycle {cycle_id}.", "Name another, or the folder it lies in (--folder)."
+        ) from error
+    for one in found:
+        if as_json:
+            out.json(one.to_json())
+            continue
+        row = one.row
+        title = " ".join(part for part in (row["result"], row["code"], row["object"]) if part)
+        said = f"  a person: {row['label']}" if row["label"] else ""
+        out.line(f"{one.distance:.3f}  {one.cycle_id}  ", (title, STYLE.get(row["result"], BAD)), said)
+        out.line(f"       {row['reason']}")
+        out.line(f"       {one.in_words()}", style="dim")
+    if not found and not as_json:
+        out.line("none")
+
+
+def groups(
+    folder: Folder = None,
+    config: Config = DEFAULT_STATION,
+    failed: Annotated[bool, typer.Option("--failed", help="Group what FAILED or was ABORTED.")] = False,
+    apart: Annotated[
+        float, typer.Option("--apart", min=0.0, max=1.0, help="Groups are at least so far apart: 0..1.")
+    ] = ALIKE,
+    as_json: Json = False,
+) -> None:
+    """Failures in groups, the largest first: a sentence and three examples each (docs/alike.md)."""
+    if not failed:
+        raise ConfigError("Only failures are grouped.", "Add --failed.")
+    found = group_failures(_space(folder or load_station(config).recording.folder), apart)
+    for one in found:
+        if as_json:
+            out.json(one.to_json())
+            continue
+        out.line((f"{len(one.cycles):>5}", "bold"), f"  {one.sentence}")
+        out.line(f"       {'  '.join(one.examples)}", style="dim")
+    if not found and not as_json:
+        out.line("none failed")
+
+
+def _space(folder: Path) -> Space:
+    with open_catalogue(folder, reading, err.line) as catalogue:
+        return space(catalogue)

@@ -1,0 +1,26 @@
+"""Runs the same work on many items: in this process, in processes of this machine, or on a cluster that is there."""
+
+from __future__ import annotations
+
+from cell.workers.cluster import ClusterWorkers
+from cell.workers.local import LocalWorkers, here
+from cell.workers.work import WorkerLost, Workers
+
+__all__ = ["ClusterWorkers", "LocalWorkers", "WorkerLost", "Workers", "here", "workers_for"]
+
+_PER_WORKER = 4
+"""A process of its own costs a second or two of imports: fewer items than this are not worth one."""
+
+
+def workers_for(items: int, count: int | None, scheduler: str) -> Workers:
+    """The workers for so many items.
+
+    Args:
+        count: processes of this machine; None = one a core, fewer for a few items; 1 = this process itself.
+        scheduler: the address of a Dask scheduler, "" for none.
+
+    Raises: ConfigError when ``scheduler`` is named and Dask is not installed.
+    """
+    if scheduler:
+        return ClusterWorkers(scheduler)
+    return LocalWorkers(count or max(1, min(here(), items // _PER_WORKER)))

@@ -1,0 +1,139 @@
+"""Workers of this machine: processes that get one item after another over a pipe. They listen on no port.
+
+A process that dies costs its item a try, and nothing else: another process is started in its place. Python's own pools
+give up as a whole then.
+"""
+
+from __future__ import annotations
+
+import multiprocessing as mp
+import os
+import signal
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+from typing import Any
+
+from cell.workers.work import TRIES, ItemT, ResultT, WorkerLost, lost
+
+_END_S = 2.0
+
+
+def here() -> int:
+    """How many processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@dataclass(frozen=True)
+class LocalWorkers:
+    """So many processes; with one, the work is done in this process."""
+
+    count: int
+
+    def run(
+        self, work: Callable[[ItemT], ResultT], items: Sequence[ItemT]
+    ) -> Iterator[tuple[int, ResultT | WorkerLost]]:
+        """As `Workers.run`."""
+        if self.count <= 1:
+            for index, item in enumerate(items):
+                yield index, work(item)
+            return
+        crew = _Crew(work, items)
+        try:
+            yield from crew.results(min(self.count, len(items)))
+        finally:
+            crew.dismiss()
+
+
+@dataclass
+class _Worker:
+    process: BaseProcess
+    pipe: Connection
+    index: int = -1
+
+
+@dataclass
+class _Crew:
+    """The processes, and which item each of them works on."""
+
+    work: Callable[[Any], Any]
+    items: Sequence[Any]
+    workers: list[_Worker] = field(default_factory=list)
+    waiting: deque[int] = field(default_factory=deque)
+    deaths: dict[int, int] = field(default_factory=dict)
+
+    def results(self, count: int) -> Iterator[tuple[int, Any]]:
+        self.waiting = deque(range(len(self.items)))
+        while self.waiting or self.workers:
+            while self.waiting and len(self.workers) < count:
+                self._hire()
+            ready = wait([worker.pipe for worker in self.workers])
+            for worker in [worker for worker in self.workers if worker.pipe in ready]:
+                yield from self._hear(worker)
+
+    def _hire(self) -> None:
+        context = mp.get_context("spawn")  # a fork would share the parent's threads, locks and sessions
+        ours, theirs = context.Pipe()
+        process = context.Process(target=_serve, args=(theirs, self.work), daemon=True)
+        process.start()
+        theirs.close()  # then its end is the end of our pipe
+        self.workers.append(_Worker(process, ours))
+        self._give(self.workers[-1])
+
+    def _give(self, worker: _Worker) -> None:
+        worker.index = self.waiting.popleft()
+        try:
+            worker.pipe.send(self.items[worker.index])
+        except OSError:  # it is dead, which is heard next
+            return
+
+    def _hear(self, worker: _Worker) -> Iterator[tuple[int, Any]]:
+        try:
+            result, error = worker.pipe.recv()
+        except (EOFError, OSError):
+            yield from self._bury(worker)
+            return
+        if error is not None:
+            raise error
+        yield worker.index, result
+        if self.waiting:
+            self._give(worker)
+        else:
+            self._release(worker)
+
+    def _bury(self, worker: _Worker) -> Iterator[tuple[int, Any]]:
+        self._release(worker)
+        died = self.deaths[worker.index] = self.deaths.get(worker.index, 0) + 1
+        if died < TRIES:
+            self.waiting.appendleft(worker.index)
+        else:
+            yield worker.index, lost(died)
+
+    def _release(self, worker: _Worker) -> None:
+        self.workers.remove(worker)
+        worker.pipe.close()
+        worker.process.join(_END_S)
+
+    def dismiss(self) -> None:
+        """End what still runs: the caller has gone."""
+        for worker in self.workers:
+            worker.process.kill()
+        for worker in [*self.workers]:
+            self._release(worker)
+
+
+def _serve(pipe: Connection, work: Callable[[Any], Any]) -> None:
+    """A worker's life: an item, its result, until the pipe ends. Ctrl-C is the parent's to handle."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    while True:
+        try:
+            item = pipe.recv()
+        except EOFError:
+            return
+        try:
+            said: tuple[Any, Exception | None] = (work(item), None)
+        except Exception as error:  # noqa: BLE001 - it is raised again where the work was asked for
+            said = (None, error)
+        pipe.send(said)

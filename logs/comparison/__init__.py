@@ -1,0 +1,1 @@
+"""Compares recorded cycles, two by two or folder by folder."""
