@@ -222,6 +222,8 @@ class BatchControl:
     def _hold_unattended(self, reason: str) -> None:
         self._rest()
         self._drop(reason)  # so no further cycle begins
+        if self._drives.state is State.COMPLETING and not self._actions.cycle_id:
+            return  # its result is said, and nothing of it moves any more: a client may go as soon as it has heard it
         self._drives.hold_soon(reason)
 
     def count(self, result: CycleResult) -> None:

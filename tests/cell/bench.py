@@ -31,6 +31,7 @@ class _Actions:
     result: str = "SUCCESS"
     laid: Counter[str] = field(default_factory=Counter)
     begun: list[str] = field(default_factory=list)
+    cycle_id: str = "c"
     goes_on: threading.Event = field(default_factory=threading.Event)
     approvals: Approvals = field(default_factory=Approvals)
     pick: Callable[[], None] | None = None

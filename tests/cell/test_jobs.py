@@ -217,3 +217,28 @@ def test_what_lies_on_the_target_is_picked_first_and_then_the_target() -> None:
 def test_without_being_asked_nothing_else_is_picked() -> None:
     first = Attempt(cycle_id="1", job=Job(target=Target(text="red")))
     assert Retries(RetrySettings()).after(first, Code.OBSTRUCTED, None, "2", "", np.array([0.4, 0.1, 0.05])) is None
+
+
+# --- who goes ---------------------------------------------------------------------------------------------------------
+
+
+class _GoesAtOnce(Bench):
+    """A machine whose client goes as soon as the result is said; the state is Completing still."""
+
+    def _complete(self) -> None:
+        super()._complete()
+        self.actions.cycle_id = ""  # closed
+        self.batches.lose_lease("op", "its token is gone")
+        asked = threading.Event()
+        self.machine.decide(asked.set)
+        assert asked.wait(60)
+
+
+def test_a_client_that_goes_as_soon_as_it_has_its_result_leaves_no_held_cell() -> None:
+    bench = _GoesAtOnce()
+    bench.machine.command("reset", OPERATOR)
+    assert bench.settle() is State.IDLE
+    assert bench.machine.command("pick", OPERATOR).ok
+    assert bench.settle() is State.COMPLETE
+    assert not bench.actions.hold_state.gate.held
+    bench.close()

@@ -282,8 +282,9 @@ def test_a_viewer_enters_a_token_and_may_look_and_stop_only(open_page: Open, tmp
         for name in ("start", "hold", "abort", "reset"):
             expect(page.locator(f"#{name}")).to_have_attribute("aria-disabled", "true")
         expect(page.locator("#why-hold")).to_have_text("Only an operator may.")
-        page.click("#stop")
         expect(page.locator("#facts")).to_contain_text("viewer")
+        with page.expect_response("**/api/commands/stop"):
+            page.click("#stop")
         assert [verb for verb, _ in cell.sent] == ["stop"]
 
 

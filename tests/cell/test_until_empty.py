@@ -122,6 +122,7 @@ def test_results_then_the_summary_and_exit_0_and_a_replay_is_equal(bin_options: 
     assert in_process("replay", picked["recording"]).returncode == 0, "it was placed where the recording says"
 
 
+@pytest.mark.thorough
 def test_the_place_where_a_thing_failed_for_good_is_kept_for_the_picks_that_follow(
     bin_options: list[str], in_process: Run
 ) -> None:

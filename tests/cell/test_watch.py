@@ -188,6 +188,7 @@ def _once(options: list[str]) -> subprocess.CompletedProcess[str]:
     )  # fmt: skip
 
 
+@pytest.mark.thorough
 def test_once_prints_the_view_with_what_was_recorded_before(shared_cell: Station, shared_options: list[str]) -> None:
     with client.connect(shared_cell) as cell:
         cell.command("reset")
