@@ -44,9 +44,11 @@ async def pick(endpoint: str, target: str = "", place: str = "") -> dict[str, An
         base = client.get_node(ua.ObjectIds.BaseEventType)
         await subscription.subscribe_events(cell, [await base.get_child(f"{ours}:ResultEvent")])
 
-        if await heard.states.get() in ("Stopped", "Complete"):
+        now = await heard.states.get()
+        if now in ("Stopped", "Complete"):
             await call("Reset")
-        while (now := await heard.states.get()) != "Idle":
+        while now != "Idle":
+            now = await heard.states.get()
             print(now)
         cycle_id, job_id, position = await call("Pick", target, place, "")
         print(f"cycle {cycle_id} of job {job_id}, {position} before it")
