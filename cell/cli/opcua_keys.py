@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -10,12 +9,11 @@ from pathlib import Path
 from cryptography import x509
 from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.asymmetric.rsa import RSAPrivateKey, generate_private_key
-from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from bus.errors import ConfigError
 from bus.secrets import require_outside
-from cell.cli.tls_keys import host_names
+from cell.cli.tls_keys import host_names, write_certificate, write_key
 
 _VALID = timedelta(days=2 * 365)
 _KEY_BITS = 2048
@@ -40,8 +38,11 @@ def make_opcua_keys(folder: Path, hosts: Sequence[str]) -> list[Path]:
         for who, usage in (("cell", ExtendedKeyUsageOID.SERVER_AUTH), ("client", ExtendedKeyUsageOID.CLIENT_AUTH)):
             key = generate_private_key(65537, _KEY_BITS)
             certificate = _certificate(who, key, names, usage)
-            written += [_write(folder / f"{who}.pem", certificate), _write_key(folder / f"{who}-key.pem", key)]
-        written.append(_write(folder / "trusted" / "client.pem", certificate))
+            written += [
+                write_certificate(folder / f"{who}.pem", certificate),
+                write_key(folder / f"{who}-key.pem", key),
+            ]
+        written.append(write_certificate(folder / "trusted" / "client.pem", certificate))
     except OSError as error:
         raise ConfigError(f"Cannot write keys into {folder}: {error.strerror}.") from error
     return written
@@ -69,16 +70,3 @@ def _certificate(
         .add_extension(x509.ExtendedKeyUsage([usage]), critical=False)
         .sign(key, hashes.SHA256())
     )
-
-
-def _write(path: Path, certificate: x509.Certificate) -> Path:
-    path.write_bytes(certificate.public_bytes(Encoding.PEM))
-    return path
-
-
-def _write_key(path: Path, key: RSAPrivateKey) -> Path:
-    """Write a key, readable by the owner only from its creation."""
-    path.unlink(missing_ok=True)
-    with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
-        file.write(key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()))
-    return path

@@ -12,6 +12,7 @@ from pathlib import Path
 from cryptography import x509
 from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.asymmetric.ec import SECP256R1, EllipticCurvePrivateKey, generate_private_key
+from cryptography.hazmat.primitives.asymmetric.rsa import RSAPrivateKey
 from cryptography.hazmat.primitives.serialization import (
     Encoding,
     NoEncryption,
@@ -52,8 +53,8 @@ def make_keys(folder: Path, hosts: Sequence[str]) -> list[Path]:
         for role in ROLES:
             own = generate_private_key(SECP256R1())
             names = host_names(hosts) if role in LISTENING else []
-            written += [_write_key(folder / f"{role}.key", own)]
-            written += [_write(folder / f"{role}.pem", _certificate(role, own, names, authority, key))]
+            written += [write_key(folder / f"{role}.key", own)]
+            written += [write_certificate(folder / f"{role}.pem", _certificate(role, own, names, authority, key))]
             if not (folder / f"{role}.json5").exists():
                 written.append(Path(shutil.copy(_FILES / f"{role}.json5", folder)))
     except OSError as error:
@@ -76,7 +77,7 @@ def _authority(folder: Path) -> tuple[x509.Certificate, EllipticCurvePrivateKey,
         .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
         .sign(key, hashes.SHA256())
     )
-    return certificate, key, [_write_key(secret, key), _write(pem, certificate)]
+    return certificate, key, [write_key(secret, key), write_certificate(pem, certificate)]
 
 
 def _certificate(
@@ -130,12 +131,13 @@ def _name(host: str) -> x509.GeneralName:
         raise ConfigError(f"{host!r} is neither an address nor a host's name.") from error
 
 
-def _write(path: Path, certificate: x509.Certificate) -> Path:
+def write_certificate(path: Path, certificate: x509.Certificate) -> Path:
+    """Write a certificate as PEM."""
     path.write_bytes(certificate.public_bytes(Encoding.PEM))
     return path
 
 
-def _write_key(path: Path, key: EllipticCurvePrivateKey) -> Path:
+def write_key(path: Path, key: EllipticCurvePrivateKey | RSAPrivateKey) -> Path:
     """Write a key, readable by the owner only from its creation."""
     path.unlink(missing_ok=True)
     with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import queue
 import socket
+import threading
 from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
@@ -22,9 +23,10 @@ from cell.client import Client
 from cell.http.access import Access
 from cell.http.app import application
 from cell.http.door import Door
-from cell.http.server import Serving
+from cell.http.server import Serving, serve
 from config.http import HttpSettings
 from config.load import load_station
+from config.schema import Station
 
 IDLE = CellState(state="Idle", stage="", cycle_id="", since_ns=1, available=("pick",), reason="")
 HEALTHY = CellHealth(is_healthy=True, nodes={})
@@ -174,3 +176,16 @@ class Asked:
 
 def refused(code: str = "WRONG_STATE") -> Refused:
     return Refused("It is not possible now.", "Wait.", code=code, available=("stop",), state="Execute")
+
+
+@contextmanager
+def served_for_real(station: Station) -> Iterator[str]:
+    """The HTTP interface of a running cell, as `cell http` serves it; gives its address."""
+    where: queue.SimpleQueue[str] = queue.SimpleQueue()
+    ended = threading.Event()
+    here = station.model_copy(update={"http": HttpSettings(port=0)})
+    thread = threading.Thread(target=serve, args=(here, where.put, ended.wait))
+    thread.start()
+    yield where.get(timeout=60)
+    ended.set()
+    thread.join(60)

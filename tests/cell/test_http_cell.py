@@ -8,7 +8,6 @@ import shutil
 import socket
 import subprocess
 import sys
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
@@ -18,11 +17,11 @@ import pytest
 
 from cell import client
 from cell.cli.tls_keys import make_keys
-from cell.http.server import serve
 from cell.nodes.doors import Door
 from config.http import HttpSettings
 from config.schema import Station
 from logs.mcap.reader import read_cycle
+from tests.cell.http_bench import served_for_real
 
 DOCS = Path(__file__).parents[2] / "docs"
 EXAMPLE, PAGE = DOCS / "examples" / "http_client.py", DOCS / "http.md"
@@ -37,14 +36,8 @@ def pace() -> float:
 @pytest.fixture(scope="module")
 def url(_shared_here: Station) -> Iterator[str]:
     """Where the shared cell is served."""
-    station = _shared_here.model_copy(update={"http": HttpSettings(port=0)})
-    where: queue.SimpleQueue[str] = queue.SimpleQueue()
-    ended = threading.Event()
-    thread = threading.Thread(target=serve, args=(station, where.put, ended.wait))
-    thread.start()
-    yield where.get(timeout=60)
-    ended.set()
-    thread.join(60)
+    with served_for_real(_shared_here) as address:
+        yield address
 
 
 @pytest.fixture

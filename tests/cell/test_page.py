@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import json
 import os
-import queue
 import re
 import signal
 import subprocess
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -21,11 +19,9 @@ from bus.errors import Refused
 from cell import client
 from cell.http.access import Access, HttpRole
 from cell.http.page_files import FOLDER
-from cell.http.server import serve
-from config.http import HttpSettings
 from config.schema import Station
 from logs.catalogue.labels import read_labels
-from tests.cell.http_bench import FakeCell, Site, door_of, served
+from tests.cell.http_bench import FakeCell, Site, door_of, served, served_for_real
 from tests.logs.browser import find_chromium
 
 playwright = pytest.importorskip("playwright.sync_api", reason="the package playwright is not installed")
@@ -146,14 +142,8 @@ def shared_options(tmp_path_factory: pytest.TempPathFactory, new_endpoint: Calla
 @pytest.fixture(scope="module")
 def url(_shared_here: Station) -> Iterator[str]:
     """Where the shared cell is served."""
-    station = _shared_here.model_copy(update={"http": HttpSettings(port=0)})
-    where: queue.SimpleQueue[str] = queue.SimpleQueue()
-    ended = threading.Event()
-    thread = threading.Thread(target=serve, args=(station, where.put, ended.wait))
-    thread.start()
-    yield where.get(timeout=60)
-    ended.set()
-    thread.join(60)
+    with served_for_real(_shared_here) as address:
+        yield address
 
 
 def working(page: Any, stage: str = "grasps") -> None:
