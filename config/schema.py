@@ -102,11 +102,17 @@ class RecordingSettings(Settings):
 
 
 class NodeSettings(Settings):
-    """A driver node: its driver, the devices it serves, and whether the daemon runs it."""
+    """A driver node: its driver, the devices it serves, and whether the daemon runs it.
+
+    Attributes:
+        driver: `cell drivers` lists those there are. ``settings``: of another package's driver, which checks them
+            itself, in its node.
+    """
 
     driver: str
     run: Literal["here", "elsewhere"] = "here"
     serves: tuple[Literal["camera", "arm", "hand"], ...]
+    settings: dict[str, Any] = Field(default_factory=dict)
 
 
 class CameraSettings(Settings):
@@ -457,7 +463,7 @@ class PerceptionSettings(Settings):
     detector: str = "vlad"
     """Finds the grasps: ``vlad`` is ours; other packages bring others (docs/extend.md), `cell detectors` lists them."""
     settings: dict[str, Any] = Field(default_factory=dict)
-    """Of another package's detector, which checks them itself."""
+    """Of another package's detector, or else of another package's goal-image model, which checks them itself."""
     detector_deadline_s: Seconds = 30.0
     """The longest that another package's detector may take for a scene; beyond it the cycle ends with DETECTOR_TIMEOUT.
     """

@@ -124,10 +124,15 @@ COMMANDS = {
         "Check this machine and the station's devices before the first start. Exit 0 nothing to fix, 1 something is.",
     ),
     "detectors": Row(
-        "plug_ins", "The detectors that a station can name (perception.detector), and the package that brings each."
+        "plug_ins",
+        "The detectors that a station can name (perception.detector), the package of each, and its settings.",
     ),
     "drivers": Row(
-        "plug_ins", "The drivers that a station can name (nodes.NAME.driver), and the package that brings each."
+        "plug_ins", "The drivers that a station can name (nodes.NAME.driver), the package of each, and its settings."
+    ),
+    "goal-models": Row(
+        "plug_ins",
+        "The goal-image models that a station can name (perception.model), the package of each, and its settings.",
     ),
     "calibrate": Row("calibrate", "Where the camera sits in the hand: find it, check it."),
     "fault": Row(

@@ -68,9 +68,9 @@ def drivers(
         python: major and minor version; None = this one's.
     """
     name, used = "drivers", sorted({node.driver for node in station.nodes.values()})
-    unknown = [one for one in used if one not in registry.names()]
+    unknown = [one for one in used if one not in registry.GROUP.names()]
     if unknown:
-        known = ", ".join(registry.names())
+        known = ", ".join(registry.GROUP.names())
         return fix(
             name, f"No such driver: {', '.join(unknown)}.", f"Correct [nodes] in the station file; there are: {known}."
         )

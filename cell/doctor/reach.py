@@ -56,8 +56,8 @@ def model_key(station: Station, environ: Mapping[str, str] = os.environ) -> Find
     """Check that the model's key is set; the key is never shown."""
     name, model, hosted = "model key", station.perception.model, station.perception.hosted
     if model not in _SERVERS:
-        if model not in registry.names():
-            return fix(name, f"No such goal-image model: {model}.", f"There are: {', '.join(registry.names())}.")
+        if model not in registry.GROUP.names():
+            return fix(name, f"No such goal-image model: {model}.", f"There are: {', '.join(registry.GROUP.names())}.")
         return skip(name, f"The model {model!r} runs on this machine and needs none.")
     unnamed = [role for role in ("text_model", "image_model") if not getattr(hosted, role)]
     if unnamed:
