@@ -21,6 +21,7 @@ _LONGEST_GIVEN = 200
 DEFAULT_STATION = Path(__file__).with_name("sim.toml")
 _BESIDE_THE_FILE = (
     ("bus", "zenoh"),
+    ("robot", "urdf"),
     ("perception", "hosted", "key_file"),
     *(("http", name) for name in ("certificate", "key", "tokens")),
     *(("opcua", name) for name in ("certificate", "key", "trusted", "users")),

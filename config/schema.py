@@ -40,11 +40,11 @@ from config.hardware import FemtoMegaSettings, Fr3Settings, PandaHandSettings
 from config.http import HttpSettings
 from config.opcua import OpcuaSettings
 from config.place import NamedPlace
+from config.robot import RobotSettings, limits_of
 from config.target import Label, TargetSettings
 
 # Imported when a value is checked with them, so that a program that only sends "stop" does not wait for them.
 numpy: Any = LazyModule("numpy")
-limits: Any = LazyModule("config.limits")
 
 
 class RecordingSettings(Settings):
@@ -161,15 +161,6 @@ class ArmSettings(Settings):
     speed: Annotated[float, Field(gt=0, le=1)] = 1.0
     start_tolerance_rad: Annotated[Positive, Field(le=1)] = 0.02
     rest_s: Seconds = 20.0
-
-    @field_validator("capture_q_rad")
-    @classmethod
-    def _within_the_joints_range(cls, q_rad: JointVector) -> JointVector:
-        q = numpy.array(q_rad)
-        beyond = limits.outside(q) or limits.stuck(q)
-        if beyond is not None:
-            raise ValueError(beyond)
-        return q_rad
 
 
 class HandSettings(Settings):
@@ -679,6 +670,7 @@ class Station(Settings):
     nodes: dict[Chunk, NodeSettings] = Field(min_length=1)
     camera: CameraSettings = CameraSettings()
     capture: CaptureSettings = CaptureSettings()
+    robot: RobotSettings | None = None
     arm: ArmSettings = ArmSettings()
     hand: HandSettings = HandSettings()
     scene: SceneSettings = SceneSettings()
@@ -703,6 +695,16 @@ class Station(Settings):
         served = [device for node in self.nodes.values() for device in node.serves]
         if sorted(served) != ["arm", "camera", "hand"]:
             raise ValueError(f"nodes must serve camera, arm and hand exactly once each; they serve {sorted(served)}")
+        return self
+
+    @model_validator(mode="after")
+    def _captures_within_the_joints_range(self) -> Station:
+        q, range_ = numpy.array(self.arm.capture_q_rad), limits_of(self)
+        if len(q) != range_.joints:
+            raise ValueError(f"arm.capture_q_rad has {len(q)} numbers, and the arm {range_.joints} joints")
+        beyond = range_.outside(q) or range_.stuck(q)
+        if beyond is not None:
+            raise ValueError(f"arm.capture_q_rad: {beyond}")
         return self
 
     @model_validator(mode="after")

@@ -118,7 +118,8 @@ def _array(schema: dict[str, Any]) -> str:
         return "PNG image" if "png" in schema.get("properties", {}) else "bytes in base64"
     lengths, of = [], schema["anyOf"][0]
     while of["type"] == "array":
-        lengths.append(str(of.get("minItems", "n")))
+        least, most = of.get("minItems", "n"), of.get("maxItems", "n")
+        lengths.append(str(least) if least == most else f"{least} to {most}")
         of = of["items"]
     return f"array {' x '.join(lengths)}"
 

@@ -86,8 +86,9 @@ def _half_width(at: Array, ends: Array, share: float) -> Array:
 def _averaged(s: Array, q: JointSamples, at: Array, width: Array) -> JointSamples:
     """Return triangular averages of the polyline ``q(s)`` over ``at`` +- ``width``, from its second antiderivative."""
     ds = np.diff(s)[:, None]
-    first = np.concatenate([np.zeros((1, 7)), np.cumsum(ds * (q[1:] + q[:-1]) / 2, axis=0)])
-    second = np.concatenate([np.zeros((1, 7)), np.cumsum(ds * first[:-1] + ds**2 * (2 * q[:-1] + q[1:]) / 6, axis=0)])
+    none = np.zeros((1, q.shape[1]))
+    first = np.concatenate([none, np.cumsum(ds * (q[1:] + q[:-1]) / 2, axis=0)])
+    second = np.concatenate([none, np.cumsum(ds * first[:-1] + ds**2 * (2 * q[:-1] + q[1:]) / 6, axis=0)])
     slope = np.diff(q, axis=0) / ds
 
     def antiderivative(x: Array) -> Array:

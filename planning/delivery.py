@@ -32,7 +32,7 @@ def view_configuration(scene: Scene, object_m: Array) -> Joints:
     for aside_m in station.verify.look_aside_m:
         shift_m = np.append(object_m[:2] + aside_m - camera_m, 0.0)
         pose = shifted(robot.base_from_tcp(capture_q), shift_m)
-        for q, _ in islice(configurations([pose], capture_q), _EXAMINED):
+        for q, _ in islice(configurations(robot.arm, [pose], capture_q), _EXAMINED):
             if scene.collision(q, None) is None:
                 return q
     return capture_q

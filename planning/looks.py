@@ -98,7 +98,7 @@ def _configurations(
     side = 1.0 if azimuth_deg > 180.0 else -1.0
     for distance_m, roll_deg in product(_DISTANCES_M, _ROLLS_DEG):
         base_from_tcp = looking_at(center_m, distance_m, tilt_deg, azimuth_deg, side * roll_deg) @ color_from_tcp
-        for q_rad, _ in islice(configurations([base_from_tcp], q_from_rad), _EXAMINED):
+        for q_rad, _ in islice(configurations(scene.robot.arm, [base_from_tcp], q_from_rad), _EXAMINED):
             if scene.collision(q_rad, None) is None:
                 yield q_rad
                 break

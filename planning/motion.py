@@ -91,7 +91,7 @@ def connect(
         return is_allowed and scene.is_line_free(one, other, width_m)
 
     for seed in range(patience * scene.station.planning.searches):
-        path = search(free_line, q_from_rad, goals_rad, seed, lambda: scene.checks)
+        path = search(scene.robot.arm.limits, free_line, q_from_rad, goals_rad, seed, lambda: scene.checks)
         if path is not None:
             way = _way_along(path, goals_rad)
             blocked = _bends_touch(blended(way.lines(), _CORNER_SHARES[-1]), scene, width_m)

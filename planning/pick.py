@@ -20,7 +20,6 @@ from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.messages import Grasp, PickPlan, Segment
 from bus.rejection import Rejection
-from config.limits import outside
 from planning.budget import Budget
 from planning.candidates import Approach, approaches, grasp_pose, is_like
 from planning.carry import keeps_level
@@ -144,7 +143,7 @@ def plan_reach(scene: Scene, approach: Approach, q_now_rad: Joints) -> Segment:
 def _check_start(scene: Scene, q_now_rad: Joints) -> None:
     if not np.isfinite(q_now_rad).all():
         raise CycleFailure(Code.MOTION_REFUSED, "The measured joint positions are not finite numbers.")
-    beyond = outside(q_now_rad)
+    beyond = scene.robot.arm.limits.outside(q_now_rad)
     if beyond is not None:
         raise CycleFailure(Code.MOTION_REFUSED, f"The arm cannot start from where it is: {beyond}.")
     collision = scene.collision(q_now_rad, None)

@@ -91,7 +91,7 @@ class Scene:
         """Return the scene with the target hanging in the hand, as it lay with the tcp at ``base_from_tcp`` (4, 4)."""
         if self.target is None:
             return self
-        held = held_thing(self._target_solid, HAND_FROM_TCP @ inverse(base_from_tcp))
+        held = held_thing(self._target_solid, HAND_FROM_TCP @ inverse(base_from_tcp), self.robot.last_link)
         return replace(self, target=None, held=held)
 
     def empty(self) -> Scene:

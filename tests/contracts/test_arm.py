@@ -13,6 +13,7 @@ from drivers.fr3.arm import Fr3Arm
 from drivers.interface import Arm
 from planning.blend import blended
 from planning.feeling import guard, way_back
+from planning.kinematics import FR3_ARM
 from planning.line import tcp_line
 from planning.robot import Robot
 from planning.slow_end import slow_end
@@ -45,7 +46,7 @@ def _into_the_table(start_q_rad: np.ndarray) -> Trajectory:
     """Straight down until the finger tips are 3 mm in the table, slow at its end, and guarded."""
     station = load_station()
     robot, pose = Robot(station), Robot(station).base_from_tcp(start_q_rad)
-    line = tcp_line(start_q_rad, pose, np.array([0.0, 0.0, FINGER_TIP_M - 0.003 - pose[2, 3]]))
+    line = tcp_line(FR3_ARM, start_q_rad, pose, np.array([0.0, 0.0, FINGER_TIP_M - 0.003 - pose[2, 3]]))
     assert line is not None
     end_m = robot.base_from_tcp(line[-1])[:3, 3]
     reach = timed(station, blended([line]), slow_end=slow_end(robot, end_m, station.execute, is_near=True))

@@ -57,7 +57,7 @@ def test_nothing_moves_farther_or_nearer_than_the_bound_on_any_part_of_a_line(ro
 
 def test_the_bound_is_much_tighter_than_the_sum_of_all_levers(robot: Robot) -> None:
     travel = Travel(robot, None)
-    shares = [travel.along(*line)[-1] / sweep_m(line)[-1] for line in lines(100, seed=2)]
+    shares = [travel.along(*line)[-1] / sweep_m(robot, line)[-1] for line in lines(100, seed=2)]
     assert np.median(shares) < 0.6
 
 

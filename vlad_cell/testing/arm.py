@@ -13,7 +13,8 @@ import pytest
 from bus.errors import MotionRefused, NotConnected
 from bus.messages import ArmMode, Motion
 from bus.trajectory import TICK_S, ContactGuard, Trajectory
-from config.limits import check
+from config.robot import limits_of
+from config.schema import Station
 from drivers.interface import Arm, Devices
 from vlad_cell.testing.devices import DriverSuite
 
@@ -106,7 +107,7 @@ class ArmSuite(DriverSuite):
         assert np.abs(state.dq_rad_s).max() < REST_RAD_S
         assert abs(time.time_ns() - state.stamp_ns) < 5e9
 
-    def test_it_plays_a_trajectory_to_its_end(self, arm: Arm) -> None:
+    def test_it_plays_a_trajectory_to_its_end(self, arm: Arm, station: Station) -> None:
         start_q_rad = arm.state().q_rad
         trajectory = _nod(start_q_rad)
         motion = arm.execute(trajectory)
@@ -114,7 +115,7 @@ class ArmSuite(DriverSuite):
         np.testing.assert_allclose(motion.commanded_q_rad, trajectory.filtered(), atol=START_RAD)
         np.testing.assert_allclose(motion.commanded_q_rad[-1], trajectory.end_q_rad, atol=1e-9)
         np.testing.assert_allclose(arm.state().q_rad, start_q_rad, atol=5e-3)
-        assert check(motion.commanded_q_rad).ok
+        assert limits_of(station).check(motion.commanded_q_rad).ok
 
     def test_it_measures_while_it_moves(self, arm: Arm) -> None:
         motion = arm.execute(_nod(arm.state().q_rad))
