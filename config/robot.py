@@ -20,17 +20,20 @@ numpy: Any = LazyModule("numpy")
 limits: Any = LazyModule("config.limits")
 
 
+HalfTurn = Annotated[Finite, Field(ge=-3.14, le=3.14)]
+
+
 class JointSettings(Settings):
     """One joint of the arm, from the base on.
 
     Attributes:
-        name: in the URDF. ``lower_rad``, ``upper_rad``: its range; at most one turn, so that each pose is one number.
+        name: in the URDF. ``lower_rad``, ``upper_rad``: its range, less than a turn.
         stiffness_nm_rad: of its servo in the simulated cell.
     """
 
     name: str
-    lower_rad: Annotated[Finite, Field(ge=-3.2, le=3.2)]
-    upper_rad: Annotated[Finite, Field(ge=-3.2, le=3.2)]
+    lower_rad: HalfTurn
+    upper_rad: HalfTurn
     speed_rad_s: Positive
     acceleration_rad_s2: Positive = 10.0
     jerk_rad_s3: Positive = 5000.0
@@ -47,17 +50,15 @@ class RobotSettings(Settings):
     """An arm of six joints with the Franka hand on its flange; without this table the arm is the Franka Research 3.
 
     The links of its URDF are called ``link0`` (the base) to ``link6``, each turned by its joint about its z axis; the
-    hand is mounted on ``flange``. Shapes are boxes.
+    hand is mounted on ``flange``, turned by -45 degrees about its z axis as on the FR3. Shapes are boxes.
 
     Attributes:
         urdf: its file, beside the station file.
         joints: all six, from the base on.
-        flange_from_hand_rad: how the hand is turned about the flange's z axis.
     """
 
     urdf: SystemPath
     joints: Annotated[tuple[JointSettings, ...], Field(min_length=6, max_length=6)]
-    flange_from_hand_rad: Finite = -0.7853981633974483
 
 
 def limits_of(station: Station) -> JointLimits:

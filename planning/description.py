@@ -59,17 +59,16 @@ def _with_hand(robot: RobotSettings, links: tuple[str, ...]) -> str:
         arm.extend(ElementTree.fromstring(_BASE))
     for part in ElementTree.fromstring(_shipped()):
         if part.tag in ("link", "joint") and _HAND.match(part.get("name", "")):
-            arm.append(_turned(part, robot) if part.get("name") == _MOUNT else part)
+            arm.append(_on_flange(part) if part.get("name") == _MOUNT else part)
     return ElementTree.tostring(arm, encoding="unicode")
 
 
-def _turned(mount: ElementTree.Element, robot: RobotSettings) -> ElementTree.Element:
+def _on_flange(mount: ElementTree.Element) -> ElementTree.Element:
     """Return the joint that carries the hand, on the arm's own flange."""
     joint = deepcopy(mount)
-    parent, origin = joint.find("parent"), joint.find("origin")
-    assert parent is not None and origin is not None
+    parent = joint.find("parent")
+    assert parent is not None
     parent.set("link", "flange")
-    origin.set("rpy", f"0 0 {robot.flange_from_hand_rad!r}")
     return joint
 
 

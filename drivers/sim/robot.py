@@ -10,7 +10,6 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import mujoco
-import numpy as np
 
 from bus.errors import ConfigError
 from config.robot import RobotSettings
@@ -65,10 +64,9 @@ def _with_hand(robot: RobotSettings, fr3: mujoco.MjSpec) -> mujoco.MjSpec:
         raise ConfigError(what, 'Write <mujoco><compiler fusestatic="false"/></mujoco> into it.')
     spec.compiler.discardvisual = False  # as it is read, a URDF's: the hand would not be seen
     spec.option.integrator = fr3.option.integrator
-    half = robot.flange_from_hand_rad / 2
     hand = fr3.body("hand")
-    hand.pos, hand.quat = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)
-    flange.add_frame(quat=[np.cos(half), 0.0, 0.0, np.sin(half)]).attach_body(hand, "", "")
+    hand.pos = (0.0, 0.0, 0.0)  # of the FR3's last link it is the flange; it is turned as there
+    flange.add_frame().attach_body(hand, "", "")
     for body in spec.bodies:
         for geom in body.geoms:
             if body.name.startswith("link"):

@@ -15,6 +15,7 @@ from config.load import load_station
 from config.schema import Station
 from vlad_cell.testing import named
 
+_OPTIONS = ("-p", "no:cacheprovider", "-v", "-rs", "--no-header", "-W", "ignore::pytest.PytestAssertRewriteWarning")
 Kind = Literal["driver", "detector", "goal-model"]
 
 
@@ -37,7 +38,7 @@ def check(
         suite.name, suite.settings, suite.station_file = name, given, config
         suite.overrides = (*suite.overrides, *(overrides or ()))
     chosen = [f"{named.__file__}::{suite.__name__}" for suite in named.SUITES[kind]]
-    options = ["-c", os.devnull, "--rootdir", os.getcwd(), "-p", "no:cacheprovider", "-v", "-rs", "--no-header"]
+    options = ["-c", os.devnull, "--rootdir", os.getcwd(), *_OPTIONS]
     raise typer.Exit(int(pytest.main([*options, *chosen])))
 
 
