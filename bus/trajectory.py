@@ -31,7 +31,7 @@ def moving_average(samples: JointSamples, window: int) -> JointSamples:
     """Filter ``samples`` (m, n) with a causal box of ``window`` samples, at rest before and after.
 
     Returns:
-        (n + window - 1, 7): starts at the first and ends at the last sample exactly.
+        (m + window - 1, n): starts at the first and ends at the last sample exactly.
     """
     first, last = samples[0], samples[-1]
     padded = np.concatenate(
@@ -107,5 +107,5 @@ class Trajectory(Message):
         return (len(self.raw_q_rad) + self.window - 2) * TICK_S
 
     def filtered(self) -> JointSamples:
-        """Return the commanded positions (m, 7), one every `TICK_S`."""
+        """Return the commanded positions (m, n), one every `TICK_S`."""
         return moving_average(self.raw_q_rad, self.window)

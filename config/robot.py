@@ -28,6 +28,7 @@ class JointSettings(Settings):
 
     Attributes:
         name: in the URDF. ``lower_rad``, ``upper_rad``: its range, less than a turn.
+        speed_rad_s, acceleration_rad_s2, jerk_rad_s3: no motion is faster, at 1 kHz, as for the FR3.
         stiffness_nm_rad: of its servo in the simulated cell.
     """
 

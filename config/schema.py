@@ -698,6 +698,12 @@ class Station(Settings):
         return self
 
     @model_validator(mode="after")
+    def _describes_the_arm_that_is_there(self) -> Station:
+        if self.robot is not None and any(node.driver == "fr3" for node in self.nodes.values()):
+            raise ValueError("robot describes another arm than the driver fr3's: leave [robot] out")
+        return self
+
+    @model_validator(mode="after")
     def _captures_within_the_joints_range(self) -> Station:
         q, range_ = numpy.array(self.arm.capture_q_rad), limits_of(self)
         if len(q) != range_.joints:

@@ -119,7 +119,7 @@ def _array(schema: dict[str, Any]) -> str:
     lengths, of = [], schema["anyOf"][0]
     while of["type"] == "array":
         least, most = of.get("minItems", "n"), of.get("maxItems", "n")
-        lengths.append(str(least) if least == most else f"{least} to {most}")
+        lengths.append(str(least) if least == most else f"({least} to {most})")
         of = of["items"]
     return f"array {' x '.join(lengths)}"
 

@@ -80,13 +80,13 @@ def grasp_pose(approach: Approach, station: Station) -> Transform:
 
 
 def configurations(arm: Arm, poses: Sequence[Transform], q_from_rad: Joints) -> Iterator[tuple[Joints, Transform]]:
-    """Yield (q_rad (7,), pose) for every arm configuration that brings the tcp to one of ``poses``, cheapest first.
+    """Yield (q_rad (n,), pose) for every arm configuration that brings the tcp to one of ``poses``, cheapest first.
 
     Configurations near a joint limit are left out.
 
     Args:
         poses: ``base_from_tcp``, each (4, 4).
-        q_from_rad: (7,) start, from which the cost counts.
+        q_from_rad: (joints,) start, from which the cost counts.
     """
     q, owner = arm.solutions(flange_pose(np.stack(poses)), LIMIT_MARGIN_RAD)
     for index in np.argsort(cost(arm, q_from_rad, q), kind="stable"):

@@ -31,7 +31,7 @@ def jog(scene: Scene, q_rad: Joints, width_m: float, shift_m: Vector3, speed_m_s
     Where the arm is nearer than 3 mm to a known box, the step may lead away from it, with every distance growing.
 
     Args:
-        q_rad: (7,) where the arm rests. ``width_m``: measured opening of the hand.
+        q_rad: (joints,) where the arm rests. ``width_m``: measured opening of the hand.
         shift_m: (3,) in ``base``. ``speed_m_s``: the tcp is never faster.
 
     Raises:

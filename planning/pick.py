@@ -53,7 +53,7 @@ def plan_pick(
 
     Args:
         scene: the obstacles, the robot and its station.
-        q_now_rad: (7,) the arm's position at rest.
+        q_now_rad: (joints,) the arm's position at rest.
         missed: ``base_from_tcp`` (4, 4) of grasps that closed on nothing, or met
             something, before; grasps like them are left out.
         scene_of: the scene in which a grasp's own object is the target, all others are obstacles; None = ``scene``.
@@ -126,7 +126,7 @@ def _plan_in_one_of(scenes: _Scenes, approach: Approach, q_now_rad: Joints, budg
 
 
 def plan_approach(scene: Scene, approach: Approach, q_now_rad: Joints) -> tuple[Segment, ...]:
-    """Plan every motion of the pick by one approach, from ``q_now_rad`` (7,). Raises: Infeasible."""
+    """Plan every motion of the pick by one approach, from ``q_now_rad`` (joints,). Raises: Infeasible."""
     base_from_tcp = grasp_pose(approach, scene.station)
     view_q = view_configuration(scene.empty(), base_from_tcp[:3, 3])
     past = _past_the_tray if scene.station.verify.look == "auto" else _past_the_viewpoint
@@ -134,7 +134,7 @@ def plan_approach(scene: Scene, approach: Approach, q_now_rad: Joints) -> tuple[
 
 
 def plan_reach(scene: Scene, approach: Approach, q_now_rad: Joints) -> Segment:
-    """Plan only the first motion, from ``q_now_rad`` (7,). Raises: Infeasible."""
+    """Plan only the first motion, from ``q_now_rad`` (joints,). Raises: Infeasible."""
     grasp, base_from_tcp = approach.grasp, grasp_pose(approach, scene.station)
     ways_to_grasp = _ways_to_grasp(scene, grasp, base_from_tcp, q_now_rad, lambda _: True)
     return first_that_works(ways_to_grasp, lambda way, pregrasp: _reach(scene, grasp, way, pregrasp))
@@ -194,7 +194,7 @@ def _past_the_tray(
 
 
 def _calm(scene: Scene, view_q: Joints) -> Callable[[Pregrasp], bool]:
-    """Return whether the straight line from a lift's end to the viewpoint (7,) keeps the object level.
+    """Return whether the straight line from a lift's end to the viewpoint (joints,) keeps the object level.
 
     Above the tray, too: configurations near the viewpoint's make the ways between all of them level and short.
     """

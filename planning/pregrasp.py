@@ -45,8 +45,8 @@ class Pregrasp:
     """An arm configuration from which a tcp line is free.
 
     Attributes:
-        q_rad: (7,) end of the free path. ``line_rad``: the line (n, 7) from there.
-        leave_rad: the line (m, 7) by which the hand leaves again.
+        q_rad: (joints,) end of the free path. ``line_rad``: the line (n, joints) from there.
+        leave_rad: the line (m, joints) by which the hand leaves again.
     """
 
     q_rad: Joints
@@ -79,7 +79,7 @@ def pregrasps_of(
 
     Args:
         base_from_tcp: (4, 4) of the grasp.
-        q_now_rad: (7,) start; the cheapest configurations from there come first.
+        q_now_rad: (joints,) start; the cheapest configurations from there come first.
     """
     station = scene.station
     back_m = -station.planning.approach_m * base_from_tcp[:3, 2]
@@ -112,7 +112,7 @@ def preplaces(
     Args:
         base_from_tcp: (4, 4) of the grasp: the object keeps its tilt; its yaw is free, or ``scene.place_yaw_rad``. What
             hangs far below the hand is released higher than ``scene.place_m``, just above what is there.
-        view_q: (7,) start; the cheapest configurations from there come first.
+        view_q: (joints,) start; the cheapest configurations from there come first.
     """
     station = holding.station
     down_m = np.array([0.0, 0.0, -LOWER_M])
@@ -180,7 +180,7 @@ def ways(
     """Yield straight paths to calm pregrasps; then a path around the obstacles to a calm one; then any path to any.
 
     Args:
-        q_from_rad: (7,) start.
+        q_from_rad: (joints,) start.
         width_m: opening of the hand; None = any, it may move meanwhile.
         calm: whether the motion after a pregrasp keeps the held object level.
         allowed: a further condition for configurations of a searched path.

@@ -28,7 +28,7 @@ def search(
     seed: int,
     spent: Callable[[], int],
 ) -> JointSamples | None:
-    """Return the vertices (n, 7) of a path from ``q_from_rad`` (7,) to one of the goals; None if none was found.
+    """Return the vertices (m, n) of a path from ``q_from_rad`` (n,) to one of the goals; None if none was found.
 
     Nothing is searched where the start is not free or no goal is: OMPL would wait for another goal forever.
     Deterministic: effort is counted in checks, not in time.
@@ -37,7 +37,7 @@ def search(
         limits: of the joints.
         free_line: whether the straight line between two configurations is free, its ends included. It is asked for
             every line of the result, or for a longer one that the line is part of.
-        goals_rad: goals, each (7,).
+        goals_rad: goals, each (joints,).
         seed: of OMPL's random numbers.
         spent: number of checks that ``free_line`` has made so far; each call of it counts as one more.
 

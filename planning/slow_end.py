@@ -33,12 +33,12 @@ class SlowEnd:
     slow_m_s: float
 
     def is_near(self, q_rad: JointSamples) -> npt.NDArray[np.bool_]:
-        """Return (n,): whether the bound holds at each of ``q_rad`` (n, 7)."""
+        """Return (n,): whether the bound holds at each of ``q_rad`` (n, joints)."""
         away_m = np.array([np.linalg.norm(self.robot.base_from_tcp(q)[:3, 3] - self.end_m) for q in q_rad])
         return np.asarray(away_m <= self.slow_m)
 
     def path_speeds(self, q_rad: JointSamples, slope: JointSamples) -> Array:
-        """Return (n,) the fastest path speeds where the path passes ``q_rad`` (n, 7) with dq/ds ``slope`` (n, 7)."""
+        """Return (n,) the fastest path speeds where the path passes ``q_rad`` with dq/ds ``slope``, each (n, joints)."""
         fastest = np.full(len(q_rad), np.inf)
         for row in np.flatnonzero(self.is_near(q_rad)):
             tcp_per_path = np.linalg.norm(self.robot.jacobian(q_rad[row])[:3] @ slope[row])

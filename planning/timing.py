@@ -28,7 +28,7 @@ from planning.slow_end import SlowEnd
 
 Array = npt.NDArray[np.float64]
 Sampler = Callable[[Array], JointSamples]
-"""Positions (n, 7) of a profile at its times (n,) [s]."""
+"""Positions (n, joints) of a profile at its times (n,) [s]."""
 
 _GRID = 121
 _SLOW_GRID = 17
@@ -66,7 +66,7 @@ def timed(station: Station, curve: Curve, *more: LinearConstraint, slow_end: Slo
 
 
 def rest_to_rest(station: Station, q_from_rad: Joints, q_to_rad: Joints) -> Trajectory:
-    """Return a straight joint line between two configurations (7,), all joints in phase.
+    """Return a straight joint line between two configurations (joints,), all joints in phase.
 
     It serves the move to the capture pose, and the one after a recovery. Ruckig times it at one speed, unless the line
     is slow at one place only: near a joint's limit.
@@ -145,7 +145,7 @@ def within_limits(
     Args:
         limits: of the joints. ``sampler``: positions of the profile at given times.
         duration_s: of the profile.
-        ends: first and last position (7,), kept exactly.
+        ends: first and last position (joints,), kept exactly.
         window: length of the moving average [samples].
 
     Raises:

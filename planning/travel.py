@@ -93,8 +93,8 @@ def _largest(moved_m: Array, swept_m: Array) -> Array:
     Two parts come nearer by no more than both move, and by no more than the joints between them sweep.
 
     Args:
-        moved_m: (n, 7) of what each joint carries, up to the next one.
-        swept_m: (7,) by each joint alone, at most.
+        moved_m: (n, joints) of what each joint carries, up to the next one.
+        swept_m: (joints,) by each joint alone, at most.
     """
     beyond_m = np.maximum.accumulate(moved_m[:, ::-1], axis=1)[:, ::-1]
     by_joints_m = np.cumsum(swept_m[::-1])[::-1]

@@ -27,10 +27,10 @@ _EXAMINED = 12
 
 
 def viewpoints(scene: Scene, station: Station, q_from_rad: Joints) -> list[Joints]:
-    """Return ``calibration.poses`` arm configurations (7,), each looking at the board's middle from another direction.
+    """Return ``calibration.poses`` arm configurations (n,), each looking at the board's middle from another direction.
 
     Args:
-        q_from_rad: (7,) start; each viewpoint is reached from the one before.
+        q_from_rad: (joints,) start; each viewpoint is reached from the one before.
 
     Raises:
         CalibrationError: fewer than 12 can be reached.

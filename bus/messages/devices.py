@@ -86,7 +86,7 @@ class Motion(Message):
     Attributes:
         finished: played to its end; False = a stop, or its guard, braked it on its path.
         commanded_q_rad: (m, n) joint positions as sent to the arm, at 1 kHz.
-        t_s, q_rad, dq_rad_s, tau_ext_nm: measured (m,) and (m, 7), every 10 ms of robot time from the motion's start.
+        t_s, q_rad, dq_rad_s, tau_ext_nm: measured (m,) and (m, n), every 10 ms of robot time from the motion's start.
         contact_n: the force at which its guard (`bus.trajectory.ContactGuard`) braked it; None = it met nothing.
     """
 

@@ -71,7 +71,7 @@ class Progress:
         return self._rate == 0.0 or self.at_end
 
     def q_rad(self) -> Joints:
-        """Return the command (7,) at this place."""
+        """Return the command (joints,) at this place."""
         tick = int(self._at)
         return np.asarray(self._samples[tick] if tick == self._at else self._curve(self._at))
 

@@ -94,7 +94,7 @@ class Stream:
         return is_under_way and self._feeler.is_due(self._progress.at)
 
     def feel(self, tau_ext_nm: Joints) -> None:
-        """Brake for good, harder than `brake`, when these external torques (7,) are contact; once a tick."""
+        """Brake for good, harder than `brake`, when these external torques (joints,) are contact; once a tick."""
         contact_n = self._feeler.contact_n(self._progress.at, tau_ext_nm)
         if contact_n is None:
             return
@@ -103,7 +103,7 @@ class Stream:
                 self._want, self.contact_n = _Want.STOP, contact_n
 
     def next(self) -> Joints | None:
-        """Return the next command (7,) [rad], one tick (1 ms) after the last; None once at rest for good."""
+        """Return the next command (joints,) [rad], one tick (1 ms) after the last; None once at rest for good."""
         if self._over:
             return None
         if not self._begun:

@@ -193,7 +193,7 @@ class World:
     # --- arm and hand -------------------------------------------------------------------------------------------------
 
     def command_arm(self, q_rad: Joints, last_q_rad: Joints) -> None:
-        """Set the arm's position (7,) for the next tick; its rate since ``last_q_rad`` (7,) is fed forward."""
+        """Set the arm's position (n,) for the next tick; its rate since ``last_q_rad`` (n,) is fed forward."""
         with self.lock:
             self._dq_command_rad_s = (q_rad - last_q_rad) / TICK_S
             self._q_command_rad = np.array(q_rad)
@@ -215,18 +215,18 @@ class World:
         self.model.actuator_forcerange[self._hand_actuator] = (-2 * fingers.force_n, 2 * fingers.force_n)
 
     def pose_robot(self, q_rad: Joints, width_m: float) -> None:
-        """Put the arm at ``q_rad`` (7,) and the fingers at ``width_m`` at once, at rest: mirrors a robot elsewhere."""
+        """Put the arm at ``q_rad`` (n,) and the fingers at ``width_m`` at once, at rest: mirrors a robot elsewhere."""
         with self.lock:
             self._set_arm(q_rad, width_m / 2)
 
     def arm(self) -> tuple[Joints, Joints, Joints]:
-        """Return measured positions [rad], velocities [rad/s] and external torques [Nm] of the arm, each (7,)."""
+        """Return measured positions [rad], velocities [rad/s] and external torques [Nm] of the arm, each (joints,)."""
         with self.lock:
             q_rad = self.data.qpos[self._arm_qpos].copy()
             return q_rad, self.data.qvel[self._arm_dofs].copy(), self._external_torque_nm()
 
     def arm_speed_rad_s(self) -> Joints:
-        """Return the measured joint velocities (7,)."""
+        """Return the measured joint velocities (joints,)."""
         with self.lock:
             return np.array(self.data.qvel[self._arm_dofs])
 
@@ -236,7 +236,7 @@ class World:
             return float(self.data.qpos[self._finger_qpos].sum())
 
     def _external_torque_nm(self) -> Joints:
-        """Return the joint torques (7,) of the robot's contacts: their forces through the contact Jacobians."""
+        """Return the joint torques (joints,) of the robot's contacts: their forces through the contact Jacobians."""
         model, data = self.model, self.data
         torque_nm = np.zeros(model.nv)
         wrench, jacobian_p, jacobian_r = np.zeros(6), np.zeros((3, model.nv)), np.zeros((3, model.nv))
