@@ -38,7 +38,7 @@ class SlowEnd:
         return np.asarray(away_m <= self.slow_m)
 
     def path_speeds(self, q_rad: JointSamples, slope: JointSamples) -> Array:
-        """Return (n,) the fastest path speeds where the path passes ``q_rad`` with dq/ds ``slope``, each (n, joints)."""
+        """Return (n,) the fastest path speed at each ``q_rad``, where dq/ds is ``slope``; both (n, joints)."""
         fastest = np.full(len(q_rad), np.inf)
         for row in np.flatnonzero(self.is_near(q_rad)):
             tcp_per_path = np.linalg.norm(self.robot.jacobian(q_rad[row])[:3] @ slope[row])
