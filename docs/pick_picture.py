@@ -61,7 +61,7 @@ def _lifted(record: CycleRecord, plan: PickPlan, world: World) -> Image:
     hand.move(settings.max_width_m, settings.max_speed_m_s)
     for segment in plan.segments[:2]:
         if not arm.execute(segment.trajectory.model_copy(update={"waits_at": None})).finished:
-            raise SystemExit(f"The arm stopped in {segment.name!r}: this recording is not of the first cycle of its run.")
+            raise SystemExit(f"The arm stopped in {segment.name!r}: was it the first cycle of its run?")
         if segment.name == "reach":
             hand.grasp(settings.grasp_force_n, settings.speed_m_s)
     camera = mujoco.MjvCamera()
