@@ -54,8 +54,9 @@ def run(
 
     Returns:
         tries; accepted: acts that were carried out, sessions that opened, lies that were believed; picks: how those
-        meanwhile ended; moved: how often arm or hand were elsewhere afterwards; crashes: nodes started again, threads that
-        ended, questions without an answer, a cell that is no longer Idle, or no longer picks; by_kind, accepted_kinds, crash_cases in words; by_code of the refusals, one a reply.
+        meanwhile ended; moved: how often arm or hand were elsewhere afterwards; crashes: nodes started again, threads
+        that ended, questions without an answer, a cell that is no longer Idle, or no longer picks; by_kind,
+        accepted_kinds, crash_cases in words; by_code of the refusals, one a reply.
     """
     rng, tally = np.random.default_rng(seed), Tally()
     kinds = series(tries, rng, only)
