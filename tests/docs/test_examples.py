@@ -25,8 +25,8 @@ from perception.proposal import propose
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 STATION = load_station()
-CAMERA = CameraModel(width=640, height=360, fx=500.0, fy=500.0, cx=320.0, cy=180.0)
-BLANK = Frame(stamp_ns=1, color=np.zeros((360, 640, 3), np.uint8), depth_m=np.ones((360, 640), np.float32),
+CAMERA = CameraModel(width=320, height=180, fx=250.0, fy=250.0, cx=160.0, cy=90.0)
+BLANK = Frame(stamp_ns=1, color=np.zeros((180, 320, 3), np.uint8), depth_m=np.ones((180, 320), np.float32),
               color_camera=CAMERA, depth_camera=CAMERA, color_from_depth=np.eye(4))  # fmt: skip
 
 
@@ -54,14 +54,14 @@ def test_the_model_lays_its_rod_across_the_narrow_side() -> None:
 
 def test_a_client_without_any_package_finds_the_pixel_of_a_coloured_thing() -> None:
     """A camera's picture: noise, a lamp's reflex, and the larger of two orange things is hollow."""
-    color = np.full((360, 640, 3), 150, np.uint8)
-    color[40:60, 40:60] = (20, 90, 230)
-    cv2.circle(color, (400, 200), 60, (20, 90, 230), 14)
+    color = np.full((180, 320, 3), 150, np.uint8)
+    color[20:30, 20:30] = (20, 90, 230)
+    cv2.circle(color, (200, 100), 30, (20, 90, 230), 8)
     noisy = np.clip(color + np.random.default_rng(1).normal(0, 4, color.shape), 0, 255).astype(np.uint8)
     frame = BLANK.model_copy(update={"color": noisy[..., ::-1]})
     u, v = pixel_of(as_picture(frame).png, "orange")
     assert tuple(color[v, u]) == (20, 90, 230)
-    assert abs(np.hypot(u - 400, v - 200) - 60) < 10
+    assert abs(np.hypot(u - 200, v - 100) - 30) < 5
     with pytest.raises(ValueError, match="nothing blue"):
         pixel_of(as_picture(frame).png, "blue")
 
