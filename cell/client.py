@@ -18,7 +18,7 @@ from bus.codec import decode
 from bus.commands import CellHealth, CellState, CommandReply, CommandRequest, Heartbeat, Nothing, ResultRequest
 from bus.errors import BadPayload, BusError, CellUnreachable, NoReply, Refused, ReplyTimeout
 from bus.fault_injection import Fault, FaultRequest, Part
-from bus.messages import CycleResult, Job, PlanView, Proposal
+from bus.messages import CycleResult, Job, Picture, PlanView, Proposal
 from bus.sample import Sample
 from bus.session import Bus
 from bus.threads import OwnedThread, Role
@@ -83,6 +83,10 @@ class Client:
     def plan_view(self) -> PlanView:
         """The last plan, to look at in 3-D. Raises: Refused (NO_PLAN); BusError."""
         return self._bus.request(topics.PLAN_NOW, Nothing(), PlanView, timeout_s=self._timeout_s)
+
+    def picture(self) -> Picture:
+        """What the camera sees now, from the capture pose. Raises: Refused (NO_PICTURE) in motion; BusError."""
+        return self._bus.request(topics.PICTURE_NOW, Nothing(), Picture, timeout_s=self._timeout_s)
 
     def command(
         self,
