@@ -44,11 +44,6 @@ class Look:
     stamp_ns: int
     raw: Observation
 
-    @classmethod
-    def of(cls, seen: Observation) -> Look:
-        """The look of one recorded observation."""
-        return cls(seen.view.why, seen.view.base_from_color, seen.view.stamp_ns, seen)
-
     @property
     def color(self) -> npt.NDArray[np.uint8]:
         """(H, W, 3) uint8, RGB."""
@@ -74,7 +69,7 @@ class JointTrack:
     """The arm over time, every 10 ms while it moves.
 
     Attributes:
-        time_s: (n,) seconds of the robot's time since the first look, ascending.
+        time_s: (n,) seconds of the robot's time since the first look, ascending; negative before it.
         q_rad, dq_rad_s, tau_ext_nm: (n, 7) joint positions, velocities and external torques, base to wrist.
     """
 
@@ -159,13 +154,13 @@ class Cycle:
     @cached_property
     def looks(self) -> tuple[Look, ...]:
         """Every look before the pick, in order; none of a recording whose pictures were trimmed."""
-        return tuple(Look.of(seen) for seen in self._whole[0].looks)
+        return tuple(_look(seen) for seen in self._whole[0].looks)
 
     @cached_property
     def after(self) -> Look | None:
         """The look while the object is held; None when the cycle did not come so far."""
         seen = self._whole[0].after
-        return Look.of(seen) if seen is not None else None
+        return _look(seen) if seen is not None else None
 
     @property
     def color(self) -> npt.NDArray[np.uint8]:
@@ -274,6 +269,10 @@ def read_cycle(path: str | Path) -> Cycle:
     Raises: RecordingError when there is none, it is unfinished (``cell recover`` makes it whole), or is damaged.
     """
     return Cycle(Path(path), read_stages(Path(path)))
+
+
+def _look(seen: Observation) -> Look:
+    return Look(seen.view.why, seen.view.base_from_color, seen.view.stamp_ns, seen)
 
 
 def _matrix(camera: CameraModel) -> npt.NDArray[np.float64]:

@@ -31,10 +31,11 @@ class Grasp:
             the finger pads.
         width_m: width of the object between the pads.
         opening_m: width of the hand to come with.
-        score: 0 to 1, higher is better; the weighted mean of ``terms``, which are named (docs/method.md).
+        score: 0 to 1, higher is better.
         thing: number of the object it holds, as in `Detections.labels`.
         rectangle: the grasp in the colour image: ``center_px``, ``angle_rad``, ``width_px``, ``height_px``, and
             ``corners_px()`` (4, 2) as (u, v).
+        terms: what the score is made of, by name, each 0 to 1 (docs/method.md).
     """
 
     base_from_grasp: npt.NDArray[np.float64]

@@ -52,9 +52,12 @@ class Pick:
     def wait(self, timeout_s: float = 600.0, progress: Progress | None = None) -> CycleResult:
         """Wait for the result of the last attempt; the arguments and errors are those of `Cell.pick`."""
         give_up_s = time.monotonic() + timeout_s
+        before = ""
         for said in self._turns():
-            if progress is not None and said is not None and (line := in_words(said)):
+            line = in_words(said) if said is not None else ""
+            if progress is not None and line and line != before:  # a state is told again with its cycle
                 progress(line)
+            before = line or before
             if time.monotonic() > give_up_s and self.result is None:
                 raise ReplyTimeout(f"Cycle {self.cycle_id} gave no result within {timeout_s:.0f} s.", "See its state.")
         assert self.result is not None, "the iteration ends with it"

@@ -83,8 +83,8 @@ class Cell:
             seed: of the objects' order and poses, and of the camera's noise.
             objects: folder of ``NAME/object.xml`` objects or of meshes; None = the paper's five.
             folder: of the recordings; None = the station's, ``recordings`` in the working folder.
-            config: a simulated station, or its file. ``settings``: single settings of it, as ``{"sim.pace": 1}`` for a
-                cell at real-time pace.
+            config: a simulated station, or the path of its file.
+            settings: single settings of it, as ``{"sim.pace": 1}`` for a cell at real-time pace.
 
         Raises: ConfigError for a wrong setting, or a station with real devices; what keeps the cell from starting.
         """
@@ -159,7 +159,7 @@ class Cell:
         return self._carry_out("unhold", timeout_s)
 
     def cancel(self, job_id: str) -> None:
-        """Cancel a job that waits, or whose arm has not set out for the grasp. Raises: Refused, BusError."""
+        """Cancel the job ``job_id``, as long as the arm has not set out for its grasp. Raises: Refused, BusError."""
         self._client.command("cancel", job=Job(job_id=job_id))
 
     def _carry_out(self, verb: str, timeout_s: float, wanted: str = "") -> CellState:
@@ -249,10 +249,11 @@ class Cell:
         return Pick(self._client, reply.cycle_id, reply.job_id, reply.position)
 
     def picks(self, cycles: int = 1, *, until_empty: bool = False, target: ToPick = None) -> Iterator[CycleResult]:
-        """Pick several times; each cycle's result is given as soon as it is there.
+        """Pick several times; the result of each cycle is given as soon as it is there. The cell must be Idle.
 
         Args:
-            cycles: how many picks. ``until_empty``: instead, until nothing is left or picks fail in a row.
+            cycles: how many picks.
+            until_empty: instead, until nothing is left or picks fail in a row.
             target: as of `pick`, of every pick.
 
         Raises: as `pick`; NotReached when the cell is stopped or aborts before the end.
