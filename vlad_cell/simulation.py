@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import logging
-import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 from bus.errors import ConfigError, PortOccupied
+from bus.free_port import free_endpoint
 from cell.nodes.doors import await_open, spawn_child
 from cell.nodes.pipes import close_pipes, end_child
 from config.clock import clock_of
@@ -56,8 +56,5 @@ def running(station: Station) -> Iterator[Station]:
 
 def _at_free_port(station: Station) -> Station:
     """The station with a loopback endpoint that nobody listens on."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    bus = station.bus.model_copy(update={"endpoint": f"tcp/127.0.0.1:{port}", "listen": None, "router": None})
-    return station.model_copy(update={"bus": bus})
+    alone = {"endpoint": free_endpoint(), "listen": None, "router": None}
+    return station.model_copy(update={"bus": station.bus.model_copy(update=alone)})
