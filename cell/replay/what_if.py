@@ -10,7 +10,7 @@ from cell.replay.compared_stages import STAGES
 from cell.replay.replay import Replay
 from cell.replay.view import consequence
 from config.load import station_from
-from logs.mcap.reader import CycleRecord
+from logs.mcap.reader import CycleRecord, Stage
 
 WHAT_IF = "WHAT_IF"
 """The outcome of such a cycle: nothing moved for it."""
@@ -28,7 +28,7 @@ def what_if(replay: Replay, overrides: Sequence[str]) -> CycleRecord:
     station = station_from(dict(record.station), overrides, source="the recorded station")
     again = {one.stage: one.replayed for one in replay.stages}
     before = [stage.name for stage in STAGES[: [stage.name for stage in STAGES].index(replay.stages[0].stage)]]
-    stages = {name: record.stages[name] for name in before if name in record.stages}
+    stages: dict[str, Stage] = {name: record.stages[name] for name in before if name in record.stages}
     last_ns = max((stage.started_ns for stage in stages.values()), default=0)
     for row in STAGES:
         if (outcome := again.get(row.name)) is not None:
