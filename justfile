@@ -98,6 +98,10 @@ docs: setup
 notebook: setup
     uv run python -m docs.notebook
 
+# Draw the pictures of docs/first_hour.md, from a run of its own (needs a browser: chromium-headless-shell)
+first-hour: setup
+    uv run python -m docs.first_hour_pictures
+
 # Resolve the dependencies anew into requirements.lock
 lock:
     uv pip compile --quiet --universal --generate-hashes --no-emit-index-url --no-annotate --no-header \
