@@ -102,6 +102,11 @@ notebook: setup
 first-hour: setup
     uv run python -m docs.first_hour_pictures
 
+# Draw the README's picture of a pick, from a real run
+pictures: setup
+    uv run cell start --config {{config}} --cycles 1 --seed 8 --no-report --set recording.folder=recordings/pictures
+    uv run python -m docs.pick_picture recordings/pictures/*/*.mcap
+
 # Resolve the dependencies anew into requirements.lock
 lock:
     uv pip compile --quiet --universal --generate-hashes --no-emit-index-url --no-annotate --no-header \
