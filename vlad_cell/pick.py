@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from bus.errors import ReplyTimeout
 from bus.messages import CycleResult
 from cell.client import Client
-from vlad_cell.said import Said, in_words, next_said
+from vlad_cell.said import Said, attended, in_words, next_said
 
 Progress = Callable[[str], object]
 """Called with a line for a person, as ``print``."""
@@ -51,7 +51,10 @@ class Pick:
 
     def wait(self, timeout_s: float = 600.0, progress: Progress | None = None) -> CycleResult:
         """Wait for the result of the last attempt; the arguments and errors are those of `Cell.pick`."""
-        give_up_s = time.monotonic() + timeout_s
+        with attended(self._client):
+            return self._wait(time.monotonic() + timeout_s, progress)
+
+    def _wait(self, give_up_s: float, progress: Progress | None) -> CycleResult:
         before = ""
         for said in self._turns():
             line = in_words(said) if said is not None else ""
@@ -59,6 +62,6 @@ class Pick:
                 progress(line)
             before = line or before
             if time.monotonic() > give_up_s and self.result is None:
-                raise ReplyTimeout(f"Cycle {self.cycle_id} gave no result within {timeout_s:.0f} s.", "See its state.")
+                raise ReplyTimeout(f"Cycle {self.cycle_id} has given no result in time.", "See `cell status`.")
         assert self.result is not None, "the iteration ends with it"
         return self.result

@@ -18,7 +18,7 @@ from cell.machine.states import told
 from config.schema import Station
 from vlad_cell.job import ToLay, ToPick, job_of
 from vlad_cell.pick import Pick, Progress
-from vlad_cell.said import Said, next_said
+from vlad_cell.said import Said, attended, next_said
 from vlad_cell.simulation import running
 from vlad_cell.station import Config, Settings, station_of
 
@@ -163,8 +163,9 @@ class Cell:
         self._client.command("cancel", job=Job(job_id=job_id))
 
     def _carry_out(self, verb: str, timeout_s: float, wanted: str = "") -> CellState:
-        self._client.command(verb)
-        state = self._client.wait_for_state({*LEADS_TO[verb], *ENDED}, timeout_s)
+        with attended(self._client):
+            self._client.command(verb)
+            state = self._client.wait_for_state({*LEADS_TO[verb], *ENDED}, timeout_s)
         if state.state != wanted if wanted else state.state not in LEADS_TO[verb]:
             why = told(state.state, state.reason)
             raise NotReached(f"After {verb} the cell is {state.state}: {why}", "See `cell status`.")
@@ -194,7 +195,7 @@ class Cell:
         """Pick one object, and wait for the result. The cell must be Idle or Complete.
 
         A pick that fails is no error of this program: look at ``result`` (SUCCESS, FAILED, ABORTED, EMPTY), ``code``,
-        ``reason`` and ``advice``. After Ctrl-C nobody attends the motion, and the cell holds it when the ``with`` ends.
+        ``reason`` and ``advice``. After Ctrl-C nobody attends the motion, so the cell holds it; `unhold` goes on.
 
         Args:
             target: the object in words, as ``"the largest red one"``, or a `Target` by ``pixel``, ``box`` or
@@ -265,7 +266,8 @@ class Cell:
         self._forget()
         reply = self._client.command("start", cycles=cycles, until_empty=until_empty, job=job)
         while not batch.is_over:
-            said = next_said(self._client)
+            with attended(self._client):
+                said = next_said(self._client)
             if isinstance(said, CycleResult) and said.job.job_id == reply.job_id:
                 batch.hear(said)
                 yield said

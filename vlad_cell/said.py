@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from bus import topics
@@ -24,6 +26,19 @@ def in_words(said: Said) -> str:
     if isinstance(said, Event):
         return f"{said.code}: {said.text} {said.advice}".strip()
     return " ".join(filter(None, (said.result, said.code, said.object))) + f": {said.reason}"
+
+
+@contextmanager
+def attended(client: Client) -> Iterator[None]:
+    """Context of a program that waits for motion: after Ctrl-C nobody attends it, so the lease is given back.
+
+    The cell then holds the motion. Without this a notebook, which lives on, would keep the arm moving.
+    """
+    try:
+        yield
+    except KeyboardInterrupt:
+        client.release()
+        raise
 
 
 def next_said(client: Client, timeout_s: float = 600.0) -> Said | None:

@@ -62,8 +62,12 @@ def test_every_program_of_the_examples_is_run_by_a_test() -> None:
 
 
 def test_a_pick_goes_on_while_it_is_heard_and_its_recording_is_read(cell: Cell, run_example: RunExample) -> None:
-    begun = cell.begin_pick(job_id="mine", deadline_s=60)
+    with Cell(cell.endpoint) as other:
+        assert other.station.cell_id == "sim", "the only cell there"
+        begun = cell.begin_pick(job_id="mine", deadline_s=60)
+        watched = list(other.events())
     heard = list(begun)
+    assert isinstance(watched[-1], CellState) and watched[-1].state == "Complete"
     states = [said.state for said in heard if isinstance(said, CellState)]
     assert begun.result is heard[-1] and begun.result.result == "SUCCESS" and begun.result.job.job_id == "mine"
     assert "Execute" in states and begun.wait() is begun.result
@@ -175,9 +179,18 @@ def test_several_picks_give_a_result_each(cell: Cell) -> None:
     assert {one.result for one in results} == {"SUCCESS"}
 
 
-def test_another_program_finds_the_only_cell_by_its_endpoint(cell: Cell) -> None:
-    with Cell(cell.endpoint) as other:
-        assert other.station.cell_id == "sim" and other.state().state == cell.state().state
+@pytest.mark.thorough
+def test_after_ctrl_c_the_cell_holds_and_can_go_on(cell: Cell) -> None:
+    def interrupt(line: str) -> None:
+        if line == "Execute capture":
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        cell.pick(progress=interrupt)
+    held = next(said for said in cell.events() if isinstance(said, CellState) and said.state in ("Held", "Complete"))
+    if held.state == "Held":
+        cell.unhold()
+        assert [said.state for said in cell.events() if isinstance(said, CellState)][-1] == "Complete"
 
 
 def test_a_cell_that_is_not_there_is_unreachable(new_endpoint: Callable[[], str]) -> None:
