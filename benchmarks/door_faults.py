@@ -93,7 +93,7 @@ class DoorFaults:
             door.close()
 
     def _spawn(self, name: str, station: Station) -> subprocess.Popen[str]:
-        self._children[name] = child = doors.spawned(name, station)
+        self._children[name] = child = doors.door_child(name, station)
         return child
 
     def _hear(self, code: str, _severity: str, _text: str, _advice: str) -> None:

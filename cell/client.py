@@ -10,7 +10,7 @@ import re
 import socket
 import threading
 import uuid
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 
 from bus import topics
@@ -29,6 +29,21 @@ from config.schema import Station
 
 SETTLED = frozenset({"Stopped", "Idle", "Complete", "Aborted"})
 """States in which nothing moves, and no commanded action continues."""
+ENDED = frozenset({"Stopped", "Aborted"})
+"""Settled states in which a pick that had begun is over for good."""
+RUNS_AGAIN = frozenset({"Execute", "Completing", "Complete", "Idle"})
+"""States after a held cycle goes on; in the last two it ended shortly after."""
+LEADS_TO: Mapping[str, frozenset[str]] = {
+    "reset": SETTLED,
+    "stop": SETTLED,
+    "abort": SETTLED,
+    "clear": SETTLED,
+    "hold": frozenset({"Held"}),
+    "unhold": RUNS_AGAIN,
+    "suspend": frozenset({"Suspended"}),
+    "unsuspend": RUNS_AGAIN,
+}
+"""Of each command without arguments, the states that it leads to; a client waits for one of them, or for an end."""
 _ASK_AGAIN_S = 0.5
 """Time without a message after which the cell is asked, because a sample may have been lost."""
 _NOT_IN_A_NAME = re.compile(r"[^A-Za-z0-9._-]")

@@ -12,7 +12,6 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable
-from contextlib import suppress
 from functools import partial
 from typing import Literal
 
@@ -22,7 +21,7 @@ from bus.errors import BadPayload, CellError
 from bus.remote_errors import error_from_reply
 from bus.threads import OwnedThread, Role
 from cell.nodes.health import is_halted
-from cell.nodes.pipes import close_pipes, has_ended, line_within
+from cell.nodes.pipes import close_pipes, end_child, has_ended, line_within
 from cell.nodes.ready import Open
 from config.clock import clock_of
 from config.schema import Station
@@ -58,7 +57,7 @@ class Door:
         spawn: Callable[[str, Station], subprocess.Popen[str]] | None = None,
     ) -> None:
         self._name, self._station, self._on_news = name, station, on_news
-        self._spawn = spawn or spawned
+        self._spawn = spawn or door_child
         self._clock = clock_of(station)
         self._child: subprocess.Popen[str] | None = None
         self._closing = threading.Event()
@@ -75,14 +74,8 @@ class Door:
         with self._spawning:
             self._closing.set()
         child = self._child
-        if child is not None:
-            if child.stdin is not None and not child.stdin.closed:
-                with suppress(BrokenPipeError):
-                    child.stdin.close()
-            if not self._clock.wait_for(partial(has_ended, child), _STOP_TIMEOUT_S):
-                _log.warning("the door %s did not end by itself; killing it", self._name)
-                child.kill()
-                child.wait()
+        if child is not None and not end_child(child, _STOP_TIMEOUT_S, self._clock):
+            _log.warning("the door %s did not end by itself; it was killed", self._name)
         self._thread.join(_STOP_TIMEOUT_S)
         if child is not None:
             close_pipes(child)
@@ -96,7 +89,7 @@ class Door:
                     return
                 self._child = child = self._spawn(self._name, self._station)
             try:
-                where = _await_open(child, self._clock)
+                where = await_open(child, self._clock)
             except CellError as error:
                 if not self._closing.is_set():
                     self._tell_closed(error)
@@ -133,25 +126,30 @@ def _await_end(child: subprocess.Popen[str]) -> int:
     return child.wait()
 
 
-def spawned(name: str, station: Station) -> subprocess.Popen[str]:
+def door_child(name: str, station: Station) -> subprocess.Popen[str]:
     """Start a door's process, which reads its station on stdin."""
+    return spawn_child(station, "cell", name, "--supervised")
+
+
+def spawn_child(station: Station, *module: str) -> subprocess.Popen[str]:
+    """Start ``python -m MODULE`` with the station as the first line of its stdin (`cell.nodes.door_child`)."""
     child = subprocess.Popen(
-        [sys.executable, "-P", "-m", "cell", name, "--supervised"],  # -P: as for a node
+        [sys.executable, "-P", "-m", *module],  # -P: as for a node
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         encoding="utf-8",
-        start_new_session=True,  # Ctrl-C in the terminal reaches the daemon only, which ends the door in order
+        start_new_session=True,  # Ctrl-C in the terminal reaches the parent only, which ends the child in order
     )
     assert child.stdin is not None
     try:
         child.stdin.write(f"{station.model_dump_json()}\n")
         child.stdin.flush()
     except BrokenPipeError:
-        _log.error("the door %s ended before it read its station", name)
+        _log.error("%s ended before it read its station", " ".join(module))
     return child
 
 
-def _await_open(child: subprocess.Popen[str], clock: DeadlineClock) -> str:
+def await_open(child: subprocess.Popen[str], clock: DeadlineClock) -> str:
     """Wait for the child's first line; return its endpoint. Raises: the child's error; the child has ended then."""
     assert child.stdout is not None
     line = line_within(child.stdout, _OPEN_S, clock)
