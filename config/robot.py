@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Protocol
 
 from pydantic import Field, model_validator
 
@@ -13,7 +13,6 @@ from config.base import Finite, Positive, Settings, SystemPath
 
 if TYPE_CHECKING:
     from config.limits import JointLimits
-    from config.schema import Station
 
 # Imported when limits are asked for, so that a program that only sends "stop" does not wait for them.
 numpy: Any = LazyModule("numpy")
@@ -62,7 +61,15 @@ class RobotSettings(Settings):
     joints: Annotated[tuple[JointSettings, ...], Field(min_length=6, max_length=6)]
 
 
-def limits_of(station: Station) -> JointLimits:
+class _WithRobot(Protocol):
+    """A station."""
+
+    @property
+    def robot(self) -> RobotSettings | None:
+        """Its arm; None = the FR3."""
+
+
+def limits_of(station: _WithRobot) -> JointLimits:
     """Return the joint limits of the station's arm."""
     fr3: JointLimits = limits.FR3
     return fr3 if station.robot is None else _limits(station.robot.joints)

@@ -12,6 +12,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
+import vlad_cell
 from bus.errors import MotionRefused
 from bus.trajectory import Trajectory
 from cell.replay.replay import Request, replay
@@ -65,5 +66,7 @@ def test_it_picks_and_its_recording_replays_to_the_last_bit(tmp_path: Path, endp
     for one in results:
         record = read_cycle(tmp_path / one["recording"])
         assert replay(record, Request()).equal
+        arm = vlad_cell.read_cycle(tmp_path / one["recording"]).joints
+        assert arm.q_rad.shape == arm.tau_ext_nm.shape == (len(arm.time_s), 6)
         page = write_report(record, tmp_path / "report.html").read_text()
         assert "joint 6" in page and "joint 7" not in page
