@@ -13,13 +13,14 @@ import numpy as np
 import pytest
 
 from benchmarks.baselines.flat import flat_object
+from bus.errors import ConfigError
 from bus.messages import CameraModel, Frame
 from cell.pick.picture import as_picture
 from config.load import load_station
 from docs.examples.pixel import pixel_of
 from drivers.sim.objects import object_names, require_presentable
 from perception.goal.imagine import Conversation
-from perception.models import Models
+from perception.models import Models, open_models
 from perception.models.registry import open_local
 from perception.proposal import propose
 from tests.docs.example_packages import EXAMPLES, PACKAGES, install
@@ -60,6 +61,27 @@ class TestTongs(DetectorSuite):
     """As examples/detector/test_acme_detector.py."""
 
     name = "acme"
+
+
+@pytest.mark.parametrize(
+    ("override", "said"),
+    [
+        (
+            "perception.settings.height=2",
+            r"perception\.settings\.height: .*less than 1 \(the goal-image model 'acme' says",
+        ),
+        ("perception.settings.hight=0.5", r"perception\.settings\.hight: Extra inputs.*Its settings: height, length_m"),
+    ],
+)
+def test_a_goal_image_model_s_settings_are_checked_by_its_own_model(override: str, said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
+        open_local("acme", load_station(None, ["perception.model=acme", override]))
+
+
+def test_beside_another_detector_whose_settings_they_are_the_goal_image_model_has_its_defaults() -> None:
+    both = ["perception.detector=acme", "perception.model=acme", "perception.settings.headings=36"]
+    models = open_models(load_station(None, both), {})
+    assert models.detector is not None and models.imaginer.name == "acme"
 
 
 def test_the_model_lays_its_rod_across_the_narrow_side() -> None:

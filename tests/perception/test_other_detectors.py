@@ -198,7 +198,12 @@ def test_an_unknown_detector_is_refused_with_those_there_are() -> None:
 def test_a_cell_picks_records_replays_and_reports_with_it(tmp_path: Path, endpoint: str) -> None:
     site = information(tmp_path, "detector")
     path = os.pathsep.join([str(EXAMPLES.parent), str(site), str(EXAMPLES / "detector")])
-    overrides = [f"bus.endpoint={endpoint}", "perception.detector=acme", "verify.hold_s=0.5"]
+    overrides = [
+        f"bus.endpoint={endpoint}",
+        "perception.detector=acme",
+        "perception.settings.headings=36",
+        "verify.hold_s=0.5",
+    ]
     command = [sys.executable, "-m", "cell", "start", "--cycles", "1", "--seed", "1", "--json"]
     run = subprocess.run(
         [*command, *(word for one in overrides for word in ("--set", one))],
@@ -207,6 +212,7 @@ def test_a_cell_picks_records_replays_and_reports_with_it(tmp_path: Path, endpoi
     (result,) = (json.loads(line) for line in run.stdout.splitlines())
     assert result["result"] == "SUCCESS", run.stderr
     record = read_cycle(tmp_path / result["recording"])
+    assert record.station["perception"]["settings"] == {"headings": 36}, "they are recorded, and used again in a replay"
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(EXAMPLES / "detector")
         patch.syspath_prepend(site)
