@@ -705,6 +705,8 @@ class Station(Settings):
 
     @model_validator(mode="after")
     def _captures_within_the_joints_range(self) -> Station:
+        if self.robot is None and "capture_q_rad" not in self.arm.model_fields_set:
+            return self  # the default is the FR3's, and checking it would import NumPy
         q, range_ = numpy.array(self.arm.capture_q_rad), limits_of(self)
         if len(q) != range_.joints:
             raise ValueError(f"arm.capture_q_rad has {len(q)} numbers, and the arm {range_.joints} joints")

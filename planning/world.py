@@ -102,7 +102,7 @@ Placed = tuple[coal.CollisionGeometry, Transform]
 """A shape and its pose (4, 4) in ``base``."""
 
 
-def held_thing(shape: coal.CollisionGeometry, hand_from_shape: Transform, last_link: str = "link 7") -> Thing:
+def held_thing(shape: coal.CollisionGeometry, hand_from_shape: Transform, last_link: str) -> Thing:
     """Return the held object: it moves with the hand at ``hand_from_shape`` (4, 4), which it touches."""
     return Thing("held object", shape, hand_from_shape, _RIGID | {last_link}, held=True)
 

@@ -65,7 +65,7 @@ def test_what_is_held_moves_farther_than_the_hand(robot: Robot) -> None:
     """Half a metre beside the axis of joint 7, by 0.3 rad."""
     hand_from_held = HAND_FROM_TCP.copy()
     hand_from_held[0, 3] = 0.5
-    held = held_thing(coal.Box(0.02, 0.02, 0.02), hand_from_held)
+    held = held_thing(coal.Box(0.02, 0.02, 0.02), hand_from_held, "link 7")
     turned = CAPTURE + np.array([0, 0, 0, 0, 0, 0, 0.3])
     alone_m, holding_m = (Travel(robot, one).along(CAPTURE, turned)[-1] for one in (None, held))
     assert alone_m < 0.3 * 0.25 and 0.3 * 0.5 < holding_m < 0.3 * 0.65
