@@ -43,7 +43,7 @@ def robot_spec(station: Station) -> mujoco.MjSpec:
 
 @contextmanager
 def joined_models() -> Iterator[None]:
-    """Context in which a model of two files is compiled: MuJoCo warns, in two ways, that it could not be saved."""
+    """Context in which a model of two files is joined and compiled: MuJoCo warns, in two ways, that it could not be saved."""
     mujoco.set_mju_user_warning(lambda text: None if _UNSAVED in text else _log.warning("MuJoCo: %s", text))
     try:
         with warnings.catch_warnings():
@@ -66,7 +66,8 @@ def _with_hand(robot: RobotSettings, fr3: mujoco.MjSpec) -> mujoco.MjSpec:
     spec.option.integrator = fr3.option.integrator
     hand = fr3.body("hand")
     hand.pos = (0.0, 0.0, 0.0)  # of the FR3's last link it is the flange; it is turned as there
-    flange.add_frame().attach_body(hand, "", "")
+    with joined_models():
+        flange.add_frame().attach_body(hand, "", "")
     for body in spec.bodies:
         for geom in body.geoms:
             if body.name.startswith("link"):
