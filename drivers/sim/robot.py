@@ -43,7 +43,7 @@ def robot_spec(station: Station) -> mujoco.MjSpec:
 
 @contextmanager
 def joined_models() -> Iterator[None]:
-    """Context in which a model of two files is joined and compiled: MuJoCo warns, in two ways, that it could not be saved."""
+    """Context in which two models are joined and compiled: MuJoCo warns, in two ways, that none could be saved."""
     mujoco.set_mju_user_warning(lambda text: None if _UNSAVED in text else _log.warning("MuJoCo: %s", text))
     try:
         with warnings.catch_warnings():
