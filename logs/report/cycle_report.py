@@ -217,7 +217,8 @@ def _log(record: CycleRecord, timeline: Timeline) -> list[LogLine]:
 def configuration_changes(station: Mapping[str, object]) -> list[tuple[str, str, str]]:
     """(key, recorded, default) of every setting that differs from the simulated cell's; "-" where one side lacks it."""
     here, default = dict(_leaves(station)), dict(_leaves(load_station().model_dump(mode="json")))
-    keys = [*here, *(key for key in default if key not in here)]
+    tables = {key.rpartition(".")[0] for key in here}  # what is no table by default may be one
+    keys = [*here, *(key for key in default if key not in here and key not in tables)]
     missing = "-"
     return [
         (key, str(here.get(key, missing)), str(default.get(key, missing)))
