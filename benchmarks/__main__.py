@@ -427,11 +427,12 @@ def soak_(
     state: Annotated[Path | None, typer.Option(help="Progress file: an interrupted run goes on from it.")] = None,
     endpoint: Annotated[str, typer.Option(help="Free loopback endpoint for its cell.")] = "tcp/127.0.0.1:7499",
     overrides: Annotated[list[str] | None, typer.Option("--set", help="key=value")] = None,
+    keep: Annotated[Path | None, typer.Option(help="Folder in which all recordings stay: `benchmarks groups`.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Only the figures; progress is on stderr anyway.")] = False,
 ) -> None:
     """Simulated picks with injected faults: outcomes that docs/faults.md does not allow, cells not ready, leaks."""
     tell = _teller(quiet=False)
-    typer.echo(json.dumps(soak.run(cycles, faults, seed, endpoint, state, tell, tuple(overrides or ()))))
+    typer.echo(json.dumps(soak.run(cycles, faults, seed, endpoint, state, tell, tuple(overrides or ()), keep)))
 
 
 @app.command(name="bus")

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from cell.workers.cluster import ClusterWorkers
 from cell.workers.local import LocalWorkers, here
-from cell.workers.work import WorkerLost, Workers
+from cell.workers.work import WorkerLost, Workers, in_order
 
-__all__ = ["ClusterWorkers", "LocalWorkers", "WorkerLost", "Workers", "here", "workers_for"]
+__all__ = ["ClusterWorkers", "LocalWorkers", "WorkerLost", "Workers", "here", "in_order", "workers_for"]
 
 _PER_WORKER = 4
 """A process of its own costs a second or two of imports: fewer items than this are not worth one."""
