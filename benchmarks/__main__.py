@@ -331,10 +331,11 @@ def export_(
     seed: Annotated[int, typer.Option(help="Below 1000 is to tune on.")] = 1000,
     folder: Annotated[Path | None, typer.Option(help="Recordings; default: of a simulated cell.")] = None,
     endpoint: Annotated[str, typer.Option(help="Free loopback endpoint for its cell.")] = "tcp/127.0.0.1:7491",
+    workers: Annotated[int | None, typer.Option(min=1, help="Processes; default: one a core.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
 ) -> None:
     """Recordings as data sets: time a GB of them [s], frames, and whether the real LeRobot opens the result."""
-    typer.echo(json.dumps(export.run(cycles, seed, folder, endpoint, _teller(as_json))))
+    typer.echo(json.dumps(export.run(cycles, seed, folder, endpoint, workers, _teller(as_json))))
 
 
 @app.command(name="contact")
