@@ -28,6 +28,7 @@ from benchmarks import (
     freezing,
     fusion,
     grasps,
+    grouped,
     house,
     intruder,
     models,
@@ -434,6 +435,16 @@ def soak_(
     """Simulated picks with injected faults: outcomes that docs/faults.md does not allow, cells not ready, leaks."""
     tell = _teller(quiet=False)
     typer.echo(json.dumps(soak.run(cycles, faults, seed, endpoint, state, tell, tuple(overrides or ()), keep)))
+
+
+@app.command(name="groups")
+def groups_(
+    state: Annotated[Path, typer.Option(help="Progress file of a soak.")],
+    folder: Annotated[Path, typer.Option(help="Its recordings: `benchmarks soak --keep`.")],
+    as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
+) -> None:
+    """Failures of a soak in groups: adjusted Rand index between the injected faults and the groups, and sentences."""
+    typer.echo(json.dumps(grouped.run(state, folder)))
 
 
 @app.command(name="bus")
