@@ -53,7 +53,8 @@ TABLE = (
         "GET",
         "/api/events",
         events.listen,
-        "Server-sent events: session, state, health, event, proposal, result, picture, scene, ping; first what counts.",
+        "Server-sent events: session, state, health, event, proposal, result, picture, scene, jobs, ping; first what"
+        " counts.",
         media_type="text/event-stream",
         queries=(_CLIENT,),
         refusals=(422, 503),
@@ -147,7 +148,15 @@ TABLE = (
         refusals=(404, 409, 422),
     ),
     Served("GET", "/api/storage", storage.storage, "The disk, and what will be deleted next.", refusals=(404, 409)),
-    Served("GET", "/api/picture", reading.picture, "The last picture.", media_type="image/jpeg", refusals=(404,)),
+    Served(
+        "GET",
+        "/api/picture",
+        reading.picture,
+        "The last picture.",
+        media_type="image/jpeg",
+        queries=(("at", "The stamp [ns] of one of the last eight."),),
+        refusals=(404, 422),
+    ),
     Served(
         "GET",
         "/api/scene",

@@ -55,9 +55,7 @@ def registered(frame: Frame, depth_m: npt.NDArray[np.float32]) -> tuple[Rgbd, np
         The RGB-D image, and for each of its pixels (H, W) the flat index of its depth pixel, -1 = none.
     """
     camera = frame.color_camera.model_copy(update={"distortion": ()})
-    color = np.asarray(frame.color)
-    if frame.color_camera.distortion:
-        color = np.asarray(cv2.remap(color, *_undistortion(frame.color_camera), cv2.INTER_LINEAR))
+    color = undistorted(frame)
     valid = np.flatnonzero(np.isfinite(depth_m)).astype(np.int32)
     if frame.depth_camera == camera and np.array_equal(frame.color_from_depth, np.eye(4)):
         source = np.full(depth_m.size, -1, dtype=np.int32)
@@ -66,6 +64,13 @@ def registered(frame: Frame, depth_m: npt.NDArray[np.float32]) -> tuple[Rgbd, np
     points = rays(frame.depth_camera).reshape(-1, 3)[valid].astype(np.float32) * depth_m.ravel()[valid][:, None]
     splat_m, nearest = _splat(moved(points[None], frame.color_from_depth)[0], camera)
     return Rgbd(color, splat_m, camera), _of(valid, nearest)
+
+
+def undistorted(frame: Frame) -> npt.NDArray[np.uint8]:
+    """The colour image (H, W, 3) of a frame without its lens's distortion."""
+    if not frame.color_camera.distortion:
+        return np.asarray(frame.color)
+    return np.asarray(cv2.remap(frame.color, *_undistortion(frame.color_camera), cv2.INTER_LINEAR))
 
 
 def moved(points: npt.NDArray[np.float32], to_from: Transform) -> npt.NDArray[np.float32]:
