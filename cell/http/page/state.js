@@ -6,6 +6,10 @@ import { duration, texts } from "./texts.js";
 
 const BY = /^command '(?:stop|abort|hold|suspend)' from (.+)$/;
 const WORKING = ["Execute", "Completing"];
+const TONES = {
+  Stopped: "rest", Idle: "good", Holding: "held", Held: "held", Suspending: "held", Suspended: "held", Complete: "good",
+  Stopping: "rest", Aborting: "bad", Aborted: "bad", approve: "held", manual: "rest",
+}; // any other: busy
 const PRESS_MS = 1000; // a click within this time is the end of a press
 const OWN_NAME = /^\d{8}T\d{9}$/; // of a job that its client gave none
 let cause = "";
@@ -28,11 +32,11 @@ function draw() {
     say(byId("todo"), now.isLinked ? "" : texts.noLinkTodo);
     return;
   }
-  byId("banner").className = `tone-${texts.tones[state.state] ?? "busy"}`;
+  const special = state.mode === "Manual" ? "manual" : state.state === "Execute" && state.stage === "approve" ? "approve" : state.state;
+  byId("banner").className = `tone-${TONES[special] ?? "busy"}`;
   const reason = reasonOf(state);
-  const stage = WORKING.includes(state.state) ? texts.stages[state.stage] : "";
+  const stage = special === "manual" ? texts.byHand : WORKING.includes(state.state) ? texts.stages[state.stage] : "";
   say(byId("state"), stage ? `${state.state}: ${stage}` : state.state);
-  const special = state.mode === "Manual" ? "manual" : state.stage === "approve" ? "approve" : state.state;
   say(byId("reason"), reason || (texts.meaning[special] ?? texts.meaning[state.state] ?? ""));
   say(byId("todo"), texts.todo[special] ?? texts.todo[state.state] ?? "");
   drawJobs();

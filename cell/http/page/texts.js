@@ -22,12 +22,7 @@ export const texts = {
   noCell: "The cell does not answer.",
   refused: "Refused",
 
-  // What each state is called, what it means, and what to do.
-  tones: {
-    Stopped: "rest", Resetting: "busy", Idle: "good", Starting: "busy", Execute: "busy", Holding: "held", Held: "held",
-    Unholding: "busy", Suspending: "held", Suspended: "held", Unsuspending: "busy", Completing: "busy",
-    Complete: "good", Stopping: "rest", Aborting: "bad", Aborted: "bad", Clearing: "busy",
-  },
+  // What each state means, and what to do.
   meaning: {
     Stopped: "Nothing moves.",
     Resetting: "The arm goes to where it looks from.",
@@ -63,6 +58,7 @@ export const texts = {
     capture: "looks", detect: "finds out what it sees", plan: "plans", execute: "grasps", verify: "checks what it holds",
     deliver: "lays it down", approve: "asks before it moves",
   },
+  byHand: "moved by hand",
   by: (client) => (client.startsWith("http-page") ? `by another page: ${client}` : `by ${client}`),
   byThis: "by this page",
 
