@@ -39,6 +39,10 @@ class Pointed:
             elif isinstance(message, StageRecord):
                 self._hear_stage(message.result)
 
+    def choose(self, number: int) -> None:
+        """The cell goes for this thing of its last picture."""
+        self._chosen = number
+
     def _hear_stage(self, result: object) -> None:
         if isinstance(result, View):
             self._looks = [*(self._looks if result.why else ()), result]
@@ -46,7 +50,7 @@ class Pointed:
             self._found = result
             self._show(result.scene)
         elif isinstance(result, PickPlan) and self._found is not None:
-            self._chosen = self._found.grasps[result.grasp].instance
+            self.choose(self._found.grasps[result.grasp].instance)
 
     def _show(self, scene: ObservedScene) -> None:
         """A new picture with what was found in it: those before it count no more."""
@@ -89,7 +93,7 @@ class Pointed:
         """The job whose target was pointed at in the picture of the last detection."""
         meant = meant_by(target, scene)
         if target.pixel is not None and self._chosen in meant:
-            raise Refused("That is the one that the cell has chosen already.", "Choose another.", code="ALREADY_CHOSEN")
+            raise Refused("That is what the cell picks now, or has picked.", "Choose another.", code="ALREADY_CHOSEN")
         if not is_elsewhere:
             return job
         if len(meant) != 1:
