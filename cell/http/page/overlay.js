@@ -4,7 +4,7 @@ import { svg } from "./dom.js";
 
 const ORDER = ["thing", "other_grasp", "rod", "object", "grasp"];
 
-/** The SVG elements. `unit`: how many pixels of the picture one of 640 across is. */
+/** The SVG elements. `unit`: how many pixels of the picture a line of 1 is wide. */
 export function overlayOf(outlines, numbers, target, unit) {
   const lines = outlines.filter((one) => ORDER.includes(one.kind)).toSorted((a, b) => ORDER.indexOf(a.kind) - ORDER.indexOf(b.kind));
   return [

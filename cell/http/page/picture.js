@@ -73,7 +73,7 @@ function draw() {
   overlay.classList.toggle("earlier", Boolean(shown.is_live));
   overlay.classList.toggle("elsewhere", isElsewhere());
   say(parts.help, isElsewhere() ? texts.pictureElsewhere : texts.pictureHelp);
-  overlay.replaceChildren(...overlayOf(outlines, numbers, isElsewhere() ? null : target, image.naturalWidth / 640));
+  overlay.replaceChildren(...overlayOf(outlines, numbers, isElsewhere() ? null : target, unitOf(image)));
   const label = numbers.map((one) => one.text).join();
   if (things.dataset.label !== label) {
     things.dataset.label = label;
@@ -84,6 +84,11 @@ function draw() {
   parts.legend.replaceChildren(
     ...Object.entries(texts.legend).filter(([kind]) => kinds.has(kind)).map(([kind, words]) => el("li", { class: kind }, words)),
   );
+}
+
+/** Pixels of the picture for one of the screen, where it is small; numbers stay readable on a phone. */
+function unitOf(image) {
+  return image.naturalWidth / Math.min(640, Math.max(300, image.clientWidth));
 }
 
 /** Chooses what is to be picked; null forgets it. */
@@ -194,6 +199,7 @@ export function showPicture() {
   cell.addEventListener("about", listPlaces);
   cell.addEventListener("picture", ({ detail }) => load(detail));
   cell.addEventListener("scene", refreshScene);
+  window.addEventListener("resize", draw);
   document.addEventListener("visibilitychange", () => wanted !== null && load(wanted));
   for (const name of ["state", "link", "about"]) cell.addEventListener(name, drawAllowed);
   setInterval(drawAge, 1000);
