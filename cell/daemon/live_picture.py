@@ -19,8 +19,10 @@ from perception.geometry.depth import undistorted
 AGAIN_S = 0.4
 """Whoever asks sooner is given the same picture: askers do not keep the camera busy."""
 _SAME_POSE_RAD = 5e-3
-_JPEG_QUALITY = 80
-_ENDINGS: dict[PictureType, str] = {"image/png": ".png", "image/jpeg": ".jpg"}
+_FILES: dict[PictureType, tuple[str, list[int]]] = {
+    "image/png": (".png", []),
+    "image/jpeg": (".jpg", [cv2.IMWRITE_JPEG_QUALITY, 80]),
+}
 
 
 class LivePictures:
@@ -83,7 +85,8 @@ class LivePictures:
 
 def encoded(color: npt.NDArray[np.uint8], media_type: PictureType) -> bytes:
     """Return an image (H, W, 3) as a file. Raises: BadPayload for one that has no such file."""
-    ok, data = cv2.imencode(_ENDINGS[media_type], color[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+    ending, settings = _FILES[media_type]
+    ok, data = cv2.imencode(ending, color[..., ::-1], settings)
     if not ok:
         raise BadPayload(f"No {media_type} can be made of an image of shape {color.shape}.")
     return data.tobytes()
