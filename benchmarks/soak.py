@@ -236,8 +236,13 @@ def run(
     state: Path | None,
     tell: Callable[[str], None],
     overrides: tuple[str, ...] = (),
+    keep: Path | None = None,
 ) -> dict[str, Any]:
-    """``cycles`` cycles; with ``state``, a file, those of an interrupted run of the same are not repeated."""
+    """``cycles`` cycles; with ``state``, a file, those of an interrupted run of the same are not repeated.
+
+    Args:
+        keep: the folder that all recordings lie in, and stay; else only those of what was not as it should be.
+    """
     settings = {"faults": faults, "seed": seed}
     kept: dict[str, Any] = json.loads(state.read_text()) if state is not None and state.exists() else {}
     if kept.get("settings", settings) != settings:
@@ -246,12 +251,13 @@ def run(
     daemon, node = (_grown(kept.get("growth", {}).get(name, {})) for name in ("daemon", "node"))
     growth = Growth(daemon, node)
     with TemporaryDirectory() as folder:
-        station = soak_station(Path(folder), endpoint, seed, overrides)
+        station = soak_station(keep or Path(folder), endpoint, seed, overrides)
         series = soak(station, trials(rows_of(faults), seed, len(outcomes)), growth)
         while len(outcomes) < cycles:
             outcomes.append(next(series))
             tell(outcomes[-1].line())
-            _forget(outcomes[-1])
+            if keep is None:
+                _forget(outcomes[-1])
             if state is not None:
                 grown = {"daemon": asdict(growth.daemon), "node": asdict(growth.node)}
                 _keep(state, {"settings": settings, "outcomes": [asdict(one) for one in outcomes], "growth": grown})

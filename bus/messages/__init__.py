@@ -24,7 +24,8 @@ from bus.messages.devices import ArmMode, ArmState, Frame, HandState, Motion
 from bus.messages.execution import Contact, Delivery, Execution, SegmentRun, Verdict
 from bus.messages.grasps import Grasp, Rectangle
 from bus.messages.job import GraspHints, Job, Place, Target
-from bus.messages.observation import Observation, Picture, View
+from bus.messages.live_picture import LivePicture, PictureRequest
+from bus.messages.observation import Observation, View
 from bus.messages.plan import ONLY_TO_LOOK, PickPlan, Segment, SegmentName
 from bus.messages.plan_view import NamedBox, Outline, PlannedPath, PlanView
 from bus.messages.scene import Instance, ObservedScene, SeenMount, SeenTable, Tried
@@ -56,6 +57,7 @@ __all__ = [
     "Instance",
     "Job",
     "Laid",
+    "LivePicture",
     "ModelReply",
     "Motion",
     "NamedBox",
@@ -63,7 +65,7 @@ __all__ = [
     "ObservedScene",
     "Outline",
     "PickPlan",
-    "Picture",
+    "PictureRequest",
     "Place",
     "PlanView",
     "PlannedPath",

@@ -6,7 +6,7 @@ from typing import Any, Self
 
 from pydantic import ModelWrapValidatorHandler, model_validator
 
-from bus.arrays import Blob, Joints, Transform
+from bus.arrays import Joints, Transform
 from bus.frozen import Message
 from bus.messages.devices import ArmState, Frame
 from bus.messages.frame_checks import bad, made, require_rigid
@@ -54,18 +54,3 @@ class Observation(Message):
         """Return the observation with the camera where ``base_from_color @ color_from_corrected`` (4, 4) puts it."""
         pose = self.view.base_from_color @ color_from_corrected
         return self.model_copy(update={"view": self.view.model_copy(update={"base_from_color": pose})})
-
-
-class Picture(Message):
-    """What the camera sees from the capture pose: a pixel of it is a target (`bus.messages.job.Target`).
-
-    Attributes:
-        stamp_ns: of the frame, UTC.
-        width_px, height_px: its size.
-        png: the undistorted colour image as a PNG file, RGB.
-    """
-
-    stamp_ns: int
-    width_px: int
-    height_px: int
-    png: Blob

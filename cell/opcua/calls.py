@@ -15,7 +15,7 @@ from asyncua import ua
 
 from bus.commands import CommandReply, CommandRequest
 from bus.errors import CellError, CellUnreachable, Refused
-from bus.messages import Picture
+from bus.messages import LivePicture
 from cell import client
 from cell.client import Client, client_name
 from cell.commander import Commander
@@ -185,9 +185,9 @@ def _begun(reply: CommandReply) -> list[ua.Variant]:
     ]
 
 
-def _shown(picture: Picture) -> list[ua.Variant]:
+def _shown(picture: LivePicture) -> list[ua.Variant]:
     taken_at = datetime.fromtimestamp(picture.stamp_ns * 1e-9, UTC)
-    return [ua.Variant(picture.png, ua.VariantType.ByteString), ua.Variant(taken_at, ua.VariantType.DateTime)]
+    return [ua.Variant(picture.data, ua.VariantType.ByteString), ua.Variant(taken_at, ua.VariantType.DateTime)]
 
 
 def _result(method: Method, outputs: list[ua.Variant]) -> ua.CallMethodResult:

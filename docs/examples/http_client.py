@@ -46,7 +46,8 @@ def job() -> Any:
     from pixel import pixel_of  # type: ignore[import-not-found] # noqa: PLC0415 - the file beside this one, where it is asked for
 
     with urllib.request.urlopen(urllib.request.Request(f"{url}/api/picture/now", headers=headers)) as picture:
-        return {"target": {"pixel": pixel_of(picture.read(), wanted)}}
+        taken_ns = int(picture.headers["X-Stamp-Ns"])
+        return {"target": {"pixel": pixel_of(picture.read(), wanted), "picture_ns": taken_ns}}
 
 
 cycle_id = ""

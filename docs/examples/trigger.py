@@ -37,7 +37,8 @@ def job(wanted: str) -> Any:
         return json.loads(wanted)
     from pixel import pixel_of  # type: ignore[import-not-found] # noqa: PLC0415 - the file beside this one, where it is asked for
 
-    return {"target": {"pixel": pixel_of(base64.b64decode(ask("view/picture")["png"]), wanted)}}
+    picture = ask("view/picture")
+    return {"target": {"pixel": pixel_of(base64.b64decode(picture["data"]), wanted), "picture_ns": picture["stamp_ns"]}}
 
 
 def say_that_we_run() -> None:

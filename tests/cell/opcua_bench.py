@@ -16,7 +16,7 @@ from bus import topics
 from bus.codec import decode
 from bus.commands import CellHealth, CellState, CommandReply, CommandRequest, Event
 from bus.errors import Refused
-from bus.messages import CycleResult, Picture, Proposal
+from bus.messages import CycleResult, LivePicture, Proposal
 from bus.sample import Asked
 from bus.session import Bus
 from cell.machine.leases import CELL_CLIENT, Leases
@@ -25,7 +25,9 @@ from cell.opcua.address_space import NAMESPACE
 from cell.opcua.door import serve
 from config.schema import Station
 
-PICTURE = Picture(stamp_ns=1_700_000_000_000_000_000, width_px=1280, height_px=720, png=bytes(700_000))
+PICTURE = LivePicture(
+    stamp_ns=1_700_000_000_000_000_000, data=bytes(700_000), media_type="image/png", from_capture_pose=True
+)
 _ANYONES = ("stop", "abort", "hold", "suspend", "clear")
 
 

@@ -434,7 +434,7 @@ def test_a_proposal_is_shown_and_answered(site: Site) -> None:
 def test_what_the_camera_sees_is_given_to_anybody(site: Site) -> None:
     async def say(plain: Plain) -> None:
         png, taken_at = await plain.call("Picture")
-        assert (png, taken_at.timestamp()) == (PICTURE.png, PICTURE.stamp_ns / 1e9)
+        assert (png, taken_at.timestamp()) == (PICTURE.data, PICTURE.stamp_ns / 1e9)
 
     talk(site.endpoint, say)
 

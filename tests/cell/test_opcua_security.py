@@ -157,7 +157,9 @@ def test_a_trusted_certificate_cannot_be_shown_over_the_channel_of_another(site:
     _refused(site, prepare, ua.uaerrors.BadSecurityChecksFailed)
 
 
-def test_an_intruder_opens_no_session_and_a_viewer_changes_nothing(site: Site, tmp_path: Path) -> None:
+def test_an_intruder_opens_no_session_and_a_viewer_changes_nothing(
+    site: Site, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     """As `benchmarks intruder` does it, ten thousand times."""
     make_opcua_keys(tmp_path, [])
     tally, before = Tally(), len(site.cell.commands)
@@ -170,6 +172,7 @@ def test_an_intruder_opens_no_session_and_a_viewer_changes_nothing(site: Site, t
     assert (tally.figures()["accepted_kinds"], tally.cases) == ({}, [])
     assert tally.by_code["OPC UA BadUserAccessDenied"] >= 50
     assert len(site.cell.commands) == before
+    assert not [record for record in caplog.records if record.name.startswith("asyncua")], "it fills no log"
 
 
 def test_another_application_than_the_certificates_is_refused(site: Site) -> None:

@@ -15,7 +15,7 @@ import pytest
 from benchmarks.baselines.flat import flat_object
 from bus.errors import ConfigError
 from bus.messages import CameraModel, Frame
-from cell.pick.picture import as_picture
+from cell.daemon.live_picture import encoded
 from config.load import load_station
 from docs.examples.pixel import pixel_of
 from drivers.sim.objects import object_names, require_presentable
@@ -105,12 +105,12 @@ def test_a_client_without_any_package_finds_the_pixel_of_a_coloured_thing() -> N
     color[20:30, 20:30] = (20, 90, 230)
     cv2.circle(color, (200, 100), 30, (20, 90, 230), 8)
     noisy = np.clip(color + np.random.default_rng(1).normal(0, 4, color.shape), 0, 255).astype(np.uint8)
-    frame = BLANK.model_copy(update={"color": noisy[..., ::-1]})
-    u, v = pixel_of(as_picture(frame).png, "orange")
+    png = encoded(noisy[..., ::-1], "image/png")
+    u, v = pixel_of(png, "orange")
     assert tuple(color[v, u]) == (20, 90, 230)
     assert abs(np.hypot(u - 200, v - 100) - 30) < 5
     with pytest.raises(ValueError, match="nothing blue"):
-        pixel_of(as_picture(frame).png, "blue")
+        pixel_of(png, "blue")
 
 
 def test_its_objects_can_be_presented() -> None:
