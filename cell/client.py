@@ -18,7 +18,7 @@ from bus.codec import decode
 from bus.commands import CellHealth, CellState, CommandReply, CommandRequest, Heartbeat, Nothing, ResultRequest
 from bus.errors import BadPayload, BusError, CellUnreachable, NoReply, Refused, ReplyTimeout
 from bus.fault_injection import Fault, FaultRequest, Part
-from bus.messages import CycleResult, Job, PlanView, Proposal
+from bus.messages import CycleResult, Job, LivePicture, PictureRequest, PlanView, Proposal
 from bus.sample import Sample
 from bus.session import Bus
 from bus.threads import OwnedThread, Role
@@ -98,6 +98,11 @@ class Client:
     def plan_view(self) -> PlanView:
         """The last plan, to look at in 3-D. Raises: Refused (NO_PLAN); BusError."""
         return self._bus.request(topics.PLAN_NOW, Nothing(), PlanView, timeout_s=self._timeout_s)
+
+    def picture(self, request: PictureRequest | None = None) -> LivePicture:
+        """A picture of now. Raises: Refused (NOT_AT_REST, PICTURE_ELSEWHERE), StaleFrame; BusError."""
+        request = request or PictureRequest()
+        return self._bus.request(topics.PICTURE_NOW, request, LivePicture, timeout_s=self._timeout_s)
 
     def command(
         self,

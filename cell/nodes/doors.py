@@ -20,6 +20,7 @@ from bus.codec import decode
 from bus.errors import BadPayload, CellError
 from bus.remote_errors import error_from_reply
 from bus.threads import OwnedThread, Role
+from cell.nodes.health import is_halted
 from cell.nodes.pipes import close_pipes, end_child, has_ended, line_within
 from cell.nodes.ready import Open
 from config.clock import clock_of
@@ -30,6 +31,8 @@ _OPEN_S = 120.0
 """Longest time until a door is open; some take 10 s of computing."""
 _STOP_TIMEOUT_S = 5.0
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.5, 30.0
+_LOOK_S, _FROZEN_S = 0.25, 2.0
+"""How often a door's process is looked at, and for how long it may be halted."""
 _FOR_GOOD = 2
 """Exit code of an error that another try would only repeat: usage, configuration."""
 
@@ -54,7 +57,7 @@ class Door:
         spawn: Callable[[str, Station], subprocess.Popen[str]] | None = None,
     ) -> None:
         self._name, self._station, self._on_news = name, station, on_news
-        self._spawn = spawn or _child
+        self._spawn = spawn or door_child
         self._clock = clock_of(station)
         self._child: subprocess.Popen[str] | None = None
         self._closing = threading.Event()
@@ -95,7 +98,7 @@ class Door:
                 pause_s = min(max(2 * pause_s, _FIRST_PAUSE_S), _LONGEST_PAUSE_S)
                 continue
             self._on_news("DOOR_OPEN", "info", f"The door {self._name!r} is open: {where}.", "")
-            code = child.wait()
+            code = _await_end(child)
             if self._closing.is_set():
                 return
             close_pipes(child)
@@ -112,7 +115,19 @@ class Door:
         self._on_news("DOOR_CLOSED", "error", f"The door {self._name!r} cannot open: {error.text}{again}", error.advice)
 
 
-def _child(name: str, station: Station) -> subprocess.Popen[str]:
+def _await_end(child: subprocess.Popen[str]) -> int:
+    """Wait for the end of an open door; one that a signal has halted answers nobody, and is killed."""
+    halted_s = 0.0
+    while not has_ended(child, _LOOK_S):
+        halted_s = halted_s + _LOOK_S if is_halted(child.pid) else 0.0
+        if halted_s > _FROZEN_S:
+            _log.warning("a door's process is halted; killing it")
+            child.kill()
+    return child.wait()
+
+
+def door_child(name: str, station: Station) -> subprocess.Popen[str]:
+    """Start a door's process, which reads its station on stdin."""
     return spawn_child(station, "cell", name, "--supervised")
 
 

@@ -101,7 +101,9 @@ def test_what_cannot_be_is_refused_and_named(changed: dict[str, Any], said: str)
 
 
 @pytest.mark.parametrize(
-    ("settings", "said"), [({"hand.width": 1}, "hand.width"), ({"hand.max_width_m": object()}, "of object")], ids=str
+    ("settings", "said"),
+    [({"hand.width": 1}, "hand.width"), ({"hand.max_width_m": object()}, "of object")],
+    ids=["unknown", "of no type"],
 )
 def test_a_wrong_setting_is_refused_by_its_name(settings: dict[str, Any], said: str) -> None:
     with pytest.raises(ConfigError, match=said):

@@ -58,7 +58,8 @@ def test_every_program_of_the_examples_is_run_by_a_test() -> None:
     tests = [file.read_text() for file in (ROOT / "tests").rglob("test_*.py") if file != Path(__file__)]
     own = Path(__file__).read_text()
     for program in [*EXAMPLES.glob("*.py"), *EXAMPLES.glob("*.ipynb")]:
-        assert any(program.name in text for text in tests) or f'"{program.name}"' in own, program.name
+        used = re.compile(rf"{re.escape(program.name)}|docs\.examples\.{program.stem} ")
+        assert any(used.search(text) for text in tests) or f'"{program.name}"' in own, program.name
 
 
 def test_a_pick_goes_on_while_it_is_heard_and_its_recording_is_read(cell: Cell, run_example: RunExample) -> None:
