@@ -45,6 +45,7 @@ from bus.messages import (
     Motion,
     ObservedScene,
     PickPlan,
+    PictureRequest,
     PlanView,
     Proposal,
     StageRecord,
@@ -124,7 +125,7 @@ VIEW_CLOUD = Topic("view/cloud", "publish", PointCloud)
 VIEW_SCENE = Topic("view/scene", "publish", SceneUpdate)
 VIEW_LOG = Topic("view/log", "publish", Log)
 PLAN_NOW = Topic("view/plan", "query", PlanView, Nothing, logged=False)
-LIVE_NOW = Topic("view/now", "query", LivePicture, Nothing, logged=False)
+PICTURE_NOW = Topic("view/picture", "query", LivePicture, PictureRequest, logged=False)
 
 # A capture is answered by the five below, one reply each; they are recorded as those replies, not as published.
 CAMERA_CAPTURE = Topic("camera/capture", "query", None, Nothing, acts="cell")

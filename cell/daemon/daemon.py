@@ -15,7 +15,7 @@ from bus.codes import ADVICE, Code
 from bus.commands import CellHealth, CommandReply, CommandRequest, Heartbeat, ResultRequest
 from bus.errors import BadPayload, BusError, CycleFailure, DriverError, Refused
 from bus.frozen import Message
-from bus.messages import CycleResult
+from bus.messages import CycleResult, PictureRequest
 from bus.sample import Asked, Sample
 from bus.session import Bus
 from bus.topics import Topic
@@ -193,7 +193,7 @@ class Daemon:
         self._bus.answer(topics.RESULT_NOW, self._on_result_asked, worker="state")
         self._bus.answer(topics.PROPOSAL_NOW, lambda _payload, _asked: self._proposal(), worker="state")
         self._bus.answer(topics.PLAN_NOW, lambda _payload, _asked: self._plan_views.now(), worker="plan")
-        self._bus.answer(topics.LIVE_NOW, lambda _payload, _asked: self._live.now(), worker="live")
+        self._bus.answer(topics.PICTURE_NOW, self._on_picture_asked, worker="picture")
         self._bus.answer(topics.SCHEMA_NOW, lambda _payload, _asked: bus_schema(), worker="schema")
         self._bus.answer(topics.COMMAND, self._on_command, worker=self._worker_of, verb="*")
         self._bus.announce(topics.LEASE, name=CELL_CLIENT)
@@ -275,7 +275,8 @@ class Daemon:
         refuse(reply)
         if verb in MANUAL_MOTIONS:
             self._manual.run(verb, request)
-        return reply.model_copy(update={"lease": self._leases.take(verb, request.client_id, asked.source)})
+        lease = self._leases.take(verb, request.client_id, asked.source)
+        return reply.model_copy(update={"lease": lease, "since_ns": self.publisher.state.since_ns})
 
     def _worker_of(self, asked: Asked, payload: bytes) -> str:
         """The worker for a command, so that a stop waits for no other command.
@@ -297,6 +298,9 @@ class Daemon:
             text = f"There is no result of a cycle {cycle_id!r}: it is not over, or was not one of the last."
             raise Refused(text, "Recorded ones: `cell cycles`.", code="NO_RESULT")
         return result
+
+    def _on_picture_asked(self, payload: bytes, _asked: Asked) -> Message:
+        return self._live.now(decode(PictureRequest, payload))
 
     def _proposal(self) -> Message:
         waiting = self._actions.approvals.waiting

@@ -17,7 +17,7 @@ from bus.codec import decode
 from bus.commands import CellHealth, CellState, CommandReply, CommandRequest, Event
 from bus.errors import BadPayload, BusError, CellError
 from bus.frozen import Message
-from bus.messages import Attempt, CycleResult, LivePicture, PlanView, Proposal
+from bus.messages import Attempt, CycleResult, LivePicture, PictureRequest, PlanView, Proposal
 from bus.sample import Sample
 from cell.client import SETTLED
 from cell.commander import Commander
@@ -42,6 +42,8 @@ _NAMES: dict[str, tuple[str, type[Message]]] = {
 }
 ALSO = (topics.HEALTH, topics.EVENT, topics.PROPOSAL, topics.ATTEMPT, topics.VIEW_COLOR, topics.VIEW_ANNOTATIONS)
 """What the connection hears besides states and results."""
+_SHOWN = PictureRequest(media_type="image/jpeg", from_capture_pose=False)
+"""For a page, that looks."""
 AnswerT = TypeVar("AnswerT")
 _log = logging.getLogger(__name__)
 
@@ -70,7 +72,7 @@ class Cell(Protocol):
     def plan_view(self) -> PlanView:
         """The last plan."""
 
-    def live_picture(self) -> LivePicture:
+    def picture(self, request: PictureRequest | None = None) -> LivePicture:
         """A picture of now."""
 
 
@@ -175,7 +177,7 @@ class Door:
         if not self.hub.is_listened_to or self._state is None or self._state.state not in SETTLED:
             return
         with suppress(CellError):  # it works already, or its camera does not: its health says so
-            live = await self.ask(self.cell.live_picture)
+            live = await self.ask(partial(self.cell.picture, _SHOWN))
             if self.pictures.at(live.stamp_ns) is None:
                 self.pictures.take(live)
                 told = {"is_live": True, "from_capture_pose": live.from_capture_pose, "gone": live.gone}

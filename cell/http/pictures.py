@@ -64,7 +64,7 @@ class Pictures:
 
     def take(self, live: LivePicture) -> None:
         """Take a picture of now."""
-        self._keep(_named(bytes(live.jpeg), "image/jpeg", live.stamp_ns))
+        self._keep(_named(bytes(live.data), live.media_type, live.stamp_ns))
 
     def _keep(self, picture: Picture) -> None:
         self._kept.pop(picture.stamp_ns, None)

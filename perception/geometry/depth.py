@@ -37,6 +37,14 @@ class Rgbd:
     camera: CameraModel
 
 
+def undistorted(frame: Frame) -> npt.NDArray[np.uint8]:
+    """The colour image (H, W, 3) of a frame as a pinhole of the same matrix sees it, RGB."""
+    color = np.asarray(frame.color)
+    if frame.color_camera.distortion:
+        color = np.asarray(cv2.remap(color, *_undistortion(frame.color_camera), cv2.INTER_LINEAR))
+    return color
+
+
 def register(frame: Frame) -> Rgbd:
     """The RGB-D image of a frame; see `registered`."""
     return registered(frame, without_flying_pixels(frame.depth_m))[0]
@@ -64,13 +72,6 @@ def registered(frame: Frame, depth_m: npt.NDArray[np.float32]) -> tuple[Rgbd, np
     points = rays(frame.depth_camera).reshape(-1, 3)[valid].astype(np.float32) * depth_m.ravel()[valid][:, None]
     splat_m, nearest = _splat(moved(points[None], frame.color_from_depth)[0], camera)
     return Rgbd(color, splat_m, camera), _of(valid, nearest)
-
-
-def undistorted(frame: Frame) -> npt.NDArray[np.uint8]:
-    """The colour image (H, W, 3) of a frame without its lens's distortion."""
-    if not frame.color_camera.distortion:
-        return np.asarray(frame.color)
-    return np.asarray(cv2.remap(frame.color, *_undistortion(frame.color_camera), cv2.INTER_LINEAR))
 
 
 def moved(points: npt.NDArray[np.float32], to_from: Transform) -> npt.NDArray[np.float32]:

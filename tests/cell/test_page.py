@@ -318,7 +318,7 @@ def module_desk(open_page: Open, tmp_path_factory: pytest.TempPathFactory) -> It
     (folder / "2026-11-29").mkdir()
     (folder / "2026-11-29" / f"{CYCLE}.mcap").touch()
     jpeg = cv2.imencode(".jpg", np.zeros((90, 160, 3), np.uint8))[1].tobytes()
-    live = LivePicture(stamp_ns=PICTURE_NS, jpeg=jpeg, from_capture_pose=True)
+    live = LivePicture(stamp_ns=PICTURE_NS, data=jpeg, media_type="image/jpeg", from_capture_pose=True)
     cell = FakeCell(now=state_of("Idle"), live=live)
     with site_of(cell, folder) as (site, url):
         page = open_page("about:blank")
