@@ -27,7 +27,9 @@ _GO_BACK, _GO_BACK_JERK = 2 * 5.8, 2 * 60.0
 """Peak acceleration and jerk of a quintic over a unit distance in a unit time, doubled for the path's own bend."""
 _ONSET = 1.5
 """Onset of a stop relative to the onset of the motion itself, which the moving average gives."""
-_HARD_ONSET = 4.0
+_HARD_ONSET, _HARD_JERK = 0.0625, 0.6 * float(JERK_RAD_S3.min()) * TICK_S**3
+"""Of a brake at a contact: change of the rate's gain [per tick^2], and largest jerk of a joint [rad per tick^3]; the
+rest of the jerk is the path's own. The blow is over after 3 to 5 ms: what brakes by then takes 1 N of 12 from it."""
 _SHORTEST_WINDOW = 16
 _AHEAD_TICKS = 128
 """Look-ahead, about the duration of a stop: the onset allowed at its end must be known from its start."""
@@ -158,11 +160,11 @@ class Progress:
         slope, bend = self._curve(ticks, 1), self._curve(ticks, 2)
         window = max(window, _SHORTEST_WINDOW)
         fastest = np.maximum(np.abs(slope).max(axis=1), 1e-15)
-        by_jerk = 2 * _ACCELERATION / window / fastest
 
-        def onsets(shortest: int, factor: float) -> Array:
-            onset = factor * np.minimum(4 / shortest**2, by_jerk)
+        def onsets(smoothest: float, jerk: float) -> Array:
+            onset = np.minimum(smoothest, jerk / fastest)
             return np.asarray(minimum_filter1d(onset, _AHEAD_TICKS, origin=-(_AHEAD_TICKS // 2)))
 
-        self._onset, self._hard_onset = onsets(window, _ONSET), onsets(_SHORTEST_WINDOW, _HARD_ONSET)
+        self._onset = onsets(_ONSET * 4 / window**2, _ONSET * 2 * _ACCELERATION / window)
+        self._hard_onset = onsets(_HARD_ONSET, _HARD_JERK)
         self._slope, self._bend = (np.concatenate([rows, np.repeat(rows[-1:], 2, axis=0)]) for rows in (slope, bend))
