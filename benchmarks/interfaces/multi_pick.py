@@ -1,8 +1,9 @@
 """More than one thing in the hand: how often the verdict misses it when it is provoked, and says it of a single thing.
 
-The truth is the simulation's: the bodies that rose with the hand. Each execution is judged three times, because a
-verdict is pure: with the look that is always taken, as ``verify.look = "auto"`` would (the look only where `is_clear`
-asks for it), and with the weight of one piece known (``verify.max_load_n``).
+The truth is the simulation's: the bodies that rose with the hand. Each execution is judged four times, because a
+verdict is pure: with the look that is always taken; as ``verify.look = "auto"`` would (the look only where `is_clear`
+asks for it); with the weight of one piece known (``verify.max_load_n``); and with the seam between colours asked, too,
+as a station may whose objects have one colour each (``verify.several_by``).
 """
 
 from __future__ import annotations
@@ -46,13 +47,14 @@ from planning.pick import plan_pick
 from planning.robot import Robot
 from planning.scene import Scene
 
-WAYS = ("always", "auto", "weighed")
+WAYS = ("always", "auto", "weighed", "seam")
 SINGLE_KINDS = ("alone", "beside", "heap")
 """The paper's objects; one of two touching blocks, by the product's own grasp; one of a heap in the bin."""
 NEEDS_OBJECTS = ("binned", "heap")
 RISEN_M = 0.05
-_ALL_WITNESSES = ('verify.several_by=["load", "width", "place", "seam"]',)
 _PAPER = ("cup", "spatula", "bottle", "controller", "drone")
+_PARTS = dict(zip((*KINDS[:6], "beside", *KINDS[6:]), range(99), strict=False))
+"""Tells the drawn numbers of one kind from those of the others."""
 _HEAPED, _AMONG = 4, 3
 _REACHES_M = 0.04
 """From the middle between the fingers: what lies so near is in between."""
@@ -79,9 +81,7 @@ class Bench:
     """One world with the simulated devices; the arm is where it looks from."""
 
     def __init__(self, settings: Sequence[str], base: Path | None = None) -> None:
-        self.station: Station = load_station(
-            base, [*_ALL_WITNESSES, "verify.look=always", "verify.hold_s=0.3", *settings]
-        )
+        self.station: Station = load_station(base, ["verify.look=always", "verify.hold_s=0.3", *settings])
         self.robot, self.world = Robot(self.station), World(self.station)
         self.camera, self.hand = SimCamera(self.world), SimHand(self.world)
         self.arm = Guard(SimArm(self.world), self.station)
@@ -114,11 +114,15 @@ class Bench:
         clear = is_clear(
             grasp, execution.grasped, execution.runs, self.robot, self.station, lambda: one_thing(found, grasp, before)
         )
-        weighed = self.station.verify.model_copy(update={"max_load_n": 1.5 * self._heaviest_n()})
+
+        def with_its(**settings: object) -> Station:
+            return self.station.model_copy(update={"verify": self.station.verify.model_copy(update=settings)})
+
         return {
             "always": said(after, self.station),
             "auto": said(None if clear else after, self.station),
-            "weighed": said(after, self.station.model_copy(update={"verify": weighed})),
+            "weighed": said(after, with_its(max_load_n=1.5 * self._heaviest_n())),
+            "seam": said(after, with_its(several_by=(*self.station.verify.several_by, "seam"))),
         }
 
     def _heights_m(self) -> np.ndarray:
@@ -147,7 +151,7 @@ def provoked(kind: str, seed: int, objects: Path | None = None) -> Judged | None
     Args:
         objects: folder of what lies beside a pair that is ``binned``.
     """
-    rng = np.random.default_rng([seed, KINDS.index(kind)])
+    rng = np.random.default_rng([seed, _PARTS[kind]])
     with _pair(drawn(kind, rng), seed, objects if kind == "binned" else None) as (pair, here):
         jaw = lay(pair, here.world, rng)
         before = here.look()
@@ -195,7 +199,7 @@ def single(kind: str, seed: int, objects: Path | None) -> Judged | None:
             settings = [f"sim.seed={seed}", f"sim.clutter={_HEAPED}", "sim.heaped=true", f"sim.objects={scratch}"]
             with bench(settings, Path(config.__file__).with_name("bin.toml")) as here:
                 return _picked(here)
-    rng = np.random.default_rng([seed, len(KINDS)])
+    rng = np.random.default_rng([seed, _PARTS["beside"]])
     with _pair(drawn("touching", rng), seed) as (pair, here):
         lay(pair, here.world, rng)
         return _picked(here)
@@ -307,6 +311,6 @@ def _false_alarms(some: Sequence[Judged]) -> dict[str, Any]:
 def _witnesses(some: Sequence[Judged]) -> dict[str, int]:
     found: dict[str, int] = defaultdict(int)
     for one in some:
-        for witness in one.verdicts["weighed"].several_by:
+        for witness in {*one.verdicts["weighed"].several_by, *one.verdicts["seam"].several_by}:
             found[witness] += 1
     return dict(found)
