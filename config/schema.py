@@ -531,10 +531,11 @@ class ExecuteSettings(Settings):
 
     Attributes:
         contact_n: on the approach line the arm stops where it meets more force than this against its motion; 0 = it
-            feels nothing. The FR3's own reflex (`fr3.collision_wrench`) is to be well above, its noise well below.
+            feels nothing. The FR3's own reflex (`fr3.collision_wrench`) is to be well above, its noise well below: an
+            arm that stops at nothing needs more.
         slow_m: so much of the line, at its end, is slow: only there is what it meets touched softly. 0 = none.
         slow_m_s: fastest speed of the tcp there, where the table or another thing is believed to be within 10 mm of the
-            hand at the grasp. Twice the speed is twice the force beyond `contact_n`.
+            hand at the grasp. Twice the speed is nearly twice the force.
         free_m_s: the same where nothing is: what it meets there was hidden. Faster than 0.03 it may be a reflex.
         beside_m: before that, at most so much of the line is bounded, too: from where anything, or space that no look
             saw, is first within 25 mm of the hand. 0 = none.

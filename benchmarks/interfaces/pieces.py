@@ -19,8 +19,8 @@ from drivers.sim.world import World
 
 KINDS = ("touching", "touching_alike", "stacked", "stacked_alike", "nested", "linked", "binned")
 """``alike``: two equal pieces of one colour, as a line counts them. Nested cups are equal and of one colour, linked
-rings equal and of two; what only touches or is stacked differs in colour and size. ``binned``: two unlike blocks, 2 to
-6 mm apart, among other things in a bin."""
+rings equal and of two; what only touches or is stacked differs in colour and size. ``binned``: two unlike blocks, 8 to
+14 mm apart, so that the camera may tell them apart, among other things in a bin."""
 NAMES = ("first", "second")
 _DENSITY_KG_M3 = 700.0
 _SETTLE_TICKS = 500
@@ -74,7 +74,7 @@ def drawn(kind: str, rng: np.random.Generator) -> Pair:
         side = 2 * (_RING_M + _TUBE_M)
         around = (side, side, 2 * _TUBE_M)
         return Pair(kind, (around, around), (_ring(colors[0]), _ring(colors[1])))
-    sizes = _stack(rng) if kind.startswith("stacked") else _side_by_side(rng)
+    sizes = _stack(rng) if kind.startswith("stacked") else _side_by_side(rng, 0.030 if kind == "binned" else 0.035)
     if kind.endswith("alike"):
         sizes = sizes[0], sizes[0]
     return Pair(kind, sizes, (_block(sizes[0], colors[0]), _block(sizes[1], colors[1])))
@@ -120,7 +120,7 @@ Poses = list[tuple[Array, Rotation]]
 
 def _beside(pair: Pair, rng: np.random.Generator) -> Poses:
     one, other = pair.sizes_m
-    least_m, most_m = (0.002, 0.006) if pair.kind == "binned" else (0.0, 0.001)
+    least_m, most_m = (0.008, 0.014) if pair.kind == "binned" else (0.0, 0.001)
     gap_m, whole_m = float(rng.uniform(least_m, most_m)), one[0] + other[0]
     left = np.array([-whole_m / 2 + one[0] / 2 - gap_m / 2, 0.0, one[2] / 2])
     right = np.array([whole_m / 2 - other[0] / 2 + gap_m / 2, float(rng.uniform(-0.008, 0.008)), other[2] / 2])
@@ -179,9 +179,9 @@ def _colors(rng: np.random.Generator, *, is_alike: bool) -> list[str]:
     return [" ".join(f"{value:.3f}" for value in (*rgb, 1.0)) for rgb in (first, second)]
 
 
-def _side_by_side(rng: np.random.Generator) -> tuple[Size, Size]:
+def _side_by_side(rng: np.random.Generator, widest_m: float) -> tuple[Size, Size]:
     def one() -> Size:
-        return float(rng.uniform(0.02, 0.035)), float(rng.uniform(0.045, 0.09)), float(rng.uniform(0.022, 0.04))
+        return float(rng.uniform(0.02, widest_m)), float(rng.uniform(0.045, 0.09)), float(rng.uniform(0.022, 0.04))
 
     return one(), one()
 
