@@ -24,6 +24,7 @@ from config.schema import RetrySettings, Station
 from drivers.node.registry import open_devices
 from logs.mcap.reader import read_cycle
 from perception.models import open_models
+from perception.scene.gone import Others
 from planning.robot import Robot
 
 RECORD = read_cycle(Path(__file__).parents[1] / "golden" / "cycle-schema4.mcap")
@@ -75,6 +76,24 @@ def test_fingers_wider_apart_than_the_thing_is_long_hold_something_else_too() ->
     found = FOUND.model_copy(update={"scene": scene})
     verdict = verify(EXECUTION, found, GRASP, RECORD.looks[0], None, Robot(station), station)
     assert (verdict.code, verdict.several_by) == (Code.MULTI_PICK, ("width",))
+
+
+@pytest.mark.parametrize("was_between", [True, False])
+def test_what_is_gone_was_taken_only_if_the_fingers_reached_it(
+    was_between: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Elsewhere it rolled away; here, half of the one thing is named a second one, or what is far from it is."""
+    labels = np.array(FOUND.scene.labels)
+    is_one = labels == GRASP.instance
+    columns = np.flatnonzero(is_one.any(axis=0))
+    other = is_one & (np.arange(labels.shape[1]) >= columns.mean()) if was_between else np.zeros_like(is_one)
+    other[:5, :5] |= not was_between
+    found = FOUND.model_copy(update={"scene": FOUND.scene.model_copy(update={"labels": np.where(other, 9, labels)})})
+    monkeypatch.setattr("cell.pick.several.others_gone", lambda *_: Others(gone=(9,), apart=(9,)))
+    station = _station()
+    verdict = verify(EXECUTION, found, GRASP, RECORD.looks[0], RECORD.after, Robot(station), station)
+    assert verdict.also_gone == ((9,) if was_between else ()), verdict.reason
+    assert verdict.held != was_between
 
 
 def test_what_dropped_is_a_drop_however_much_it_was() -> None:
