@@ -159,9 +159,9 @@ def provoked(kind: str, seed: int, objects: Path | None = None) -> Judged | None
         grasp = _on_both(found, jaw, before, seed, here.station.hand.max_width_m)
         labels = found.scene.labels
         is_pair = labels > 0 if kind != "binned" else np.isin(labels, _near(found, jaw, before))
-        target = Sight(*surroundings(before, is_pair), before.view.arm.q_rad)
+        target = Sight(*surroundings(before, is_pair), before.view.q_rad)
         wide = grasp.model_copy(update={"width_m": jaw.width_m})
-        chosen = plan_pick(Scene.of(here.robot, here.station, target), [wide], before.view.arm.q_rad)
+        chosen = plan_pick(Scene.of(here.robot, here.station, target), [wide], before.view.q_rad)
         # the first grasp stays: the evidence is of its thing
         found = found.model_copy(update={"grasps": (found.grasps[0], grasp)})
         return here.judged(before, found, chosen.model_copy(update={"grasp": 1}))

@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "architecture.md"
 DRAWING = PAGE.with_suffix(".svg")
 TEXT = PAGE.read_text()
-PACKAGES = ("cell", "drivers", "perception", "planning", "logs", "config", "bus")
+PACKAGES = ("vlad_cell", "cell", "drivers", "perception", "planning", "logs", "config", "bus")
 BESIDE = ("stand_ins", "benchmarks")
 _PATH = re.compile(rf"\b(?:{'|'.join((*PACKAGES, *BESIDE, 'docs'))})/[\w./]*")
 
@@ -42,6 +42,12 @@ def test_every_room_is_in_its_table_once() -> None:
     expected = {str(room.relative_to(ROOT)) for room in rooms} - {"cell", "drivers"}  # their files are named one by one
     assert {room for room in ROOMS if (ROOT / room).is_dir()} == expected
     assert len(set(ROOMS)) == len(ROOMS)
+
+
+def test_every_room_is_in_the_wheel() -> None:
+    rooms = {folder.parent for package in PACKAGES for folder in (ROOT / package).rglob("__init__.py")}
+    shipped = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"]
+    assert {str(room.relative_to(ROOT)).replace("/", ".") for room in rooms} == set(shipped)
 
 
 @pytest.mark.parametrize("package", BESIDE)

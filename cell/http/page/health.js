@@ -71,6 +71,7 @@ async function refresh() {
 export function showHealth() {
   cell.addEventListener("health", draw);
   cell.addEventListener("event", ({ detail }) => {
+    if (detail.code === "ABORTING") return; // ABORTED follows
     events.unshift(detail);
     events.length = Math.min(events.length, EVENTS);
     draw();
