@@ -76,7 +76,9 @@ def test_where_the_hand_passes_something_it_is_slower_before_the_end_at_little_t
     left_m = np.linalg.norm(at_m - at_m[-1], axis=1)[1:]
     assert speed_m_s[left_m < SETTINGS.slow_m + 0.8 * SETTINGS.beside_m].max() < 1.1 * SETTINGS.beside_m_s
     assert speed_m_s[left_m < 0.9 * SETTINGS.slow_m].max() < 1.1 * SETTINGS.slow_m_s
-    assert SLOW.duration_s < beside.duration_s < SLOW.duration_s + 0.15, "what a pick loses"
+    assert SLOW.duration_s < beside.duration_s < SLOW.duration_s + 0.2, (
+        "what a pick loses that passes something all the way"
+    )
     lower = bounded(SETTINGS.slow_m + 0.6 * SETTINGS.beside_m)
     assert SLOW.duration_s < lower.duration_s < beside.duration_s, "it is passed later"
 
