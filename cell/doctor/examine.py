@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from cell.doctor import arm, catalogue, kernel, machine, reach
+from cell.doctor import arm, catalogue, judging, kernel, machine, reach
 from cell.doctor.finding import Check, Finding, Verdict
 from cell.terminal.printing import Printer
 from config.schema import Station
@@ -21,6 +21,7 @@ CHECKS: tuple[Check, ...] = (
     reach.model_key,
     reach.model_server,
     reach.camera,
+    judging.double_picks,
     arm.network,
     arm.control,
     arm.latency,

@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 
 from cell.build import running_cell
-from cell.doctor import arm, catalogue, kernel, machine, network, reach
+from cell.doctor import arm, catalogue, judging, kernel, machine, network, reach
 from cell.doctor.examine import CHECKS, examine
 from cell.doctor.finding import Finding, Verdict
 from config.load import DEFAULT_STATION, load_station
@@ -88,6 +88,12 @@ def routes(tmp_path: Path) -> Path:
         "eth1 000010AC 00000000 0001 0 0 0 00FFFFFF 0 0 0\n"
     )
     return file
+
+
+def test_it_says_what_cannot_be_noticed_while_the_weight_of_one_object_is_not_known() -> None:
+    is_skipped(judging.double_picks(lab()), "verify.max_load_n", "not noticed")
+    is_ok(judging.double_picks(lab("verify.max_load_n=1.5")), "1.5 N")
+    is_skipped(judging.double_picks(lab("verify.max_load_n=1.5", 'verify.several_by=["place"]')))
 
 
 # --- the machine ------------------------------------------------------------------------------------------------------
