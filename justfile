@@ -77,7 +77,8 @@ golden-update: setup
 report *args: setup
     uv run cell report "$@"
 
-# Regenerate the pages that are written from the code: commands, states, faults, bus, settings, recording, catalogue, export, opcua
+# Regenerate the pages that are written from the code (commands, states, faults, bus, settings, recording, catalogue,
+# export, opcua), then build the site into site/: warnings are errors, nothing is loaded from elsewhere
 docs: setup
     uv run python -m docs.commands_page
     uv run python -m docs.states_page
@@ -88,6 +89,7 @@ docs: setup
     uv run python -m docs.catalogue_page
     uv run python -m docs.export_page
     uv run python -m docs.opcua_page
+    NO_MKDOCS_2_WARNING=1 uv run mkdocs build --quiet
 
 # Resolve the dependencies anew into requirements.lock
 lock:
