@@ -36,11 +36,8 @@ def network(station: Station, routes: Path = ROUTES) -> Finding:
         return fix(name, f"No network of this machine leads to {address}.", _own_address(ip))
     interface, gateway = way
     if gateway:
-        return fix(
-            name,
-            f"This machine has no address in the arm's network: it would look for {address} beyond the router on {interface}.",
-            _own_address(ip),
-        )
+        found = f"This machine has no address in the arm's network: it would look for {address} beyond the router"
+        return fix(name, f"{found} on {interface}.", _own_address(ip))
     return ok(name, f"{address} is in the network of {interface}, with no router in between")
 
 

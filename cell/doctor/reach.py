@@ -47,9 +47,7 @@ def camera(station: Station, port: int = CAMERA_PORT) -> Finding:
     way = way_to(ip)
     if way and way[1]:
         found = f"Something answers at {address}, port {port}, but beyond the router on {way[0]}"
-        return skip(
-            name, f"{found}: this may be another device. Does this machine have an address in the camera's network?"
-        )
+        return skip(name, f"{found}: is it the camera? This machine has no address in that network.")
     return ok(name, f"{address}, port {port}: answers")
 
 

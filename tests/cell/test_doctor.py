@@ -248,6 +248,13 @@ def test_the_camera_answers_or_refuses(listen: Callable[[], socket.socket]) -> N
     is_skipped(reach.camera(simulated()), "femto_mega")
 
 
+def test_what_answers_beyond_a_router_may_not_be_the_camera(
+    listen: Callable[[], socket.socket], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(reach, "way_to", lambda ip: ("eth0", True))
+    is_skipped(reach.camera(lab_here(), port_of(listen())), HERE, "beyond the router on eth0")
+
+
 def test_a_port_that_accepts_too_slowly_does_not_hold_the_doctor_up() -> None:
     with socket.socket() as listener, ExitStack() as stack:
         listener.bind((HERE, 0))
