@@ -20,6 +20,7 @@ from benchmarks import (
     busy,
     calibration,
     catalogue,
+    cluster,
     contact,
     cycle_time,
     detection,
@@ -28,6 +29,7 @@ from benchmarks import (
     freezing,
     fusion,
     grasps,
+    grouped,
     house,
     intruder,
     models,
@@ -47,12 +49,14 @@ from benchmarks.heaps.plan import HEAPS, SETS
 from benchmarks.held import run as held
 from benchmarks.interfaces.multi_pick import multi_pick
 from benchmarks.openness import trouble
+from benchmarks.telling import say
 from bus.commands import CommandRequest
 from bus.errors import CellError
 from bus.messages import CycleResult
 from cell.build import running_cell
 from cell.cli.console import Screen
 from cell.machine.owner import refuse
+from cell.workers import ClusterWorkers, LocalWorkers, Workers
 from config.load import load_station
 from perception.detectors.registry import names as detectors
 
@@ -61,6 +65,7 @@ _NEXT_COMMAND = {"Aborted": "clear", "Stopped": "reset", "Complete": "reset", "I
 """What an operator does to go on after a run that ended early."""
 _CHECKOUT = Path(__file__).resolve().parents[1]
 _OBJECTS = Path(os.environ.get("VLAD_CELL_DATA", "../shared/data")) / "meshes" / "object_sim"
+Scheduler = Annotated[str, typer.Option(help="Work on the Dask cluster of this scheduler, tcp://HOST:PORT.")]
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, help=__doc__)
 
@@ -114,6 +119,8 @@ def held_(
         str, typer.Option(help="onnx:PATH of a grasp network, or a detector of `cell detectors`: shown beside ours.")
     ] = "vlad",
     endpoint: Annotated[str, typer.Option(help="Free loopback endpoint for its cells.")] = "tcp/127.0.0.1:7493",
+    jobs: Annotated[int, typer.Option(min=1, help="Seeds at once; each has a cell, at the next port.")] = 1,
+    scheduler: Scheduler = "",
     as_json: Annotated[bool, typer.Option("--json", help="Only the figures; progress is on stderr anyway.")] = False,
 ) -> None:
     """Picks of the whole simulated cell, judged by physics: what truly rose, what the cell said, where the time went.
@@ -139,7 +146,7 @@ def held_(
         detector=detector,
         overrides=tuple(one for one in given or () if "=" in one),
     )
-    typer.echo(json.dumps(held.beside(wanted, _teller(quiet=False))))
+    typer.echo(json.dumps(held.beside(wanted, say, _crew(jobs, scheduler, with_children=True))))
 
 
 @app.command(name="alignment")
@@ -209,6 +216,7 @@ def scenes_(
     objects: Annotated[Path, typer.Option(help="The folder object_sim.")] = _OBJECTS,
     cache: Annotated[Path | None, typer.Option(help="Where scenes are kept, to measure again in seconds.")] = None,
     jobs: Annotated[int, typer.Option(min=1)] = 1,
+    scheduler: Scheduler = "",
     sheet: Annotated[Path | None, typer.Option(help="Where a picture of every scene and its grasp goes.")] = None,
     lifts: Annotated[bool, typer.Option("--lifts", help="Lift each best grasp in simulation, too.")] = False,
     check_judge: Annotated[int, typer.Option(min=0, help="Only lift so many judged grasps of the development.")] = 0,
@@ -242,7 +250,9 @@ def scenes_(
     if check_judge:
         typer.echo(json.dumps(heaps.check_judge(groups, first, wanted, check_judge)))
     else:
-        typer.echo(json.dumps(heaps.run(groups, first, report, wanted, jobs, sheet, _teller(as_json))))
+        typer.echo(
+            json.dumps(heaps.run(groups, first, report, wanted, _crew(jobs, scheduler), sheet, _teller(as_json)))
+        )
 
 
 @app.command(name="fusion")
@@ -331,10 +341,22 @@ def export_(
     seed: Annotated[int, typer.Option(help="Below 1000 is to tune on.")] = 1000,
     folder: Annotated[Path | None, typer.Option(help="Recordings; default: of a simulated cell.")] = None,
     endpoint: Annotated[str, typer.Option(help="Free loopback endpoint for its cell.")] = "tcp/127.0.0.1:7491",
+    workers: Annotated[int | None, typer.Option(min=1, help="Processes; default: one a core.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
 ) -> None:
     """Recordings as data sets: time a GB of them [s], frames, and whether the real LeRobot opens the result."""
-    typer.echo(json.dumps(export.run(cycles, seed, folder, endpoint, _teller(as_json))))
+    typer.echo(json.dumps(export.run(cycles, seed, folder, endpoint, workers, _teller(as_json))))
+
+
+@app.command(name="cluster")
+def cluster_(
+    folder: Annotated[Path, typer.Option(help="Recordings to replay.")] = _CHECKOUT / "tests" / "golden",
+    recordings: Annotated[int, typer.Option(min=4, help="So many; fewer are replayed several times.")] = 200,
+    workers: Annotated[int, typer.Option(min=2)] = 2,
+    as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
+) -> None:
+    """Replays by several processes, one of which is killed: how many times as fast as by one, and the same results."""
+    typer.echo(json.dumps(cluster.run(folder, recordings, workers, _teller(as_json))))
 
 
 @app.command(name="contact")
@@ -427,11 +449,22 @@ def soak_(
     state: Annotated[Path | None, typer.Option(help="Progress file: an interrupted run goes on from it.")] = None,
     endpoint: Annotated[str, typer.Option(help="Free loopback endpoint for its cell.")] = "tcp/127.0.0.1:7499",
     overrides: Annotated[list[str] | None, typer.Option("--set", help="key=value")] = None,
+    keep: Annotated[Path | None, typer.Option(help="Folder in which all recordings stay: `benchmarks groups`.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Only the figures; progress is on stderr anyway.")] = False,
 ) -> None:
     """Simulated picks with injected faults: outcomes that docs/faults.md does not allow, cells not ready, leaks."""
     tell = _teller(quiet=False)
-    typer.echo(json.dumps(soak.run(cycles, faults, seed, endpoint, state, tell, tuple(overrides or ()))))
+    typer.echo(json.dumps(soak.run(cycles, faults, seed, endpoint, state, tell, tuple(overrides or ()), keep)))
+
+
+@app.command(name="groups")
+def groups_(
+    state: Annotated[Path, typer.Option(help="Progress file of a soak.")],
+    folder: Annotated[Path, typer.Option(help="Its recordings: `benchmarks soak --keep`.")],
+    as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
+) -> None:
+    """Failures of a soak in groups: adjusted Rand index between the injected faults and the groups, and sentences."""
+    typer.echo(json.dumps(grouped.run(state, folder)))
 
 
 @app.command(name="bus")
@@ -507,9 +540,14 @@ def house_(
         raise typer.BadParameter(str(error)) from error
 
 
+def _crew(jobs: int, scheduler: str, *, with_children: bool = False) -> Workers:
+    """So many processes of this machine, or those of a cluster."""
+    return ClusterWorkers(scheduler) if scheduler else LocalWorkers(jobs, with_children)
+
+
 def _teller(quiet: bool) -> Callable[[str], None]:
     """Progress on stderr."""
-    return (lambda line: None) if quiet else (lambda line: typer.echo(line, err=True))
+    return (lambda line: None) if quiet else say
 
 
 def _figures(results: list[CycleResult]) -> dict[str, Any]:

@@ -10,7 +10,7 @@ import re
 import socket
 import threading
 import uuid
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 
 from bus import topics
@@ -18,7 +18,7 @@ from bus.codec import decode
 from bus.commands import CellHealth, CellState, CommandReply, CommandRequest, Heartbeat, Nothing, ResultRequest
 from bus.errors import BadPayload, BusError, CellUnreachable, NoReply, Refused, ReplyTimeout
 from bus.fault_injection import Fault, FaultRequest, Part
-from bus.messages import CycleResult, Job, PlanView, Proposal
+from bus.messages import CycleResult, Job, Picture, PlanView, Proposal
 from bus.sample import Sample
 from bus.session import Bus
 from bus.threads import OwnedThread, Role
@@ -29,6 +29,21 @@ from config.schema import Station
 
 SETTLED = frozenset({"Stopped", "Idle", "Complete", "Aborted"})
 """States in which nothing moves, and no commanded action continues."""
+ENDED = frozenset({"Stopped", "Aborted"})
+"""Settled states in which a pick that had begun is over for good."""
+RUNS_AGAIN = frozenset({"Execute", "Completing", "Complete", "Idle"})
+"""States after a held cycle goes on; in the last two it ended shortly after."""
+LEADS_TO: Mapping[str, frozenset[str]] = {
+    "reset": SETTLED,
+    "stop": SETTLED,
+    "abort": SETTLED,
+    "clear": SETTLED,
+    "hold": frozenset({"Held"}),
+    "unhold": RUNS_AGAIN,
+    "suspend": frozenset({"Suspended"}),
+    "unsuspend": RUNS_AGAIN,
+}
+"""Of each command without arguments, the states that it leads to; a client waits for one of them, or for an end."""
 _ASK_AGAIN_S = 0.5
 """Time without a message after which the cell is asked, because a sample may have been lost."""
 _NOT_IN_A_NAME = re.compile(r"[^A-Za-z0-9._-]")
@@ -83,6 +98,10 @@ class Client:
     def plan_view(self) -> PlanView:
         """The last plan, to look at in 3-D. Raises: Refused (NO_PLAN); BusError."""
         return self._bus.request(topics.PLAN_NOW, Nothing(), PlanView, timeout_s=self._timeout_s)
+
+    def picture(self) -> Picture:
+        """What the camera sees now, from the capture pose. Raises: Refused (NO_PICTURE) in motion; BusError."""
+        return self._bus.request(topics.PICTURE_NOW, Nothing(), Picture, timeout_s=self._timeout_s)
 
     def command(
         self,

@@ -50,7 +50,7 @@ EXAMPLES: tuple[tuple[str, str], ...] = (
 
 def page() -> str:
     """The page's text."""
-    return "\n".join([_HEAD, *_figures(), *_examples(), *_columns(), ""])
+    return "\n".join([_HEAD, *_figures(), *_examples(), *_fleet(), *_columns(), ""])
 
 
 def _figures() -> Iterator[str]:
@@ -63,6 +63,10 @@ def _examples() -> Iterator[str]:
     yield from ("## Ask it", "", _ASK, "")
     for number, (answers, sql) in enumerate(EXAMPLES, 1):
         yield from (f"{number}. {answers}:", "", "   ```sql", f"   {sql}", "   ```", "")
+
+
+def _fleet() -> Iterator[str]:
+    yield from ("## Ask several cells", "", _FLEET, "")
 
 
 def _columns() -> Iterator[str]:
@@ -79,6 +83,19 @@ def _columns() -> Iterator[str]:
     yield from ("| column | type | what |", "|---|---|---|")
     yield from (f"| `{name}` | {kind} | {meaning} |" for name, kind, meaning in LABEL_COLUMNS)
 
+
+_FLEET = """Each cell exports its rows, a file a day, to where all of them lie; its `cell_id` is in every row:
+
+```
+uv run cell query "SELECT * FROM cycles WHERE day = '2026-11-28'" --parquet exports/hall-1/2026-11-28.parquet
+uv run cell query "SELECT cell_id, avg(result = 'SUCCESS') AS success FROM cycles GROUP BY 1" --fleet exports/
+```
+
+`--fleet` takes files and folders, and may be repeated. Only the columns that the query names are read, into memory: a
+million cycles are some seconds. A cell of an older version lacks newer columns: they are NULL. A cycle that is in two
+files counts once, as the later name has it; `label` is what was said before the export. For more than memory holds, any
+column store reads the same files: `SELECT ... FROM read_parquet('exports/*/*.parquet', union_by_name = true)` in
+DuckDB."""
 
 _SAID = (
     ("label", "TEXT", "The last `good` or `bad`; NULL: none."),

@@ -78,7 +78,7 @@ labels. Without it all are taken, oldest first. The folder appears under its nam
 `NAME.part`, which the next export of that name replaces if this one was killed. A folder that exists is refused. What
 cannot be read, is not finished, or lacks what is exported is named on stderr and left out; exit code 2 where something
 cannot be read. The same recordings give the same bytes. A gigabyte of recordings takes about a minute of one processor
-(`benchmarks export`).
+(`benchmarks export`), which `--workers` share (one a core, unless it is said) or a cluster ([cluster.md](cluster.md)).
 
 ## `cell export lerobot`
 

@@ -31,6 +31,8 @@ from planning.scene import Scene
 FOLDER = Path(__file__).parent / "planning"
 SIZE_PX = (640, 480)
 WIDE_PX = 900
+_CELL_M = 5.0
+"""Everything in the cell is nearer to the camera beside it."""
 COLORS = {"reach": (47, 111, 222), "carry": (224, 99, 45), "place": (44, 156, 105), "home": (150, 150, 160)}
 """What is only planned in case the place must be looked at is not drawn."""
 BOX_RGB, TARGET_RGB = (93, 107, 122), (196, 61, 92)
@@ -64,8 +66,16 @@ def motions(plan: PickPlan, robot: Robot, station: Station) -> Image:
         renderer.update_scene(data, camera)
         for segment in (segment for segment in plan.segments if segment.name in COLORS):
             _trace(renderer.scene, robot, segment.trajectory, COLORS[segment.name])
-        image: Image = renderer.render()
-        return image
+        return on_white(renderer)
+
+
+def on_white(renderer: mujoco.Renderer) -> Image:
+    """Return what the renderer sees, with white where nothing is."""
+    image: Image = renderer.render()
+    renderer.enable_depth_rendering()
+    depth_m = renderer.render()
+    renderer.disable_depth_rendering()
+    return np.where(depth_m[..., None] < _CELL_M, image, np.uint8(255))
 
 
 def _trace(scene: mujoco.MjvScene, robot: Robot, trajectory: Trajectory, rgb: Rgb) -> None:

@@ -10,6 +10,7 @@ import colorsys
 import cv2
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import find_objects
 
 from bus.arrays import LabelImage, Mask
 from bus.messages import ObservedScene
@@ -43,10 +44,13 @@ def draw_scene(color: Image, scene: ObservedScene, region_px: npt.NDArray[np.flo
     unit = max(1, round(image.shape[1] / 640))
     if region_px is not None:
         cv2.polylines(image, [np.rint(region_px).astype(np.int32)], True, _LIGHT_RGB, unit, cv2.LINE_AA)
-    for one in scene.instances:
-        mask = scene.labels == one.number
-        image[mask] = _mixed(image[mask], color_of(one.number), _FILLED)
-        cv2.polylines(image, outlines_px(mask), True, color_of(one.number), unit, cv2.LINE_AA)
+    windows = _windows(scene.labels)
+    for number in (one.number for one in scene.instances if one.number in windows):
+        top, left, mask = windows[number]
+        part = image[top : top + mask.shape[0], left : left + mask.shape[1]]
+        part[mask] = _mixed(part[mask], color_of(number), _FILLED)
+        outlines = [outline + np.array([left, top], np.int32) for outline in outlines_px(mask)]
+        cv2.polylines(image, outlines, True, color_of(number), unit, cv2.LINE_AA)
     for number, place in places_px(scene.labels, [one.number for one in scene.instances]).items():
         _write_number(image, number, place, unit)
     return image
@@ -54,14 +58,24 @@ def draw_scene(color: Image, scene: ObservedScene, region_px: npt.NDArray[np.flo
 
 def places_px(labels: LabelImage, numbers: list[int]) -> dict[int, tuple[int, int]]:
     """Where (u, v) each thing's number stands: deepest inside of it. Things without a pixel have none."""
-    places = {}
+    places, windows = {}, _windows(labels)
     for number in numbers:
-        mask = np.pad(labels == number, 1).astype(np.uint8)
-        if mask.any():
-            inside = cv2.distanceTransform(mask, cv2.DIST_L2, 3)
+        if number in windows:
+            top, left, mask = windows[number]
+            inside = cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_L2, 3)
             row, column = np.unravel_index(int(inside.argmax()), inside.shape)
-            places[number] = (int(column) - 1, int(row) - 1)
+            places[number] = (left + int(column) - 1, top + int(row) - 1)
     return places
+
+
+def _windows(labels: LabelImage) -> dict[int, tuple[int, int, Mask]]:
+    """Of each thing the first row and column of the window that holds it, and its mask (h, w) there."""
+    found = {}
+    for number, window in enumerate(find_objects(labels.astype(np.int32)), start=1):
+        if window is not None:
+            rows, columns = window
+            found[number] = (rows.start, columns.start, labels[window] == number)
+    return found
 
 
 def outlines_px(mask: Mask) -> list[npt.NDArray[np.int32]]:

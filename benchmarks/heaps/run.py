@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -26,6 +24,7 @@ from benchmarks.heaps.plan import HEAPS
 from bus.errors import CycleFailure
 from bus.messages import Observation
 from cell.pick.looking import why_look_again
+from cell.workers import WorkerLost, Workers, ordered
 from config.schema import Station
 
 COUNTS = (1, 3, 5, 10, 20)
@@ -146,13 +145,14 @@ def run(
     development: Iterable[int],
     report: Iterable[int],
     wanted: Callable[[Group, int], Wanted],
-    jobs: int,
+    workers: Workers,
     sheet: Path | None,
     tell: Callable[[str], None],
 ) -> dict[str, Any]:
     """Return the report seeds' figures by number of objects or set, and those of the development seeds beside them.
 
     Args:
+        workers: who makes, sees and judges the scenes; the rows are the same whoever does.
         sheet: where pictures of all scenes go, those without a true grasp first.
     """
     shown: dict[str, Any] = {}
@@ -160,7 +160,7 @@ def run(
     for name, seeds in (("report", list(report)), ("development", list(development))):
         tasks = [replace(wanted(group, seed), drawn=sheet is not None) for group in groups for seed in seeds]
         rows: list[Row] = []
-        for row, drawn in _measured(tasks, jobs):
+        for row, drawn in _measured(tasks, workers):
             rows.append(row)
             tiles += [] if drawn is None else [(row.outcome == TRUE, drawn)]
             which = f"n={row.n}" if row.set_name == HEAPS else row.set_name
@@ -180,13 +180,12 @@ def check_judge(
     return against_physics(scenes(wanted(group, seed) for seed in seeds for group in groups), lifts)
 
 
-def _measured(tasks: Sequence[Wanted], jobs: int) -> Iterator[tuple[Row, Image | None]]:
-    """Yield rows, and pictures where they are wanted, in order, from ``jobs`` processes."""
-    if jobs == 1:
-        yield from map(_measure, tasks)
-        return
-    with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn")) as pool:
-        yield from pool.map(_measure, tasks)
+def _measured(tasks: Sequence[Wanted], workers: Workers) -> Iterator[tuple[Row, Image | None]]:
+    """Yield rows, and pictures where they are wanted, in order. Raises: WorkerLost when no worker survives one."""
+    for found in ordered(workers, _measure, tasks):
+        if isinstance(found, WorkerLost):
+            raise found
+        yield found
 
 
 def _measure(one: Wanted) -> tuple[Row, Image | None]:

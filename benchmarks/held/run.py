@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from benchmarks.held.operator import operated
 from benchmarks.held.rounds import Pick
 from benchmarks.held.watched import NODE
 from bus.errors import ConfigError
+from cell.workers import LocalWorkers, WorkerLost, Workers, ordered
 from config.load import load_station
 from config.schema import Station
 from drivers.sim.mjcf import require_plausible
@@ -27,6 +29,7 @@ from perception.detectors.registry import OURS
 MOUNTING_ERROR = ("sim.mounting_error_mm=1.0", "sim.mounting_error_deg=0.3")
 """Of the camera, in a direction that the seed gives: what a good hand-eye calibration leaves."""
 NETWORK = "onnx:"
+_ALONE = LocalWorkers(1)
 _BIN = Path(config.__file__).with_name("bin.toml")
 
 
@@ -66,38 +69,76 @@ class Wanted:
         return load_station(_BIN if self.bin else None, [*own, *self.overrides])
 
 
-def beside(wanted: Wanted, tell: Callable[[str], None]) -> dict[str, Any]:
+def beside(wanted: Wanted, tell: Callable[[str], None], workers: Workers = _ALONE) -> dict[str, Any]:
     """Return the figures of `run`; of another detector beside ours, with the same objects, seeds and judge."""
     if wanted.detector == OURS:
-        return run(wanted, tell)
-    ours = run(replace(wanted, detector=OURS), lambda line: tell(f"{OURS}: {line}"))
-    peer = run(wanted, lambda line: tell(f"{wanted.detector}: {line}"))
+        return run(wanted, tell, workers)
+    ours = run(replace(wanted, detector=OURS), partial(_named, OURS, tell), workers)
+    peer = run(wanted, partial(_named, wanted.detector, tell), workers)
     return {"detector": wanted.detector, "ours": ours, "peer": peer}
 
 
-def run(wanted: Wanted, tell: Callable[[str], None]) -> dict[str, Any]:
-    """Return the figures of all picks of all seeds."""
+def _named(detector: str, tell: Callable[[str], None], line: str) -> None:
+    tell(f"{detector}: {line}")
+
+
+def run(wanted: Wanted, tell: Callable[[str], None], workers: Workers = _ALONE) -> dict[str, Any]:
+    """Return the figures of all picks of all seeds.
+
+    Args:
+        workers: each works on one seed at a time, with a cell of its own; the picks are the same whoever does.
+
+    Raises: WorkerLost when one does not survive its seed.
+    """
     picks: list[Pick] = []
     binned: list[tuple[int, int]] = []
-    taken_away = 0
+    taken_away, refused = 0, list[str]()
+    ports = [
+        replace(wanted, endpoint=_apart(wanted.endpoint, at), seeds=(seed,)) for at, seed in enumerate(wanted.seeds)
+    ]
+    for of_seed in ordered(workers, partial(_of_seed, tell=tell), ports):
+        if isinstance(of_seed, WorkerLost):
+            raise of_seed
+        picks += of_seed.picks
+        binned += of_seed.binned
+        taken_away += of_seed.taken_away
+        refused = of_seed.refused
+    return figures(picks, binned, is_paced=wanted.pace > 0) | {"taken_away": taken_away, "left_out": refused}
+
+
+class _Done(NamedTuple):
+    """What came of one seed: its judged picks; of a heap, how many lay in the bin and how many were left."""
+
+    picks: list[Pick]
+    binned: list[tuple[int, int]]
+    taken_away: int
+    refused: list[str]
+
+
+def _of_seed(wanted: Wanted, tell: Callable[[str], None]) -> _Done:
+    (seed,) = wanted.seeds
     with TemporaryDirectory() as scratch:
         objects, refused = chosen(wanted, Path(scratch))
         for why in refused:
             tell(f"left out: {why}")
-        for seed in wanted.seeds:
-            station = wanted.station(seed, objects, Path(scratch) / "recordings")
-            with operated(station) as operator:
-                if wanted.bin:
-                    done, left = operator.empty(seed, tell)
-                    binned.append((wanted.bin, left))
-                else:
-                    names = object_names(objects)[: wanted.first] * wanted.orientations
-                    done = [operator.pick(name, seed, f"{at + 1}/{len(names)}", tell) for at, name in enumerate(names)]
-                taken_away += operator.taken_away
-            picks += done
-            for pick in done:
-                judge(pick)
-    return figures(picks, binned, is_paced=wanted.pace > 0) | {"taken_away": taken_away, "left_out": refused}
+        binned = []
+        with operated(wanted.station(seed, objects, Path(scratch) / "recordings")) as operator:
+            if wanted.bin:
+                done, left = operator.empty(seed, tell)
+                binned.append((wanted.bin, left))
+            else:
+                names = object_names(objects)[: wanted.first] * wanted.orientations
+                done = [operator.pick(name, seed, f"{at + 1}/{len(names)}", tell) for at, name in enumerate(names)]
+            taken_away = operator.taken_away
+        for pick in done:
+            judge(pick)
+        return _Done([replace(pick, scene=None) for pick in done], binned, taken_away, refused)
+
+
+def _apart(endpoint: str, number: int) -> str:
+    """The endpoint of one of several cells that run at once: each listens at a port of its own."""
+    address, _, port = endpoint.rpartition(":")
+    return f"{address}:{int(port) + number}"
 
 
 def chosen(wanted: Wanted, scratch: Path) -> tuple[Path | None, list[str]]:

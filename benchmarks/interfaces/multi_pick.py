@@ -147,9 +147,9 @@ def provoked(kind: str, seed: int) -> Judged | None:
         planned_m = jaw.width_m if seed % 2 else min(found.grasps[0].width_m, jaw.width_m)
         update = {"base_from_tcp": jaw.base_from_tcp, "width_m": planned_m, "opening_m": here.station.hand.max_width_m}
         grasp = found.grasps[0].model_copy(update=update)
-        target = Sight(*surroundings(before, found.scene.labels > 0), before.view.arm.q_rad)
+        target = Sight(*surroundings(before, found.scene.labels > 0), before.view.q_rad)
         wide = grasp.model_copy(update={"width_m": jaw.width_m})
-        chosen = plan_pick(Scene.of(here.robot, here.station, target), [wide], before.view.arm.q_rad)
+        chosen = plan_pick(Scene.of(here.robot, here.station, target), [wide], before.view.q_rad)
         return here.judged(before, found.model_copy(update={"grasps": (grasp,)}), chosen)
 
 

@@ -24,7 +24,7 @@ from bus.messages.devices import ArmMode, ArmState, Frame, HandState, Motion
 from bus.messages.execution import Contact, Delivery, Execution, SegmentRun, Verdict
 from bus.messages.grasps import Grasp, Rectangle
 from bus.messages.job import GraspHints, Job, Place, Target
-from bus.messages.observation import Observation, View
+from bus.messages.observation import Observation, Picture, View
 from bus.messages.plan import ONLY_TO_LOOK, PickPlan, Segment, SegmentName
 from bus.messages.plan_view import NamedBox, Outline, PlannedPath, PlanView
 from bus.messages.scene import Instance, ObservedScene, SeenMount, SeenTable, Tried
@@ -63,6 +63,7 @@ __all__ = [
     "ObservedScene",
     "Outline",
     "PickPlan",
+    "Picture",
     "Place",
     "PlanView",
     "PlannedPath",

@@ -20,6 +20,7 @@ from config.load import DEFAULT_STATION, load_station
 from logs.catalogue import open_catalogue
 from logs.catalogue.ask import MAX_ROWS, MAX_S, Answer, ask
 from logs.catalogue.export import csv_lines, write_parquet
+from logs.catalogue.fleet import ask_fleet
 from logs.catalogue.labels import WORDS, Label, append
 from logs.mcap.index import read_entry
 from logs.mcap.names import shown
@@ -30,6 +31,12 @@ from logs.mcap.names import shown
 def query(
     sql: Annotated[str, typer.Argument(metavar="SQL", help="One SELECT of cycles or labels.")],
     folder: Annotated[Path | None, typer.Option("--folder", help="Recordings folder.")] = None,
+    fleet: Annotated[
+        list[Path] | None,
+        typer.Option(
+            help="Instead: Parquet exports of several cells, files or folders (vlad-cell[export]). Repeatable."
+        ),
+    ] = None,
     config: Config = DEFAULT_STATION,
     as_csv: Annotated[bool, typer.Option("--csv", help="Print CSV.")] = False,
     as_json: Json = False,
@@ -40,8 +47,13 @@ def query(
     """Ask the catalogue of recorded cycles in SQL; it can only be read (docs/catalogue.md)."""
     if as_csv + as_json + (to_parquet is not None) > 1:
         raise ConfigError("--csv, --json and --parquet exclude each other.", "Give one of them.")
-    with open_catalogue(folder or load_station(config).recording.folder, reading, err.line) as catalogue:
-        answer = ask(catalogue, sql, max_rows=max_rows, max_s=max_s)
+    if fleet and folder is not None:
+        raise ConfigError("--folder and --fleet exclude each other.", "Give one of them.")
+    if fleet:
+        answer = ask_fleet(fleet, sql, max_rows=max_rows, max_s=max_s)
+    else:
+        with open_catalogue(folder or load_station(config).recording.folder, reading, err.line) as catalogue:
+            answer = ask(catalogue, sql, max_rows=max_rows, max_s=max_s)
     if to_parquet is not None:
         write_parquet(answer, to_parquet)
         out.line(f"{to_parquet}: {len(answer.rows)} rows")

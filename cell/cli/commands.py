@@ -35,6 +35,10 @@ COMMANDS = {
         "start",
         "Start the cell: the daemon and its nodes. Without --cycles or --until-empty it stays, and waits for commands.",
     ),
+    "tour": Row(
+        "tour",
+        "Show three cycles of a simulated cell: one succeeds, one must fail, one asks what if; each with its page.",
+    ),
     "pick": Row(
         "pick",
         "Pick one object, and wait for the result. The cell must be Idle or Complete; if this ends early, it holds.",

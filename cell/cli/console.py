@@ -14,11 +14,13 @@ from bus.errors import RecordingError
 from bus.frozen import Message
 from bus.messages import CycleResult, StageRecord
 from bus.topics import Topic
+from cell.cli.day_page import DayPage
 from cell.daemon.batch import Summary
 from cell.machine.states import PAUSING, told
 from cell.terminal.printing import out
 from logs.mcap.reader import read_cycle
 from logs.report.cycle_report import write_report
+from logs.report.day_report import INDEX
 from logs.report.timeline import in_words
 
 _RESULT_STYLE = {"SUCCESS": "bold green", "EMPTY": "bold yellow"}
@@ -39,6 +41,7 @@ class Screen:
         self._json, self._report, self._each_turn = json_lines, report, each_turn
         self._heard: queue.SimpleQueue[tuple[Topic, Message | bytes]] = queue.SimpleQueue()
         self._state = ""
+        self._day = DayPage()
         self.interrupted = threading.Event()
 
     def observe(self, topic: Topic, message: Message | bytes) -> None:
@@ -59,17 +62,21 @@ class Screen:
 
     def follow(self, *, quiet: bool = False) -> Iterator[CellState | CycleResult]:
         """Print messages (unless ``quiet``), and yield states and results, until interrupted."""
-        while not self.interrupted.is_set():
-            try:
-                _, message = self._heard.get(timeout=0.1)
-            except queue.Empty:
-                self._each_turn(None)
-                continue
-            self._each_turn(message)
-            if not quiet:
-                self._show(message)
-            if isinstance(message, CellState | CycleResult):
-                yield message
+        try:
+            while not self.interrupted.is_set():
+                try:
+                    _, message = self._heard.get(timeout=0.1)
+                except queue.Empty:
+                    self._each_turn(None)
+                    self._day.turn()
+                    continue
+                self._each_turn(message)
+                if not quiet:
+                    self._show(message)
+                if isinstance(message, CellState | CycleResult):
+                    yield message
+        finally:
+            self._day.close()
 
     def _show(self, message: Message | bytes) -> None:
         if isinstance(message, CycleResult):
@@ -115,7 +122,8 @@ class Screen:
         """Write the page beside the recording; disk errors are reported, and the cell goes on."""
         started_s = time.monotonic()
         try:
-            page = write_report(read_cycle(recording), recording.with_suffix(".html"))
+            page = write_report(read_cycle(recording), recording.with_suffix(".html"), index=INDEX)
+            self._day.written(recording)
         except RecordingError as error:
             out.line("  ", ("no report", "bold red"), f" {error}")
         else:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 EXAMPLES: dict[str, tuple[str, ...]] = {
     "start": ("cell start --cycles 5 --seed 3", "cell start --config config/lab.toml --http"),
+    "tour": ("cell tour",),
     "pick": ("cell pick", "cell pick --target 'the largest red one' --place 0.46,0.45,0.12"),
     "run": ("cell run --cycles 5", "cell run --until-empty"),
     "reset": ("cell reset", "cell reset --config config/lab.toml"),

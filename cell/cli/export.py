@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -11,12 +12,13 @@ import typer
 
 from bus.errors import RecordingError
 from cell.cli.cycles import Folder, reading
-from cell.cli.options import Config, Json
+from cell.cli.options import Config, Count, Json, Scheduler
 from cell.terminal.drawing import tracked
 from cell.terminal.printing import err, out
+from cell.workers import ordered, workers_for
 from config.load import DEFAULT_STATION, load_station
 from logs.catalogue import open_catalogue
-from logs.export import Done, Selection, export_grasps, export_lerobot, select
+from logs.export import Done, Runner, Selection, export_grasps, export_lerobot, select
 from logs.export.lerobot import MAX_FPS
 from logs.mcap.names import shown
 
@@ -45,6 +47,8 @@ def lerobot(
     folder: Folder = None,
     where: Where = "",
     fps: Annotated[int, typer.Option(min=1, max=MAX_FPS, help="Frames a second.")] = 10,
+    workers: Count = None,
+    scheduler: Scheduler = "",
     config: Config = DEFAULT_STATION,
     as_json: Json = False,
 ) -> None:
@@ -52,8 +56,8 @@ def lerobot(
 
     Exit 0 all chosen recordings are in it, or lack what an episode needs; 2 one cannot be read, or nothing is written.
     """
-    selection = _selected(folder, where, config)
-    _tell(export_lerobot(selection, output, _progress, fps=fps), as_json)
+    selection, run = _selected(folder, where, config, workers, scheduler)
+    _tell(export_lerobot(selection, output, _progress, fps=fps, run=run), as_json)
 
 
 @export.command()
@@ -61,6 +65,8 @@ def grasps(
     output: Output,
     folder: Folder = None,
     where: Where = "",
+    workers: Count = None,
+    scheduler: Scheduler = "",
     config: Config = DEFAULT_STATION,
     as_json: Json = False,
 ) -> None:
@@ -68,13 +74,17 @@ def grasps(
 
     Exit 0 all chosen recordings are in it, or have no grasp; 2 one cannot be read, or nothing is written.
     """
-    selection = _selected(folder, where, config)
-    _tell(export_grasps(selection, output, _progress), as_json)
+    selection, run = _selected(folder, where, config, workers, scheduler)
+    _tell(export_grasps(selection, output, _progress, run), as_json)
 
 
-def _selected(folder: Path | None, where: str, config: Path) -> Selection:
-    with open_catalogue(folder or load_station(config).recording.folder, reading, err.line) as catalogue:
-        return select(catalogue, where)
+def _selected(
+    folder: Path | None, where: str, config: Path, count: int | None, scheduler: str
+) -> tuple[Selection, Runner]:
+    root = folder or load_station(config).recording.folder
+    with open_catalogue(root.absolute() if scheduler else root, reading, err.line) as catalogue:
+        selection = select(catalogue, where)
+    return selection, partial(ordered, workers_for(len(selection.paths), count, scheduler))
 
 
 def _progress(paths: Iterable[Path], total: int) -> Iterator[Path]:

@@ -16,10 +16,10 @@ from cell.terminal.drawing import tracked
 from cell.terminal.printing import err, out
 from cell.workers import workers_for
 from config.load import DEFAULT_STATION, load_station
+from logs.catalogue.finding import find_recording
 from logs.catalogue.journal import last_of
 from logs.catalogue.labels import Label, labels_of
 from logs.catalogue.update import root_of
-from logs.mcap.index import find_recording
 from logs.mcap.names import is_folder
 from logs.mcap.reader import CycleRecord, read_cycle
 from logs.mcap.recover import recover as recover_file

@@ -30,6 +30,7 @@ from cell.nodes.health import LOOK_PERIOD_S, NodeMonitor
 from cell.nodes.speakers import Speakers, strange
 from cell.nodes.watchdog import Watchdog
 from cell.pick.equipment import Equipment
+from cell.pick.picture import picture_now
 from cell.pick.plan_view import PlanViews
 from config.schema import Station
 from drivers.interface import Devices
@@ -85,6 +86,7 @@ class Daemon:
         )
         hold_state = HoldState()
         equipment = Equipment(camera, arm, hand, robot, station, models)
+        self._picture: Callable[[], Message] = lambda: picture_now(camera, self.machine.state)
         self._manual = Manual(equipment, hold_state.gate, self.publisher, self._post_stop)
         self._actions = Actions(
             equipment,
@@ -172,6 +174,7 @@ class Daemon:
         self._bus.answer(topics.RESULT_NOW, self._on_result_asked, worker="state")
         self._bus.answer(topics.PROPOSAL_NOW, lambda _payload, _asked: self._proposal(), worker="state")
         self._bus.answer(topics.PLAN_NOW, lambda _payload, _asked: self._plan_views.now(), worker="plan")
+        self._bus.answer(topics.PICTURE_NOW, lambda _payload, _asked: self._picture(), worker="picture")
         self._bus.answer(topics.SCHEMA_NOW, lambda _payload, _asked: bus_schema(), worker="schema")
         self._bus.answer(topics.COMMAND, self._on_command, worker=self._worker_of, verb="*")
         self._bus.announce(topics.LEASE, name=CELL_CLIENT)
@@ -253,7 +256,8 @@ class Daemon:
         refuse(reply)
         if verb in MANUAL_MOTIONS:
             self._manual.run(verb, request)
-        return reply.model_copy(update={"lease": self._leases.take(verb, request.client_id, asked.source)})
+        lease = self._leases.take(verb, request.client_id, asked.source)
+        return reply.model_copy(update={"lease": lease, "since_ns": self.publisher.state.since_ns})
 
     def _worker_of(self, asked: Asked, payload: bytes) -> str:
         """The worker for a command, so that a stop waits for no other command.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from cell.doctor import arm, kernel, machine, reach
+from cell.doctor import arm, catalogue, kernel, machine, reach
 from cell.doctor.finding import Check, Finding, Verdict
 from cell.terminal.printing import Printer
 from config.schema import Station
@@ -13,6 +13,7 @@ CHECKS: tuple[Check, ...] = (
     machine.packages,
     machine.drivers,
     machine.disk,
+    catalogue.catalogue,
     machine.clock,
     reach.bus,
     reach.nodes,

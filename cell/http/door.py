@@ -17,7 +17,7 @@ from bus.codec import decode
 from bus.commands import CellHealth, CellState, CommandReply, CommandRequest, Event
 from bus.errors import BadPayload, BusError
 from bus.frozen import Message
-from bus.messages import CycleResult, PlanView, Proposal
+from bus.messages import CycleResult, Picture, PlanView, Proposal
 from bus.sample import Sample
 from cell.commander import Commander
 from cell.http.access import Access
@@ -66,6 +66,9 @@ class Cell(Protocol):
 
     def plan_view(self) -> PlanView:
         """The last plan."""
+
+    def picture(self) -> Picture:
+        """What the camera sees now."""
 
 
 class Door:

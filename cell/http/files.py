@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import gzip
 import os
 import re
 import stat
 from pathlib import Path
 
 from starlette.concurrency import run_in_threadpool
+from starlette.datastructures import Headers
 from starlette.exceptions import HTTPException
 from starlette.responses import FileResponse, HTMLResponse, Response
 from starlette.staticfiles import StaticFiles
@@ -19,6 +21,8 @@ _REPORT_POLICY = (
     " form-action 'none'; sandbox allow-scripts allow-popups"
 )
 """A report is a page of its own origin: it draws with its own scripts, and reaches nothing of this server."""
+_GZIP_LEVEL = 5
+"""5.2 MB become 1.7 MB in a tenth of a second of a thread; higher levels gain little."""
 _LIBRARY = re.compile(rb'<script src="(plotly-[\w.-]+\.js)"></script>')
 
 
@@ -39,7 +43,7 @@ class Downloads(StaticFiles):
         try:
             response = await super().get_response(path, scope)
             if self._suffix == ".html":
-                response = await run_in_threadpool(self._whole, path, response)
+                response = await run_in_threadpool(self._whole, path, response, _takes_gzip(scope))
         except OSError as error:
             raise HTTPException(404) from error
         except HTTPException as error:  # 401 for a file that this process may not read: no token would help
@@ -51,7 +55,7 @@ class Downloads(StaticFiles):
             response.headers.setdefault("Content-Disposition", f'attachment; filename="{_plain(path)}"')
         return response
 
-    def _whole(self, path: str, response: Response) -> Response:
+    def _whole(self, path: str, response: Response, is_zipped: bool) -> Response:
         """The page with its drawing library inside, because it may fetch nothing; any other response as it is."""
         if not isinstance(response, FileResponse):
             return response
@@ -64,7 +68,15 @@ class Downloads(StaticFiles):
             return response
         script = b"<script>%s</script>" % Path(library).read_bytes()
         kept = {name: response.headers[name] for name in ("etag", "last-modified") if name in response.headers}
-        return HTMLResponse(page[: wanted.start()] + script + page[wanted.end() :], headers=kept)
+        whole = page[: wanted.start()] + script + page[wanted.end() :]
+        if not is_zipped:
+            return HTMLResponse(whole, headers={**kept, "Vary": "Accept-Encoding"})
+        zipped = {**kept, "Vary": "Accept-Encoding", "Content-Encoding": "gzip"}
+        return HTMLResponse(gzip.compress(whole, _GZIP_LEVEL, mtime=0), headers=zipped)
+
+
+def _takes_gzip(scope: Scope) -> bool:
+    return "gzip" in Headers(scope=scope).get("accept-encoding", "")
 
 
 def _plain(path: str) -> str:

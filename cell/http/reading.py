@@ -81,6 +81,12 @@ async def picture(request: Request, door: Door) -> Response:
     return Response(shown.data, media_type=shown.media_type, headers=headers)
 
 
+async def picture_now(_request: Request, door: Door) -> Response:
+    """What the camera sees now, from the capture pose, as a PNG file. Raises: Refused (NO_PICTURE) in motion."""
+    taken = await door.ask(door.cell.picture)
+    return Response(taken.png, media_type="image/png", headers={"X-Stamp-Ns": str(taken.stamp_ns)})
+
+
 async def scene(_request: Request, door: Door) -> Response:
     """What is drawn into that image: outlines, rectangles, numbers. Raises: Refused (NO_PICTURE)."""
     if not door.pictures.scene:

@@ -147,6 +147,14 @@ TABLE = (
         refusals=(404, 409, 422),
     ),
     Served("GET", "/api/storage", storage.storage, "The disk, and what will be deleted next.", refusals=(404, 409)),
+    Served(
+        "GET",
+        "/api/picture/now",
+        reading.picture_now,
+        "What the camera sees now, from the capture pose: a pixel of it is a target. NO_PICTURE while the arm moves.",
+        media_type="image/png",
+        refusals=(404, *_NO_CELL),
+    ),
     Served("GET", "/api/picture", reading.picture, "The last picture.", media_type="image/jpeg", refusals=(404,)),
     Served(
         "GET",

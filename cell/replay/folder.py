@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from bus.errors import CellError, PicturesTrimmed, RecordingError
 from cell.replay.replay import Replay, Request, replay
 from cell.replay.view import to_json, verdict
-from cell.workers import LocalWorkers, WorkerLost, Workers
+from cell.workers import LocalWorkers, WorkerLost, Workers, in_order
 from config.load import station_hash
 from config.schema import Station
 from logs.mcap.names import found_below, shown, telling
 from logs.mcap.reader import read_cycle
 from planning.robot import Robot
 
-ItemT = TypeVar("ItemT")
 TRIMMED = "trimmed"
 """The pictures of the recording were taken out: nothing can be run again."""
 
@@ -122,17 +121,6 @@ def judgements(paths: list[Path], request: Request, workers: Workers) -> Iterato
             yield Judged(paths[index], "unreadable", str(found))
         else:
             yield Judged(paths[index], found.verdict, found.error, found.stages, found.fields, found.said)
-
-
-def in_order(results: Iterable[tuple[int, ItemT]]) -> Iterator[tuple[int, ItemT]]:
-    """Numbered results in the order of their numbers, each as soon as those before it are there."""
-    early: dict[int, ItemT] = {}
-    due = 0
-    for index, found in results:
-        early[index] = found
-        while due in early:
-            yield due, early.pop(due)
-            due += 1
 
 
 def judge(path: Path, request: Request) -> Judged:

@@ -1,7 +1,8 @@
 """Workers of this machine: processes that get one item after another over a pipe. They listen on no port.
 
 A process that dies costs its item a try, and nothing else: another process is started in its place. Python's own pools
-give up as a whole then.
+give up as a whole then. All are forked from one process that does nothing but import what the work needs: its second or
+two are spent once, whatever their number, and they share nothing with the caller.
 """
 
 from __future__ import annotations
@@ -10,8 +11,10 @@ import multiprocessing as mp
 import os
 import signal
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any
@@ -19,6 +22,8 @@ from typing import Any
 from cell.workers.work import TRIES, ItemT, ResultT, WorkerLost, lost
 
 _END_S = 2.0
+_ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+"""One process a core is enough: with threads in each of them they would wait for each other."""
 
 
 def here() -> int:
@@ -28,9 +33,14 @@ def here() -> int:
 
 @dataclass(frozen=True)
 class LocalWorkers:
-    """So many processes; with one, the work is done in this process."""
+    """So many processes; with one, the work is done in this process.
+
+    Attributes:
+        with_children: the work starts processes of its own.
+    """
 
     count: int
+    with_children: bool = False
 
     def run(
         self, work: Callable[[ItemT], ResultT], items: Sequence[ItemT]
@@ -40,7 +50,7 @@ class LocalWorkers:
             for index, item in enumerate(items):
                 yield index, work(item)
             return
-        crew = _Crew(work, items)
+        crew = _Crew(work, items, self.with_children)
         try:
             yield from crew.results(min(self.count, len(items)))
         finally:
@@ -60,6 +70,7 @@ class _Crew:
 
     work: Callable[[Any], Any]
     items: Sequence[Any]
+    with_children: bool
     workers: list[_Worker] = field(default_factory=list)
     waiting: deque[int] = field(default_factory=deque)
     deaths: dict[int, int] = field(default_factory=dict)
@@ -74,10 +85,12 @@ class _Crew:
                 yield from self._hear(worker)
 
     def _hire(self) -> None:
-        context = mp.get_context("spawn")  # a fork would share the parent's threads, locks and sessions
+        context = mp.get_context("forkserver")  # a fork of this process would share its threads, locks and sessions
+        context.set_forkserver_preload([_module_of(self.work)])
         ours, theirs = context.Pipe()
-        process = context.Process(target=_serve, args=(theirs, self.work), daemon=True)
-        process.start()
+        process = context.Process(target=_serve, args=(theirs, self.work), daemon=not self.with_children)
+        with _in_environment(_ONE_THREAD):
+            process.start()
         theirs.close()  # then its end is the end of our pipe
         self.workers.append(_Worker(process, ours))
         self._give(self.workers[-1])
@@ -122,6 +135,23 @@ class _Crew:
             worker.process.kill()
         for worker in [*self.workers]:
             self._release(worker)
+
+
+def _module_of(work: Callable[..., Any]) -> str:
+    """Where the work is defined, for the import before any process is forked."""
+    return str((work.func if isinstance(work, partial) else work).__module__)
+
+
+@contextmanager
+def _in_environment(added: Mapping[str, str]) -> Iterator[None]:
+    """Context in which started processes have these variables, where they are not set otherwise."""
+    new = {name: value for name, value in added.items() if name not in os.environ}
+    os.environ.update(new)
+    try:
+        yield
+    finally:
+        for name in new:
+            del os.environ[name]
 
 
 def _serve(pipe: Connection, work: Callable[[Any], Any]) -> None:

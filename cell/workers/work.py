@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Protocol, TypeVar
 
 from bus.errors import CellError
@@ -39,3 +39,14 @@ class Workers(Protocol):
         Raises: whatever ``work`` raises.
         """
         ...
+
+
+def in_order(results: Iterable[tuple[int, ResultT]]) -> Iterator[tuple[int, ResultT]]:
+    """Numbered results in the order of their numbers, each as soon as those before it are there."""
+    early: dict[int, ResultT] = {}
+    due = 0
+    for index, found in results:
+        early[index] = found
+        while due in early:
+            yield due, early.pop(due)
+            due += 1

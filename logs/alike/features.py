@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, Literal, NamedTuple
@@ -21,7 +21,7 @@ from logs.catalogue.columns import COLUMNS
 
 Array = npt.NDArray[np.float32]
 Labels = npt.NDArray[np.intp]
-Kind = Literal["number", "word", "counts", "values", "sentence"]
+Kind = Literal["number", "word", "counts", "values", "part", "sentence"]
 
 
 class Feature(NamedTuple):
@@ -29,16 +29,25 @@ class Feature(NamedTuple):
 
     Attributes:
         kind: ``word``: equal or not. ``counts``: a JSON object or list, compared by its shares. ``values``: a JSON
-            object of numbers, each a feature. ``sentence``: free words, compared without their numbers.
+            object of numbers, each a feature. ``part``: the part of the cell that a sentence speaks of first.
+            ``sentence``: free words; their first sentence is compared, without numbers and names in quotes.
+        share: how many features of its family it counts as.
+        is_when: it says when the fault struck, which does not part groups.
     """
 
     column: str
     kind: Kind = "number"
+    share: float = 1.0
+    is_when: bool = False
+
+
+_REASON = (Feature("reason", "part", 2.0), Feature("reason", "sentence", 3.0))
+"""A sentence says most of how a cycle ended; whom it speaks of is but one of its words."""
 
 
 FAMILIES: dict[str, tuple[float, tuple[Feature, ...]]] = {
-    "how it ended": (0.40, (Feature("code", "word"), Feature("failed_stage", "word"), Feature("stopped_in", "word"),
-                            Feature("reason", "sentence"))),
+    "how it ended": (0.40, (Feature("code", "word"), Feature("failed_stage", "word", is_when=True),
+                            Feature("stopped_in", "word", is_when=True), *_REASON)),
     "what was rejected": (0.15, (Feature("rejected_codes", "counts"), Feature("tried_codes", "counts"),
                                  Feature("in_the_way", "counts"), Feature("looked_again", "counts"))),
     "what was seen": (0.15, tuple(map(Feature, ("thing_length_m", "thing_width_m", "thing_height_m", "thing_top_m",
@@ -48,14 +57,19 @@ FAMILIES: dict[str, tuple[float, tuple[Feature, ...]]] = {
         "score", "width_m", "opening_m", "grasp_x_m", "grasp_y_m", "grasp_z_m", "lean_rad", "tilt_rad", "agreement",
         "drift_iou", "align_residual")))),
     "the motion": (0.10, tuple(map(Feature, ("reach_s", "carry_s", "place_s", "torque_max_nm", "tracking_max_rad",
-                                             "contact_n", "closed_m", "width_min_m", "load_n", "cleared_fraction")))),
+                                             "contact_n", "closed_m", "width_min_m", "load_n", "cleared_fraction",
+                                             "joint_margin_rad")))),
     "who stepped in": (0.05, tuple(map(Feature, ("stops", "aborts", "holds", "warnings", "errors",
                                                  "model_failures")))),
 }  # fmt: skip
-"""Family -> its weight (1 together), and its features, which share it equally."""
+"""Family -> its weight (1 together), and its features, which share it."""
+GROUPING = {"how it ended": 0.70, "what was rejected": 0.15, "what was seen": 0.05, "the grasp": 0.05,
+            "the motion": 0.05, "who stepped in": 0.0}  # fmt: skip
+"""The weights (1 together) by which failures are grouped: what a cycle never came to does not part it from another."""
 
-_SENTENCE = 3
-"""A sentence counts as so many words of its family: it says most of all of them."""
+_PART = re.compile(r"\b(camera|arm|joint|hand|node|disk|model|table)\b")
+_QUOTED = re.compile(r"'[^']*'")
+_FIRST = re.compile(r"(?<=[.!?])\s")
 _FLOOR = {"m": 5e-3, "rad": 0.05, "N": 0.3, "Nm": 0.5, "s": 0.2, "": 0.05}
 """A spread smaller than this is noise, and is not scaled up to something."""
 _REACH = 3.0
@@ -82,6 +96,8 @@ class Space:
         points: (n, d), weighted: the sum of the absolute differences of two rows is their distance, but for sentences.
         parts: what the columns of ``points`` are of.
         sentence: (n,) number of each cycle's sentence. ``sentences``: (k, k) weighted distances between them.
+        grouping: (d,) what each column of ``points`` is multiplied by to group failures; ``grouping_sentences``: the
+            same of ``sentences``.
     """
 
     ids: tuple[str, ...]
@@ -90,13 +106,21 @@ class Space:
     parts: tuple[Part, ...]
     sentence: Labels
     sentences: Array
+    grouping: Array
+    grouping_sentences: float
 
     def distances(self, of: Sequence[int] | Labels, to: Sequence[int] | Labels) -> Array:
         """Distances (len(of), len(to)) in 0..1 between cycles by their number."""
-        of, to = np.asarray(of, np.intp), np.asarray(to, np.intp)
-        measured = cdist(self.points[of], self.points[to], "cityblock") + self.sentences[np.ix_(
-            self.sentence[of], self.sentence[to])]  # fmt: skip
-        return np.asarray(measured, np.float32)
+        return self._measured(self.points, self.sentences, np.asarray(of, np.intp), np.asarray(to, np.intp))
+
+    def failures_apart(self, of: Sequence[int] | Labels, to: Sequence[int] | Labels) -> Array:
+        """As `distances`, by the weights of `GROUPING`."""
+        sentences = self.sentences * np.float32(self.grouping_sentences)
+        return self._measured(self.points * self.grouping, sentences, np.asarray(of, np.intp), np.asarray(to, np.intp))
+
+    def _measured(self, points: Array, sentences: Array, of: Labels, to: Labels) -> Array:
+        apart = cdist(points[of], points[to], "cityblock")
+        return np.asarray(apart + sentences[np.ix_(self.sentence[of], self.sentence[to])], np.float32)
 
     def by_family(self, one: int, other: int) -> dict[str, float]:
         """How far two cycles are apart in each family: 0..1 of what it can be."""
@@ -124,26 +148,43 @@ def space(catalogue: Catalogue) -> Space:
 def space_of(columns: dict[str, list[Any]]) -> Space:
     """As `space`, of the catalogue's columns by name, each with a value a cycle; None = missing."""
     count = len(columns["cycle_id"])
-    blocks: list[Array] = []
-    parts: list[Part] = []
-    sentence, sentences = np.zeros(count, np.intp), np.zeros((1, 1), np.float32)
+    blocks, factors, parts = list[Array](), list[Array](), list[Part]()
+    sentence, sentences, grouping_sentences = np.zeros(count, np.intp), np.zeros((1, 1), np.float32), 1.0
     at = 0
-    for family, (weight, features) in FAMILIES.items():
-        shares = [_SENTENCE if feature.kind == "sentence" else 1 for feature in features]
-        for feature, share in zip(features, shares, strict=True):
-            own = weight * share / sum(shares)
-            values = columns[feature.column]
-            if feature.kind == "sentence":
-                sentence, apart = _sentences(values)
-                sentences = apart * np.float32(own)
-                continue
-            block = _BLOCKS[feature.kind](feature.column, values)
-            blocks.append(block * np.float32(own))
-            parts.append(Part(feature.column, family, slice(at, at + block.shape[1])))
-            at += block.shape[1]
+    for family, feature, weight, in_groups in _weighted():
+        values = columns[feature.column]
+        if feature.kind == "sentence":
+            sentence, apart = _sentences(values)
+            sentences, grouping_sentences = apart * np.float32(weight), in_groups / weight
+            continue
+        block = _BLOCKS[feature.kind](feature.column, values)
+        factor = np.full(block.shape[1], in_groups / weight, np.float32)
+        factor[_says_there(feature, block)] = 0.0
+        blocks.append(block * np.float32(weight))
+        factors.append(factor)
+        parts.append(Part(feature.column, family, slice(at, at + block.shape[1])))
+        at += block.shape[1]
     points = np.concatenate(blocks, axis=1) if count else np.empty((0, at), np.float32)
     rows = tuple({name: columns[name][index] for name in SHOWN} for index in range(count))
-    return Space(tuple(columns["cycle_id"]), rows, points, tuple(parts), sentence, sentences)
+    return Space(
+        tuple(columns["cycle_id"]), rows, points, tuple(parts), sentence, sentences,
+        np.concatenate(factors), grouping_sentences,
+    )  # fmt: skip
+
+
+def _weighted() -> Iterator[tuple[str, Feature, float, float]]:
+    """Each feature with its family, its weight in a distance, and that in a distance of failures."""
+    for family, (weight, features) in FAMILIES.items():
+        shares = sum(feature.share for feature in features)
+        in_groups = sum(feature.share for feature in features if not feature.is_when)
+        for feature in features:
+            grouping = 0.0 if feature.is_when else GROUPING[family] * feature.share / in_groups
+            yield family, feature, weight * feature.share / shares, grouping
+
+
+def _says_there(feature: Feature, block: Array) -> slice:
+    """The columns of a feature's block that only say whether it has a value."""
+    return slice(1, block.shape[1], 2) if feature.kind in ("number", "values") else slice(0, 0)
 
 
 # --- one column -------------------------------------------------------------------------------------------------------
@@ -168,6 +209,18 @@ def _word(_name: str, values: Sequence[Any]) -> Array:
     return block
 
 
+def _part(_name: str, values: Sequence[Any]) -> Array:
+    """The part of the cell that a sentence speaks of first; "" for none of them."""
+    found = [_PART.search(_plain(value)) for value in values]
+    return _word("", [one[0] if one is not None else "" for one in found])
+
+
+def _plain(sentence: str | None) -> str:
+    """The first sentence in small letters, without its numbers and without names in quotes."""
+    first = _FIRST.split(sentence or "", maxsplit=1)[0]
+    return _NUMBER.sub("#", _QUOTED.sub("'", first)).lower()
+
+
 def _counts(_name: str, values: Sequence[Any]) -> Array:
     """Shares of each key, halved: two cycles with nothing in common are 1 apart, one of them without any 0.5."""
     loaded = [_loaded(value) for value in values]
@@ -189,7 +242,7 @@ def _values(_name: str, values: Sequence[Any]) -> Array:
     return np.concatenate(blocks, axis=1) / np.float32(len(keys))
 
 
-_BLOCKS = {"number": _number, "word": _word, "counts": _counts, "values": _values}
+_BLOCKS = {"number": _number, "word": _word, "counts": _counts, "values": _values, "part": _part}
 
 
 @cache
@@ -207,8 +260,8 @@ def _loaded(value: str | None) -> dict[str, float]:
 
 
 def _sentences(values: Sequence[Any]) -> tuple[Labels, Array]:
-    """The number of each sentence without its numbers, and how many of their words two of them do not share."""
-    plain = [_NUMBER.sub("#", value or "").lower() for value in values]
+    """The number of each plain sentence, and the share of their words that two of them do not have both."""
+    plain = [_plain(value) for value in values]
     known = {text: index for index, text in enumerate(sorted(set(plain)))}
     words = [set(_WORD.findall(text)) for text in known]
     places = {word: index for index, word in enumerate(sorted(set().union(*words)))}

@@ -20,7 +20,7 @@ ALIKE = 0.15
 _MOST = 3000
 """So many failures are grouped with each other; further, older ones join the group they are nearest to."""
 _EXAMPLES = 3
-_OBJECT_SHARE = 0.6
+_MOST_OF_THEM = 0.6
 _SAME, _OTHER = 0.05, 0.25
 """Shares of a family that differ, below which it is the same, above which it differs."""
 
@@ -95,13 +95,13 @@ def label_failures(where: Space, failed: Sequence[int], alike: float = ALIKE) ->
     if len(failed) < 2:
         return np.zeros(len(failed), np.intp)
     newest, older = failed[-_MOST:], failed[:-_MOST]
-    apart = where.distances(newest, newest).astype(float)
+    apart = where.failures_apart(newest, newest).astype(float)
     np.fill_diagonal(apart, 0.0)
     tree = linkage(squareform(apart, checks=False), "average")
     labels: Labels = np.asarray(fcluster(tree, alike, "distance"), np.intp)
     if not older:
         return labels
-    near = where.distances(older, newest)
+    near = where.failures_apart(older, newest)
     joined = labels[near.argmin(axis=1)]
     alone = near.min(axis=1) > alike
     joined[alone] = labels.max() + 1 + np.arange(int(alone.sum()))
@@ -110,7 +110,7 @@ def label_failures(where: Space, failed: Sequence[int], alike: float = ALIKE) ->
 
 def _group(where: Space, some: Sequence[int]) -> Group:
     sample = np.asarray(some[-_MOST:], np.intp)
-    apart = where.distances(sample, sample)
+    apart = where.failures_apart(sample, sample)
     typical = int(apart.sum(axis=1).argmin())
     order = [typical, len(sample) - 1, int(apart[typical].argmax())]
     rest = [int(index) for index in apart[typical].argsort(kind="stable")]
@@ -130,8 +130,8 @@ def _sentence(where: Space, some: Sequence[int], typical: int) -> str:
     rows = [where.rows[index] for index in some]
     count = f"{len(rows)} cycles" if len(rows) > 1 else "One cycle"
     codes = ", ".join(code or "no code" for code, _ in Counter(row["code"] for row in rows).most_common(3))
-    stages = Counter(row["failed_stage"] for row in rows if row["failed_stage"]).most_common(1)
-    stage = f" in {stages[0][0]}" if stages else ""
+    usual, times = Counter(row["failed_stage"] for row in rows).most_common(1)[0]
+    stage = f" in {usual}" if usual and times >= _MOST_OF_THEM * len(rows) else ""
     reason = str(where.rows[typical]["reason"] or "no reason").rstrip(".")
     return f"{count} ended {codes}{stage}{_object(where, rows)}{_time(rows)}: {reason}."
 
@@ -140,7 +140,7 @@ def _object(where: Space, rows: Sequence[dict[str, Any]]) -> str:
     """The object that most of them have, where that says something: it is rarer among all cycles."""
     name, count = Counter(row["object"] for row in rows).most_common(1)[0]
     share, usual = count / len(rows), sum(row["object"] == name for row in where.rows) / len(where.rows)
-    says_it = name and len(rows) > 1 and share >= _OBJECT_SHARE and share > usual * 1.5
+    says_it = name and len(rows) > 1 and share >= _MOST_OF_THEM and share > usual * 1.5
     return f" with {name} ({count} of them)" if says_it else ""
 
 

@@ -36,16 +36,21 @@ def ask(catalogue: Catalogue, sql: str, *, max_rows: int = MAX_ROWS, max_s: floa
         ``max_s`` seconds; the catalogue is unchanged.
     """
     with closing(_reader(catalogue.store, max_s)) as connection:
-        connection.execute("PRAGMA query_only = ON")
-        connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _MAX_VALUE_BYTES)
-        connection.setlimit(sqlite3.SQLITE_LIMIT_SQL_LENGTH, _MAX_SQL_BYTES)
-        connection.setlimit(sqlite3.SQLITE_LIMIT_ATTACHED, 0)
-        for table in _TABLES_OF_FUNCTIONS:  # made at its first use, which the authorizer would refuse
-            connection.execute(f"SELECT 1 FROM {table}('[]')")
-        connection.set_authorizer(_authorize)
-        give_up_s = time.monotonic() + max_s
-        connection.set_progress_handler(lambda: time.monotonic() > give_up_s, _STEPS)
-        return _answered(connection, sql, max_rows, max_s)
+        return asked(connection, sql, max_rows, max_s)
+
+
+def asked(connection: sqlite3.Connection, sql: str, max_rows: int, max_s: float) -> Answer:
+    """The answer of a connection, which from then on can only read. Raises: CatalogueError, as `ask`."""
+    connection.execute("PRAGMA query_only = ON")
+    connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _MAX_VALUE_BYTES)
+    connection.setlimit(sqlite3.SQLITE_LIMIT_SQL_LENGTH, _MAX_SQL_BYTES)
+    connection.setlimit(sqlite3.SQLITE_LIMIT_ATTACHED, 0)
+    for table in _TABLES_OF_FUNCTIONS:  # made at its first use, which the authorizer would refuse
+        connection.execute(f"SELECT 1 FROM {table}('[]')")
+    connection.set_authorizer(_authorize)
+    give_up_s = time.monotonic() + max_s
+    connection.set_progress_handler(lambda: time.monotonic() > give_up_s, _STEPS)
+    return _answered(connection, sql, max_rows, max_s)
 
 
 def _answered(connection: sqlite3.Connection, sql: str, max_rows: int, max_s: float) -> Answer:

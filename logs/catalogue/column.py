@@ -104,3 +104,14 @@ def stored(value: Value) -> Value:
 def packed(values: Mapping[str, object]) -> str | None:
     """A JSON object with its keys in order; None for an empty one."""
     return json.dumps(dict(sorted(values.items()))) if values else None
+
+
+def attribute(part: str, name: str) -> Callable[[Told], Value]:
+    """An attribute of the result of one stage, or of the chosen grasp; None without it."""
+
+    def take(told: Told) -> Value:
+        found = getattr(told, part)
+        value: Value = getattr(found, name) if found is not None else None
+        return value
+
+    return take

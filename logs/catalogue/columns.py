@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import zlib
 
-from logs.catalogue import cycle_columns, detect_columns, motion_columns
+from logs.catalogue import cycle_columns, detect_columns, motion_columns, plan_columns
 from logs.catalogue.column import Column
 
 FILE_COLUMNS = (
@@ -22,8 +22,8 @@ GROUPS: tuple[tuple[str, tuple[Column, ...]], ...] = (
     ("Execute", motion_columns.MOTION),
     ("Verify and deliver", motion_columns.VERDICT),
     ("Who stepped in", cycle_columns.PERSONS),
-    ("The chosen grasp", motion_columns.CHOSEN),
-    ("Plan", motion_columns.PLAN),
+    ("The chosen grasp", plan_columns.CHOSEN),
+    ("Plan", plan_columns.PLAN),
     ("What was seen", detect_columns.SEEN),
     ("What was imagined and found", detect_columns.IMAGINED),
     ("Goal-image models", detect_columns.MODELS),

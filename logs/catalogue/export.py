@@ -35,21 +35,26 @@ def write_parquet(answer: Answer, path: Path) -> None:
 
     Raises: ConfigError without pyarrow, or for two columns of one name; CatalogueError when it cannot be written.
     """
-    try:
-        table = pyarrow.table
-    except ImportError as error:
-        raise ConfigError(
-            "Parquet needs the package pyarrow.", "Install it: uv pip install 'vlad-cell[export]'."
-        ) from error
+    require_pyarrow()
     if len(set(answer.columns)) < len(answer.columns):
         raise ConfigError("Parquet needs a name of its own for every column.", "Name them with AS.")
     columns = zip(*answer.rows, strict=True) if answer.rows else [()] * len(answer.columns)
-    made = table([_array(column) for column in columns], names=list(answer.columns))
+    made = pyarrow.table([_array(column) for column in columns], names=list(answer.columns))
     try:
         with written_atomically(path) as file:
             parquet.write_table(made, file, compression="zstd")
     except OSError as error:
         raise CatalogueError(f"{path} cannot be written: {error.strerror or error}.", "Name another file.") from error
+
+
+def require_pyarrow() -> None:
+    """Raises: ConfigError without pyarrow."""
+    try:
+        _ = pyarrow.table
+    except ImportError as error:
+        raise ConfigError(
+            "Parquet needs the package pyarrow.", "Install it: uv pip install 'vlad-cell[export]'."
+        ) from error
 
 
 def _array(values: Sequence[Any]) -> Any:

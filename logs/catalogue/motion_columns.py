@@ -1,80 +1,17 @@
-"""Columns of the chosen grasp, the plan, the motion, the verdict and the delivery."""
+"""Columns of the motion, the verdict and the delivery."""
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterator
 
 import numpy as np
 import numpy.typing as npt
 
-from bus.messages import Failure, Grasp, PickPlan, SegmentRun
-from bus.messages.plan import ONLY_TO_LOOK
-from bus.rejection import Rejection
+from bus.messages import SegmentRun
 from bus.trajectory import TICK_S
-from logs.catalogue.column import Column, Told, Value, packed
+from logs.catalogue.column import Column, Told, Value, attribute
 
 Array = npt.NDArray[np.float64]
-
-
-def _attribute(part: str, name: str) -> Callable[[Told], Value]:
-    """An attribute of the result of one stage, or of the chosen grasp; None without it."""
-
-    def take(told: Told) -> Value:
-        found = getattr(told, part)
-        value: Value = getattr(found, name) if found is not None else None
-        return value
-
-    return take
-
-
-def _chosen(take: Callable[[Grasp], Value]) -> Callable[[Told], Value]:
-    return lambda told: take(told.chosen) if told.chosen is not None else None
-
-
-# --- the chosen grasp -------------------------------------------------------------------------------------------------
-
-
-def _coordinate(axis: int) -> Callable[[Told], Value]:
-    return _chosen(lambda grasp: float(grasp.base_from_tcp[axis, 3]))
-
-
-def _lean_rad(grasp: Grasp) -> Value:
-    return float(np.arccos(np.clip(-grasp.base_from_tcp[2, 2], -1.0, 1.0)))
-
-
-def _terms(grasp: Grasp) -> Value:
-    return packed(grasp.terms)
-
-
-# --- the plan ---------------------------------------------------------------------------------------------------------
-
-
-def _ways(told: Told) -> tuple[Rejection, ...]:
-    """The ways to grasp that plan rejected, also where it failed."""
-    plan = told.record.stages.get("plan")
-    if plan is None:
-        return ()
-    ended: PickPlan | Failure | None = plan.result or plan.failure
-    return ended.rejected if ended is not None else ()
-
-
-def _rejected_codes(told: Told) -> Value:
-    return packed(Counter(way.code.value for way in _ways(told)))
-
-
-def _in_the_way(told: Told) -> Value:
-    return packed(Counter(way.obstacle.name for way in _ways(told) if way.obstacle is not None))
-
-
-def _planned_s(told: Told) -> Value:
-    if told.plan is None:
-        return None
-    return float(sum(one.trajectory.duration_s for one in told.plan.segments if one.name not in ONLY_TO_LOOK))
-
-
-def _searched(told: Told) -> Value:
-    return sum(one.route == "searched" for one in told.plan.segments) if told.plan is not None else None
 
 
 # --- the motion -------------------------------------------------------------------------------------------------------
@@ -156,33 +93,6 @@ def _laid_m(axis: int) -> Callable[[Told], Value]:
     return take
 
 
-CHOSEN = (
-    Column("grasp", "INTEGER", "", "Rank of the chosen grasp, from 0.", _attribute("plan", "grasp")),
-    Column("score", "REAL", "", "Its score.", _attribute("chosen", "score")),
-    Column("terms", "TEXT", "", "What the score is made of: a JSON object, name to value in 0..1.",
-           _chosen(_terms)),
-    Column("width_m", "REAL", "m", "Width of the object between the pads, as seen.", _attribute("chosen", "width_m")),
-    Column("opening_m", "REAL", "m", "Hand width to approach with.", _attribute("chosen", "opening_m")),
-    Column("grasp_x_m", "REAL", "m", "Where it closes, in `base`.", _coordinate(0)),
-    Column("grasp_y_m", "REAL", "m", "Where it closes, in `base`.", _coordinate(1)),
-    Column("grasp_z_m", "REAL", "m", "Where it closes, in `base`.", _coordinate(2)),
-    Column("lean_rad", "REAL", "rad", "Angle between its approach and straight down, before the tilt.",
-           _chosen(_lean_rad)),
-    Column("tilt_rad", "REAL", "rad", "Tilt of the approach about the closing axis, by the plan.",
-           _attribute("plan", "tilt_rad")),
-)  # fmt: skip
-
-PLAN = (
-    Column("rejected", "INTEGER", "", "Ways to grasp that were not feasible.",
-           lambda told: len(_ways(told)) if "plan" in told.record.stages else None),
-    Column("rejected_codes", "TEXT", "", "The same by reason: a JSON object, code to count.", _rejected_codes),
-    Column("in_the_way", "TEXT", "", "What they would have touched, when no way was free: JSON, name to count.",
-           _in_the_way),
-    Column("planned_s", "REAL", "s", "Duration of all planned motion.", _planned_s),
-    Column("searched", "INTEGER", "", "Segments that were searched around obstacles; the others are straight.",
-           _searched),
-)  # fmt: skip
-
 MOTION = (
     Column("executed", "INTEGER", "", "1: the fingers closed.", _is_closed),
     *(
@@ -190,7 +100,7 @@ MOTION = (
         for name in ("reach", "carry", "hold", "place", "home", "retreat")
     ),
     Column("stopped_in", "TEXT", "", "The segment or hand action that a stop ended.",
-           _attribute("execution", "stopped_in")),
+           attribute("execution", "stopped_in")),
     Column("contact_n", "REAL", "N", "Force at which the approach met something; NULL: nothing.", _contact("force_n")),
     Column("contact_remaining_m", "REAL", "m", "From there to the grasp.", _contact("remaining_m")),
     Column("closed_m", "REAL", "m", "Hand width right after closing.", _grasped_m),
@@ -201,14 +111,14 @@ MOTION = (
 
 VERDICT = (
     Column("held", "INTEGER", "", "1: it was held at the end of the hold; NULL: no verdict.",
-           _attribute("verdict", "held")),
-    Column("hold_observed_s", "REAL", "s", "How long the hold was observed.", _attribute("verdict", "hold_s")),
+           attribute("verdict", "held")),
+    Column("hold_observed_s", "REAL", "s", "How long the hold was observed.", attribute("verdict", "hold_s")),
     Column("width_min_m", "REAL", "m", "Smallest hand width on the way and meanwhile.",
-           _attribute("verdict", "width_min_m")),
-    Column("load_n", "REAL", "N", "Vertical force of the load in the hold.", _attribute("verdict", "load_n")),
-    Column("carried_n", "REAL", "N", "The same on the way there.", _attribute("verdict", "carried_n")),
+           attribute("verdict", "width_min_m")),
+    Column("load_n", "REAL", "N", "Vertical force of the load in the hold.", attribute("verdict", "load_n")),
+    Column("carried_n", "REAL", "N", "The same on the way there.", attribute("verdict", "carried_n")),
     Column("cleared_fraction", "REAL", "", "Share of the object's place that was seen empty.",
-           _attribute("verdict", "cleared_fraction")),
+           attribute("verdict", "cleared_fraction")),
     Column("released", "INTEGER", "", "1: the hand opened to lay it.", _released),
     Column("released_m", "REAL", "m", "Hand width after it.", _released_m),
     Column("laid_place", "TEXT", "", "Place it was laid at; empty: the tray or a position.", _laid),

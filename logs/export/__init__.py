@@ -2,6 +2,6 @@
 
 from logs.export.grasps import export_grasps
 from logs.export.lerobot import export_lerobot
-from logs.export.selection import Done, LeftOut, Selection, select
+from logs.export.selection import Done, LeftOut, Runner, Selection, select
 
-__all__ = ["Done", "LeftOut", "Selection", "export_grasps", "export_lerobot", "select"]
+__all__ = ["Done", "LeftOut", "Runner", "Selection", "export_grasps", "export_lerobot", "select"]

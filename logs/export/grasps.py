@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,7 +18,7 @@ from logs.export.clock import Array
 from logs.export.folder import new_folder
 from logs.export.outcome import OUTCOME, as_json, outcome, planned_grasp
 from logs.export.packages import column_type, parquet, pyarrow, require
-from logs.export.selection import Done, NothingToExport, Progress, Selection
+from logs.export.selection import Done, NothingToExport, Progress, Runner, Selection, alone, readable
 from logs.mcap.names import shown, telling
 from logs.mcap.reader import CycleRecord, read_cycle
 
@@ -79,11 +80,12 @@ GRASP: dict[str, tuple[str, str]] = {
 """The columns of `grasps.parquet`: type and meaning."""
 
 
-def export_grasps(selection: Selection, target: Path, progress: Progress) -> Done:
+def export_grasps(selection: Selection, target: Path, progress: Progress, run: Runner = alone) -> Done:
     """Write every grasp that detect found in the selected recordings, with its pictures and its outcome.
 
     Args:
         target: the folder, which must not exist; it appears when it is complete.
+        run: who reads the recordings and writes their pictures; all is the same whoever does.
 
     Raises: ConfigError without pyarrow, or for an existing folder; RecordingError when no recording has a grasp, or
         the folder cannot be written.
@@ -95,17 +97,22 @@ def export_grasps(selection: Selection, target: Path, progress: Progress) -> Don
         _writer(folder, "cycles", CYCLE) as told,
         _writer(folder, "grasps", GRASP) as rows,
     ):
-        for path in progress(selection.paths, len(selection.paths)):
-            with selection.or_left_out(path):
-                found = _read(path, selection.root)
-                paths = _written(folder, found)
-                told.write_table(_table([found.about()], CYCLE))
-                rows.write_table(_table([{**row, **paths} for row in found.grasps()], GRASP))
-                cycles, grasps = cycles + 1, grasps + len(found.detections.grasps)
-                read_bytes += path.stat().st_size
+        work = partial(readable, partial(_exported, root=selection.root, folder=folder))
+        for path, (about, found) in selection.done(work, run, progress):
+            told.write_table(_table([about], CYCLE))
+            rows.write_table(_table(found, GRASP))
+            cycles, grasps = cycles + 1, grasps + len(found)
+            read_bytes += path.stat().st_size
         if not cycles:
             raise selection.nothing()
     return Done(target, {"cycles": cycles, "grasps": grasps}, read_bytes, tuple(selection.left_out))
+
+
+def _exported(path: Path, root: Path, folder: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """Write the pictures of one recording; return its row of `CYCLE`, and those of `GRASP`."""
+    found = _read(path, root)
+    paths = _written(folder, found)
+    return found.about(), [{**row, **paths} for row in found.grasps()]
 
 
 class _Found(NamedTuple):

@@ -7,28 +7,33 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from bus.errors import ConfigError
 from logs.export.clock import Array
-from logs.export.episode import Episode, read_episode
 from logs.export.features import CAMERAS, EPISODE, episode_table, frame_table, info, task_table
 from logs.export.folder import new_folder
 from logs.export.packages import parquet, require
+from logs.export.packed import Packed, packing
 from logs.export.rolling import Limits, RollingTable, RollingVideo
-from logs.export.selection import Done, NothingToExport, Progress, Selection
-from logs.export.statistics import KEYS, Stats, of_numbers, of_picture, pooled
+from logs.export.selection import Done, NothingToExport, Progress, Runner, Selection, alone
+from logs.export.statistics import KEYS, Stats, pooled
 
 MAX_FPS = 100
 
 
 def export_lerobot(
-    selection: Selection, target: Path, progress: Progress, *, fps: int = 10, limits: Limits | None = None
+    selection: Selection,
+    target: Path,
+    progress: Progress,
+    *,
+    fps: int = 10,
+    limits: Limits | None = None,
+    run: Runner = alone,
 ) -> Done:
     """Write the selected recordings as a data set, one episode each.
 
     Args:
         target: its folder, which must not exist; it appears when it is complete. ``limits``: of its files.
+        run: who reads the recordings and encodes their pictures; the data set is the same whoever does.
 
     Raises: ConfigError without pyarrow or av, for an existing folder, or a rate that is none; RecordingError when no
         recording can be exported, or the folder cannot be written.
@@ -39,10 +44,12 @@ def export_lerobot(
     read_bytes = 0
     with new_folder(target) as folder, ExitStack() as files:
         dataset = _Dataset(folder, fps, limits or Limits(), files)
-        for path in progress(selection.paths, len(selection.paths)):
-            with selection.or_left_out(path):
-                dataset.add(read_episode(path, selection.root, fps))
+        for path, episode in selection.done(packing(selection.root, fps), run, progress):
+            try:
+                dataset.add(episode)
                 read_bytes += path.stat().st_size
+            except NothingToExport as error:
+                selection.leave_out(path, error)
         if not dataset.episodes:
             raise selection.nothing()
         files.close()
@@ -76,16 +83,15 @@ class _Dataset:
         """How much it has of what."""
         return {"episodes": self.episodes, "frames": self.frames, "tasks": len(self.tasks)}
 
-    def add(self, episode: Episode) -> None:
+    def add(self, episode: Packed) -> None:
         """Add one episode. Raises: NothingToExport when its pictures are not as large as those before."""
         self._require_one_shape(episode)
-        columns = self._columns(episode)
-        stats = {key: of_numbers(values) for key, values in columns.items()}
+        task = self.tasks.setdefault(episode.task, len(self.tasks))
+        columns = episode.numbered(self.episodes, self.frames, task, self._fps)
+        stats = episode.stats(columns)
         where = self._written(columns)
-        for key, camera in CAMERAS.items():
-            seen = [(look.frame, times) for look, times in episode.runs]
-            stats[key] = pooled([of_picture(camera.measured(frame), times) for frame, times in seen])
-            place = self._videos[key].add([(camera.encoded(frame), times) for frame, times in seen])
+        for key, video in episode.videos.items():
+            place = self._videos[key].add(video.shape, video.runs)
             where |= {f"videos/{key}/{name}": value for name, value in place.items()}
         self._tell(episode, where, stats)
         self._all = {key: pooled([self._all[key], found]) if self._all else found for key, found in stats.items()}
@@ -101,39 +107,25 @@ class _Dataset:
         (meta / "stats.json").write_text(json.dumps(stats, indent=4))
         parquet.write_table(task_table(list(self.tasks)), meta / "tasks.parquet")
 
-    def _require_one_shape(self, episode: Episode) -> None:
-        for key, camera in CAMERAS.items():
-            found = {camera.encoded(look.frame).shape[:2] for look, _ in episode.runs}
-            expected = self._shapes.get(key, next(iter(found)))
-            if found != {expected}:
-                sizes = ", ".join(f"{width} x {height}" for height, width in sorted(found))
-                raise NothingToExport(f"{key} has {sizes} pixels, in this data set {expected[1]} x {expected[0]}.")
-            if expected[0] % 2 or expected[1] % 2:
-                raise NothingToExport(f"{key} has {expected[1]} x {expected[0]} pixels; a video needs even numbers.")
-        self._shapes |= {key: camera.encoded(episode.pictures[0].frame).shape[:2] for key, camera in CAMERAS.items()}
-
-    def _columns(self, episode: Episode) -> dict[str, Array]:
-        index = np.arange(len(episode))
-        task = self.tasks.setdefault(episode.about["task"], len(self.tasks))
-        return {
-            **episode.columns,
-            "timestamp": index / self._fps,
-            "frame_index": index,
-            "episode_index": np.full(len(episode), self.episodes),
-            "index": self.frames + index,
-            "task_index": np.full(len(episode), task),
-        }
+    def _require_one_shape(self, episode: Packed) -> None:
+        for key, video in episode.videos.items():
+            (height, width), (first_height, first_width) = video.shape, self._shapes.get(key, video.shape)
+            if (height, width) != (first_height, first_width):
+                raise NothingToExport(
+                    f"{key} has {width} x {height} pixels, in this data set {first_width} x {first_height}."
+                )
+        self._shapes |= {key: video.shape for key, video in episode.videos.items()}
 
     def _written(self, columns: dict[str, Array]) -> dict[str, Any]:
         chunk, file = self._data.next_place()
         self._data.add(frame_table(columns))
         return {"data/chunk_index": chunk, "data/file_index": file}
 
-    def _tell(self, episode: Episode, where: dict[str, Any], stats: dict[str, Stats]) -> None:
+    def _tell(self, episode: Packed, where: dict[str, Any], stats: dict[str, Stats]) -> None:
         chunk, file = self._told.next_place()
         told = {
             "episode_index": self.episodes,
-            "tasks": [episode.about["task"]],
+            "tasks": [episode.task],
             "length": len(episode),
             "dataset_from_index": self.frames,
             "dataset_to_index": self.frames + len(episode),

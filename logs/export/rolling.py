@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from logs.export.clock import Array
 from logs.export.packages import parquet
 from logs.export.video import Format, Video
 
@@ -76,12 +76,12 @@ class RollingVideo:
         self._folder, self._fps, self._form, self._limits, self._number = folder, fps, form, limits, -1
         self._video: Video | None = None
 
-    def add(self, runs: list[tuple[Array, int]]) -> dict[str, Any]:
-        """Add the pictures of one episode, each with its number of frames; return where they are."""
-        video = self._with_room(runs[0][0].shape[:2])
+    def add(self, shape: tuple[int, int], runs: Sequence[tuple[bytes, int]]) -> dict[str, Any]:
+        """Add the pictures of one episode, encoded, each with its number of frames; return where they are."""
+        video = self._with_room(shape)
         first = video.frames
-        for picture, frames in runs:
-            video.hold(picture, frames)
+        for key, frames in runs:
+            video.hold(key, frames)
         chunk, file = place_of(self._number)
         return {
             "chunk_index": chunk,

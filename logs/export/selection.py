@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 from bus.codec import Json
-from bus.errors import RecordingError
+from bus.errors import CellError, RecordingError
 from logs.catalogue import Catalogue
 from logs.catalogue.ask import ask
 from logs.mcap.names import shown
@@ -20,6 +19,32 @@ _NOT_FINISHED = "not finished; `cell recover` makes it readable"
 
 Progress = Callable[[Iterable[Path], int], Iterable[Path]]
 """Passes the recordings on, of so many; it may show how far it is."""
+
+
+ResultT = TypeVar("ResultT")
+Work = Callable[[Path], "ResultT | RecordingError"]
+"""What is done with one recording, in this process or in another; an error is a result, too."""
+
+
+class Runner(Protocol):
+    """Whoever does the work on the recordings, for example several processes."""
+
+    def __call__(self, work: Work[ResultT], paths: Sequence[Path]) -> Iterator[ResultT | CellError]:
+        """The results, in the order of the paths; the error of what its worker did not survive."""
+        ...
+
+
+def alone(work: Work[ResultT], paths: Sequence[Path]) -> Iterator[ResultT | CellError]:
+    """The results of this process, one after the other."""
+    return map(work, paths)
+
+
+def readable(work: Callable[[Path], ResultT], path: Path) -> ResultT | RecordingError:
+    """The result of the work, or the error of a recording that cannot be read or lacks what is needed."""
+    try:
+        return work(path)
+    except RecordingError as error:
+        return error
 
 
 class NothingToExport(RecordingError):
@@ -47,14 +72,18 @@ class Selection:
     root: Path
     left_out: list[LeftOut] = field(default_factory=list)
 
-    @contextmanager
-    def or_left_out(self, path: Path) -> Iterator[None]:
-        """Context in which a recording is read; one that cannot be, or that lacks what is needed, is left out."""
-        try:
-            yield
-        except RecordingError as error:
-            why = error.text.removeprefix(f"{shown(path)} ")
-            self.left_out.append(LeftOut(path, why, not isinstance(error, NothingToExport)))
+    def done(self, work: Work[ResultT], run: Runner, progress: Progress) -> Iterator[tuple[Path, ResultT]]:
+        """Each recording with its result, in order; one without is left out."""
+        for path, found in zip(progress(self.paths, len(self.paths)), run(work, self.paths), strict=False):
+            if isinstance(found, CellError):
+                self.leave_out(path, found)
+            else:
+                yield path, found
+
+    def leave_out(self, path: Path, error: CellError) -> None:
+        """Leave out a recording, because of an error."""
+        why = error.text.removeprefix(f"{shown(path)} ")
+        self.left_out.append(LeftOut(path, why, not isinstance(error, NothingToExport)))
 
     def nothing(self) -> NothingToExport:
         """The error for a data set without any content: why the first recording is not in it."""

@@ -7,6 +7,7 @@ the key frame.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,8 @@ GROUP = 10
 """Frames from one key frame to the next: a reader that wants any of them decodes no more than these."""
 DEPTH_MIN_M, DEPTH_MAX_M, DEPTH_SHIFT_M = 0.01, 10.0, 3.5
 _DEPTH_CODES = 4095
+_ANY_FPS = 10
+"""An encoder wants to be told; a key frame is the same at any rate."""
 
 
 @dataclass(frozen=True)
@@ -66,6 +69,22 @@ def depth_m(codes: Array) -> Array:
     return np.asarray(np.where(codes == 0, np.nan, metres))
 
 
+class KeyFrames:
+    """Encodes pictures, each as a key frame of its own, for a `Video` of the same shape and format."""
+
+    def __init__(self, shape: tuple[int, int], form: Format) -> None:
+        self._form, self._given = form, 0
+        self._codec = av.CodecContext.create(form.encoder, "w")
+        _prepare(self._codec, shape, form)
+        self._codec.time_base, self._codec.framerate = Fraction(1, _ANY_FPS), Fraction(_ANY_FPS)
+        self._codec.flags |= av.codec.context.Flags.global_header  # as in the file
+
+    def encoded(self, picture: Array) -> bytes:
+        """One picture (H, W, 3) or (H, W)."""
+        self._given += 1
+        return _encoded(self._codec, picture, self._form, self._given - 1, is_key=True)
+
+
 class Video:
     """One MP4 file; its frames lie on the grid of ``fps``.
 
@@ -74,20 +93,16 @@ class Video:
     """
 
     def __init__(self, path: Path, fps: int, shape: tuple[int, int], form: Format) -> None:
-        self._form = form
-        self._frames = self._bytes = self._given = 0
+        self._frames = self._bytes = 0
         path.parent.mkdir(parents=True, exist_ok=True)
         self._file = av.open(str(path), "w", format="mp4")
         self._stream = self._file.add_stream(form.encoder, rate=fps, options=form.options)
-        self._stream.height, self._stream.width = shape
-        self._stream.pix_fmt = form.pix_fmt
-        self._stream.gop_size = GROUP
-        self._stream.codec_context.thread_count = 1
+        _prepare(self._stream.codec_context, shape, form)
         black = np.zeros(
             (*shape, form.channels) if form.channels > 1 else shape, np.uint16 if form is DEPTH else np.uint8
         )
-        group = [self._encoded(black, is_key=number == 0) for number in range(GROUP)]
-        self._unchanged = group[1:]
+        codec = self._stream.codec_context
+        self._unchanged = [_encoded(codec, black, form, at, is_key=at == 0) for at in range(GROUP)][1:]
 
     @property
     def frames(self) -> int:
@@ -99,9 +114,8 @@ class Video:
         """How large its frames are so far."""
         return self._bytes
 
-    def hold(self, picture: Array, frames: int) -> None:
-        """Add so many frames that show one picture (H, W, 3) or (H, W)."""
-        key = self._encoded(picture, is_key=True)
+    def hold(self, key: bytes, frames: int) -> None:
+        """Add so many frames that show one picture, by its key frame of `KeyFrames`."""
         for number in range(frames):
             place = number % GROUP
             packet = av.Packet(self._unchanged[place - 1] if place else key)
@@ -116,13 +130,19 @@ class Video:
         """Finish the file."""
         self._file.close()
 
-    def _encoded(self, picture: Array, *, is_key: bool) -> bytes:
-        """One frame; the encoder gives its packet at once."""
-        frame: Any = av.VideoFrame.from_ndarray(picture, format=self._form.given).reformat(format=self._form.pix_fmt)
-        kind = av.video.frame.PictureType
-        frame.pts, frame.pict_type = self._given, kind.I if is_key else kind.P
-        self._given += 1
-        packets = self._stream.encode(frame)
-        if len(packets) != 1 or packets[0].is_keyframe is not is_key:
-            raise RuntimeError(f"{self._form.encoder} gave {packets} for one frame")
-        return bytes(packets[0])
+
+def _prepare(codec: Any, shape: tuple[int, int], form: Format) -> None:
+    codec.height, codec.width = shape
+    codec.pix_fmt, codec.options = form.pix_fmt, form.options
+    codec.gop_size, codec.thread_count = GROUP, 1
+
+
+def _encoded(codec: Any, picture: Array, form: Format, number: int, *, is_key: bool) -> bytes:
+    """One frame; the encoder gives its packet at once."""
+    frame: Any = av.VideoFrame.from_ndarray(picture, format=form.given).reformat(format=form.pix_fmt)
+    kind = av.video.frame.PictureType
+    frame.pts, frame.pict_type = number, kind.I if is_key else kind.P
+    packets = codec.encode(frame)
+    if len(packets) != 1 or packets[0].is_keyframe is not is_key:
+        raise RuntimeError(f"{form.encoder} gave {packets} for one frame")
+    return bytes(packets[0])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from datetime import UTC, datetime
@@ -112,24 +112,26 @@ def recordings(folder: Path) -> list[Path]:
     return sorted(files, key=lambda path: path.name, reverse=True)
 
 
-def find_recording(name: str, folder: Path) -> Path:
-    """The recording named ``name``: a file, or a cycle of ``folder`` by its id or an unambiguous part of it.
-
-    Raises: RecordingError when there is none, or more than one.
-    """
+def is_a_path(name: str) -> bool:
+    """Whether a recording's name is that of a file, and not a cycle's id or a part of it. Raises: RecordingError."""
     path = Path(name)
     with reading(path):
         is_there = path.exists()
-    if is_there or path.suffix in (".mcap", PART) or len(path.parts) > 1:
-        return path  # the reader reports errors of the file
-    found = [path for path in recordings(folder) if name in _id_of(path)]
+    return is_there or path.suffix in (".mcap", PART) or len(path.parts) > 1
+
+
+def the_one(name: str, among: Sequence[Path], folder: Path) -> Path:
+    """The recording of the cycle with this id or an unambiguous part of it, among those of ``folder``.
+
+    Raises: RecordingError when there is none, or more than one.
+    """
+    found = [path for path in among if name in _id_of(path)]
     whole = [path for path in found if _id_of(path) == name]
     if len(whole or found) == 1:
         return (whole or found)[0]
     if not found:
-        raise RecordingError(
-            f"There is no file {shown(path)}, and no cycle {shown(path)} in {shown(folder)}.", "See `cell cycles`."
-        )
+        path = shown(Path(name))
+        raise RecordingError(f"There is no file {path}, and no cycle {path} in {shown(folder)}.", "See `cell cycles`.")
     some = ", ".join(_id_of(path) for path in found[:_SHOWN_MATCHES])
     more = " ..." if len(found) > _SHOWN_MATCHES else ""
     raise RecordingError(f"{len(found)} cycles have {name!r} in their id: {some}{more}.", "Write more of it.")

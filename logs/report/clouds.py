@@ -17,6 +17,8 @@ from logs.report.page import Figure
 
 _SHOWN_POINTS = 2500
 """Most points of each cloud: a phone renders these smoothly."""
+_FUSED_POINTS = 4500
+"""Most points of all looks together."""
 _OBSERVED, _IMAGINED, _ROD, _HAND = "#7b8794", "#2f6fde", "#d6249f", "#1f8a5b"
 _BLOCKED, _REJECTED_HAND = "#d8273f", "#e08a00"
 
@@ -85,7 +87,8 @@ def fused(looks: Sequence[tuple[str, str, Array, Array]], grasp: Grasp | None) -
     measured = np.concatenate([points for _, _, points, _ in looks])
     middle = np.median(measured, axis=0) if len(measured) else np.zeros(3)
     for name, color, points, _ in looks:
-        data.append(_trace(name, _thin(points), still, mode="markers", marker={"size": 2.2, "color": color}))
+        few = _thin(points, _FUSED_POINTS // len(looks))
+        data.append(_trace(name, few, still, mode="markers", marker={"size": 2.2, "color": color}))
     for name, color, _, place in looks:
         away = (place - middle) / max(float(np.linalg.norm(place - middle)), 1e-9)
         sight = middle + np.outer(_SIGHT_M, away)
@@ -155,8 +158,8 @@ def _trace(name: str, points: Array, base_from_points: Array, **style: object) -
     return {"type": "scatter3d", "name": name, "x": x, "y": y, "z": z, "hoverinfo": "skip", **style}
 
 
-def _thin(points: Array) -> Array:
-    return points[:: max(1, -(-len(points) // _SHOWN_POINTS))]
+def _thin(points: Array, most: int = _SHOWN_POINTS) -> Array:
+    return points[:: max(1, -(-len(points) // most))]
 
 
 def _hand_outline(grasp: Grasp) -> Array:

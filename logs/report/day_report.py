@@ -24,6 +24,7 @@ from logs.mcap.reader import read_cycle, recorded_number
 from logs.mcap.recorder import PART
 from logs.report.cycle_report import write_report
 from logs.report.page import VERSION, write_page
+from logs.report.trend import trend
 
 INDEX = "index.html"
 _HEAD_BYTES = 1 << 17
@@ -120,6 +121,8 @@ def write_day(day: Path, damaged: Mapping[Path, str] = _NONE) -> Path:
         "title": f"{ids[0][:4]}-{ids[0][4:6]}-{ids[0][6:]}" if ids[0].isdigit() else shown(Path(day.name)),
         "rows": sorted(rows, key=lambda row: not row.entry.failed),  # stable: newest first among themselves
         "outcomes": Counter(row.entry.result for row in rows).most_common(),
+        "trend": trend([row.entry for row in rows]),
+        "objects": sorted({row.entry.object for row in rows if row.entry.object}),
         "codes": _codes(rows),
         "spreads": _spreads(rows, summaries),
         "ticks": [(_at(value), f"{value:g} s") for value in _SHOWN_S],

@@ -135,8 +135,8 @@ def _joints(time_s: Array, values: Array) -> list[Json]:
 
 
 def _curve(time_s: Array, values: Array, name: str, color: str) -> Json:
-    x, y = _extremes(time_s, values)
-    return {"type": "scatter", "mode": "lines", "name": name, "x": x, "y": y, "line": {"width": 1.3, "color": color}}
+    line = {"width": 1.3, "color": color}
+    return {"type": "scatter", "mode": "lines", "name": name, "line": line, **_points(time_s, values)}
 
 
 def _add_level(figure: Figure, y: float, text: str, color: str) -> None:
@@ -176,14 +176,17 @@ def _name_segments(figure: Figure, runs: Sequence[SegmentRun]) -> None:
             figure["layout"]["annotations"].append({**middle, "text": name, "showarrow": False, "font": {"size": 10}})
 
 
-def _extremes(t: Array, y: Array) -> tuple[Array, Array]:
-    """At most two points a bucket, its minimum and its maximum, so that no peak is lost."""
+def _points(t: Array, y: Array) -> Json:
+    """All points; of many the minimum and the maximum of each bucket, in their order, so that no peak is lost.
+
+    Those are drawn at even distances, at most a bucket away from where they were: their times need no room.
+    """
     if len(y) <= 2 * _BUCKETS:
-        return t, y
-    chosen = []
-    for part in np.array_split(np.arange(len(y)), _BUCKETS):
-        chosen += sorted({int(part[y[part].argmin()]), int(part[y[part].argmax()])})
-    return t[chosen], y[chosen]
+        return {"x": t, "y": y}
+    ends = np.array_split(np.arange(len(y)), _BUCKETS)
+    chosen = [sorted((int(part[y[part].argmin()]), int(part[y[part].argmax()]))) for part in ends]
+    step = float(t[-1] - t[0]) / (2 * _BUCKETS)
+    return {"x0": float(t[0]) + step / 2, "dx": step, "y": y[np.ravel(chosen)]}
 
 
 def _plain(data: list[Json], x_title: str, y_title: str) -> Figure:

@@ -17,7 +17,7 @@ import httpx2
 from bus.clock import WALL_CLOCK
 from bus.commands import CellHealth, CellState, CommandReply, CommandRequest
 from bus.errors import Refused
-from bus.messages import CycleResult, PlanView, Proposal
+from bus.messages import CycleResult, Picture, PlanView, Proposal
 from bus.sample import Sample
 from cell.client import Client
 from cell.http.access import Access
@@ -61,7 +61,7 @@ class FakeCell:
     def send(self, verb: str, request: CommandRequest) -> CommandReply:
         self.sent.append((verb, request))
         self._answer()
-        return ACCEPTED
+        return ACCEPTED.model_copy(update={"since_ns": self.now.since_ns})
 
     def result(self, cycle_id: str) -> CycleResult | None:
         self._answer()
@@ -78,6 +78,9 @@ class FakeCell:
             return self.said.get(timeout=timeout_s)
         except queue.Empty:
             return None
+
+    def picture(self) -> Picture:
+        raise Refused("The arm moves.", code="NO_PICTURE")
 
     @contextmanager
     def connect(self, client_id: str) -> Iterator[Client]:

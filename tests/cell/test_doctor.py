@@ -4,24 +4,29 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import socket
+import sqlite3
 import subprocess
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from importlib.metadata import requires
 from pathlib import Path
 
 import pytest
 
 from cell.build import running_cell
-from cell.doctor import arm, kernel, machine, network, reach
+from cell.doctor import arm, catalogue, kernel, machine, network, reach
 from cell.doctor.examine import CHECKS, examine
 from cell.doctor.finding import Finding, Verdict
 from config.load import DEFAULT_STATION, load_station
 from config.schema import Station
+from logs.catalogue import open_catalogue
+from logs.catalogue.store import CATALOGUE
 
 FOLDER = DEFAULT_STATION.parent
+PICK = Path(__file__).parents[1] / "golden" / "cycle-schema4.mcap"
 Run = Callable[..., subprocess.CompletedProcess[str]]
 HERE = "127.71.72.73"
 """An address of this machine that no other test listens on."""
@@ -124,6 +129,25 @@ def test_the_disk_is_measured_where_the_recordings_will_be(tmp_path: Path) -> No
 
 def test_a_folder_nobody_can_write_to() -> None:
     is_to_fix(machine.disk(simulated("recording.folder=/proc/recordings")), "cannot be written", "recording.folder")
+
+
+def test_the_catalogue_is_missing_up_to_date_stale_of_another_version_or_damaged(tmp_path: Path) -> None:
+    station = simulated(f"recording.folder={tmp_path}")
+    is_skipped(catalogue.catalogue(station), "nothing for it to list")
+    shutil.copy(PICK, tmp_path / "one.mcap")
+    is_to_fix(catalogue.catalogue(station), "it is missing", "reads 1 recordings")
+    with open_catalogue(tmp_path):
+        pass
+    held = sorted(path.name for path in tmp_path.iterdir())
+    is_ok(catalogue.catalogue(station), "1 cycles")
+    assert sorted(path.name for path in tmp_path.iterdir()) == held, "the doctor leaves nothing behind"
+    (tmp_path / "one.mcap").rename(tmp_path / "other.mcap")
+    is_to_fix(catalogue.catalogue(station), "1 recordings are not in it", "1 rows have no recording", "rebuild")
+    with closing(sqlite3.connect(tmp_path / CATALOGUE)) as connection:
+        connection.execute("PRAGMA user_version = 7")
+    is_to_fix(catalogue.catalogue(station), "another version")
+    (tmp_path / CATALOGUE).write_bytes(b"no database, and of more than sixteen bytes")
+    is_to_fix(catalogue.catalogue(station), "damaged", "`cell catalogue rebuild`")
 
 
 def test_the_clock_matters_to_real_devices() -> None:

@@ -66,6 +66,9 @@ def test_the_example_picks_and_what_it_left_is_served(shared_cell: Station, url:
     recording = Path(result["recording"]).read_bytes()
     assert http.get(newest["file"], headers={"Range": "bytes=0-9999"}).content == recording[:10_000]
     assert http.get("/api/picture").content[:2] == b"\xff\xd8"
+    now = http.get("/api/picture/now")  # the cell is Complete
+    assert (now.headers["Content-Type"], now.content[:4]) == ("image/png", b"\x89PNG")
+    assert int(now.headers["X-Stamp-Ns"]) > 0
     scene = http.get("/api/scene").json()
     assert scene["outlines"] and scene["numbers"]
     with client.connect(shared_cell) as cell:
@@ -142,3 +145,4 @@ def test_without_a_lease_nothing_moves(shared_cell: Station, http: httpx2.Client
     assert http.post("/api/picks").json()["code"] == "WRONG_STATE"
     with client.connect(shared_cell) as cell:
         assert cell.state().state == "Stopped"
+    assert http.get("/api/picture/now").json()["code"] == "NO_PICTURE", "the arm does not look from there"

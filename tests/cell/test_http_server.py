@@ -110,7 +110,9 @@ def test_a_report_is_a_page_of_its_own_that_reaches_nothing_here(shared_site: Si
 
 def test_a_report_has_its_drawing_library_inside_because_it_may_fetch_nothing(shared_site: Site) -> None:
     page = shared_site.http.get("/reports/2026-11-29/drawn.html")
-    assert page.text == "<p>why</p><script>draw()</script>"
+    assert page.text == "<p>why</p><script>draw()</script>" and page.headers["content-encoding"] == "gzip"
+    plain = shared_site.http.get("/reports/2026-11-29/drawn.html", headers={"Accept-Encoding": "identity"})
+    assert plain.text == page.text and "content-encoding" not in plain.headers
     assert "sandbox allow-scripts" in page.headers["content-security-policy"]
     assert shared_site.http.get("/reports/2026-11-29/alone.html").text == '<script src="plotly-0.min.js"></script>'
     assert shared_site.http.get("/reports/2026-11-29/plotly-1.min.js").status_code == 404

@@ -11,6 +11,7 @@ ROOT = Path(__file__).parents[2]
 TOOLS = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]
 TOP = tuple(TOOLS["importlinter"]["root_packages"])
 FIND = TOOLS["setuptools"]["packages"]["find"]
+FORMS = [form for forms in TOOLS["setuptools"]["package-data"].values() for form in forms]
 
 
 @pytest.mark.parametrize("top", TOP)
@@ -24,5 +25,5 @@ def test_every_folder_with_code_is_a_package_of_the_wheel(top: str) -> None:
 def test_every_file_of_data_is_in_the_wheel() -> None:
     files = {file for top in TOP for file in (ROOT / top).rglob("*.*") if file.is_file()}
     packages = {file.parent for file in files if file.name == "__init__.py"}
-    taken = {file for one in packages for form in TOOLS["setuptools"]["package-data"]["*"] for file in one.glob(form)}
+    taken = {file for one in packages for form in FORMS for file in one.glob(form)}
     assert [file for file in files - taken if file.suffix not in (".py", ".pyc")] == []

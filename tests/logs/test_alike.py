@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import json
 import time
-from collections import Counter
-from math import comb
 from typing import Any
 
 import numpy as np
 import pytest
 
+from benchmarks.grouped import adjusted_rand
 from logs.alike.features import FAMILIES, SHOWN, Space, space_of
 from logs.alike.groups import group_failures, label_failures, nearest
 
@@ -52,14 +51,6 @@ def _cycles(count: int, seed: int, failed: float = 1.0) -> tuple[Space, list[int
         for name, values in columns.items():
             values.append(usual.get(name))
     return space_of(columns), truth.tolist()
-
-
-def adjusted_rand(one: list[int], other: list[int]) -> float:
-    """1: the same groups; 0: as good as chance."""
-    pairs = zip(one, other, strict=True)
-    both, mine, theirs = (sum(comb(n, 2) for n in Counter(some).values()) for some in (pairs, one, other))
-    by_chance = mine * theirs / comb(len(one), 2)
-    return (both - by_chance) / ((mine + theirs) / 2 - by_chance)
 
 
 def test_faults_fall_into_their_own_groups() -> None:
@@ -109,6 +100,16 @@ def test_numbers_in_a_reason_do_not_part_cycles_but_a_missing_value_does() -> No
     columns["load_n"] = [1.0, 1.0, None]
     apart = space_of(columns).distances([0], [1, 2])[0]
     assert apart[0] == 0.0 and apart[1] > 0.0
+
+
+def test_failures_of_another_part_are_another_group_but_not_those_of_another_stage_or_with_a_note_behind() -> None:
+    columns: dict[str, list[Any]] = {name: [None] * 4 for name in NAMES}
+    columns |= {"cycle_id": list("abcd"), "code": ["DEVICE_LOST"] * 4, "started_ns": [0] * 4, "object": ["mug"] * 4}
+    columns |= {"failed_stage": ["execute", "capture", "execute", "execute"], "load_n": [1.0, None, 1.0, 1.0]}
+    columns["reason"] = [f"The {part} no longer answers." for part in ("arm", "arm", "hand")]
+    columns["reason"].append("The arm no longer answers. This machine is too busy: load 7 on 2 cores.")
+    labels = label_failures(space_of(columns), range(4)).tolist()
+    assert labels[0] == labels[1] == labels[3] != labels[2]
 
 
 def test_no_cycles_and_one_cycle_are_no_trouble() -> None:

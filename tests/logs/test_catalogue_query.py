@@ -16,6 +16,7 @@ from docs.catalogue_page import EXAMPLES
 from logs.catalogue import Catalogue, open_catalogue
 from logs.catalogue.ask import Answer, ask
 from logs.catalogue.export import csv_lines, write_parquet
+from logs.catalogue.fleet import ask_fleet
 from logs.catalogue.labels import LABELS, Label, append, read_labels
 from logs.catalogue.opening import open_store
 from logs.catalogue.store import CATALOGUE
@@ -173,3 +174,45 @@ def test_labels_of_several_writers_are_whole(tmp_path: Path) -> None:
     with closing(open_store(tmp_path)) as store:
         store.copy_labels()
         assert store.connection.execute("SELECT count(*) FROM labels").fetchone() == (20,)
+
+
+# --- several cells ----------------------------------------------------------------------------------------------------
+
+
+def _export(catalogue: Catalogue, path: Path, cell_id: str, columns: str = "*") -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    answer = ask(catalogue, f"SELECT {columns} FROM cycles")
+    place = answer.columns.index("cell_id")
+    write_parquet(Answer(answer.columns, [(*row[:place], cell_id, *row[place + 1 :]) for row in answer.rows]), path)
+    return path
+
+
+def test_the_exports_of_several_cells_are_one_table(catalogue: Catalogue, tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow")
+    exports = tmp_path / "exports"
+    for cell_id in ("hall-1", "hall-2"):
+        _export(catalogue, exports / cell_id / "2026-01-01.parquet", cell_id)
+    _export(catalogue, exports / "hall-2" / "2026-01-01-again.parquet", "hall-2")
+    older = _export(catalogue, tmp_path / "older.parquet", "hall-3", "cell_id, cycle_id, result")
+    sql = "SELECT cell_id, count(*) AS n, sum(result = 'SUCCESS'), sum(score IS NULL) FROM cycles GROUP BY 1"
+    answer = ask_fleet([exports, older], sql)
+    assert answer.rows == [("hall-1", 2, 1, 1), ("hall-2", 2, 1, 1), ("hall-3", 2, 1, 2)]
+    one = ask_fleet([exports], f"SELECT * FROM cycles WHERE cell_id = 'hall-1' AND cycle_id = '{MORNING}'")
+    alone = ask(catalogue, f"SELECT * FROM cycles WHERE cycle_id = '{MORNING}'")
+    place = alone.columns.index("cell_id")
+    assert one.columns == alone.columns and one.rows[0][place + 1 :] == alone.rows[0][place + 1 :]
+
+
+def test_what_is_no_export_of_a_cell_is_refused_by_name(catalogue: Catalogue, tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow")
+    with pytest.raises(CatalogueError, match="no Parquet file below"):
+        ask_fleet([tmp_path], "SELECT 1")
+    (tmp_path / "torn.parquet").write_bytes(b"PAR1")
+    with pytest.raises(CatalogueError, match=r"torn\.parquet cannot be read"):
+        ask_fleet([tmp_path], "SELECT 1")
+    write_parquet(ask(catalogue, "SELECT cycle_id FROM cycles"), tmp_path / "torn.parquet")
+    with pytest.raises(CatalogueError, match="no column cell_id"):
+        ask_fleet([tmp_path], "SELECT 1")
+    whose = _export(catalogue, tmp_path / "whole.parquet", "hall-1")
+    with pytest.raises(CatalogueError, match="does more than read"):
+        ask_fleet([whose], "DELETE FROM cycles")

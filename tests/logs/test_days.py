@@ -33,6 +33,18 @@ def test_failures_come_first_and_each_leads_to_its_page(record: Record, tmp_path
     assert page.count('src="data:image/jpeg') == 3
 
 
+def test_a_day_is_told_in_numbers_by_the_hour_and_can_be_filtered(record: Record, tmp_path: Path) -> None:
+    for name, failed in ((MORNING, None), (NOON, "plan"), (EVENING, None)):
+        record(failed, name)
+    page = _write(tmp_path)
+    assert "2 of 3 picks succeeded: 67 %, 95 % interval 21 % to 94 %" in page
+    assert re.findall(r'title="(\d\d):00 UTC: (\d) of (\d)"', page)[::4] == [
+        ("08", "1", "1"), ("12", "0", "1"), ("16", "0", "0"), ("20", "1", "1")
+    ]  # fmt: skip
+    assert '<option value="NO_GRASP">NO_GRASP (1)</option>' in page
+    assert re.findall(r'data-code="(\w*)"', page) == ["NO_GRASP", "", ""]
+
+
 def test_pages_are_for_those_who_may_read_the_recordings(record: Record, tmp_path: Path) -> None:
     path = record(None, MORNING)
     _write(tmp_path)

@@ -9,7 +9,8 @@ import pytest
 
 from bus.codes import Code
 from bus.errors import RecordingError
-from logs.mcap.index import Filter, find_recording, list_cycles
+from logs.catalogue.finding import find_recording
+from logs.mcap.index import Filter, list_cycles
 from logs.mcap.recorder import Recorder
 
 OLD = "20251231T120000000"

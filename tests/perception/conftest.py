@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from bus.messages import ArmMode, ArmState, CameraModel, Frame, Observation, View
+from bus.messages import CameraModel, Frame, Observation, View
 
 CAMERA = CameraModel(width=480, height=360, fx=450.0, fy=450.0, cx=240.0, cy=180.0)
 _CAMERA_HEIGHT_M = 0.6
@@ -48,7 +48,6 @@ def look() -> Look:
         )
         base_from_color = np.diag([1.0, -1.0, -1.0, 1.0])
         base_from_color[:3, 3] = [0.45, 0.0, _CAMERA_HEIGHT_M]
-        arm = ArmState(stamp_ns=1, mode=ArmMode.IDLE, q_rad=np.zeros(7), dq_rad_s=np.zeros(7), tau_ext_nm=np.zeros(7))
-        return Observation(view=View(stamp_ns=1, arm=arm, base_from_color=base_from_color), frame=frame)
+        return Observation(view=View(stamp_ns=1, base_from_color=base_from_color), frame=frame)
 
     return see
