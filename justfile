@@ -24,6 +24,10 @@ start *args: setup
 sim *args: setup
     uv run cell start --config {{config}} --set sim.pace=1 "$@"
 
+# Show three cycles of the simulated cell: one succeeds, one must fail, one asks what if; each with its page
+tour *args: setup
+    uv run cell tour "$@"
+
 # Install what the tests of the real drivers need: the vendors' SDKs, and a simulator of the FR3 in its own environment
 stand-ins: setup
     @./setup.sh stand-ins
@@ -53,6 +57,13 @@ test *args: setup
 test-all *args:
     @{{just_executable()}} of_them="" test "$@"
 
+# Run the tests of the gate on another Python, in an environment of its own: `just test-on 3.13`
+test-on python *args: setup
+    uv venv --quiet --allow-existing --python {{python}} .venv-{{python}}
+    uv pip sync --quiet --python .venv-{{python}} --require-hashes requirements.lock
+    uv pip install --quiet --python .venv-{{python}} --no-deps --no-build-isolation --editable .
+    shift; OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 .venv-{{python}}/bin/python -m pytest -m "not realtime{{of_them}}" -n 2 --dist loadgroup --no-loadscope-reorder "$@"
+
 # Lint, format, types, import contracts
 check: setup
     uv run ruff check .
@@ -77,7 +88,7 @@ golden-update: setup
 report *args: setup
     uv run cell report "$@"
 
-# Regenerate the pages that are written from the code: commands, states, faults, bus, settings, recording, catalogue, export, opcua
+# Regenerate the pages that are written from the code, and build all pages as a site into site/ (warnings are errors)
 docs: setup
     uv run python -m docs.commands_page
     uv run python -m docs.states_page
@@ -88,6 +99,21 @@ docs: setup
     uv run python -m docs.catalogue_page
     uv run python -m docs.export_page
     uv run python -m docs.opcua_page
+    uv run python -m docs.api_page
+    NO_MKDOCS_2_WARNING=1 uv run mkdocs build --quiet
+
+# Run the notebook docs/examples/first_pick.ipynb, and write what it gives
+notebook: setup
+    uv run python -m docs.notebook
+
+# Draw the pictures of docs/first_hour.md, from a run of its own (needs a browser: chromium-headless-shell)
+first-hour: setup
+    uv run python -m docs.first_hour_pictures
+
+# Draw the README's picture of a pick, from a real run
+pictures: setup
+    uv run cell start --config {{config}} --cycles 1 --seed 8 --no-report --set recording.folder=recordings/pictures
+    uv run python -m docs.pick_picture recordings/pictures/*/*.mcap
 
 # Resolve the dependencies anew into requirements.lock
 lock:

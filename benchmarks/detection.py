@@ -14,7 +14,7 @@ import numpy as np
 
 from benchmarks.scenes import CAMERA, Scene, render, scenes
 from bus.errors import CycleFailure
-from bus.messages import ArmMode, ArmState, Detections, Frame, ModelReply, Observation, View
+from bus.messages import Detections, Frame, ModelReply, Observation, View
 from bus.transforms import apply, inverse
 from config.load import load_station
 from perception.align.base import Array
@@ -79,7 +79,6 @@ def _observed(scene: Scene, rng: np.random.Generator) -> Observation:
     depth_m = depth_m + _DEPTH_NOISE_M * rng.standard_normal(depth_m.shape)
     color = np.where(picture.object[..., None], np.array(_OBJECT_RGB), np.array(_TABLE_RGB))
     color = np.clip(color + rng.normal(0, 3, color.shape), 0, 255).astype(np.uint8)
-    arm = ArmState(stamp_ns=1, mode=ArmMode.IDLE, q_rad=np.zeros(7), dq_rad_s=np.zeros(7), tau_ext_nm=np.zeros(7))
     frame = Frame(
         stamp_ns=1,
         color=color,
@@ -88,7 +87,7 @@ def _observed(scene: Scene, rng: np.random.Generator) -> Observation:
         depth_camera=CAMERA,
         color_from_depth=np.eye(4),
     )
-    return Observation(view=View(stamp_ns=1, arm=arm, base_from_color=base_from_color), frame=frame)
+    return Observation(view=View(stamp_ns=1, base_from_color=base_from_color), frame=frame)
 
 
 def _table(base_from_color: Array) -> Array:

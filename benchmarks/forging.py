@@ -143,7 +143,7 @@ def _falseness(result: CycleResult) -> str:
         recorded = read_cycle(path).result
     except CellError as error:
         return f"the recording cannot be read: {error.code}"
-    if recorded != result:
+    if recorded is None or encode(recorded) != encode(result):
         return "the recording's result is another"
     if trouble(path):
         return "the recording is no whole file"

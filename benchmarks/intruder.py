@@ -1,14 +1,16 @@
-"""The capabilities of an unauthorised program on the bus: it speaks plain Zenoh, and holds no lease.
+"""The capabilities of an unauthorised program on the bus: it speaks plain Zenoh, and holds no lease; and at the doors.
 
 Each try sends a query (`benchmarks.questions`), forges samples (`benchmarks.forging`), impersonates a participant
 (`benchmarks.rogues`), or is an unauthorised or frozen process (`benchmarks.peers`). It is accepted when a command was
-executed or a forged sample was believed.
+executed or a forged sample was believed. Afterwards, while the cell picks, tries at its doors
+(`benchmarks.intruder_at_doors`).
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
@@ -17,6 +19,8 @@ import zenoh
 
 from benchmarks.attacked import Attacked, plain_session, wait_until
 from benchmarks.forging import NODE, Forging
+from benchmarks.guarded import Guarded
+from benchmarks.intruder_at_doors import DOOR_SHARES, attack_doors
 from benchmarks.peers import Peers
 from benchmarks.questions import Questions
 from benchmarks.rogues import Rogues
@@ -31,7 +35,7 @@ from cell.build import running_cell
 from config.load import load_station
 
 _PATIENCE_S = 60.0
-SHARES = {
+BUS_SHARES = {
     "malformed": 0.1, "unauthorised": 0.1, "stale": 0.1, "out_of_limits": 0.1, "replayed": 0.1,
     "wildcard": 0.13, "stranger": 0.06, "stranger_named": 0.06, "source_copied": 0.02,
     "forged": 0.17, "forged_copied": 0.03, "rogue_answer": 0.02, "token": 0.003, "same_id": 0.001,
@@ -40,6 +44,7 @@ SHARES = {
     "frozen_listener": 0.0003,
 }  # fmt: skip
 """Of the tries; what takes a cell's time is rarer. Where there are enough tries, each kind has one at least."""
+SHARES = {**BUS_SHARES, **DOOR_SHARES}
 
 
 def run(
@@ -48,14 +53,19 @@ def run(
     """``tries`` against a simulated cell of its own, at real-time pace; ``only``: of these kinds.
 
     Returns:
-        tries; accepted: acts that were carried out, and lies that were believed; moved: how often arm or hand were
-        elsewhere afterwards; crashes: nodes started again, threads that ended, questions without an answer, a cell that
-        is no longer Idle; by_kind, accepted_kinds, crash_cases in words; by_code of the refusals, one a reply.
+        tries; accepted: acts that were carried out, sessions that opened, lies that were believed; picks: how those
+        meanwhile ended; moved: how often arm or hand were elsewhere afterwards; crashes: nodes started again, threads
+        that ended, questions without an answer, a cell that is no longer Idle, or no longer picks; by_kind,
+        accepted_kinds, crash_cases in words; by_code of the refusals, one a reply.
     """
     rng, tally = np.random.default_rng(seed), Tally()
     kinds = series(tries, rng, only)
+    at_doors = [kind for kind in kinds if kind in DOOR_SHARES]
+    kinds = [kind for kind in kinds if kind in BUS_SHARES]
     with TemporaryDirectory() as folder:
-        station = load_station(None, [f"bus.endpoint={endpoint}", f"recording.folder={folder}", "sim.pace=1"])
+        guarded = Guarded.in_folder(Path(folder))
+        own = (f"bus.endpoint={endpoint}", f"recording.folder={folder}/recordings", "sim.pace=1")
+        station = load_station(None, [*own, *guarded.settings])
         with (
             running_cell(station, lambda topic, message: None) as daemon,
             Bus.join(station.cell_id, endpoint) as bus,
@@ -74,10 +84,12 @@ def run(
                     cell.make_idle()
                 if number % 100 == 0 and cell.look():
                     tally.crash(f"something has moved by itself within the last tries before {kind}")
-                if number % 500 == 0 or number == tries:
-                    tell(f"{number}/{tries}: accepted {sum(tally.accepted.values())}, crashes {tally.crashes}")
+                if number % 500 == 0 or number == len(kinds):
+                    tell(f"{number}/{len(kinds)}: accepted {sum(tally.accepted.values())}, crashes {tally.crashes}")
             session.close()  # type: ignore[no-untyped-call]
             cell.look()
+            if at_doors:
+                attack_doors(cell, guarded, at_doors, rng, tell)
             tally.crashes += cell.restarts() + len(daemon.health().defects)
     return tally.figures()
 
@@ -104,7 +116,7 @@ def _attempts(
         Peers(cell, session, rng),
     )
     attempts = {kind: group.attempt for group in groups for kind in group.kinds}
-    assert set(attempts) == set(SHARES)
+    assert set(attempts) == set(BUS_SHARES)
     return attempts
 
 

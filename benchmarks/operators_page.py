@@ -1,9 +1,11 @@
 """The operator's page in a headless browser, at a simulated cell at real-time pace, served by a process of its own.
 
-``first_paint_ms``: the browser's first contentful paint, the median of several loads. ``event_to_screen_ms``: from the
-beginning of a state or stage, as the cell stamps it, to the frame that shows it. ``daemon_cpu_share``: processor time
-of the HTTP process, of one core, with so many pages open at an idle cell. ``stop_to_brake_ms``: from the press on Stop,
-by the browser's clock (1 ms coarse), to the brake (`benchmarks.stopping`).
+``first_paint_ms``: the browser's first contentful paint, the median of several loads. ``event_to_screen_ms``: from
+the beginning of a state or stage, as the cell stamps it, until the page's document says it; ``event_to_frame_ms``:
+until the frame that shows it is drawn. ``daemon_cpu_share``: processor time of the HTTP process and of the daemon, of
+one core, with so many pages open at a cell that is Idle and shows pictures of now; the daemon shares its process with
+this program, which waits. ``stop_to_brake_ms``: from the press on Stop, by the browser's clock (1 ms coarse), to the
+brake (`benchmarks.stopping`). All of it depends on what else the machine does: ``load_average``.
 """
 
 from __future__ import annotations
@@ -25,19 +27,24 @@ from playwright.sync_api import Browser, Page, sync_playwright
 
 from benchmarks.stopping import Bench, Witness, wait
 from bus import topics
+from bus.commands import CommandRequest
+from bus.free_port import free_port
 from bus.session import Bus
 from cell.build import running_cell
+from cell.daemon.daemon import Daemon
 from cell.http.page_files import FOLDER
+from cell.machine.states import State
 from config.load import load_station
 
 _LOADS, _PAGES, _LISTEN_S = 7, (0, 1, 5), 10.0
 _FLAGS = ["--no-sandbox", "--use-angle=swiftshader"]
 _NOTE_LATENESS = """async () => {
   const { now } = await import("/page/link.js");
-  window.late_ms = [];
+  window.late_ms = { changed: [], shown: [] };
   const note = () => {
-    const since_ns = now.state.since_ns;
-    requestAnimationFrame(() => window.late_ms.push(Date.now() - since_ns / 1e6));
+    const since_ms = now.state.since_ns / 1e6;
+    window.late_ms.changed.push(Date.now() - since_ms);
+    requestAnimationFrame(() => window.late_ms.shown.push(Date.now() - since_ms));
   };
   new MutationObserver(note).observe(document.querySelector("#state"), { childList: true });
 }"""
@@ -65,7 +72,8 @@ def run(stops: int, seed: int, tell: Callable[[str], None]) -> dict[str, Any]:
     """All figures of ``stops`` picks that are stopped from the page."""
     program = shutil.which("chromium-headless-shell") or shutil.which("chromium")
     assert program is not None, "no browser: apt-get install chromium-headless-shell"
-    endpoint, port = f"tcp/127.0.0.1:{_free_port()}", _free_port()
+    loaded = os.getloadavg()[0]
+    endpoint, port = f"tcp/127.0.0.1:{free_port()}", free_port()
     with TemporaryDirectory() as folder:
         overrides = [f"bus.endpoint={endpoint}", f"recording.folder={folder}", "sim.pace=1", "bus.ask_timeout_s=20"]
         station, witness = load_station(None, overrides), Witness()
@@ -80,8 +88,12 @@ def run(stops: int, seed: int, tell: Callable[[str], None]) -> dict[str, Any]:
             url = f"http://127.0.0.1:{port}/"
             paints = [_first_paint_ms(browser, url) for _ in range(_LOADS)]
             tell(f"first paint {paints}")
-            shares = {str(count): _share(browser, url, door.pid, count) for count in _PAGES}
+            _make_idle(daemon)
+            pids = (door.pid, os.getpid())
+            shares = {str(count): _share(browser, url, pids, count) for count in _PAGES}
             tell(f"shares {shares}")
+            daemon.command("stop", CommandRequest())
+            wait(lambda: daemon.machine.state is State.STOPPED)
             page = _ready(browser, url)
             page.evaluate(_NOTE_LATENESS)
             bench = PageBench(daemon, station, overrides, witness, np.random.default_rng(seed), page)
@@ -90,10 +102,12 @@ def run(stops: int, seed: int, tell: Callable[[str], None]) -> dict[str, Any]:
             browser.close()
     return {
         "first_paint_ms": round(float(np.median(paints)), 1),
-        "event_to_screen_ms": _quantiles(late_ms) | {"n": len(late_ms)},
+        "event_to_screen_ms": _quantiles(late_ms["changed"]) | {"n": len(late_ms["changed"])},
+        "event_to_frame_ms": _quantiles(late_ms["shown"]),
         "daemon_cpu_share": shares,
         "page_kb": round(sum(file.stat().st_size for file in FOLDER.iterdir()) / 1e3, 1),
         "stop_to_brake_ms": _quantiles(brakes) | {"n": len(brakes)},
+        "load_average": {"before": loaded, "after": os.getloadavg()[0]},
     }
 
 
@@ -118,13 +132,18 @@ def _first_paint_ms(browser: Browser, url: str) -> float:
     return paint_ms
 
 
-def _share(browser: Browser, url: str, pid: int, count: int) -> float:
-    """Processor time of a process, of one core, with so many pages open."""
+def _make_idle(daemon: Daemon) -> None:
+    daemon.command("reset", CommandRequest())
+    wait(lambda: daemon.machine.state is State.IDLE)
+
+
+def _share(browser: Browser, url: str, pids: tuple[int, ...], count: int) -> float:
+    """Processor time of some processes, of one core, with so many pages open."""
     pages = [_ready(browser, url) for _ in range(count)]
     time.sleep(2.0)
-    began_s, used_s = time.monotonic(), _used_s(pid)
+    began_s, used_s = time.monotonic(), sum(map(_used_s, pids))
     time.sleep(_LISTEN_S)
-    share = (_used_s(pid) - used_s) / (time.monotonic() - began_s)
+    share = (sum(map(_used_s, pids)) - used_s) / (time.monotonic() - began_s)
     for page in pages:
         page.close()
     return round(share, 4)
@@ -152,9 +171,3 @@ def _door(overrides: list[str], port: int) -> Iterator[subprocess.Popen[bytes]]:
 def _answers(port: int) -> bool:
     with socket.socket() as probe:
         return probe.connect_ex(("127.0.0.1", port)) == 0
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])

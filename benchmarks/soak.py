@@ -15,12 +15,14 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import closing, suppress
 from dataclasses import asdict
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 from benchmarks.apart import Apart, cell_apart
+from benchmarks.door_faults import DoorFaults, door_settings
 from benchmarks.growth import Grown, Growth
 from benchmarks.trials import Outcome, Trial, explains, is_logged, rows_of, trials
 from bus.commands import CommandRequest, Health, NodeHealth
@@ -28,6 +30,7 @@ from bus.errors import BusError, RecordingError, Refused
 from bus.fault_injection import PARTS, Fault
 from bus.messages import CycleResult
 from cell import client
+from cell.daemon.fault_table import DOORS
 from cell.machine.owner import refuse
 from config.load import load_station
 from config.schema import Station
@@ -50,16 +53,18 @@ _QUICK = ("verify.hold_s=0.3", "verify.samples=2", "perception.hosted.deadline_s
 def soak_station(folder: Path, endpoint: str, seed: int, overrides: tuple[str, ...] = ()) -> Station:
     """The simulated cell that allows faults, with short deadlines."""
     own = [f"recording.folder={folder}", f"bus.endpoint={endpoint}", f"sim.seed={seed}", "faults.allowed=true"]
-    return load_station(None, [*own, *_QUICK, *overrides])
+    return load_station(None, [*own, *_QUICK, *door_settings(), *overrides])
 
 
 class Soak:
-    """One running cell, its operator, and the fault injector. Use `tried` after setting `cell` and `operator`."""
+    """One running cell, its operator, and the fault injector. Use `tried` after setting `cell`, `operator` and
+    `doors`."""
 
     def __init__(self, station: Station) -> None:
         self.station = station
         self.cell: Apart
         self.operator: client.Client
+        self.doors: DoorFaults
         self._heard: queue.SimpleQueue[CycleResult] = queue.SimpleQueue()
         self._timer: threading.Thread | None = None
 
@@ -75,10 +80,14 @@ class Soak:
             self._heard.get_nowait()
         if trial.row is not None:
             self.cell.expect(trial.moment, lambda: self._begin(trial))
-        refuse(self.cell.command("pick", CommandRequest(client_id="soak", object=trial.object)))
-        result = self._result()
+        if trial.row is not None and trial.row.part in DOORS:
+            self.doors.pick(trial.row.part)
+        else:
+            refuse(self.cell.command("pick", CommandRequest(client_id="soak", object=trial.object)))
+        result, was_held = self._result()
         was_injected = trial.row is not None and self.cell.give_up()
         has_settled = self._wait(lambda: self._state() in _SETTLED)
+        self.operator.release()
         if self._timer is not None:
             self._timer.join()
             self._timer = None
@@ -99,6 +108,7 @@ class Soak:
             is_idle=is_idle,
             took_s=time.monotonic() - started_s,
             recording=result.recording if result is not None else "",
+            was_held=was_held,
         )
 
     def make_idle(self) -> bool:
@@ -117,7 +127,9 @@ class Soak:
     def _inject(self, trial: Trial) -> None:
         row = trial.row
         assert row is not None
-        if row.part == "node":
+        if row.part in DOORS:
+            self.doors.inject(row.part, row.word)
+        elif row.part == "node":
             os.kill(self._said().pid, _SIGNALS[row.word])
         else:
             self._set(row.part, Fault(row.word))
@@ -134,6 +146,8 @@ class Soak:
         """The fault ends; where the cell is to bring its node back by itself, in that."""
         row = trial.row
         assert row is not None
+        if row.part in DOORS:
+            return self.doors.heal(row.part, row.word)
         by_itself = row.part == "node" or (row.part, row.word) == ("bus", "off") or (trial.walk and row.then != "")
         if not by_itself:
             self._set(row.part, Fault.NONE)
@@ -155,11 +169,17 @@ class Soak:
 
     # --- look ---------------------------------------------------------------------------------------------------------
 
-    def _result(self) -> CycleResult | None:
-        try:
-            return self._heard.get(timeout=_PATIENCE_S)
-        except queue.Empty:
-            return None
+    def _result(self) -> tuple[CycleResult | None, bool]:
+        """The cycle's result, and whether the cell was held before; then it is told to go on."""
+        was_held, give_up_s = False, time.monotonic() + _PATIENCE_S
+        while time.monotonic() < give_up_s:
+            with suppress(queue.Empty):
+                return self._heard.get(timeout=_LOOK_S), was_held
+            if self._state() == "Held":
+                was_held = True
+                with suppress(Refused):  # it goes on already
+                    self.operator.command("unhold")
+        return None, was_held
 
     def _state(self) -> str:
         return self.operator.state().state
@@ -194,7 +214,11 @@ def soak(station: Station, series: Iterator[Trial], growth: Growth) -> Iterator[
     """Every trial's outcome; a cell that is stuck is started anew."""
     while True:
         run = Soak(station)
-        with cell_apart(station, run.hear) as run.cell, client.connect(station) as run.operator:
+        with (
+            cell_apart(station, run.hear) as run.cell,
+            client.connect(station) as run.operator,
+            closing(DoorFaults(station)) as run.doors,
+        ):
             assert run.make_idle(), "the cell does not become ready"
             for trial in series:
                 outcome = run.tried(trial)

@@ -15,6 +15,7 @@ class Tally:
     by_kind: Counter[str] = field(default_factory=Counter)
     by_code: Counter[str] = field(default_factory=Counter)
     accepted: Counter[str] = field(default_factory=Counter)
+    picks: Counter[str] = field(default_factory=Counter)
     moved: int = 0
     crashes: int = 0
     cases: list[str] = field(default_factory=list)
@@ -34,6 +35,7 @@ class Tally:
         return {
             "tries": sum(self.by_kind.values()),
             "accepted": sum(self.accepted.values()),
+            "picks": dict(self.picks),
             "moved": self.moved,
             "crashes": self.crashes,
             "by_kind": dict(self.by_kind),

@@ -48,7 +48,7 @@ class Outcome:
     Attributes:
         fault: the row's name, or "". ``result``, ``code``, ``reason``: of the cycle; "NONE" when none was said.
         is_explained, is_logged, is_idle: as the table allows; with a readable record; ready again in time.
-        took_s: the cycle, and the way back to Idle. ``recording``: its path.
+        took_s: the cycle, and the way back to Idle. ``recording``: its path. ``was_held``: the cell was Held meanwhile.
     """
 
     number: int
@@ -62,6 +62,7 @@ class Outcome:
     is_idle: bool
     took_s: float
     recording: str
+    was_held: bool = False
 
     def line(self) -> str:
         marks = "".join(f" {word}" for word, good in (("UNEXPLAINED", self.is_explained), ("UNLOGGED", self.is_logged),

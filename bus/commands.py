@@ -65,6 +65,7 @@ class CommandReply(Message):
         lease: the client that now holds the lease; when it is lost, the cell holds.
         job_id: of the accepted job: the client's, or the cycle's id if it named none.
         position: in the queue, from 1 on; 0 = it begins now.
+        since_ns: when the state began that the command led to, or a later one, UTC; as in `CellState`.
     """
 
     ok: bool
@@ -77,6 +78,7 @@ class CommandReply(Message):
     lease: str = ""
     job_id: str = ""
     position: int = 0
+    since_ns: int = 0
 
 
 class CellState(Message):

@@ -16,6 +16,7 @@
     │   ├── TwoAnswers           two sessions serve the same key: neither answer is used
     │   └── BadPayload           a payload does not fit its schema
     ├── Refused               3  the cell refused a command: see .code, .available
+    ├── NotReached            1  the cell accepted a command, and came to rest in another state
     ├── DriverError           1  a device failed
     │   ├── DriverUnavailable    cannot be started here (package, display, address)
     │   ├── NotConnected         used before connect() or after close()
@@ -150,6 +151,12 @@ class Refused(CellError):
         self.code = code
         self.available = available
         self.state = state
+
+
+class NotReached(CellError):
+    """The cell accepted a command, and came to rest in another state than the one that it leads to."""
+
+    code = "NOT_REACHED"
 
 
 class DriverError(CellError):

@@ -40,10 +40,12 @@ from bus.messages import (
     Detections,
     Execution,
     HandState,
+    LivePicture,
     ModelReply,
     Motion,
     ObservedScene,
     PickPlan,
+    PictureRequest,
     PlanView,
     Proposal,
     StageRecord,
@@ -123,6 +125,7 @@ VIEW_CLOUD = Topic("view/cloud", "publish", PointCloud)
 VIEW_SCENE = Topic("view/scene", "publish", SceneUpdate)
 VIEW_LOG = Topic("view/log", "publish", Log)
 PLAN_NOW = Topic("view/plan", "query", PlanView, Nothing, logged=False)
+PICTURE_NOW = Topic("view/picture", "query", LivePicture, PictureRequest, logged=False)
 
 # A capture is answered by the five below, one reply each; they are recorded as those replies, not as published.
 CAMERA_CAPTURE = Topic("camera/capture", "query", None, Nothing, acts="cell")

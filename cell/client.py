@@ -10,7 +10,7 @@ import re
 import socket
 import threading
 import uuid
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 
 from bus import topics
@@ -18,7 +18,7 @@ from bus.codec import decode
 from bus.commands import CellHealth, CellState, CommandReply, CommandRequest, Heartbeat, Nothing, ResultRequest
 from bus.errors import BadPayload, BusError, CellUnreachable, NoReply, Refused, ReplyTimeout
 from bus.fault_injection import Fault, FaultRequest, Part
-from bus.messages import CycleResult, Job, PlanView, Proposal
+from bus.messages import CycleResult, Job, LivePicture, PictureRequest, PlanView, Proposal
 from bus.sample import Sample
 from bus.session import Bus
 from bus.threads import OwnedThread, Role
@@ -29,6 +29,21 @@ from config.schema import Station
 
 SETTLED = frozenset({"Stopped", "Idle", "Complete", "Aborted"})
 """States in which nothing moves, and no commanded action continues."""
+ENDED = frozenset({"Stopped", "Aborted"})
+"""Settled states in which a pick that had begun is over for good."""
+RUNS_AGAIN = frozenset({"Execute", "Completing", "Complete", "Idle"})
+"""States after a held cycle goes on; in the last two it ended shortly after."""
+LEADS_TO: Mapping[str, frozenset[str]] = {
+    "reset": SETTLED,
+    "stop": SETTLED,
+    "abort": SETTLED,
+    "clear": SETTLED,
+    "hold": frozenset({"Held"}),
+    "unhold": RUNS_AGAIN,
+    "suspend": frozenset({"Suspended"}),
+    "unsuspend": RUNS_AGAIN,
+}
+"""Of each command without arguments, the states that it leads to; a client waits for one of them, or for an end."""
 _ASK_AGAIN_S = 0.5
 """Time without a message after which the cell is asked, because a sample may have been lost."""
 _NOT_IN_A_NAME = re.compile(r"[^A-Za-z0-9._-]")
@@ -83,6 +98,11 @@ class Client:
     def plan_view(self) -> PlanView:
         """The last plan, to look at in 3-D. Raises: Refused (NO_PLAN); BusError."""
         return self._bus.request(topics.PLAN_NOW, Nothing(), PlanView, timeout_s=self._timeout_s)
+
+    def picture(self, request: PictureRequest | None = None) -> LivePicture:
+        """A picture of now. Raises: Refused (NOT_AT_REST, PICTURE_ELSEWHERE), StaleFrame; BusError."""
+        request = request or PictureRequest()
+        return self._bus.request(topics.PICTURE_NOW, request, LivePicture, timeout_s=self._timeout_s)
 
     def command(
         self,
@@ -149,11 +169,19 @@ class Client:
 
     def release(self) -> None:
         """Give the lease back: other clients may command; motion that continues is held. Idempotent."""
-        self._given_back.set()
-        if self._heartbeat is not None:
-            self._heartbeat.join()
-            self._heartbeat = None
+        if self.end_heartbeat():
             self._bus.withdraw(topics.LEASE, name=self.client_id)
+
+    def end_heartbeat(self) -> bool:
+        """Say no more that this client runs, and return whether it did.
+
+        Its thread must have ended before the process does: one that publishes then takes the process down.
+        """
+        self._given_back.set()
+        heartbeat, self._heartbeat = self._heartbeat, None
+        if heartbeat is not None:
+            heartbeat.join()
+        return heartbeat is not None
 
     def fault(self, part: Part, fault: Fault, delay_s: float | None = None) -> None:
         """Inject a fault into a part of the cell.
@@ -283,7 +311,11 @@ def connect(station: Station, also: tuple[Topic, ...] = (), *, client_id: str = 
     """
     clock = clock_of(station)
     with Bus.join(station.cell_id, station.bus.endpoint, security=station.bus.zenoh, clock=clock) as bus:
-        yield Client(bus, station.bus.ask_timeout_s, also, client_id)
+        client = Client(bus, station.bus.ask_timeout_s, also, client_id)
+        try:
+            yield client
+        finally:
+            client.end_heartbeat()
 
 
 def client_name(what: str) -> str:

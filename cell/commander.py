@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from contextlib import AbstractContextManager, ExitStack, suppress
+from contextlib import AbstractContextManager, ExitStack
 
 from bus.commands import CellState, CommandReply, CommandRequest
-from bus.errors import BusError, Refused
+from bus.errors import Refused
 from cell.client import SETTLED, Client
-
-_UNKNOWN_NS = 2**63
 
 
 class Commander:
@@ -47,9 +45,7 @@ class Commander:
             if self._client is None:
                 self._client = self._open.enter_context(self._connect())
             reply = self._client.send(verb, request or CommandRequest())
-            self._since_ns = _UNKNOWN_NS
-            with suppress(BusError):  # it is accepted all the same
-                self._since_ns = self._client.state().since_ns  # of the state it led to, or of a later one
+            self._since_ns = reply.since_ns
             return reply
 
     def is_over(self, state: CellState | None, *, is_gone: bool) -> bool:

@@ -127,7 +127,7 @@ class Surveyor:
         for number, q_rad in enumerate(vantage_q_rad, start=1):
             self._go(q_rad)
             seen = capture(self._camera, self._arm, self._robot)
-            hand = self._robot.base_from_hand(seen.view.arm.q_rad)
+            hand = self._robot.base_from_hand(seen.view.q_rad)
             sighting = sight(seen.frame.color, hand, self._station.calibration)
             corners = len(sighting.pixels) if sighting is not None else 0
             self._say(f"  view {number:>2} of {len(vantage_q_rad)}: {corners or 'too few'} corners")

@@ -23,6 +23,7 @@ class HttpSettings(Settings):
         certificate, key: PEM files of TLS, relative to the station file; needed beyond loopback.
         tokens: a TOML file with ``operator`` and ``viewer``, relative to the station file, readable by its owner only.
         silence_s: a client that holds the lease, and sends nothing for so long, loses it, and the cell holds.
+        picture_s: while the cell rests, and somebody listens to its events, a new picture is taken so often; 0 = never.
         most_streams: the most event streams and waiting picks at a time.
     """
 
@@ -34,6 +35,7 @@ class HttpSettings(Settings):
     key: SystemPath | None = None
     tokens: SystemPath | None = None
     silence_s: Seconds = 3.0
+    picture_s: Annotated[float, Field(ge=0, le=60, allow_inf_nan=False)] = 1.0
     most_streams: Annotated[int, Field(ge=1, le=10_000)] = 64
 
     @field_validator("host")

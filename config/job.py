@@ -107,7 +107,7 @@ def _placing(scene: SceneSettings, place: Place | None, laid: int) -> SceneSetti
 def _perceiving(station: Station, job: Job) -> dict[str, object]:
     changed: dict[str, object] = {}
     if job.target is not None:
-        changed["target"] = TargetSettings(**job.target.model_dump())
+        changed["target"] = TargetSettings(**job.target.model_dump(exclude={"picture_ns"}))
     if job.grasp.from_above:
         changed["from_above"] = True
     return changed

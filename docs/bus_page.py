@@ -151,7 +151,7 @@ _HEAD = """\
 
 The cell's processes, and programs of yours, talk over [Eclipse Zenoh](https://zenoh.io). This page is the whole API:
 every key, what travels on it, who may use it. A running cell answers the query `schema` with the same, as JSON.
-[docs/examples/trigger.py](examples/trigger.py) is a client in 40 lines of plain Zenoh;
+[docs/examples/trigger.py](examples/trigger.py) is a client in 60 lines of plain Zenoh;
 [security.md](security.md) says how to reach a cell on another machine.
 
 - **Keys** are below `cell/CELL_ID/`: `state` is `cell/sim/state` on the simulated cell. `{name}` and `{verb}` stand for
@@ -165,6 +165,10 @@ every key, what travels on it, who may use it. A running cell answers the query 
 - **Motion needs a lease.** A client that commands `reset`, `start` or `pick` holds the liveliness token
   `lease/CLIENT_ID`, puts `{}` on that key every 0.2 s, and sends that `client_id`. When token or heartbeat is gone, the
   cell holds. `unhold` and `unsuspend` need a token of any client; `stop`, `abort`, `hold`, `suspend` and `clear` none.
+- **A pixel to pick**: `view/picture` answers, while the cell rests there (Idle, Complete), with what the camera sees
+  from the capture pose; a pixel of it is the `target` of a [Job](#job). `python docs/examples/trigger.py sim orange`
+  does so without any other package: [pixel.py](examples/pixel.py). In simulation with `--set sim.clutter=3`: otherwise
+  each pick puts another object on the table.
 - **Units** are SI, angles in radians, times integer nanoseconds UTC; `a_from_b` is a 4 x 4 matrix that maps
   b-coordinates to a ([frames.md](frames.md)).
 

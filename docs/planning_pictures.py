@@ -14,13 +14,14 @@ import mujoco
 
 from bus.messages import Detections, PickPlan
 from bus.trajectory import TICK_S, Trajectory
-from config.limits import limit_shares
+from config.limits import FR3, limit_shares
 from config.load import station_from
 from config.schema import Box, Station
 from docs.chart import FAINT, Array, Chart, Image, Rgb, blank
 from drivers.motion.stream import Stream
 from drivers.sim.optics import FOVY_DEG, hand_from_cameras
-from drivers.sim.scene import ARM_JOINTS, compose
+from drivers.sim.robot import arm_joints
+from drivers.sim.scene import compose
 from logs.mcap.reader import CycleRecord, read_cycle
 from logs.report.figures import JOINT_COLORS
 from perception.scene.surroundings import surroundings
@@ -31,6 +32,8 @@ from planning.scene import Scene
 FOLDER = Path(__file__).parent / "planning"
 SIZE_PX = (640, 480)
 WIDE_PX = 900
+_CELL_M = 5.0
+"""Everything in the cell is nearer to the camera beside it."""
 COLORS = {"reach": (47, 111, 222), "carry": (224, 99, 45), "place": (44, 156, 105), "home": (150, 150, 160)}
 """What is only planned in case the place must be looked at is not drawn."""
 BOX_RGB, TARGET_RGB = (93, 107, 122), (196, 61, 92)
@@ -55,7 +58,7 @@ def motions(plan: PickPlan, robot: Robot, station: Station) -> Image:
     model = compose(station, {}, hand_from_cameras(station), FOVY_DEG).compile()
     data = mujoco.MjData(model)
     before = plan.segments[0].trajectory.raw_q_rad
-    for joint, q in zip(ARM_JOINTS, before[int(0.6 * len(before))], strict=True):
+    for joint, q in zip(arm_joints(station), before[int(0.6 * len(before))], strict=True):
         data.joint(joint).qpos[:] = q
     mujoco.mj_forward(model, data)
     camera = mujoco.MjvCamera()
@@ -64,8 +67,16 @@ def motions(plan: PickPlan, robot: Robot, station: Station) -> Image:
         renderer.update_scene(data, camera)
         for segment in (segment for segment in plan.segments if segment.name in COLORS):
             _trace(renderer.scene, robot, segment.trajectory, COLORS[segment.name])
-        image: Image = renderer.render()
-        return image
+        return on_white(renderer)
+
+
+def on_white(renderer: mujoco.Renderer) -> Image:
+    """Return what the renderer sees, with white where nothing is."""
+    image: Image = renderer.render()
+    renderer.enable_depth_rendering()
+    depth_m = renderer.render()
+    renderer.disable_depth_rendering()
+    return np.where(depth_m[..., None] < _CELL_M, image, np.uint8(255))
 
 
 def _trace(scene: mujoco.MjvScene, robot: Robot, trajectory: Trajectory, rgb: Rgb) -> None:
@@ -161,7 +172,7 @@ def _hold(plan: PickPlan) -> None:
 
 def _held(trajectory: Trajectory) -> Array:
     """The commands (n, 7) of a stream that is held at 40 % of the way and resumed 0.7 s later."""
-    stream = Stream(trajectory)
+    stream = Stream(trajectory, FR3)
     commands: list[Array] = []
     at = int(0.4 * len(trajectory.raw_q_rad))
     while True:

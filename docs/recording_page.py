@@ -93,7 +93,7 @@ _FILES = """\
 |---|---|
 | `station.json` | The whole station, defaults included: a replay runs with it. |
 | `calibration.json` | Where the camera sits in the hand. |
-| `model/fr3.urdf` | The robot, for 3-D viewers. |
+| `model/fr3.urdf` | The robot, for 3-D viewers; `model/robot.urdf` where the station has `[robot]`. |
 | `prompts/NN-STEP.txt`, `replies/NN-STEP.txt` | What the goal-image model was asked and what it said, call by call. |
 | `goal_images/NN-STEP.png` | What it drew, exactly as it came; hosted models only. |
 
@@ -116,18 +116,17 @@ uv run cell report CYCLE          # the page
 uv run cell replay CYCLE          # do the pure stages still decide the same?
 ```
 
-In Python, inside of the checkout's environment:
+In Python ([api.md](api.md)):
 
 ```python
-from pathlib import Path
-from logs.mcap.reader import read_cycle
+from vlad_cell import read_cycle
 
-cycle = read_cycle(Path("recordings/DAY/CYCLE_ID.mcap"))
-print(cycle.result.result, cycle.stages["detect"].result.grasps[0].width_m)
+cycle = read_cycle("recordings/DAY/CYCLE_ID.mcap")
+print(cycle.outcome, cycle.grasps[0].width_m, cycle.color.shape, cycle.joints.q_rad.shape)
 ```
 
-`cycle.looks` are the captures before the pick, each with its reason in `view.why`; `cycle.stages` has of every stage
-what was made of all looks, `cycle.superseded` what was made of fewer.
+`cycle.looks` are the captures before the pick, each with its reason in `why`; `cycle.record.stages` has of every stage
+what was made of all looks, `cycle.record.superseded` what was made of fewer.
 
 Without anything of ours, any MCAP reader (`pip install mcap`) gives the JSON of `/cycle/detect` and the rest.
 """

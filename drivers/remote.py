@@ -11,8 +11,9 @@ from typing import TypeVar
 from pydantic import ValidationError
 
 from bus import topics
+from bus.codes import ADVICE, Code
 from bus.commands import HandGrasp, HandMove, Nothing, Presented, PresentRequest
-from bus.errors import CellError, HandFault, NotConnected
+from bus.errors import CellError, HandFault, NotConnected, StaleFrame
 from bus.messages import ArmState, Frame, HandState, Motion
 from bus.sensor_codec import frame_from_wire
 from bus.session import Bus
@@ -51,12 +52,25 @@ class _Remote:
 
 
 class RemoteCamera(_Remote):
-    """A camera served on the bus."""
+    """A camera served on the bus. No frame is given twice, whoever asked for it first: a test, a look, the page."""
+
+    def __init__(self, bus: Bus, timeout_s: float) -> None:
+        super().__init__(bus, timeout_s)
+        self._given_ns = -1
 
     def capture(self) -> Frame:
-        """Return one fresh frame, as `Camera.capture`. Raises: BadPayload, BadFrame, as `frame_from_wire`."""
+        """Return one fresh frame, as `Camera.capture`.
+
+        Raises:
+            StaleFrame: the node sent the last frame again.
+            BadPayload, BadFrame: as `frame_from_wire`.
+        """
         sample = self._link().ask(topics.CAMERA_CAPTURE, Nothing(), timeout_s=self._timeout_s)
-        return frame_from_wire({part.key: part.payload for part in sample})
+        frame = frame_from_wire({part.key: part.payload for part in sample})
+        if frame.stamp_ns == self._given_ns:
+            raise StaleFrame("The camera sent its last frame again.", ADVICE[Code.STALE_FRAME])
+        self._given_ns = frame.stamp_ns
+        return frame
 
 
 class RemoteArm(_Remote):

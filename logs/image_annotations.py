@@ -14,11 +14,13 @@ from foxglove_schemas_protobuf.PointsAnnotation_pb2 import PointsAnnotation
 from bus.arrays import Mask
 from bus.messages import Detections, ObservedScene
 from bus.sensor_codec import stamp
-from logs.scene_picture import color_of, outlines_px, places_px
+from logs.scene_picture import color_of, outlines_px, places_px, unseen_px
 
 Rgb = tuple[float, float, float]
 
 GREEN, ORANGE, BLUE, GREY = (0.2, 0.9, 0.3), (1.0, 0.6, 0.1), (0.3, 0.6, 1.0), (0.7, 0.7, 0.7)
+UNSEEN = (0.2, 0.2, 0.25)
+"""The rim of what was not seen; an inner rim is that of a hole in it."""
 _WHITE, _DARK = (1.0, 1.0, 1.0), (0.1, 0.13, 0.17)
 _NUMBER_PX, _BEHIND_NUMBER = 14.0, 0.7
 
@@ -53,7 +55,9 @@ def color_message(color: Rgb, alpha: float = 1.0) -> Color:
 
 
 def _add_things(message: ImageAnnotations, scene: ObservedScene, seen_ns: int) -> None:
-    """Add the outline of every thing, in the colour of its number, and the number."""
+    """Add the rims of what was not seen; the outline of every thing, in the colour of its number, and the number."""
+    for rim in unseen_px(scene):
+        _add_loop(message, rim, UNSEEN, seen_ns)
     for one in scene.instances:
         red, green, blue = (part / 255 for part in color_of(one.number))
         for outline in outlines_px(scene.labels == one.number):

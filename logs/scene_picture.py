@@ -22,6 +22,8 @@ _FILLED, _STRIPED = 0.40, 0.75
 _DARK_RGB, _LIGHT_RGB = (27, 34, 44), (250, 250, 250)
 _SPECK_PX = 3
 """Narrower holes and specks are depth noise at edges: they are neither hatched nor outlined."""
+_LEAST_SHADED_PX, _COARSE_PX = 64.0, 1.5
+"""Of the rims of what was not seen: the least area [px^2], and how far they may lie from the true ones [px]."""
 
 Image = npt.NDArray[np.uint8]
 Rgb = tuple[int, int, int]
@@ -84,9 +86,23 @@ def outlines_px(mask: Mask) -> list[npt.NDArray[np.int32]]:
     return [contour.reshape(-1, 2) for contour in contours if cv2.contourArea(contour) >= _SPECK_PX**2]
 
 
+def unseen_px(scene: ObservedScene) -> list[npt.NDArray[np.int32]]:
+    """The rims (k, 2) of what was not seen, outer ones and those of holes in it: even-odd filling shades it."""
+    mask = _without_specks(scene.unseen & (scene.labels == 0))
+    rims, _ = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
+    large = [rim for rim in rims if cv2.contourArea(rim) >= _LEAST_SHADED_PX]
+    coarse = (cv2.approxPolyDP(rim, _COARSE_PX, True).reshape(-1, 2) for rim in large)
+    return [rim for rim in coarse if len(rim) > 2]
+
+
+def _without_specks(mask: Mask) -> npt.NDArray[np.uint8]:
+    opened = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, np.ones((_SPECK_PX, _SPECK_PX), np.uint8))
+    return np.asarray(opened, dtype=np.uint8)
+
+
 def _hatch(image: Image, mask: Mask) -> None:
     """Draw dark and light stripes over the mask (H, W)."""
-    holes = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, np.ones((_SPECK_PX, _SPECK_PX), np.uint8)) > 0
+    holes = _without_specks(mask) > 0
     rows, columns = np.nonzero(holes)
     width_px = max(3, round(image.shape[1] / 240))
     stripe = (rows + columns) // width_px % 3

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import socket
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ import pytest
 from hypothesis import settings
 from xdist.scheduler import LoadGroupScheduling
 
+from bus.free_port import free_endpoint
 from bus.messages import CameraModel, Frame
 
 settings.register_profile("deterministic", derandomize=True, deadline=None, print_blob=True)
@@ -50,12 +50,7 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 def new_endpoint() -> Callable[[], str]:
     """Gives loopback endpoints nobody listens on."""
 
-    def free() -> str:
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", 0))
-            return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
-
-    return free
+    return free_endpoint
 
 
 @pytest.fixture

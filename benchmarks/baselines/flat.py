@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from bus.codes import Code
 from bus.errors import CycleFailure
-from bus.messages import ArmMode, ArmState, CameraModel, Frame, Instance, Observation, Rectangle, View
+from bus.messages import CameraModel, Frame, Instance, Observation, Rectangle, View
 from bus.transforms import apply, inverse
 from config.schema import Station
 from perception.geometry.crop import Mask
@@ -65,8 +65,6 @@ def _observation(color: npt.NDArray[np.uint8], object_mask: Mask, m_per_px: floa
     top_m = _FOCAL_PX * m_per_px
     base_from_color = np.diag([1.0, -1.0, -1.0, 1.0])
     base_from_color[2, 3] = top_m + _HEIGHT_M
-    still = np.zeros(7)
-    arm = ArmState(stamp_ns=1, mode=ArmMode.IDLE, q_rad=still, dq_rad_s=still, tau_ext_nm=still)
     frame = Frame(
         stamp_ns=1,
         color=color,
@@ -75,7 +73,7 @@ def _observation(color: npt.NDArray[np.uint8], object_mask: Mask, m_per_px: floa
         depth_camera=camera,
         color_from_depth=np.eye(4),
     )
-    return Observation(view=View(stamp_ns=1, arm=arm, base_from_color=base_from_color), frame=frame)
+    return Observation(view=View(stamp_ns=1, base_from_color=base_from_color), frame=frame)
 
 
 def flat_rectangle(observed_object: ObservedObject, station: Station) -> Rectangle:

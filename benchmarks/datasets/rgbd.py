@@ -13,7 +13,7 @@ import numpy as np
 
 from benchmarks.datasets.sample import require_folder
 from bus.errors import ConfigError
-from bus.messages import ArmMode, ArmState, CameraModel, Frame, Observation, View
+from bus.messages import CameraModel, Frame, Observation, View
 
 
 @dataclass(frozen=True)
@@ -46,10 +46,8 @@ def read_frame(path: Path) -> RealFrame:
     except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
         raise ConfigError(f"{path} is not a whole RGB-D frame ({error}).", f"It holds: {__doc__}") from error
     camera = CameraModel(width=color.shape[1], height=color.shape[0], fx=fx, fy=fy, cx=cx, cy=cy)
-    nothing = np.zeros(7)
-    arm = ArmState(stamp_ns=1, mode=ArmMode.IDLE, q_rad=nothing, dq_rad_s=nothing, tau_ext_nm=nothing)
     frame = Frame(
         stamp_ns=1, color=color, depth_m=depth_m, color_camera=camera, depth_camera=camera, color_from_depth=np.eye(4)
     )
-    view = View(stamp_ns=1, arm=arm, base_from_color=base_from_color)
+    view = View(stamp_ns=1, base_from_color=base_from_color)
     return RealFrame(path.stem, Observation(view=view, frame=frame), (x_min, x_max, y_min, y_max))

@@ -13,13 +13,13 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from socket import socket
 from tempfile import TemporaryDirectory
 from typing import Any
 
 from asyncua import Client, ua
 
 from benchmarks.interfaces.spread import spread_ms
+from bus.free_port import free_port
 
 _PUBLISHING_MS = 10
 _TURNS = (("Abort", "Aborting", "Aborted"), ("Clear", "Clearing", "Stopped"))
@@ -77,7 +77,7 @@ async def _measure(endpoint: str, rounds: int) -> tuple[list[float], list[float]
 @contextmanager
 def cell_with_door() -> Iterator[str]:
     """A simulated cell, started as a person does; the endpoint of its door."""
-    bus, door = _free_port(), _free_port()
+    bus, door = free_port(), free_port()
     endpoint = f"opc.tcp://127.0.0.1:{door}/cell"
     with TemporaryDirectory() as folder:
         settings = (
@@ -97,9 +97,3 @@ def cell_with_door() -> Iterator[str]:
                 process.terminate()
                 if process.stdout is not None:
                     process.stdout.read()
-
-
-def _free_port() -> int:
-    with socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -22,18 +23,24 @@ def run(rounds: int, contacts: int, pairs: int, tell: Callable[[str], None]) -> 
 
     Args:
         pairs: picks of two things at once of each kind, and as many single picks.
+
+    Each door's figures have the ``load`` of the machine after them, of the last minute: they depend on it.
     """
     tell("over the bus")
-    figures: dict[str, Any] = {"zenoh": {"accept_ms": _over_the_bus(rounds)}}
+    figures: dict[str, Any] = {"zenoh": {"accept_ms": _over_the_bus(rounds), "load": _load()}}
     tell("over HTTP")
-    figures["http"] = http.measure(rounds)
+    figures["http"] = {**http.measure(rounds), "load": _load()}
     tell("over OPC UA")
     with opcua.cell_with_door() as endpoint:
-        figures["opcua"] = opcua.measure(endpoint, rounds)
+        figures["opcua"] = {**opcua.measure(endpoint, rounds), "load": _load()}
     tell("several things at once")
     figures["multi_pick"] = multi_pick(pairs, pairs, 1000, tell, None)
     tell("contacts")
     return {**figures, **contact.run(contacts, contacts, 1000, tell)}
+
+
+def _load() -> float:
+    return round(os.getloadavg()[0], 1)
 
 
 def _over_the_bus(rounds: int) -> dict[str, Any]:

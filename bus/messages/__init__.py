@@ -24,6 +24,7 @@ from bus.messages.devices import ArmMode, ArmState, Frame, HandState, Motion
 from bus.messages.execution import Contact, Delivery, Execution, SegmentRun, Verdict
 from bus.messages.grasps import Grasp, Rectangle
 from bus.messages.job import GraspHints, Job, Place, Target
+from bus.messages.live_picture import LivePicture, PictureRequest
 from bus.messages.observation import Observation, View
 from bus.messages.plan import ONLY_TO_LOOK, PickPlan, Segment, SegmentName
 from bus.messages.plan_view import NamedBox, Outline, PlannedPath, PlanView
@@ -56,6 +57,7 @@ __all__ = [
     "Instance",
     "Job",
     "Laid",
+    "LivePicture",
     "ModelReply",
     "Motion",
     "NamedBox",
@@ -63,6 +65,7 @@ __all__ = [
     "ObservedScene",
     "Outline",
     "PickPlan",
+    "PictureRequest",
     "Place",
     "PlanView",
     "PlannedPath",

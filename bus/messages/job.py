@@ -22,16 +22,21 @@ class Target(Message):
         pixel: (u, v) in the undistorted colour image from the capture pose.
         box: (u_min, v_min, u_max, v_max) there: what lies mostly inside.
         point_m: (x, y, z) in ``base`` on or above the object.
+        picture_ns: the stamp [ns, UTC] of the picture in which ``pixel`` or ``box`` was pointed at: the cell refuses
+            one that no longer counts. None = whatever picture the cell takes next.
     """
 
     text: Annotated[str, Field(min_length=1, max_length=200)] | None = None
     pixel: tuple[Pixels, Pixels] | None = None
     box: Box | None = None
     point_m: Point | None = None
+    picture_ns: Annotated[int, Field(ge=0)] | None = None
 
     @model_validator(mode="after")
     def _one_of_them(self) -> Target:
         require_one_way(self.text, self.pixel, self.box, self.point_m)
+        if self.picture_ns is not None and self.pixel is None and self.box is None:
+            raise ValueError("picture_ns goes with pixel or box")
         return self
 
 

@@ -6,10 +6,10 @@ from typing import Any, Self
 
 from pydantic import ModelWrapValidatorHandler, model_validator
 
-from bus.arrays import Transform
+from bus.arrays import Joints, Transform
 from bus.frozen import Message
 from bus.messages.devices import ArmState, Frame
-from bus.messages.frame_checks import made, require_rigid
+from bus.messages.frame_checks import bad, made, require_rigid
 
 
 class View(Message):
@@ -19,15 +19,22 @@ class View(Message):
 
     Attributes:
         stamp_ns: of the frame, UTC.
-        arm: the arm's state at the capture.
+        arm: the arm's state at the capture; None of an image that was not taken by the cell.
         base_from_color: (4, 4) pose of the colour camera in ``base`` [m].
         why: why the arm looked again from here; "" for the first look.
     """
 
     stamp_ns: int
-    arm: ArmState
+    arm: ArmState | None = None
     base_from_color: Transform
     why: str = ""
+
+    @property
+    def q_rad(self) -> Joints:
+        """(7,) joint positions at the capture. Raises: BadFrame of an image that was not taken by the cell."""
+        if self.arm is None:
+            raise bad("View.arm is missing: this image was not taken by the cell, so nobody knows where its arm was.")
+        return self.arm.q_rad
 
     @model_validator(mode="wrap")
     @classmethod

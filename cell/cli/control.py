@@ -16,25 +16,21 @@ from bus.messages import Job
 from cell import client
 from cell.cli.options import Config, Json, Set, finite
 from cell.cli.pick import attended, connected
-from cell.client import SETTLED
+from cell.client import ENDED, LEADS_TO, RUNS_AGAIN, SETTLED
 from cell.machine.leases import NEEDS_LEASE, NEEDS_TOKEN
 from cell.machine.states import told
 from cell.terminal.printing import err, out
 from config.load import DEFAULT_STATION, load_station
 
-_ENDED = frozenset({"Stopped", "Aborted"})
-_HELD = frozenset({"Held"})
-_SUSPENDED = frozenset({"Suspended"})
-_RUNS_AGAIN = frozenset({"Execute", "Completing", "Complete", "Idle"})  # last two: the cycle ended shortly after
 _PATIENCE_S, _ATTENDED_S = 60.0, 600.0
 
 
-def _simple(verb: str, help_text: str, until: AbstractSet[str] = SETTLED) -> Callable[..., None]:
-    """A command without arguments: send ``verb``, wait for a state of ``until``, or an end; print the state."""
+def _simple(verb: str, help_text: str) -> Callable[..., None]:
+    """A command without arguments: send ``verb``, wait for a state that it leads to, or an end; print the state."""
 
     def run(config: Config = DEFAULT_STATION, overrides: Set = None, as_json: Json = False) -> None:
         with attended() if verb in NEEDS_LEASE | NEEDS_TOKEN else nullcontext():
-            state, wanted = _carry_out(verb, until, config, overrides)
+            state, wanted = _carry_out(verb, config, overrides)
         out.json(state.model_dump_json()) if as_json else out.line(_in_words(state))
         if state.state not in wanted or (state.state == "Aborted" and verb != "abort"):
             raise typer.Exit(1)
@@ -43,17 +39,16 @@ def _simple(verb: str, help_text: str, until: AbstractSet[str] = SETTLED) -> Cal
     return run
 
 
-def _carry_out(
-    verb: str, until: AbstractSet[str], config: Path, overrides: list[str] | None
-) -> tuple[CellState, AbstractSet[str]]:
+def _carry_out(verb: str, config: Path, overrides: list[str] | None) -> tuple[CellState, AbstractSet[str]]:
     """The state that was reached, and the set of states that count as success."""
+    until = LEADS_TO[verb]
     with connected(verb, config, overrides) as cell:
         reply = cell.command(verb)
-        state = cell.wait_for_state({*until, *_ENDED}, _PATIENCE_S)
-        if until is not _RUNS_AGAIN or reply.lease != cell.client_id or state.state in _ENDED:
+        state = cell.wait_for_state({*until, *ENDED}, _PATIENCE_S)
+        if until is not RUNS_AGAIN or reply.lease != cell.client_id or state.state in ENDED:
             return state, until
         err.line("its client is gone: attended from here until it is over; Ctrl-C holds it")
-        return cell.wait_for_state(set(SETTLED), _ATTENDED_S), SETTLED - _ENDED
+        return cell.wait_for_state(set(SETTLED), _ATTENDED_S), SETTLED - ENDED
 
 
 def _in_words(state: CellState) -> str:
@@ -65,10 +60,10 @@ reset = _simple("reset", "Self-check, arm to the capture pose; ends in Idle.")
 stop = _simple("stop", "Controlled stop: brake on the path, confirm by the measured velocity; ends in Stopped.")
 abort = _simple("abort", "Brake now; ends in Aborted. Then: clear, reset, start - three deliberate acts.")
 clear = _simple("clear", "Clear an abort; ends in Stopped.")
-hold = _simple("hold", "Pause a running cycle: brake on the path and wait there; ends in Held.", _HELD)
-unhold = _simple("unhold", "Go on with a held cycle; returns when it runs again.", _RUNS_AGAIN)
-suspend = _simple("suspend", "Pause for a reason outside the cell; brakes as hold does; ends in Suspended.", _SUSPENDED)
-unsuspend = _simple("unsuspend", "Go on with a suspended cycle; returns when it runs again.", _RUNS_AGAIN)
+hold = _simple("hold", "Pause a running cycle: brake on the path and wait there; ends in Held.")
+unhold = _simple("unhold", "Go on with a held cycle; returns when it runs again.")
+suspend = _simple("suspend", "Pause for a reason outside the cell; brakes as hold does; ends in Suspended.")
+unsuspend = _simple("unsuspend", "Go on with a suspended cycle; returns when it runs again.")
 
 
 def cancel(

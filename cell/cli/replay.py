@@ -15,6 +15,7 @@ from cell.replay.folder import Tally, judgements, recordings_below
 from cell.replay.replay import Request
 from cell.replay.replay import replay as run_again
 from cell.replay.republish import ROOT, await_listener, payloads, republish, require_no_live_cell
+from cell.replay.what_if import what_if
 from cell.terminal.drawing import tracked
 from cell.terminal.printing import err, out
 from cell.terminal.signals import ending
@@ -22,6 +23,7 @@ from cell.workers import workers_for
 from config.load import DEFAULT_STATION, station_from
 from logs.mcap.names import is_folder, shown, telling
 from logs.mcap.reader import read_cycle
+from logs.report.cycle_report import write_report
 
 
 def replay(
@@ -53,6 +55,9 @@ def replay(
     scheduler: Scheduler = "",
     config: Config = DEFAULT_STATION,
     overrides: Set = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Write the page of a cycle that would have been so.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Run the pure stages again from recordings and compare. Exit 0 equal, 1 different, 2 cannot.
@@ -66,6 +71,8 @@ def replay(
         _publish(find_cycle(cycle, config), rate, endpoint, wait_s)
         return
     request = Request.of(overrides or [], start, only, live_models=live_models)
+    if output is not None and (not request.chained or is_folder(Path(cycle))):
+        raise typer.BadParameter("--output is of one recording, with --set or --from: what would have been?")
     if is_folder(Path(cycle)):
         _replay_folder(Path(cycle), request, workers, scheduler, as_json=as_json)
         return
@@ -73,6 +80,8 @@ def replay(
     with telling(shown(path)):
         outcome = run_again(read_cycle(path), request)
     out.json(view.to_json(outcome)) if as_json else view.show(outcome, out)
+    if output is not None:
+        (err if as_json else out).line(f"  page {write_report(what_if(outcome, request.overrides), output)}")
     said = view.verdict(outcome)
     if said != "equal":
         raise typer.Exit(1 if said == "different" else 2)

@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 from bus.commands import CommandReply, CommandRequest
 from bus.errors import Refused
-from bus.messages import Attempt, CycleResult
+from bus.messages import Attempt, CycleResult, Job
 from cell.daemon.actions import Actions, new_cycle_id
 from cell.daemon.batch import Batch
 from cell.daemon.jobs import JobQueue, Ordered
@@ -34,6 +34,7 @@ class BatchControl:
     Args:
         reads_text: a model finds targets by any words.
         rest: brings a motion by hand to rest.
+        resolved: gives a job with what it points at in a picture. It raises Refused.
     """
 
     def __init__(
@@ -44,8 +45,9 @@ class BatchControl:
         *,
         reads_text: bool = False,
         rest: Callable[[], None] = lambda: None,
+        resolved: Callable[[Job], Job] = lambda job: job,
     ) -> None:
-        self._rest = rest
+        self._rest, self._resolved = rest, resolved
         self._actions, self._publisher, self._station, self._reads_text = actions, publisher, station, reads_text
         self._machine: Machine | None = None
         self._queue = JobQueue(station.queue.max)
@@ -80,8 +82,7 @@ class BatchControl:
             self._actions.laid.clear()
             self._actions.restart_attempts()
         elif verb in ("start", "pick"):
-            self._require_possible(request)
-            ordered = Ordered.of(verb, request, new_cycle_id())
+            ordered = Ordered.of(verb, self._possible(request), new_cycle_id())
             self._begin(ordered)
             return ordered.cycle_id
         return ""
@@ -102,8 +103,7 @@ class BatchControl:
                 self._actions.approvals.answer(answer, *said, time.time_ns())
                 return CommandReply(ok=True, state=state, available=available(state))
         if verb in ("pick", "start") and request.job.queue and self._is_busy(state):
-            self._require_possible(request)
-            ordered = Ordered.of(verb, request, new_cycle_id())
+            ordered = Ordered.of(verb, self._possible(request), new_cycle_id())
             position = self._queue.put(ordered)
             self._publisher.publish_jobs()
             return CommandReply(ok=True, state=state, available=available(state), cycle_id=ordered.cycle_id,
@@ -114,14 +114,15 @@ class BatchControl:
         goes_on = self._batch is not None and not self._batch.is_over
         return state not in _NOT_READY and (goes_on or bool(self._queue.ids) or state not in _AT_REST)
 
-    def _require_possible(self, request: CommandRequest) -> None:
-        """Refuse what table, station or place cannot do. Raises: Refused."""
+    def _possible(self, request: CommandRequest) -> CommandRequest:
+        """The request with what it points at; refuse what table, station or place cannot do. Raises: Refused."""
         self._actions.table.require_possible(request)
         require_possible(self._station, request.job, reads_text=self._reads_text)
         full = self._why_full(request)
         if full:
             raise Refused(full, "Empty it, then `cell stop` and `cell reset`: they begin to count anew.",
                           code="PLACE_FULL")  # fmt: skip
+        return request.model_copy(update={"job": self._resolved(request.job)})
 
     def _why_full(self, request: CommandRequest) -> str:
         place = place_of(request.job)

@@ -15,12 +15,15 @@ from bus.codes import ADVICE, Code
 from bus.commands import CellHealth, CommandReply, CommandRequest, Heartbeat, ResultRequest
 from bus.errors import BadPayload, BusError, CycleFailure, DriverError, Refused
 from bus.frozen import Message
-from bus.messages import CycleResult
+from bus.messages import CycleResult, PictureRequest
 from bus.sample import Asked, Sample
 from bus.session import Bus
+from bus.topics import Topic
 from cell.daemon.actions import Actions
 from cell.daemon.batch_control import BatchControl
+from cell.daemon.live_picture import LivePictures
 from cell.daemon.manual import Manual
+from cell.daemon.pointed import Pointed
 from cell.daemon.publisher import Observer, Publisher
 from cell.machine.hold_state import HoldState
 from cell.machine.leases import CELL_CLIENT, Leases
@@ -42,6 +45,7 @@ _log = logging.getLogger(__name__)
 
 _ANYONES = ("stop", "abort", "hold", "suspend")
 
+_AT_REST = frozenset({State.STOPPED, State.IDLE, State.COMPLETE, State.ABORTED})
 _LONGEST_COMMAND = 64 * 1024
 _CLOSE_PATIENCE_S = 25.0
 _KEPT_RESULTS = 64
@@ -86,12 +90,13 @@ class Daemon:
         hold_state = HoldState()
         equipment = Equipment(camera, arm, hand, robot, station, models)
         self._manual = Manual(equipment, hold_state.gate, self.publisher, self._post_stop)
+        self._pointed = Pointed()
         self._actions = Actions(
             equipment,
             hold_state.gate,
             devices.presenter,
             lambda: bus.alive(topics.NODE_ALIVE),
-            self.publisher.publish,
+            self._publish,
             self.publisher.publish_stage,
             self._on_result,
             self._on_fault,
@@ -100,7 +105,12 @@ class Daemon:
         self._monitor = NodeMonitor(station, self._on_lost, restarts, bus.clock)
         reads_text = models.read_text(station)
         self._batches = BatchControl(
-            self._actions, self.publisher, station, reads_text=reads_text, rest=self._manual.rest
+            self._actions,
+            self.publisher,
+            station,
+            reads_text=reads_text,
+            rest=self._manual.rest,
+            resolved=self._pointed.resolved,
         )
         of_holder = frozenset({"approve"} if station.execute.approve == "holder" else ())
         self._leases = Leases(
@@ -117,6 +127,7 @@ class Daemon:
         ours = [name for name, node in station.nodes.items() if node.run == "here"]
         self._speakers = Speakers(bus, set(station.nodes), self._on_node_twice, self._on_stranger, sealed=ours)
         self._plan_views = PlanViews(self._actions.approvals, robot, station)
+        self._live = LivePictures(equipment, self._is_at_rest, self._pointed, bus.clock.now_s)
         self._results: OrderedDict[str, CycleResult] = OrderedDict()
         self._defects: tuple[str, ...] = ()
         self._published_s = -TURN_S
@@ -129,6 +140,16 @@ class Daemon:
             on_turn=self._publish_heartbeat,
         )
         self._batches.drive(self.machine)
+
+    def _publish(self, topic: Topic, message: Message | bytes) -> None:
+        """Publish what a cycle says; whoever sees it may point into it at once."""
+        self._pointed.hear(message)
+        self.publisher.publish(topic, message)
+
+    def _is_at_rest(self) -> bool:
+        """No cycle is open, none is to follow, and nothing moves: a picture is nobody's concern but the asker's."""
+        is_settled = self.machine.state in _AT_REST and not self._manual.is_moving
+        return is_settled and not self._batches.jobs[0] and self._actions.log is None
 
     def _beside(self, verb: str, request: CommandRequest, state: State) -> CommandReply | None:
         return self._manual.beside(verb, request, state) or self._batches.beside(verb, request, state)
@@ -172,6 +193,7 @@ class Daemon:
         self._bus.answer(topics.RESULT_NOW, self._on_result_asked, worker="state")
         self._bus.answer(topics.PROPOSAL_NOW, lambda _payload, _asked: self._proposal(), worker="state")
         self._bus.answer(topics.PLAN_NOW, lambda _payload, _asked: self._plan_views.now(), worker="plan")
+        self._bus.answer(topics.PICTURE_NOW, self._on_picture_asked, worker="picture")
         self._bus.answer(topics.SCHEMA_NOW, lambda _payload, _asked: bus_schema(), worker="schema")
         self._bus.answer(topics.COMMAND, self._on_command, worker=self._worker_of, verb="*")
         self._bus.announce(topics.LEASE, name=CELL_CLIENT)
@@ -253,7 +275,8 @@ class Daemon:
         refuse(reply)
         if verb in MANUAL_MOTIONS:
             self._manual.run(verb, request)
-        return reply.model_copy(update={"lease": self._leases.take(verb, request.client_id, asked.source)})
+        lease = self._leases.take(verb, request.client_id, asked.source)
+        return reply.model_copy(update={"lease": lease, "since_ns": self.publisher.state.since_ns})
 
     def _worker_of(self, asked: Asked, payload: bytes) -> str:
         """The worker for a command, so that a stop waits for no other command.
@@ -275,6 +298,9 @@ class Daemon:
             text = f"There is no result of a cycle {cycle_id!r}: it is not over, or was not one of the last."
             raise Refused(text, "Recorded ones: `cell cycles`.", code="NO_RESULT")
         return result
+
+    def _on_picture_asked(self, payload: bytes, _asked: Asked) -> Message:
+        return self._live.now(decode(PictureRequest, payload))
 
     def _proposal(self) -> Message:
         waiting = self._actions.approvals.waiting

@@ -26,12 +26,15 @@ class Row:
     """One kind of fault in one part.
 
     Attributes:
-        part: of `bus.fault_injection.PARTS`, or ``node``: a node's process.
-        word: of `bus.fault_injection.Fault`, or the signal's.
+        part: of `bus.fault_injection.PARTS`, or ``node``: a node's process; or of `DOORS`: its process, or the client
+            that attends the cycle through it.
+        word: of `bus.fault_injection.Fault`, or the signal's; of a door also ``client``: its client is killed, and
+            ``taken``: it is killed, and another program takes its port.
         sets_in: the moment of the cycle for which ``result`` and ``code`` hold; ``begin`` is before its first stage.
         result, code: of that cycle.
         does: what the cell detects and does. ``then``: what is needed to recover besides clear and reset.
         also: codes of the cycle when the fault sets in at another moment; SUCCESS when it came too late to matter.
+        holds: the cell is Held meanwhile, until a client says ``unhold``.
     """
 
     part: str
@@ -42,6 +45,7 @@ class Row:
     does: str
     then: str = ""
     also: tuple[Code, ...] = ()
+    holds: bool = False
 
     @property
     def name(self) -> str:
@@ -51,12 +55,33 @@ class Row:
     @property
     def advice(self) -> str:
         """The advice for the operator."""
+        if self.holds:
+            return "See that nobody is in the way, then `cell unhold`; or `cell stop`."
         return "" if self.code is None else ADVICE[self.code]
 
     @property
     def allowed(self) -> set[Code | None]:
         """All codes with which such a cycle may end, whenever the fault sets in."""
         return {self.code, None, *self.also}
+
+
+DOORS = ("http", "opcua")
+
+
+def _of_door(door: str) -> tuple[Row, ...]:
+    """The rows of one door; each of a cycle that a client attends through it."""
+    held = "The cell holds, as its client is gone with it; the cycle goes on when told to."
+    again = "The door is started again (`DOOR_LOST`, `DOOR_OPEN`)."
+    return (
+        Row(door, "client", "execute", "SUCCESS", None,
+            "The connection is reset: the cell holds at once; the cycle goes on when told to.", holds=True),
+        Row(door, "kill", "execute", "SUCCESS", None, held, again, holds=True),
+        Row(door, "freeze", "execute", "SUCCESS", None,
+            "Its heartbeat is missing: the cell holds after `bus.silence_s`; the cycle goes on when told to.",
+            "The door is ended after 2 s, and started again.", holds=True),
+        Row(door, "taken", "execute", "SUCCESS", None, held,
+            "The door is tried again (`DOOR_CLOSED`) until its port is free.", holds=True),
+    )  # fmt: skip
 
 
 ROWS: tuple[Row, ...] = (
@@ -127,4 +152,5 @@ ROWS: tuple[Row, ...] = (
     Row("node", "kill", "execute", "ABORTED", Code.NODE_LOST, "Noticed at once.", "The node is started again.", _LOST),
     Row("node", "freeze", "execute", "ABORTED", Code.NODE_LOST, "Noticed after a second at most, or `bus.stale_s`.",
         "The node is ended after `bus.frozen_s`, and started again.", _LOST),
+    *(row for door in DOORS for row in _of_door(door)),
 )  # fmt: skip

@@ -10,18 +10,20 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 from bus import topics
 from bus.codec import decode
 from bus.commands import CellHealth, CellState, CommandReply, CommandRequest, Event
-from bus.errors import BadPayload, BusError
+from bus.errors import BadPayload, BusError, CellError
 from bus.frozen import Message
-from bus.messages import CycleResult, PlanView, Proposal
+from bus.messages import Attempt, CycleResult, LivePicture, PictureRequest, PlanView, Proposal
 from bus.sample import Sample
+from cell.client import SETTLED
 from cell.commander import Commander
 from cell.http.access import Access
 from cell.http.hub import Hub
+from cell.http.jobs import Jobs
 from cell.http.pictures import Pictures
 from cell.http.sessions import Connect, Session, Sessions
 from config.http import HttpSettings
@@ -36,9 +38,12 @@ _NAMES: dict[str, tuple[str, type[Message]]] = {
     topics.EVENT.key: ("event", Event),
     topics.RESULT.key: ("result", CycleResult),
     topics.PROPOSAL.key: ("proposal", Proposal),
+    topics.ATTEMPT.key: ("attempt", Attempt),
 }
-ALSO = (topics.HEALTH, topics.EVENT, topics.PROPOSAL, topics.VIEW_COLOR, topics.VIEW_ANNOTATIONS)
+ALSO = (topics.HEALTH, topics.EVENT, topics.PROPOSAL, topics.ATTEMPT, topics.VIEW_COLOR, topics.VIEW_ANNOTATIONS)
 """What the connection hears besides states and results."""
+_SHOWN = PictureRequest(media_type="image/jpeg", from_capture_pose=False)
+"""For a page, that looks."""
 AnswerT = TypeVar("AnswerT")
 _log = logging.getLogger(__name__)
 
@@ -67,6 +72,9 @@ class Cell(Protocol):
     def plan_view(self) -> PlanView:
         """The last plan."""
 
+    def picture(self, request: PictureRequest | None = None) -> LivePicture:
+        """A picture of now."""
+
 
 class Door:
     """The shared part of an HTTP interface. Without another word, members are for the loop's thread.
@@ -89,7 +97,7 @@ class Door:
         self.settings: HttpSettings = station.http
         self.recordings: Path = station.recording.folder
         self._connect = connect
-        self.hub, self.pictures = Hub(self.settings.most_streams), Pictures()
+        self.hub, self.pictures, self.jobs = Hub(self.settings.most_streams), Pictures(), Jobs()
         self.sessions = Sessions(connect, now_s, self.settings.silence_s)
         self._state: CellState | None = None
         self._was_gone = False
@@ -117,7 +125,7 @@ class Door:
         if sample.key in (topics.VIEW_COLOR.key, topics.VIEW_ANNOTATIONS.key):
             shown = self.pictures.hear(sample)
             if shown is not None:
-                self.hub.tell(shown[0], json.dumps({"stamp_ns": shown[1]}))
+                self.hub.tell(shown[0], json.dumps(_stamp(shown[1])))
             return
         name, kind = _NAMES[sample.key]
         try:
@@ -125,9 +133,20 @@ class Door:
         except BadPayload as error:
             _log.warning("not passed on: %s", error)
             return
+        if isinstance(said, Attempt):
+            self.jobs.begun(said)
+            self.tell_jobs()
+            return
+        self.hub.tell(name, said.model_dump_json())
         if isinstance(said, CellState):
             self._state = said
-        self.hub.tell(name, said.model_dump_json())
+            self.tell_jobs()
+
+    def tell_jobs(self) -> None:
+        """Say what the jobs are about, where that is new."""
+        said = self.jobs.of(self._state) if self._state is not None else "{}"
+        if said != (self.hub.last("jobs") or "{}"):
+            self.hub.tell("jobs", said)
 
     def look(self) -> None:
         """Give leases back whose motion is over, or whose session is silent; called every `LOOK_S`."""
@@ -153,6 +172,18 @@ class Door:
         with suppress(BusError):
             self.greet(await self.ask(self.cell.state))
 
+    async def show_live(self) -> None:
+        """Take a picture of now, where the cell rests and somebody looks; called every `HttpSettings.picture_s`."""
+        if not self.hub.is_listened_to or self._state is None or self._state.state not in SETTLED:
+            return
+        with suppress(CellError):  # it works already, or its camera does not: its health says so
+            live = await self.ask(partial(self.cell.picture, _SHOWN))
+            if self.pictures.at(live.stamp_ns) is None:
+                self.pictures.take(live)
+                told = {"is_live": True, "from_capture_pose": live.from_capture_pose, "gone": live.gone}
+                told |= {"things": str(live.things_ns)}
+                self.hub.tell("picture", json.dumps(_stamp(live.stamp_ns) | told))
+
     def _released(self, loop: asyncio.AbstractEventLoop, session: Session, _done: object) -> None:
         loop.call_soon_threadsafe(self._ending.discard, session)
 
@@ -169,6 +200,7 @@ class Door:
         if state != self._state:
             self._state = state
             self.hub.tell("state", state.model_dump_json())
+            self.tell_jobs()
 
     def close(self) -> None:
         """End all streams; their sessions end with them."""
@@ -178,3 +210,8 @@ class Door:
         """Wait until every lease is given back; after the loop's end, on any thread."""
         for pool in (self._asking, self._stopping, self._releasing):
             pool.shutdown(wait=True)
+
+
+def _stamp(stamp_ns: int) -> dict[str, Any]:
+    """A stamp as a number, and as text for programs whose numbers have fewer digits."""
+    return {"stamp_ns": stamp_ns, "stamp": str(stamp_ns)}

@@ -9,7 +9,7 @@ from bus.errors import Refused
 
 KEPT = 256
 """Messages that wait for one stream; a browser that misses more connects again, and is told the present state."""
-FIRST_SAID = ("state", "health", "picture", "scene")
+FIRST_SAID = ("state", "health", "jobs", "picture", "scene")
 """Of these a new stream hears the last one at its begin."""
 
 
@@ -51,6 +51,11 @@ class Hub:
         self._open: set[Listening] = set()
         self._last: dict[str, Said] = {}
         self._is_closed = False
+
+    @property
+    def is_listened_to(self) -> bool:
+        """Whether any stream is open."""
+        return bool(self._open)
 
     def last(self, name: str) -> str:
         """The JSON of the last message of that name; "" without one."""

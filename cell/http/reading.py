@@ -10,7 +10,7 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 
 from bus.codec import decode
-from bus.errors import Refused
+from bus.errors import BadPayload, Refused
 from bus.frozen import Message
 from cell.http.answers import JSON, refuse, say
 from cell.http.door import Door
@@ -71,14 +71,25 @@ async def plan(_request: Request, door: Door) -> Response:
 
 
 async def picture(request: Request, door: Door) -> Response:
-    """The last colour image that the cell has shown. Raises: Refused (NO_PICTURE)."""
+    """The last colour image, or that of a stamp. Raises: Refused (NO_PICTURE), BadPayload."""
     shown = door.pictures.picture
     if shown is None:
         raise _nothing_shown()
+    at = request.query_params.get("at", "")
+    if at and not (at.isascii() and at.isdecimal() and len(at) < 20):
+        raise BadPayload("at: the stamp of a picture, in ns.", "Leave it out for the last one.")
+    if at and (shown := door.pictures.at(int(at))) is None:
+        raise Refused("That picture is not kept any more.", "There is a newer one.", code="NO_PICTURE")
     headers = {"ETag": shown.etag, "Cache-Control": "no-cache"}
     if request.headers.get("if-none-match") == shown.etag:
         return Response(status_code=304, headers=headers)
     return Response(shown.data, media_type=shown.media_type, headers=headers)
+
+
+async def picture_now(_request: Request, door: Door) -> Response:
+    """What the camera sees now, from the capture pose, as a PNG file. Raises: Refused (NOT_AT_REST)."""
+    taken = await door.ask(door.cell.picture)
+    return Response(taken.data, media_type=taken.media_type, headers={"X-Stamp-Ns": str(taken.stamp_ns)})
 
 
 async def scene(_request: Request, door: Door) -> Response:

@@ -53,7 +53,8 @@ TABLE = (
         "GET",
         "/api/events",
         events.listen,
-        "Server-sent events: session, state, health, event, proposal, result, picture, scene, ping; first what counts.",
+        "Server-sent events: session, state, health, event, proposal, result, picture, scene, jobs, ping; first what"
+        " counts.",
         media_type="text/event-stream",
         queries=(_CLIENT,),
         refusals=(422, 503),
@@ -103,7 +104,7 @@ TABLE = (
         reading.proposal,
         "The planned motion that waits for approve, next_grasp or reject.",
         says=Proposal,
-        refusals=(404, *_NO_CELL),
+        refusals=(409, *_NO_CELL),
     ),
     Served(
         "GET",
@@ -111,7 +112,7 @@ TABLE = (
         reading.plan,
         "The last plan in 3-D: the robot on its way, the cloud, the known boxes.",
         says=PlanView,
-        refusals=(404, *_NO_CELL),
+        refusals=(409, *_NO_CELL),
     ),
     Served(
         "GET",
@@ -147,7 +148,23 @@ TABLE = (
         refusals=(404, 409, 422),
     ),
     Served("GET", "/api/storage", storage.storage, "The disk, and what will be deleted next.", refusals=(404, 409)),
-    Served("GET", "/api/picture", reading.picture, "The last picture.", media_type="image/jpeg", refusals=(404,)),
+    Served(
+        "GET",
+        "/api/picture/now",
+        reading.picture_now,
+        "What the camera sees now, from the capture pose: a pixel of it is a target. NOT_AT_REST while it works.",
+        media_type="image/png",
+        refusals=(409, *_NO_CELL),
+    ),
+    Served(
+        "GET",
+        "/api/picture",
+        reading.picture,
+        "The last picture.",
+        media_type="image/jpeg",
+        queries=(("at", "The stamp [ns] of one of the last eight."),),
+        refusals=(404, 422),
+    ),
     Served(
         "GET",
         "/api/scene",

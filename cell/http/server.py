@@ -104,7 +104,7 @@ class Serving:
         with suppress(BusError):
             self._door.greet(await self._door.ask(self._cell.state))
         self._turn_s = self._clock.now_s()
-        regular = [asyncio.create_task(work) for work in (self._look(), self._refresh())]
+        regular = [asyncio.create_task(work) for work in (self._look(), self._refresh(), self._show())]
         self._is_open.set()
         try:
             await self._server.serve(sockets=[self._listener])
@@ -122,6 +122,11 @@ class Serving:
         while True:
             await asyncio.sleep(REFRESH_S)
             await self._door.refresh()
+
+    async def _show(self) -> None:
+        while (period_s := self._door.settings.picture_s) > 0:
+            await asyncio.sleep(period_s)
+            await self._door.show_live()
 
     def _hear(self) -> None:
         """Pass on what the cell says. Raises: RuntimeError when the loop stands still: no heartbeat would be missed."""

@@ -49,6 +49,8 @@ async def attended(request: Request, door: Door, verb: str, wanted: CommandReque
 
     try:
         reply = await door.ask(partial(commander.command, verb, wanted))
+        door.jobs.sent(verb, wanted, reply)
+        door.tell_jobs()
     except BaseException:
         end()
         raise

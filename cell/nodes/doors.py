@@ -12,7 +12,6 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable
-from contextlib import suppress
 from functools import partial
 from typing import Literal
 
@@ -21,7 +20,8 @@ from bus.codec import decode
 from bus.errors import BadPayload, CellError
 from bus.remote_errors import error_from_reply
 from bus.threads import OwnedThread, Role
-from cell.nodes.pipes import close_pipes, has_ended, line_within
+from cell.nodes.health import is_halted
+from cell.nodes.pipes import close_pipes, end_child, has_ended, line_within
 from cell.nodes.ready import Open
 from config.clock import clock_of
 from config.schema import Station
@@ -31,6 +31,8 @@ _OPEN_S = 120.0
 """Longest time until a door is open; some take 10 s of computing."""
 _STOP_TIMEOUT_S = 5.0
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.5, 30.0
+_LOOK_S, _FROZEN_S = 0.25, 2.0
+"""How often a door's process is looked at, and for how long it may be halted."""
 _FOR_GOOD = 2
 """Exit code of an error that another try would only repeat: usage, configuration."""
 
@@ -55,7 +57,7 @@ class Door:
         spawn: Callable[[str, Station], subprocess.Popen[str]] | None = None,
     ) -> None:
         self._name, self._station, self._on_news = name, station, on_news
-        self._spawn = spawn or _child
+        self._spawn = spawn or door_child
         self._clock = clock_of(station)
         self._child: subprocess.Popen[str] | None = None
         self._closing = threading.Event()
@@ -72,14 +74,8 @@ class Door:
         with self._spawning:
             self._closing.set()
         child = self._child
-        if child is not None:
-            if child.stdin is not None and not child.stdin.closed:
-                with suppress(BrokenPipeError):
-                    child.stdin.close()
-            if not self._clock.wait_for(partial(has_ended, child), _STOP_TIMEOUT_S):
-                _log.warning("the door %s did not end by itself; killing it", self._name)
-                child.kill()
-                child.wait()
+        if child is not None and not end_child(child, _STOP_TIMEOUT_S, self._clock):
+            _log.warning("the door %s did not end by itself; it was killed", self._name)
         self._thread.join(_STOP_TIMEOUT_S)
         if child is not None:
             close_pipes(child)
@@ -93,7 +89,7 @@ class Door:
                     return
                 self._child = child = self._spawn(self._name, self._station)
             try:
-                where = _await_open(child, self._clock)
+                where = await_open(child, self._clock)
             except CellError as error:
                 if not self._closing.is_set():
                     self._tell_closed(error)
@@ -102,7 +98,7 @@ class Door:
                 pause_s = min(max(2 * pause_s, _FIRST_PAUSE_S), _LONGEST_PAUSE_S)
                 continue
             self._on_news("DOOR_OPEN", "info", f"The door {self._name!r} is open: {where}.", "")
-            code = child.wait()
+            code = _await_end(child)
             if self._closing.is_set():
                 return
             close_pipes(child)
@@ -119,24 +115,41 @@ class Door:
         self._on_news("DOOR_CLOSED", "error", f"The door {self._name!r} cannot open: {error.text}{again}", error.advice)
 
 
-def _child(name: str, station: Station) -> subprocess.Popen[str]:
+def _await_end(child: subprocess.Popen[str]) -> int:
+    """Wait for the end of an open door; one that a signal has halted answers nobody, and is killed."""
+    halted_s = 0.0
+    while not has_ended(child, _LOOK_S):
+        halted_s = halted_s + _LOOK_S if is_halted(child.pid) else 0.0
+        if halted_s > _FROZEN_S:
+            _log.warning("a door's process is halted; killing it")
+            child.kill()
+    return child.wait()
+
+
+def door_child(name: str, station: Station) -> subprocess.Popen[str]:
+    """Start a door's process, which reads its station on stdin."""
+    return spawn_child(station, "cell", name, "--supervised")
+
+
+def spawn_child(station: Station, *module: str) -> subprocess.Popen[str]:
+    """Start ``python -m MODULE`` with the station as the first line of its stdin (`cell.nodes.door_child`)."""
     child = subprocess.Popen(
-        [sys.executable, "-P", "-m", "cell", name, "--supervised"],  # -P: as for a node
+        [sys.executable, "-P", "-m", *module],  # -P: as for a node
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         encoding="utf-8",
-        start_new_session=True,  # Ctrl-C in the terminal reaches the daemon only, which ends the door in order
+        start_new_session=True,  # Ctrl-C in the terminal reaches the parent only, which ends the child in order
     )
     assert child.stdin is not None
     try:
         child.stdin.write(f"{station.model_dump_json()}\n")
         child.stdin.flush()
     except BrokenPipeError:
-        _log.error("the door %s ended before it read its station", name)
+        _log.error("%s ended before it read its station", " ".join(module))
     return child
 
 
-def _await_open(child: subprocess.Popen[str], clock: DeadlineClock) -> str:
+def await_open(child: subprocess.Popen[str], clock: DeadlineClock) -> str:
     """Wait for the child's first line; return its endpoint. Raises: the child's error; the child has ended then."""
     assert child.stdout is not None
     line = line_within(child.stdout, _OPEN_S, clock)

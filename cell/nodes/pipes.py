@@ -7,6 +7,7 @@ import selectors
 import subprocess
 import sys
 from contextlib import suppress
+from functools import partial
 from typing import IO
 
 from bus.clock import DeadlineClock
@@ -24,6 +25,22 @@ def has_ended(child: subprocess.Popen[str], timeout_s: float) -> bool:
     with suppress(subprocess.TimeoutExpired):
         child.wait(timeout_s)
     return child.returncode is not None
+
+
+def end_child(child: subprocess.Popen[str], timeout_s: float, clock: DeadlineClock) -> bool:
+    """End ``child`` by closing its stdin; by force when it has not ended within ``timeout_s``. Idempotent.
+
+    Returns:
+        False when it took force.
+    """
+    if child.stdin is not None and not child.stdin.closed:
+        with suppress(BrokenPipeError):
+            child.stdin.close()
+    if clock.wait_for(partial(has_ended, child), timeout_s):
+        return True
+    child.kill()
+    child.wait()
+    return False
 
 
 def close_pipes(child: subprocess.Popen[str]) -> None:

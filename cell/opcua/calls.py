@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 import logging
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from functools import partial
+from contextlib import AbstractContextManager
+from datetime import UTC, datetime
 from typing import Any, TypeVar
 
 from asyncua import ua
 
 from bus.commands import CommandReply, CommandRequest
 from bus.errors import CellError, CellUnreachable, Refused
+from bus.messages import LivePicture
 from cell import client
 from cell.client import Client, client_name
 from cell.commander import Commander
 from cell.machine.leases import NEEDS_LEASE, NEEDS_TOKEN
-from cell.machine.states import ENDING
+from cell.machine.states import ANSWERS, ENDING
 from cell.opcua.address_space import AddressSpace
 from cell.opcua.methods import Given, Method, fitting, request_of
 from cell.opcua.refusals import Refusals
@@ -26,8 +29,8 @@ from config.schema import Station
 
 _log = logging.getLogger(__name__)
 ResultT = TypeVar("ResultT")
-_COMMANDS, _STOPS = 16, 4
-"""Threads: of commands, and of what brings the cell to rest, which waits for none of them."""
+_COMMANDS, _STOPS, _RELEASES = 16, 4, 4
+"""Threads: of commands; of what brings the cell to rest, and of the end of a lease, which wait for none of them."""
 
 
 class Attendant:
@@ -40,10 +43,17 @@ class Attendant:
     def __init__(self, calls: Calls, name: str) -> None:
         self._calls = calls
         self.client_id = client_name("-".join(filter(None, ("opcua", name))))
+        self._numbers = itertools.count(1)
         self._commander = self._new()
 
     def _new(self) -> Commander:
-        return Commander(partial(client.connect, self._calls.station, client_id=self.client_id))
+        # Each connection has a name of its own: the end of one must not be taken for the end of the next.
+        return Commander(lambda: self._calls.connect(f"{self.client_id}.{next(self._numbers)}"))
+
+    @property
+    def is_attending(self) -> bool:
+        """True while it has a connection of its own, and with it perhaps the lease."""
+        return self._commander.is_open
 
     def command(self, verb: str, request: CommandRequest) -> asyncio.Future[CommandReply]:
         """Send a command that needs the lease; a command that still waits when the session goes is refused."""
@@ -67,6 +77,11 @@ class Calls:
         self._refusals = Refusals(space)
         self._threads = ThreadPoolExecutor(_COMMANDS, "opcua-command")
         self._stopping = ThreadPoolExecutor(_STOPS, "opcua-stop")
+        self._releasing = ThreadPoolExecutor(_RELEASES, "opcua-release")
+
+    def connect(self, client_id: str) -> AbstractContextManager[Client]:
+        """Open one more connection to the cell, under this name."""
+        return client.connect(self.station, client_id=client_id)
 
     def in_thread(self, run: Callable[..., ResultT], *arguments: Any) -> asyncio.Future[ResultT]:
         """The future of ``run(*arguments)`` in a thread of the commands."""
@@ -74,13 +89,13 @@ class Calls:
 
     def end(self, commander: Commander) -> Future[None]:
         """Close a session's connection to the cell, which gives its lease back."""
-        ending = self._threads.submit(commander.end)
+        ending = self._releasing.submit(commander.end)
         ending.add_done_callback(_log_failure)
         return ending
 
     def close(self) -> None:
         """Start no further command; what runs is left to the end of the process."""
-        for pool in (self._threads, self._stopping):
+        for pool in (self._threads, self._stopping, self._releasing):
             pool.shutdown(wait=False, cancel_futures=True)
 
     def method_of(self, request: ua.CallMethodRequest) -> Method | None:
@@ -98,9 +113,11 @@ class Calls:
             self._require_right(method, person)
             fits = _require_fitting(method, given)
             request = request_of(method, [one.Value for one in given])
-            if not method.verb:
+            if method.name == "Release":
                 await asyncio.wrap_future(attendant.leave())
-                return _result(method, None)
+                return _result(method, [])
+            if method.name == "Picture":
+                return _result(method, _shown(await self.in_thread(self._viewer.picture)))
             reply = await self._send(method.verb, request, attendant)
         except _BadArguments as refusal:
             return await self._refusals.answer(refusal, method.name, attendant.client_id, refusal.fits)
@@ -108,7 +125,7 @@ class Calls:
             return await self._refusals.answer(refusal, method.name, attendant.client_id, fits)
         if method.verb in NEEDS_LEASE:
             await self._space.write({"Status.EquipmentBlocked": False})
-        return _result(method, reply)
+        return _result(method, _begun(reply) if method.outputs else [])
 
     async def _send(self, verb: str, request: CommandRequest, attendant: Attendant) -> CommandReply:
         """Send a command. It goes on when the client goes meanwhile: its lease is given back after it.
@@ -119,7 +136,8 @@ class Calls:
             raise CellUnreachable(
                 "The cell is gone: it ended, or the link to it.", "Start it: this server will see it."
             )
-        if verb in NEEDS_LEASE | NEEDS_TOKEN:
+        by_its_holder = verb in ANSWERS and attendant.is_attending  # `execute.approve = "holder"` asks for that name
+        if verb in NEEDS_LEASE | NEEDS_TOKEN or by_its_holder:
             return await asyncio.shield(attendant.command(verb, request))
         named = request.model_copy(update={"client_id": attendant.client_id})
         pool = self._stopping if verb in ENDING else self._threads
@@ -127,7 +145,7 @@ class Calls:
 
     @staticmethod
     def _require_right(method: Method, person: Person) -> None:
-        if not person.may_command and method.verb not in ENDING:
+        if not person.may_command and method.verb not in ENDING and method.name != "Picture":
             raise Refused(
                 f"The user {person.name!r} may look, and bring the cell to rest, no more.",
                 "Connect as an operator (opcua.users).",
@@ -158,12 +176,22 @@ def _require_fitting(method: Method, given: list[ua.Variant]) -> list[bool]:
     return fits
 
 
-def _result(method: Method, reply: CommandReply | None) -> ua.CallMethodResult:
-    """The result of an accepted call; methods with outputs name cycle, job and place in the queue."""
-    outputs = []
-    if method.outputs and reply is not None:
-        position = ua.Variant(reply.position, ua.VariantType.UInt32)
-        outputs = [ua.Variant(reply.cycle_id), ua.Variant(reply.job_id), position]
+def _begun(reply: CommandReply) -> list[ua.Variant]:
+    """Cycle, job and place in the queue of what was accepted."""
+    return [
+        ua.Variant(reply.cycle_id),
+        ua.Variant(reply.job_id),
+        ua.Variant(reply.position, ua.VariantType.UInt32),
+    ]
+
+
+def _shown(picture: LivePicture) -> list[ua.Variant]:
+    taken_at = datetime.fromtimestamp(picture.stamp_ns * 1e-9, UTC)
+    return [ua.Variant(picture.data, ua.VariantType.ByteString), ua.Variant(taken_at, ua.VariantType.DateTime)]
+
+
+def _result(method: Method, outputs: list[ua.Variant]) -> ua.CallMethodResult:
+    """The result of an accepted call."""
     return ua.CallMethodResult(
         StatusCode=ua.StatusCode(),
         InputArgumentResults=[ua.StatusCode() for _ in method.inputs],

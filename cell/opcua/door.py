@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Callable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager, closing, suppress
 
 from cell import client
 from cell.client import client_name
@@ -15,6 +15,8 @@ from cell.opcua.address_space import NAMESPACE, AddressSpace
 from cell.opcua.calls import Calls
 from cell.opcua.mirror import HEARS, Mirror
 from cell.opcua.server import CellServer, quieten_logs
+from cell.opcua.stalled import LoopWatch, ended_by_defect
+from config.clock import clock_of
 from config.schema import Station
 
 _CLOSE_S = 2.0
@@ -32,7 +34,7 @@ async def _serve(station: Station, tell: Callable[[str], None], wait_for_end: Ca
     waiting = ThreadPoolExecutor(1, "opcua-end")
     try:
         async with opened(station) as (endpoint, mirroring):
-            with freeze_gc():
+            with freeze_gc(), ended_by_defect(), closing(LoopWatch(clock_of(station))):
                 tell(endpoint)
                 end = asyncio.wrap_future(waiting.submit(wait_for_end))
                 done, _ = await asyncio.wait({end, mirroring}, return_when=asyncio.FIRST_COMPLETED)

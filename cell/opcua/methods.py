@@ -17,7 +17,7 @@ MessageT = TypeVar("MessageT", bound=Message)
 
 
 class Argument(NamedTuple):
-    """One argument of a method. ``kind``: String, UInt32 or Boolean."""
+    """One argument of a method. ``kind``: String, UInt32 or Boolean; of outputs also ByteString or DateTime."""
 
     name: str
     kind: str
@@ -28,7 +28,7 @@ class Method(NamedTuple):
     """One method.
 
     Attributes:
-        verb: the command that it sends; "" for Release, which sends none.
+        verb: the command that it sends; "" for Picture and Release, which send none.
         request: makes the command of the arguments. Raises: Refused (BAD_JOB, BAD_ARGUMENT).
     """
 
@@ -73,6 +73,10 @@ def _cancel(job_id: str) -> CommandRequest:
     return _checked(lambda: CommandRequest(job=Job(job_id=job_id)), "job")
 
 
+def _answer(proposal: str, reason: str = "") -> CommandRequest:
+    return _checked(lambda: CommandRequest(proposal=proposal, reason=reason), "answer")
+
+
 def _job(text: str) -> Job:
     return _checked(lambda: Job.model_validate_json(text), "job") if text else Job()
 
@@ -100,6 +104,8 @@ _CYCLE = (
     Argument("JobId", "String", "The job: the caller's name of it, or else the cycle's id."),
     Argument("Position", "UInt32", "In the queue, from 1 on; 0 = it begins now."),
 )
+_PROPOSAL = Argument("Proposal", "String", "`Proposal.Id`: what is answered.")
+_WHY = Argument("Reason", "String", "Why, in words; may be empty.")
 _JOB = Argument("Job", "String", "A Job as JSON (bus.md); empty = none.")
 
 METHODS = (
@@ -144,6 +150,20 @@ METHODS = (
         (),
         _cancel,
         "Cancel a job that waits, or whose grasp has not begun.",
+    ),
+    Method("Approve", "approve", (_PROPOSAL,), (), _answer, "The arm moves as proposed."),
+    Method("NextGrasp", "next_grasp", (_PROPOSAL, _WHY), (), _answer, "Plan the next grasp, and propose that."),
+    Method("Reject", "reject", (_PROPOSAL, _WHY), (), _answer, "End the cycle: nothing moves."),
+    Method(
+        "Picture",
+        "",
+        (),
+        (
+            Argument("Png", "ByteString", "The picture, a PNG file."),
+            Argument("TakenAt", "DateTime", "When."),
+        ),
+        _nothing,
+        "What the camera sees now, from the capture pose: a pixel of it is a target.",
     ),
     Method("Release", "", (), (), _nothing, "Give the lease back: others may command; motion of this session is held."),
 )

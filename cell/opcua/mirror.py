@@ -14,9 +14,9 @@ from bus import topics
 from bus.codec import decode
 from bus.codes import Code
 from bus.commands import CellHealth, CellState, Event
-from bus.errors import BadPayload, BusError
+from bus.errors import BadPayload, BusError, Refused
 from bus.frozen import Message
-from bus.messages import CycleResult
+from bus.messages import CycleResult, Proposal
 from bus.sample import Sample
 from cell.client import Client
 from cell.machine.states import NEXT, State
@@ -25,13 +25,14 @@ from cell.opcua.address_space import AddressSpace
 from cell.opcua.structures import PackMLAlarmDataType, alarm, count
 
 _log = logging.getLogger(__name__)
-HEARS = (topics.EVENT, topics.HEALTH)
+HEARS = (topics.EVENT, topics.HEALTH, topics.PROPOSAL)
 """What the client of a mirror must subscribe to besides states and results."""
 _TYPES: dict[str, type[Message]] = {
     topics.STATE.key: CellState,
     topics.RESULT.key: CycleResult,
     topics.EVENT.key: Event,
     topics.HEALTH.key: CellHealth,
+    topics.PROPOSAL.key: Proposal,
 }
 _LOOK_S = 0.5
 _KEPT_ALARMS = 20
@@ -56,6 +57,8 @@ class Mirror:
         await self._space.write({"Admin.Alarm": [], "Admin.AlarmHistory": []})
         await self._count()
         await self._show_health(await self._ask(self._viewer.health))
+        with suppress(Refused):  # none waits
+            await self._show_proposal(await self._ask(self._viewer.proposal))
         await self._show_state(await self._ask(self._viewer.state))
 
     async def run(self) -> None:
@@ -97,6 +100,8 @@ class Mirror:
             await self._show_event(said)
         elif isinstance(said, CellHealth):
             await self._show_health(said)
+        elif isinstance(said, Proposal):
+            await self._show_proposal(said)
 
     async def _show_state(self, said: CellState) -> None:
         if said.state not in packml.STATES:
@@ -111,6 +116,8 @@ class Mirror:
         if is_new:
             aborted = [alarm("ABORTED", said.reason, 2, is_active=True, when=since)]
             await self._space.write({"Admin.Alarm": aborted if state is State.ABORTED else []})
+        if said.stage != "approve":
+            await self._space.write({"Proposal.Id": "", "Proposal.Json": ""})
         if state is State.STARTING:
             await self._space.write({"Status.EquipmentStarved": False})
         requested = State(NEXT.get(state, state))
@@ -177,6 +184,10 @@ class Mirror:
     async def _show_health(self, health: CellHealth) -> None:
         problems = [f"{name}: {problem}" for name, node in health.nodes.items() for problem in node.problems]
         await self._space.write({"Status.Healthy": health.is_healthy, "Status.Problems": [*problems, *health.defects]})
+
+    async def _show_proposal(self, proposal: Proposal) -> None:
+        # the id last: who sees it sees the rest of it, too
+        await self._space.write({"Proposal.Json": proposal.model_dump_json(), "Proposal.Id": proposal.proposal_id})
 
     async def _count(self) -> None:
         await self._space.write(

@@ -154,4 +154,5 @@ def quieten_logs() -> None:
     logging.getLogger("asyncua").setLevel(logging.ERROR)
     for name in ("uaprocessor", "binary_server_asyncio", "address_space"):
         logging.getLogger(f"asyncua.server.{name}").setLevel(logging.CRITICAL)
-    logging.getLogger("asyncua.server.internal_session").setLevel(logging.CRITICAL)
+    for name in ("asyncua.server.internal_session", "asyncuagds.validate"):  # the last names every foreign certificate
+        logging.getLogger(name).setLevel(logging.CRITICAL)

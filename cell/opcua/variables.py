@@ -52,6 +52,8 @@ VARIABLES = (
     Variable("Admin.AlarmExtent", "Int32", True, "Number of alarms that can be shown."),
     Variable("Admin.AlarmHistory", "Alarm[]", True, "The last warnings and errors, the newest first."),
     Variable("Admin.AlarmHistoryExtent", "Int32", True, "Number of them that are kept."),
+    Variable("Proposal.Id", "String", False, "Of the planned pick that waits for an answer; empty = none does."),
+    Variable("Proposal.Json", "String", False, "That Proposal, as on the bus (bus.md)."),
     Variable("Result.Json", "String", False, "The last CycleResult, as on the bus (bus.md)."),
     Variable("Result.CycleId", "String", False, "Of it, as the following."),
     Variable("Result.JobId", "String", False, "The client's name of the job."),
@@ -71,7 +73,8 @@ VARIABLES = (
     Variable("LastRefusal.Method", "String", False, "The method."),
     Variable("LastRefusal.Client", "String", False, "Who called it."),
 )
-OBJECTS = {"Status": "PackMLStatusObjectType", "Admin": "PackMLAdminObjectType", "Result": "", "LastRefusal": ""}
+OBJECTS = {"Status": "PackMLStatusObjectType", "Admin": "PackMLAdminObjectType", "Proposal": "", "Result": "",
+           "LastRefusal": ""}  # fmt: skip
 """Objects below the cell's, and their type in PackML's namespace; "" = plain ones of ours."""
 PROPERTIES = ("PackMLVersion", "TagID", "Status.UnitSupportedModes")
 

@@ -67,13 +67,13 @@ def way_to_next_look(
     """
     taken = [direction_of_view_deg(look.view.base_from_color) for look in looks]
     scene = _among_unseen(looks, robot, station, cancel)
-    return next_look(scene, looks[-1].view.arm.q_rad, taken).motion
+    return next_look(scene, looks[-1].view.q_rad, taken).motion
 
 
 def way_back(looks: Sequence[Observation], robot: Robot, station: Station, cancel: Cancel | None = None) -> Trajectory:
     """The motion from the last look to the capture pose. Raises: CycleFailure."""
     scene = _among_unseen(looks, robot, station, cancel)
-    return move(scene, looks[-1].view.arm.q_rad, np.asarray(station.arm.capture_q_rad))
+    return move(scene, looks[-1].view.q_rad, np.asarray(station.arm.capture_q_rad))
 
 
 def go(arm: Arm, gate: Gate, way: Trajectory) -> None:
@@ -89,5 +89,5 @@ def _among_unseen(looks: Sequence[Observation], robot: Robot, station: Station, 
     sights = []
     for look in looks:
         nothing = np.zeros(look.frame.color.shape[:2], dtype=bool)
-        sights.append(Sight(*surroundings(look, nothing), look.view.arm.q_rad))
+        sights.append(Sight(*surroundings(look, nothing), look.view.q_rad))
     return Scene.of(robot, station, *sights, boxes=(*scene_boxes(station.scene), unseen(station)), cancel=cancel)

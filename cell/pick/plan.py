@@ -43,7 +43,7 @@ def plan(
         return None if parts is None else Scene.of(robot, station, *parts, cancel=cancel)
 
     scene_of, grasps = _aimed(sights_of, robot, station, cancel), detections.grasps
-    return plan_pick(scene_of(grasps[0]), grasps, looks[-1].view.arm.q_rad, missed, scene_of, part_of)
+    return plan_pick(scene_of(grasps[0]), grasps, looks[-1].view.q_rad, missed, scene_of, part_of)
 
 
 def scenes(
@@ -59,7 +59,7 @@ def _sights(detections: Detections, looks: Sequence[Observation]) -> Callable[[i
     @cache
     def sights_of(instance: int) -> list[Sight]:
         return [
-            Sight(*surroundings(corrected(look, detections.scene.mount), labels == instance), look.view.arm.q_rad)
+            Sight(*surroundings(corrected(look, detections.scene.mount), labels == instance), look.view.q_rad)
             for look, labels in zip(looks, detections.scene.look_labels, strict=True)
         ]
 

@@ -1,4 +1,7 @@
-"""Picks once over HTTP, with the standard library only, and attends it. Usage: python http_client.py [URL [TOKEN]]"""
+"""Picks once over HTTP, with the standard library only, and attends it: python http_client.py [URL [JOB [TOKEN]]]
+
+JOB: a job as JSON, {"target": {"text": "the largest"}}; or a colour: what shows it most is picked by its pixel.
+"""
 
 import json
 import sys
@@ -9,8 +12,9 @@ from typing import Any
 
 url = sys.argv[1] if len(sys.argv) > 1 else "http://127.0.0.1:8088"
 headers = {"Content-Type": "application/json"}
-if len(sys.argv) > 2:
-    headers["Authorization"] = f"Bearer {sys.argv[2]}"
+wanted = sys.argv[2] if len(sys.argv) > 2 else '{"job_id": "example"}'
+if len(sys.argv) > 3:
+    headers["Authorization"] = f"Bearer {sys.argv[3]}"
 
 
 def post(path: str, body: dict[str, Any]) -> dict[str, Any]:
@@ -36,6 +40,16 @@ def events(path: str) -> Iterator[tuple[str, dict[str, Any]]]:
                 yield name, json.loads(value)
 
 
+def job() -> Any:
+    if wanted.startswith("{"):
+        return json.loads(wanted)
+    from pixel import pixel_of  # type: ignore[import-not-found] # noqa: PLC0415 - the file beside this one, where it is asked for
+
+    with urllib.request.urlopen(urllib.request.Request(f"{url}/api/picture/now", headers=headers)) as picture:
+        taken_ns = int(picture.headers["X-Stamp-Ns"])
+        return {"target": {"pixel": pixel_of(picture.read(), wanted), "picture_ns": taken_ns}}
+
+
 cycle_id = ""
 for name, said in events("/api/events?client=example"):
     if name == "session":
@@ -47,7 +61,7 @@ for name, said in events("/api/events?client=example"):
         post("/api/commands/reset", {})
     elif name == "state" and said["state"] == "Idle" and not cycle_id:
         print("Idle; picking")
-        cycle_id = post("/api/commands/pick", {"job": {"job_id": "example"}})["cycle_id"]
+        cycle_id = post("/api/commands/pick", {"job": job()})["cycle_id"]
     elif name == "result" and said["cycle_id"] == cycle_id:
         print("result ->", said)
         if not said["retried_as"]:

@@ -1,4 +1,7 @@
-"""Lets a cell pick once over OPC UA, with plain asyncua only. Usage: python opcua_client.py [endpoint]"""
+"""Lets a cell pick once over OPC UA, with plain asyncua only. Usage: python opcua_client.py [endpoint [JOB]]
+
+JOB: a job as JSON, {"target": {"text": "the largest"}}; or a colour: what shows it most is picked by its pixel.
+"""
 
 import asyncio
 import json
@@ -22,7 +25,7 @@ class Heard:
         self.results.put_nowait(json.loads(event.Json))
 
 
-async def pick(endpoint: str, target: str = "", place: str = "") -> dict[str, Any]:
+async def pick(endpoint: str, job: str = "") -> dict[str, Any]:
     """The result of one pick; what is thrown names the refusal."""
     async with Client(endpoint) as client:  # the lease is the session's: when this program ends or dies, the cell holds
         ours = await client.get_namespace_index("urn:vlad-cell:opcua")
@@ -50,7 +53,12 @@ async def pick(endpoint: str, target: str = "", place: str = "") -> dict[str, An
         while now != "Idle":
             now = await heard.states.get()
             print(now)
-        cycle_id, job_id, position = await call("Pick", target, place, "")
+        if job and not job.startswith("{"):
+            from pixel import pixel_of  # type: ignore[import-not-found] # noqa: PLC0415 - the file beside this one, where it is asked for
+
+            png, _taken_at = await call("Picture")
+            job = json.dumps({"target": {"pixel": pixel_of(png, job)}})
+        cycle_id, job_id, position = await call("PickJob", job)
         print(f"cycle {cycle_id} of job {job_id}, {position} before it")
         while (result := await heard.results.get())["cycle_id"] != cycle_id or result["retried_as"]:
             if result["cycle_id"] == cycle_id:

@@ -1,5 +1,9 @@
-"""Triggers one pick from any program, with plain eclipse-zenoh only. Usage: python trigger.py [cell_id]"""
+"""Triggers one pick from any program, with plain eclipse-zenoh only. Usage: python trigger.py [cell_id [JOB]]
 
+JOB: a job as JSON, {"target": {"text": "the largest"}}; or a colour: what shows it most is picked by its pixel.
+"""
+
+import base64
 import json
 import sys
 import threading
@@ -13,7 +17,7 @@ cell = f"cell/{sys.argv[1] if len(sys.argv) > 1 else 'sim'}"
 config = '{mode: "client", connect: {endpoints: ["tcp/127.0.0.1:7447"]}, scouting: {multicast: {enabled: false}}}'
 
 
-def ask(key: str, **fields: str) -> dict[str, Any]:
+def ask(key: str, **fields: Any) -> dict[str, Any]:
     reply = session.get(f"{cell}/{key}", payload=json.dumps(fields), timeout=5).recv()
     said = reply.ok or reply.err
     assert said is not None  # a reply is one of the two
@@ -21,11 +25,20 @@ def ask(key: str, **fields: str) -> dict[str, Any]:
     return answer
 
 
-def command(verb: str) -> dict[str, Any]:
-    answer = ask(f"command/{verb}", client_id=client_id)
+def command(verb: str, **fields: Any) -> dict[str, Any]:
+    answer = ask(f"command/{verb}", client_id=client_id, **fields)
     if not answer["ok"]:
         sys.exit(f"{verb}: {answer['code']}: {answer['reason']} {answer['advice']}")
     return answer
+
+
+def job(wanted: str) -> Any:
+    if wanted.startswith("{"):
+        return json.loads(wanted)
+    from pixel import pixel_of  # type: ignore[import-not-found] # noqa: PLC0415 - the file beside this one, where it is asked for
+
+    picture = ask("view/picture")
+    return {"target": {"pixel": pixel_of(base64.b64decode(picture["data"]), wanted), "picture_ns": picture["stamp_ns"]}}
 
 
 def say_that_we_run() -> None:
@@ -44,7 +57,7 @@ with zenoh.open(zenoh.Config.from_json5(config)) as session:
     while (state := ask("state")["state"]) == "Resetting":
         time.sleep(0.1)
     print(f"{state}; picking")
-    cycle_id = command("pick")["cycle_id"]
+    cycle_id = command("pick", job=job(sys.argv[2] if len(sys.argv) > 2 else "{}"))["cycle_id"]
     while "result" not in (answer := ask("cycle/result", cycle_id=cycle_id)):
         results.recv()  # what is heard only wakes: the cell itself is asked
     print("result ->", answer)

@@ -76,10 +76,15 @@ def _is_under(box: Array, low: Array, high: Array) -> bool:
 
 
 def _calm(lying: Sequence[Placing], settle: Callable[[int], None]) -> None:
-    """Let time pass until nothing moves, or long enough."""
+    """Let time pass until nothing has moved twice in a row, as what balances falls late; or long enough."""
+    still = 0
     for _ in range(_CALMS):
         settle(_CALM_TICKS)
         if not any(placing.is_moving() for placing in lying):
-            return
+            still += 1
+            if still == 2:
+                return
+            continue
+        still = 0
         for placing in lying:
             placing.stop()

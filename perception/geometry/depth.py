@@ -37,6 +37,14 @@ class Rgbd:
     camera: CameraModel
 
 
+def undistorted(frame: Frame) -> npt.NDArray[np.uint8]:
+    """The colour image (H, W, 3) of a frame as a pinhole of the same matrix sees it, RGB."""
+    color = np.asarray(frame.color)
+    if frame.color_camera.distortion:
+        color = np.asarray(cv2.remap(color, *_undistortion(frame.color_camera), cv2.INTER_LINEAR))
+    return color
+
+
 def register(frame: Frame) -> Rgbd:
     """The RGB-D image of a frame; see `registered`."""
     return registered(frame, without_flying_pixels(frame.depth_m))[0]
@@ -55,9 +63,7 @@ def registered(frame: Frame, depth_m: npt.NDArray[np.float32]) -> tuple[Rgbd, np
         The RGB-D image, and for each of its pixels (H, W) the flat index of its depth pixel, -1 = none.
     """
     camera = frame.color_camera.model_copy(update={"distortion": ()})
-    color = np.asarray(frame.color)
-    if frame.color_camera.distortion:
-        color = np.asarray(cv2.remap(color, *_undistortion(frame.color_camera), cv2.INTER_LINEAR))
+    color = undistorted(frame)
     valid = np.flatnonzero(np.isfinite(depth_m)).astype(np.int32)
     if frame.depth_camera == camera and np.array_equal(frame.color_from_depth, np.eye(4)):
         source = np.full(depth_m.size, -1, dtype=np.int32)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -133,15 +134,24 @@ def _described(
 
 
 def _in_box(scene: Scene, ranked: list[int], box: tuple[float, float, float, float]) -> list[int]:
-    """The things of which more than half, of what is in the picture, lies in a box (u_min, v_min, u_max, v_max)."""
-    u_min, v_min, u_max, v_max = (round(edge) for edge in box)
-    everywhere = np.bincount(scene.color_labels.ravel(), minlength=scene.count + 1)
-    part = scene.color_labels[max(v_min, 0) : max(v_max + 1, 0), max(u_min, 0) : max(u_max + 1, 0)]
-    inside = np.bincount(part.ravel(), minlength=scene.count + 1)
-    found = [number for number in ranked if inside[number] > _MOSTLY * everywhere[number]]
+    inside = mostly_in_box(scene.color_labels, box)
+    found = [number for number in ranked if number in inside]
     if not found:
         raise CycleFailure(Code.TARGET_NOT_FOUND, f"No object lies mostly in the box {box}.")
     return found
+
+
+def mostly_in_box(labels: npt.NDArray[np.integer[Any]], box: tuple[float, float, float, float]) -> list[int]:
+    """The things of which more than half, of what is in the picture, lies in a box (u_min, v_min, u_max, v_max).
+
+    Args:
+        labels: (H, W) the number of the thing in each pixel, 0 = none.
+    """
+    u_min, v_min, u_max, v_max = (round(edge) for edge in box)
+    everywhere = np.bincount(labels.ravel())
+    part = labels[max(v_min, 0) : max(v_max + 1, 0), max(u_min, 0) : max(u_max + 1, 0)]
+    inside = np.bincount(part.ravel(), minlength=len(everywhere))
+    return [int(number) for number in np.flatnonzero(inside > _MOSTLY * everywhere) if number]
 
 
 def _at_point(scene: Scene, point_base: Sequence[float]) -> int:
@@ -164,7 +174,12 @@ def by_best_grasp(scene: Scene, closings: Closings) -> list[int]:
 
 def at_pixel(scene: Scene, pixel: tuple[float, float]) -> int:
     """The thing at a pixel (u, v), or the nearest one within 40 px. Raises: CycleFailure(TARGET_NOT_FOUND)."""
-    rows, columns = np.nonzero(scene.color_labels)
+    return nearest_number(scene.color_labels, pixel)
+
+
+def nearest_number(labels: npt.NDArray[np.integer[Any]], pixel: tuple[float, float]) -> int:
+    """As `at_pixel`, in an image (H, W) of the things' numbers, 0 = none."""
+    rows, columns = np.nonzero(labels)
     if not len(rows):
         raise CycleFailure(Code.TARGET_NOT_FOUND, "None of the things is in the picture that is shown.")
     distance = np.hypot(columns - pixel[0], rows - pixel[1])
@@ -175,7 +190,7 @@ def at_pixel(scene: Scene, pixel: tuple[float, float]) -> int:
             f"There is no object within {_NEAR_PX:.0f} px of ({pixel[0]:.0f}, {pixel[1]:.0f}); the nearest is "
             f"{distance[nearest]:.0f} px away.",
         )
-    return int(scene.color_labels[rows[nearest], columns[nearest]])
+    return int(labels[rows[nearest], columns[nearest]])
 
 
 def untried(scene: Scene, targets: list[int], failed_at: Sequence[Vector3]) -> list[int]:

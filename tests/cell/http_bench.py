@@ -17,7 +17,7 @@ import httpx2
 from bus.clock import WALL_CLOCK
 from bus.commands import CellHealth, CellState, CommandReply, CommandRequest
 from bus.errors import Refused
-from bus.messages import CycleResult, PlanView, Proposal
+from bus.messages import CycleResult, LivePicture, PictureRequest, PlanView, Proposal
 from bus.sample import Sample
 from cell.client import Client
 from cell.http.access import Access
@@ -48,6 +48,7 @@ class FakeCell:
     results: dict[str, CycleResult] = field(default_factory=dict)
     sent: list[tuple[str, CommandRequest]] = field(default_factory=list)
     said: queue.SimpleQueue[Sample] = field(default_factory=queue.SimpleQueue)
+    live: LivePicture | None = None
     connected: list[str] = field(default_factory=list)
 
     def state(self) -> CellState:
@@ -61,7 +62,7 @@ class FakeCell:
     def send(self, verb: str, request: CommandRequest) -> CommandReply:
         self.sent.append((verb, request))
         self._answer()
-        return ACCEPTED
+        return ACCEPTED.model_copy(update={"since_ns": self.now.since_ns})
 
     def result(self, cycle_id: str) -> CycleResult | None:
         self._answer()
@@ -72,6 +73,11 @@ class FakeCell:
 
     def plan_view(self) -> PlanView:
         raise Refused("Nothing was planned.", code="NO_PLAN")
+
+    def picture(self, _request: PictureRequest | None = None) -> LivePicture:
+        if self.live is None:
+            raise Refused("It works.", code="NOT_AT_REST")
+        return self.live
 
     def next_heard(self, timeout_s: float) -> Sample | None:
         try:

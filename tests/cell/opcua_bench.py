@@ -15,15 +15,19 @@ from asyncua import Client, ua
 from bus import topics
 from bus.codec import decode
 from bus.commands import CellHealth, CellState, CommandReply, CommandRequest, Event
-from bus.messages import CycleResult
+from bus.errors import Refused
+from bus.messages import CycleResult, LivePicture, Proposal
 from bus.sample import Asked
 from bus.session import Bus
 from cell.machine.leases import CELL_CLIENT, Leases
-from cell.machine.states import State, after_command, available
+from cell.machine.states import BESIDE, State, after_command, available
 from cell.opcua.address_space import NAMESPACE
 from cell.opcua.door import serve
 from config.schema import Station
 
+PICTURE = LivePicture(
+    stamp_ns=1_700_000_000_000_000_000, data=bytes(700_000), media_type="image/png", from_capture_pose=True
+)
 _ANYONES = ("stop", "abort", "hold", "suspend", "clear")
 
 
@@ -37,7 +41,8 @@ class ScriptedCell:
 
     def __init__(self, endpoint: str) -> None:
         self.bus = Bus.listen("sim", endpoint)
-        self.state, self.slow_s = State.STOPPED, 0.0
+        self.state, self.stage, self.slow_s = State.STOPPED, "", 0.0
+        self.proposal: Proposal | None = None
         self.commands: list[tuple[str, CommandRequest]] = []
         self.lost: queue.SimpleQueue[str] = queue.SimpleQueue()
         self.leases = Leases(lambda client_id, why: self.lost.put(client_id), 60.0, 1.0)
@@ -45,6 +50,8 @@ class ScriptedCell:
         self.bus.answer(topics.STATE_NOW, lambda _payload, _asked: self.now(), worker="state")
         healthy = CellHealth(is_healthy=True, nodes={})
         self.bus.answer(topics.HEALTH_NOW, lambda _payload, _asked: healthy, worker="state")
+        self.bus.answer(topics.PROPOSAL_NOW, lambda _payload, _asked: self._waiting(), worker="state")
+        self.bus.answer(topics.PICTURE_NOW, lambda _payload, _asked: PICTURE, worker="state")
         self.bus.answer(topics.COMMAND, self._command, worker=self._worker, verb="*")
         self.bus.announce(topics.LEASE, name=CELL_CLIENT)
 
@@ -53,10 +60,23 @@ class ScriptedCell:
         return "stop" if asked.verb in _ANYONES else "command"
 
     def now(self, reason: str = "") -> CellState:
-        return CellState(state=self.state, stage="", cycle_id="", since_ns=time.time_ns(),
+        return CellState(state=self.state, stage=self.stage, cycle_id="", since_ns=time.time_ns(),
                          available=available(self.state), reason=reason)  # fmt: skip
 
+    def _waiting(self) -> Proposal:
+        if self.proposal is None:
+            raise Refused("No planned motion waits.", code="NO_PROPOSAL")
+        return self.proposal
+
+    def propose(self, proposal: Proposal) -> None:
+        """Publish a planned pick; the cell waits for an answer."""
+        self.proposal, self.stage = proposal, "approve"
+        self.bus.publish(topics.PROPOSAL, proposal)
+        self.enter(State.EXECUTE)
+
     def enter(self, state: State, reason: str = "") -> None:
+        if state is not State.EXECUTE:
+            self.stage, self.proposal = "", None
         self.state = state
         self.bus.publish(topics.STATE, self.now(reason))
 
@@ -68,7 +88,7 @@ class ScriptedCell:
         if asked.verb not in _ANYONES:
             time.sleep(self.slow_s)
         self.leases.require(asked.verb, request.client_id, asked.received_s)
-        if asked.verb != "cancel":
+        if asked.verb not in BESIDE:
             after_command(self.state, asked.verb)
         self.commands.append((asked.verb, request))
         lease = self.leases.take(asked.verb, request.client_id, asked.source)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import queue
+import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -75,6 +76,17 @@ def test_a_door_that_dies_is_told_of_and_started_again(told: Told) -> None:
         assert (code, severity) == ("DOOR_LOST", "warning")
         assert "exit code 9" in text
         assert told.next()[0] == "DOOR_OPEN"
+
+
+def test_a_door_that_is_frozen_is_ended_and_started_again(told: Told, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doors, "_LOOK_S", 0.01)
+    monkeypatch.setattr(doors, "_FROZEN_S", 0.03)
+    with closing(told.door(OPENS + STAYS)):
+        assert told.next()[0] == "DOOR_OPEN"
+        told.children[0].send_signal(signal.SIGSTOP)
+        assert told.next()[0] == "DOOR_LOST"
+        assert told.next()[0] == "DOOR_OPEN"
+        assert told.children[0].returncode == -signal.SIGKILL
 
 
 def test_a_door_that_says_nothing_is_tried_again(told: Told) -> None:

@@ -66,6 +66,9 @@ def test_the_example_picks_and_what_it_left_is_served(shared_cell: Station, url:
     recording = Path(result["recording"]).read_bytes()
     assert http.get(newest["file"], headers={"Range": "bytes=0-9999"}).content == recording[:10_000]
     assert http.get("/api/picture").content[:2] == b"\xff\xd8"
+    now = http.get("/api/picture/now")  # the cell is Complete
+    assert (now.headers["Content-Type"], now.content[:4]) == ("image/png", b"\x89PNG")
+    assert int(now.headers["X-Stamp-Ns"]) > 0
     scene = http.get("/api/scene").json()
     assert scene["outlines"] and scene["numbers"]
     with client.connect(shared_cell) as cell:
@@ -93,8 +96,9 @@ def test_who_dies_in_motion_leaves_the_arm_held_and_meanwhile_others_are_told(
 
 @pytest.mark.skipif(shutil.which("curl") is None, reason="needs curl")
 def test_the_commands_of_the_page_run_in_a_shell(shared_cell: Station, url: str) -> None:
-    """All but the pick, which the others do in other ways."""
-    lines = [line for line in PAGE.read_text().splitlines() if line.startswith("curl") and "picks" not in line]
+    """All but the picks and the picture for one, which others do in other ways."""
+    lines = [line for line in PAGE.read_text().splitlines() if line.startswith("curl") and "/picks" not in line]
+    lines = [line for line in lines if "/picture" not in line]
     assert len(lines) == 3
     said = [
         json.loads(subprocess.check_output(["bash", "-c", line.replace("http://127.0.0.1:8088", url)], timeout=60))

@@ -20,6 +20,7 @@ from bus import topics
 from bus.codec import encode
 from bus.commands import Event
 from bus.errors import ConfigError, PortOccupied
+from bus.messages import Attempt, Job, LivePicture, Place, Target
 from bus.sample import Sample
 from bus.topics import encoding_of
 from cell.cli.tls_keys import make_keys
@@ -248,14 +249,43 @@ def test_a_picture_is_told_of_and_read_once(site: Site) -> None:
         events = Events(site, stack)
         for topic, message in ((topics.VIEW_COLOR, image), (topics.VIEW_ANNOTATIONS, drawn)):
             site.cell.said.put(Sample(topic.key, "", message.SerializeToString()))
-        assert events.next("picture") == ("picture", {"stamp_ns": 5})
+        assert events.next("picture") == ("picture", {"stamp_ns": 5, "stamp": "5"})
         assert events.next("scene")[0] == "scene"
     picture = site.http.get("/api/picture")
     assert (picture.content, picture.headers["content-type"]) == (b"\xff\xd8 a picture", "image/jpeg")
     assert site.http.get("/api/picture", headers={"If-None-Match": picture.headers["etag"]}).status_code == 304
+    assert site.http.get("/api/picture", params={"at": "5"}).content == picture.content
+    missing, bad = (site.http.get("/api/picture", params={"at": at}) for at in ("6", "now"))
+    assert (missing.status_code, missing.json()["code"], bad.status_code) == (404, "NO_PICTURE", 422)
     scene = site.http.get("/api/scene").json()
     assert scene["outlines"][0]["points_px"] == [[1.2, 2.0]]
     assert scene["numbers"] == [{"text": "1", "at_px": [3.0, 0.0]}]
+
+
+def test_while_somebody_listens_to_a_cell_at_rest_it_shows_pictures_of_now(site: Site) -> None:
+    stamp_ns = 2**60 + 1  # more digits than a browser's numbers have
+    live = LivePicture(
+        stamp_ns=stamp_ns, data=b"\xff\xd8 now", media_type="image/jpeg", from_capture_pose=True, things_ns=5, gone=(2,)
+    )
+    with ExitStack() as stack:
+        events = Events(site, stack)
+        site.cell.live = live
+        site.cell.said.put(Sample(topics.STATE.key, "", encode(IDLE)))
+        said = {"is_live": True, "from_capture_pose": True, "things": "5", "gone": [2]}
+        assert events.next("picture")[1] == {"stamp_ns": stamp_ns, "stamp": str(stamp_ns)} | said
+    assert site.http.get("/api/picture", params={"at": stamp_ns}).content == b"\xff\xd8 now"
+
+
+def test_what_a_job_is_about_is_told_with_the_state_that_names_it(site: Site) -> None:
+    job = Job(job_id="j1", target=Target(text="the red one"), place=Place(name="left"))
+    with ExitStack() as stack:
+        events = Events(site, stack)
+        site.cell.said.put(Sample(topics.ATTEMPT.key, "", encode(Attempt(cycle_id="c1", job=job))))
+        working = IDLE.model_copy(update={"state": "Execute", "job_id": "j1", "queue": ("of others",)})
+        site.cell.said.put(Sample(topics.STATE.key, "", encode(working)))
+        about = {"target": job.target, "place": job.place}
+        known = {"j1": {name: part and part.model_dump(mode="json") for name, part in about.items()}}
+        assert events.next("jobs")[1] == known
 
 
 def test_open_streams_end_at_once_with_the_interface(folder: Path) -> None:

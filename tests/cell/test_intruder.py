@@ -1,11 +1,16 @@
-"""What `benchmarks intruder` tries, without its cell: the series of its tries, and what it forges."""
+"""What `benchmarks intruder` tries, without its cell: the series of its tries, what it forges, what a door answers."""
 
 from __future__ import annotations
+
+from contextlib import closing
+from pathlib import Path
 
 import numpy as np
 import zenoh
 
 from benchmarks.forging import FORGED, forged
+from benchmarks.guarded import OPERATOR_TOKEN, VIEWER_TOKEN
+from benchmarks.http_intruder import HttpIntruder
 from benchmarks.intruder import SHARES, series
 from benchmarks.questions import PATTERNS
 from benchmarks.tally import Tally
@@ -13,6 +18,8 @@ from bus import topics
 from bus.codec import decode
 from bus.commands import CellState
 from bus.sensor_codec import arm_q_rad
+from cell.http.access import Access, HttpRole
+from tests.cell.http_bench import EVERYBODY, FakeCell, door_of, served
 
 
 def _series(tries: int, only: tuple[str, ...] = ()) -> list[str]:
@@ -52,3 +59,40 @@ def test_the_figures_add_up() -> None:
     tally.crash("no answer")
     figures = tally.figures()
     assert (figures["tries"], figures["accepted"], figures["moved"], figures["crashes"]) == (2, 1, 0, 1)
+
+
+# --- at the HTTP door -------------------------------------------------------------------------------------------------
+
+HTTP_KINDS = [kind for kind in SHARES if kind.startswith("http_")]
+TOKENS = Access({HttpRole.OPERATOR: OPERATOR_TOKEN, HttpRole.VIEWER: VIEWER_TOKEN})
+
+
+def _tried(folder: Path, access: Access, kinds: list[str], tries: int) -> tuple[Tally, FakeCell]:
+    cell, tally = FakeCell(), Tally()
+    with served(door_of(cell, folder, access), cell) as site:
+        intruder = HttpIntruder(f"http://127.0.0.1:{site.port}", tally, np.random.default_rng(1))
+        with closing(intruder):
+            assert list(intruder.kinds) == HTTP_KINDS
+            for kind in kinds:
+                for _ in range(tries):
+                    intruder.attempt(kind)
+    return tally, cell
+
+
+def test_the_http_door_lets_no_intruder_in(tmp_path: Path) -> None:
+    tally, cell = _tried(tmp_path, TOKENS, [kind for kind in HTTP_KINDS if kind != "http_half_open"], 20)
+    assert (tally.figures()["accepted_kinds"], tally.cases) == ({}, [])
+    assert cell.sent == [] and cell.connected == []
+    refusals = set(tally.by_code)
+    for status in ("401 NO_TOKEN", "403 NO_RIGHT", "403 FOREIGN_HOST", "403 FOREIGN_ORIGIN", "404", "413", "422"):
+        assert any(status in code for code in refusals), status
+
+
+def test_half_open_connections_are_no_reason_to_refuse_a_viewer(tmp_path: Path) -> None:
+    tally, _ = _tried(tmp_path, TOKENS, ["http_half_open"], 2)
+    assert (tally.by_code["HTTP 200"], tally.cases) == (2, [])
+
+
+def test_a_door_that_lets_everybody_in_is_told(tmp_path: Path) -> None:
+    tally, _ = _tried(tmp_path, EVERYBODY, ["http_no_token"], 12)
+    assert sum(tally.accepted.values()) > 0

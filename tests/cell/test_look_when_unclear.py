@@ -121,7 +121,7 @@ class _Arm:
         self.execute, self.resume, self.stop = devices.execute, devices.resume, devices.stop
 
     def state(self) -> ArmState:
-        assert RECORD.observation is not None
+        assert RECORD.observation is not None and RECORD.observation.view.arm is not None
         return RECORD.observation.view.arm.model_copy(update={"mode": ArmMode.IDLE})
 
 

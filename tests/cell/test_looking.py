@@ -266,7 +266,7 @@ def test_what_one_look_cannot_grasp_is_looked_at_again_and_picked(tall: CycleRec
 
 def test_every_look_is_recorded_with_its_reason(tall: CycleRecord) -> None:
     first, *further = tall.looks
-    assert first.view.why == "" and np.allclose(first.view.arm.q_rad, CAPTURE, atol=1e-3)
+    assert first.view.why == "" and np.allclose(first.view.q_rad, CAPTURE, atol=1e-3)
     assert 1 <= len(further) <= 2
     assert further[0].view.why in ("something has no depth", "too little was seen")
     stamps = [look.view.stamp_ns for look in tall.looks]
@@ -282,7 +282,7 @@ def test_detect_and_plan_are_those_of_all_looks(tall: CycleRecord) -> None:
     planned = tall.stages["plan"].result
     assert isinstance(planned, PickPlan)
     reach = planned.segments[0].trajectory
-    assert np.array_equal(reach.start_q_rad, tall.looks[-1].view.arm.q_rad), "from where the last look was taken"
+    assert np.array_equal(reach.start_q_rad, tall.looks[-1].view.q_rad), "from where the last look was taken"
 
 
 def test_a_replay_is_equal(tall: CycleRecord) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import os
 import random
 import socket
@@ -15,6 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import urlsplit
 
+import numpy as np
 import pytest
 
 pytest.importorskip("asyncua")  # the extra `opcua`
@@ -25,7 +27,7 @@ from bus import topics
 from bus.codes import Code
 from bus.commands import Event
 from bus.errors import ConfigError
-from bus.messages import CycleResult, Job, Place, Target
+from bus.messages import CycleResult, Job, Place, Proposal, Target
 from cell.machine.leases import CELL_CLIENT
 from cell.machine.states import COMMANDS, State
 from cell.opcua import packml
@@ -33,7 +35,7 @@ from cell.opcua.methods import METHODS
 from cell.opcua.variables import VARIABLES
 from config.load import load_station
 from docs import opcua_page
-from tests.cell.opcua_bench import Plain, ScriptedCell, connected, serving, talk
+from tests.cell.opcua_bench import PICTURE, Plain, ScriptedCell, connected, serving, talk
 
 pytestmark = pytest.mark.xdist_group("opcua")
 
@@ -300,6 +302,10 @@ def test_the_lease_is_the_sessions_until_it_gives_it_back(site: Site) -> None:
             assert site.cell.lost.get(timeout=30) == holder
             assert await other.status("Reset") == "Good"
             assert site.cell.leases.holder != holder
+            await other.call("Release")
+            await plain.call("Reset")
+            again = site.cell.leases.holder
+            assert again != holder, "the end of the first connection could be taken for the end of this one"
 
     talk(site.endpoint, say)
 
@@ -371,6 +377,66 @@ def test_a_cell_that_answers_late_keeps_no_other_client_waiting(site: Site) -> N
 
     talk(site.endpoint, say)
     assert [verb for verb, _ in site.cell.commands] == ["abort", "reset"]
+
+
+def test_of_two_clients_that_come_at_once_only_the_one_that_goes_loses_its_lease(site: Site) -> None:
+    async def run() -> None:
+        for _ in range(4):
+            async with connected(site.endpoint, timeout_s=2) as one, connected(site.endpoint, timeout_s=2) as two:
+                statuses = await asyncio.gather(one.status("Reset"), two.status("Reset"))
+                assert sorted(statuses) == ["BadLocked", "Good"]
+                holder, other = (one, two) if statuses[0] == "Good" else (two, one)
+                named = site.cell.leases.holder
+                other.break_off()
+                async with connected(site.endpoint) as third:
+                    assert await third.status("Reset") == "BadLocked"
+                assert (site.cell.leases.holder, site.cell.lost.empty()) == (named, True)
+                holder.break_off()
+                assert await asyncio.to_thread(site.cell.lost.get, timeout=30) == named
+
+    asyncio.run(run())
+
+
+# --- what waits for a person, and what the camera sees ----------------------------------------------------------------
+
+
+def test_a_proposal_is_shown_and_answered(site: Site) -> None:
+    proposal = Proposal(proposal_id="c1-0", cycle_id="c1", grasp=0, base_from_tcp=np.eye(4), score=0.9,
+                        opening_m=0.05, object="the cup", motion_s=3.0, segments_s={}, rejected=0, passed_over=0,
+                        until_ns=1)  # fmt: skip
+
+    async def say(plain: Plain) -> None:
+        await plain.call("Reset")
+        site.cell.propose(proposal)
+        await plain.until("Proposal.Id", "c1-0")
+        assert json.loads(await plain.read("Proposal.Json"))["object"] == "the cup"
+        holder = site.cell.leases.holder
+        assert await plain.status("Approve", "c1-0") == "Good"
+        assert await plain.status("NextGrasp", "c1-0", "too near the wall") == "Good"
+        assert await plain.status("Reject", "c1-0", "x" * 400) == "BadInvalidArgument"
+        async with connected(site.endpoint) as other:
+            assert await other.status("Reject", "", "not today") == "Good"
+        answers = [(verb, said.proposal, said.reason) for verb, said in site.cell.commands[1:]]
+        assert answers == [
+            ("approve", "c1-0", ""),
+            ("next_grasp", "c1-0", "too near the wall"),
+            ("reject", "", "not today"),
+        ]
+        names = [said.client_id for _, said in site.cell.commands]
+        assert names[:3] == [holder] * 3, "who holds the lease answers by that name"
+        assert names[3].startswith("opcua-") and names[3] not in holder
+        site.cell.enter(State.COMPLETING)
+        await plain.until("Proposal.Id", "")
+
+    talk(site.endpoint, say)
+
+
+def test_what_the_camera_sees_is_given_to_anybody(site: Site) -> None:
+    async def say(plain: Plain) -> None:
+        png, taken_at = await plain.call("Picture")
+        assert (png, taken_at.timestamp()) == (PICTURE.data, PICTURE.stamp_ns / 1e9)
+
+    talk(site.endpoint, say)
 
 
 # --- strangers --------------------------------------------------------------------------------------------------------

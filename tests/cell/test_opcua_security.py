@@ -5,9 +5,11 @@ from __future__ import annotations
 import asyncio
 import subprocess
 from collections.abc import Awaitable, Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 import pytest
 
 pytest.importorskip("asyncua")  # the extra `opcua`
@@ -17,6 +19,10 @@ from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
 from cryptography import x509
 from cryptography.hazmat.primitives.serialization import Encoding
 
+from benchmarks.guarded import Guarded
+from benchmarks.intruder import SHARES
+from benchmarks.opcua_intruder import OpcuaIntruder
+from benchmarks.tally import Tally
 from bus.errors import ConfigError
 from cell.cli.opcua_keys import make_opcua_keys
 from cell.machine.states import State
@@ -149,6 +155,24 @@ def test_a_trusted_certificate_cannot_be_shown_over_the_channel_of_another(site:
         client.uaclient.create_session = create_with_the_stolen_one
 
     _refused(site, prepare, ua.uaerrors.BadSecurityChecksFailed)
+
+
+def test_an_intruder_opens_no_session_and_a_viewer_changes_nothing(
+    site: Site, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """As `benchmarks intruder` does it, ten thousand times."""
+    make_opcua_keys(tmp_path, [])
+    tally, before = Tally(), len(site.cell.commands)
+    guarded = Guarded(site.keys, tmp_path, site.passwords, ())
+    with closing(OpcuaIntruder(site.endpoint, guarded, tally, np.random.default_rng(1))) as intruder:
+        assert set(intruder.kinds) == {kind for kind in SHARES if kind.startswith("opcua_")}
+        for kind in intruder.kinds:
+            for _ in range({"opcua_write": 10, "opcua_call": 40}.get(kind, 1)):
+                intruder.attempt(kind)
+    assert (tally.figures()["accepted_kinds"], tally.cases) == ({}, [])
+    assert tally.by_code["OPC UA BadUserAccessDenied"] >= 50
+    assert len(site.cell.commands) == before
+    assert not [record for record in caplog.records if record.name.startswith("asyncua")], "it fills no log"
 
 
 def test_another_application_than_the_certificates_is_refused(site: Site) -> None:

@@ -9,16 +9,24 @@ import signal
 import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
 import pytest
 
+from bus import topics
+from bus.codec import encode
 from bus.commands import CellState
 from bus.errors import Refused
-from cell import client
+from bus.messages import LivePicture
+from bus.sample import Sample
+from bus.topics import encoding_of
 from cell.http.access import Access, HttpRole
 from cell.http.page_files import FOLDER
+from config.http import HttpSettings
 from config.schema import Station
 from logs.catalogue.labels import read_labels
 from tests.cell.http_bench import FakeCell, Site, door_of, served, served_for_real
@@ -58,37 +66,49 @@ def browser(program: str, tool: Any) -> Iterator[Any]:
     browser.close()
 
 
-Open = Callable[..., Any]
+@pytest.fixture(scope="module")
+def complaints() -> list[str]:
+    """What the console and the scripts of all pages complain about."""
+    return []
+
+
+@pytest.fixture(autouse=True)
+def nothing_complains(complaints: list[str]) -> Iterator[None]:
+    complaints.clear()
+    yield
+    assert not complaints, complaints
 
 
 def is_complaint(said: Any) -> bool:
     """Not that the cell refused something, or wants a token: the page says so itself."""
-    return said.type in ("error", "warning") and not re.search(r"status of (401|409)", said.text)
+    return said.type in ("error", "warning") and not re.search(r"status of (401|404|409)", said.text)
 
 
-@pytest.fixture
-def open_page(browser: Any) -> Iterator[Open]:
-    """Opens a page of its own profile; after the test, none of them may have complained."""
-    contexts, complaints = [], []
+Open = Callable[[str], Any]
 
-    def open_page(url: str, **options: Any) -> Any:
-        context = browser.new_context(viewport={"width": 1400, "height": 1000}, **options)
-        contexts.append(context)
-        page = context.new_page()
+
+@pytest.fixture(scope="module")
+def open_page(browser: Any, complaints: list[str]) -> Open:
+    """Opens a page of its own profile."""
+
+    def open_page(url: str) -> Any:
+        page = browser.new_context(viewport={"width": 1400, "height": 1000}).new_page()
         page.on("console", lambda said: complaints.append(said.text) if is_complaint(said) else None)
         page.on("pageerror", lambda error: complaints.append(str(error)))
         page.on("dialog", lambda dialog: complaints.append(f"a script ran: {dialog.message}"))
         page.goto(url)
         return page
 
-    yield open_page
-    for context in contexts:
-        context.close()
-    assert not complaints, complaints
+    return open_page
 
 
 def state(page: Any) -> Any:
     return page.locator("#state")
+
+
+def until(page: Any, text: str) -> None:
+    """Until the page shows a state; looked for with every frame, where `expect` looks once a second."""
+    page.wait_for_function("text => document.querySelector('#state')?.textContent === text", arg=text, timeout=LONG_MS)
 
 
 def serious_findings(page: Any) -> list[str]:
@@ -125,7 +145,7 @@ def doomed_page(tool: Any, program: str, profile: Path, url: str) -> Iterator[tu
 
 @pytest.fixture(scope="module")
 def pace() -> float:
-    return 3.0
+    return 6.0
 
 
 @pytest.fixture(scope="module")
@@ -133,8 +153,11 @@ def shared_options(tmp_path_factory: pytest.TempPathFactory, new_endpoint: Calla
     settings = (
         f"bus.endpoint={new_endpoint()}",
         f"recording.folder={tmp_path_factory.mktemp('page') / 'recordings'}",
-        "verify.hold_s=0.5",
-        "sim.clutter=3",
+        "execute.approve=client",
+        "capture.views=1",  # so that what was found can be drawn into a picture of now
+        "verify.hold_s=0.2",
+        "verify.look=auto",
+        "sim.clutter=2",
     )
     return [word for setting in settings for word in ("--set", setting)]
 
@@ -146,129 +169,313 @@ def url(_shared_here: Station) -> Iterator[str]:
         yield address
 
 
-def working(page: Any, stage: str = "grasps") -> None:
-    expect(state(page)).to_have_text(f"Execute: {stage}")
+ASKS = "Execute: asks before it moves"
 
 
-def test_a_person_starts_chooses_an_object_pauses_and_stops(shared_cell: Station, url: str, open_page: Open) -> None:
+def click_middle(page: Any, locator: Any) -> None:
+    """As a person clicks: at that place of the page, whatever lies over it."""
+    box = locator.bounding_box()
+    page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+
+
+def test_a_day_at_the_cell(
+    shared_cell: Station, url: str, open_page: Open, program: str, tool: Any, tmp_path: Path
+) -> None:
     page = open_page(url)
-    expect(state(page)).to_have_text("Stopped")
+    until(page, "Stopped")
     expect(page.locator("#why-start")).to_have_text("Reset first.")
-    assert page.locator("#start").get_attribute("title") == "Reset first."
     page.click("#reset")
-    expect(state(page)).to_have_text("Idle")
+    until(page, "Idle")
+    expect(page.locator(".live")).to_be_visible()  # a picture of now, before the first pick
+
     page.click("#start")
-    working(page)
-    page.click("#hold")
-    expect(state(page)).to_have_text("Held")
-    expect(page.locator("#overlay .line.grasp").first).to_be_attached()
-    page.click("#unhold")
-    expect(state(page)).to_have_text("Complete")
-    expect(page.locator("#pick-list li[data-cycle] .tag").first).to_contain_text("picked")
-    expect(page.locator("[data-figure=picks] dd")).to_have_text("1")
-    left = page.locator("#overlay text.number").nth(1).bounding_box()
-    page.mouse.click(left["x"] + left["width"] / 2, left["y"] + left["height"] / 2)
+    until(page, ASKS)
+    page.click("#answer-reject")
+    until(page, "Complete")
+    last = page.locator("#pick-list li[data-cycle]").first
+    expect(last.locator(".tag")).to_contain_text("failed REJECTED")
+
+    expect(page.locator("#overlay.earlier text.number")).to_have_count(2)  # in a picture of now, where they were
+    click_middle(page, page.locator("#overlay text.number").nth(1))
     expect(page.locator("#what")).to_have_text("The object at the cross")
-    assert not serious_findings(page)
     page.click("#pick")
-    expect(state(page)).to_have_text(re.compile("Execute"))
+    expect(page.locator("#jobs")).to_contain_text("Picks the object at")
+    until(page, ASKS)
+    page.click("#answer-approve")
+    until(page, "Execute: grasps")
+    page.click("#hold")
+    until(page, "Held")
+    page.click("#unhold")
+    until(page, "Complete")
+    expect(last.locator(".tag")).to_contain_text("picked")
+    expect(page.locator("[data-figure=picks] dd")).to_have_text("2")
+    last.get_by_role("button", name=re.compile("^Good: ")).click()
+    page.fill("#who", "anna")
+    page.get_by_role("button", name="Save").click()
+    expect(last.locator(".said")).to_contain_text("Good by anna")
+
+    with doomed_page(tool, program, tmp_path, url) as (doomed, kill):
+        doomed.click("#reset")
+        until(doomed, "Idle")
+        doomed.click("#start")
+        until(page, ASKS)
+        kill()
+        until(page, "Held")
+        expect(page.locator("#reason")).to_contain_text(re.compile("The lease of 'http-page-.*' was lost"))
+    page.click("#unhold")
+    until(page, ASKS)
+    page.reload()  # as when the page is closed: it attends the motion no more
+    until(page, "Held")
     page.keyboard.press("Escape")
-    expect(state(page)).to_have_text("Stopped")
+    until(page, "Stopped")
     expect(page.locator("#reason")).to_have_text("by this page")
-    with client.connect(shared_cell) as cell:
-        cell.command("abort")
-        expect(state(page)).to_have_text("Aborted")
-        page.click("#clear")
-        expect(state(page)).to_have_text("Stopped")
+    page.click("#abort")
+    until(page, "Aborted")
+    page.click("#clear")
+    until(page, "Stopped")
 
 
-def test_a_killed_browser_leaves_the_cell_held_and_another_page_says_why(
+@pytest.mark.thorough
+def test_a_browser_killed_in_the_motion_leaves_the_arm_held(
     shared_cell: Station, url: str, open_page: Open, program: str, tool: Any, tmp_path: Path
 ) -> None:
     page = open_page(url)
     with doomed_page(tool, program, tmp_path, url) as (doomed, kill):
         doomed.click("#reset")
-        expect(state(doomed)).to_have_text("Idle")
+        until(doomed, "Idle")
         doomed.click("#start")
-        working(page)
+        until(doomed, ASKS)
+        assert not serious_findings(doomed)
+        doomed.click("#answer-approve")
+        until(page, "Execute: grasps")
         kill()
-        expect(state(page)).to_have_text("Held")
-        expect(page.locator("#reason")).to_contain_text(re.compile("The lease of 'http-page-.*' was lost"))
-    page.click("#unhold")
-    working(page)
-    page.reload()  # as when the page is closed: it attends the motion no more
-    expect(state(page)).to_have_text("Held")
-    page.click("#stop")
-    expect(state(page)).to_have_text("Stopped")
+        until(page, "Held")
 
 
 @pytest.mark.thorough
 def test_who_runs_the_cell_is_named_and_taking_over_asks_first(shared_cell: Station, url: str, open_page: Open) -> None:
     first, second = open_page(url), open_page(url)
     first.click("#reset")
-    expect(state(second)).to_have_text("Idle")
+    until(second, "Idle")
     first.click("#start")
-    working(second)
+    until(second, ASKS)
     second.fill("#words", "the largest")
     second.keyboard.press("Enter")
     second.click("#pick")
     expect(second.locator("#asking")).to_contain_text(re.compile("The cell moves for 'http-page-.*'"))
     second.get_by_role("button", name="Stop it, and take over").click()
-    expect(state(first)).to_have_text("Stopping")
-    expect(state(second)).to_have_text("Idle")
+    until(second, "Idle")
     second.click("#stop")
-    expect(state(second)).to_have_text("Stopped")
+    until(second, "Stopped")
 
 
 # --- at a cell that says what a test wants ----------------------------------------------------------------------------
 
+CYCLE = "20261129T101500000"
+ENTRY = {
+    "cycle_id": CYCLE, "result": "FAILED", "code": "GRASP_MISSED", "reason": HOSTILE, "object": HOSTILE,
+    "wall_s": 3.0, "number": 0, "retry_of": "", "retried_as": "", "file": "/recordings/x.mcap",
+    "report": "/reports/x.html",
+    "labels": [{"cycle_id": "c", "at_ns": 1, "who": HOSTILE, "label": "bad", "note": HOSTILE}],
+}  # fmt: skip
+ABOUT = {"cell_id": HOSTILE, "is_simulated": True, "places": [{"name": HOSTILE, "capacity": 0}], "role": "operator",
+         "now_ns": 1}  # fmt: skip
+PICTURE_NS = 1_796_000_000_123_456_789
 
-def saying(now: str, *available: str, reason: str = "", **more: Any) -> FakeCell:
-    said = {"state": now, "stage": "", "cycle_id": "", "since_ns": 1, "available": available, "reason": reason}
-    return FakeCell(now=CellState.model_validate(said | more))
+
+@dataclass
+class Desk:
+    """A page at a cell that says what a test wants; everything of others has tags in it."""
+
+    cell: FakeCell
+    site: Site
+    page: Any
+    recordings: Path
+
+    def say(self, now: str, *available: str, **more: Any) -> None:
+        """The cell is in this state, and the page shows it."""
+        shown = more.pop("shown", now)
+        self.cell.now = state_of(now, *available, **more)
+        self.cell.said.put(Sample(topics.STATE.key, encoding_of(CellState), encode(self.cell.now)))
+        until(self.page, shown)
+
+
+def state_of(now: str, *available: str, **more: Any) -> CellState:
+    said = {"state": now, "stage": "", "cycle_id": "", "since_ns": 1, "available": available, "reason": ""}
+    return CellState.model_validate(said | more)
 
 
 @contextmanager
 def site_of(cell: FakeCell, folder: Path, tokens: dict[HttpRole, str] | None = None) -> Iterator[tuple[Site, str]]:
-    with served(door_of(cell, folder, Access(tokens or {})), cell) as site:
+    settings = HttpSettings(picture_s=0.1)
+    with served(door_of(cell, folder, Access(tokens or {}), settings), cell) as site:
         yield site, f"http://127.0.0.1:{site.port}/"
 
 
-ENTRY = {
-    "cycle_id": "20261129T101500000", "result": "FAILED", "code": "GRASP_MISSED", "reason": HOSTILE, "object": HOSTILE,
-    "wall_s": 3.0, "number": 0, "retry_of": "", "retried_as": "", "file": "/recordings/x.mcap", "report": "",
-    "labels": [{"cycle_id": "c", "at_ns": 1, "who": HOSTILE, "label": "bad", "note": HOSTILE}],
-}  # fmt: skip
-
-
-def test_names_and_replies_with_tags_stay_text(open_page: Open, tmp_path: Path) -> None:
-    cell = saying("Held", "stop", "unhold", reason=HOSTILE, job_id=HOSTILE, queue=(HOSTILE,))
-    with site_of(cell, tmp_path) as (site, url):
+@pytest.fixture(scope="module")
+def module_desk(open_page: Open, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Desk]:
+    folder = tmp_path_factory.mktemp("desk")
+    (folder / "2026-11-29").mkdir()
+    (folder / "2026-11-29" / f"{CYCLE}.mcap").touch()
+    jpeg = cv2.imencode(".jpg", np.zeros((90, 160, 3), np.uint8))[1].tobytes()
+    live = LivePicture(stamp_ns=PICTURE_NS, data=jpeg, media_type="image/jpeg", from_capture_pose=True)
+    cell = FakeCell(now=state_of("Idle"), live=live)
+    with site_of(cell, folder) as (site, url):
         page = open_page("about:blank")
-        about = {"cell_id": HOSTILE, "is_simulated": True, "places": [{"name": HOSTILE, "capacity": 0}],
-                 "role": "operator", "now_ns": 1}  # fmt: skip
-        page.route("**/api/cell", lambda route: route.fulfill(json=about))
+        page.route("**/api/cell", lambda route: route.fulfill(json=ABOUT))
         page.route("**/api/thumbnails/*", lambda route: route.fulfill(path=FOLDER / "no-picture.svg"))
         page.route("**/api/cycles*", lambda route: route.fulfill(json=[ENTRY]))
         page.goto(url)
-        expect(page.locator("#reason")).to_have_text(HOSTILE)
-        expect(page.locator("#pick-list")).to_contain_text(HOSTILE)
-        expect(page.locator("#facts")).to_contain_text(HOSTILE)
-        event = {"code": HOSTILE, "severity": "error", "text": f"{HOSTILE}!", "advice": HOSTILE}
-        site.door.hub.tell("event", json.dumps(event))
-        expect(page.locator("#message")).to_contain_text(HOSTILE)
-        assert page.locator("img[src=x]").count() == 0 and page.locator("body script").count() == 0
+        yield Desk(cell, site, page, folder)
+
+
+@pytest.fixture
+def desk(module_desk: Desk) -> Desk:
+    module_desk.cell.refusal = None
+    module_desk.say("Idle", "start", "pick", "stop", "abort")
+    module_desk.cell.sent.clear()
+    return module_desk
+
+
+def test_names_and_replies_with_tags_stay_text(desk: Desk) -> None:
+    page = desk.page
+    desk.say("Held", "stop", "unhold", reason=HOSTILE, job_id=HOSTILE, queue=(f"{HOSTILE}2",))
+    expect(page.locator("#reason")).to_have_text(HOSTILE)
+    for part in ("#pick-list", "#facts", "#jobs", "#place"):
+        expect(page.locator(part)).to_contain_text(HOSTILE)
+    event = {"code": HOSTILE, "severity": "error", "text": f"{HOSTILE}!", "advice": HOSTILE}
+    desk.site.door.hub.tell("event", json.dumps(event))
+    expect(page.locator("#message")).to_contain_text(HOSTILE)
+    assert page.locator("img[src=x]").count() == 0 and page.locator("body script").count() == 0
+    assert not serious_findings(page)
+
+
+def test_five_tasks_take_three_clicks_at_most(desk: Desk) -> None:
+    page, cell = desk.page, desk.cell
+    page.evaluate("() => { window.clicks = 0; document.addEventListener('click', () => window.clicks++, true); }")
+
+    def clicks() -> int:
+        return int(page.evaluate("() => { const made = window.clicks; window.clicks = 0; return made; }"))
+
+    desk.say("Stopped", "reset", "abort")
+    page.click("#reset")
+    desk.say("Idle", "start", "pick", "stop", "abort")
+    with page.expect_response("**/api/commands/start"):
+        page.click("#start")
+    assert (clicks(), [verb for verb, _ in cell.sent]) == (2, ["reset", "start"]), "start picking"
+
+    desk.say("Execute", "stop", "abort", "hold")
+    with page.expect_response("**/api/commands/stop"):
+        page.click("#stop")
+    assert (clicks(), cell.sent[-1][0]) == (1, "stop"), "stop it"
+
+    failed = page.locator("#pick-list li").first
+    expect(failed).to_contain_text("failed GRASP_MISSED")
+    expect(failed.locator("a")).to_have_attribute("href", "/reports/x.html")
+    assert clicks() == 0, "why did the last one fail"
+
+    desk.say("Idle", "start", "pick", "stop", "abort")
+    click_middle(page, page.locator("#overlay"))
+    with page.expect_response("**/api/commands/pick"):
+        page.click("#pick")
+    target = cell.sent[-1][1].job.target
+    assert target is not None and target.picture_ns == PICTURE_NS, "to the last digit"
+    assert target.pixel is not None and abs(target.pixel[0] - 80) < 2 and abs(target.pixel[1] - 45) < 2
+    assert clicks() == 2, "pick that cup"
+
+    expect(page.locator("#today")).to_contain_text("No pick was made today.")
+    assert clicks() == 0, "how was today"
+
+
+def test_a_click_that_the_cell_refuses_says_why_and_stays_chosen(desk: Desk) -> None:
+    desk.cell.refusal = Refused("The cell has looked again since that picture.", "Look.", code="PICTURE_OUTDATED")
+    click_middle(desk.page, desk.page.locator("#overlay"))
+    desk.page.click("#pick")
+    expect(desk.page.locator("#message")).to_contain_text("has looked again since that picture. Look.")
+    expect(desk.page.locator("#asked")).to_be_visible()
+
+
+def test_who_holds_the_lease_is_named_and_taking_over_asks_first_of_all(desk: Desk) -> None:
+    desk.cell.refusal = Refused("The cell moves for 'line-3', which holds the lease.", "Wait.", code="LEASE_HELD")
+    desk.page.click("#start")
+    expect(desk.page.locator("#asking")).to_contain_text("The cell moves for 'line-3'")
+    desk.page.get_by_role("button", name="Leave it").click()
+    assert [verb for verb, _ in desk.cell.sent] == ["start"]
+
+
+def test_a_verdict_is_appended_with_who_said_it(desk: Desk) -> None:
+    page = desk.page
+    page.get_by_role("button", name=f"Bad: {CYCLE}").click()
+    page.fill("#who", "anna")
+    page.fill("#note", "it slipped")
+    page.get_by_role("button", name="Save").click()
+    expect(page.locator("#message")).to_have_text("Kept.")
+    with page.expect_response("**/api/labels/*"):  # the name is known now
+        page.get_by_role("button", name=f"Good: {CYCLE}").click()
+    said = [(one.who, one.label, one.note) for one in read_labels(desk.recordings)]
+    assert said == [("anna", "bad", "it slipped"), ("anna", "good", "")]
+
+
+def test_the_arm_is_moved_by_hand_only_while_a_button_is_held(desk: Desk) -> None:
+    page, moves = desk.page, ("jog", "jog_home", "hand_open", "hand_close", "stop", "mode")
+    desk.say("Stopped", *moves, mode="Manual", shown="Stopped: moved by hand")
+    expect(page.locator("#why-reset")).to_contain_text("back to picking")
+    up = page.get_by_role("button", name="up", exact=True)
+    up.hover()
+    with page.expect_response("**/api/commands/jog"):
+        page.mouse.down()
+    with page.expect_response("**/api/commands/jog"):
+        pass  # it is sent again
+    page.mouse.up()
+    page.get_by_role("button", name="Open the hand").click()
+    with page.expect_response("**/api/commands/stop"):
+        page.keyboard.press("Escape")
+    verbs = [verb for verb, _ in desk.cell.sent]
+    assert verbs[:2] == ["jog", "jog"] and verbs[-1] == "stop"  # nothing moves after it was let go
+    assert (desk.cell.sent[0][1].axis, desk.cell.sent[0][1].direction) == ("z", 1)
+
+
+def test_a_person_is_asked_before_it_moves_and_answers_what_they_saw(desk: Desk) -> None:
+    page, answers = desk.page, ("approve", "next_grasp", "reject")
+    proposal = {"proposal_id": "c1-0", "object": HOSTILE, "motion_s": 5.7, "until_ns": 0}
+    page.route("**/api/proposal", lambda route: route.fulfill(json=proposal))
+    page.route("**/api/plan", lambda route: route.fulfill(status=409, json={"reason": "Nothing was planned."}))
+    desk.say("Execute", "stop", "abort", "hold", *answers, stage="approve", shown=ASKS)
+    expect(page.locator("#approve")).to_contain_text(HOSTILE)
+    assert not serious_findings(page)
+    page.fill("#answer-reason", "it would slip")
+    for verb in ("next_grasp", "approve"):
+        with page.expect_response(f"**/api/commands/{verb}"):
+            page.click(f"#answer-{verb}")
+    said = [(verb, request.proposal, request.reason) for verb, request in desk.cell.sent]
+    assert said == [("next_grasp", "c1-0", "it would slip"), ("approve", "c1-0", "")]
+
+
+@pytest.mark.parametrize(
+    ("width", "height"),
+    [(390, 844), pytest.param(820, 1180, marks=THOROUGH), pytest.param(1400, 1000, marks=THOROUGH)],
+)
+def test_the_page_fits_every_screen_light_and_dark(desk: Desk, width: int, height: int) -> None:
+    page = desk.page
+    desk.say("Aborted", "clear", reason="NODE_LOST: the node 'sim' is gone.")
+    page.set_viewport_size({"width": width, "height": height})
+    for scheme in ("light", "dark"):
+        page.emulate_media(color_scheme=scheme)
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
         assert not serious_findings(page)
+    stop = page.locator("#stop").bounding_box()
+    assert stop["height"] >= 80 and stop["y"] + stop["height"] <= height
+    assert float(state(page).evaluate("one => parseFloat(getComputedStyle(one).fontSize)")) >= 32
+    page.set_viewport_size({"width": 1400, "height": 1000})
 
 
 def test_a_viewer_enters_a_token_and_may_look_and_stop_only(open_page: Open, tmp_path: Path) -> None:
-    cell = saying("Execute", "stop", "abort", "hold", "suspend")
+    cell = FakeCell(now=state_of("Execute", "stop", "abort", "hold", "suspend"))
     with site_of(cell, tmp_path, TOKENS) as (_, url):
-        page = open_page("about:blank")
-        page.goto(url)
+        page = open_page(url)
         page.fill("#token", TOKENS[HttpRole.VIEWER])
         page.keyboard.press("Enter")
-        expect(state(page)).to_have_text("Execute")
+        until(page, "Execute")
         for name in ("start", "hold", "abort", "reset"):
             expect(page.locator(f"#{name}")).to_have_attribute("aria-disabled", "true")
         expect(page.locator("#why-hold")).to_have_text("Only an operator may.")
@@ -276,95 +483,7 @@ def test_a_viewer_enters_a_token_and_may_look_and_stop_only(open_page: Open, tmp
         with page.expect_response("**/api/commands/stop"):
             page.click("#stop")
         assert [verb for verb, _ in cell.sent] == ["stop"]
-
-
-def test_who_holds_the_lease_is_named_and_taking_over_asks_first(open_page: Open, tmp_path: Path) -> None:
-    cell = saying("Idle", "start", "pick", "stop", "abort")
-    with site_of(cell, tmp_path) as (_, url):
-        page = open_page(url)
-        expect(state(page)).to_have_text("Idle")
-        cell.refusal = Refused("The cell moves for 'line-3', which holds the lease.", "Wait.", code="LEASE_HELD")
-        page.click("#start")
-        expect(page.locator("#asking")).to_contain_text("The cell moves for 'line-3'")
-        page.get_by_role("button", name="Leave it").click()
-        assert [verb for verb, _ in cell.sent] == ["start"]
-
-
-def test_a_verdict_is_appended_with_who_said_it(open_page: Open, tmp_path: Path) -> None:
-    day = tmp_path / "2026-11-29"
-    day.mkdir()
-    (day / f"{ENTRY['cycle_id']}.mcap").touch()
-    with site_of(saying("Idle", "start", "pick", "stop", "abort"), tmp_path) as (_, url):
-        page = open_page("about:blank")
-        page.route("**/api/thumbnails/*", lambda route: route.fulfill(path=FOLDER / "no-picture.svg"))
-        page.route("**/api/cycles*", lambda route: route.fulfill(json=[{**ENTRY, "labels": []}]))
-        page.goto(url)
-        page.get_by_role("button", name="Bad: 20261129T101500000").click()
-        page.fill("#who", "anna")
-        page.fill("#note", "it slipped")
-        page.get_by_role("button", name="Save").click()
-        expect(page.locator("#message")).to_have_text("Kept.")
-        with page.expect_response("**/api/labels/*"):  # the name is known now
-            page.get_by_role("button", name="Good: 20261129T101500000").click()
-        said = [(one.who, one.label, one.note) for one in read_labels(tmp_path)]
-        assert said == [("anna", "bad", "it slipped"), ("anna", "good", "")]
-
-
-def test_the_arm_is_moved_by_hand_only_while_a_button_is_held(open_page: Open, tmp_path: Path) -> None:
-    cell = saying("Stopped", "jog", "jog_home", "hand_open", "hand_close", "stop", "mode", mode="Manual")
-    with site_of(cell, tmp_path) as (_, url):
-        page = open_page(url)
-        expect(page.locator("#why-reset")).to_contain_text("back to picking")
-        up = page.get_by_role("button", name="up", exact=True)
-        up.hover()
-        with page.expect_response("**/api/commands/jog"):
-            page.mouse.down()
-        with page.expect_response("**/api/commands/jog"):
-            pass  # it is sent again
-        page.mouse.up()
-        page.get_by_role("button", name="Open the hand").click()
-        with page.expect_response("**/api/commands/stop"):
-            page.keyboard.press("Escape")
-        verbs = [verb for verb, _ in cell.sent]
-        assert verbs[:2] == ["jog", "jog"] and verbs[-1] == "stop"  # nothing moves after it was let go
-        assert (cell.sent[0][1].axis, cell.sent[0][1].direction) == ("z", 1)
-
-
-def test_a_person_is_asked_before_it_moves_and_answers_what_they_saw(open_page: Open, tmp_path: Path) -> None:
-    cell = saying("Execute", "stop", "abort", "hold", "approve", "next_grasp", "reject", stage="approve")
-    with site_of(cell, tmp_path) as (_, url):
-        page = open_page("about:blank")
-        proposal = {"proposal_id": "c1-0", "object": HOSTILE, "motion_s": 5.7, "until_ns": 0}
-        page.route("**/api/proposal", lambda route: route.fulfill(json=proposal))
-        page.route("**/api/plan", lambda route: route.fulfill(status=409, json={"reason": "Nothing was planned."}))
-        page.goto(url)
-        expect(page.locator("#approve")).to_contain_text(HOSTILE)
-        expect(state(page)).to_have_text("Execute: asks before it moves")
-        page.fill("#answer-reason", "it would slip")
-        for verb in ("next_grasp", "approve"):
-            with page.expect_response(f"**/api/commands/{verb}"):
-                page.click(f"#answer-{verb}")
-        said = [(verb, request.proposal, request.reason) for verb, request in cell.sent]
-        assert said == [("next_grasp", "c1-0", "it would slip"), ("approve", "c1-0", "")]
-        assert not serious_findings(page)
-
-
-@pytest.mark.parametrize(
-    ("width", "height"),
-    [(390, 844), pytest.param(820, 1180, marks=THOROUGH), pytest.param(1400, 1000, marks=THOROUGH)],
-)
-def test_the_page_fits_every_screen_light_and_dark(open_page: Open, tmp_path: Path, width: int, height: int) -> None:
-    with site_of(saying("Aborted", "clear", reason="NODE_LOST: the node 'sim' is gone."), tmp_path) as (_, url):
-        page = open_page(url)
-        page.set_viewport_size({"width": width, "height": height})
-        expect(state(page)).to_have_text("Aborted")
-        for scheme in ("light", "dark"):
-            page.emulate_media(color_scheme=scheme)
-            assert page.evaluate("document.documentElement.scrollWidth") <= width
-            assert not serious_findings(page)
-        stop = page.locator("#stop").bounding_box()
-        assert stop["height"] >= 80 and stop["y"] + stop["height"] <= height
-        assert float(state(page).evaluate("one => parseFloat(getComputedStyle(one).fontSize)")) >= 32
+        page.close()
 
 
 def test_a_page_is_small_and_reads_without_a_network_of_others() -> None:

@@ -36,7 +36,7 @@ def cycle(endpoint: str, tmp_path: Path) -> tuple[CycleResult, str]:
     if why is not None:
         pytest.skip(f"no FR3: {why}")
     no_extensions()
-    settings = (f"bus.endpoint={endpoint}", f"recording.folder={tmp_path}", *PATIENT)
+    settings = (f"bus.endpoint={endpoint}", f"recording.folder={tmp_path}", "arm.speed=0.4", *PATIENT)
     command = [sys.executable, "-m", "cell", "start", "--config", str(STATION), "--cycles", "1", "--json"]
     for setting in settings:
         command += ["--set", setting]

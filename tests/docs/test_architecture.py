@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "architecture.md"
 DRAWING = PAGE.with_suffix(".svg")
 TEXT = PAGE.read_text()
-PACKAGES = ("cell", "drivers", "perception", "planning", "logs", "config", "bus")
+PACKAGES = ("vlad_cell", "cell", "drivers", "perception", "planning", "logs", "config", "bus")
 BESIDE = ("stand_ins", "benchmarks")
 _PATH = re.compile(rf"\b(?:{'|'.join((*PACKAGES, *BESIDE, 'docs'))})/[\w./]*")
 

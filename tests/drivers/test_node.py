@@ -18,7 +18,7 @@ from bus.clock import WALL_CLOCK, DeadlineClock
 from bus.codec import decode
 from bus.codes import ADVICE, Code
 from bus.commands import Event, Health, Heartbeat, Nothing
-from bus.errors import BadFrame, DriverUnavailable
+from bus.errors import BadFrame, DriverUnavailable, StaleFrame
 from bus.messages import ArmMode, ArmState, Frame, Motion
 from bus.sample import Sample
 from bus.session import Bus
@@ -59,8 +59,8 @@ class PatientArm:
         self._stopped.set()
 
 
-class RgbaCamera:
-    """Its pictures have four channels: a driver's mistake, told where it makes a frame."""
+class StillCamera:
+    """Gives the same frame for ever."""
 
     def __init__(self, frame: Frame) -> None:
         self._frame = frame
@@ -68,6 +68,13 @@ class RgbaCamera:
     def connect(self) -> None: ...
 
     def close(self) -> None: ...
+
+    def capture(self) -> Frame:
+        return self._frame
+
+
+class RgbaCamera(StillCamera):
+    """Its pictures have four channels: a driver's mistake, told where it makes a frame."""
 
     def capture(self) -> Frame:
         color = np.dstack([self._frame.color, self._frame.color[..., :1]])
@@ -92,7 +99,7 @@ def node_of(
     arm: PatientArm | None = None,
     name: str = "sim",
     clock: DeadlineClock = WALL_CLOCK,
-    camera: RgbaCamera | None = None,
+    camera: StillCamera | None = None,
 ) -> Iterator[Node]:
     devices = Devices(camera=camera, arm=cast(Arm, arm) if arm is not None else None)
     with Bus.join(station.cell_id, station.bus.endpoint, clock=clock) as bus:
@@ -132,6 +139,17 @@ def test_a_frame_that_cannot_be_is_refused_at_its_node_and_named_to_who_asked(
         with pytest.raises(BadFrame, match=r"Frame.color has the shape \(90, 160, 4\).*RGBA") as refused:
             camera.capture()
     assert refused.value.code == Code.BAD_FRAME and refused.value.advice == ADVICE[Code.BAD_FRAME]
+
+
+def test_a_frame_that_comes_twice_is_refused_whoever_had_it_first(cell: Bus, station: Station, frame: Frame) -> None:
+    """So that a camera that hangs between the test of a start and its first look is no empty table."""
+    with node_of(station, camera=StillCamera(frame)):
+        camera = RemoteCamera(cell, timeout_s=60)
+        camera.connect()
+        camera.capture()
+        with pytest.raises(StaleFrame, match="last frame again") as refused:
+            camera.capture()
+    assert refused.value.advice == ADVICE[Code.STALE_FRAME]
 
 
 def test_of_many_that_begin_in_the_same_moment_one_stays(cell: Bus, station: Station) -> None:

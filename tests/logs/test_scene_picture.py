@@ -7,6 +7,7 @@ from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 
+import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -16,7 +17,7 @@ from config.load import load_station
 from logs.mcap.reader import read_cycle
 from logs.report.images import undistorted
 from logs.report.scene import region_px
-from logs.scene_picture import color_of, draw_scene, outlines_px, places_px
+from logs.scene_picture import color_of, draw_scene, outlines_px, places_px, unseen_px
 from perception.geometry.depth import register
 from tests.logs.conftest import scene_of
 
@@ -54,6 +55,20 @@ def test_a_speck_has_no_outline() -> None:
     mask = _mask()
     mask[5, 5] = True
     assert [outline.min(axis=0).tolist() for outline in outlines_px(mask)] == [[60, 30]]
+
+
+def test_the_rims_of_what_was_not_seen_leave_out_things_specks_and_holes() -> None:
+    scene = scene_of(_mask())
+    unseen = np.zeros_like(scene.unseen)
+    unseen[20:70, 20:120] = True
+    unseen[55:65, 30:50] = False
+    unseen[5, 5] = True
+    rims = unseen_px(scene.model_copy(update={"unseen": unseen}))
+    filled = np.zeros(unseen.shape, np.uint8)
+    cv2.fillPoly(filled, rims, 1)  # even-odd, as a page fills them
+    expected = unseen & (scene.labels == 0)
+    expected[5, 5] = False
+    assert len(rims) == 3 and (filled.astype(bool) != expected).mean() < 0.02
 
 
 def test_the_image_is_undistorted_as_detect_does(frame: Frame) -> None:

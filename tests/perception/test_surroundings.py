@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bus.messages import ArmMode, ArmState, CameraModel, Frame, Observation, View
+from bus.messages import CameraModel, Frame, Observation, View
 from perception.scene.surroundings import surroundings
 
 HEIGHT_M, BLOCK_M = 0.70, 0.10
@@ -26,8 +26,7 @@ def observation(*, rim_px: int = 0) -> tuple[Observation, np.ndarray]:
     color = np.zeros((*depth_m.shape, 3), dtype=np.uint8)
     frame = Frame(stamp_ns=1, color=color, depth_m=depth_m, color_camera=CAMERA, depth_camera=CAMERA,
                   color_from_depth=np.eye(4))  # fmt: skip
-    still = ArmState(stamp_ns=1, mode=ArmMode.IDLE, q_rad=np.zeros(7), dq_rad_s=np.zeros(7), tau_ext_nm=np.zeros(7))
-    return Observation(view=View(stamp_ns=1, arm=still, base_from_color=BASE_FROM_COLOR), frame=frame), mask
+    return Observation(view=View(stamp_ns=1, base_from_color=BASE_FROM_COLOR), frame=frame), mask
 
 
 def test_every_point_is_at_its_place_in_base() -> None:

@@ -4,10 +4,10 @@
 import { texts } from "./texts.js";
 
 export const cell = new EventTarget();
-export const now = { state: null, health: null, role: "operator", client_id: "", isLinked: false, offset_ns: 0, about: null };
+export const now = { state: null, health: null, role: "operator", client_id: "", jobs: {}, isLinked: false, offset_ns: 0, about: null };
 
 const RETRY_MS = 2000;
-const NAMES = ["state", "health", "event", "result", "picture", "scene", "proposal"];
+const NAMES = ["state", "health", "event", "result", "picture", "scene", "proposal", "jobs"];
 let session = "";
 let stream = null;
 
@@ -39,7 +39,7 @@ export function listen() {
   for (const name of NAMES) {
     stream.addEventListener(name, (said) => {
       const detail = JSON.parse(said.data);
-      if (name === "state" || name === "health") now[name] = detail;
+      if (name in now) now[name] = detail; // state, health, jobs
       announce(name, detail);
     });
   }

@@ -13,6 +13,8 @@ import { showPicks } from "./picks.js";
 import { showToday } from "./today.js";
 import { showHealth } from "./health.js";
 
+const IN_BANNER = ["ABORTING", "ABORTED"];
+
 async function begin() {
   document.documentElement.lang = LANGUAGE;
   for (const one of document.querySelectorAll("[data-text]")) one.textContent = texts[one.dataset.text];
@@ -20,7 +22,7 @@ async function begin() {
   showCommands();
   const parts = [showPicture, showApprove, showJog, showPicks, showToday, showHealth];
   cell.addEventListener("event", ({ detail }) => {
-    if (detail.severity !== "info" && detail.text !== now.state?.reason) tell(`${detail.text} ${detail.advice ?? ""}`.trim(), true);
+    if (detail.severity !== "info" && !IN_BANNER.includes(detail.code) && detail.text !== now.state?.reason) tell(`${detail.text} ${detail.advice ?? ""}`.trim(), true);
   });
   try {
     await learn();

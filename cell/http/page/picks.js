@@ -2,7 +2,7 @@
 
 import { bodyOf, byId, el, tell, tellRefusal } from "./dom.js";
 import { ask, cell, now } from "./link.js";
-import { texts } from "./texts.js";
+import { LANGUAGE, texts } from "./texts.js";
 
 const SHOWN = 6;
 const SOON_MS = 700; // the recording is finished after the result, its report later
@@ -61,14 +61,23 @@ function entry(one) {
   return el("li", { "data-cycle": one.cycle_id }, picture, el("div", { class: "about" },
     el("span", { class: "tag" }, el("span", { class: one.result }, result), one.code ? ` ${one.code}` : "", one.object ? ` · ${one.object}` : ""),
     el("span", { class: "clip" }, one.reason ?? ""),
-    el("span", { class: "soft" }, one.cycle_id, one.report ? "" : ` · ${texts.noReport}`),
+    el("span", { class: "soft" }, `${timeOf(one.cycle_id)} · ${one.cycle_id}`, one.report ? "" : ` · ${texts.noReport}`),
     label ? el("span", { class: "said" }, said(label)) : null,
     now.role === "viewer" || !one.file ? null : el("div", { class: "row" },
       ...["good", "bad", "note"].map((word) => el("button", { type: "button", class: "small", "aria-label": `${texts[word]}: ${one.cycle_id}`, onclick: () => judge(one.cycle_id, word) }, texts[word])))));
 }
 
+/** The local time of a cycle, by its id, which is its begin in UTC. */
+function timeOf(cycle) {
+  return clock(Date.parse(cycle.replace(/^(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)(\d\d).*$/, "$1-$2-$3T$4:$5:$6Z")));
+}
+
+function clock(at_ms) {
+  return new Date(at_ms).toLocaleTimeString(LANGUAGE, { hour: "2-digit", minute: "2-digit", hourCycle: "h23" });
+}
+
 function said(label) {
-  const words = texts.saidBy(label.label ? texts[label.label] : texts.note, label.who);
+  const words = texts.saidBy(label.label ? texts[label.label] : texts.note, label.who, clock(label.at_ns / 1e6));
   return label.note ? `${words}: ${label.note}` : words;
 }
 

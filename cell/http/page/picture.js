@@ -1,29 +1,64 @@
-// The last picture with what was found in it. A click chooses an object, a drag a box; a press then sends the job.
+// What the cell sees: the last picture with what was found in it, or, while it rests, one of now. A click chooses an
+// object, a drag a box; a press then sends the job, with the picture in which it was pointed at.
 
 import { attend, whyNot } from "./commands.js";
 import { bodyOf, el, isOff, say, setButton, svg, tell } from "./dom.js";
 import { ask, cell, cellNow, now } from "./link.js";
+import { overlayOf } from "./overlay.js";
 import { duration, texts } from "./texts.js";
 
 const DRAG_PX = 8;
+const LIVE_S = 5; // a picture is of now for so long
 const WORKING = ["Starting", "Execute", "Completing"];
+const NOTHING = { stamp: "", outlines: [], numbers: [] };
 const parts = {};
-let shown = { picture_ns: 0, scene: null };
+let shown = { stamp: "" };
+let wanted = null;
+let isLoading = false;
+let scene = NOTHING;
 let target = null;
 let from = null;
 
-async function refreshPicture({ stamp_ns }) {
-  parts.image.src = `/api/picture?at=${stamp_ns}`;
-  shown.picture_ns = stamp_ns;
+/** Loads one picture after the other, the newest only, and shows it when it is there: what is clicked is what is shown. */
+async function load(detail) {
+  wanted = detail;
+  if (isLoading || (document.hidden && detail.is_live)) return;
+  isLoading = true;
+  while (wanted !== null) {
+    const next = wanted;
+    wanted = null;
+    const image = el("img", { alt: texts.pictureAlt, id: "picture", draggable: "false", src: `/api/picture?at=${next.stamp}` });
+    try {
+      await image.decode();
+    } catch {
+      continue; // a newer one is there
+    }
+    parts.image.replaceWith(image);
+    parts.image = image;
+    shown = next;
+    draw();
+  }
+  isLoading = false;
 }
 
 async function refreshScene() {
   try {
-    shown.scene = await ask("/api/scene");
+    scene = await ask("/api/scene");
   } catch {
-    shown.scene = null;
+    scene = NOTHING;
   }
   draw();
+}
+
+/** What is drawn into the picture that is shown: all that was found in it, or, in one of now, the things still there. */
+function drawn() {
+  if (!shown.is_live) return scene.stamp === shown.stamp ? scene : NOTHING;
+  if (scene.stamp === "" || scene.stamp !== shown.things) return NOTHING;
+  const isThere = (number) => !shown.gone.includes(Number(number));
+  return {
+    outlines: scene.outlines.filter((one) => one.kind === "unseen" || (one.kind === "thing" && isThere(one.number))),
+    numbers: scene.numbers.filter((one) => isThere(one.text)),
+  };
 }
 
 function draw() {
@@ -31,45 +66,36 @@ function draw() {
   drawAge();
   const hasPicture = image.naturalWidth > 0;
   none.hidden = hasPicture;
-  figure.hidden = !hasPicture;
-  overlay.setAttribute("viewBox", `0 0 ${image.naturalWidth || 1} ${image.naturalHeight || 1}`);
-  const scene = shown.scene !== null && shown.scene.stamp_ns === shown.picture_ns ? shown.scene : { outlines: [], numbers: [] };
-  const order = ["thing", "other_grasp", "rod", "object", "grasp"];
-  const outlines = scene.outlines.toSorted((a, b) => order.indexOf(a.kind) - order.indexOf(b.kind));
-  const unit = (image.naturalWidth || 640) / 640;
-  overlay.replaceChildren(
-    ...outlines.map((one) => svg("polygon", { points: one.points_px.join(" "), class: `line ${one.kind}`, stroke: one.color, "stroke-width": (one.kind === "grasp" ? 3 : 1.6) * unit })),
-    ...scene.numbers.map((one) => svg("text", { x: one.at_px[0], y: one.at_px[1], "font-size": 15 * unit, class: "number" }, one.text)),
-    ...mark(unit),
-  );
-  things.replaceChildren(
-    ...scene.numbers.map((one) => el("button", { type: "button", class: "small", onclick: () => choose({ pixel: one.at_px }) }, texts.thing(one.text))),
-  );
-  things.hidden = scene.numbers.length === 0;
+  figure.hidden = parts.help.hidden = !hasPicture;
+  if (!hasPicture) return;
+  const { outlines, numbers } = drawn();
+  overlay.setAttribute("viewBox", `0 0 ${image.naturalWidth} ${image.naturalHeight}`);
+  overlay.classList.toggle("earlier", Boolean(shown.is_live));
+  overlay.classList.toggle("elsewhere", isElsewhere());
+  say(parts.help, isElsewhere() ? texts.pictureElsewhere : texts.pictureHelp);
+  overlay.replaceChildren(...overlayOf(outlines, numbers, isElsewhere() ? null : target, unitOf(image)));
+  const label = numbers.map((one) => one.text).join();
+  if (things.dataset.label !== label) {
+    things.dataset.label = label;
+    things.replaceChildren(...numbers.map((one) => el("button", { type: "button", class: "small", onclick: () => choose({ pixel: one.at_px, picture_ns: shown.stamp }) }, texts.thing(one.text))));
+  }
+  things.hidden = numbers.length === 0;
   const kinds = new Set(outlines.map((one) => one.kind));
   parts.legend.replaceChildren(
     ...Object.entries(texts.legend).filter(([kind]) => kinds.has(kind)).map(([kind, words]) => el("li", { class: kind }, words)),
   );
 }
 
-function mark(unit) {
-  if (target?.pixel) {
-    const [u, v] = target.pixel;
-    const r = 16 * unit;
-    return [svg("path", { class: "mark", "stroke-width": 3 * unit, d: `M${u - r} ${v}H${u + r}M${u} ${v - r}V${v + r}` })];
-  }
-  if (target?.box) {
-    const [a, b, c, d] = target.box;
-    return [svg("rect", { class: "mark", "stroke-width": 3 * unit, x: a, y: b, width: c - a, height: d - b })];
-  }
-  return [];
+/** Pixels of the picture for one of the screen, where it is small; numbers stay readable on a phone. */
+function unitOf(image) {
+  return image.naturalWidth / Math.min(640, Math.max(300, image.clientWidth));
 }
 
 /** Chooses what is to be picked; null forgets it. */
 function choose(what) {
   target = what;
   parts.asked.hidden = what === null;
-  if (what !== null) say(parts.what, what.text ? texts.chosen.text(what.text) : texts.chosen[what.pixel ? "pixel" : "box"]);
+  if (what !== null) say(parts.what, texts.target(what));
   drawAllowed();
   draw();
 }
@@ -91,6 +117,11 @@ async function send() {
   }
 }
 
+/** A picture of now from elsewhere than where the cell looks for things: nothing can be pointed at in it. */
+function isElsewhere() {
+  return Boolean(shown.is_live) && !shown.from_capture_pose;
+}
+
 // --- pointing -------------------------------------------------------------------------------------------------------
 
 function pixelAt(event) {
@@ -103,20 +134,23 @@ function pixelAt(event) {
 }
 
 function press(event) {
-  if (event.button !== 0) return;
-  from = { pixel: pixelAt(event), x: event.clientX, y: event.clientY };
+  if (event.button !== 0 || isElsewhere()) return;
+  from = { pixel: pixelAt(event), x: event.clientX, y: event.clientY, picture_ns: shown.stamp };
   parts.overlay.setPointerCapture(event.pointerId);
 }
 
+function isDrag(event) {
+  return Math.hypot(event.clientX - from.x, event.clientY - from.y) >= DRAG_PX;
+}
+
 function drag(event) {
-  if (from === null || Math.hypot(event.clientX - from.x, event.clientY - from.y) < DRAG_PX) return;
+  if (from === null || !isDrag(event)) return;
   const [[a, b], [c, d]] = [from.pixel, pixelAt(event)];
-  choose({ box: [Math.min(a, c), Math.min(b, d), Math.max(a, c), Math.max(b, d)] });
+  choose({ box: [Math.min(a, c), Math.min(b, d), Math.max(a, c), Math.max(b, d)], picture_ns: from.picture_ns });
 }
 
 function release(event) {
-  if (from === null) return;
-  if (Math.hypot(event.clientX - from.x, event.clientY - from.y) < DRAG_PX) choose({ pixel: from.pixel });
+  if (from !== null && !isDrag(event)) choose({ pixel: from.pixel, picture_ns: from.picture_ns });
   from = null;
 }
 
@@ -124,27 +158,33 @@ function listPlaces() {
   const chosen = parts.place.value;
   const places = now.about?.places ?? [];
   parts.place.replaceChildren(
-    el("option", { value: "" }, texts.tray),
-    ...places.map((one) => el("option", { value: one.name }, texts.place(one.name))),
+    el("option", { value: "" }, texts.layTray),
+    ...places.map((one) => el("option", { value: one.name }, texts.layAt(one.name))),
   );
   parts.place.value = chosen;
 }
 
 function drawAge() {
-  if (shown.picture_ns) say(parts.age, texts.pictureAge(duration((cellNow() - shown.picture_ns) / 1e9)));
+  if (!shown.stamp) return;
+  const age_s = (cellNow() - Number(shown.stamp)) / 1e9;
+  const isNow = Boolean(shown.is_live) && now.isLinked && age_s < LIVE_S;
+  parts.live.hidden = !isNow;
+  say(parts.age, isNow ? texts.pictureNow : texts.pictureAge(duration(age_s)));
 }
 
 export function showPicture() {
-  parts.image = el("img", { alt: texts.pictureAlt, id: "picture", draggable: "false", onload: draw });
+  parts.image = el("img", { alt: texts.pictureAlt, id: "picture" });
   parts.overlay = svg("svg", { id: "overlay", "aria-hidden": "true", onpointerdown: press, onpointermove: drag, onpointerup: release, onpointercancel: () => { from = null; } });
-  parts.figure = el("div", { class: "picture", hidden: true }, parts.image, parts.overlay);
+  parts.live = el("span", { class: "live", hidden: true }, texts.live);
+  parts.figure = el("div", { class: "picture", hidden: true }, parts.image, parts.overlay, parts.live);
   parts.none = el("p", { class: "empty" }, texts.noPicture);
   parts.age = el("p", { class: "soft", id: "age" });
+  parts.help = el("p", { id: "help", hidden: true }, texts.pictureHelp);
   parts.legend = el("ul", { class: "legend" });
   parts.things = el("div", { class: "row", role: "group", "aria-label": texts.things, hidden: true });
   parts.what = el("strong", { id: "what" });
   parts.why = el("span", { class: "why", id: "why-pick" });
-  parts.place = el("select", { id: "place", "aria-label": texts.layAt });
+  parts.place = el("select", { id: "place", "aria-label": texts.layWhere });
   parts.pick = el("button", { type: "button", id: "pick", class: "main", "aria-describedby": "why-pick", onclick: send }, texts.pickIt);
   parts.asked = el("div", { class: "asked", id: "asked", hidden: true, role: "group", "aria-label": texts.pickIt },
     parts.what, el("div", { class: "row" }, parts.place, parts.pick, el("button", { type: "button", onclick: () => choose(null) }, texts.forget)), parts.why);
@@ -153,12 +193,14 @@ export function showPicture() {
     event.preventDefault();
     if (words.value.trim()) choose({ text: words.value.trim() });
   };
-  bodyOf("sees").append(parts.none, parts.figure, parts.asked, parts.legend, parts.age, el("p", {}, texts.pictureHelp), parts.things,
+  bodyOf("sees").append(parts.none, parts.figure, parts.asked, parts.legend, parts.age, parts.help, parts.things,
     el("form", { class: "row", onsubmit: said }, words, el("button", { type: "submit" }, texts.words)));
   listPlaces();
   cell.addEventListener("about", listPlaces);
-  cell.addEventListener("picture", ({ detail }) => refreshPicture(detail));
+  cell.addEventListener("picture", ({ detail }) => load(detail));
   cell.addEventListener("scene", refreshScene);
+  window.addEventListener("resize", draw);
+  document.addEventListener("visibilitychange", () => wanted !== null && load(wanted));
   for (const name of ["state", "link", "about"]) cell.addEventListener(name, drawAllowed);
   setInterval(drawAge, 1000);
 }

@@ -20,8 +20,9 @@ export function mount(element, plan, words = WORDS) {
   root.style.cssText = "display:flex;flex-direction:column;gap:.4rem;width:100%;height:100%;min-height:16rem";
   canvas.style.cssText = "flex:1;min-height:0;width:100%;touch-action:none;cursor:grab";
   row.style.cssText = "display:flex;gap:.6rem;align-items:center";
-  slider.style.flex = "1";
-  label.style.minWidth = "9em";
+  button.style.flex = label.style.flex = "none";
+  slider.style.cssText = "flex:1;min-width:0";
+  label.style.minWidth = "8em";
   canvas.setAttribute("aria-label", words.view);
   slider.setAttribute("aria-label", words.time);
   slider.max = scene.lasts_s;

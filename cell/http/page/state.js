@@ -6,9 +6,14 @@ import { duration, texts } from "./texts.js";
 
 const BY = /^command '(?:stop|abort|hold|suspend)' from (.+)$/;
 const WORKING = ["Execute", "Completing"];
+const TONES = {
+  Stopped: "rest", Idle: "good", Holding: "held", Held: "held", Suspending: "held", Suspended: "held", Complete: "good",
+  Stopping: "rest", Aborting: "bad", Aborted: "bad", approve: "held", manual: "rest",
+}; // any other: busy
 const PRESS_MS = 1000; // a click within this time is the end of a press
 const OWN_NAME = /^\d{8}T\d{9}$/; // of a job that its client gave none
 let cause = "";
+let drawnJobs = "";
 
 /** The reason for a person; that of Stopping holds for the Stopped that follows. */
 function reasonOf(state) {
@@ -25,22 +30,24 @@ function draw() {
     say(byId("state"), now.isLinked ? texts.connecting : texts.noLink);
     say(byId("reason"), now.isLinked ? "" : texts.noLinkReason);
     say(byId("todo"), now.isLinked ? "" : texts.noLinkTodo);
+    drawJobs();
+    drawFacts();
     return;
   }
-  byId("banner").className = `tone-${texts.tones[state.state] ?? "busy"}`;
+  const special = state.mode === "Manual" ? "manual" : state.state === "Execute" && state.stage === "approve" ? "approve" : state.state;
+  byId("banner").className = `tone-${TONES[special] ?? "busy"}`;
   const reason = reasonOf(state);
-  const stage = WORKING.includes(state.state) ? texts.stages[state.stage] : "";
+  const stage = special === "manual" ? texts.byHand : WORKING.includes(state.state) ? texts.stages[state.stage] : "";
   say(byId("state"), stage ? `${state.state}: ${stage}` : state.state);
-  const special = state.mode === "Manual" ? "manual" : state.stage === "approve" ? "approve" : state.state;
   say(byId("reason"), reason || (texts.meaning[special] ?? texts.meaning[state.state] ?? ""));
   say(byId("todo"), texts.todo[special] ?? texts.todo[state.state] ?? "");
-  drawJobs(state);
+  drawJobs();
   drawFacts();
 }
 
 function drawFacts() {
   const state = now.state;
-  if (state === null) return;
+  if (state === null || !now.isLinked) return byId("facts").replaceChildren();
   const facts = [
     [texts.facts.cell, now.about?.cell_id ?? ""],
     [texts.facts.mode, [texts.modes[state.mode] ?? state.mode, now.about?.is_simulated ? texts.simulated : ""].filter(Boolean).join(", ")],
@@ -53,12 +60,22 @@ function drawFacts() {
   );
 }
 
-function drawJobs(state) {
-  const parts = [];
-  if (state.job_id) parts.push(el("span", { class: "job" }, OWN_NAME.test(state.job_id) ? texts.thisPick : texts.job(state.job_id), cancelling(state.job_id)));
-  if (state.queue.length) parts.push(el("span", {}, texts.waiting));
-  for (const job of state.queue) parts.push(el("span", { class: "job" }, job, cancelling(job)));
-  byId("jobs").replaceChildren(...parts);
+/** The job under way and those that wait, each with its turn, what it picks, and where that goes. */
+function drawJobs() {
+  const { state, jobs } = now;
+  if (state === null) return;
+  const turns = !now.isLinked ? [] : [[texts.jobNow, state.job_id], ...state.queue.map((job, index) => [index + 1, job])].filter(([, job]) => job);
+  const content = JSON.stringify([turns, jobs, now.role]);
+  if (content === drawnJobs) return;
+  drawnJobs = content;
+  byId("jobs").replaceChildren(...turns.map(([turn, job]) => el("li", {}, el("span", { class: "turn" }, turn), el("span", { class: "job" }, said(job)), cancelling(job))));
+}
+
+function said(job) {
+  const about = now.jobs[job];
+  if (about === undefined) return job;
+  const name = OWN_NAME.test(job) ? "" : texts.jobNamed(job);
+  return texts.jobIs(texts.jobWhat(about.target), texts.jobWhere(about.place), texts.jobTimes(about)) + name;
 }
 
 function cancelling(job) {
@@ -84,5 +101,6 @@ export function showState() {
   document.addEventListener("keydown", (event) => event.key === "Escape" && !event.repeat && stop(), { capture: true });
   say(byId("state"), texts.connecting);
   for (const name of ["state", "link", "about"]) cell.addEventListener(name, draw);
+  cell.addEventListener("jobs", drawJobs);
   setInterval(drawFacts, 1000);
 }

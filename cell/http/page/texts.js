@@ -2,6 +2,8 @@
 
 export const LANGUAGE = "en";
 
+const metres = (point) => `${point.map((one) => one.toFixed(2)).join(", ")} m`;
+
 export const texts = {
   sees: "What it sees",
   commands: "Run it",
@@ -20,12 +22,7 @@ export const texts = {
   noCell: "The cell does not answer.",
   refused: "Refused",
 
-  // What each state is called, what it means, and what to do.
-  tones: {
-    Stopped: "rest", Resetting: "busy", Idle: "good", Starting: "busy", Execute: "busy", Holding: "held", Held: "held",
-    Unholding: "busy", Suspending: "held", Suspended: "held", Unsuspending: "busy", Completing: "busy",
-    Complete: "good", Stopping: "rest", Aborting: "bad", Aborted: "bad", Clearing: "busy",
-  },
+  // What each state means, and what to do.
   meaning: {
     Stopped: "Nothing moves.",
     Resetting: "The arm goes to where it looks from.",
@@ -61,7 +58,8 @@ export const texts = {
     capture: "looks", detect: "finds out what it sees", plan: "plans", execute: "grasps", verify: "checks what it holds",
     deliver: "lays it down", approve: "asks before it moves",
   },
-  by: (client) => `by ${client}`,
+  byHand: "moved by hand",
+  by: (client) => (client.startsWith("http-page") ? `by another page: ${client}` : `by ${client}`),
   byThis: "by this page",
 
   facts: { cell: "cell", mode: "mode", since: "for", cycle: "cycle", role: "you" },
@@ -69,9 +67,17 @@ export const texts = {
   simulated: "simulated",
   viewer: "viewer: look and stop only",
   operator: "operator",
-  job: (job) => `Job: ${job}`,
-  thisPick: "What runs:",
-  waiting: "Waiting:",
+  jobNow: "Now",
+  jobWhat: (target) => {
+    if (target?.text) return `“${target.text}”`;
+    if (target?.pixel) return `the object at ${target.pixel.map(Math.round).join(", ")}`;
+    if (target?.box) return "what is in the box";
+    return target?.point_m ? `the object at ${metres(target.point_m)}` : "the best to grasp";
+  },
+  jobWhere: (place) => (place?.name ? `at ${place.name}` : place?.position_m ? `at ${metres(place.position_m)}` : "into the tray"),
+  jobTimes: (job) => (job.until_empty ? ", until nothing is left" : job.cycles > 1 ? `, ${job.cycles} times` : ""),
+  jobIs: (what, where, times) => `Picks ${what}, lays it ${where}${times}`,
+  jobNamed: (job) => ` (${job})`,
   cancel: "Cancel",
   cancelJob: (job) => `Cancel the job ${job}`,
 
@@ -131,19 +137,22 @@ export const texts = {
   takeOverNo: "Leave it",
   takenOver: "The cell is yours, and ready.",
 
-  noPicture: "No picture yet: it comes with the first pick.",
-  pictureAlt: "The last picture of the camera, with what the cell found in it",
-  pictureAge: (age) => `Taken ${age} ago; the next one comes with the next pick.`,
-  legend: { grasp: "chosen grasp", object: "chosen object", rod: "imagined rod", other_grasp: "other grasps" },
+  noPicture: "No picture yet: the camera has shown nothing.",
+  pictureAlt: "The picture of the camera, with what the cell found in it",
+  live: "Live",
+  pictureNow: "The picture is of now.",
+  pictureAge: (age) => `Taken ${age} ago.`,
+  legend: { grasp: "chosen grasp", object: "chosen object", rod: "imagined rod", other_grasp: "other grasps", unseen: "not seen" },
   thing: (number) => `Thing ${number}`,
   things: "Pick a thing by its number",
+  pictureElsewhere: "The arm is not where it looks from: Reset takes it there. Then click an object.",
   pictureHelp: "Click an object to pick it, or drag a box around it.",
   words: "Or say it in words",
   wordsHint: "the largest red one",
-  chosen: { pixel: "The object at the cross", box: "What is in the box", text: (words) => `“${words}”` },
-  layAt: "Lay it",
-  tray: "into the tray",
-  place: (name) => `at ${name}`,
+  target: (target) => (target.text ? `“${target.text}”` : target.box ? "What is in the box" : "The object at the cross"),
+  layWhere: "Where to lay it",
+  layTray: "into the tray",
+  layAt: (name) => `at ${name}`,
   pickIt: "Pick it",
   forget: "Not this",
   queued: (position) => `It waits its turn: number ${position}.`,
@@ -157,7 +166,7 @@ export const texts = {
   good: "Good",
   bad: "Bad",
   note: "Note",
-  saidBy: (label, who) => `${label} by ${who}`,
+  saidBy: (label, who, when) => `${label} by ${who}, ${when}`,
   verdictOf: (cycle) => `Verdict on ${cycle}`,
   yourName: "Your name",
   yourNote: "Note",
@@ -166,7 +175,7 @@ export const texts = {
   kept: "Kept.",
 
   figures: {
-    picks_per_hour: "picks an hour", success: "success", picks: "picks", interventions: "interventions an hour",
+    picks_per_hour: "picks an hour", success: "success", picks: "picks", interventions: "interventions an hour", between_stops: "picks between stops",
     missed: "missed", infeasible: "infeasible", multi_pick: "two at once", dropped: "dropped",
   },
   lost: "Time lost, by reason",
@@ -180,6 +189,7 @@ export const texts = {
   nodeWell: "well",
   restarts: (count) => `restarted ${count}×`,
   nodeAdvice: "Look at its cable and its power; `cell doctor` says more.",
+  defectAdvice: "A defect of the cell's program: report it, then end the cell and start it again.",
   disk: (free, kept) => `Disk: ${free} GB free, recordings ${kept} GB`,
   diskAdvice: "Make room, or let old recordings go: recording.keep_gb.",
   keepsAll: "Nothing is deleted by itself.",
@@ -189,7 +199,7 @@ export const texts = {
   nothingGoes: "Nothing will be deleted within a day.",
   spent: (usd) => `Models: ${usd} US$ today`,
   clock: (time) => `The cell's clock: ${time}`,
-  clockOff: (seconds) => `This device's clock is ${seconds} s off; ages may look wrong.`,
+  clockOff: (time) => `This device's clock is ${time} off; set it.`,
   events: "What it said last",
 
   login: "This cell asks for a token",

@@ -1,23 +1,20 @@
 // How the day went: the figures of `cell cycles --summary`, and two small charts.
 
-import { bodyOf, el, svg } from "./dom.js";
+import { bodyOf, el } from "./dom.js";
 import { ask, cell } from "./link.js";
 import { percent, texts } from "./texts.js";
 
-const WIDTH = 420;
-const ROW = 24;
 const DAYS = 7;
 
 /** Horizontal bars; rows are [name, value, what is written]. */
 function bars(rows, label, kind) {
   const most = Math.max(...rows.map(([, value]) => value), 1e-9);
-  const [left, right] = [150, 64];
-  return svg("svg", { class: "chart", viewBox: `0 0 ${WIDTH} ${rows.length * ROW}`, role: "img", "aria-label": `${label}: ${rows.map(([name, , said]) => `${name} ${said}`).join(", ")}` },
-    ...rows.flatMap(([name, value, said], index) => [
-      svg("text", { x: 0, y: index * ROW + 16 }, name),
-      svg("rect", { class: `bar ${kind}`, x: left, y: index * ROW + 4, height: ROW - 8, rx: 3, width: Math.max(2, ((WIDTH - left - right) * value) / most) }),
-      svg("text", { x: left + 6 + ((WIDTH - left - right) * value) / most, y: index * ROW + 16 }, said),
-    ]));
+  return el("div", { class: "chart", role: "img", "aria-label": `${label}: ${rows.map(([name, , said]) => `${name} ${said}`).join(", ")}` },
+    ...rows.flatMap(([name, value, said]) => {
+      const bar = el("span", { class: `bar ${kind}` });
+      bar.style.width = `${(100 * value) / most}%`;
+      return [el("span", {}, name), el("span", { class: "track" }, bar), el("span", {}, said)];
+    }));
 }
 
 /** Stops, aborts and holds an hour of cycles. */
@@ -29,7 +26,7 @@ function interventionsAnHour(day) {
 function figures(day) {
   const shown = {
     picks_per_hour: day.picks_per_hour ?? "–", success: percent(day.success), picks: day.picks,
-    interventions: interventionsAnHour(day) ?? "–", missed: percent(day.missed), infeasible: percent(day.infeasible),
+    interventions: interventionsAnHour(day) ?? "–", between_stops: day.picks_between_stops ?? "–", missed: percent(day.missed), infeasible: percent(day.infeasible),
     multi_pick: percent(day.multi_pick), dropped: percent(day.dropped),
   };
   return el("dl", { class: "figures", id: "figures" },

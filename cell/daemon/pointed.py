@@ -1,0 +1,121 @@
+"""What is pointed at in a picture: the cell knows which of its pictures still count, and what they show."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterable
+
+import numpy as np
+
+from bus.errors import CycleFailure, Refused
+from bus.frozen import Message
+from bus.messages import CycleResult, Detections, Job, ObservedScene, PickPlan, StageRecord, Target, View
+from perception.goal.target import mostly_in_box, nearest_number
+
+_KEPT_LIVE = 1024
+"""Live pictures whose stamps are known: of the last quarter of an hour and more."""
+_AGAIN = "Look at the picture that is there now, and choose again."
+
+
+class Pointed:
+    """The pictures of a cell that somebody may point into. Any thread may call its members."""
+
+    def __init__(self) -> None:
+        self._alone = threading.Lock()
+        self._looks: list[View] = []
+        self._found: Detections | None = None
+        self._scene: ObservedScene | None = None
+        self._shown: View | None = None
+        self._chosen = 0
+        self._live: dict[int, bool] = {}
+
+    def hear(self, message: Message | bytes) -> None:
+        """Take what the cell says: looks, what is found in them, what is chosen, and what becomes of it."""
+        with self._alone:
+            if isinstance(message, ObservedScene):
+                self._show(message)
+            elif isinstance(message, CycleResult) and message.result != "SUCCESS":
+                self._chosen = 0  # it may still be there
+            elif isinstance(message, StageRecord):
+                self._hear_stage(message.result)
+
+    def choose(self, number: int) -> None:
+        """The cell goes for this thing of its last picture."""
+        self._chosen = number
+
+    def _hear_stage(self, result: object) -> None:
+        if isinstance(result, View):
+            self._looks = [*(self._looks if result.why else ()), result]
+        elif isinstance(result, Detections):
+            self._found = result
+            self._show(result.scene)
+        elif isinstance(result, PickPlan) and self._found is not None:
+            self.choose(self._found.grasps[result.grasp].instance)
+
+    def _show(self, scene: ObservedScene) -> None:
+        """A new picture with what was found in it: those before it count no more."""
+        self._scene, self._chosen = scene, 0
+        self._shown = self._looks[scene.shown] if scene.shown < len(self._looks) else None
+        self._live.clear()
+
+    def show_live(self, stamp_ns: int, *, is_from_capture_pose: bool) -> tuple[int, tuple[int, ...]]:
+        """Count a live picture. Returns: `LivePicture.things_ns` and ``gone``."""
+        with self._alone:
+            self._live[stamp_ns] = is_from_capture_pose
+            while len(self._live) > _KEPT_LIVE:
+                del self._live[next(iter(self._live))]
+            if not is_from_capture_pose or self._shown is None or self._shown.why:
+                return 0, ()
+            return self._shown.stamp_ns, (self._chosen,) if self._chosen else ()
+
+    def resolved(self, job: Job) -> Job:
+        """The job with what it points at as the cell finds it from its capture pose.
+
+        Raises: Refused (PICTURE_OUTDATED, PICTURE_ELSEWHERE, ALREADY_CHOSEN).
+        """
+        target = job.target
+        if target is None or target.picture_ns is None:
+            return job
+        with self._alone:
+            if target.picture_ns in self._live:
+                if not self._live[target.picture_ns]:
+                    raise Refused(
+                        "That picture was not taken from where the cell looks.",
+                        "Reset the cell: then it looks from there.",
+                        code="PICTURE_ELSEWHERE",
+                    )
+                return job
+            if self._scene is None or self._shown is None or target.picture_ns != self._shown.stamp_ns:
+                raise Refused("The cell has looked again since that picture.", _AGAIN, code="PICTURE_OUTDATED")
+            return self._in_scene(job, target, self._scene, is_elsewhere=bool(self._shown.why))
+
+    def _in_scene(self, job: Job, target: Target, scene: ObservedScene, *, is_elsewhere: bool) -> Job:
+        """The job whose target was pointed at in the picture of the last detection."""
+        meant = meant_by(target, scene)
+        if target.pixel is not None and self._chosen in meant:
+            raise Refused("That is what the cell picks now, or has picked.", "Choose another.", code="ALREADY_CHOSEN")
+        if not is_elsewhere:
+            return job
+        if len(meant) != 1:
+            raise Refused(
+                f"That picture was taken from beside, and {len(meant)} things are meant.",
+                "Click a single thing, or wait for the next picture.",
+                code="PICTURE_ELSEWHERE",
+            )
+        top = next(one.top_m for one in scene.instances if one.number == meant[0])
+        carried = Target(point_m=(float(top[0]), float(top[1]), float(top[2])))
+        return job.model_copy(update={"target": carried})
+
+
+def meant_by(target: Target, scene: ObservedScene) -> list[int]:
+    """The numbers of the things that a pixel or a box means in the picture that is shown; none where nothing is."""
+    numbers: Iterable[int] = ()
+    if target.box is not None:
+        numbers = mostly_in_box(np.asarray(scene.labels), target.box)
+    elif target.pixel is not None:
+        try:
+            numbers = (nearest_number(np.asarray(scene.labels), target.pixel),)
+        except CycleFailure:  # nothing is near
+            numbers = ()
+    known = {one.number for one in scene.instances}
+    return [number for number in numbers if number in known]

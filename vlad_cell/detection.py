@@ -1,0 +1,180 @@
+"""Grasps in one saved RGB-D image: ``detect``."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from bus.errors import BadFrame
+from bus.messages import CameraModel, Frame, Instance, Observation, Rectangle, View
+from bus.messages import Detections as Record
+from logs.report.images import annotated
+from perception.detector import detect as vlad_grasp
+from perception.detector import ignore_reply
+from perception.models import open_models
+from vlad_cell.picture import Picture
+from vlad_cell.station import Config, Settings, station_of
+
+
+@dataclass(frozen=True, eq=False)
+class Grasp:
+    """One grasp of a hand with two parallel fingers.
+
+    Attributes:
+        base_from_grasp: (4, 4) float64, metres: z = the direction of approach, y = the closing axis, the origin between
+            the finger pads.
+        width_m: width of the object between the pads.
+        opening_m: width of the hand to come with.
+        score: 0 to 1, higher is better.
+        thing: number of the object it holds, as in `Detections.labels`.
+        rectangle: the grasp in the colour image: ``center_px``, ``angle_rad``, ``width_px``, ``height_px``, and
+            ``corners_px()`` (4, 2) as (u, v).
+        terms: what the score is made of, by name, each 0 to 1 (docs/method.md).
+    """
+
+    base_from_grasp: npt.NDArray[np.float64]
+    width_m: float
+    opening_m: float
+    score: float
+    thing: int
+    rectangle: Rectangle
+    terms: Mapping[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Detections:
+    """What was found in one image.
+
+    Attributes:
+        record: the whole record of the detection, as a recording holds it: the seen table, the masks, the point clouds,
+            and everything that was tried (docs/bus.md).
+    """
+
+    record: Record
+
+    @property
+    def grasps(self) -> tuple[Grasp, ...]:
+        """The grasps, the best first; there is at least one."""
+        return tuple(
+            Grasp(
+                base_from_grasp=one.base_from_tcp,
+                width_m=one.width_m,
+                opening_m=one.opening_m,
+                score=one.score,
+                thing=one.instance,
+                rectangle=self.record.rectangles[one.rectangle],
+                terms=one.terms,
+            )
+            for one in self.record.grasps
+        )
+
+    @property
+    def things(self) -> tuple[Instance, ...]:
+        """The objects that were told apart: ``number``, ``top_m`` (3,) in ``base``, ``size_m`` (3,)."""
+        return self.record.scene.instances
+
+    @property
+    def labels(self) -> npt.NDArray[np.uint8]:
+        """(H, W) the number of the object in each pixel, 0 = none."""
+        return self.record.scene.labels
+
+    @property
+    def goal_image(self) -> npt.NDArray[np.uint8]:
+        """(H, W, 3) RGB: the object with the imagined rod through it, of the best grasp."""
+        return self.record.evidence.goal_image
+
+    def picture(self) -> Picture:
+        """The colour image with the object's outline and the grasps' rectangles, that of the best one in yellow."""
+        return Picture(annotated(self.record, 0, ()))
+
+
+def detect(
+    color: npt.ArrayLike,
+    depth_m: npt.ArrayLike,
+    K: npt.ArrayLike,
+    base_from_camera: npt.ArrayLike,
+    *,
+    region_m: Sequence[float] | None = None,
+    distortion: Sequence[float] = (),
+    config: Config = None,
+    settings: Settings | None = None,
+) -> Detections:
+    """Find grasps in one RGB-D image. Nothing moves, no cell needs to run, and no network is used.
+
+    The objects lie on a table, the plane z = 0 of ``base``, inside the pick region. ``base`` is any frame that you
+    choose so: that of your robot, or the middle of your table with z up.
+
+    Args:
+        color: (H, W, 3) uint8, RGB.
+        depth_m: (H, W) depth along the optical axis in metres, in the same pixels as ``color``; 0 or NaN where nothing
+            was measured.
+        K: (3, 3) intrinsics of the camera, or (4,) as fx, fy, cx, cy; in pixels.
+        base_from_camera: (4, 4) pose of the camera in ``base``, in metres; optical frame: x right, y down, z forward.
+        region_m: where objects are looked for: x_min, x_max, y_min, y_max in ``base``, in metres; None = the station's.
+        distortion: OpenCV's coefficients of the lens (0, 4, 5, 8, 12 or 14 of them); leave it out for an undistorted
+            image. Colour and depth have the same.
+        config: a station, or the path of its file: hand, table, detector, models; None = the simulated cell, whose
+            embedded model needs no network.
+        settings: single settings by their full names, as ``{"hand.max_width_m": 0.05}``; docs/settings.md has all.
+
+    Returns:
+        The grasps, the best first, with their evidence.
+
+    Raises:
+        BadFrame: a size, a unit, an intrinsic or the pose cannot be; the text names it.
+        CycleFailure: there is no grasp; ``code`` says why (NO_OBJECT, NO_GRASP, TABLE_MOVED, NOT_SEEN, ...).
+        ConfigError: a setting is wrong, or a model is not there.
+    """
+    changed: dict[str, Any] = dict(settings or {})
+    if region_m is not None:
+        changed["scene.pick_region_m"] = [float(one) for one in region_m]
+    station = station_of(config, changed)
+    observation = observed(color, depth_m, K, base_from_camera, distortion)
+    with closing(open_models(station, os.environ)) as models:
+        return Detections(vlad_grasp(observation, station, models, ignore_reply))
+
+
+def observed(
+    color: npt.ArrayLike,
+    depth_m: npt.ArrayLike,
+    K: npt.ArrayLike,
+    base_from_camera: npt.ArrayLike,
+    distortion: Sequence[float] = (),
+) -> Observation:
+    """The arrays as the observation that a cell would make of them. Raises: BadFrame."""
+    color, depth_m = np.asarray(color), np.asarray(depth_m)
+    if depth_m.ndim != 2 or depth_m.shape != color.shape[:2]:
+        raise BadFrame(
+            f"depth_m has the shape {depth_m.shape}, and color {color.shape}; depth is (H, W) in the pixels of color.",
+            "Register the depth to the colour image first.",
+        )
+    camera = _camera(np.asarray(K), color.shape[1], color.shape[0], distortion)
+    frame = Frame(
+        stamp_ns=0,
+        color=color,
+        depth_m=depth_m.astype(np.float32),
+        color_camera=camera,
+        depth_camera=camera,
+        color_from_depth=np.eye(4),
+    )
+    return Observation(view=View(stamp_ns=0, base_from_color=np.asarray(base_from_camera, dtype=float)), frame=frame)
+
+
+def _camera(K: npt.NDArray[Any], width: int, height: int, distortion: Sequence[float]) -> CameraModel:
+    if K.shape == (3, 3):
+        if K[0, 1] or K[1, 0] or K[2].tolist() != [0, 0, 1]:
+            raise BadFrame(
+                "K is no matrix of a pinhole camera.", "It is [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], in pixels."
+            )
+        K = K[[0, 1, 0, 1], [0, 1, 2, 2]]
+    if K.shape != (4,):
+        raise BadFrame(f"K has the shape {K.shape}.", "It is (3, 3), or (4,) as fx, fy, cx, cy, in pixels.")
+    fx, fy, cx, cy = (float(one) for one in K)
+    lens = tuple(float(one) for one in distortion)
+    return CameraModel(width=width, height=height, fx=fx, fy=fy, cx=cx, cy=cy, distortion=lens)

@@ -1,0 +1,67 @@
+"""A pick that was begun on a running cell."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+
+from bus.errors import ReplyTimeout
+from bus.messages import CycleResult
+from cell.client import Client
+from vlad_cell.said import Said, attended, in_words, next_said
+
+Progress = Callable[[str], object]
+"""Called with a line for a person, as ``print``."""
+_LOOK_S = 0.5
+"""Time without a message after which the cell is asked: one may have been lost."""
+
+
+class Pick:
+    """A pick that was begun. Iterate over it to hear what happens, or `wait` for its result.
+
+    Attributes:
+        cycle_id: of the cycle that began, or will; a retry is a cycle of its own.
+        job_id: of the job. ``position``: in the queue, from 1 on; 0 = it begins now.
+        result: of its last attempt; None before the end.
+    """
+
+    def __init__(self, client: Client, cycle_id: str, job_id: str, position: int) -> None:
+        self._client = client
+        self.cycle_id, self.job_id, self.position = cycle_id, job_id, position
+        self.result: CycleResult | None = None
+
+    def __iter__(self) -> Iterator[Said]:
+        """What the cell says, until the result is there, which is the last.
+
+        Raises: CellUnreachable when the cell is gone.
+        """
+        return (said for said in self._turns() if said is not None)
+
+    def _turns(self) -> Iterator[Said | None]:
+        """As iterated over, and None several times a second while nothing is said."""
+        awaited = self.cycle_id
+        while self.result is None:
+            said = next_said(self._client, _LOOK_S)
+            if said is None:
+                said = self._client.result(awaited)  # one may have been lost; the cell itself is asked
+            if isinstance(said, CycleResult) and said.cycle_id == awaited:
+                awaited = said.retried_as
+                self.result = None if awaited else said
+            yield said
+
+    def wait(self, timeout_s: float = 600.0, progress: Progress | None = None) -> CycleResult:
+        """Wait for the result of the last attempt; the arguments and errors are those of `Cell.pick`."""
+        with attended(self._client):
+            return self._wait(time.monotonic() + timeout_s, progress)
+
+    def _wait(self, give_up_s: float, progress: Progress | None) -> CycleResult:
+        before = ""
+        for said in self._turns():
+            line = in_words(said) if said is not None else ""
+            if progress is not None and line and line != before:  # a state is told again with its cycle
+                progress(line)
+            before = line or before
+            if time.monotonic() > give_up_s and self.result is None:
+                raise ReplyTimeout(f"Cycle {self.cycle_id} has given no result in time.", "See `cell status`.")
+        assert self.result is not None, "the iteration ends with it"
+        return self.result

@@ -1,0 +1,60 @@
+"""What a cell says while it works, heard and in words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from bus import topics
+from bus.codec import decode
+from bus.commands import CellState, Event
+from bus.errors import BadPayload, CellUnreachable
+from bus.messages import CycleResult
+from bus.sample import Sample
+from cell.client import Client
+
+Said = CellState | Event | CycleResult
+"""A state or stage at every change, an event for a person, a cycle's result."""
+_KINDS: dict[str, Any] = {topics.STATE.key: CellState, topics.EVENT.key: Event, topics.RESULT.key: CycleResult}
+
+
+def in_words(said: Said) -> str:
+    """A line for a person; "" for what needs none."""
+    if isinstance(said, CellState):
+        return f"{said.state} {said.stage}".strip()
+    if isinstance(said, Event):
+        return f"{said.code}: {said.text} {said.advice}".strip()
+    return " ".join(filter(None, (said.result, said.code, said.object))) + f": {said.reason}"
+
+
+@contextmanager
+def attended(client: Client) -> Iterator[None]:
+    """Context of a program that waits for motion: after Ctrl-C nobody attends it, so the lease is given back.
+
+    The cell then holds the motion. Without this a notebook, which lives on, would keep the arm moving.
+    """
+    try:
+        yield
+    except KeyboardInterrupt:
+        client.release()
+        raise
+
+
+def next_said(client: Client, timeout_s: float = 600.0) -> Said | None:
+    """The next state, event or result; None after so long without one. Raises: CellUnreachable."""
+    while (sample := client.next_heard(timeout_s)) is not None:
+        if (said := _decoded(sample)) is not None:
+            return said
+    if client.is_gone:
+        raise CellUnreachable("The cell is gone: it ended, or the link to it.", "Start it, then see `cell cycles`.")
+    return None
+
+
+def _decoded(sample: Sample) -> Said | None:
+    kind: Any = _KINDS.get(sample.key)
+    try:
+        said: Said | None = decode(kind, sample.payload) if kind is not None else None
+    except BadPayload:  # of another version; states and results are asked for anyway
+        return None
+    return said

@@ -1,0 +1,37 @@
+"""Reads the station that a caller names: a file, an object, or none; with single settings changed."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from bus.errors import ConfigError
+from config.load import load_station, station_from
+from config.schema import Station
+
+Config = Station | str | Path | None
+"""A station, or the path of its TOML file; None = the simulated cell."""
+Settings = Mapping[str, Any]
+"""Settings by their full names, as ``{"scene.pick_region_m": [0.3, 0.6, -0.2, 0.2]}``."""
+
+
+def station_of(config: Config = None, settings: Settings | None = None) -> Station:
+    """The station with these settings changed. Raises: ConfigError, which names the key and what is accepted."""
+    overrides = [f"{key}={_written(key, value)}" for key, value in (settings or {}).items()]
+    if not isinstance(config, Station):
+        return load_station(Path(config) if config is not None else None, overrides)
+    return station_from(config.model_dump(mode="json"), overrides) if overrides else config
+
+
+def _written(key: str, value: Any) -> str:
+    """The value as TOML writes it: numbers, texts, booleans and lists of them are the same in JSON."""
+    if isinstance(value, Path):
+        value = str(value)
+    try:
+        return json.dumps(value.tolist() if hasattr(value, "tolist") else value)
+    except TypeError as error:
+        raise ConfigError(
+            f"{key} is of {type(value).__name__}.", "A setting is a number, a text, a boolean or a list of them."
+        ) from error
