@@ -528,20 +528,26 @@ class ExecuteSettings(Settings):
 
     Attributes:
         contact_n: on the approach line the arm stops where it meets more force than this against its motion; 0 = it
-            feels nothing. The FR3's own reflex (`fr3.collision_wrench`) is to be well above, its noise well below.
+            feels nothing. The FR3's own reflex (`fr3.collision_wrench`) is to be well above, its noise well below: an
+            arm that stops at nothing needs more.
         slow_m: so much of the line, at its end, is slow: only there is what it meets touched softly. 0 = none.
         slow_m_s: fastest speed of the tcp there, where the table or another thing is believed to be within 10 mm of the
-            hand at the grasp. Twice the speed is twice the force beyond `contact_n`.
+            hand at the grasp. Twice the speed is nearly twice the force.
         free_m_s: the same where nothing is: what it meets there was hidden. Faster than 0.03 it may be a reflex.
+        beside_m: before that, at most so much of the line is bounded, too: from where anything, or space that no look
+            saw, is first within 25 mm of the hand. 0 = none.
+        beside_m_s: fastest speed of the tcp there: what it meets is met hard, but without it mostly with a reflex.
         approve: whether a person approves each planned pick before the arm moves for it: ``client``, through any client
             that may command the cell; ``holder``, only the one that holds the lease. Looks before need no approval.
         approve_s: how long the cell waits for the answer; then the cycle ends.
     """
 
-    contact_n: NonNegative = 5.0
+    contact_n: NonNegative = 3.5
     slow_m: SizeOrNone = 0.010
-    slow_m_s: Positive = 0.010
+    slow_m_s: Positive = 0.009
     free_m_s: Positive = 0.030
+    beside_m: SizeOrNone = 0.020
+    beside_m_s: Positive = 0.09
     approve: Literal["no", "client", "holder"] = "no"
     approve_s: Annotated[float, Field(gt=0, le=3600)] = 120.0
 

@@ -108,9 +108,17 @@ _HEAD = """\
 
 A station is one TOML file: `cell start --config FILE.toml`. What it leaves out has the default below; an unknown key is
 an error. `--set key=value` overrides one setting, as in `--set sim.pace=1` or `--set perception.target.text="the cup"`.
-`cell config --config FILE.toml` prints the whole station as it counts, `cell doctor` checks it against the machine.
-[config/sim.toml](../config/sim.toml) is the smallest file, [config/lab.toml](../config/lab.toml) the one to copy for
-real devices: it says how to find each value.
+[config/sim.toml](../config/sim.toml) is the smallest file; [config/lab.toml](../config/lab.toml) says for real devices
+how to find each value.
+
+| what you want | command |
+|---|---|
+| a new file, with only what one must decide | `cell config new mine.toml` (`--simulated`) |
+| is it right? every mistake with its line and what to do | `cell config check mine.toml` |
+| what counts, and where it comes from | `cell config show -c mine.toml`; only that: `cell config show verify` |
+| what differs from another | `cell config diff a.toml b.toml` |
+| an editor that knows every setting | `cell config schema > station.schema.json`; `#:schema` of `--help` |
+| does it fit this machine and its devices? | `cell doctor -c mine.toml` |
 
 A list is written `[0.1, 0.2]`; `3 x number` is one of three numbers. A setting whose default is *none* is left out to
 have none. Frames: [frames.md](frames.md).

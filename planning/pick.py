@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -35,7 +36,7 @@ from planning.infeasible import Infeasible
 from planning.motion import Way, motion
 from planning.obstacle import in_the_way
 from planning.pregrasp import Pregrasp, approach_begins, first_that_works, opening_m, pregrasps_of, ways
-from planning.scene import Scene
+from planning.scene import BESIDE_M, NEAR_M, Scene
 from planning.slow_end import slow_end
 
 Array = npt.NDArray[np.float64]
@@ -219,8 +220,8 @@ def _ways_to_grasp(
 def _reach(scene: Scene, grasp: Grasp, way: Way, pregrasp: Pregrasp) -> Segment:
     """Plan the reach: up to the approach line the hand may still be on its way to its opening."""
     way_there, opens_m = scene.on_the_way(), opening_m(grasp, scene.station)
-    is_near = scene.is_near(pregrasp.line_rad[-1], opens_m)
-    felt = slow_end(scene.robot, _grasped_at(scene, pregrasp)[:3, 3], scene.station.execute, is_near=is_near)
+    near, beside = (partial(scene.is_near, width_m=opens_m, within_m=within_m) for within_m in (NEAR_M, BESIDE_M))
+    felt = slow_end(scene.robot, pregrasp.line_rad, scene.station.execute, near, beside)
     reach = motion("reach", way, [*way.lines(), pregrasp.line_rad], way_there, opens_m, slow_end=felt)
     until = approach_begins(scene.robot, reach.trajectory, scene.station.planning.approach_m)
     collision = scene.gate(reach.trajectory.filtered()[: until + 1], None)

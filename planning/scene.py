@@ -40,6 +40,10 @@ _GATE_TICKS = 8
 _GATE_MARGIN_M = 0.001
 
 
+BESIDE_M, NEAR_M = WIDE_MARGINS_M
+"""How far `Scene.is_near` may ask."""
+
+
 @dataclass(frozen=True, eq=False)
 class Scene:
     """The obstacles of one pick.
@@ -151,9 +155,9 @@ class Scene:
         self.cancel.raise_if_set("plan")
         return is_free(self._planned_at(width_m), self._travel, q_from_rad, q_to_rad, width_m or 0.0)
 
-    def is_near(self, q_rad: Joints, width_m: float) -> bool:
-        """Whether in one configuration (joints,) anything is within 10 mm of what it may not touch."""
-        return self._planned.collision(q_rad, width_m, wide=len(WIDE_MARGINS_M) - 1) is not None
+    def is_near(self, q_rad: Joints, width_m: float, within_m: float = NEAR_M) -> bool:
+        """Whether in one configuration (joints,) anything is within `NEAR_M` or `BESIDE_M` of what it may not touch."""
+        return self._planned.collision(q_rad, width_m, wide=WIDE_MARGINS_M.index(within_m)) is not None
 
     @property
     def checks(self) -> int:

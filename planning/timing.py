@@ -9,6 +9,7 @@ through bounds jerk by ``2 a_max / window``. Both the raw and the filtered sampl
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -228,11 +229,14 @@ def _grid(path: Any, length_rad: float) -> Array:
 
 
 def _denser_at_end(path: Any, s: Array, slow_end: SlowEnd) -> Array:
-    """Return the grid ``s`` (n,) with more points where ``slow_end`` holds."""
-    begins = float(s[-1])
-    while begins > _LOOK_RAD and slow_end.is_near(path(np.array([begins - _LOOK_RAD])))[0]:
-        begins -= _LOOK_RAD
-    return np.concatenate([s[s < begins - _LOOK_RAD], np.linspace(begins, s[-1], _SLOW_GRID)])
+    """Return the grid ``s`` (n,) with more points on each step of ``slow_end``."""
+    ends, begins = [float(s[-1])], float(s[-1])
+    for step in range(len(slow_end.steps)):
+        while begins > _LOOK_RAD and slow_end.step_at(path(np.array([begins - _LOOK_RAD])))[0] <= step:
+            begins -= _LOOK_RAD
+        ends.insert(0, begins)
+    dense = [np.linspace(one, other, _SLOW_GRID)[:-1] for one, other in pairwise(ends) if other > one]
+    return np.concatenate([s[s < ends[0] - _LOOK_RAD], *dense, s[-1:]])
 
 
 class PositionDependentVelocity(LinearConstraint):  # type: ignore[misc]

@@ -27,7 +27,9 @@ _GO_BACK, _GO_BACK_JERK = 2 * 5.8, 2 * 60.0
 """Peak acceleration and jerk of a quintic over a unit distance in a unit time, doubled for the path's own bend."""
 _ONSET = 1.5
 """Onset of a stop relative to the onset of the motion itself, which the moving average gives."""
-_HARD_ONSET = 4.0
+_HARD_ONSET, _HARD_JERK_SHARE = 0.0625, 0.6
+"""Of a brake at a contact: change of the rate's gain [per tick^2], and share of the least joint's jerk; the rest of the
+jerk is the path's own. The blow is over after 3 to 5 ms: what brakes by then takes 1 N of 12 from it."""
 _SHORTEST_WINDOW = 16
 _AHEAD_TICKS = 128
 """Look-ahead, about the duration of a stop: the onset allowed at its end must be known from its start."""
@@ -45,7 +47,8 @@ class Progress:
 
     def __init__(self, limits: JointLimits, samples_rad: JointSamples, window: int) -> None:
         self._most = _ACCELERATION_SHARE * float(limits.acceleration_rad_s2.min()) * TICK_S**2  # [rad per tick^2]
-        self._most_jerk = _JERK_SHARE * float(limits.jerk_rad_s3.min()) * TICK_S**3  # [rad per tick^3]
+        least_jerk = float(limits.jerk_rad_s3.min()) * TICK_S**3  # [rad per tick^3]
+        self._most_jerk, self._hard_jerk = _JERK_SHARE * least_jerk, _HARD_JERK_SHARE * least_jerk
         self._samples = samples_rad
         self._last = len(samples_rad) - 1
         self._at = 0.0
@@ -162,11 +165,11 @@ class Progress:
         slope, bend = self._curve(ticks, 1), self._curve(ticks, 2)
         window = max(window, _SHORTEST_WINDOW)
         fastest = np.maximum(np.abs(slope).max(axis=1), 1e-15)
-        by_jerk = 2 * self._most / window / fastest
 
-        def onsets(shortest: int, factor: float) -> Array:
-            onset = factor * np.minimum(4 / shortest**2, by_jerk)
+        def onsets(smoothest: float, jerk: float) -> Array:
+            onset = np.minimum(smoothest, jerk / fastest)
             return np.asarray(minimum_filter1d(onset, _AHEAD_TICKS, origin=-(_AHEAD_TICKS // 2)))
 
-        self._onset, self._hard_onset = onsets(window, _ONSET), onsets(_SHORTEST_WINDOW, _HARD_ONSET)
+        self._onset = onsets(_ONSET * 4 / window**2, _ONSET * 2 * self._most / window)
+        self._hard_onset = onsets(_HARD_ONSET, self._hard_jerk)
         self._slope, self._bend = (np.concatenate([rows, np.repeat(rows[-1:], 2, axis=0)]) for rows in (slope, bend))

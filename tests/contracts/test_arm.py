@@ -36,7 +36,9 @@ class TestArm(EveryImplementation, ArmSuite):
         start_q_rad = arm.state().q_rad
         down = _into_the_table(start_q_rad)
         motion = arm.execute(down)
-        assert motion.contact_n is not None and motion.contact_n > 5.0 and not motion.finished
+        assert (
+            motion.contact_n is not None and motion.contact_n > load_station().execute.contact_n and not motion.finished
+        )
         assert arm.state().mode is ArmMode.IDLE, "a reflex"
         assert arm.execute(down.model_copy(update={"raw_q_rad": _back(motion), "guard": None})).finished
         np.testing.assert_allclose(arm.state().q_rad, start_q_rad, atol=5e-3)
@@ -48,8 +50,8 @@ def _into_the_table(start_q_rad: np.ndarray) -> Trajectory:
     robot, pose = Robot(station), Robot(station).base_from_tcp(start_q_rad)
     line = tcp_line(FR3_ARM, start_q_rad, pose, np.array([0.0, 0.0, FINGER_TIP_M - 0.003 - pose[2, 3]]))
     assert line is not None
-    end_m = robot.base_from_tcp(line[-1])[:3, 3]
-    reach = timed(station, blended([line]), slow_end=slow_end(robot, end_m, station.execute, is_near=True))
+    slow = slow_end(robot, line, station.execute, lambda _: True, lambda _: False)
+    reach = timed(station, blended([line]), slow_end=slow)
     return reach.model_copy(update={"guard": guard(robot, reach, 100, station.execute.contact_n)})
 
 
