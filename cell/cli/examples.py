@@ -57,6 +57,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "doctor": ("cell doctor", "cell doctor --config config/lab.toml"),
     "detectors": ("cell detectors",),
     "drivers": ("cell drivers",),
+    "goal-models": ("cell goal-models",),
     "calibrate": ("cell calibrate board -o board.png",),
     "calibrate board": ("cell calibrate board -o board.png",),
     "calibrate hand-eye": ("cell calibrate hand-eye --set sim.board=true --dry-run",),
