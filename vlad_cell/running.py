@@ -8,6 +8,7 @@ from pathlib import Path
 from types import TracebackType
 
 from bus import topics
+from bus.at_end import close_at_end, forget
 from bus.commands import CellHealth, CellState, CommandRequest
 from bus.errors import CellUnreachable, ConfigError, NotReached, ReplyTimeout
 from bus.messages import CycleResult, Job
@@ -16,7 +17,6 @@ from cell.client import ENDED, LEADS_TO, SETTLED, Client, client_name, connect
 from cell.daemon.batch import Batch
 from cell.machine.states import told
 from config.schema import Station
-from vlad_cell.at_end import close_at_end, forget
 from vlad_cell.job import ToLay, ToPick, job_of
 from vlad_cell.pick import Pick, Progress
 from vlad_cell.said import Said, attended, next_said

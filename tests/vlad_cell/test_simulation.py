@@ -80,7 +80,7 @@ def test_real_devices_are_not_started_by_a_program() -> None:
 def test_what_a_program_leaves_open_is_closed_when_its_main_thread_ends() -> None:
     program = """if True:
         import threading
-        from vlad_cell.at_end import close_at_end, forget
+        from bus.at_end import close_at_end, forget
         goes_on = threading.Event()
         threading.Thread(target=goes_on.wait).start()  # as those of the bus, the interpreter waits for it
         for name in ("first", "second"):
