@@ -38,6 +38,7 @@ from drivers.sim.world import World
 from perception.models import open_models
 from planning.blend import blended
 from planning.candidates import configurations, twins
+from planning.kinematics import FR3_ARM
 from planning.line import tcp_line
 from planning.robot import Robot
 from planning.scene import FINGER_CLEARANCE_M
@@ -50,7 +51,8 @@ _POST_BESIDE_M = 0.07
 """From the tcp to the post along the closing axis: outside the opened fingers, under the palm."""
 _TOUCHES_N = 0.05
 _OPENING_M = 0.08
-_HIGH_M = 0.06
+_HIGH_M, _BESIDE_MM = 0.06, 29.0
+_NEAR_M = 0.01
 _AWAY_M = (0.0, 0.9, -3.0)
 
 
@@ -107,11 +109,21 @@ class Bench:
         self.arm.connect()
         self.world.data.joint("object").qpos[:3] = _AWAY_M
 
-    def descent(self, x_m: float, y_m: float, yaw_rad: float, speed: float = 1.0, above_m: float = 0.0) -> Trajectory:
+    def descent(
+        self,
+        x_m: float,
+        y_m: float,
+        yaw_rad: float,
+        speed: float = 1.0,
+        above_m: float = 0.0,
+        *,
+        is_beside: bool = False,
+    ) -> Trajectory:
         """Return a reach, as the cell would play it, from the capture pose to a top-down grasp.
 
         Args:
             above_m: height of its end above the lowest grasp there is; so high nothing is near the hand.
+            is_beside: the hand is believed to pass things all the way.
         """
         station, q_rad = self.station, np.array(self.station.arm.capture_q_rad)
         lowest_m = station.scene.table.top_m + FINGER_CLEARANCE_M + 5e-4 + FINGER_TIP_M
@@ -119,12 +131,13 @@ class Bench:
         down = np.array([[c, s, 0.0], [s, -c, 0.0], [0.0, 0.0, -1.0]])
         way_m = np.array([0.0, 0.0, -station.planning.approach_m])
         pose = from_rotation(down, np.array([x_m, y_m, lowest_m + above_m]) - way_m)
-        for before, exact in configurations(twins(pose), q_rad):
-            line = tcp_line(before, exact, way_m)
+        for before, exact in configurations(FR3_ARM, twins(pose), q_rad):
+            line = tcp_line(FR3_ARM, before, exact, way_m)
             if line is not None:
                 slower = station.model_copy(update={"arm": station.arm.model_copy(update={"speed": speed})})
-                end_m = self.robot.base_from_tcp(line[-1])[:3, 3]
-                felt = slow_end(self.robot, end_m, station.execute, is_near=above_m < 0.01)
+                felt = slow_end(
+                    self.robot, line, station.execute, lambda _: above_m < _NEAR_M, lambda _: is_beside
+                )  # fmt: skip
                 reach = timed(slower, blended([np.stack([q_rad, before]), line]), slow_end=felt)
                 return guarded(self.robot, station, reach).model_copy(update={"waits_at": None})
         raise ValueError(f"no way down to {x_m:.3f}, {y_m:.3f} m")
@@ -212,12 +225,14 @@ class Tally:
     """What came of the descents.
 
     Attributes:
-        force_n: largest true forces, of those onto a raised table and those onto a hidden post.
+        force_n: largest true forces: onto a raised table; onto a hidden post near the end of the approach; onto one
+            29 mm before it, beside things that were seen.
     """
 
-    force_n: dict[str, list[float]] = field(default_factory=lambda: {"table": [], "post": []})
+    force_n: dict[str, list[float]] = field(default_factory=lambda: {"table": [], "post": [], "beside": []})
     overshoot_mm: list[float] = field(default_factory=list)
     reflexes: int = 0
+    beside_reflexes: int = 0
     unnoticed: int = 0
 
 
@@ -226,6 +241,8 @@ def run(tries: int, free: int, seed: int, tell: Callable[[str], None], settings:
     bench, rng, tally = Bench(settings), np.random.default_rng(seed), Tally()
     for index in range(tries):
         tell(f"{index + 1}/{tries} {_meet(bench, rng, index, tally)}")
+    for _ in range(tries // 5):
+        tell(_meet_beside(bench, rng, tally))
     false_contacts = _false_contacts(bench, rng, free)
     tell(f"{free} free descents, {false_contacts} false contacts")
     picks = [pick(name, table_higher(10.0), settings) for name in OBJECTS]
@@ -237,6 +254,8 @@ def run(tries: int, free: int, seed: int, tell: Callable[[str], None], settings:
             "hidden_force_n": _spread(tally.force_n["post"]),
             "overshoot_mm": _spread(tally.overshoot_mm),
             "reflexes": tally.reflexes,
+            "beside_force_n": _spread(tally.force_n["beside"]),
+            "beside_reflexes": tally.beside_reflexes,
             "unnoticed": tally.unnoticed,
             "picks": len(picks),
             "held": sum(one.verdict.held and one.rose_m > 0.05 for one in picks),
@@ -261,6 +280,17 @@ def _meet(bench: Bench, rng: np.random.Generator, index: int, tally: Tally) -> s
     tally.reflexes += motion is None
     tally.unnoticed += motion is not None and motion.contact_n is None
     return f"{what} {by_mm:.0f} mm: {felt.peak_n:.1f} N, {felt.overshoot_mm:.2f} mm"
+
+
+def _meet_beside(bench: Bench, rng: np.random.Generator, tally: Tally) -> str:
+    """Play one descent that meets a post far above its end, beside things that were seen; as `_meet`."""
+    reach = bench.descent(*_place(rng), above_m=_HIGH_M, is_beside=True)
+    raise_table(bench.world, 0.0)
+    place_post(bench.world, bench.robot, reach, _BESIDE_MM)
+    motion, felt = bench.play(reach)
+    tally.force_n["beside"].append(felt.peak_n)
+    tally.beside_reflexes += motion is None
+    return f"post {_BESIDE_MM:.0f} mm before the end: {felt.peak_n:.1f} N"
 
 
 def _false_contacts(bench: Bench, rng: np.random.Generator, free: int) -> int:

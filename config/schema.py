@@ -40,11 +40,11 @@ from config.hardware import FemtoMegaSettings, Fr3Settings, PandaHandSettings
 from config.http import HttpSettings
 from config.opcua import OpcuaSettings
 from config.place import NamedPlace
+from config.robot import RobotSettings, limits_of
 from config.target import Label, TargetSettings
 
 # Imported when a value is checked with them, so that a program that only sends "stop" does not wait for them.
 numpy: Any = LazyModule("numpy")
-limits: Any = LazyModule("config.limits")
 
 
 class RecordingSettings(Settings):
@@ -102,11 +102,17 @@ class RecordingSettings(Settings):
 
 
 class NodeSettings(Settings):
-    """A driver node: its driver, the devices it serves, and whether the daemon runs it."""
+    """A driver node: its driver, the devices it serves, and whether the daemon runs it.
+
+    Attributes:
+        driver: `cell drivers` lists those there are. ``settings``: of another package's driver, which checks them
+            itself, in its node.
+    """
 
     driver: str
     run: Literal["here", "elsewhere"] = "here"
     serves: tuple[Literal["camera", "arm", "hand"], ...]
+    settings: dict[str, Any] = Field(default_factory=dict)
 
 
 class CameraSettings(Settings):
@@ -155,15 +161,6 @@ class ArmSettings(Settings):
     speed: Annotated[float, Field(gt=0, le=1)] = 1.0
     start_tolerance_rad: Annotated[Positive, Field(le=1)] = 0.02
     rest_s: Seconds = 20.0
-
-    @field_validator("capture_q_rad")
-    @classmethod
-    def _within_the_joints_range(cls, q_rad: JointVector) -> JointVector:
-        q = numpy.array(q_rad)
-        beyond = limits.outside(q) or limits.stuck(q)
-        if beyond is not None:
-            raise ValueError(beyond)
-        return q_rad
 
 
 class HandSettings(Settings):
@@ -457,7 +454,7 @@ class PerceptionSettings(Settings):
     detector: str = "vlad"
     """Finds the grasps: ``vlad`` is ours; other packages bring others (docs/extend.md), `cell detectors` lists them."""
     settings: dict[str, Any] = Field(default_factory=dict)
-    """Of another package's detector, which checks them itself."""
+    """Of another package's detector, or else of another package's goal-image model, which checks them itself."""
     detector_deadline_s: Seconds = 30.0
     """The longest that another package's detector may take for a scene; beyond it the cycle ends with DETECTOR_TIMEOUT.
     """
@@ -531,20 +528,26 @@ class ExecuteSettings(Settings):
 
     Attributes:
         contact_n: on the approach line the arm stops where it meets more force than this against its motion; 0 = it
-            feels nothing. The FR3's own reflex (`fr3.collision_wrench`) is to be well above, its noise well below.
+            feels nothing. The FR3's own reflex (`fr3.collision_wrench`) is to be well above, its noise well below: an
+            arm that stops at nothing needs more.
         slow_m: so much of the line, at its end, is slow: only there is what it meets touched softly. 0 = none.
         slow_m_s: fastest speed of the tcp there, where the table or another thing is believed to be within 10 mm of the
-            hand at the grasp. Twice the speed is twice the force beyond `contact_n`.
+            hand at the grasp. Twice the speed is nearly twice the force.
         free_m_s: the same where nothing is: what it meets there was hidden. Faster than 0.03 it may be a reflex.
+        beside_m: before that, at most so much of the line is bounded, too: from where anything, or space that no look
+            saw, is first within 25 mm of the hand. 0 = none.
+        beside_m_s: fastest speed of the tcp there: what it meets is met hard, but without it mostly with a reflex.
         approve: whether a person approves each planned pick before the arm moves for it: ``client``, through any client
             that may command the cell; ``holder``, only the one that holds the lease. Looks before need no approval.
         approve_s: how long the cell waits for the answer; then the cycle ends.
     """
 
-    contact_n: NonNegative = 5.0
+    contact_n: NonNegative = 3.5
     slow_m: SizeOrNone = 0.010
-    slow_m_s: Positive = 0.010
+    slow_m_s: Positive = 0.009
     free_m_s: Positive = 0.030
+    beside_m: SizeOrNone = 0.020
+    beside_m_s: Positive = 0.09
     approve: Literal["no", "client", "holder"] = "no"
     approve_s: Annotated[float, Field(gt=0, le=3600)] = 120.0
 
@@ -673,6 +676,7 @@ class Station(Settings):
     nodes: dict[Chunk, NodeSettings] = Field(min_length=1)
     camera: CameraSettings = CameraSettings()
     capture: CaptureSettings = CaptureSettings()
+    robot: RobotSettings | None = None
     arm: ArmSettings = ArmSettings()
     hand: HandSettings = HandSettings()
     scene: SceneSettings = SceneSettings()
@@ -697,6 +701,24 @@ class Station(Settings):
         served = [device for node in self.nodes.values() for device in node.serves]
         if sorted(served) != ["arm", "camera", "hand"]:
             raise ValueError(f"nodes must serve camera, arm and hand exactly once each; they serve {sorted(served)}")
+        return self
+
+    @model_validator(mode="after")
+    def _describes_the_arm_that_is_there(self) -> Station:
+        if self.robot is not None and any(node.driver == "fr3" for node in self.nodes.values()):
+            raise ValueError("robot describes another arm than the driver fr3's: leave [robot] out")
+        return self
+
+    @model_validator(mode="after")
+    def _captures_within_the_joints_range(self) -> Station:
+        if self.robot is None and "capture_q_rad" not in self.arm.model_fields_set:
+            return self  # the default is the FR3's, and checking it would import NumPy
+        q, range_ = numpy.array(self.arm.capture_q_rad), limits_of(self)
+        if len(q) != range_.joints:
+            raise ValueError(f"arm.capture_q_rad has {len(q)} numbers, and the arm {range_.joints} joints")
+        beyond = range_.outside(q) or range_.stuck(q)
+        if beyond is not None:
+            raise ValueError(f"arm.capture_q_rad: {beyond}")
         return self
 
     @model_validator(mode="after")

@@ -70,7 +70,7 @@ class JointTrack:
 
     Attributes:
         time_s: (n,) seconds of the robot's time since the first look, ascending; negative before it.
-        q_rad, dq_rad_s, tau_ext_nm: (n, 7) joint positions, velocities and external torques, base to wrist.
+        q_rad, dq_rad_s, tau_ext_nm: (n, joints) joint positions, velocities and external torques, base to wrist.
     """
 
     time_s: npt.NDArray[np.float64]

@@ -10,20 +10,25 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from bus.codes import Code
+from bus.errors import CycleFailure
 from bus.transforms import from_rotation
 from config.franka_hand import FINGER_TIP_M
 from drivers.sim.placing import Placing
 from drivers.sim.world import World
 
-KINDS = ("touching", "touching_alike", "stacked", "stacked_alike", "nested", "linked")
+KINDS = ("touching", "touching_alike", "stacked", "stacked_alike", "nested", "linked", "binned")
 """``alike``: two equal pieces of one colour, as a line counts them. Nested cups are equal and of one colour, linked
-rings equal and of two; what only touches or is stacked differs in colour and size."""
+rings equal and of two; what only touches or is stacked differs in colour and size. ``binned``: two unlike blocks, 8 to
+14 mm apart, so that the camera may tell them apart, among other things in a bin."""
 NAMES = ("first", "second")
 _DENSITY_KG_M3 = 700.0
 _SETTLE_TICKS = 500
 _STAVES, _PIECES = 20, 14
 _RING_M, _TUBE_M = 0.024, 0.004
 _CUP_M, _BOTTOM_M, _RIM_M, _WALL_M = 0.060, 0.020, 0.029, 0.0015
+_APART_M, _DRAWS = 0.07, 60
+"""From the middle of a pair in a bin to other things; and how often a place for it is drawn."""
 _LOWEST_M = 0.004
 """Of the finger tips above the table."""
 
@@ -69,7 +74,7 @@ def drawn(kind: str, rng: np.random.Generator) -> Pair:
         side = 2 * (_RING_M + _TUBE_M)
         around = (side, side, 2 * _TUBE_M)
         return Pair(kind, (around, around), (_ring(colors[0]), _ring(colors[1])))
-    sizes = _stack(rng) if kind.startswith("stacked") else _side_by_side(rng)
+    sizes = _stack(rng) if kind.startswith("stacked") else _side_by_side(rng, 0.030 if kind == "binned" else 0.035)
     if kind.endswith("alike"):
         sizes = sizes[0], sizes[0]
     return Pair(kind, sizes, (_block(sizes[0], colors[0]), _block(sizes[1], colors[1])))
@@ -79,8 +84,7 @@ def lay(pair: Pair, world: World, rng: np.random.Generator) -> Jaw:
     """Lay the pair into the pick region, let it come to rest, and return the jaw that takes both."""
     bodies = {name: body for body, name in world.objects.items()}
     first, second = (Placing(world.model, world.data, world.station.scene.pick_region_m, bodies[n]) for n in NAMES)
-    region = first.region()
-    middle_m = region.mean(axis=0) + rng.uniform(-0.25, 0.25, 2) * np.ptp(region, axis=0)
+    middle_m = _free_place(world, first.region(), rng)
     heading = float(rng.uniform(-1.2, 1.2))
     across = np.array([np.cos(heading), np.sin(heading), 0.0])
     poses = _POSES[pair.kind.removesuffix("_alike")](pair, rng)
@@ -98,6 +102,17 @@ def lay(pair: Pair, world: World, rng: np.random.Generator) -> Jaw:
     return _jaw(pair, first, second, across)
 
 
+def _free_place(world: World, region: Array, rng: np.random.Generator) -> Array:
+    """Draw the pair's middle (2,) in the region; among other things the first that is free of them."""
+    others = [body for body, name in world.objects.items() if name not in NAMES]
+    outlines = [Placing(world.model, world.data, world.station.scene.pick_region_m, body).outline() for body in others]
+    for _ in range(_DRAWS):
+        middle_m = region.mean(axis=0) + rng.uniform(-0.25, 0.25, 2) * np.ptp(region, axis=0)
+        if all(np.linalg.norm(outline[:, :2] - middle_m, axis=1).min() > _APART_M for outline in outlines):
+            return np.asarray(middle_m)
+    raise CycleFailure(Code.NO_GRASP, "there is no room for the pair among the other things")
+
+
 # --- how they lie: offset [m] of the body's origin from the middle on the table, and its turn; x is across ------------
 
 Poses = list[tuple[Array, Rotation]]
@@ -105,7 +120,8 @@ Poses = list[tuple[Array, Rotation]]
 
 def _beside(pair: Pair, rng: np.random.Generator) -> Poses:
     one, other = pair.sizes_m
-    gap_m, whole_m = float(rng.uniform(0.0, 0.001)), one[0] + other[0]
+    least_m, most_m = (0.008, 0.014) if pair.kind == "binned" else (0.0, 0.001)
+    gap_m, whole_m = float(rng.uniform(least_m, most_m)), one[0] + other[0]
     left = np.array([-whole_m / 2 + one[0] / 2 - gap_m / 2, 0.0, one[2] / 2])
     right = np.array([whole_m / 2 - other[0] / 2 + gap_m / 2, float(rng.uniform(-0.008, 0.008)), other[2] / 2])
     return [(left, Rotation.identity()), (right, Rotation.identity())]
@@ -132,13 +148,13 @@ def _through(_pair: Pair, rng: np.random.Generator) -> Poses:
 
 
 _POSES: dict[str, Callable[[Pair, np.random.Generator], Poses]] = {
-    "touching": _beside, "stacked": _on_top, "nested": _inside, "linked": _through,
+    "touching": _beside, "binned": _beside, "stacked": _on_top, "nested": _inside, "linked": _through,
 }  # fmt: skip
 
 
 def _jaw(pair: Pair, first: Placing, second: Placing, across: Array) -> Jaw:
     """Close on both; of a stack and of linked rings on the first, which takes the other along."""
-    held = np.concatenate([first.outline(), second.outline()]) if pair.kind[0] in "tn" else first.outline()
+    held = np.concatenate([first.outline(), second.outline()]) if pair.kind[0] in "tnb" else first.outline()
     if pair.kind == "linked":
         towards = second.pose()[:2] - first.pose()[:2]
         towards = towards / max(float(np.linalg.norm(towards)), 1e-6)
@@ -163,9 +179,9 @@ def _colors(rng: np.random.Generator, *, is_alike: bool) -> list[str]:
     return [" ".join(f"{value:.3f}" for value in (*rgb, 1.0)) for rgb in (first, second)]
 
 
-def _side_by_side(rng: np.random.Generator) -> tuple[Size, Size]:
+def _side_by_side(rng: np.random.Generator, widest_m: float) -> tuple[Size, Size]:
     def one() -> Size:
-        return float(rng.uniform(0.02, 0.035)), float(rng.uniform(0.045, 0.09)), float(rng.uniform(0.022, 0.04))
+        return float(rng.uniform(0.02, widest_m)), float(rng.uniform(0.045, 0.09)), float(rng.uniform(0.022, 0.04))
 
     return one(), one()
 

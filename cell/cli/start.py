@@ -19,6 +19,8 @@ from cell.cli.options import Config, Json, Set
 from cell.daemon.batch import Batch
 from cell.daemon.daemon import Daemon
 from cell.daemon.systemd import Service, takes_commands
+from cell.doctor.finding import Verdict
+from cell.doctor.judging import double_picks
 from cell.doctor.reach import running
 from cell.machine.owner import refuse
 from cell.terminal.printing import err
@@ -96,6 +98,8 @@ def _run(
 ) -> Batch | None:
     """Run the cell for these ``picks``; without any, for commands of other clients, until interrupted."""
     screen.line(f"cell {station.cell_id} on {station.bus.endpoint}: starting {', '.join(station.nodes)} ...")
+    if not station.simulated and (asks := double_picks(station)).verdict is not Verdict.OK:
+        screen.line(asks.found)
     with (
         running_cell(station, screen.observe) as daemon,
         _live_view(station, view_port) as view,

@@ -67,6 +67,13 @@ def _say_that_nothing_was_felt(content: Content) -> None:
             content.station["planning"] = {"max_held_acceleration_m_s2": None, **planning}
 
 
+def _say_that_it_passed_at_full_speed(content: Content) -> None:
+    if content.station is not None:
+        execute = content.station.get("execute", {})
+        if isinstance(execute, dict):
+            content.station = {**content.station, "execute": {"beside_m": 0.0, **execute}}
+
+
 MIGRATIONS: tuple[Migration, ...] = (
     Migration(0, "The version is named: what names none is of before.", _nothing),
     Migration(1, "Whether the checkout had changes is `dirty`, no longer a + behind the commit.", _split_dirty),
@@ -76,6 +83,11 @@ MIGRATIONS: tuple[Migration, ...] = (
         4,
         "An approach is slow at its end, and felt, and what is held is carried calmly; before, neither was.",
         _say_that_nothing_was_felt,
+    ),
+    Migration(
+        5,
+        "Before its slow end, an approach is slower where the hand passes something; before, it was not.",
+        _say_that_it_passed_at_full_speed,
     ),
 )
 SCHEMA_VERSION = len(MIGRATIONS)

@@ -26,7 +26,8 @@ _COLOR_STEP, _EVEN = 12.0, 0.3
 """Of two patches: the CIE76 distance of their colours, and the share of it by which either may vary in itself."""
 _SHADED = np.array([0.3, 1.0, 1.0])
 """Lightness counts less than hue: faces are lit differently."""
-_FEWEST = 3
+_FEWEST, _REACHED = 3, 8
+"""Pixels of a bin, and of a thing that reaches between the fingers."""
 
 Array = npt.NDArray[np.float64]
 
@@ -36,10 +37,12 @@ class InJaw(NamedTuple):
 
     Attributes:
         others: numbers of other things of which at least 10 mm along the closing axis lay there.
+        swept: numbers of other things that reached between the opened fingers, and which they may have closed on.
         has_seam: it was two even patches of different colours, side by side along the closing axis.
     """
 
     others: tuple[int, ...] = ()
+    swept: tuple[int, ...] = ()
     has_seam: bool = False
 
 
@@ -51,7 +54,10 @@ def in_jaw(detections: Detections, grasp: Grasp, width_m: float, before: Observa
     """
     y_m, lab, number = _between(detections, grasp, width_m, before, station)
     cell = np.floor(y_m / _BIN_M).astype(int)
-    return InJaw(_beside(cell, number, grasp.instance), _has_seam(cell, lab))
+    _, _, swept = _between(detections, grasp, max(width_m, grasp.opening_m), before, station)
+    counts = np.bincount(swept, minlength=1)
+    reached = tuple(int(one) for one in np.flatnonzero(counts >= _REACHED) if one != grasp.instance)
+    return InJaw(_beside(cell, number, grasp.instance), reached, _has_seam(cell, lab))
 
 
 def _between(

@@ -24,6 +24,7 @@ from config.schema import RetrySettings, Station
 from drivers.node.registry import open_devices
 from logs.mcap.reader import read_cycle
 from perception.models import open_models
+from perception.scene.gone import Others
 from planning.robot import Robot
 
 RECORD = read_cycle(Path(__file__).parents[1] / "golden" / "cycle-schema4.mcap")
@@ -77,6 +78,24 @@ def test_fingers_wider_apart_than_the_thing_is_long_hold_something_else_too() ->
     assert (verdict.code, verdict.several_by) == (Code.MULTI_PICK, ("width",))
 
 
+@pytest.mark.parametrize("was_between", [True, False])
+def test_what_is_gone_was_taken_only_if_the_fingers_reached_it(
+    was_between: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Elsewhere it rolled away; here, half of the one thing is named a second one, or what is far from it is."""
+    labels = np.array(FOUND.scene.labels)
+    is_one = labels == GRASP.instance
+    columns = np.flatnonzero(is_one.any(axis=0))
+    other = is_one & (np.arange(labels.shape[1]) >= columns.mean()) if was_between else np.zeros_like(is_one)
+    other[:5, :5] |= not was_between
+    found = FOUND.model_copy(update={"scene": FOUND.scene.model_copy(update={"labels": np.where(other, 9, labels)})})
+    monkeypatch.setattr("cell.pick.several.others_gone", lambda *_: Others(gone=(9,), apart=(9,)))
+    station = _station()
+    verdict = verify(EXECUTION, found, GRASP, RECORD.looks[0], RECORD.after, Robot(station), station)
+    assert verdict.also_gone == ((9,) if was_between else ()), verdict.reason
+    assert verdict.held != was_between
+
+
 def test_what_dropped_is_a_drop_however_much_it_was() -> None:
     assert EXECUTION.grasped is not None
     open_hand = EXECUTION.grasped.model_copy(update={"width_m": 0.0})
@@ -113,7 +132,8 @@ def test_two_touching_blocks_in_one_grasp_are_noticed_with_and_without_the_look(
     two = _made(provoked("touching", 0))
     assert two.risen == 2
     assert {way: one.code for way, one in two.verdicts.items()} == dict.fromkeys(two.verdicts, Code.MULTI_PICK)
-    assert {"place", "seam"} <= set(two.verdicts["always"].several_by) and two.verdicts["always"].also_gone
+    assert two.verdicts["always"].several_by == ("place",) and two.verdicts["always"].also_gone
+    assert {"place", "seam"} == set(two.verdicts["seam"].several_by)
 
 
 def test_the_cell_lays_them_into_the_tray_reports_the_failure_and_does_not_try_again(tmp_path: Path) -> None:

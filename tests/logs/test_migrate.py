@@ -53,9 +53,15 @@ def test_before_schema_5_no_approach_was_felt_and_nothing_carried_calmly() -> No
     migrate(content)
     assert content.station == {
         "cell_id": "sim",
-        "execute": {"contact_n": 0.0},
+        "execute": {"contact_n": 0.0, "beside_m": 0.0},
         "planning": {"max_held_acceleration_m_s2": None},
     }
+
+
+def test_before_schema_6_an_approach_passed_things_at_full_speed() -> None:
+    content = Content(metadata={"schema": "5"}, station={"execute": {"contact_n": 5.0}})
+    migrate(content)
+    assert content.station == {"execute": {"contact_n": 5.0, "beside_m": 0.0}}
 
 
 def test_every_channel_has_a_schema_and_foxgloves_are_named_so() -> None:
