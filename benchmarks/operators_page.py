@@ -1,11 +1,11 @@
 """The operator's page in a headless browser, at a simulated cell at real-time pace, served by a process of its own.
 
-``first_paint_ms``: the browser's first contentful paint, the median of several loads. ``event_to_screen_ms``: from
-the beginning of a state or stage, as the cell stamps it, until the page's document says it; ``event_to_frame_ms``:
-until the frame that shows it is drawn. ``daemon_cpu_share``: processor time of the HTTP process and of the daemon, of
-one core, with so many pages open at a cell that is Idle and shows pictures of now; the daemon shares its process with
-this program, which waits. ``stop_to_brake_ms``: from the press on Stop, by the browser's clock (1 ms coarse), to the
-brake (`benchmarks.stopping`). All of it depends on what else the machine does: ``load_average``.
+``first_paint_ms``: the browser's first contentful paint, the median of several loads. ``event_to_screen_ms``: from the
+beginning of a state or stage, as the cell stamps it, until the page's document says it; ``event_to_frame_ms``: until
+the frame that shows it is drawn. ``daemon_cpu_share``: processor time of the HTTP process and of the daemon, of one
+core, with so many pages open at a cell that is Idle and shows pictures of now; the daemon shares its process with this
+program, which waits. ``stop_to_brake_ms``: from the press on Stop, by the browser's clock (1 ms coarse), to the brake
+(`benchmarks.stopping`). All of it depends on what else the machine does: ``load_average``.
 """
 
 from __future__ import annotations
