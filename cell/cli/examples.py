@@ -58,7 +58,6 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "detectors": ("cell detectors",),
     "goal-models": ("cell goal-models",),
     "drivers": ("cell drivers",),
-    "goal-models": ("cell goal-models",),
     "calibrate": ("cell calibrate board -o board.png",),
     "calibrate board": ("cell calibrate board -o board.png",),
     "calibrate hand-eye": ("cell calibrate hand-eye --set sim.board=true --dry-run",),
