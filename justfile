@@ -57,6 +57,13 @@ test *args: setup
 test-all *args:
     @{{just_executable()}} of_them="" test "$@"
 
+# Run the tests of the gate on another Python, in an environment of its own: `just test-on 3.13`
+test-on python *args: setup
+    uv venv --quiet --allow-existing --python {{python}} .venv-{{python}}
+    uv pip sync --quiet --python .venv-{{python}} --require-hashes requirements.lock
+    uv pip install --quiet --python .venv-{{python}} --no-deps --no-build-isolation --editable .
+    shift; OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 .venv-{{python}}/bin/python -m pytest -m "not realtime{{of_them}}" -n 2 --dist loadgroup --no-loadscope-reorder "$@"
+
 # Lint, format, types, import contracts
 check: setup
     uv run ruff check .
@@ -81,7 +88,7 @@ golden-update: setup
 report *args: setup
     uv run cell report "$@"
 
-# Regenerate the pages that are written from the code: commands, states, faults, bus, settings, recording, catalogue, export, opcua, api
+# Regenerate the pages that are written from the code, and build all pages as a site into site/ (warnings are errors)
 docs: setup
     uv run python -m docs.commands_page
     uv run python -m docs.states_page
@@ -93,6 +100,7 @@ docs: setup
     uv run python -m docs.export_page
     uv run python -m docs.opcua_page
     uv run python -m docs.api_page
+    NO_MKDOCS_2_WARNING=1 uv run mkdocs build --quiet
 
 # Run the notebook docs/examples/first_pick.ipynb, and write what it gives
 notebook: setup

@@ -58,7 +58,7 @@ from cell.cli.console import Screen
 from cell.machine.owner import refuse
 from cell.workers import ClusterWorkers, LocalWorkers, Workers
 from config.load import load_station
-from perception.detectors.registry import names as detectors
+from perception.detectors.registry import GROUP as DETECTORS
 
 _ENDS_THE_RUN = ("EMPTY", "ABORTED")
 _NEXT_COMMAND = {"Aborted": "clear", "Stopped": "reset", "Complete": "reset", "Idle": "start"}
@@ -133,8 +133,8 @@ def held_(
         raise typer.BadParameter(f"{unknown[0]!r} is neither key=value nor paper")
     if objects is not None and "paper" in (given or ()):
         raise typer.BadParameter("either --set paper or --objects")
-    if not (detector.startswith(held.NETWORK) or detector in detectors()):
-        raise typer.BadParameter(f"{detector!r} is none of {', '.join(detectors())}, {held.NETWORK}PATH")
+    if not (detector.startswith(held.NETWORK) or detector in DETECTORS.names()):
+        raise typer.BadParameter(f"{detector!r} is none of {', '.join(DETECTORS.names())}, {held.NETWORK}PATH")
     wanted = held.Wanted(
         objects=objects,
         seeds=_seeds(seeds if ":" in seeds else f"1000:{1000 + int(seeds)}" if seeds.isdecimal() else seeds),

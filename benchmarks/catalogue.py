@@ -28,7 +28,7 @@ from logs.mcap.index import Filter
 _A_DAY = 1000
 _FIRST = datetime(2026, 1, 1, 6, tzinfo=UTC)
 _INSERTS = 200
-_READ = 100
+_READ = 200
 _REPEATS = 5
 _BATCH = 1000
 _CODES = (Code.NO_GRASP, Code.GRASP_MISSED, Code.DROPPED, Code.COLLISION)

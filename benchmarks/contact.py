@@ -38,6 +38,7 @@ from drivers.sim.world import World
 from perception.models import open_models
 from planning.blend import blended
 from planning.candidates import configurations, twins
+from planning.kinematics import FR3_ARM
 from planning.line import tcp_line
 from planning.robot import Robot
 from planning.scene import FINGER_CLEARANCE_M
@@ -130,8 +131,8 @@ class Bench:
         down = np.array([[c, s, 0.0], [s, -c, 0.0], [0.0, 0.0, -1.0]])
         way_m = np.array([0.0, 0.0, -station.planning.approach_m])
         pose = from_rotation(down, np.array([x_m, y_m, lowest_m + above_m]) - way_m)
-        for before, exact in configurations(twins(pose), q_rad):
-            line = tcp_line(before, exact, way_m)
+        for before, exact in configurations(FR3_ARM, twins(pose), q_rad):
+            line = tcp_line(FR3_ARM, before, exact, way_m)
             if line is not None:
                 slower = station.model_copy(update={"arm": station.arm.model_copy(update={"speed": speed})})
                 felt = slow_end(

@@ -16,7 +16,7 @@ from toppra.constraint import DiscretizationType, JointAccelerationConstraint
 
 from benchmarks.picks import Problem
 from bus.trajectory import TICK_S, Trajectory
-from config.limits import ACCELERATION_RAD_S2
+from config.limits import ACCELERATION_RAD_S2, FR3
 from drivers.motion.stream import Stream
 from planning.robot import Robot
 from planning.timing import PositionDependentVelocity
@@ -105,7 +105,7 @@ def optimal_s(trajectory: Trajectory) -> float:
     limit = ACCELERATION_RAD_S2[:, None] * np.array([-1.0, 1.0])
     acceleration = JointAccelerationConstraint(limit, discretization_scheme=DiscretizationType.Interpolation)
     solver: Any = toppra.algorithm.TOPPRA(
-        [PositionDependentVelocity(1.0), acceleration],
+        [PositionDependentVelocity(FR3, 1.0), acceleration],
         path,
         gridpoints=np.linspace(0.0, at[-1], _GRID),
         solver_wrapper="seidel",
@@ -120,7 +120,7 @@ def _travel(points: Array) -> Array:
 
 def stopped(trajectory: Trajectory, share: float) -> tuple[float, float, Array]:
     """Time from a stop at ``share`` of the trajectory to rest [s], distance off its path [rad], and the commands."""
-    stream = Stream(trajectory)
+    stream = Stream(trajectory, FR3)
     commands: list[Array] = []
     planned = trajectory.filtered()
     tick = int(share * (len(planned) - 1))

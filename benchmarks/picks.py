@@ -9,10 +9,12 @@ import numpy as np
 import numpy.typing as npt
 
 from bus.messages import Grasp
+from config.limits import FR3
 from config.schema import Box, NodeSettings, SceneSettings, Station, Table
+from planning.arm import limit_distance_rad
 from planning.candidates import Approach, approaches, grasp_pose, twins
 from planning.height_field import Sight
-from planning.kinematics import inverse, limit_distance_rad, q7_grid
+from planning.kinematics import FR3_ARM, inverse, q7_grid
 from planning.line import tcp_line
 from planning.robot import Robot, flange_pose
 from planning.scene import Scene
@@ -143,9 +145,9 @@ def _feasible(scene: Scene, approach: Approach) -> bool:
     back_m, up_m = -plan.approach_m * pose[:3, 2], np.array([0.0, 0.0, plan.lift_m])
     for twin in twins(pose):
         for q in inverse(flange_pose(twin), q7_grid()):
-            if limit_distance_rad(q) < LIMIT_MARGIN_RAD or scene.collision(q, grasp.opening_m) is not None:
+            if limit_distance_rad(FR3, q) < LIMIT_MARGIN_RAD or scene.collision(q, grasp.opening_m) is not None:
                 continue
-            away, lift = tcp_line(q, twin, back_m), tcp_line(q, twin, up_m)
+            away, lift = tcp_line(FR3_ARM, q, twin, back_m), tcp_line(FR3_ARM, q, twin, up_m)
             if away is None or lift is None or scene.first_collision(away, grasp.opening_m) is not None:
                 continue
             if empty.first_collision(lift, grasp.width_m) is None:

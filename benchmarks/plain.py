@@ -17,6 +17,7 @@ from bus.arrays import Joints, JointSamples, Transform
 from bus.trajectory import TICK_S
 from config.limits import ACCELERATION_RAD_S2, LOWER_RAD, UPPER_RAD, velocity_bounds
 from planning.candidates import configurations, twins
+from planning.kinematics import FR3_ARM
 from planning.line import tcp_line
 from planning.scene import Scene
 
@@ -38,9 +39,9 @@ def reach(scene: Scene, base_from_tcp: Transform, opening_m: float, q_now_rad: J
         befores.append(before)
     lines = [
         line
-        for q, pose in islice(configurations(befores, q_now_rad), _EXAMINED)
+        for q, pose in islice(configurations(FR3_ARM, befores, q_now_rad), _EXAMINED)
         if scene.collision(q, opening_m) is None
-        and (line := tcp_line(q, pose, -back_m)) is not None
+        and (line := tcp_line(FR3_ARM, q, pose, -back_m)) is not None
         and scene.collision(line[-1], opening_m) is None
     ][:_GOALS]
     if not lines:

@@ -17,10 +17,11 @@ from benchmarks.numeric_ik import numeric_inverse, reachable_poses
 from benchmarks.picks import Problem, problems, station
 from bus.messages import Segment
 from bus.trajectory import Trajectory
-from config.limits import LimitReport, check
+from config.limits import FR3, LimitReport, check
+from planning.arm import limit_distance_rad
 from planning.candidates import configurations, grasp_pose
 from planning.infeasible import Infeasible
-from planning.kinematics import branches, limit_distance_rad, q7_grid
+from planning.kinematics import FR3_ARM, branches, q7_grid
 from planning.pick import plan_approach, plan_reach
 from planning.robot import Robot, flange_pose
 
@@ -139,11 +140,11 @@ def _ik(robot: Robot, seed: int) -> dict[str, Any]:
     times_us = []
     for index, pose in enumerate(poses):
         began_s = time.process_time()
-        next(configurations([pose], _capture_q(robot)), None)
+        next(configurations(FR3_ARM, [pose], _capture_q(robot)), None)
         times_us.append(1e6 * (time.process_time() - began_s))
         if numeric_inverse(robot, pose, restarts=20, seed=index) is not None:
             reached += 1
-            found += bool((limit_distance_rad(branches(flange_pose(pose), q7_grid())) >= 0).any())
+            found += bool((limit_distance_rad(FR3, branches(flange_pose(pose), q7_grid())) >= 0).any())
     return {
         "poses": len(poses),
         "numeric": reached,

@@ -19,7 +19,7 @@ from bus.session import Bus
 from cell.nodes.process import freeze_gc, limit_malloc_arenas
 from config.load import load_station
 from drivers.node.node import Node
-from drivers.node.registry import open_devices
+from drivers.node.registry import open_node
 
 _PERIOD_S = 0.01
 _READY = "ready\n"
@@ -57,7 +57,7 @@ def _serve(name: str, overrides: list[str]) -> None:
     station = load_station(None, overrides)
     ended = threading.Event()
     with Bus.join(station.cell_id, station.bus.endpoint) as bus:
-        devices = open_devices(station.nodes[name].driver, station)
+        devices = open_node(name, station)
         node = Node(name, bus, devices, station)
         node.open()
         assert devices.arm is not None

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 else:
     np = LazyModule("numpy")
 
+ARM_JOINTS = (6, 7)
+"""An arm has six joints, or as the FR3 seven."""
+
 _BYTES_SCHEMA = {
     "type": "object",
     "properties": {
@@ -57,7 +60,9 @@ def _schema(shape: Shape) -> dict[str, Any]:
     lists: dict[str, Any] = {"type": "number"}
     for length in reversed(shape):
         lists = {"type": "array", "items": lists}
-        lists |= {} if length is None else {"minItems": length, "maxItems": length}
+        if length is not None:
+            least, most = length if isinstance(length, tuple) else (length, length)
+            lists |= {"minItems": least, "maxItems": most}
     return {"anyOf": [lists, _BYTES_SCHEMA]}
 
 
@@ -96,8 +101,8 @@ if TYPE_CHECKING:
     Mask = npt.NDArray[np.bool_]
     LabelImage = npt.NDArray[np.uint8]
 else:
-    Joints = array_of("float64", 7)  # [rad] or [rad/s] or [Nm], base to wrist
-    JointSamples = array_of("float64", None, 7)  # (n, 7), one row per sample
+    Joints = array_of("float64", ARM_JOINTS)  # [rad] or [rad/s] or [Nm], base to wrist
+    JointSamples = array_of("float64", None, ARM_JOINTS)  # (n, joints), one row per sample
     Samples = array_of("float64", None)
     Transform = array_of("float64", 4, 4)  # homogeneous; a_from_b maps b-coordinates to a
     Vector3 = array_of("float64", 3)

@@ -28,8 +28,8 @@ _PNG = b"\x89PNG\r\n\x1a\n"
 _PNG_SIZE = struct.Struct(">4sII")
 """The start of a PNG's first chunk, after its length: chunk name, width, height."""
 
-Shape = tuple[int | None, ...]
-"""Shape of a field; None stands for any length."""
+Shape = tuple[int | tuple[int, int] | None, ...]
+"""Shape of a field; None stands for any length, a pair for the least and the largest."""
 
 
 # --- arrays -----------------------------------------------------------------------------------------------------------
@@ -59,13 +59,21 @@ def unpack_array(value: Any, dtype: str, shape: Shape) -> npt.NDArray[Any]:
     """
     array = _from_bytes(value) if isinstance(value, dict) else np.asarray(value)
     if array.size == 0 and array.ndim == 1:
-        array = array.reshape([0 if wanted is None else wanted for wanted in shape])
-    fits = array.ndim == len(shape) and all(w is None or w == n for w, n in zip(shape, array.shape, strict=True))
+        array = array.reshape([0 if wanted is None else _between(wanted)[1] for wanted in shape])
+    fits = array.ndim == len(shape) and all(map(_fits, shape, array.shape))
     if not fits:
         raise ValueError(f"expected shape {shape} (None = any), got {array.shape}")
     if array.dtype.kind not in "fiu":
         raise ValueError("expected numbers only")
     return _as_type(array, dtype)
+
+
+def _between(wanted: int | tuple[int, int]) -> tuple[int, int]:
+    return wanted if isinstance(wanted, tuple) else (wanted, wanted)
+
+
+def _fits(wanted: int | tuple[int, int] | None, length: int) -> bool:
+    return wanted is None or _between(wanted)[0] <= length <= _between(wanted)[1]
 
 
 def _as_type(array: npt.NDArray[Any], dtype: str) -> npt.NDArray[Any]:

@@ -21,7 +21,7 @@ from google.protobuf.timestamp_pb2 import Timestamp
 from scipy.spatial.transform import Rotation
 
 from bus import topics
-from bus.arrays import Joints
+from bus.arrays import ARM_JOINTS, Joints
 from bus.errors import BadPayload
 from bus.messages import ArmState, CameraModel, Frame
 from bus.messages.frame_checks import LENSES
@@ -29,7 +29,7 @@ from bus.picture_header import require_picture
 from bus.transforms import from_wxyz
 
 _JPEG_QUALITY = 95
-_JOINTS = 7
+_FR3_JOINTS = 7
 _YEAR_10000_S = 253_402_300_800
 
 
@@ -164,9 +164,10 @@ def _matrix(transform: Any) -> npt.NDArray[np.float64]:
 def arm_state_to_wire(state: ArmState) -> bytes:
     """Return an arm state as the bytes of foxglove.JointStates (effort = external torque [Nm])."""
     message = JointStates(timestamp=stamp(state.stamp_ns))
-    for index in range(_JOINTS):
+    whose = "fr3_" if len(state.q_rad) == _FR3_JOINTS else ""
+    for index in range(len(state.q_rad)):
         message.joints.add(
-            name=f"fr3_joint{index + 1}",
+            name=f"{whose}joint{index + 1}",
             position=state.q_rad[index],
             velocity=state.dq_rad_s[index],
             effort=state.tau_ext_nm[index],
@@ -180,7 +181,7 @@ def arm_stamp_ns(payload: bytes) -> int:
 
 
 def arm_q_rad(payload: bytes) -> Joints:
-    """Return the measured positions (7,) of a published arm state. Raises: BadPayload when it is none or not finite."""
+    """Return the measured positions (n,) of a published arm state. Raises: BadPayload when it is none or not finite."""
     q_rad = np.array([joint.position for joint in arm_joints(payload).joints])
     if not np.isfinite(q_rad).all():
         raise BadPayload("An arm state holds a position that is no number.")
@@ -193,6 +194,7 @@ def arm_joints(payload: bytes) -> JointStates:
         said = JointStates.FromString(payload)
     except DecodeError as error:
         raise BadPayload(f"Not an arm state: {error}.") from error
-    if len(said.joints) != _JOINTS:
-        raise BadPayload(f"An arm state has {_JOINTS} joints, not {len(said.joints)}.")
+    least, most = ARM_JOINTS
+    if not least <= len(said.joints) <= most:
+        raise BadPayload(f"An arm state has {least} to {most} joints, not {len(said.joints)}.")
     return said

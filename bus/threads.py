@@ -56,6 +56,8 @@ class Role(StrEnum):
     """The rows of recorded cycles."""
     CLOCK = "clock"
     """The measurement of this process's starvation."""
+    END = "end"
+    """What a program left open, once its main thread has ended."""
     PROBE = "probe"
     """One check of the doctor, which may never return."""
 
@@ -80,17 +82,18 @@ def handled_by(handler: OnDefect) -> Iterator[None]:
 
 
 class OwnedThread:
-    """A daemon thread whose unforeseen end is logged and reported to every handler of `handled_by`.
+    """A thread whose unforeseen end is logged and reported to every handler of `handled_by`.
 
     Args:
         role: what it owns. ``of``: which one, where a process has several.
         run: its work; every exception that leaves it is a defect.
+        is_awaited: the process does not end before the thread; others are daemon threads.
     """
 
-    def __init__(self, role: Role, run: Callable[[], None], *, of: str = "") -> None:
+    def __init__(self, role: Role, run: Callable[[], None], *, of: str = "", is_awaited: bool = False) -> None:
         self.name = f"{role}-{of}" if of else str(role)
         self._run = run
-        self._thread = threading.Thread(target=self._guarded, name=self.name, daemon=True)
+        self._thread = threading.Thread(target=self._guarded, name=self.name, daemon=not is_awaited)
 
     def start(self) -> OwnedThread:
         """Start the thread and return itself."""

@@ -28,10 +28,10 @@ MAX_WINDOW = 1000
 
 
 def moving_average(samples: JointSamples, window: int) -> JointSamples:
-    """Filter ``samples`` (n, 7) with a causal box of ``window`` samples, at rest before and after.
+    """Filter ``samples`` (m, n) with a causal box of ``window`` samples, at rest before and after.
 
     Returns:
-        (n + window - 1, 7): starts at the first and ends at the last sample exactly.
+        (m + window - 1, n): starts at the first and ends at the last sample exactly.
     """
     first, last = samples[0], samples[-1]
     padded = np.concatenate(
@@ -51,7 +51,7 @@ class ContactGuard(Message):
     Attributes:
         begins_at: the tick of the filtered motion from which it is felt, to the end.
         limit_n: the force.
-        force_from_torque: (n, 7) [1/m] for evenly spaced ticks of that part: the force on the tcp against the motion
+        force_from_torque: (m, n) [1/m] for evenly spaced ticks of that part: the force on the tcp against the motion
             [N] for 1 Nm of external torque on each joint.
     """
 
@@ -67,10 +67,10 @@ class ContactGuard(Message):
 
 
 class Trajectory(Message):
-    """A timed motion of the seven joints, at rest at both ends.
+    """A timed motion of all joints, at rest at both ends.
 
     Attributes:
-        raw_q_rad: (n, 7) positions every `TICK_S`, before the filter.
+        raw_q_rad: (m, n) positions every `TICK_S`, before the filter.
         window: length of the moving average [samples]; 1 = no filter.
         waits_at: the tick of the filtered motion before which the arm rests, held, unless it was resumed; None = none.
         guard: where and at which force it stops when it meets something; None = nowhere.
@@ -93,12 +93,12 @@ class Trajectory(Message):
 
     @property
     def start_q_rad(self) -> Joints:
-        """Positions (7,) at the start."""
+        """Positions (n,) at the start."""
         return np.asarray(self.raw_q_rad[0])
 
     @property
     def end_q_rad(self) -> Joints:
-        """Positions (7,) at the end."""
+        """Positions (n,) at the end."""
         return np.asarray(self.raw_q_rad[-1])
 
     @property
@@ -107,5 +107,5 @@ class Trajectory(Message):
         return (len(self.raw_q_rad) + self.window - 2) * TICK_S
 
     def filtered(self) -> JointSamples:
-        """Return the commanded positions (m, 7), one every `TICK_S`."""
+        """Return the commanded positions (m, n), one every `TICK_S`."""
         return moving_average(self.raw_q_rad, self.window)

@@ -61,7 +61,7 @@ def running_cell(station: Station, observer: Observer) -> Iterator[Daemon]:
     """
     limit_malloc_arenas()
     for node in station.nodes.values():
-        registry.require(node.driver)
+        registry.GROUP.require(node.driver)
     robot, news = Robot(station), _News()
     faults = fault_injection.FaultInjection(station) if station.faults.allowed else None
     with ExitStack() as stack:

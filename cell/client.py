@@ -169,11 +169,19 @@ class Client:
 
     def release(self) -> None:
         """Give the lease back: other clients may command; motion that continues is held. Idempotent."""
-        self._given_back.set()
-        if self._heartbeat is not None:
-            self._heartbeat.join()
-            self._heartbeat = None
+        if self.end_heartbeat():
             self._bus.withdraw(topics.LEASE, name=self.client_id)
+
+    def end_heartbeat(self) -> bool:
+        """Say no more that this client runs, and return whether it did.
+
+        Its thread must have ended before the process does: one that publishes then takes the process down.
+        """
+        self._given_back.set()
+        heartbeat, self._heartbeat = self._heartbeat, None
+        if heartbeat is not None:
+            heartbeat.join()
+        return heartbeat is not None
 
     def fault(self, part: Part, fault: Fault, delay_s: float | None = None) -> None:
         """Inject a fault into a part of the cell.
@@ -303,7 +311,11 @@ def connect(station: Station, also: tuple[Topic, ...] = (), *, client_id: str = 
     """
     clock = clock_of(station)
     with Bus.join(station.cell_id, station.bus.endpoint, security=station.bus.zenoh, clock=clock) as bus:
-        yield Client(bus, station.bus.ask_timeout_s, also, client_id)
+        client = Client(bus, station.bus.ask_timeout_s, also, client_id)
+        try:
+            yield client
+        finally:
+            client.end_heartbeat()
 
 
 def client_name(what: str) -> str:

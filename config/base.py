@@ -55,7 +55,8 @@ Size = Annotated[float, Field(gt=0, le=10, allow_inf_nan=False)]
 """A length [m]."""
 SizeOrNone = Annotated[float, Field(ge=0, le=10, allow_inf_nan=False)]
 Vector = tuple[Metres, Metres, Metres]
-JointVector = tuple[Finite, Finite, Finite, Finite, Finite, Finite, Finite]
+JointVector = Annotated[tuple[Finite, ...], Field(min_length=6, max_length=7)]
+"""One number a joint: seven of the FR3, six of another arm."""
 UnitQuaternion = Annotated[tuple[Finite, Finite, Finite, Finite], AfterValidator(_unit)]
 """A rotation as a quaternion w, x, y, z."""
 Chunk = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]*$")]

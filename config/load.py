@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import hashlib
+import re
 import tomllib
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -11,6 +12,7 @@ from types import UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
 
 from bus.errors import ConfigError
 from config.base import UNSHOWN, is_unicode
@@ -18,9 +20,11 @@ from config.schema import Station
 from config.toml_file import parsed, read_text
 
 _LONGEST_GIVEN = 200
+MISSING = "is missing"
 DEFAULT_STATION = Path(__file__).with_name("sim.toml")
 _BESIDE_THE_FILE = (
     ("bus", "zenoh"),
+    ("robot", "urdf"),
     ("perception", "hosted", "key_file"),
     *(("http", name) for name in ("certificate", "key", "tokens")),
     *(("opcua", name) for name in ("certificate", "key", "trusted", "users")),
@@ -34,9 +38,18 @@ def load_station(path: Path | None = None, overrides: Iterable[str] = ()) -> Sta
         ConfigError: names the key and the accepted values.
     """
     file = path or DEFAULT_STATION
-    tree = parsed(read_text(file), str(file))
+    return station_from(tree_of(file, read_text(file)), overrides, source=str(file))
+
+
+def tree_of(file: Path, text: str) -> dict[str, Any]:
+    """Return the tree of the station file ``file``, whose content is ``text``; its paths are absolute.
+
+    Raises:
+        ConfigError: it is not valid TOML.
+    """
+    tree = parsed(text, str(file))
     _place(tree, file.absolute().parent)
-    return station_from(tree, overrides, source=str(file))
+    return tree
 
 
 def station_from(tree: dict[str, Any], overrides: Iterable[str] = (), *, source: str = "the station") -> Station:
@@ -53,7 +66,7 @@ def station_from(tree: dict[str, Any], overrides: Iterable[str] = (), *, source:
     try:
         return Station.model_validate(tree)
     except ValidationError as error:
-        raise ConfigError(*_explain(error, source)) from error
+        raise ConfigError(*_said(error, source)) from error
 
 
 def station_hash(station: Station) -> str:
@@ -124,25 +137,51 @@ def _plain(annotation: Any) -> list[Any]:
     return [type(one) for one in arguments] if origin is Literal else [annotation]
 
 
-def _explain(error: ValidationError, source: str) -> tuple[str, str]:
-    """Return the first error and the advice for it, for a person."""
+def _said(error: ValidationError, source: str) -> tuple[str, str]:
+    """Return the first mistake and the advice for it, for a person; ``source``: where it stands."""
     first = error.errors()[0]
-    where = ".".join(str(part) for part in first["loc"])
+    where, (text, advice) = ".".join(str(part) for part in first["loc"]), explained(first)
     if first["type"] == "extra_forbidden":
-        siblings = _keys_beside(first["loc"])
-        near = difflib.get_close_matches(str(first["loc"][-1]), siblings, n=1)
-        hint = f"Did you mean {near[0]!r}?" if near else f"Known here: {', '.join(siblings)}."
-        return f"Unknown key {where!r} in {source}.", hint
-    message = first["msg"].removeprefix("Value error, ")
-    if first["type"] == "missing" and isinstance(first["loc"][-1], int):
-        where, message = where.rpartition(".")[0], f"{len(first['input'])} numbers are too few"
-    given = repr(first.get("input"))
-    given = given if len(given) <= _LONGEST_GIVEN else given[:_LONGEST_GIVEN] + "..."
-    shown = "" if first["type"] == UNSHOWN else f" (given: {given})"
-    return (
-        f"{where or source}: {message}{shown}.",
-        "Correct it in the station file or with --set.",
-    )
+        return f"Unknown key {where!r} in {source}.", advice
+    if text == MISSING:
+        return f"{where} {text} in {source}.", advice
+    return f"{where or source}: {text}.", advice
+
+
+def explained(mistake: ErrorDetails) -> tuple[str, str]:
+    """Return what is wrong with one setting, without its name and without a full stop, and the advice for it."""
+    location, kind = mistake["loc"], mistake["type"]
+    if kind == "extra_forbidden":
+        near = difflib.get_close_matches(str(location[-1]), names := _keys_beside(location), n=1)
+        return "unknown key", f"Did you mean {near[0]!r}?" if near else f"Known here: {', '.join(names)}."
+    if kind == "missing" and not isinstance(location[-1], int):
+        return MISSING, f"Give it in [{table}]." if (table := named(location[:-1])) else "Give it."
+    text = mistake["msg"].removeprefix("Value error, ").replace("Input should be", "must be")
+    if kind == "missing":
+        text = f"{len(mistake['input'])} numbers are too few"
+    return f"{text}{_given(mistake)}", _corrected(mistake)
+
+
+def named(path: Sequence[int | str]) -> str:
+    """A table's or a setting's name: ``scene.bins.2.size_m`` is in the second of the bins."""
+    return ".".join(str(part + 1) if isinstance(part, int) else part for part in path)
+
+
+def _corrected(mistake: ErrorDetails) -> str:
+    """What to do about a value that cannot be: the word that was meant, if it is like one of those there are."""
+    given, words = mistake.get("input"), mistake.get("ctx", {}).get("expected", "")
+    if mistake["type"] == "literal_error" and isinstance(given, str):
+        near = difflib.get_close_matches(given, re.findall(r"'([^']*)'", words), n=1)
+        if near:
+            return f"Did you mean {near[0]!r}?"
+    return "Correct it in the station file or with --set."
+
+
+def _given(mistake: ErrorDetails) -> str:
+    if mistake["type"] == UNSHOWN:
+        return ""
+    given = repr(mistake.get("input"))
+    return f" (given: {given if len(given) <= _LONGEST_GIVEN else given[:_LONGEST_GIVEN] + '...'})"
 
 
 def _keys_beside(location: tuple[int | str, ...]) -> list[str]:

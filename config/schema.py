@@ -40,11 +40,11 @@ from config.hardware import FemtoMegaSettings, Fr3Settings, PandaHandSettings
 from config.http import HttpSettings
 from config.opcua import OpcuaSettings
 from config.place import NamedPlace
+from config.robot import RobotSettings, limits_of
 from config.target import Label, TargetSettings
 
 # Imported when a value is checked with them, so that a program that only sends "stop" does not wait for them.
 numpy: Any = LazyModule("numpy")
-limits: Any = LazyModule("config.limits")
 
 
 class RecordingSettings(Settings):
@@ -102,11 +102,17 @@ class RecordingSettings(Settings):
 
 
 class NodeSettings(Settings):
-    """A driver node: its driver, the devices it serves, and whether the daemon runs it."""
+    """A driver node: its driver, the devices it serves, and whether the daemon runs it.
+
+    Attributes:
+        driver: `cell drivers` lists those there are. ``settings``: of another package's driver, which checks them
+            itself, in its node.
+    """
 
     driver: str
     run: Literal["here", "elsewhere"] = "here"
     serves: tuple[Literal["camera", "arm", "hand"], ...]
+    settings: dict[str, Any] = Field(default_factory=dict)
 
 
 class CameraSettings(Settings):
@@ -155,15 +161,6 @@ class ArmSettings(Settings):
     speed: Annotated[float, Field(gt=0, le=1)] = 1.0
     start_tolerance_rad: Annotated[Positive, Field(le=1)] = 0.02
     rest_s: Seconds = 20.0
-
-    @field_validator("capture_q_rad")
-    @classmethod
-    def _within_the_joints_range(cls, q_rad: JointVector) -> JointVector:
-        q = numpy.array(q_rad)
-        beyond = limits.outside(q) or limits.stuck(q)
-        if beyond is not None:
-            raise ValueError(beyond)
-        return q_rad
 
 
 class HandSettings(Settings):
@@ -457,7 +454,7 @@ class PerceptionSettings(Settings):
     detector: str = "vlad"
     """Finds the grasps: ``vlad`` is ours; other packages bring others (docs/extend.md), `cell detectors` lists them."""
     settings: dict[str, Any] = Field(default_factory=dict)
-    """Of another package's detector, which checks them itself."""
+    """Of another package's detector, or else of another package's goal-image model, which checks them itself."""
     detector_deadline_s: Seconds = 30.0
     """The longest that another package's detector may take for a scene; beyond it the cycle ends with DETECTOR_TIMEOUT.
     """
@@ -679,6 +676,7 @@ class Station(Settings):
     nodes: dict[Chunk, NodeSettings] = Field(min_length=1)
     camera: CameraSettings = CameraSettings()
     capture: CaptureSettings = CaptureSettings()
+    robot: RobotSettings | None = None
     arm: ArmSettings = ArmSettings()
     hand: HandSettings = HandSettings()
     scene: SceneSettings = SceneSettings()
@@ -703,6 +701,24 @@ class Station(Settings):
         served = [device for node in self.nodes.values() for device in node.serves]
         if sorted(served) != ["arm", "camera", "hand"]:
             raise ValueError(f"nodes must serve camera, arm and hand exactly once each; they serve {sorted(served)}")
+        return self
+
+    @model_validator(mode="after")
+    def _describes_the_arm_that_is_there(self) -> Station:
+        if self.robot is not None and any(node.driver == "fr3" for node in self.nodes.values()):
+            raise ValueError("robot describes another arm than the driver fr3's: leave [robot] out")
+        return self
+
+    @model_validator(mode="after")
+    def _captures_within_the_joints_range(self) -> Station:
+        if self.robot is None and "capture_q_rad" not in self.arm.model_fields_set:
+            return self  # the default is the FR3's, and checking it would import NumPy
+        q, range_ = numpy.array(self.arm.capture_q_rad), limits_of(self)
+        if len(q) != range_.joints:
+            raise ValueError(f"arm.capture_q_rad has {len(q)} numbers, and the arm {range_.joints} joints")
+        beyond = range_.outside(q) or range_.stuck(q)
+        if beyond is not None:
+            raise ValueError(f"arm.capture_q_rad: {beyond}")
         return self
 
     @model_validator(mode="after")

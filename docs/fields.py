@@ -5,14 +5,10 @@ The meaning is read from the class's own docstring (its ``Attributes:``) and fro
 
 from __future__ import annotations
 
-import ast
-import inspect
 import json
 import re
-import textwrap
 from collections.abc import Callable, Iterator, Sequence
 from enum import Enum
-from itertools import pairwise
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin
@@ -20,6 +16,8 @@ from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_ori
 from pydantic import BaseModel, WithJsonSchema
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
+
+from config.field_docs import meanings, summary
 
 _SIMPLE: dict[Any, str] = {
     str: "string",
@@ -41,9 +39,6 @@ _BOUNDS = {
     "max_length": "at most {} long",
     "pattern": "`{}`",
 }
-_ENTRY = re.compile(r"(?:^|(?<=[.;] ))(``)?(\w+(?:(?:``)?, (?:``)?\w+)*)(?(1)``): ")
-"""How a docstring begins to speak of fields: ``one, another: ``, or each in backquotes in the middle of a line."""
-
 Named = Callable[[type], str]
 """How a page shows a message or an enumeration that is the type of a field."""
 
@@ -60,9 +55,7 @@ class Row(NamedTuple):
 
 def lead(model: type[BaseModel]) -> str:
     """What the class's docstring says before it speaks of its fields, as Markdown."""
-    text = " ".join(_docstring(model).split("\n\nAttributes:")[0].split())
-    first = next((mark.start() for mark in _marks(text, model)), len(text))
-    return markdown(text[:first].rstrip(" ;"))
+    return markdown(summary(model))
 
 
 def rows(model: type[BaseModel], named: Named, given: BaseModel | None = None) -> Iterator[Row]:
@@ -71,7 +64,7 @@ def rows(model: type[BaseModel], named: Named, given: BaseModel | None = None) -
     Args:
         given: the default of the whole, whose values are the defaults of its fields.
     """
-    texts = {**_said_above(model), **_said_below(model)}
+    texts = meanings(model)
     for name, field in model.model_fields.items():
         shown = type_in_words(field.annotation, named, field.metadata)
         default = _default(field) if given is None else as_json(getattr(given, name))
@@ -118,7 +111,8 @@ def _array(schema: dict[str, Any]) -> str:
         return "PNG image" if "png" in schema.get("properties", {}) else "bytes in base64"
     lengths, of = [], schema["anyOf"][0]
     while of["type"] == "array":
-        lengths.append(str(of.get("minItems", "n")))
+        least, most = of.get("minItems", "n"), of.get("maxItems", "n")
+        lengths.append(str(least) if least == most else f"({least} to {most})")
         of = of["items"]
     return f"array {' x '.join(lengths)}"
 
@@ -144,52 +138,3 @@ def as_json(value: Any) -> str:
     if isinstance(value, tuple):
         return f"[{', '.join(as_json(one) for one in value)}]"
     return json.dumps(str(value) if isinstance(value, (Enum, Path)) else value)
-
-
-# --- words ------------------------------------------------------------------------------------------------------------
-
-
-def _docstring(model: type[BaseModel]) -> str:
-    """The class's, or that of the generic class which it was made of."""
-    return inspect.cleandoc(next(base.__doc__ for base in model.__mro__ if base.__doc__) or "")
-
-
-def _said_above(model: type[BaseModel]) -> dict[str, str]:
-    """By field: what the class's docstring says of it under ``Attributes:``, or elsewhere in the same form."""
-    said: dict[str, str] = {}
-    for paragraph in _docstring(model).split("\n\n"):
-        for entry in re.split(r"\n(?=\S)", textwrap.dedent(paragraph.removeprefix("Attributes:\n"))):
-            text = " ".join(entry.split())
-            marks = _marks(text, model)
-            for mark, end in zip(marks, [*(one.start() for one in marks[1:]), len(text)][: len(marks)], strict=True):
-                said |= dict.fromkeys(_names(mark), text[mark.end() : end].strip().rstrip(";"))
-    return said
-
-
-def _marks(text: str, model: type[BaseModel]) -> list[re.Match[str]]:
-    """Where a text begins to speak of fields."""
-    found = _ENTRY.finditer(text)
-    return [mark for mark in found if all(name in model.model_fields for name in _names(mark))]
-
-
-def _names(mark: re.Match[str]) -> list[str]:
-    return mark[2].replace("``", "").split(", ")
-
-
-def _said_below(model: type[BaseModel]) -> dict[str, str]:
-    """By field: the docstring that stands below it."""
-    body, said = _body(model), {}
-    for field, below in pairwise(body):
-        match field, below:
-            case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(text))):
-                said[name] = " ".join(text.split())
-    return said
-
-
-def _body(model: type[BaseModel]) -> list[ast.stmt]:
-    """The statements of the class as it is written; none of one that was made of a generic class."""
-    try:
-        (tree,) = ast.parse(textwrap.dedent(inspect.getsource(model))).body
-    except (OSError, TypeError):
-        return []
-    return tree.body if isinstance(tree, ast.ClassDef) else []

@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 from playwright.sync_api import Page, ViewportSize, expect, sync_playwright
 
-from benchmarks.free_port import free_port
+from bus.free_port import free_port
 
 HERE = Path(__file__).parent
 PICTURES = {"page": (1400, 1240), "page_phone": (390, 844)}

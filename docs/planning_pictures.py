@@ -14,13 +14,14 @@ import mujoco
 
 from bus.messages import Detections, PickPlan
 from bus.trajectory import TICK_S, Trajectory
-from config.limits import limit_shares
+from config.limits import FR3, limit_shares
 from config.load import station_from
 from config.schema import Box, Station
 from docs.chart import FAINT, Array, Chart, Image, Rgb, blank
 from drivers.motion.stream import Stream
 from drivers.sim.optics import FOVY_DEG, hand_from_cameras
-from drivers.sim.scene import ARM_JOINTS, compose
+from drivers.sim.robot import arm_joints
+from drivers.sim.scene import compose
 from logs.mcap.reader import CycleRecord, read_cycle
 from logs.report.figures import JOINT_COLORS
 from perception.scene.surroundings import surroundings
@@ -57,7 +58,7 @@ def motions(plan: PickPlan, robot: Robot, station: Station) -> Image:
     model = compose(station, {}, hand_from_cameras(station), FOVY_DEG).compile()
     data = mujoco.MjData(model)
     before = plan.segments[0].trajectory.raw_q_rad
-    for joint, q in zip(ARM_JOINTS, before[int(0.6 * len(before))], strict=True):
+    for joint, q in zip(arm_joints(station), before[int(0.6 * len(before))], strict=True):
         data.joint(joint).qpos[:] = q
     mujoco.mj_forward(model, data)
     camera = mujoco.MjvCamera()
@@ -171,7 +172,7 @@ def _hold(plan: PickPlan) -> None:
 
 def _held(trajectory: Trajectory) -> Array:
     """The commands (n, 7) of a stream that is held at 40 % of the way and resumed 0.7 s later."""
-    stream = Stream(trajectory)
+    stream = Stream(trajectory, FR3)
     commands: list[Array] = []
     at = int(0.4 * len(trajectory.raw_q_rad))
     while True:

@@ -93,7 +93,7 @@ _FILES = """\
 |---|---|
 | `station.json` | The whole station, defaults included: a replay runs with it. |
 | `calibration.json` | Where the camera sits in the hand. |
-| `model/fr3.urdf` | The robot, for 3-D viewers. |
+| `model/fr3.urdf` | The robot, for 3-D viewers; `model/robot.urdf` where the station has `[robot]`. |
 | `prompts/NN-STEP.txt`, `replies/NN-STEP.txt` | What the goal-image model was asked and what it said, call by call. |
 | `goal_images/NN-STEP.png` | What it drew, exactly as it came; hosted models only. |
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from enum import Enum
 from pathlib import Path
+from types import NoneType, UnionType
 from typing import Any, get_args, get_origin
 
 from pydantic import BaseModel
@@ -17,6 +18,9 @@ _UNITS = {
     "nm_rad": "Nm/rad",
     "kg_m2": "kg m²",
     "m_s": "m/s",
+    "rad_s": "rad/s",
+    "rad_s2": "rad/s²",
+    "rad_s3": "rad/s³",
     "usd_per_million_input_tokens": "USD",
     "usd_per_million_output_tokens": "USD",
     "usd_per_image": "USD",
@@ -61,7 +65,7 @@ def _inner(model: type[BaseModel]) -> dict[str, tuple[type[BaseModel], str]]:
     """The tables inside a table: what each is of, and how its head is written."""
     found = {}
     for name, field in model.model_fields.items():
-        kind, form = field.annotation, "[{}]"
+        kind, form = _without_none(field.annotation), "[{}]"
         if get_origin(kind) is dict:
             kind, form = get_args(kind)[1], "[{}.NAME]"
         elif get_origin(kind) is tuple and get_args(kind)[1:] == (...,):
@@ -69,6 +73,12 @@ def _inner(model: type[BaseModel]) -> dict[str, tuple[type[BaseModel], str]]:
         if isinstance(kind, type) and issubclass(kind, BaseModel):
             found[name] = (kind, form)
     return found
+
+
+def _without_none(kind: Any) -> Any:
+    """The one type of ``TYPE | None``."""
+    kinds = [one for one in get_args(kind) if one is not NoneType] if get_origin(kind) is UnionType else []
+    return kinds[0] if len(kinds) == 1 else kind
 
 
 def _title(path: str) -> str:
@@ -98,9 +108,17 @@ _HEAD = """\
 
 A station is one TOML file: `cell start --config FILE.toml`. What it leaves out has the default below; an unknown key is
 an error. `--set key=value` overrides one setting, as in `--set sim.pace=1` or `--set perception.target.text="the cup"`.
-`cell config --config FILE.toml` prints the whole station as it counts, `cell doctor` checks it against the machine.
-[config/sim.toml](../config/sim.toml) is the smallest file, [config/lab.toml](../config/lab.toml) the one to copy for
-real devices: it says how to find each value.
+[config/sim.toml](../config/sim.toml) is the smallest file; [config/lab.toml](../config/lab.toml) says for real devices
+how to find each value.
+
+| what you want | command |
+|---|---|
+| a new file, with only what one must decide | `cell config new mine.toml` (`--simulated`) |
+| is it right? every mistake with its line and what to do | `cell config check mine.toml` |
+| what counts, and where it comes from | `cell config show -c mine.toml`; only that: `cell config show verify` |
+| what differs from another | `cell config diff a.toml b.toml` |
+| an editor that knows every setting | `cell config schema > station.schema.json`; `#:schema` of `--help` |
+| does it fit this machine and its devices? | `cell doctor -c mine.toml` |
 
 A list is written `[0.1, 0.2]`; `3 x number` is one of three numbers. A setting whose default is *none* is left out to
 have none. Frames: [frames.md](frames.md).

@@ -32,7 +32,7 @@ class Camera(Protocol):
 
 @runtime_checkable
 class Arm(Protocol):
-    """A seven-joint arm that plays sampled trajectories."""
+    """An arm that plays sampled trajectories."""
 
     def connect(self) -> None:
         """Open the arm. Raises: DriverUnavailable."""

@@ -42,7 +42,7 @@ _NOT_AGAIN = (topics.EVENT.key, topics.VIEW_LOG.key)
 """
 _LOOK_S, _CLOSE_PATIENCE_S = 0.1, 2.0
 _MOST_WARNED = 100
-_TF_PARTS = ("color", "fr3_link0")
+_TF_PARTS = ("color", "fr3_link0", "link0")
 """The first child frame of each kind of message on `topics.TF`."""
 _JSON = {"jsonschema": "json"}
 

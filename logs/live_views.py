@@ -64,7 +64,7 @@ class Views:
     """Draws results as Foxglove messages.
 
     Args:
-        base_from_tcp: the arm's forward kinematics: (7,) [rad] to (4, 4).
+        base_from_tcp: the arm's forward kinematics: (joints,) [rad] to (4, 4).
     """
 
     def __init__(self, base_from_tcp: Callable[[Joints], Transform]) -> None:

@@ -30,7 +30,7 @@ class Curve:
     """A smooth joint path.
 
     Attributes:
-        at_rad: arc lengths (n,), evenly spaced. ``points_rad``: (n, 7); its ends are the path's ends exactly.
+        at_rad: arc lengths (n,), evenly spaced. ``points_rad``: (n, joints); its ends are the path's ends exactly.
         bends: first and last row of every rounded corner; outside of them the curve is the path itself.
     """
 
@@ -43,7 +43,7 @@ def blended(pieces: Sequence[JointSamples], share: float = CORNER_SHARE) -> Curv
     """Return the path through ``pieces`` with its corners rounded.
 
     Args:
-        pieces: each (m, 7), beginning where the one before ends; 2 rows are a straight joint line, more lie on a
+        pieces: each (m, joints), beginning where the one before ends; 2 rows are a straight joint line, more lie on a
             smooth curve.
         share: of the shorter neighbour of each corner; 0 leaves the corners unchanged.
     """
@@ -86,8 +86,9 @@ def _half_width(at: Array, ends: Array, share: float) -> Array:
 def _averaged(s: Array, q: JointSamples, at: Array, width: Array) -> JointSamples:
     """Return triangular averages of the polyline ``q(s)`` over ``at`` +- ``width``, from its second antiderivative."""
     ds = np.diff(s)[:, None]
-    first = np.concatenate([np.zeros((1, 7)), np.cumsum(ds * (q[1:] + q[:-1]) / 2, axis=0)])
-    second = np.concatenate([np.zeros((1, 7)), np.cumsum(ds * first[:-1] + ds**2 * (2 * q[:-1] + q[1:]) / 6, axis=0)])
+    none = np.zeros((1, q.shape[1]))
+    first = np.concatenate([none, np.cumsum(ds * (q[1:] + q[:-1]) / 2, axis=0)])
+    second = np.concatenate([none, np.cumsum(ds * first[:-1] + ds**2 * (2 * q[:-1] + q[1:]) / 6, axis=0)])
     slope = np.diff(q, axis=0) / ds
 
     def antiderivative(x: Array) -> Array:

@@ -37,12 +37,13 @@ class CalmTcp(LinearConstraint):  # type: ignore[misc]
         at = np.linspace(0, len(curve.at_rad) - 1, min(_SAMPLES, len(curve.at_rad))).astype(int)
         places_m = np.array([robot.base_from_tcp(q)[:3, 3] for q in curve.points_rad[at]])
         self._tcp_m = CubicSpline(curve.at_rad[at], places_m)
+        self._joints = robot.arm.limits.joints
         self._most_m_s2 = _NORM_OVER * most_m_s2
         self.identical = True
 
     def get_dof(self) -> int:
         """Return the number of joints."""
-        return 7
+        return self._joints
 
     def compute_constraint_params(self, _path: Any, gridpoints: Array, *_: Any) -> tuple[Any, ...]:
         """Return toppra's (a, b, c, F, g, ubound, xbound) at arc lengths (n,) [rad]."""

@@ -13,8 +13,8 @@ from bus.messages import Grasp
 from bus.transforms import apply
 from config.franka_hand import FINGER_TIP_M, FINGER_TIP_SIZE_M
 from config.schema import Station
+from planning.arm import Arm, cost
 from planning.infeasible import Infeasible
-from planning.kinematics import branches, cost, limit_distance_rad, q7_grid
 from planning.robot import flange_pose
 from planning.scene import FINGER_CLEARANCE_M
 from planning.search import LIMIT_MARGIN_RAD
@@ -79,19 +79,17 @@ def grasp_pose(approach: Approach, station: Station) -> Transform:
     return _off_the_table(np.asarray(grasp.base_from_tcp) @ turn, grasp.opening_m, station)
 
 
-def configurations(poses: Sequence[Transform], q_from_rad: Joints) -> Iterator[tuple[Joints, Transform]]:
-    """Yield (q_rad (7,), pose) for every arm configuration that brings the tcp to one of ``poses``, cheapest first.
+def configurations(arm: Arm, poses: Sequence[Transform], q_from_rad: Joints) -> Iterator[tuple[Joints, Transform]]:
+    """Yield (q_rad (n,), pose) for every arm configuration that brings the tcp to one of ``poses``, cheapest first.
 
     Configurations near a joint limit are left out.
 
     Args:
         poses: ``base_from_tcp``, each (4, 4).
-        q_from_rad: (7,) start, from which the cost counts.
+        q_from_rad: (joints,) start, from which the cost counts.
     """
-    every = branches(flange_pose(np.stack(poses))[:, None], q7_grid())
-    kept = limit_distance_rad(every) >= LIMIT_MARGIN_RAD
-    q, owner = every[kept], np.nonzero(kept)[0]
-    for index in np.argsort(cost(q_from_rad, q), kind="stable"):
+    q, owner = arm.solutions(flange_pose(np.stack(poses)), LIMIT_MARGIN_RAD)
+    for index in np.argsort(cost(arm, q_from_rad, q), kind="stable"):
         yield q[index], poses[owner[index]]
 
 

@@ -16,7 +16,7 @@ _SEARCHED_TILT_RAD = np.radians(25.0)
 
 
 def keeps_level(robot: Robot, q_from_rad: Joints, q_to_rad: Joints) -> bool:
-    """Whether the straight joint line between two configurations (7,) keeps within the dip (20 mm) and tilt limits."""
+    """Whether the straight joint line between two configurations (n,) keeps within the dip (20 mm) and tilt limits."""
     poses = np.stack([robot.base_from_tcp(q) for q in np.linspace(q_from_rad, q_to_rad, 11)])
     heights_m, axes = poses[:, 2, 3], poses[:, :3, 2]
     turned = np.arccos(np.clip(axes @ axes[0], -1.0, 1.0))
@@ -25,7 +25,7 @@ def keeps_level(robot: Robot, q_from_rad: Joints, q_to_rad: Joints) -> bool:
 
 
 def within_max_tilt(robot: Robot, q_from_rad: Joints, q_to_rad: Joints) -> Callable[[Joints], bool]:
-    """Return a check whether a configuration (7,) tilts the hand at most 25° more than the two ends of a path do."""
+    """Return a check whether a configuration (n,) tilts the hand at most 25° more than the two ends of a path do."""
     lowest = max(robot.base_from_tcp(q)[2, 2] for q in (q_from_rad, q_to_rad))
     bound = np.cos(min(np.pi, np.arccos(np.clip(-lowest, -1.0, 1.0)) + _SEARCHED_TILT_RAD))
 

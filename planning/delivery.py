@@ -32,7 +32,7 @@ def view_configuration(scene: Scene, object_m: Array) -> Joints:
     for aside_m in station.verify.look_aside_m:
         shift_m = np.append(object_m[:2] + aside_m - camera_m, 0.0)
         pose = shifted(robot.base_from_tcp(capture_q), shift_m)
-        for q, _ in islice(configurations([pose], capture_q), _EXAMINED):
+        for q, _ in islice(configurations(robot.arm, [pose], capture_q), _EXAMINED):
             if scene.collision(q, None) is None:
                 return q
     return capture_q
@@ -42,14 +42,14 @@ def view_configuration(scene: Scene, object_m: Array) -> Joints:
 
 
 def carry_to_view(holding: Scene, grasp: Grasp, lift_rad: JointSamples, view_q: Joints) -> Segment:
-    """Plan the way up the lift line (n, 7) and to the viewpoint (7,). Raises: Infeasible."""
+    """Plan the way up the lift line (n, joints) and to the viewpoint (joints,). Raises: Infeasible."""
     may = within_max_tilt(holding.robot, lift_rad[-1], view_q)
     way = connect(holding, lift_rad[-1], [view_q], grasp.width_m, may)
     return _carry(holding, grasp, lift_rad, way)
 
 
 def place_and_home(holding: Scene, grasp: Grasp, base_from_tcp: Transform, view_q: Joints) -> tuple[Segment, Segment]:
-    """Plan the way from the viewpoint (7,) above the tray and down, and the one home. Raises: Infeasible."""
+    """Plan the way from the viewpoint (joints,) above the tray and down, and the one home. Raises: Infeasible."""
 
     def make(way: Way, above: Pregrasp) -> tuple[Segment, Segment]:
         place = motion("place", way, [*way.lines(), above.line_rad], holding, grasp.width_m)
@@ -64,10 +64,10 @@ def place_and_home(holding: Scene, grasp: Grasp, base_from_tcp: Transform, view_
 def carry_to_tray(
     holding: Scene, grasp: Grasp, base_from_tcp: Transform, lift_rad: JointSamples, view_q: Joints
 ) -> tuple[Segment, Pregrasp]:
-    """Plan the way up the lift line (n, 7) and above the tray, and return where it ends. Raises: Infeasible.
+    """Plan the way up the lift line (n, joints) and above the tray, and return where it ends. Raises: Infeasible.
 
     Args:
-        view_q: (7,) the viewpoint, to which the object may have to go from there.
+        view_q: (joints,) the viewpoint, to which the object may have to go from there.
     """
 
     def make(way: Way, above: Pregrasp) -> tuple[Segment, Pregrasp]:
@@ -84,7 +84,7 @@ def lower_and_home(holding: Scene, grasp: Grasp, above: Pregrasp) -> tuple[Segme
 
 
 def aside_and_return(holding: Scene, grasp: Grasp, above: Pregrasp, view_q: Joints) -> tuple[Segment, Segment]:
-    """Plan the way from above the tray to the viewpoint (7,), and the same way back. Raises: Infeasible."""
+    """Plan the way from above the tray to the viewpoint (joints,), and the same way back. Raises: Infeasible."""
     may = within_max_tilt(holding.robot, above.q_rad, view_q)
     way = connect(holding, above.q_rad, [view_q], grasp.width_m, may)
     back = Way(0, way.route, way.points_rad[::-1])

@@ -19,7 +19,7 @@ _STANDS_ON = ("link 0", "table")
 
 
 def distances(robot: Robot, path_rad: JointSamples, width_m: float) -> tuple[list[tuple[str, str]], Array]:
-    """Return (part, box) of every pair, and their distances (n, pairs) [m] along a path (n, 7); negative = overlap."""
+    """Return (part, box) of every pair, and their distances (n, pairs) [m] along a path; negative = overlap."""
     parts, boxes = robot.hulls, scene_boxes(robot.station.scene)
     solids = [(box.name, coal.Box(*box.size_m), coal.Transform3s(np.eye(3), np.array(box.center_m))) for box in boxes]
     pairs = [(part, solid) for part, solid in product(parts, solids) if (part_name(part.name), solid[0]) != _STANDS_ON]

@@ -49,7 +49,7 @@ def closes_within_m(robot: Robot, grasp_q_rad: Joints, top_m: float | None) -> f
     which the grasp holds the thing; they also must be below its top.
 
     Args:
-        grasp_q_rad: (7,) the arm at the grasp.
+        grasp_q_rad: (joints,) the arm at the grasp.
         top_m: highest point of the thing in ``base``; None = unknown.
     """
     pose = robot.base_from_tcp(grasp_q_rad)
@@ -61,7 +61,7 @@ def closes_within_m(robot: Robot, grasp_q_rad: Joints, top_m: float | None) -> f
 
 
 def way_back(station: Station, commanded_q_rad: JointSamples) -> Trajectory:
-    """Return the motion back along all of what was commanded (n, 7), to where it began.
+    """Return the motion back along all of what was commanded (n, joints), to where it began.
 
     Where the arm braked and went back a little, it does not go there again.
 
@@ -79,7 +79,7 @@ def joined(robot: Robot, station: Station, carry: Trajectory, q_rad: Joints) -> 
     The difference fades out on the lift line, so that the tcp stays between that line and the approach line.
 
     Args:
-        q_rad: (7,) where the arm is.
+        q_rad: (joints,) where the arm is.
 
     Raises:
         CycleFailure: MOTION_REFUSED, as `planning.timing.timed`.
@@ -93,14 +93,14 @@ def joined(robot: Robot, station: Station, carry: Trajectory, q_rad: Joints) -> 
 
 
 def lifted_at(robot: Robot, station: Station, commands: JointSamples) -> int:
-    """Return the tick of a carry's ``commands`` (n, 7) at which it is on its planned way again, on the lift line."""
+    """Return the tick of a carry's ``commands`` (m, n) at which it is on its planned way again, on the lift line."""
     lifted_m = np.array([robot.base_from_tcp(q)[:3, 3] for q in commands[::_EVERY_TICKS]])
     far = np.linalg.norm(lifted_m - lifted_m[0], axis=1) >= _FADE * station.planning.lift_m
     return int(np.argmax(far)) * _EVERY_TICKS if far.any() else len(commands) - 1
 
 
 def _curve(path_rad: JointSamples) -> Curve:
-    """Return the curve through ``path_rad`` (n, 7), with evenly spaced points."""
+    """Return the curve through ``path_rad`` (n, joints), with evenly spaced points."""
     steps = np.linalg.norm(np.diff(path_rad, axis=0), axis=1)
     moved = np.concatenate([[True], steps > _STILL_RAD])
     at = np.concatenate([[0.0], np.cumsum(steps)])[moved]

@@ -46,7 +46,7 @@ class Sight:
     Attributes:
         points_base: (H, W, 3) [m] in ``base``, NaN = no depth; neighbours on one surface are nearer than a cell.
         target: (H, W) the object to be grasped.
-        q_rad: (7,) where the arm stood, which may be in sight itself; None = it is not.
+        q_rad: (joints,) where the arm stood, which may be in sight itself; None = it is not.
     """
 
     points_base: Points

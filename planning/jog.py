@@ -31,14 +31,14 @@ def jog(scene: Scene, q_rad: Joints, width_m: float, shift_m: Vector3, speed_m_s
     Where the arm is nearer than 3 mm to a known box, the step may lead away from it, with every distance growing.
 
     Args:
-        q_rad: (7,) where the arm rests. ``width_m``: measured opening of the hand.
+        q_rad: (joints,) where the arm rests. ``width_m``: measured opening of the hand.
         shift_m: (3,) in ``base``. ``speed_m_s``: the tcp is never faster.
 
     Raises:
         CycleFailure: COLLISION, naming the pair; UNREACHABLE; MOTION_REFUSED.
     """
     base_from_tcp = scene.robot.base_from_tcp(q_rad)
-    line = tcp_line(q_rad, base_from_tcp, shift_m)
+    line = tcp_line(scene.robot.arm, q_rad, base_from_tcp, shift_m)
     if line is None:
         raise CycleFailure(Code.UNREACHABLE, "The arm does not reach on in that direction: a limit, or its stretch.")
     path = CubicSpline(np.linspace(0.0, 1.0, len(line)), line)
@@ -48,7 +48,9 @@ def jog(scene: Scene, q_rad: Joints, width_m: float, shift_m: Vector3, speed_m_s
         share = times_s / lasts_s
         return np.asarray(path(share**3 * (10 - 15 * share + 6 * share**2)))
 
-    trajectory = within_limits(sampler, lasts_s, (line[0], line[-1]), scene.station.planning.window_ms)
+    trajectory = within_limits(
+        scene.robot.arm.limits, sampler, lasts_s, (line[0], line[-1]), scene.station.planning.window_ms
+    )
     commands = trajectory.filtered()
     collision = scene.gate(commands, width_m)
     if collision is not None:

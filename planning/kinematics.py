@@ -12,7 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from bus.arrays import Joints, JointSamples, Transform
-from config.limits import ACCELERATION_RAD_S2, LOWER_RAD, UPPER_RAD, velocity_bounds
+from config.limits import FR3, LOWER_RAD, UPPER_RAD
+from planning.arm import limit_distance_rad
 
 Array = npt.NDArray[np.float64]
 
@@ -32,8 +33,42 @@ _DH = (
 )
 """(a [m], alpha [rad], d [m]) of each joint."""
 
+_MAX_LINE_STEP_RAD = 0.25
 _BEND = np.arctan2(D3, A4) + np.arctan2(D5, A4)  # angle S-elbow-W of the straight arm (q4 = 0)
 _UPPER_ARM, _FOREARM = np.hypot(D3, A4), np.hypot(D5, A4)
+
+
+class ClosedForm:
+    """The FR3 as planning asks for it (`planning.arm.Arm`): q7 is tried all over its range, and kept on a line."""
+
+    limits = FR3
+
+    def solutions(self, base_from_flange: Array, margin_rad: float) -> tuple[JointSamples, npt.NDArray[np.int64]]:
+        """Return configurations (k, 7) of the poses (p, 4, 4), and each one's pose (k,). See `planning.arm.Arm`."""
+        every = branches(base_from_flange[:, None], q7_grid())
+        kept = limit_distance_rad(FR3, every) >= margin_rad
+        return every[kept], np.nonzero(kept)[0]
+
+    def line(self, q_from_rad: Joints, base_from_flange: Array) -> JointSamples | None:
+        """Return the path (m, 7) through the poses (m, 4, 4), each step to the nearest branch; None without one."""
+        q_rad = [q_from_rad]
+        for options in branches(base_from_flange, q_from_rad[6])[1:]:
+            step = np.abs(options - q_rad[-1]).max(axis=1)
+            step[np.isnan(step)] = np.inf
+            nearest = int(np.argmin(step))
+            if step[nearest] > _MAX_LINE_STEP_RAD:
+                return None
+            q_rad.append(options[nearest])
+        line = np.array(q_rad)
+        inside = ((line >= LOWER_RAD) & (line <= UPPER_RAD)).all()
+        return line if inside else None
+
+    def manipulability(self, q_rad: JointSamples) -> Array:
+        """Return Yoshikawa's measure (k,) of the flange; 0 = singular."""
+        return manipulability(q_rad)
+
+
+FR3_ARM = ClosedForm()
 
 
 def q7_grid(count: int = 61) -> Array:
@@ -128,33 +163,6 @@ def _shoulder(x4: Array, y4: Array, z4: Array, q4: Array) -> tuple[Array, Array,
     y2 = np.stack([-sin1, cos1, zero], axis=-1)
     x3 = x3[..., None, :]
     return q1, q2, np.arctan2(_dot(y2, x3), _dot(x2, x3))
-
-
-def rest_to_rest_s(q_from_rad: Array, q_to_rad: Array) -> Array:
-    """Return the shortest time (...) [s] of a joint motion (..., 7) from rest to rest within speed and acceleration."""
-    distance = np.abs(q_to_rad - q_from_rad)
-    speed = velocity_bounds((LOWER_RAD + UPPER_RAD) / 2)[1]
-    ramp = speed**2 / ACCELERATION_RAD_S2
-    short, long = 2 * np.sqrt(distance / ACCELERATION_RAD_S2), distance / speed + speed / ACCELERATION_RAD_S2
-    return np.asarray(np.where(distance < ramp, short, long).max(axis=-1))
-
-
-def limit_distance_rad(q_rad: Array) -> Array:
-    """Return the distance (...) of the nearest joint of (..., 7) to its position limit; negative outside.
-
-    It is NaN where ``q_rad`` is.
-    """
-    return np.asarray(np.minimum(q_rad - LOWER_RAD, UPPER_RAD - q_rad).min(axis=-1))
-
-
-def cost(q_from_rad: Joints, q_rad: JointSamples) -> Array:
-    """Return the cost (k,) of solutions (k, 7), lower is better.
-
-    It is the shortest travel time [s] plus penalties near singularities and near position limits.
-    """
-    singular = np.maximum(0.0, 0.06 - manipulability(q_rad)) / 0.06
-    near_limit = np.maximum(0.0, 0.1 - limit_distance_rad(q_rad)) / 0.1
-    return np.asarray(rest_to_rest_s(q_from_rad, q_rad) + 0.3 * singular + 0.3 * near_limit)
 
 
 def manipulability(q_rad: JointSamples) -> Array:

@@ -67,7 +67,7 @@ def next_look(scene: Scene, q_now_rad: Joints, taken: Collection[tuple[float, fl
 
     Args:
         scene: the obstacles; `unseen` must be among them.
-        q_now_rad: (7,) where the arm rests.
+        q_now_rad: (joints,) where the arm rests.
         taken: (tilt, azimuth) [deg] of earlier looks.
 
     Raises: CycleFailure: UNREACHABLE when there is none; STOPPED by the scene's ``cancel``.
@@ -92,13 +92,13 @@ def next_look(scene: Scene, q_now_rad: Joints, taken: Collection[tuple[float, fl
 def _configurations(
     scene: Scene, center_m: Array, tilt_deg: float, azimuth_deg: float, q_from_rad: Joints
 ) -> Iterator[Joints]:
-    """Free configurations (7,) from which the camera looks at the place, the cheapest of each distance and roll."""
+    """Free configurations (n,) from which the camera looks at the place, the cheapest of each distance and roll."""
     station = scene.station
     color_from_tcp = inverse(hand_from_color(station.camera)) @ HAND_FROM_TCP
     side = 1.0 if azimuth_deg > 180.0 else -1.0
     for distance_m, roll_deg in product(_DISTANCES_M, _ROLLS_DEG):
         base_from_tcp = looking_at(center_m, distance_m, tilt_deg, azimuth_deg, side * roll_deg) @ color_from_tcp
-        for q_rad, _ in islice(configurations([base_from_tcp], q_from_rad), _EXAMINED):
+        for q_rad, _ in islice(configurations(scene.robot.arm, [base_from_tcp], q_from_rad), _EXAMINED):
             if scene.collision(q_rad, None) is None:
                 yield q_rad
                 break

@@ -45,7 +45,7 @@ class Way:
 
     Attributes:
         goal: index of the goal. ``route``: how the path was found.
-        points_rad: its vertices (n, 7), corners not yet rounded.
+        points_rad: its vertices (n, joints), corners not yet rounded.
     """
 
     goal: int
@@ -53,7 +53,7 @@ class Way:
     points_rad: JointSamples
 
     def lines(self) -> list[JointSamples]:
-        """Return its straight joint lines, each (2, 7)."""
+        """Return its straight joint lines, each (2, joints)."""
         return [self.points_rad[i : i + 2] for i in range(len(self.points_rad) - 1)]
 
 
@@ -69,8 +69,8 @@ def connect(
     """Return a free path to the first goal that a straight joint line reaches, else around obstacles to any of them.
 
     Args:
-        q_from_rad: (7,) start.
-        goals_rad: goals, each (7,), the preferred one first.
+        q_from_rad: (joints,) start.
+        goals_rad: goals, each (joints,), the preferred one first.
         width_m: opening of the hand; None = any, it may move meanwhile.
         allowed: a further condition for configurations of a searched path.
         patience: makes so many times `PlanningSettings.searches`.
@@ -91,7 +91,7 @@ def connect(
         return is_allowed and scene.is_line_free(one, other, width_m)
 
     for seed in range(patience * scene.station.planning.searches):
-        path = search(free_line, q_from_rad, goals_rad, seed, lambda: scene.checks)
+        path = search(scene.robot.arm.limits, free_line, q_from_rad, goals_rad, seed, lambda: scene.checks)
         if path is not None:
             way = _way_along(path, goals_rad)
             blocked = _bends_touch(blended(way.lines(), _CORNER_SHARES[-1]), scene, width_m)
@@ -102,7 +102,7 @@ def connect(
 
 
 def _way_along(path_rad: JointSamples, goals_rad: Sequence[Joints]) -> Way:
-    """Return the searched way along ``path_rad`` (n, 7), ending exactly at the goal that it reaches."""
+    """Return the searched way along ``path_rad`` (n, joints), ending exactly at the goal that it reaches."""
     reached = int(np.argmin([np.abs(goal - path_rad[-1]).max() for goal in goals_rad]))
     return Way(reached, "searched", np.concatenate([path_rad[:-1], goals_rad[reached][None]]))
 
@@ -126,7 +126,7 @@ def motion(
     """Return the motion along ``pieces``: the lines of ``way`` and the tcp lines before or after it, each of them free.
 
     Args:
-        pieces: each (m, 7), beginning where the one before ends.
+        pieces: each (m, joints), beginning where the one before ends.
         width_m: opening of the hand; None = any, it may move meanwhile.
         leaving: the scene that applies on the first piece instead, until its corner.
         slow_end: a bound on the tcp's speed near the end.
@@ -148,7 +148,7 @@ def motion(
 
 
 def move(scene: Scene, q_from_rad: Joints, q_to_rad: Joints) -> Trajectory:
-    """Return a motion from rest to rest between two configurations (7,), whatever the opening of the empty hand.
+    """Return a motion from rest to rest between two configurations (joints,), whatever the opening of the empty hand.
 
     It is a straight joint line, or else a path around the obstacles.
 

@@ -34,7 +34,7 @@ def in_the_way(
 
     Args:
         name: of the motion. ``width_m``: opening of the hand; None = any.
-        q_end_rad: (7,) where the motion would have gone on to; None = nowhere.
+        q_end_rad: (joints,) where the motion would have gone on to; None = nowhere.
     """
 
     def look() -> Obstacle | None:

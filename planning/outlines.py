@@ -36,7 +36,7 @@ class Outlines:
         """Return the poses of all frames (n, f, 3, 4), and the positions of the tcp (n, 3) [m], in ``base``.
 
         Args:
-            path_rad: (n, 7) of the arm.
+            path_rad: (n, joints) of the arm.
             width_m: distance between the finger pads.
         """
         poses = np.empty((len(path_rad), len(self.frames), 3, 4), dtype=np.float32)

@@ -21,7 +21,6 @@ from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.messages import Grasp, PickPlan, Segment
 from bus.rejection import Rejection
-from config.limits import outside
 from planning.budget import Budget
 from planning.candidates import Approach, approaches, grasp_pose, is_like
 from planning.carry import keeps_level
@@ -55,7 +54,7 @@ def plan_pick(
 
     Args:
         scene: the obstacles, the robot and its station.
-        q_now_rad: (7,) the arm's position at rest.
+        q_now_rad: (joints,) the arm's position at rest.
         missed: ``base_from_tcp`` (4, 4) of grasps that closed on nothing, or met
             something, before; grasps like them are left out.
         scene_of: the scene in which a grasp's own object is the target, all others are obstacles; None = ``scene``.
@@ -128,7 +127,7 @@ def _plan_in_one_of(scenes: _Scenes, approach: Approach, q_now_rad: Joints, budg
 
 
 def plan_approach(scene: Scene, approach: Approach, q_now_rad: Joints) -> tuple[Segment, ...]:
-    """Plan every motion of the pick by one approach, from ``q_now_rad`` (7,). Raises: Infeasible."""
+    """Plan every motion of the pick by one approach, from ``q_now_rad`` (joints,). Raises: Infeasible."""
     base_from_tcp = grasp_pose(approach, scene.station)
     view_q = view_configuration(scene.empty(), base_from_tcp[:3, 3])
     past = _past_the_tray if scene.station.verify.look == "auto" else _past_the_viewpoint
@@ -136,7 +135,7 @@ def plan_approach(scene: Scene, approach: Approach, q_now_rad: Joints) -> tuple[
 
 
 def plan_reach(scene: Scene, approach: Approach, q_now_rad: Joints) -> Segment:
-    """Plan only the first motion, from ``q_now_rad`` (7,). Raises: Infeasible."""
+    """Plan only the first motion, from ``q_now_rad`` (joints,). Raises: Infeasible."""
     grasp, base_from_tcp = approach.grasp, grasp_pose(approach, scene.station)
     ways_to_grasp = _ways_to_grasp(scene, grasp, base_from_tcp, q_now_rad, lambda _: True)
     return first_that_works(ways_to_grasp, lambda way, pregrasp: _reach(scene, grasp, way, pregrasp))
@@ -145,7 +144,7 @@ def plan_reach(scene: Scene, approach: Approach, q_now_rad: Joints) -> Segment:
 def _check_start(scene: Scene, q_now_rad: Joints) -> None:
     if not np.isfinite(q_now_rad).all():
         raise CycleFailure(Code.MOTION_REFUSED, "The measured joint positions are not finite numbers.")
-    beyond = outside(q_now_rad)
+    beyond = scene.robot.arm.limits.outside(q_now_rad)
     if beyond is not None:
         raise CycleFailure(Code.MOTION_REFUSED, f"The arm cannot start from where it is: {beyond}.")
     collision = scene.collision(q_now_rad, None)
@@ -196,7 +195,7 @@ def _past_the_tray(
 
 
 def _calm(scene: Scene, view_q: Joints) -> Callable[[Pregrasp], bool]:
-    """Return whether the straight line from a lift's end to the viewpoint (7,) keeps the object level.
+    """Return whether the straight line from a lift's end to the viewpoint (joints,) keeps the object level.
 
     Above the tray, too: configurations near the viewpoint's make the ways between all of them level and short.
     """

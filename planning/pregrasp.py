@@ -19,6 +19,7 @@ from bus.trajectory import Trajectory
 from bus.transforms import from_rotation
 from config.scene import floor_m
 from config.schema import Station
+from planning.arm import Arm
 from planning.candidates import configurations, twins
 from planning.infeasible import Infeasible, summary
 from planning.line import tcp_line
@@ -44,8 +45,8 @@ class Pregrasp:
     """An arm configuration from which a tcp line is free.
 
     Attributes:
-        q_rad: (7,) end of the free path. ``line_rad``: the line (n, 7) from there.
-        leave_rad: the line (m, 7) by which the hand leaves again.
+        q_rad: (joints,) end of the free path. ``line_rad``: the line (n, joints) from there.
+        leave_rad: the line (m, joints) by which the hand leaves again.
     """
 
     q_rad: Joints
@@ -78,7 +79,7 @@ def pregrasps_of(
 
     Args:
         base_from_tcp: (4, 4) of the grasp.
-        q_now_rad: (7,) start; the cheapest configurations from there come first.
+        q_now_rad: (joints,) start; the cheapest configurations from there come first.
     """
     station = scene.station
     back_m = -station.planning.approach_m * base_from_tcp[:3, 2]
@@ -86,13 +87,13 @@ def pregrasps_of(
     open_m = opening_m(grasp, station)
     befores = [shifted(pose, back_m) for pose in twins(base_from_tcp)]
     jammed: dict[int, Infeasible] = {}  # poses where the hand has no room, however the arm stands
-    for q, before in configurations(befores, q_now_rad):
+    for q, before in configurations(scene.robot.arm, befores, q_now_rad):
         try:
             if id(before) in jammed:
                 raise jammed[id(before)]
             _require_untouched("before the grasp", scene.on_the_way(), q, open_m)
-            approach = _line("approach", q, before, -back_m)
-            lift = _line("lift", approach[-1], shifted(before, -back_m), up_m)
+            approach = _line(scene.robot.arm, "approach", q, before, -back_m)
+            lift = _line(scene.robot.arm, "lift", approach[-1], shifted(before, -back_m), up_m)
             _require_free("approach", scene, approach, open_m)
             _require_free("lift", scene.empty(), lift, grasp.width_m)
         except Infeasible as why:
@@ -111,16 +112,16 @@ def preplaces(
     Args:
         base_from_tcp: (4, 4) of the grasp: the object keeps its tilt; its yaw is free, or ``scene.place_yaw_rad``. What
             hangs far below the hand is released higher than ``scene.place_m``, just above what is there.
-        view_q: (7,) start; the cheapest configurations from there come first.
+        view_q: (joints,) start; the cheapest configurations from there come first.
     """
     station = holding.station
     down_m = np.array([0.0, 0.0, -LOWER_M])
     above_m = _place_m(base_from_tcp, station) - down_m
     poses = [from_rotation(_turned(yaw) @ base_from_tcp[:3, :3], above_m) for yaw in _turns_rad(base_from_tcp, station)]
-    for q, pose in configurations(poses, view_q):
+    for q, pose in configurations(holding.robot.arm, poses, view_q):
         try:
             _require_untouched("above the tray", holding, q, grasp.width_m)
-            lower = _line("lower", q, pose, down_m)
+            lower = _line(holding.robot.arm, "lower", q, pose, down_m)
             _require_free("lower", holding, lower, grasp.width_m)
             _require_free("retreat", holding.empty(), lower, None)  # it opens there
         except Infeasible as why:
@@ -179,7 +180,7 @@ def ways(
     """Yield straight paths to calm pregrasps; then a path around the obstacles to a calm one; then any path to any.
 
     Args:
-        q_from_rad: (7,) start.
+        q_from_rad: (joints,) start.
         width_m: opening of the hand; None = any, it may move meanwhile.
         calm: whether the motion after a pregrasp keeps the held object level.
         allowed: a further condition for configurations of a searched path.
@@ -210,8 +211,8 @@ def ways(
     raise summary(failures, "unreachable: no arm configuration reaches the pose")
 
 
-def _line(name: str, q_from_rad: Joints, base_from_tcp: Transform, shift_m: Array) -> JointSamples:
-    line = tcp_line(q_from_rad, base_from_tcp, shift_m)
+def _line(arm: Arm, name: str, q_from_rad: Joints, base_from_tcp: Transform, shift_m: Array) -> JointSamples:
+    line = tcp_line(arm, q_from_rad, base_from_tcp, shift_m)
     if line is None:
         raise Infeasible(Code.UNREACHABLE, f"{name}: the arm cannot follow the straight line")
     return line

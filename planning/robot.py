@@ -1,6 +1,7 @@
 """The arm with its hand and wrist camera: forward kinematics, forces, and the shapes of its parts (docs/frames.md).
 
-Model: franka_description's FR3 with the Franka Hand (the ``franky_sim`` wheel's URDF and collision meshes).
+Model: franka_description's FR3 with the Franka Hand (the ``franky_sim`` wheel's URDF and collision meshes), or the
+arm of ``[robot]`` with that hand.
 """
 
 from __future__ import annotations
@@ -8,9 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from functools import cached_property
-from importlib.resources import files
 from itertools import product
-from pathlib import Path
 
 import coal
 import numpy as np
@@ -20,14 +19,18 @@ import pinocchio as pin
 from bus.arrays import Joints, Transform, Vector3
 from bus.transforms import from_translation, from_wxyz
 from config.franka_hand import HAND_FROM_TCP_M
+from config.robot import limits_of
 from config.schema import CameraSettings, Station
+from planning.arm import Arm
+from planning.description import ASSETS, describe
+from planning.kinematics import FR3_ARM
+from planning.serial_arm import SerialArm
 
 Array = npt.NDArray[np.float64]
 
 HAND_FROM_TCP = from_translation((0.0, 0.0, HAND_FROM_TCP_M))
 CAMERA_SIZE_M = (0.095, 0.030, 0.032)
 """Housing of the wrist camera in its colour frame; its front is 5 mm before the frame's origin."""
-_FINGER_JOINTS = (8, 9)
 _TCP_FROM_FLANGE = np.array(
     [[0.5**0.5, -(0.5**0.5), 0, 0], [0.5**0.5, 0.5**0.5, 0, 0], [0, 0, 1, -HAND_FROM_TCP_M], [0, 0, 0, 1]]
 )
@@ -35,31 +38,45 @@ _TCP_FROM_FLANGE = np.array(
 
 
 class Robot:
-    """The FR3 of one station. Not thread-safe: its methods share working memory.
+    """The robot of one station. Not thread-safe: its methods share working memory.
 
     Args:
-        station: gives the camera's pose and the hand's width.
+        station: gives the arm, the camera's pose and the hand's width.
 
     Attributes:
-        model: of Pinocchio, with seven arm joints and two finger joints.
+        model: of Pinocchio, with the arm's joints and two finger joints.
+        description: its URDF, and names in it. ``arm``: its inverse kinematics.
+
+    Raises:
+        ConfigError: the arm's URDF cannot be used.
     """
 
     def __init__(self, station: Station) -> None:
         self.station = station
-        assets = Path(str(files("franky_sim"))) / "assets"
-        urdf = str(assets / "fr3.urdf")
-        self.model = pin.buildModelFromUrdf(urdf)
+        self.description = describe(station)
+        urdf = self.description.urdf
+        self.model = pin.buildModelFromXML(urdf)
         self._data = self.model.createData()
         self.hand_frame = int(self.model.getFrameId("fr3_hand"))
-        self._flange = self.model.getFrameId("fr3_link8")
+        self._flange = self.model.getFrameId(self.description.flange)
         self._tcp = self.model.getFrameId("fr3_hand_tcp")
+        limits = limits_of(station)
+        self.arm: Arm = FR3_ARM if station.robot is None else SerialArm(self.model, self._flange, limits)
+        self._fingers = (limits.joints + 1, limits.joints + 2)
         self._hand_from_color = hand_from_color(station.camera)
-        self._meshes = pin.buildGeomFromUrdf(self.model, urdf, pin.GeometryType.COLLISION, package_dirs=str(assets))
+        self._meshes = pin.buildGeomFromUrdfString(
+            self.model, urdf, pin.GeometryType.COLLISION, package_dirs=str(ASSETS)
+        )
+
+    @property
+    def last_link(self) -> str:
+        """The readable name of the link that carries the hand."""
+        return part_name(self.description.links[-1])
 
     # --- kinematics -------------------------------------------------------------------------------------------------
 
     def base_from_flange(self, q_rad: Joints) -> Transform:
-        """Return the pose (4, 4) [m] of the flange (URDF ``fr3_link8``)."""
+        """Return the pose (4, 4) [m] of the flange (of the FR3 ``fr3_link8``)."""
         return self._frame(q_rad, self._flange)
 
     def base_from_hand(self, q_rad: Joints) -> Transform:
@@ -75,14 +92,14 @@ class Robot:
         return np.asarray(self.base_from_hand(q_rad) @ self._hand_from_color)
 
     def jacobian(self, q_rad: Joints) -> Array:
-        """Return the Jacobian (6, 7): joint velocities to tcp velocity (linear, then angular) in ``base`` axes."""
+        """Return the Jacobian (6, n): joint velocities to tcp velocity (linear, then angular) in ``base`` axes."""
         full = pin.computeFrameJacobian(
             self.model, self._data, self._with_fingers(q_rad), self._tcp, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         )
-        return np.array(full[:, :7])
+        return np.array(full[:, : self.arm.limits.joints])
 
     def tcp_force_n(self, q_rad: Joints, tau_ext_nm: Joints) -> Vector3:
-        """Return the force (3,) [N] in ``base`` on the tcp that explains external joint torques (7,), least squares."""
+        """Return the force (3,) [N] in ``base`` on the tcp that explains external joint torques (n,), least squares."""
         wrench, *_ = np.linalg.lstsq(self.jacobian(q_rad).T, np.asarray(tau_ext_nm), rcond=None)
         return np.asarray(wrench[:3])
 
@@ -124,7 +141,7 @@ class Robot:
 
     def _at_any_width(self, parts: Sequence[pin.GeometryObject]) -> tuple[pin.GeometryObject, ...]:
         slid_m = np.array([0.0, self.station.hand.max_width_m / 2, 0.0])  # along the finger joint's y
-        return tuple(_slid(part, slid_m) if part.parentJoint in _FINGER_JOINTS else part for part in parts)
+        return tuple(_slid(part, slid_m) if part.parentJoint in self._fingers else part for part in parts)
 
     def on_hand(self, name: str, shape: coal.CollisionGeometry, hand_from_shape: Transform) -> pin.GeometryObject:
         """Return a shape that moves with the hand, at ``hand_from_shape`` (4, 4)."""

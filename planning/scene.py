@@ -95,7 +95,7 @@ class Scene:
         """Return the scene with the target hanging in the hand, as it lay with the tcp at ``base_from_tcp`` (4, 4)."""
         if self.target is None:
             return self
-        held = held_thing(self._target_solid, HAND_FROM_TCP @ inverse(base_from_tcp))
+        held = held_thing(self._target_solid, HAND_FROM_TCP @ inverse(base_from_tcp), self.robot.last_link)
         return replace(self, target=None, held=held)
 
     def empty(self) -> Scene:
@@ -115,7 +115,7 @@ class Scene:
         return self if self.target is None and self.held is None else replace(self, target=None, held=None)
 
     def collision(self, q_rad: Joints, width_m: Width) -> Collision | None:
-        """Return a pair that is nearer than its clearance in one configuration (7,), or None.
+        """Return a pair that is nearer than its clearance in one configuration (joints,), or None.
 
         Args:
             width_m: opening of the hand; None = any, it may move meanwhile.
@@ -127,7 +127,7 @@ class Scene:
         return self._planned_at(width_m).collision(q_rad, width_m or 0.0)
 
     def first_collision(self, path_rad: JointSamples, width_m: Width) -> Collision | None:
-        """Return the first collision on the polyline ``path_rad`` (n, 7), or None.
+        """Return the first collision on the polyline ``path_rad`` (n, joints), or None.
 
         Between checks no point of the robot moves farther than the margin that the checks found free, so that 2.5 mm
         remain everywhere on the way (0.5 mm below the fingers).
@@ -141,7 +141,7 @@ class Scene:
         return first_collision(self._planned_at(width_m), path_rad, width_m or 0.0, self.cancel)
 
     def is_line_free(self, q_from_rad: Joints, q_to_rad: Joints, width_m: Width) -> bool:
-        """Whether the straight joint line between two configurations (7,) is free, as in `first_collision`.
+        """Whether the straight joint line between two configurations (joints,) is free, as in `first_collision`.
 
         It takes fewer checks, because it bounds the movement more tightly and narrows margins step by step; it does not
         say what is in the way.
@@ -156,7 +156,7 @@ class Scene:
         return is_free(self._planned_at(width_m), self._travel, q_from_rad, q_to_rad, width_m or 0.0)
 
     def is_near(self, q_rad: Joints, width_m: float, within_m: float = NEAR_M) -> bool:
-        """Whether in one configuration (7,) anything is within `NEAR_M` or `BESIDE_M` of what it may not touch."""
+        """Whether in one configuration (joints,) anything is within `NEAR_M` or `BESIDE_M` of what it may not touch."""
         return self._planned.collision(q_rad, width_m, wide=WIDE_MARGINS_M.index(within_m)) is not None
 
     @property
@@ -165,7 +165,7 @@ class Scene:
         return self._planned.checks + self._planned_at_any_width.checks
 
     def gate(self, commands_rad: JointSamples, width_m: Width) -> Collision | None:
-        """Check 1 kHz commands (n, 7) last of all, with other shapes than they were planned with.
+        """Check 1 kHz commands (n, joints) last of all, with other shapes than they were planned with.
 
         It uses the exact meshes instead of their hulls and the observed points instead of the field, every 8 ms.
 

@@ -9,7 +9,7 @@ from ompl import base, geometric, util
 
 from bus.arrays import Joints, JointSamples
 from bus.errors import CycleFailure
-from config.limits import LOWER_RAD, UPPER_RAD
+from config.limits import JointLimits
 
 FreeLine = Callable[[Joints, Joints], bool]
 
@@ -21,17 +21,23 @@ _SHORTCUTS = 40
 
 
 def search(
-    free_line: FreeLine, q_from_rad: Joints, goals_rad: Sequence[Joints], seed: int, spent: Callable[[], int]
+    limits: JointLimits,
+    free_line: FreeLine,
+    q_from_rad: Joints,
+    goals_rad: Sequence[Joints],
+    seed: int,
+    spent: Callable[[], int],
 ) -> JointSamples | None:
-    """Return the vertices (n, 7) of a path from ``q_from_rad`` (7,) to one of the goals; None if none was found.
+    """Return the vertices (m, n) of a path from ``q_from_rad`` (n,) to one of the goals; None if none was found.
 
     Nothing is searched where the start is not free or no goal is: OMPL would wait for another goal forever.
     Deterministic: effort is counted in checks, not in time.
 
     Args:
+        limits: of the joints.
         free_line: whether the straight line between two configurations is free, its ends included. It is asked for
             every line of the result, or for a longer one that the line is part of.
-        goals_rad: goals, each (7,).
+        goals_rad: goals, each (joints,).
         seed: of OMPL's random numbers.
         spent: number of checks that ``free_line`` has made so far; each call of it counts as one more.
 
@@ -44,8 +50,8 @@ def search(
         return None
     util.setLogLevel(util.LogLevel.LOG_NONE)
     util.RNG.setSeed(seed + 1)  # 0 would mean the clock
-    info = base.SpaceInformation(_space([q_from_rad, *goals_rad]))
-    lines = _Lines(info, free_line)
+    info = base.SpaceInformation(_space(limits, [q_from_rad, *goals_rad]))
+    lines = _Lines(info, free_line, limits.joints)
     usual = info.getMotionValidator()
     info.setStateValidityChecker(lambda _: True)  # the ends of every line are checked with it
     info.setMotionValidator(lines)
@@ -58,7 +64,11 @@ def search(
         info.setMotionValidator(usual)  # else ``lines`` and ``info`` keep each other alive
     if lines.failure is not None:
         raise lines.failure
-    return None if path is None else np.array([_joints(path.getState(i)) for i in range(path.getStateCount())])
+    return (
+        None
+        if path is None
+        else np.array([_joints(path.getState(i), limits.joints) for i in range(path.getStateCount())])
+    )
 
 
 def _found(
@@ -96,9 +106,9 @@ class _Lines(base.MotionValidator):  # type: ignore[misc]
         failure: what was raised instead of an answer: an exception must not pass through OMPL's C++ code.
     """
 
-    def __init__(self, info: base.SpaceInformation, free_line: FreeLine) -> None:
+    def __init__(self, info: base.SpaceInformation, free_line: FreeLine, joints: int) -> None:
         super().__init__(info)
-        self._free_line = free_line
+        self._free_line, self._joints = free_line, joints
         self.asked = 0
         self.failure: CycleFailure | None = None
 
@@ -106,19 +116,19 @@ class _Lines(base.MotionValidator):  # type: ignore[misc]
         """Whether the straight line between two states is free; no line is after a failure."""
         self.asked += 1
         try:
-            return self.failure is None and self._free_line(_joints(one), _joints(other))
+            return self.failure is None and self._free_line(_joints(one, self._joints), _joints(other, self._joints))
         except CycleFailure as failure:
             self.failure = failure
             return False
 
 
-def _space(inside: Sequence[Joints]) -> base.RealVectorStateSpace:
+def _space(limits: JointLimits, inside: Sequence[Joints]) -> base.RealVectorStateSpace:
     """Return all configurations off the limits; start and goals may lie nearer to them."""
-    space = base.RealVectorStateSpace(7)
-    bounds = base.RealVectorBounds(7)
-    lows = np.minimum(LOWER_RAD + LIMIT_MARGIN_RAD, np.min(inside, axis=0))
-    highs = np.maximum(UPPER_RAD - LIMIT_MARGIN_RAD, np.max(inside, axis=0))
-    for joint in range(7):
+    space = base.RealVectorStateSpace(limits.joints)
+    bounds = base.RealVectorBounds(limits.joints)
+    lows = np.minimum(limits.lower_rad + LIMIT_MARGIN_RAD, np.min(inside, axis=0))
+    highs = np.maximum(limits.upper_rad - LIMIT_MARGIN_RAD, np.max(inside, axis=0))
+    for joint in range(limits.joints):
         bounds.setLow(joint, float(lows[joint]))
         bounds.setHigh(joint, float(highs[joint]))
     space.setBounds(bounds)
@@ -127,10 +137,10 @@ def _space(inside: Sequence[Joints]) -> base.RealVectorStateSpace:
 
 def _state(info: base.SpaceInformation, q_rad: Joints) -> base.State:
     state = info.allocState()
-    for joint in range(7):
-        state[joint] = float(q_rad[joint])
+    for joint, value in enumerate(q_rad):
+        state[joint] = float(value)
     return state
 
 
-def _joints(state: base.State) -> Joints:
-    return np.array([state[joint] for joint in range(7)])
+def _joints(state: base.State, count: int) -> Joints:
+    return np.array([state[joint] for joint in range(count)])

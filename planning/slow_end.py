@@ -52,12 +52,12 @@ class SlowEnd:
     steps: tuple[Step, ...]
 
     def step_at(self, q_rad: JointSamples) -> npt.NDArray[np.int64]:
-        """Return (n,) which of the steps holds at each of ``q_rad`` (n, 7); their number where none does."""
+        """Return (n,) which of the steps holds at each of ``q_rad`` (n, joints); their number where none does."""
         away_m = np.array([np.linalg.norm(self.robot.base_from_tcp(q)[:3, 3] - self.end_m) for q in q_rad])
         return np.searchsorted([step.within_m for step in self.steps], away_m)
 
     def path_speeds(self, q_rad: JointSamples, slope: JointSamples) -> Array:
-        """Return (n,) the fastest path speeds where the path passes ``q_rad`` (n, 7) with dq/ds ``slope`` (n, 7)."""
+        """Return (n,) the fastest path speed at each ``q_rad``, where dq/ds is ``slope``; both (n, joints)."""
         fastest = np.full(len(q_rad), np.inf)
         for row, at in enumerate(self.step_at(q_rad)):
             if at < len(self.steps):

@@ -25,8 +25,8 @@ _PARTS = tuple(int(np.ceil(wide / fine - 1e-9)) for wide, fine in pairwise(_HALF
 
 
 def first_collision(world: World, path_rad: JointSamples, width_m: float, cancel: Cancel) -> Collision | None:
-    """Return the first collision on the polyline ``path_rad`` (n, 7), or None. See `Scene.first_collision`."""
-    travel_m = sweep_m(path_rad)
+    """Return the first collision on the polyline ``path_rad`` (m, n), or None. See `Scene.first_collision`."""
+    travel_m = sweep_m(world.robot, path_rad)
     blocks = max(1, int(np.ceil(travel_m[-1] / (2 * _HALF_M[0]))))
     edges = np.linspace(0.0, travel_m[-1], blocks + 1)
     middles = _at(path_rad, travel_m, (edges[1:] + edges[:-1]) / 2)
@@ -43,7 +43,7 @@ def first_collision(world: World, path_rad: JointSamples, width_m: float, cancel
 
 
 def is_free(world: World, travel: Travel, q_from_rad: Joints, q_to_rad: Joints, width_m: float) -> bool:
-    """Whether the straight joint line between two configurations (7,) is free. See `Scene.is_line_free`."""
+    """Whether the straight joint line between two configurations (n,) is free. See `Scene.is_line_free`."""
     if any(world.collision(q, width_m) is not None for q in (q_to_rad, q_from_rad, (q_from_rad + q_to_rad) / 2)):
         return False
     moved_m = travel.along(q_from_rad, q_to_rad)

@@ -2,8 +2,8 @@
 
 Time-optimal parametrisation (toppra: Pham & Pham, "A New Approach to Time-Optimal Path Parameterization Based on
 Reachability Analysis", T-RO 2018) bounds velocity and acceleration; the moving average that the trajectory is played
-through bounds jerk by ``2 a_max / window``. Both the raw and the filtered samples must pass `config.limits.check`;
-time is stretched until they do. The raw ones matter too: a brake starts from them.
+through bounds jerk by ``2 a_max / window``. Both the raw and the filtered samples must keep every limit
+(`config.limits`); time is stretched until they do. The raw ones matter too: a brake starts from them.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ from bus.arrays import Joints, JointSamples
 from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.trajectory import MAX_SAMPLES, TICK_S, Trajectory, moving_average
-from config.limits import ACCELERATION_RAD_S2, JERK_RAD_S3, LimitReport, check, outside, velocity_bounds
+from config.limits import JointLimits, LimitReport
+from config.robot import limits_of
 from config.schema import Station
 from planning.blend import Curve, blended
 from planning.lean_toppra import DiscretizationType, JointAccelerationConstraint, LinearConstraint, toppra
@@ -28,7 +29,7 @@ from planning.slow_end import SlowEnd
 
 Array = npt.NDArray[np.float64]
 Sampler = Callable[[Array], JointSamples]
-"""Positions (n, 7) of a profile at its times (n,) [s]."""
+"""Positions (n, joints) of a profile at its times (n,) [s]."""
 
 _GRID = 121
 _SLOW_GRID = 17
@@ -55,17 +56,18 @@ def timed(station: Station, curve: Curve, *more: LinearConstraint, slow_end: Slo
         CycleFailure: MOTION_REFUSED when the path leaves the position limits or cannot be timed within the others.
     """
     points_rad, length_rad = curve.points_rad, float(curve.at_rad[-1])
-    _require_inside(points_rad)
-    _require_passable(points_rad)
+    limits = limits_of(station)
+    _require_inside(limits, points_rad)
+    _require_passable(limits, points_rad)
     if length_rad < _TINY_RAD:
-        return _tiny(points_rad[0], points_rad[-1], station.planning.window_ms)
+        return _tiny(limits, points_rad[0], points_rad[-1], station.planning.window_ms)
     path = toppra.SplineInterpolator(curve.at_rad, points_rad, bc_type="not-a-knot")
-    sampler, duration_s = _fastest(path, length_rad, station.arm.speed, slow_end, more)
-    return within_limits(sampler, duration_s, (points_rad[0], points_rad[-1]), station.planning.window_ms)
+    sampler, duration_s = _fastest(limits, path, length_rad, station.arm.speed, slow_end, more)
+    return within_limits(limits, sampler, duration_s, (points_rad[0], points_rad[-1]), station.planning.window_ms)
 
 
 def rest_to_rest(station: Station, q_from_rad: Joints, q_to_rad: Joints) -> Trajectory:
-    """Return a straight joint line between two configurations (7,), all joints in phase.
+    """Return a straight joint line between two configurations (joints,), all joints in phase.
 
     It serves the move to the capture pose, and the one after a recovery. Ruckig times it at one speed, unless the line
     is slow at one place only: near a joint's limit.
@@ -73,47 +75,47 @@ def rest_to_rest(station: Station, q_from_rad: Joints, q_to_rad: Joints) -> Traj
     Raises:
         CycleFailure: MOTION_REFUSED outside the limits, or where no speed is allowed.
     """
-    ends = np.stack([q_from_rad, q_to_rad])
-    _require_inside(ends)
+    ends, limits = np.stack([q_from_rad, q_to_rad]), limits_of(station)
+    _require_inside(limits, ends)
     if np.abs(ends[1] - ends[0]).max() < _TINY_RAD:
-        return _tiny(ends[0], ends[1], station.planning.window_ms)
+        return _tiny(limits, ends[0], ends[1], station.planning.window_ms)
     line = np.linspace(ends[0], ends[1], 101)
-    _require_passable(line)
-    lower, upper = velocity_bounds(line)
+    _require_passable(limits, line)
+    lower, upper = limits.velocity_bounds(line)
     allowed = np.where(ends[1] > ends[0], upper, -lower)[:, np.abs(ends[1] - ends[0]) > _STILL_RAD]
     if (allowed.min(axis=0) < _UNEVEN * np.median(allowed, axis=0)).any():
         return timed(station, blended([ends]))
     fastest = np.maximum(1e-3, np.where(ends[1] > ends[0], upper, -lower).min(axis=0))
-    order = ruckig.InputParameter(7)
+    order = ruckig.InputParameter(limits.joints)
     order.current_position, order.target_position = ends[0].tolist(), ends[1].tolist()
     order.max_velocity = (_VELOCITY_SHARE * station.arm.speed * fastest).tolist()
-    order.max_acceleration = (_ACCELERATION_SHARE * station.arm.speed**2 * ACCELERATION_RAD_S2).tolist()
-    order.max_jerk = JERK_RAD_S3.tolist()
+    order.max_acceleration = (_ACCELERATION_SHARE * station.arm.speed**2 * limits.acceleration_rad_s2).tolist()
+    order.max_jerk = limits.jerk_rad_s3.tolist()
     order.synchronization = ruckig.Synchronization.Phase
-    profile = ruckig.Trajectory(7)
-    if ruckig.Ruckig(7).calculate(order, profile) != ruckig.Result.Working:
+    profile = ruckig.Trajectory(limits.joints)
+    if ruckig.Ruckig(limits.joints).calculate(order, profile) != ruckig.Result.Working:
         raise CycleFailure(Code.MOTION_REFUSED, "The move cannot be timed within the joint limits.")
 
     def sampler(times_s: Array) -> JointSamples:
         return np.array([profile.at_time(t)[0] for t in times_s])
 
-    return within_limits(sampler, profile.duration, (ends[0], ends[1]), station.planning.window_ms)
+    return within_limits(limits, sampler, profile.duration, (ends[0], ends[1]), station.planning.window_ms)
 
 
-def _require_inside(points_rad: JointSamples) -> None:
+def _require_inside(limits: JointLimits, points_rad: JointSamples) -> None:
     if not len(points_rad):
         raise CycleFailure(Code.MOTION_REFUSED, "The path has no points.")
     if not np.isfinite(points_rad).all():
         raise CycleFailure(Code.MOTION_REFUSED, "The path has a joint position that is not a finite number.")
-    beyond = outside(points_rad)
+    beyond = limits.outside(points_rad)
     if beyond is not None:
         raise CycleFailure(Code.MOTION_REFUSED, f"The path leaves the limits: {beyond}.")
 
 
-def _require_passable(points_rad: JointSamples) -> None:
+def _require_passable(limits: JointLimits, points_rad: JointSamples) -> None:
     """Raises: CycleFailure: MOTION_REFUSED where a joint has to move and its allowed speed is 0."""
     step_rad = np.diff(points_rad, axis=0)
-    lower, upper = velocity_bounds(points_rad[1:])
+    lower, upper = limits.velocity_bounds(points_rad[1:])
     barred = ((step_rad > _STILL_RAD) & (upper <= 0)) | ((step_rad < -_STILL_RAD) & (lower >= 0))
     if barred.any():
         row, joint = (int(index) for index in np.argwhere(barred)[0])
@@ -124,25 +126,27 @@ def _require_passable(points_rad: JointSamples) -> None:
         )
 
 
-def _tiny(q_from_rad: Joints, q_to_rad: Joints, window: int) -> Trajectory:
+def _tiny(limits: JointLimits, q_from_rad: Joints, q_to_rad: Joints, window: int) -> Trajectory:
     """Return one sample for a goal already reached, and an even motion to one that is hardly away."""
     if np.array_equal(q_from_rad, q_to_rad):
         return Trajectory(raw_q_rad=q_from_rad[None], window=window)
     share = np.linspace(0.0, 1.0, _TINY_TICKS)[:, None]
     trajectory = Trajectory(raw_q_rad=q_from_rad + share * (q_to_rad - q_from_rad), window=window)
-    report = check(trajectory.filtered())
+    report = limits.check(trajectory.filtered())
     if not report.ok:
         raise CycleFailure(Code.MOTION_REFUSED, report.describe())
     return trajectory
 
 
-def within_limits(sampler: Sampler, duration_s: float, ends: tuple[Joints, Joints], window: int) -> Trajectory:
+def within_limits(
+    limits: JointLimits, sampler: Sampler, duration_s: float, ends: tuple[Joints, Joints], window: int
+) -> Trajectory:
     """Return the profile at 1 kHz, slowed until its raw and its filtered samples keep every limit.
 
     Args:
-        sampler: positions of the profile at given times.
+        limits: of the joints. ``sampler``: positions of the profile at given times.
         duration_s: of the profile.
-        ends: first and last position (7,), kept exactly.
+        ends: first and last position (joints,), kept exactly.
         window: length of the moving average [samples].
 
     Raises:
@@ -157,7 +161,7 @@ def within_limits(sampler: Sampler, duration_s: float, ends: tuple[Joints, Joint
         ticks = max(1, int(np.ceil(duration_s * stretch / TICK_S)))
         raw = np.array(sampler(np.linspace(0.0, duration_s, ticks + 1)))
         raw[0], raw[-1] = ends
-        of_raw, of_filtered = check(raw), check(moving_average(raw, window))
+        of_raw, of_filtered = limits.check(raw), limits.check(moving_average(raw, window))
         over = max(_excess(of_raw, jerk=False), _excess(of_filtered, jerk=True))
         if over <= 1.0:
             return Trajectory(raw_q_rad=raw, window=window)
@@ -178,7 +182,12 @@ def _excess(report: LimitReport, *, jerk: bool) -> float:
 
 
 def _fastest(
-    path: Any, length_rad: float, speed: float, slow_end: SlowEnd | None, more: Sequence[LinearConstraint] = ()
+    limits: JointLimits,
+    path: Any,
+    length_rad: float,
+    speed: float,
+    slow_end: SlowEnd | None,
+    more: Sequence[LinearConstraint] = (),
 ) -> tuple[Sampler, float]:
     """Return the time-optimal profile along ``path`` and its duration [s].
 
@@ -187,9 +196,9 @@ def _fastest(
     Raises:
         CycleFailure: MOTION_REFUSED when the limits allow none.
     """
-    limit = (_ACCELERATION_SHARE * speed**2 * ACCELERATION_RAD_S2)[:, None] * np.array([-1.0, 1.0])
+    limit = (_ACCELERATION_SHARE * speed**2 * limits.acceleration_rad_s2)[:, None] * np.array([-1.0, 1.0])
     acceleration = JointAccelerationConstraint(limit, discretization_scheme=DiscretizationType.Interpolation)
-    velocity = PositionDependentVelocity(_VELOCITY_SHARE * speed, slow_end)
+    velocity = PositionDependentVelocity(limits, _VELOCITY_SHARE * speed, slow_end)
     s = _grid(path, length_rad)
     if slow_end is not None:
         s = _denser_at_end(path, s, slow_end)
@@ -231,7 +240,7 @@ def _denser_at_end(path: Any, s: Array, slow_end: SlowEnd) -> Array:
 
 
 class PositionDependentVelocity(LinearConstraint):  # type: ignore[misc]
-    """`config.limits.velocity_bounds`, times ``share``, as a bound on the squared path speed at each grid point.
+    """The allowed velocities, times ``share``, as a bound on the squared path speed at each grid point.
 
     The methods override those of toppra's ``LinearConstraint``.
 
@@ -239,14 +248,14 @@ class PositionDependentVelocity(LinearConstraint):  # type: ignore[misc]
         slow_end: a bound on the tcp's speed besides.
     """
 
-    def __init__(self, share: float, slow_end: SlowEnd | None = None) -> None:
+    def __init__(self, limits: JointLimits, share: float, slow_end: SlowEnd | None = None) -> None:
         super().__init__()
-        self._share, self._slow_end = share, slow_end
+        self._limits, self._share, self._slow_end = limits, share, slow_end
         self.identical = True
 
     def get_dof(self) -> int:
         """Return the number of joints."""
-        return 7
+        return self._limits.joints
 
     def compute_constraint_params(self, path: Any, gridpoints: Array, *_: Any) -> tuple[Any, ...]:
         """Return toppra's (a, b, c, F, g, ubound, xbound); only xbound is set: (n, 2) bounds of the squared path speed.
@@ -255,7 +264,7 @@ class PositionDependentVelocity(LinearConstraint):  # type: ignore[misc]
             path: joint positions and derivatives by arc length.
             gridpoints: (n,) arc lengths [rad].
         """
-        lower, upper = velocity_bounds(path(gridpoints))
+        lower, upper = self._limits.velocity_bounds(path(gridpoints))
         slope = path(gridpoints, 1)
         with np.errstate(divide="ignore", invalid="ignore"):
             allowed = np.where(slope > 0, upper / slope, np.where(slope < 0, lower / slope, np.inf))

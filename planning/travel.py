@@ -16,15 +16,30 @@ from planning.world import Thing
 
 Array = npt.NDArray[np.float64]
 
-_LEVER_M = np.array([1.15, 1.15, 0.95, 0.85, 0.45, 0.40, 0.20])
+_FR3_LEVER_M = np.array([1.15, 1.15, 0.95, 0.85, 0.45, 0.40, 0.20])
 """Largest distance of any point of arm, hand or camera from each joint's axis."""
 _KNOT_RAD = 0.2
 """Joints turn by so much in all between two poses that are computed."""
 
 
-def sweep_m(path_rad: JointSamples) -> Array:
-    """Return an upper bound (n,) of how far any point of the robot has moved along the polyline ``path_rad`` (n, 7)."""
-    return np.concatenate([[0.0], np.cumsum(np.abs(np.diff(path_rad, axis=0)) @ _LEVER_M)])
+def sweep_m(robot: Robot, path_rad: JointSamples) -> Array:
+    """Return an upper bound (m,) of how far any point of the robot has moved along the polyline ``path_rad`` (m, n)."""
+    return np.concatenate([[0.0], np.cumsum(np.abs(np.diff(path_rad, axis=0)) @ lever_m(robot))])
+
+
+@lru_cache(maxsize=4)
+def lever_m(robot: Robot) -> Array:
+    """Return an upper bound (n,) of the distance of any point of arm, hand or camera from each joint's axis."""
+    if robot.station.robot is None:
+        return _FR3_LEVER_M
+    reach_m, found = 0.0, []
+    corners, count = _boxes(robot), robot.arm.limits.joints
+    for joint in range(count - 1, -1, -1):
+        own_m = float(np.linalg.norm(corners[joint][:3], axis=0).max())
+        reach_m = max(own_m, reach_m)
+        found.append(reach_m)
+        reach_m += float(np.linalg.norm(robot.model.jointPlacements[joint + 1].translation))
+    return np.array(found[::-1])
 
 
 class Travel:
@@ -35,14 +50,15 @@ class Travel:
     """
 
     def __init__(self, robot: Robot, held: Thing | None) -> None:
-        self._fixed = np.stack([robot.model.jointPlacements[joint].homogeneous for joint in range(1, 8)])
+        self._count = robot.arm.limits.joints
+        self._fixed = np.stack([robot.model.jointPlacements[joint].homogeneous for joint in range(1, self._count + 1)])
         self._corners = _boxes(robot)
-        self._lever_m = _LEVER_M
+        self._lever_m = lever_m(robot)
         if held is not None:
             corners = robot.on_hand(held.name, held.shape, held.pose).placement.homogeneous @ _corners(held.shape)
             self._corners = self._corners.copy()
-            self._corners[6] = _around(np.concatenate([self._corners[6], corners], axis=1))
-            self._lever_m = _LEVER_M + float(np.linalg.norm(corners[:3], axis=0).max())
+            self._corners[-1] = _around(np.concatenate([self._corners[-1], corners], axis=1))
+            self._lever_m = lever_m(robot) + float(np.linalg.norm(corners[:3], axis=0).max())
 
     def along(self, q_from_rad: Joints, q_to_rad: Joints) -> Array:
         """Return how far any point has moved at most (n,) [m] after evenly spaced shares of the line, from 0 on.
@@ -60,13 +76,13 @@ class Travel:
         return np.concatenate([[0.0], np.cumsum(_largest(chord_m + bend_m, turn_rad * self._lever_m / steps))])
 
     def _points(self, q_rad: JointSamples) -> Array:
-        """Return the corners (n, 7, 3, 8) of the boxes around what each joint moves."""
+        """Return the corners (m, n, 3, 8) of the boxes around what each joint moves."""
         cos, sin = np.cos(q_rad)[..., None], np.sin(q_rad)[..., None]
         turned = np.empty((*q_rad.shape, 4, 4))
         turned[..., 0] = self._fixed[:, :, 0] * cos + self._fixed[:, :, 1] * sin
         turned[..., 1] = self._fixed[:, :, 1] * cos - self._fixed[:, :, 0] * sin
         turned[..., 2:] = self._fixed[:, :, 2:]
-        for joint in range(1, 7):
+        for joint in range(1, self._count):
             turned[:, joint] = turned[:, joint - 1] @ turned[:, joint]
         return np.asarray((turned @ self._corners)[:, :, :3])
 
@@ -77,8 +93,8 @@ def _largest(moved_m: Array, swept_m: Array) -> Array:
     Two parts come nearer by no more than both move, and by no more than the joints between them sweep.
 
     Args:
-        moved_m: (n, 7) of what each joint carries, up to the next one.
-        swept_m: (7,) by each joint alone, at most.
+        moved_m: (n, joints) of what each joint carries, up to the next one.
+        swept_m: (joints,) by each joint alone, at most.
     """
     beyond_m = np.maximum.accumulate(moved_m[:, ::-1], axis=1)[:, ::-1]
     by_joints_m = np.cumsum(swept_m[::-1])[::-1]
@@ -88,17 +104,18 @@ def _largest(moved_m: Array, swept_m: Array) -> Array:
 
 @lru_cache(maxsize=4)
 def _boxes(robot: Robot) -> Array:
-    """Return the corners (7, 4, 8) of a box around everything that moves with each joint, in the joint's frame."""
-    points: dict[int, list[Array]] = {joint: [] for joint in range(1, 8)}
+    """Return the corners (n, 4, 8) of a box around everything that moves with each joint, in the joint's frame."""
+    count = robot.arm.limits.joints
+    points: dict[int, list[Array]] = {joint: [] for joint in range(1, count + 1)}
     for opening_m in (0.0, robot.station.hand.max_width_m):
         data = robot.model.createData()
-        pin.forwardKinematics(robot.model, data, np.array([*np.zeros(7), opening_m / 2, opening_m / 2]))
+        pin.forwardKinematics(robot.model, data, np.array([*np.zeros(count), opening_m / 2, opening_m / 2]))
         for part in robot.hulls:
-            joint = min(part.parentJoint, 7)  # the fingers are on the hand
+            joint = min(part.parentJoint, count)  # the fingers are on the hand
             if joint > 0:
                 placement = data.oMi[joint].inverse() * data.oMi[part.parentJoint] * part.placement
                 points[joint].append(placement.homogeneous @ _corners(part.geometry))
-    return np.stack([_around(np.concatenate(points[joint], axis=1)) for joint in range(1, 8)])
+    return np.stack([_around(np.concatenate(points[joint], axis=1)) for joint in range(1, count + 1)])
 
 
 def _corners(shape: coal.CollisionGeometry) -> Array:

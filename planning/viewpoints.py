@@ -27,10 +27,10 @@ _EXAMINED = 12
 
 
 def viewpoints(scene: Scene, station: Station, q_from_rad: Joints) -> list[Joints]:
-    """Return ``calibration.poses`` arm configurations (7,), each looking at the board's middle from another direction.
+    """Return ``calibration.poses`` arm configurations (n,), each looking at the board's middle from another direction.
 
     Args:
-        q_from_rad: (7,) start; each viewpoint is reached from the one before.
+        q_from_rad: (joints,) start; each viewpoint is reached from the one before.
 
     Raises:
         CalibrationError: fewer than 12 can be reached.
@@ -83,7 +83,7 @@ def looking_at(center_m: Array, distance_m: float, tilt_deg: float, around_deg: 
 
 def _reached(scene: Scene, station: Station, base_from_color: Transform, q_from_rad: Joints) -> Joints | None:
     base_from_tcp = base_from_color @ inverse(hand_from_color(station.camera)) @ HAND_FROM_TCP
-    for q_rad, _ in islice(configurations([base_from_tcp], q_from_rad), _EXAMINED):
+    for q_rad, _ in islice(configurations(scene.robot.arm, [base_from_tcp], q_from_rad), _EXAMINED):
         if scene.collision(q_rad, None) is None:
             return q_rad
     return None

@@ -19,18 +19,19 @@ from planning.robot import Robot, part_name
 Mask = npt.NDArray[np.bool_]
 
 FINGERS = frozenset({"left finger", "right finger"})
-_HAND = FINGERS | {"hand", "camera", "link 7"}
 _RIGID = FINGERS | {"hand", "camera"}
 """Parts whose pose follows from the tcp's alone."""
-_NEIGHBOURS = {
-    frozenset(pair)
-    for pair in (
-        *((f"link {i}", f"link {i + 1}") for i in range(7)),
-        ("link 5", "link 7"),
-        *combinations(sorted(_HAND), 2),
+
+
+def _neighbours(last_link: str) -> set[frozenset[str]]:
+    """Return parts that always overlap or cannot reach each other; tests/planning/test_world.py measures both."""
+    number = int(last_link.removeprefix("link "))
+    pairs = (
+        *((f"link {i}", f"link {i + 1}") for i in range(number)),
+        ("link 5", "link 7"),  # of the FR3
+        *combinations(sorted({*_RIGID, last_link}), 2),
     )
-}
-"""Parts that always overlap or cannot reach each other; tests/planning/test_world.py measures both."""
+    return {frozenset(pair) for pair in pairs}
 
 
 @dataclass(frozen=True)
@@ -72,7 +73,7 @@ class Pair:
     """Two shapes of a world in one configuration.
 
     Attributes:
-        first, second: indices in the world. ``q_rad``: (7,). ``width_m``: opening of the hand, as the world was asked.
+        first, second: indices in the world. ``q_rad``: (n,). ``width_m``: opening of the hand, as the world was asked.
         needed_m: their smallest allowed distance.
     """
 
@@ -84,7 +85,7 @@ class Pair:
     needed_m: float
 
     def at(self, q_rad: Joints) -> Pair:
-        """Return the same two in another configuration (7,)."""
+        """Return the same two in another configuration (n,)."""
         return replace(self, q_rad=q_rad)
 
     @property
@@ -101,9 +102,9 @@ Placed = tuple[coal.CollisionGeometry, Transform]
 """A shape and its pose (4, 4) in ``base``."""
 
 
-def held_thing(shape: coal.CollisionGeometry, hand_from_shape: Transform) -> Thing:
-    """Return the held object: it moves with the hand at ``hand_from_shape`` (4, 4), and touches it."""
-    return Thing("held object", shape, hand_from_shape, _HAND, held=True)
+def held_thing(shape: coal.CollisionGeometry, hand_from_shape: Transform, last_link: str) -> Thing:
+    """Return the held object: it moves with the hand at ``hand_from_shape`` (4, 4), which it touches."""
+    return Thing("held object", shape, hand_from_shape, _RIGID | {last_link}, held=True)
 
 
 @dataclass
@@ -142,7 +143,7 @@ class World:
         wide_margins_m: Sequence[float] = (),
         effort: Effort | None = None,
     ) -> None:
-        self._robot = robot
+        self.robot = robot
         self._things = tuple(things)
         self._robot_parts = len(parts)
         self._names = [*_part_names(tuple(part.name for part in parts)), *(thing.name for thing in self._things)]
@@ -164,7 +165,7 @@ class World:
         self._effort = effort or Effort()
 
     def collision(self, q_rad: Joints, width_m: float, *, wide: int | None = None) -> Collision | None:
-        """Return a pair nearer than its margin in the configuration ``q_rad`` (7,); None if there is none.
+        """Return a pair nearer than its margin in the configuration ``q_rad`` (n,); None if there is none.
 
         Args:
             width_m: opening of the hand.
@@ -173,8 +174,8 @@ class World:
         self.checks += 1
         self._effort.checks += 1
         geometry, manager = self._fine if wide is None else self._wide[wide]
-        self._full[:7], self._full[7:] = q_rad, width_m / 2
-        pin.updateGeometryPlacements(self._robot.model, self._data, self._model, geometry, self._full)
+        self._full[:-2], self._full[-2:] = q_rad, width_m / 2
+        pin.updateGeometryPlacements(self.robot.model, self._data, self._model, geometry, self._full)
         manager.update(False)
         callback = pin.CollisionCallBackDefault(self._model, geometry, True)
         manager.collide(callback)
@@ -193,8 +194,8 @@ class World:
     def placed(self, pair: Pair) -> tuple[Placed, Placed]:
         """Return the shapes of a pair, and where they are."""
         geometry, _ = self._fine
-        self._full[:7], self._full[7:] = pair.q_rad, pair.width_m / 2
-        pin.updateGeometryPlacements(self._robot.model, self._data, self._model, geometry, self._full)
+        self._full[:-2], self._full[-2:] = pair.q_rad, pair.width_m / 2
+        pin.updateGeometryPlacements(self.robot.model, self._data, self._model, geometry, self._full)
         first, second = (
             (self._model.geometryObjects[index].geometry, np.array(geometry.oMg[index].homogeneous))
             for index in (pair.first, pair.second)
@@ -214,18 +215,18 @@ class World:
     def _level(self, margins: npt.NDArray[np.float64]) -> tuple[pin.GeometryData, Any]:
         geometry = self._model.createData()
         geometry.setSecurityMargins(self._model, margins)
-        return geometry, pin.BroadPhaseManager_DynamicAABBTreeCollisionManager(self._robot.model, self._model, geometry)
+        return geometry, pin.BroadPhaseManager_DynamicAABBTreeCollisionManager(self.robot.model, self._model, geometry)
 
     def _placed(self, name: str, thing: Thing) -> pin.GeometryObject:
         if thing.held:
-            return self._robot.on_hand(name, thing.shape, thing.pose)
+            return self.robot.on_hand(name, thing.shape, thing.pose)
         return pin.GeometryObject(name, 0, 0, pin.SE3(thing.pose), thing.shape)
 
     def _pairs(self) -> Mask:
         """Return the checked pairs (upper triangle): part and part, part and thing, held object and other things."""
         parts, every = self._robot_parts, len(self._names)
         pairs = np.zeros((every, every), dtype=bool)
-        pairs[:parts, :parts] = _own_pairs(tuple(self._names[:parts]))
+        pairs[:parts, :parts] = _own_pairs(tuple(self._names[:parts]), self.robot.last_link)
         for index, thing in enumerate(self._things, start=parts):
             pairs[:parts, index] = [name not in thing.near for name in self._names[:parts]]
             if thing.held:
@@ -239,5 +240,6 @@ def _part_names(names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 @cache
-def _own_pairs(names: tuple[str, ...]) -> Mask:
-    return np.array([[a != b and frozenset((a, b)) not in _NEIGHBOURS for b in names] for a in names])
+def _own_pairs(names: tuple[str, ...], last_link: str) -> Mask:
+    apart = _neighbours(last_link)
+    return np.array([[a != b and frozenset((a, b)) not in apart for b in names] for a in names])

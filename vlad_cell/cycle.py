@@ -21,10 +21,9 @@ from logs.mcap.migrate import Content
 from logs.mcap.reader import CycleRecord, read_stages, read_with_messages
 from logs.mcap.reader import read_cycle as read_whole
 from logs.report.evidence import choice
-from logs.report.images import annotated
 from logs.report.timeline import Timeline, summarize
 from perception.geometry.depth import Rgbd, register
-from vlad_cell.detection import Detections, Grasp
+from vlad_cell.detection import Detections, Grasp, drawn
 from vlad_cell.picture import Picture
 
 
@@ -70,7 +69,7 @@ class JointTrack:
 
     Attributes:
         time_s: (n,) seconds of the robot's time since the first look, ascending; negative before it.
-        q_rad, dq_rad_s, tau_ext_nm: (n, 7) joint positions, velocities and external torques, base to wrist.
+        q_rad, dq_rad_s, tau_ext_nm: (n, joints) joint positions, velocities and external torques, base to wrist.
     """
 
     time_s: npt.NDArray[np.float64]
@@ -212,13 +211,16 @@ class Cycle:
             raise RecordingError(f"Nothing was found in the cycle {self.cycle_id}: {self.reason}", self.advice)
         return Detections(found)
 
-    def picture(self) -> Picture:
+    def picture(self, *, close_up: bool = False) -> Picture:
         """The image with the grasps: the chosen one in yellow, those without a way to them in red.
+
+        Args:
+            close_up: only the part around the object.
 
         Raises: RecordingError, as ``detections``.
         """
         record = self.detections.record
-        return Picture(annotated(record, *choice(self.record, record)))
+        return drawn(record, choice(self.record, record), close_up=close_up)
 
     # --- what was done ------------------------------------------------------------------------------------------------
 

@@ -14,7 +14,8 @@ import numpy.typing as npt
 from bus.errors import BadFrame
 from bus.messages import CameraModel, Frame, Instance, Observation, Rectangle, View
 from bus.messages import Detections as Record
-from logs.report.images import annotated
+from logs.report.evidence import Choice
+from logs.report.images import annotated, crop
 from perception.detector import detect as vlad_grasp
 from perception.detector import ignore_reply
 from perception.models import open_models
@@ -89,9 +90,13 @@ class Detections:
         """(H, W, 3) RGB: the object with the imagined rod through it, of the best grasp."""
         return self.record.evidence.goal_image
 
-    def picture(self) -> Picture:
-        """The colour image with the object's outline and the grasps' rectangles, that of the best one in yellow."""
-        return Picture(annotated(self.record, 0, ()))
+    def picture(self, *, close_up: bool = False) -> Picture:
+        """The colour image with the object's outline and the grasps' rectangles, that of the best one in yellow.
+
+        Args:
+            close_up: only the part around the object.
+        """
+        return drawn(self.record, Choice(0, ()), close_up=close_up)
 
 
 def detect(
@@ -138,6 +143,12 @@ def detect(
     observation = observed(color, depth_m, K, base_from_camera, distortion)
     with closing(open_models(station, os.environ)) as models:
         return Detections(vlad_grasp(observation, station, models, ignore_reply))
+
+
+def drawn(record: Record, chosen: Choice, *, close_up: bool) -> Picture:
+    """The colour image, or the part of it around the object, with the grasps: chosen, rejected, others."""
+    image = annotated(record, *chosen)
+    return Picture(crop(image, record.evidence.object_mask) if close_up else image)
 
 
 def observed(

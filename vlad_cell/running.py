@@ -8,6 +8,7 @@ from pathlib import Path
 from types import TracebackType
 
 from bus import topics
+from bus.at_end import close_at_end, forget
 from bus.commands import CellHealth, CellState, CommandRequest
 from bus.errors import CellUnreachable, ConfigError, NotReached, ReplyTimeout
 from bus.messages import CycleResult, Job
@@ -59,11 +60,15 @@ class Cell:
         station = station_of(config, changed)
         if config is None and "cell_id" not in changed:
             station = station.model_copy(update={"cell_id": _only_cell(station)})
-        self._open(station, name, ExitStack())
+        with ExitStack() as stack:
+            self._open(station, name, stack)
 
     def _open(self, station: Station, name: str, stack: ExitStack) -> None:
-        self._station, self._stack = station, stack
+        """Connect; what ``stack`` holds then belongs to this cell."""
+        self._station = station
         self._client: Client = stack.enter_context(connect(station, (topics.EVENT,), client_id=client_name(name)))
+        self._stack = stack.pop_all()
+        close_at_end(self.close)
 
     @classmethod
     def simulated(
@@ -94,7 +99,6 @@ class Cell:
         with ExitStack() as stack:
             station = stack.enter_context(running(station_of(config, {**given, **(settings or {})})))
             cell._open(station, "python", stack)
-            cell._stack = stack.pop_all()
         return cell
 
     def __enter__(self) -> Cell:
@@ -107,6 +111,7 @@ class Cell:
 
     def close(self) -> None:
         """Give the lease back and end the connection; a simulated cell ends, too. Idempotent."""
+        forget(self.close)
         self._stack.close()
 
     @property

@@ -20,6 +20,7 @@ from benchmarks.heaps.plan import station_of
 from bus.transforms import apply, from_rotation, inverse
 from config.schema import Station
 from planning.candidates import configurations, twins
+from planning.kinematics import FR3_ARM
 from planning.robot import Robot
 from planning.scene import Scene
 
@@ -104,7 +105,7 @@ def in_reach(kind: str, base_from_tcp: Array) -> bool:
     """Whether some configuration of the arm, clear of table and walls, brings the hand there; either way around."""
     station, scene = station_of(kind), _obstacles(kind)
     capture_rad = np.array(station.arm.capture_q_rad)
-    for index, (q_rad, _) in enumerate(configurations(twins(base_from_tcp), capture_rad)):
+    for index, (q_rad, _) in enumerate(configurations(FR3_ARM, twins(base_from_tcp), capture_rad)):
         if scene.collision(q_rad, station.hand.max_width_m) is None:
             return True
         if index == _EXAMINED:

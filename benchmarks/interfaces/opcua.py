@@ -18,8 +18,8 @@ from typing import Any
 
 from asyncua import Client, ua
 
-from benchmarks.free_port import free_port
 from benchmarks.interfaces.spread import spread_ms
+from bus.free_port import free_port
 
 _PUBLISHING_MS = 10
 _TURNS = (("Abort", "Aborting", "Aborted"), ("Clear", "Clearing", "Stopped"))

@@ -69,8 +69,8 @@ class ArmState(Message):
     """Measured state of the arm.
 
     Attributes:
-        q_rad, dq_rad_s: (7,) joint positions and velocities, base to wrist.
-        tau_ext_nm: (7,) external torque on the joints, without gravity.
+        q_rad, dq_rad_s: (n,) joint positions and velocities, base to wrist.
+        tau_ext_nm: (n,) external torque on the joints, without gravity.
     """
 
     stamp_ns: int
@@ -85,8 +85,8 @@ class Motion(Message):
 
     Attributes:
         finished: played to its end; False = a stop, or its guard, braked it on its path.
-        commanded_q_rad: (n, 7) joint positions as sent to the arm, at 1 kHz.
-        t_s, q_rad, dq_rad_s, tau_ext_nm: measured (m,) and (m, 7), every 10 ms of robot time from the motion's start.
+        commanded_q_rad: (m, n) joint positions as sent to the arm, at 1 kHz.
+        t_s, q_rad, dq_rad_s, tau_ext_nm: measured (m,) and (m, n), every 10 ms of robot time from the motion's start.
         contact_n: the force at which its guard (`bus.trajectory.ContactGuard`) braked it; None = it met nothing.
     """
 

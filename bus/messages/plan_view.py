@@ -15,7 +15,7 @@ class PlannedPath(Message):
         only_to_look: played only when the place is looked at.
         width_m: opening of the hand meanwhile.
         nearest_m: the shortest distance from each known box, by its name; negative inside of a part's convex hull.
-        times_s: (n,) from its begin. ``q_rad``: (n, 7). ``tcp_m``: (n, 3) in ``base``.
+        times_s: (n,) from its begin. ``q_rad``: (m, n). ``tcp_m``: (n, 3) in ``base``.
         base_from_frame: (n, f, 3, 4) the upper three rows of the pose of every frame of `PlanView`.
     """
 

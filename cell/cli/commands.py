@@ -14,6 +14,7 @@ from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
 from bus.lazy import LazyModule
+from cell.cli.examples import shown
 from cell.terminal.printing import out
 
 metadata: Any = LazyModule("importlib.metadata")
@@ -122,16 +123,24 @@ COMMANDS = {
         "Trim and delete recordings by the rule of the station (recording.keep_gb and others), archived before.",
     ),
     "export": Row("export", "Chosen recordings as a data set of another program."),
-    "config": Row("setup", "Print the whole configuration, defaults included, as JSON."),
+    "config": Row(
+        "station",
+        "A station file: what counts and where it comes from, its mistakes, differences, a schema, a new one.",
+    ),
     "doctor": Row(
         "setup",
         "Check this machine and the station's devices before the first start. Exit 0 nothing to fix, 1 something is.",
     ),
     "detectors": Row(
-        "plug_ins", "The detectors that a station can name (perception.detector), and the package that brings each."
+        "plug_ins",
+        "The detectors that a station can name (perception.detector), the package of each, and its settings.",
     ),
     "drivers": Row(
-        "plug_ins", "The drivers that a station can name (nodes.NAME.driver), and the package that brings each."
+        "plug_ins", "The drivers that a station can name (nodes.NAME.driver), the package of each, and its settings."
+    ),
+    "goal-models": Row(
+        "plug_ins",
+        "The goal-image models that a station can name (perception.model), the package of each, and its settings.",
     ),
     "calibrate": Row("calibrate", "Where the camera sits in the hand: find it, check it."),
     "fault": Row(
@@ -197,8 +206,11 @@ def command(name: str) -> Any:
     if not isinstance(what, typer.Typer):
         app = typer.Typer(**_FACE)
         app.command(name)(what)
-    made = get_command(app)
+    made: Any = get_command(app)
     made.name = name
+    made.epilog = shown(name)
+    for inner, below in getattr(made, "commands", {}).items():
+        below.epilog = shown(f"{name} {inner}")
     return made
 
 

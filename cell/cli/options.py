@@ -33,11 +33,11 @@ def finite(number: float | None) -> float | None:
 
 Config = Annotated[
     Path,
-    typer.Option("--config", "-c", help="Station file.", show_default="the simulated cell"),
+    typer.Option("--config", "-c", metavar="FILE.toml", help="Station file.", show_default="the simulated cell"),
 ]
 Set = Annotated[
     list[str] | None,
-    typer.Option("--set", help="Override one setting: key=value. Repeatable."),
+    typer.Option("--set", metavar="KEY=VALUE", help="Override one setting, as in sim.pace=1. Repeatable."),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON for programs.")]
 Count = Annotated[

@@ -1,4 +1,4 @@
-"""``cell config``, ``doctor``, ``watch``, ``node``: inspect and serve one station."""
+"""``cell doctor``, ``watch``, ``node``: inspect and serve one station."""
 
 from __future__ import annotations
 
@@ -12,11 +12,6 @@ from cell.doctor import examine
 from cell.nodes import child
 from cell.terminal.printing import out
 from config.load import DEFAULT_STATION, load_station
-
-
-def config(config: Config = DEFAULT_STATION, overrides: Set = None) -> None:
-    """Print the whole configuration, defaults included, as JSON."""
-    out.json(load_station(config, overrides or []).model_dump_json(indent=2))
 
 
 def doctor(config: Config = DEFAULT_STATION, overrides: Set = None, as_json: Json = False) -> None:

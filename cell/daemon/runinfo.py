@@ -8,7 +8,6 @@ import sys
 import time
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
-from importlib.resources import files
 from pathlib import Path
 
 from bus.errors import RecordingError
@@ -16,6 +15,7 @@ from config.load import station_hash
 from config.schema import Station
 from logs.mcap.migrate import SCHEMA_VERSION
 from logs.mcap.recorder import Recorder, Under
+from planning.description import ASSETS, describe
 
 _GIT_TIMEOUT_S = 1.0
 """Longest wait for git; it delays the first cycle."""
@@ -30,7 +30,7 @@ def run_info(station: Station, cycle_id: str) -> dict[str, str]:
         "cell_id": station.cell_id,
         "station_hash": station_hash(station),
         "seed": str(station.sim.seed),
-        "robot_model_sha256": _robot_model(),
+        "robot_model_sha256": _robot_model(robot_description(station)),
         **_commit(),
         "python": sys.version.split()[0],
         **{package: _version(package) for package in _PACKAGES},
@@ -48,7 +48,7 @@ def open_recorder(path: Path, station: Station, cycle_id: str, under: Under) -> 
     try:
         for name, text in attachments(station).items():
             recorder.attach(name, "application/json", text.encode())
-        recorder.attach("model/fr3.urdf", "application/xml", robot_description())
+        recorder.attach(_model_name(station), "application/xml", robot_description(station))
         recorder.flush()
     except RecordingError:
         recorder.abandon()
@@ -64,21 +64,23 @@ def _version(package: str) -> str:
         return "unknown"
 
 
+def _model_name(station: Station) -> str:
+    return "model/fr3.urdf" if station.robot is None else "model/robot.urdf"
+
+
+def robot_description(station: Station) -> bytes:
+    """The robot's URDF, whose links are the frames of `topics.TF`; its meshes (80 MB) are in the franky-sim package.
+
+    Raises: ConfigError when the arm's own URDF cannot be used.
+    """
+    return describe(station).urdf.encode()
+
+
 @cache
-def robot_description() -> bytes:
-    """The robot's URDF, whose links are the frames of `topics.TF`; its meshes (80 MB) are in the franky-sim package."""
-    return (_assets() / "fr3.urdf").read_bytes()
-
-
-def _assets() -> Path:
-    return Path(str(files("franky_sim"))) / "assets"
-
-
-@cache
-def _robot_model() -> str:
+def _robot_model(urdf: bytes) -> str:
     """Hash of the robot's description and its collision meshes, which the plan depends on."""
-    digest = hashlib.sha256(robot_description())
-    for mesh in sorted((_assets() / "meshes").glob("*_coll.stl")):
+    digest = hashlib.sha256(urdf)
+    for mesh in sorted((ASSETS / "meshes").glob("*_coll.stl")):
         digest.update(mesh.read_bytes())
     return digest.hexdigest()
 

@@ -12,7 +12,7 @@ import statistics
 import time
 from pathlib import Path
 
-from cell.doctor.finding import Finding, fix, ok, skip, uses
+from cell.doctor.finding import Finding, fix, not_needed, ok, skip, uses
 from cell.doctor.network import ROUTES, ip_of, is_connected, is_listening, is_this_machine, obstacle, way_to
 from config.schema import Station
 
@@ -25,10 +25,10 @@ def network(station: Station, routes: Path = ROUTES) -> Finding:
     """Check that the arm is on a network of this machine, without a router in between."""
     name, address = "arm network", station.fr3.address
     if not uses(station, "fr3"):
-        return skip(name, "No node uses the driver fr3.")
+        return not_needed(name, "No node uses the driver fr3.")
     ip = ip_of(address)
     if ip is None:
-        return fix(name, f"Nobody knows the address {address!r}.", "Set fr3.address to the arm's IP address.")
+        return fix(name, f"The name {address!r} has no IP address here.", "Set fr3.address to the arm's IP address.")
     if is_this_machine(ip):
         return ok(name, f"{address} is this machine: a simulator")
     way = way_to(ip, routes)
@@ -36,8 +36,9 @@ def network(station: Station, routes: Path = ROUTES) -> Finding:
         return fix(name, f"No network of this machine leads to {address}.", _own_address(ip))
     interface, gateway = way
     if gateway:
-        return fix(name, f"{address} would be looked for behind the router on {interface}.", _own_address(ip))
-    return ok(name, f"{address} is on the network of {interface}, without a router between")
+        found = f"This machine has no address in the arm's network: it would look for {address} beyond the router"
+        return fix(name, f"{found} on {interface}.", _own_address(ip))
+    return ok(name, f"{address} is in the network of {interface}, with no router in between")
 
 
 def _own_address(ip: str) -> str:
@@ -49,7 +50,7 @@ def _one_client(name: str, address: str, port: int, advice: str) -> Finding:
     """Check that a server that accepts one client is there; see the module."""
     ip, where = ip_of(address), f"{address}, port {port}"
     if ip is None:
-        return fix(name, f"Nobody knows the address {address!r}.", "Set it in the station file.")
+        return fix(name, f"The name {address!r} has no IP address here.", "Set it in the station file.")
     if is_connected(ip, port):
         return ok(name, f"{where}: a program of this machine is connected")
     if is_this_machine(ip):
@@ -71,7 +72,7 @@ def control(station: Station, port: int = FCI_PORT) -> Finding:
     """Check that the arm's control port answers."""
     name, address = "arm control (FCI)", station.fr3.address
     if not uses(station, "fr3"):
-        return skip(name, "No node uses the driver fr3.")
+        return not_needed(name, "No node uses the driver fr3.")
     advice = f"Power on and cable? Then in Desk (https://{address}): unlock the joints, and Activate FCI."
     return _one_client(name, address, port, advice)
 
@@ -80,7 +81,7 @@ def latency(station: Station, port: int = DESK_PORT, slowest_s: float = _SLOWEST
     """Measure round trips of TCP handshakes with Desk's port against ``slowest_s``; a refusal is just as fast."""
     name, ip = "arm latency", ip_of(station.fr3.address)
     if not uses(station, "fr3"):
-        return skip(name, "No node uses the driver fr3.")
+        return not_needed(name, "No node uses the driver fr3.")
     if ip is None or is_this_machine(ip):
         return skip(name, "No network to be measured.")
     if _is_elsewhere(ip):
@@ -115,6 +116,6 @@ def hand(station: Station, port: int = HAND_PORT) -> Finding:
     """Check that the hand's port answers."""
     name, address = "hand", station.panda_hand.address
     if not uses(station, "panda_hand"):
-        return skip(name, "No node uses the driver panda_hand.")
+        return not_needed(name, "No node uses the driver panda_hand.")
     advice = "In Desk: Settings > End Effector: choose Franka Hand, initialise it; and Activate FCI."
     return _one_client(name, address, port, advice)

@@ -42,13 +42,17 @@ def examine(station: Station) -> Iterator[Finding]:
 
 def report(station: Station, out: Printer, *, as_json: bool) -> bool:
     """Print the findings, as JSON one object a line; return True when there is nothing to fix."""
-    to_fix = 0
+    to_fix, unneeded = 0, []
     for finding in examine(station):
         to_fix += finding.verdict is Verdict.FIX
         if as_json:
             out.json(finding.to_json())
-        else:
+        elif finding.is_needed:
             _show(finding, out)
+        else:
+            unneeded.append(finding.name)
+    if unneeded:
+        out.line((f"not needed by this station: {', '.join(unneeded)}", "dim"))
     if not as_json:
         out.line((f"{to_fix} to fix", "bold red") if to_fix else ("nothing to fix", "bold green"))
     return to_fix == 0

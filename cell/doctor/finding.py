@@ -10,7 +10,7 @@ from config.schema import Station
 
 
 class Verdict(StrEnum):
-    """The verdict of a check. ``skip``: it does not apply to this station, or cannot be decided now."""
+    """The verdict of a check. ``skip``: this station has no such part, or it cannot be decided now."""
 
     OK = "ok"
     FIX = "fix"
@@ -24,12 +24,14 @@ class Finding:
     Attributes:
         name: of the checked item, in an operator's words.
         found: the observation. ``advice``: what to do about it; only of ``fix``.
+        is_needed: False where the station has no such part: then it was not looked at.
     """
 
     name: str
     verdict: Verdict
     found: str
     advice: str = ""
+    is_needed: bool = True
 
     def to_json(self) -> dict[str, str]:
         """The fields as a JSON object."""
@@ -50,8 +52,13 @@ def fix(name: str, found: str, advice: str) -> Finding:
 
 
 def skip(name: str, why: str) -> Finding:
-    """The finding of a check that does not apply."""
+    """The finding of a check that cannot be decided now."""
     return Finding(name, Verdict.SKIP, why)
+
+
+def not_needed(name: str, why: str) -> Finding:
+    """The finding of a check that this station has no use for."""
+    return Finding(name, Verdict.SKIP, why, is_needed=False)
 
 
 def uses(station: Station, driver: str) -> bool:

@@ -8,7 +8,7 @@ import resource
 from collections.abc import Callable
 from pathlib import Path
 
-from cell.doctor.finding import Finding, fix, ok, skip, uses
+from cell.doctor.finding import Finding, fix, not_needed, ok, skip, uses
 from config.schema import Station
 
 _MEMLOCK_BYTES = 102_400 * 1024
@@ -30,7 +30,7 @@ def realtime(station: Station, flag: Path = Path("/sys/kernel/realtime")) -> Fin
     """Check for a PREEMPT_RT kernel."""
     name = "real-time kernel"
     if why := _no_loop(station):
-        return skip(name, why)
+        return not_needed(name, why)
     if flag.exists() and flag.read_text().strip() == "1":
         return ok(name, f"{platform.release()}, fully preemptible")
     advice = (
@@ -54,7 +54,7 @@ def priority(station: Station, allowed: Callable[[], bool] = _can_be_fifo) -> Fi
     """Check that this user may use real-time priorities."""
     name = "real-time priority"
     if why := _no_loop(station):
-        return skip(name, why)
+        return not_needed(name, why)
     if allowed():
         return ok(name, "This user may use SCHED_FIFO up to the highest priority")
     return fix(name, "This user may not use real-time priorities (SCHED_FIFO).", _LIMITS_ADVICE)
@@ -70,7 +70,7 @@ def memory(station: Station, lockable: Callable[[], float] = _lockable_bytes) ->
     """Check that this user may lock enough memory; ``lockable`` gives it in bytes."""
     name = "locked memory"
     if why := _no_loop(station):
-        return skip(name, why)
+        return not_needed(name, why)
     if (most := lockable()) >= _MEMLOCK_BYTES:
         return ok(name, "Without limit" if most == float("inf") else f"Up to {most / 1e6:.0f} MB")
     found = f"This user may lock {most / 1e6:.0f} MB; the control loop wants {_MEMLOCK_BYTES / 1e6:.0f} MB."
@@ -81,10 +81,10 @@ def governor(station: Station, cpus: Path = Path("/sys/devices/system/cpu")) -> 
     """Check that all cores run at full speed."""
     name = "CPU frequency"
     if why := _no_loop(station):
-        return skip(name, why)
+        return not_needed(name, why)
     governors = {file.read_text().strip() for file in cpus.glob("cpu[0-9]*/cpufreq/scaling_governor")}
     if not governors:
-        return skip(name, "This machine does not let the system set it.")
+        return skip(name, "Not known: this machine keeps it to itself, as a virtual one does.")
     if governors == {"performance"}:
         return ok(name, "All cores run at full speed (performance)")
     found = f"Cores may slow down to save power (governor {', '.join(sorted(governors))})."

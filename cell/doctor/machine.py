@@ -15,7 +15,7 @@ from collections.abc import Callable
 from importlib.metadata import PackageNotFoundError, requires, version
 
 from bus.errors import ConfigError, RecordingError
-from cell.doctor.finding import Finding, fix, ok, skip
+from cell.doctor.finding import Finding, fix, not_needed, ok
 from config.schema import Station
 from drivers.node import registry
 from logs.mcap.retention import in_words
@@ -68,9 +68,9 @@ def drivers(
         python: major and minor version; None = this one's.
     """
     name, used = "drivers", sorted({node.driver for node in station.nodes.values()})
-    unknown = [one for one in used if one not in registry.names()]
+    unknown = [one for one in used if one not in registry.GROUP.names()]
     if unknown:
-        known = ", ".join(registry.names())
+        known = ", ".join(registry.GROUP.names())
         return fix(
             name, f"No such driver: {', '.join(unknown)}.", f"Correct [nodes] in the station file; there are: {known}."
         )
@@ -79,7 +79,7 @@ def drivers(
     if missing:
         return fix(name, f"Not installed: {', '.join(one[0] for one in missing)}.", _install(missing, python))
     behind = f" (with {', '.join(one[0] for one in needed)})" if needed else ""
-    return ok(name, f"{', '.join(used)}{behind}")
+    return ok(name, f"All installed: {', '.join(used)}{behind}")
 
 
 def _install(missing: list[tuple[str, str, tuple[int, int] | None]], python: tuple[int, int] | None) -> str:
@@ -100,7 +100,7 @@ def rendering(station: Station) -> Finding:
     """Check that MuJoCo can draw, in a separate process, because graphics drivers crash."""
     name = "rendering"
     if not station.simulated:
-        return skip(name, "Only a simulated camera draws.")
+        return not_needed(name, "Only a simulated camera draws.")
     environment = {**os.environ, "MUJOCO_GL": os.environ.get("MUJOCO_GL", "egl")}
     try:
         drawn = subprocess.run(
@@ -144,10 +144,10 @@ def _what_goes(station: Station) -> str:
     if not settings.rules:
         return "recordings are never deleted (recording.keep_gb = 0)"
     plan = Pruner(settings).plan()
-    now, soon, thin = (in_words([one.file for one in due]) for due in (plan.delete, plan.soon, plan.thin))
-    trimmed = f", {thin} to be trimmed" if plan.thin else ""
+    dues = {"now": plan.delete, "within a day": plan.soon, "only trimmed": plan.thin}
+    parts = [f"{in_words([one.file for one in due])} {when}" for when, due in dues.items() if due]
     rules = ", ".join(f"recording.{name}" for name in settings.rules)
-    return f"to be deleted by {rules}: {now} now, {soon} within a day{trimmed}"
+    return f"{rules} would delete: {', '.join(parts) or 'nothing within a day'}"
 
 
 class _Timex(ctypes.Structure):
@@ -179,6 +179,6 @@ def clock(station: Station, ask: Callable[[], tuple[bool, float]] = _kernel_cloc
     if in_step:
         return ok(name, f"Kept by a time server, wrong by {error_s * 1e3:.0f} ms at most")
     if station.simulated:
-        return skip(name, "No time server keeps it; the simulated cell does not mind.")
+        return ok(name, "No time server keeps it; only real devices need that")
     advice = "sudo timedatectl set-ntp true   (or install chrony); the times in recordings and of frames come from it."
     return fix(name, "No time server keeps this machine's clock.", advice)

@@ -14,7 +14,7 @@ from bus.errors import BusError, ConfigError
 from bus.lazy import LazyModule
 from bus.secrets import checked_secret, read_secret
 from cell import client
-from cell.doctor.finding import Finding, fix, ok, skip, uses
+from cell.doctor.finding import Finding, fix, not_needed, ok, skip, uses
 from cell.doctor.network import answer_within, ip_of, is_connected, obstacle, way_to
 from config.schema import Station
 
@@ -32,12 +32,12 @@ def camera(station: Station, port: int = CAMERA_PORT) -> Finding:
     """Check that the camera's port answers."""
     name, address = "camera", station.femto_mega.address
     if not uses(station, "femto_mega"):
-        return skip(name, "No node uses the driver femto_mega.")
+        return not_needed(name, "No node uses the driver femto_mega.")
     if address is None:
         return skip(name, "It has no fixed address: its node looks for it by its serial number.")
     ip = ip_of(address)
     if ip is None:
-        return fix(name, f"Nobody knows the address {address!r}.", "Set femto_mega.address.")
+        return fix(name, f"The name {address!r} has no IP address here.", "Set femto_mega.address.")
     if trouble := "" if is_connected(ip, port) else obstacle(ip, port):
         advice = (
             "Power on and cable? Is this machine's address in the same network (as delivered the camera has"
@@ -45,8 +45,10 @@ def camera(station: Station, port: int = CAMERA_PORT) -> Finding:
         )
         return fix(name, f"{address}, port {port} {trouble}.", advice)
     way = way_to(ip)
-    behind = f", but from behind the router on {way[0]}: is it really the camera?" if way and way[1] else ""
-    return ok(name, f"{address}, port {port}: answers{behind}")
+    if way and way[1]:
+        found = f"Something answers at {address}, port {port}, but beyond the router on {way[0]}"
+        return skip(name, f"{found}: is it the camera? This machine has no address in that network.")
+    return ok(name, f"{address}, port {port}: answers")
 
 
 # --- the hosted model -------------------------------------------------------------------------------------------------
@@ -56,9 +58,9 @@ def model_key(station: Station, environ: Mapping[str, str] = os.environ) -> Find
     """Check that the model's key is set; the key is never shown."""
     name, model, hosted = "model key", station.perception.model, station.perception.hosted
     if model not in _SERVERS:
-        if model not in registry.names():
-            return fix(name, f"No such goal-image model: {model}.", f"There are: {', '.join(registry.names())}.")
-        return skip(name, f"The model {model!r} runs on this machine and needs none.")
+        if model not in registry.GROUP.names():
+            return fix(name, f"No such goal-image model: {model}.", f"There are: {', '.join(registry.GROUP.names())}.")
+        return not_needed(name, f"The model {model!r} runs on this machine and needs none.")
     unnamed = [role for role in ("text_model", "image_model") if not getattr(hosted, role)]
     if unnamed:
         return fix(name, f"perception.hosted.{unnamed[0]} is not set.", f"Name a model as in config/{model}.toml.")
@@ -83,12 +85,12 @@ def model_server(station: Station, proxies: Mapping[str, str] | None = None) -> 
     """Check that the hosted model's server answers."""
     name, model = "model server", station.perception.model
     if model not in _SERVERS:
-        return skip(name, f"The model {model!r} runs on this machine.")
+        return not_needed(name, f"The model {model!r} runs on this machine.")
     url = urlsplit(station.perception.hosted.base_url or _SERVERS[model])
     host, port = url.hostname or "", url.port or (80 if url.scheme == "http" else 443)
     if url.scheme in (getproxies() if proxies is None else proxies):
         return skip(name, f"{host} is reached through a proxy.")
-    trouble = "is not known to anybody" if ip_of(host) is None else obstacle(host, port)
+    trouble = "has no IP address here" if ip_of(host) is None else obstacle(host, port)
     if trouble:
         advice = "Check this machine's network and perception.hosted.base_url; the embedded model needs no server."
         return fix(name, f"{host}, port {port} {trouble}.", advice)
@@ -143,7 +145,7 @@ def nodes(station: Station) -> Finding:
     """Check that the nodes that run elsewhere are up."""
     name, outside = "nodes elsewhere", [one for one, node in station.nodes.items() if node.run == "elsewhere"]
     if not outside:
-        return skip(name, "All nodes are started by the cell itself.")
+        return not_needed(name, "All nodes are started by the cell itself.")
     if not _is_free(station.bus.endpoint):
         return skip(name, f"No cell is running; once it is, start {', '.join(outside)} with `cell node`.")
     found = running(station)

@@ -27,7 +27,7 @@ from config.load import station_from
 from config.schema import Station
 from drivers.node.link import join_cell
 from drivers.node.node import Node
-from drivers.node.registry import open_devices
+from drivers.node.registry import open_node
 
 _log = logging.getLogger(__name__)
 _DEFECT_EXIT_CODE = 70
@@ -45,7 +45,7 @@ def _serve(name: str, stdin: IO[str], stdout: IO[str]) -> int:
     try:
         with join_cell(station) as bus:
             bus.seal = Seal(secret) if secret else None
-            node = Node(name, bus, open_devices(station.nodes[name].driver, station), station)
+            node = Node(name, bus, open_node(name, station), station)
             with handled_by(partial(_end_by_defect, node)):
                 node.open()
                 _say(stdout, Ready(node=name, pid=os.getpid()))
@@ -77,7 +77,7 @@ def serve_until_interrupted(name: str, station: Station) -> None:
     on_end(ended.set)
     with ExitStack() as stack:
         bus = stack.enter_context(join_cell(station, station.bus.zenoh))
-        node = Node(name, bus, open_devices(station.nodes[name].driver, station), station)
+        node = Node(name, bus, open_node(name, station), station)
         stack.enter_context(handled_by(partial(_end_by_defect, node)))
         node.open()
 

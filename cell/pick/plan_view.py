@@ -95,7 +95,7 @@ def _path(part: Segment, planned: Planned, outlines: Outlines, robot: Robot) -> 
 
 
 def sampled(commands_rad: JointSamples) -> tuple[npt.NDArray[np.float64], JointSamples]:
-    """The times (n,) [s] and positions (n, 7) of 1 kHz commands at `SAMPLE_HZ`, with the last one."""
+    """The times (n,) [s] and positions (n, joints) of 1 kHz commands at `SAMPLE_HZ`, with the last one."""
     rows = np.arange(0, len(commands_rad), round(1 / (TICK_S * SAMPLE_HZ)))
     if rows[-1] != len(commands_rad) - 1:
         rows = np.append(rows, len(commands_rad) - 1)

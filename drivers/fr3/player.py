@@ -10,6 +10,7 @@ import numpy as np
 from bus.arrays import Joints, JointSamples, Samples
 from bus.errors import MotionRefused
 from bus.trajectory import TICK_S, Trajectory
+from config.limits import FR3
 from drivers.fr3.shared_state import MotionRequest, SharedState
 from drivers.motion.stream import Stream
 
@@ -52,7 +53,7 @@ class Player:
     """
 
     def __init__(self, trajectory: Trajectory, shared: SharedState) -> None:
-        self._stream, self._shared = Stream(trajectory), shared
+        self._stream, self._shared = Stream(trajectory, FR3), shared
         self._planned_q_rad = trajectory.start_q_rad
         self._away_rad = np.zeros(7)
         self._tick = self._fade_ticks = 0

@@ -8,7 +8,7 @@ import ruckig
 from bus.arrays import JointSamples
 from bus.errors import DriverError
 from bus.trajectory import TICK_S
-from config.limits import ACCELERATION_RAD_S2, JERK_RAD_S3
+from config.limits import JointLimits
 
 _SHARE = 0.98
 """Share of the limits that is used; the samples' differences lag the profile by a tick."""
@@ -17,13 +17,13 @@ _BEYOND = "The arm cannot be brought to rest within its limits."
 _ADVICE = "The arm's own controller stops it now; find out what sent these commands."
 
 
-def brake_without_path(last_q_rad: JointSamples) -> JointSamples:
-    """Return 1 kHz commands (n, 7) [rad] from motion to rest, all joints at rest at the same time (ruckig).
+def brake_without_path(limits: JointLimits, last_q_rad: JointSamples) -> JointSamples:
+    """Return 1 kHz commands (m, n) [rad] from motion to rest, all joints at rest at the same time (ruckig).
 
     They follow no checked path: the arm runs on by up to dq^2 / 20. With a trajectory, use `drivers.motion.stream`.
 
     Args:
-        last_q_rad: (3, 7) the last three commands.
+        limits: of the joints. ``last_q_rad``: (3, n) the last three commands.
 
     Raises:
         DriverError: the commands are not finite, or too fast to be braked within the limits.
@@ -32,19 +32,18 @@ def brake_without_path(last_q_rad: JointSamples) -> JointSamples:
         raise DriverError("The last commands are not finite numbers: there is no state to brake from.", _ADVICE)
     q_rad, ddq_rad_s2 = last_q_rad[-1], np.diff(last_q_rad, n=2, axis=0)[0] / TICK_S**2
     dq_rad_s = (q_rad - last_q_rad[-2]) / TICK_S + ddq_rad_s2 * TICK_S / 2
-    order = ruckig.InputParameter(7)
+    order = ruckig.InputParameter(limits.joints)
     order.control_interface = ruckig.ControlInterface.Velocity
     order.synchronization = ruckig.Synchronization.Time
     order.current_position, order.current_velocity = q_rad.tolist(), dq_rad_s.tolist()
-    order.current_acceleration = np.clip(
-        ddq_rad_s2, -_SHARE * ACCELERATION_RAD_S2, _SHARE * ACCELERATION_RAD_S2
-    ).tolist()
-    order.target_velocity = [0.0] * 7
-    order.max_acceleration = (_SHARE * ACCELERATION_RAD_S2).tolist()
-    order.max_jerk = (_GENTLE_JERK * JERK_RAD_S3).tolist()
-    profile = ruckig.Trajectory(7)
+    most_rad_s2 = _SHARE * limits.acceleration_rad_s2
+    order.current_acceleration = np.clip(ddq_rad_s2, -most_rad_s2, most_rad_s2).tolist()
+    order.target_velocity = [0.0] * limits.joints
+    order.max_acceleration = most_rad_s2.tolist()
+    order.max_jerk = (_GENTLE_JERK * limits.jerk_rad_s3).tolist()
+    profile = ruckig.Trajectory(limits.joints)
     try:
-        outcome = ruckig.Ruckig(7).calculate(order, profile)
+        outcome = ruckig.Ruckig(limits.joints).calculate(order, profile)
     except ruckig.RuckigError as error:
         raise DriverError(_BEYOND, _ADVICE) from error
     if outcome != ruckig.Result.Working:

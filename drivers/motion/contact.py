@@ -39,7 +39,7 @@ class Feeler:
 
         Args:
             at: the place along the filtered motion [ticks].
-            tau_ext_nm: (7,) external torques measured there.
+            tau_ext_nm: (joints,) external torques measured there.
         """
         guard = self._guard
         if guard is None or at < guard.begins_at:

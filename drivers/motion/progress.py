@@ -15,21 +15,21 @@ from scipy.ndimage import minimum_filter1d
 
 from bus.arrays import Joints, JointSamples
 from bus.trajectory import TICK_S
-from config.limits import ACCELERATION_RAD_S2, JERK_RAD_S3
+from config.limits import JointLimits
 
 Array = npt.NDArray[np.float64]
 
-_ACCELERATION = 0.985 * float(ACCELERATION_RAD_S2.min()) * TICK_S**2
-"""Largest acceleration of a joint during a change of rate [rad per tick^2]."""
-_JERK = 0.25 * float(JERK_RAD_S3.min()) * TICK_S**3
-"""Largest jerk of a joint on a way back [rad per tick^3]."""
+_ACCELERATION_SHARE = 0.985
+"""Of the least joint's limit, during a change of rate."""
+_JERK_SHARE = 0.25
+"""Of the least joint's limit, on a way back."""
 _GO_BACK, _GO_BACK_JERK = 2 * 5.8, 2 * 60.0
 """Peak acceleration and jerk of a quintic over a unit distance in a unit time, doubled for the path's own bend."""
 _ONSET = 1.5
 """Onset of a stop relative to the onset of the motion itself, which the moving average gives."""
-_HARD_ONSET, _HARD_JERK = 0.0625, 0.6 * float(JERK_RAD_S3.min()) * TICK_S**3
-"""Of a brake at a contact: change of the rate's gain [per tick^2], and largest jerk of a joint [rad per tick^3]; the
-rest of the jerk is the path's own. The blow is over after 3 to 5 ms: what brakes by then takes 1 N of 12 from it."""
+_HARD_ONSET, _HARD_JERK_SHARE = 0.0625, 0.6
+"""Of a brake at a contact: change of the rate's gain [per tick^2], and share of the least joint's jerk; the rest of the
+jerk is the path's own. The blow is over after 3 to 5 ms: what brakes by then takes 1 N of 12 from it."""
 _SHORTEST_WINDOW = 16
 _AHEAD_TICKS = 128
 """Look-ahead, about the duration of a stop: the onset allowed at its end must be known from its start."""
@@ -40,12 +40,15 @@ class Progress:
     """Place and rate of a motion. Undisturbed, the commands are the samples themselves, bit for bit.
 
     Args:
-        samples_rad: (n, 7) 1 kHz commands, from rest to rest, within every limit.
+        limits: of the joints. ``samples_rad``: (m, n) 1 kHz commands, from rest to rest, within every limit.
         window: of the moving average they came from; it sets how smoothly a stop begins. With fewer than 16 samples the
             curve through them overshoots their acceleration by up to 0.6 %.
     """
 
-    def __init__(self, samples_rad: JointSamples, window: int) -> None:
+    def __init__(self, limits: JointLimits, samples_rad: JointSamples, window: int) -> None:
+        self._most = _ACCELERATION_SHARE * float(limits.acceleration_rad_s2.min()) * TICK_S**2  # [rad per tick^2]
+        least_jerk = float(limits.jerk_rad_s3.min()) * TICK_S**3  # [rad per tick^3]
+        self._most_jerk, self._hard_jerk = _JERK_SHARE * least_jerk, _HARD_JERK_SHARE * least_jerk
         self._samples = samples_rad
         self._last = len(samples_rad) - 1
         self._at = 0.0
@@ -71,7 +74,7 @@ class Progress:
         return self._rate == 0.0 or self.at_end
 
     def q_rad(self) -> Joints:
-        """Return the command (7,) at this place."""
+        """Return the command (joints,) at this place."""
         tick = int(self._at)
         return np.asarray(self._samples[tick] if tick == self._at else self._curve(self._at))
 
@@ -103,7 +106,9 @@ class Progress:
             self._rate = self._gain = 0.0
             to_at = self._before(to_at, by_rad)
             far_rad = float(np.abs(self._curve(self._at) - self._curve(to_at)).max())
-            longest = max((_GO_BACK * far_rad / _ACCELERATION) ** 0.5, (_GO_BACK_JERK * far_rad / _JERK) ** (1 / 3))
+            longest = max(
+                (_GO_BACK * far_rad / self._most) ** 0.5, (_GO_BACK_JERK * far_rad / self._most_jerk) ** (1 / 3)
+            )
             self._way_back = (self._at, to_at, int(np.ceil(longest)), 0)
         from_at, to_at, ticks, done = self._way_back
         if done >= ticks:
@@ -151,7 +156,7 @@ class Progress:
         slope, bend = self._slope[tick : tick + 3], self._bend[tick : tick + 3]
         speed = np.maximum(np.abs(slope), 1e-15)
         drive = np.sign(slope) * bend * self._rate**2  # > 0: the path itself speeds this joint up
-        low, high = (-_ACCELERATION - drive) / speed, (_ACCELERATION - drive) / speed
+        low, high = (-self._most - drive) / speed, (self._most - drive) / speed
         return min(0.0, float(low.max())), max(0.0, float(high.min()))
 
     def _bounds(self, window: int) -> None:
@@ -165,6 +170,6 @@ class Progress:
             onset = np.minimum(smoothest, jerk / fastest)
             return np.asarray(minimum_filter1d(onset, _AHEAD_TICKS, origin=-(_AHEAD_TICKS // 2)))
 
-        self._onset = onsets(_ONSET * 4 / window**2, _ONSET * 2 * _ACCELERATION / window)
-        self._hard_onset = onsets(_HARD_ONSET, _HARD_JERK)
+        self._onset = onsets(_ONSET * 4 / window**2, _ONSET * 2 * self._most / window)
+        self._hard_onset = onsets(_HARD_ONSET, self._hard_jerk)
         self._slope, self._bend = (np.concatenate([rows, np.repeat(rows[-1:], 2, axis=0)]) for rows in (slope, bend))

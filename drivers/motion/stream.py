@@ -11,6 +11,7 @@ from enum import Enum
 
 from bus.arrays import Joints
 from bus.trajectory import Trajectory
+from config.limits import JointLimits
 from drivers.motion.contact import Feeler
 from drivers.motion.progress import Progress
 
@@ -35,13 +36,16 @@ class Stream:
     not go on pressing; its driver tells the torques to `feel`.
     `hold`, `resume` and `brake` may be called from any thread, and repeatedly; `next` and `feel` from one thread.
 
+    Args:
+        limits: of the arm's joints.
+
     Attributes:
         contact_n: the force at which its guard braked it; None = it met nothing.
     """
 
-    def __init__(self, trajectory: Trajectory) -> None:
+    def __init__(self, trajectory: Trajectory, limits: JointLimits) -> None:
         samples_rad = trajectory.filtered()
-        self._progress = Progress(samples_rad, trajectory.window)
+        self._progress = Progress(limits, samples_rad, trajectory.window)
         self._feeler = Feeler(trajectory.guard, len(samples_rad) - 1)
         self.contact_n: float | None = None
         self._want, self._slows_at = _Want.PLAY, 0.0
@@ -90,7 +94,7 @@ class Stream:
         return is_under_way and self._feeler.is_due(self._progress.at)
 
     def feel(self, tau_ext_nm: Joints) -> None:
-        """Brake for good, harder than `brake`, when these external torques (7,) are contact; once a tick."""
+        """Brake for good, harder than `brake`, when these external torques (joints,) are contact; once a tick."""
         contact_n = self._feeler.contact_n(self._progress.at, tau_ext_nm)
         if contact_n is None:
             return
@@ -99,7 +103,7 @@ class Stream:
                 self._want, self.contact_n = _Want.STOP, contact_n
 
     def next(self) -> Joints | None:
-        """Return the next command (7,) [rad], one tick (1 ms) after the last; None once at rest for good."""
+        """Return the next command (joints,) [rad], one tick (1 ms) after the last; None once at rest for good."""
         if self._over:
             return None
         if not self._begun:

@@ -141,7 +141,7 @@ class FaultyArm(_Device[Arm, ArmState]):
         """Return the state, changed as the fault says. Raises: DeviceLost under ``off``."""
         state = self._unless_stuck(self._ask(self._device.state))
         if self._fault is Fault.GARBAGE:
-            none = np.full(7, np.nan)
+            none = np.full(len(state.q_rad), np.nan)
             return state.model_copy(update={"q_rad": none, "dq_rad_s": none, "tau_ext_nm": none})
         if self._fault is Fault.WRONG:
             return state.model_copy(update={"q_rad": state.q_rad + WRONG_JOINT_RAD})

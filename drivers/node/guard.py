@@ -9,7 +9,8 @@ import numpy as np
 from bus.errors import CellError, HandFault, MotionRefused
 from bus.messages import ArmMode, ArmState, HandState, Motion
 from bus.trajectory import Trajectory
-from config.limits import check
+from config.limits import JointLimits
+from config.robot import limits_of
 from config.schema import Station
 from drivers.interface import Arm, Hand
 from drivers.motion.stops import Stops
@@ -21,11 +22,12 @@ class Guard:
 
     Args:
         arm: the arm that moves.
-        station: ``arm.start_tolerance_rad`` is used.
+        station: the limits of its arm, and ``arm.start_tolerance_rad``, are used.
     """
 
     def __init__(self, arm: Arm, station: Station) -> None:
         self._arm, self._stops = arm, Stops()
+        self._limits = limits_of(station)
         self._start_tolerance_rad = station.arm.start_tolerance_rad
 
     def connect(self) -> None:
@@ -44,7 +46,7 @@ class Guard:
             ArmReflex: from the arm.
         """
         stopped = self._stops.asked()
-        _require_limits(trajectory)
+        _require_limits(self._limits, trajectory)
         state = self._arm.state()
         _require_ready(state, trajectory, self._start_tolerance_rad)
         return unmoved(state, trajectory) if stopped() else self._arm.execute(trajectory)
@@ -118,15 +120,21 @@ def _require_within(name: str, value: float, lowest: float, highest: float) -> N
         raise HandFault(f"{name} = {value:g} is not between {lowest:g} and {highest:g}.", "See [hand] of the station.")
 
 
-def _require_limits(trajectory: Trajectory) -> None:
+def _require_limits(limits: JointLimits, trajectory: Trajectory) -> None:
+    if (count := len(trajectory.end_q_rad)) != limits.joints:
+        what = f"The trajectory has {count} joints, and the arm of the station {limits.joints}."
+        raise MotionRefused(what, "Plan it for this station.")
     if not np.isfinite(trajectory.raw_q_rad).all():
         raise MotionRefused("The trajectory has a joint position that is not a finite number.", "Plan it again.")
-    report = check(trajectory.filtered())
+    report = limits.check(trajectory.filtered())
     if not report.ok:
         raise MotionRefused(report.describe(), "Plan the motion again; trajectories from `planning` keep every limit.")
 
 
 def _require_ready(state: ArmState, trajectory: Trajectory, tolerance_rad: float) -> None:
+    if len(state.q_rad) != len(trajectory.start_q_rad):
+        what = f"The arm reports {len(state.q_rad)} joints, and the trajectory has {len(trajectory.start_q_rad)}."
+        raise MotionRefused(what, "Does the station's [robot] describe the arm that its driver serves?")
     if state.mode is not ArmMode.IDLE:
         raise MotionRefused(
             f"The arm is not idle: it reports {state.mode.value}.", "Wait, stop it or recover it first."

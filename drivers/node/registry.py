@@ -2,38 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from importlib.metadata import entry_points
+from collections.abc import Mapping
+from typing import Any
 
-from bus.errors import ConfigError, DriverUnavailable
+from bus.errors import DriverUnavailable
+from config.plug_ins import Group
 from config.schema import Station
 from drivers.interface import Devices
 
-GROUP = "vlad_cell.drivers"
+GROUP = Group("vlad_cell.drivers", kind="driver", key="nodes.NAME.driver", failure=DriverUnavailable)
 
 
-def names() -> tuple[str, ...]:
-    """Return the installed drivers' names, sorted."""
-    return tuple(sorted({point.name for point in entry_points(group=GROUP)}))
+def open_node(node: str, station: Station) -> Devices:
+    """Build (not yet connect) the devices of one node of the station. Raises: as `open_devices`."""
+    settings = station.nodes[node]
+    return open_devices(settings.driver, station, settings.settings, f"nodes.{node}.settings")
 
 
-def require(name: str) -> None:
-    """Raises: ConfigError, listing the installed drivers, when none is called ``name``."""
-    if name not in names():
-        raise ConfigError(f"Unknown driver {name!r}.", f"Installed drivers: {', '.join(names())}.")
-
-
-def open_devices(name: str, station: Station) -> Devices:
+def open_devices(
+    name: str, station: Station, settings: Mapping[str, Any] | None = None, where: str = "nodes.NAME.settings"
+) -> Devices:
     """Build (not yet connect) the devices of driver ``name``.
 
+    Args:
+        settings: of the driver itself, as the station file has them in the table ``where``.
+
     Raises:
-        ConfigError: unknown driver.
-        DriverUnavailable: its package cannot be imported here.
+        ConfigError: unknown driver, or a setting that it refuses; the text names it.
+        DriverUnavailable: its package cannot be imported here, or it does not start.
     """
-    require(name)
-    (point, *_) = entry_points(group=GROUP, name=name)
-    try:
-        factory: Callable[[Station], Devices] = point.load()
-    except ImportError as error:
-        raise DriverUnavailable(f"The driver {name!r} cannot be loaded: {error}.", "Install what it needs.") from error
-    return factory(station)
+    devices = GROUP.opened(name, station, settings or {}, where)
+    if not isinstance(devices, Devices):
+        what = f"The driver {name!r} gave {type(devices).__name__} and no Devices."
+        raise DriverUnavailable(what, "See docs/extend.md, A driver.")
+    return devices

@@ -1,4 +1,4 @@
-"""The simulated FR3: position servos that follow 1 kHz commands, and measure contact torques. Signs: docs/frames.md."""
+"""The simulated arm: position servos that follow 1 kHz commands, and measure contact torques. Signs: docs/frames.md."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from bus.arrays import Joints
 from bus.errors import ArmReflex, MotionRefused, NotConnected
 from bus.messages import ArmMode, ArmState, Motion
 from bus.trajectory import TICK_S, Trajectory
+from config.robot import limits_of
 from drivers.motion.brake import brake_without_path
 from drivers.motion.stream import Stream
 from drivers.motion.unmoved import unmoved
@@ -80,7 +81,7 @@ class SimArm:
             ArmReflex: the external torque was too high and the arm stopped itself.
         """
         self._require()
-        stream = Stream(trajectory)
+        stream = Stream(trajectory, limits_of(self._world.station))
         with self._turn:
             self._asked.append(stream)
         try:
@@ -112,7 +113,7 @@ class SimArm:
         q_rad, dq_rad_s, tau_ext_nm = (np.array(column) for column in zip(*measured, strict=True))
         return Motion(
             finished=stream.finished,
-            commanded_q_rad=np.array(commanded).reshape(-1, 7),
+            commanded_q_rad=np.array(commanded).reshape(len(commanded), -1),
             t_s=np.array(ticks) * TICK_S,
             q_rad=q_rad,
             dq_rad_s=dq_rad_s,
@@ -139,14 +140,14 @@ class SimArm:
             self._world.tick()
             commanded.append(command)
             if stream.is_felt:
-                stream.feel(self._world.arm()[2] + noise.normal(0.0, _TORQUE_NOISE_NM, 7))
+                stream.feel(self._world.arm()[2] + noise.normal(0.0, _TORQUE_NOISE_NM, len(command)))
             self._world.pace(len(commanded))
 
     def _brake_without_path(self, commanded: list[np.ndarray]) -> None:
         """After an error in the middle of a motion: brake the joints without a path, from their last three commands."""
         if len(commanded) < 3:
             return
-        for command in brake_without_path(np.array(commanded[-3:])):
+        for command in brake_without_path(limits_of(self._world.station), np.array(commanded[-3:])):
             self._world.command_arm(command, commanded[-1])
             self._world.tick()
             commanded.append(command)

@@ -1,10 +1,8 @@
-"""Composes the MuJoCo model: FR3 and Panda hand, the scene's boxes, wrist camera, and the objects (docs/frames.md)."""
+"""Composes the MuJoCo model: arm and Panda hand, the scene's boxes, wrist camera, and the objects (docs/frames.md)."""
 
 from __future__ import annotations
 
-import importlib.resources
 from collections.abc import Mapping
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -14,8 +12,8 @@ from config.scene import scene_boxes
 from config.schema import Box, Station
 from drivers.sim.board import lay_board
 from drivers.sim.objects import add_object
+from drivers.sim.robot import robot_spec
 
-ARM_JOINTS = tuple(f"fr3_joint{index}" for index in range(1, 8))
 FINGER_JOINTS = ("finger_joint1", "finger_joint2")
 HAND_ACTUATOR = "hand"
 COLOR_CAMERA, DEPTH_CAMERA = "color", "depth"
@@ -51,9 +49,7 @@ def compose(
         hand_from_camera: pose (4x4, optical frame) of each rendered camera in the hand.
         fovy_deg: vertical field of view of each rendered camera.
     """
-    assets = Path(str(importlib.resources.files("franky_sim"))) / "assets"
-    spec = mujoco.MjSpec.from_file(str(assets / "fr3.xml"))
-    spec.meshdir = str(assets / "meshes")
+    spec = robot_spec(station)
     spec.option.timestep = _TIMESTEP_S
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = _IMPRATIO
@@ -77,7 +73,7 @@ def compose(
 
 
 def _prepare_robot(spec: mujoco.MjSpec, station: Station) -> None:
-    """Set weightless links (the FR3 compensates its own weight), a hand that can grasp, and the pads' friction."""
+    """Set weightless links (an arm compensates its own weight), a hand that can grasp, and the pads' friction."""
     for body in spec.bodies:
         if body.name != "world":
             body.gravcomp = 1.0

@@ -10,6 +10,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 
 import mujoco
 import numpy as np
@@ -25,7 +26,8 @@ from drivers.sim.heap import heap
 from drivers.sim.objects import name_in_order, object_names, require_presentable
 from drivers.sim.optics import FOVY_DEG, hand_from_cameras
 from drivers.sim.placing import OBJECT, Placing
-from drivers.sim.scene import ARM_JOINTS, FINGER_JOINTS, HAND_ACTUATOR, compose
+from drivers.sim.robot import arm_joints, joined_models
+from drivers.sim.scene import FINGER_JOINTS, HAND_ACTUATOR, compose
 from drivers.sim.shown import show_what_is_touched
 from drivers.sim.turns import Turns
 
@@ -61,7 +63,7 @@ class World:
         self.presented = 0  # the seed
         self.presentations = 0
         self._q_command_rad = np.array(station.arm.capture_q_rad)
-        self._dq_command_rad_s = np.zeros(7)
+        self._dq_command_rad_s = np.zeros_like(self._q_command_rad)
         self._hand_target_m = station.hand.max_width_m / 2
         self._paced_s: tuple[float, float] = (0.0, 0.0)
         clutter, seed = station.sim.clutter, station.sim.seed
@@ -191,7 +193,7 @@ class World:
     # --- arm and hand -------------------------------------------------------------------------------------------------
 
     def command_arm(self, q_rad: Joints, last_q_rad: Joints) -> None:
-        """Set the arm's position (7,) for the next tick; its rate since ``last_q_rad`` (7,) is fed forward."""
+        """Set the arm's position (n,) for the next tick; its rate since ``last_q_rad`` (n,) is fed forward."""
         with self.lock:
             self._dq_command_rad_s = (q_rad - last_q_rad) / TICK_S
             self._q_command_rad = np.array(q_rad)
@@ -213,18 +215,18 @@ class World:
         self.model.actuator_forcerange[self._hand_actuator] = (-2 * fingers.force_n, 2 * fingers.force_n)
 
     def pose_robot(self, q_rad: Joints, width_m: float) -> None:
-        """Put the arm at ``q_rad`` (7,) and the fingers at ``width_m`` at once, at rest: mirrors a robot elsewhere."""
+        """Put the arm at ``q_rad`` (n,) and the fingers at ``width_m`` at once, at rest: mirrors a robot elsewhere."""
         with self.lock:
             self._set_arm(q_rad, width_m / 2)
 
     def arm(self) -> tuple[Joints, Joints, Joints]:
-        """Return measured positions [rad], velocities [rad/s] and external torques [Nm] of the arm, each (7,)."""
+        """Return measured positions [rad], velocities [rad/s] and external torques [Nm] of the arm, each (joints,)."""
         with self.lock:
             q_rad = self.data.qpos[self._arm_qpos].copy()
             return q_rad, self.data.qvel[self._arm_dofs].copy(), self._external_torque_nm()
 
     def arm_speed_rad_s(self) -> Joints:
-        """Return the measured joint velocities (7,)."""
+        """Return the measured joint velocities (joints,)."""
         with self.lock:
             return np.array(self.data.qvel[self._arm_dofs])
 
@@ -234,7 +236,7 @@ class World:
             return float(self.data.qpos[self._finger_qpos].sum())
 
     def _external_torque_nm(self) -> Joints:
-        """Return the joint torques (7,) of the robot's contacts: their forces through the contact Jacobians."""
+        """Return the joint torques (joints,) of the robot's contacts: their forces through the contact Jacobians."""
         model, data = self.model, self.data
         torque_nm = np.zeros(model.nv)
         wrench, jacobian_p, jacobian_r = np.zeros(6), np.zeros((3, model.nv)), np.zeros((3, model.nv))
@@ -257,7 +259,8 @@ class World:
         """Compile the cell with ``objects``; the robot keeps its state. The caller ensures that no device moves."""
         spec = compose(self.station, objects, hand_from_cameras(self.station), FOVY_DEG)
         try:
-            model: mujoco.MjModel = spec.compile()
+            with joined_models() if self.station.robot is not None else nullcontext():
+                model: mujoco.MjModel = spec.compile()
         except ValueError as error:
             names = ", ".join(sorted(set(objects.values())))
             raise ConfigError(
@@ -276,18 +279,18 @@ class World:
                 self.data.qpos[self._robot_qpos], self.data.qvel[self._robot_dofs] = kept
 
     def _index(self) -> None:
-        model = self.model
-        self._arm_qpos = _addresses(model.jnt_qposadr, model, ARM_JOINTS)
-        self._arm_dofs = _addresses(model.jnt_dofadr, model, ARM_JOINTS)
+        model, arm = self.model, arm_joints(self.station)
+        self._arm_qpos = _addresses(model.jnt_qposadr, model, arm)
+        self._arm_dofs = _addresses(model.jnt_dofadr, model, arm)
         self._finger_qpos = _addresses(model.jnt_qposadr, model, FINGER_JOINTS)
         self._robot_qpos = np.concatenate([self._arm_qpos, self._finger_qpos])
         self._robot_dofs = np.concatenate([self._arm_dofs, _addresses(model.jnt_dofadr, model, FINGER_JOINTS)])
-        self._arm_actuators = np.array([model.actuator(name).id for name in ARM_JOINTS])
+        self._arm_actuators = np.array([model.actuator(name).id for name in arm])
         self._hand_actuator = model.actuator(HAND_ACTUATOR).id
         gain, damping = model.actuator_gainprm[self._arm_actuators, 0], -model.actuator_biasprm[self._arm_actuators, 2]
         self._lag_s = damping / gain  # commanding q + lag * dq removes the servo's velocity lag
-        base = model.body("base").id
-        self._is_robot = np.array([model.body_rootid[body] == base for body in range(model.nbody)])
+        root = model.body_rootid[model.jnt_bodyid[model.joint(arm[0]).id]]
+        self._is_robot = np.array([model.body_rootid[body] == root for body in range(model.nbody)])
 
     def _set_arm(self, q_rad: Joints, finger_m: float) -> None:
         self.data.qpos[self._arm_qpos], self.data.qpos[self._finger_qpos] = q_rad, finger_m

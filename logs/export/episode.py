@@ -70,6 +70,8 @@ def read_episode(path: Path, root: Path, fps: int) -> Episode:
 
 def _episode(recording: str, record: CycleRecord, content: Content, fps: int) -> Episode:
     pictures = tuple(sorted(_seen(record), key=lambda look: look.view.stamp_ns))
+    if record.station.get("robot") is not None:
+        raise NothingToExport("Its arm is not the FR3, whose seven joints the data set has.")
     if not pictures:
         raise NothingToExport("It has no picture.")
     start_ns = pictures[0].view.stamp_ns

@@ -18,7 +18,7 @@ from logs.export.selection import NothingToExport
 from logs.mcap.migrate import Content
 from logs.mcap.reader import CycleRecord, Stage
 
-_JOINTS = 7
+_FR3_JOINTS = 7
 PRESS_WIDTH_M = 0.0
 """The commanded width of a grasp: the fingers close until they touch, and keep pressing."""
 
@@ -61,7 +61,7 @@ def _sorted(time_s: Array, values: Array, utc_ns: Array) -> Samples:
 
 
 def measured_joints(record: CycleRecord, motions: Sequence[Played], clock: EpisodeClock) -> Samples:
-    """Positions [rad], velocities [rad/s] and external torques [Nm] of the joints: (n, 21).
+    """Positions [rad], velocities [rad/s] and external torques [Nm] of the joints: (n, 3 x joints).
 
     Of a motion every 10 ms as the arm measured it, else as it was published. Raises: NothingToExport without any.
     """
@@ -73,8 +73,9 @@ def measured_joints(record: CycleRecord, motions: Sequence[Played], clock: Episo
         motion = one.motion
         times.append(clock.time_s(one.began_ns) + motion.t_s)
         values.append(np.hstack([motion.q_rad, motion.dq_rad_s, motion.tau_ext_nm]))
-    times.append(clock.time_s(published.utc_ns[is_apart]))
-    values.append(published.values[is_apart])
+    if is_apart.any() or not times:
+        times.append(clock.time_s(published.utc_ns[is_apart]))
+        values.append(published.values[is_apart])
     time_s = np.concatenate(times)
     if not len(time_s):
         raise NothingToExport("It has no joint states.")
@@ -82,13 +83,14 @@ def measured_joints(record: CycleRecord, motions: Sequence[Played], clock: Episo
 
 
 def _published(record: CycleRecord) -> Samples:
-    """The states (n, 21) that the arm published; their ``time_s`` is not used."""
+    """The states (n, 3 x joints) that the arm published; their ``time_s`` is not used."""
     rows = [
         [getattr(joint, name) for name in ("position", "velocity", "effort") for joint in said.message.joints]
         for said in record.arm
     ]
     stamps = np.array([stamp_ns(said.message.timestamp) for said in record.arm], np.int64)
-    return Samples(np.zeros(len(stamps)), np.array(rows, np.float64).reshape(-1, 3 * _JOINTS), stamps)
+    columns = len(rows[0]) if rows else 3 * _FR3_JOINTS
+    return Samples(np.zeros(len(stamps)), np.array(rows, np.float64).reshape(-1, columns), stamps)
 
 
 def commanded_joints(motions: Sequence[Played], clock: EpisodeClock, rest_q_rad: Array) -> Samples:

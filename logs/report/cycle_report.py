@@ -10,6 +10,7 @@ from typing import NamedTuple, TypeVar
 from bus.codec import Json
 from bus.messages import Delivery, Detections, Execution, PickPlan, SegmentRun, Verdict
 from config.load import load_station
+from config.robot import recorded_limits
 from logs.mcap.names import telling
 from logs.mcap.reader import CycleRecord, recorded_number
 from logs.report import evidence, figures, images
@@ -60,6 +61,7 @@ def _content(record: CycleRecord) -> Json:
     charts = _all_charts(view, looks, motion)
     if obstacles is not None and obstacles.cloud is not None:
         charts["obstacles"] = obstacles.cloud
+    limits = recorded_limits(record.station)
     return {
         "timeline": timeline,
         "cycle_id": record.cycle_id,
@@ -85,9 +87,9 @@ def _content(record: CycleRecord) -> Json:
         "rejected": evidence.rejections(chosen),
         "obstacles": obstacles,
         "plan": plan,
-        "uses": figures.uses(runs),
+        "uses": figures.uses(limits, runs),
         "motion": motion,
-        "joint_colors": figures.JOINT_COLORS,
+        "joint_colors": figures.JOINT_COLORS[: limits.joints],
         "facts": _facts(record),
         "log": _log(record, timeline),
         "changes": configuration_changes(record.station),
@@ -130,6 +132,7 @@ def _motion(record: CycleRecord, runs: list[SegmentRun], timeline: Timeline) -> 
     """Charts of the joints and of the hand; none of a cycle that ended before it moved."""
     if not runs and not _MOVING & {*record.stages, timeline.ended_in}:
         return {"joints": [], "hand": []}
+    limits = recorded_limits(record.station)
     execution = _result(record, "execute", Execution)
     grasped = execution.grasped if execution is not None else None
     hand: list[Chart] = []
@@ -143,12 +146,12 @@ def _motion(record: CycleRecord, runs: list[SegmentRun], timeline: Timeline) -> 
         )
         hand.append(Chart("Hand width", figure))
     if not runs:
-        said = figures.as_said(record.arm, timeline.start_ns) if record.arm else {}
+        said = figures.as_said(limits, record.arm, timeline.start_ns) if record.arm else {}
         return {"joints": [], "hand": [*hand, *(Chart(title, figure) for title, figure in said.items())]}
-    uses = {use.kind: use for use in figures.uses(runs)}
+    uses = {use.kind: use for use in figures.uses(limits, runs)}
     joints = [
         Chart(f"{kind.capitalize()}: at most {uses[kind].in_words} of its limit", figure)
-        for kind, figure in figures.joint_use(runs).items()
+        for kind, figure in figures.joint_use(limits, runs).items()
     ]
     hand += [Chart("Load: torque from outside", figures.load(runs)), Chart("Tracking error", figures.tracking(runs))]
     return {"joints": joints, "hand": hand}
@@ -214,7 +217,8 @@ def _log(record: CycleRecord, timeline: Timeline) -> list[LogLine]:
 def configuration_changes(station: Mapping[str, object]) -> list[tuple[str, str, str]]:
     """(key, recorded, default) of every setting that differs from the simulated cell's; "-" where one side lacks it."""
     here, default = dict(_leaves(station)), dict(_leaves(load_station().model_dump(mode="json")))
-    keys = [*here, *(key for key in default if key not in here)]
+    tables = {key.rpartition(".")[0] for key in here}  # what is no table by default may be one
+    keys = [*here, *(key for key in default if key not in here and key not in tables)]
     missing = "-"
     return [
         (key, str(here.get(key, missing)), str(default.get(key, missing)))

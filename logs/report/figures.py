@@ -12,7 +12,7 @@ from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
 from bus.codec import Json
 from bus.messages import HandState, SegmentRun
 from bus.trajectory import TICK_S
-from config.limits import LOWER_RAD, Peak, check, limit_shares, position_share
+from config.limits import JointLimits, Peak
 from logs.mcap.reader import Timed
 from logs.report.page import Figure
 
@@ -43,18 +43,18 @@ class Use(NamedTuple):
         return f"{self.peak.ratio:.0%} (joint {self.peak.joint}, {self.segment})"
 
 
-def uses(runs: Sequence[SegmentRun]) -> list[Use]:
+def uses(limits: JointLimits, runs: Sequence[SegmentRun]) -> list[Use]:
     """For each kind of limit the sample with the highest use over all ``runs``; empty without motion."""
-    reports = [(run.name, check(run.motion.commanded_q_rad)) for run in runs if len(run.motion.commanded_q_rad)]
+    reports = [(run.name, limits.check(run.motion.commanded_q_rad)) for run in runs if len(run.motion.commanded_q_rad)]
     if not reports:
         return []
     best = {kind: max(reports, key=lambda one: getattr(one[1], kind).ratio) for kind in KINDS}
     return [Use(kind, getattr(report, kind), name) for kind, (name, report) in best.items()]
 
 
-def joint_use(runs: Sequence[SegmentRun]) -> dict[str, Figure]:
+def joint_use(limits: JointLimits, runs: Sequence[SegmentRun]) -> dict[str, Figure]:
     """Commanded position, velocity, acceleration and jerk of every joint as a share of its limit, over the motion."""
-    shares = [limit_shares(run.motion.commanded_q_rad).of_samples() for run in runs]
+    shares = [limits.shares(run.motion.commanded_q_rad).of_samples() for run in runs]
     starts_s = _starts_s(runs)
     time_s = np.concatenate([t + np.arange(len(s.jerk)) * TICK_S for t, s in zip(starts_s, shares, strict=True)])
     figures = {}
@@ -86,20 +86,22 @@ def load(runs: Sequence[SegmentRun]) -> Figure:
     return _measured(runs, np.concatenate([run.motion.tau_ext_nm for run in runs]), "torque from outside [Nm]")
 
 
-def as_said(arm: Sequence[Timed[JointStates]], start_ns: int) -> dict[str, Figure]:
+def as_said(limits: JointLimits, arm: Sequence[Timed[JointStates]], start_ns: int) -> dict[str, Figure]:
     """The arm's published positions and torques over the cycle, for a cycle whose motions have no result.
 
     Args:
-        start_ns: start of the cycle, UTC.
+        limits: of the arm's joints. ``start_ns``: start of the cycle, UTC.
     """
-    whole = [one for one in arm if len(one.message.joints) == len(LOWER_RAD)]
+    whole = [one for one in arm if len(one.message.joints) == limits.joints]
     time_s = np.array([(one.log_time_ns - start_ns) / 1e9 for one in whole])
     q_rad, effort_nm = (
-        np.array([[getattr(joint, name) for joint in one.message.joints] for one in whole]).reshape(-1, len(LOWER_RAD))
+        np.array([[getattr(joint, name) for joint in one.message.joints] for one in whole]).reshape(-1, limits.joints)
         for name in ("position", "effort")
     )
     return {
-        "Measured positions": _plain(_joints(time_s, 100 * position_share(q_rad)), "cycle [s]", "of the limit [%]"),
+        "Measured positions": _plain(
+            _joints(time_s, 100 * limits.position_share(q_rad)), "cycle [s]", "of the limit [%]"
+        ),
         "Load: torque from outside": _plain(_joints(time_s, effort_nm), "cycle [s]", "torque from outside [Nm]"),
     }
 
@@ -130,8 +132,9 @@ def hand_width(
 
 
 def _joints(time_s: Array, values: Array) -> list[Json]:
-    """One curve per joint of ``values`` (n, 7)."""
-    return [_curve(time_s, values[:, joint], f"joint {joint + 1}", JOINT_COLORS[joint]) for joint in range(7)]
+    """One curve per joint of ``values`` (m, n)."""
+    colors = enumerate(JOINT_COLORS[: values.shape[1]])
+    return [_curve(time_s, values[:, joint], f"joint {joint + 1}", color) for joint, color in colors]
 
 
 def _curve(time_s: Array, values: Array, name: str, color: str) -> Json:

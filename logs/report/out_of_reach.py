@@ -31,13 +31,17 @@ def unreached(record: CycleRecord, found: Detections, rejected: Sequence[Rejecti
     for one in rejected:
         if one.code is Code.UNREACHABLE:
             groups[one.reason].append(_flange_m(record, found, one))
-    return [_cause(reason, away_m) for reason, away_m in sorted(groups.items(), key=lambda group: -len(group[1]))]
+    return [
+        _cause(record, reason, away_m) for reason, away_m in sorted(groups.items(), key=lambda group: -len(group[1]))
+    ]
 
 
-def _cause(reason: str, away_m: Sequence[float]) -> Cause:
+def _cause(record: CycleRecord, reason: str, away_m: Sequence[float]) -> Cause:
     text = f"{reason[:1].upper()}{reason[1:]}."
     low, high = f"{min(away_m):.2f}", f"{max(away_m):.2f}"
     measured = f"flange {low if low == high else f'{low} to {high}'} m from the shoulder"
+    if record.station.get("robot") is not None:
+        return Cause(len(away_m), text, measured, "not known of this arm")
     return Cause(len(away_m), text, measured, f"{REACH_M:.2f} m at most, in few directions so far")
 
 

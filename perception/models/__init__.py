@@ -26,7 +26,7 @@ from perception.models.detector_call import DetectorCall
 from perception.models.exchange import Line
 from perception.models.hosted import HostedModel
 from perception.models.recorded import RecordedModel, SpoiledModel
-from perception.models.registry import PROVIDERS, is_replayed, open_local, reads_text
+from perception.models.registry import PROVIDERS, is_replayed, open_local, reads_text, refuse_settings_of_nobody
 from perception.models.salient import Salient
 from perception.models.sam import Sam
 from perception.models.server_route import ServerRoute
@@ -84,6 +84,7 @@ def open_models(station: Station, environ: Mapping[str, str]) -> Models:
         ConfigError: an unknown model or detector; a missing key, model id, package or weights; a detector's setting.
         RecordingError: the ledger of costs cannot be read.
     """
+    refuse_settings_of_nobody(station)
     found, name = open_detector(station), station.perception.detector
     detector = None if found is None else DetectorCall(name, found, station.perception.detector_deadline_s)
     return Models(_imaginer(station, environ, station.recording.folder), *_local(station), detector)
@@ -94,6 +95,7 @@ def replayed_models(station: Station, replies: Iterable[ModelReply]) -> Models:
 
     A detector of another package is asked again if it is deterministic, without a deadline.
     """
+    refuse_settings_of_nobody(station)
     replies = tuple(replies)
     found = replayed_detector(station, replies)
     detector = None if found is None else DetectorCall(station.perception.detector, found, None)

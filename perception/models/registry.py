@@ -1,23 +1,22 @@
 """Name -> the goal-image model that imagines the rod.
 
-Ours are named here. Another package brings one as an entry point of the group ``vlad_cell.models``: a function or class
-that is given the station and returns a `GoalImageModel`.
+Ours are named here. Another package brings one as an entry point of the group ``vlad_cell.goal_models``: a function or
+class that is given the station, and its checked settings if it has any, and returns a `GoalImageModel`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from importlib.metadata import entry_points
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from bus.errors import ConfigError
 from bus.messages import ModelReply
+from config.plug_ins import Group
 from config.schema import Station
+from perception.detectors.registry import OURS as OUR_DETECTOR
 from perception.models.base import GoalImageModel
 from perception.models.geometric import GeometricModel
 from perception.models.network import NetworkModel
-
-GROUP = "vlad_cell.models"
 
 
 class Provider(NamedTuple):
@@ -34,9 +33,14 @@ PROVIDERS = {
 EMBEDDED: dict[str, Callable[[Station], GoalImageModel]] = {"geometric": GeometricModel, "onnx": NetworkModel}
 
 
-def names() -> tuple[str, ...]:
-    """Every model that a station can name, sorted."""
-    return tuple(sorted({*PROVIDERS, *EMBEDDED, *(point.name for point in entry_points(group=GROUP))}))
+GROUP = Group(
+    "vlad_cell.goal_models",
+    kind="goal-image model",
+    key="perception.model",
+    reserved=(*PROVIDERS, *EMBEDDED),
+    former="vlad_cell.models",
+)
+_MEMBERS = ("name", "is_hosted", "begin", "locate", "reason", "direct", "render", "close")
 
 
 def reads_text(name: str) -> bool:
@@ -44,27 +48,33 @@ def reads_text(name: str) -> bool:
     return name not in EMBEDDED
 
 
-def require(name: str) -> None:
-    """Raises: ConfigError, listing what there is, when no model is called ``name``."""
-    if name not in names():
-        raise ConfigError(f"Unknown goal-image model {name!r}.", f"perception.model is one of: {', '.join(names())}.")
+def settings_of(station: Station) -> dict[str, Any]:
+    """The settings for the goal-image model: ``[perception.settings]``, where no other detector has that table."""
+    return station.perception.settings if station.perception.detector == OUR_DETECTOR else {}
+
+
+def refuse_settings_of_nobody(station: Station) -> None:
+    """Raises: ConfigError when ``[perception.settings]`` is there, and detector and goal-image model are ours."""
+    settings = station.perception
+    if settings.settings and settings.detector == OUR_DETECTOR and settings.model in GROUP.reserved:
+        raise ConfigError(
+            f"perception.settings.{next(iter(settings.settings))}: neither the detector {settings.detector!r} nor the"
+            f" goal-image model {settings.model!r} has settings of its own.",
+            "Leave [perception.settings] out, or name the plug-in that it is for.",
+        )
 
 
 def open_local(name: str, station: Station) -> GoalImageModel:
     """The model ``name`` that is no provider's: one of ours, or another package's.
 
-    Raises: ConfigError for an unknown name, and for a model whose package cannot be imported here.
+    Raises: ConfigError for an unknown name, for a package that cannot be imported here, and for a setting.
     """
     if name in EMBEDDED:
         return EMBEDDED[name](station)
-    require(name)
-    (point, *_) = entry_points(group=GROUP, name=name)
-    try:
-        factory: Callable[[Station], GoalImageModel] = point.load()
-    except ImportError as error:
-        text = f"The goal-image model {name!r} cannot be loaded: {error}."
-        raise ConfigError(text, "Install what it needs.") from error
-    return factory(station)
+    model: GoalImageModel = GROUP.opened(name, station, settings_of(station), "perception.settings")
+    if lacking := [what for what in _MEMBERS if not hasattr(model, what)]:
+        raise ConfigError(f"The goal-image model {name!r} has no {lacking[0]!r}.", "See docs/extend.md.")
+    return model
 
 
 def is_replayed(name: str, replies: Iterable[ModelReply]) -> bool:

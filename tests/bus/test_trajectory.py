@@ -36,7 +36,7 @@ def test_a_window_of_one_changes_nothing() -> None:
     np.testing.assert_allclose(moving_average(samples, 1), samples, atol=1e-15)
 
 
-@pytest.mark.parametrize("bad", [np.zeros((0, 7)), np.zeros((3, 6)), np.full((2, 7), np.nan)])
+@pytest.mark.parametrize("bad", [np.zeros((0, 7)), np.zeros((3, 5)), np.full((2, 7), np.nan)])
 def test_a_trajectory_that_cannot_be_played_is_refused(bad: np.ndarray) -> None:
     with pytest.raises(ValidationError):
         Trajectory(raw_q_rad=bad, window=4)

@@ -159,7 +159,7 @@ def test_the_catalogue_is_missing_up_to_date_stale_of_another_version_or_damaged
 def test_the_clock_matters_to_real_devices() -> None:
     is_ok(machine.clock(lab(), lambda: (True, 0.012)), "12 ms")
     is_to_fix(machine.clock(lab(), lambda: (False, 16.0)), "timedatectl")
-    is_skipped(machine.clock(simulated(), lambda: (False, 16.0)))
+    is_ok(machine.clock(simulated(), lambda: (False, 16.0)), "only real devices")
     in_step, error_s = machine._kernel_clock()
     assert in_step in (True, False) and error_s >= 0
 
@@ -278,6 +278,13 @@ def test_the_camera_answers_or_refuses(listen: Callable[[], socket.socket]) -> N
     is_skipped(reach.camera(simulated()), "femto_mega")
 
 
+def test_what_answers_beyond_a_router_may_not_be_the_camera(
+    listen: Callable[[], socket.socket], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(reach, "way_to", lambda ip: ("eth0", True))
+    is_skipped(reach.camera(lab_here(), port_of(listen())), HERE, "beyond the router on eth0")
+
+
 def test_a_port_that_accepts_too_slowly_does_not_hold_the_doctor_up() -> None:
     with socket.socket() as listener, ExitStack() as stack:
         listener.bind((HERE, 0))
@@ -357,7 +364,11 @@ def test_nodes_elsewhere_wait_for_a_cell(endpoint: str) -> None:
 def test_nothing_to_fix_is_exit_0(in_process: Run, options: list[str]) -> None:
     done = in_process("doctor", *options)
     assert done.returncode == 0 and "nothing to fix" in done.stdout, done.stdout
-    assert len([line for line in done.stdout.splitlines() if line.split()[0] in ("ok", "skip")]) == len(CHECKS)
+    (unneeded,) = [line for line in done.stdout.splitlines() if line.startswith("not needed by this station: ")]
+    named = unneeded.partition(": ")[2].split(", ")
+    assert {"arm network", "hand", "real-time kernel"} <= set(named)
+    shown = [line for line in done.stdout.splitlines() if line.split()[0] in ("ok", "skip")]
+    assert len(shown) + len(named) == len(CHECKS)
 
 
 def test_something_to_fix_is_exit_1_and_json_is_one_object_a_line(in_process: Run, options: list[str]) -> None:

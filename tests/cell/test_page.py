@@ -108,7 +108,7 @@ def state(page: Any) -> Any:
 
 def until(page: Any, text: str) -> None:
     """Until the page shows a state; looked for with every frame, where `expect` looks once a second."""
-    page.wait_for_function("text => document.querySelector('#state').textContent === text", arg=text, timeout=LONG_MS)
+    page.wait_for_function("text => document.querySelector('#state')?.textContent === text", arg=text, timeout=LONG_MS)
 
 
 def serious_findings(page: Any) -> list[str]:

@@ -31,7 +31,7 @@ def robot() -> Robot:
 
 
 def test_the_links_are_those_of_the_recorded_urdf_and_lead_to_hand_and_camera(robot: Robot) -> None:
-    tree = ET.fromstring(robot_description())
+    tree = ET.fromstring(robot_description(load_station()))
     joints = {
         (joint.find("parent").get("link"), joint.find("child").get("link"))  # type: ignore[union-attr]
         for joint in tree.iter("joint")

@@ -1,4 +1,4 @@
-"""Every implementation of the device protocols, each behind the same fixtures: one suite for all.
+"""Every implementation of the device protocols behind the suites of `vlad_cell.testing`: one suite for all.
 
 `IMPLEMENTATIONS` names them, with what each serves; a suite runs on those that serve its device.
 """
@@ -10,13 +10,10 @@ from contextlib import ExitStack
 
 import pytest
 
-from bus.messages import ArmMode
 from bus.session import Bus
-from config.load import load_station
 from config.schema import Station
-from docs.examples.hand_driver.acme_gripper import open_devices as open_example
 from drivers.fr3.arm import Fr3Arm
-from drivers.interface import Arm, Camera, Devices, Hand, ObjectPresenter
+from drivers.interface import Arm, Devices, ObjectPresenter
 from drivers.node.fault_injection import FaultyArm, FaultyCamera, FaultyHand
 from drivers.node.node import Node
 from drivers.node.registry import open_devices
@@ -24,11 +21,6 @@ from drivers.panda_hand.hand import PandaHand
 from drivers.remote import RemoteArm, RemoteCamera, RemoteHand, RemotePresenter
 from stand_ins.femto_mega.process import femto_mega
 from stand_ins.franka import franka_station
-
-
-@pytest.fixture(scope="module")
-def station() -> Station:
-    return load_station()
 
 
 def _simulated(station: Station, _stack: ExitStack, _endpoint: str) -> Devices:
@@ -61,11 +53,6 @@ def _faulty(station: Station, _stack: ExitStack, _endpoint: str) -> Devices:
     return Devices(FaultyCamera(real.camera), FaultyArm(real.arm), FaultyHand(real.hand), real.presenter)
 
 
-def _example(station: Station, _stack: ExitStack, _endpoint: str) -> Devices:
-    """The driver that docs/extend.md shows."""
-    return open_example(station)
-
-
 def _femto_mega(station: Station, stack: ExitStack, _endpoint: str) -> Devices:
     return Devices(camera=femto_mega(stack))
 
@@ -79,7 +66,6 @@ IMPLEMENTATIONS: dict[str, tuple[Opener, set[str]]] = {
     "fr3": (_fr3, {"arm"}),
     "panda_hand": (_panda_hand, {"hand"}),
     "faulty": (_faulty, ALL),
-    "example": (_example, {"hand"}),
 }
 
 
@@ -92,48 +78,27 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
         device = metafunc.module.__name__.rpartition("test_")[2]
         names = [name for name, (_, serves) in IMPLEMENTATIONS.items() if device in serves]
         marked = [pytest.param(name, marks=MARKS.get(name, ())) for name in names]
-        metafunc.parametrize("devices", marked, indirect=True, scope="module")
+        metafunc.parametrize("devices", marked, indirect=True, scope="class")
 
 
-@pytest.fixture(scope="module")
-def devices(request: pytest.FixtureRequest, station: Station, new_endpoint: Callable[[], str]) -> Iterator[Devices]:
-    """One implementation of the devices, not yet connected."""
-    opener, _ = IMPLEMENTATIONS[request.param]
-    with ExitStack() as stack:
-        devices = opener(station, stack, new_endpoint())
-        yield devices
-        for device in (devices.camera, devices.arm, devices.hand):
-            if device is not None:
-                device.close()
+class EveryImplementation:
+    """Gives a suite the devices of one implementation after another instead of those of a driver's name."""
 
+    name = "sim"
 
-@pytest.fixture
-def arm(devices: Devices) -> Iterator[Arm]:
-    assert devices.arm is not None
-    devices.arm.connect()
-    if devices.arm.state().mode is ArmMode.REFLEX:  # of a test that is tried again
-        devices.arm.recover()
-    yield devices.arm
-
-
-@pytest.fixture
-def long_s(arm: Arm) -> float:
-    """A motion so long can be interrupted, and is waited for: simulated time passes 20 times faster."""
-    return 5.0 if isinstance(arm, Fr3Arm) else 20.0
-
-
-@pytest.fixture
-def hand(devices: Devices) -> Iterator[Hand]:
-    assert devices.hand is not None
-    devices.hand.connect()
-    yield devices.hand
-
-
-@pytest.fixture
-def camera(devices: Devices) -> Iterator[Camera]:
-    assert devices.camera is not None
-    devices.camera.connect()
-    yield devices.camera
+    @pytest.fixture(scope="class")
+    @classmethod
+    def devices(
+        cls, request: pytest.FixtureRequest, station: Station, new_endpoint: Callable[[], str]
+    ) -> Iterator[Devices]:
+        """One implementation of the devices, not yet connected."""
+        opener, _ = IMPLEMENTATIONS[request.param]
+        with ExitStack() as stack:
+            devices = opener(station, stack, new_endpoint())
+            yield devices
+            for device in (devices.camera, devices.arm, devices.hand):
+                if device is not None:
+                    device.close()
 
 
 @pytest.fixture

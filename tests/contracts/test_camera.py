@@ -2,52 +2,9 @@
 
 from __future__ import annotations
 
-import time
-
-import numpy as np
-import pytest
-
-from bus.errors import NotConnected
-from bus.messages import CameraModel
-from drivers.interface import Camera, Devices
+from tests.contracts.conftest import EveryImplementation
+from vlad_cell.testing import CameraSuite
 
 
-def test_it_implements_the_protocol(devices: Devices) -> None:
-    assert isinstance(devices.camera, Camera)
-
-
-def test_a_frame_is_fresh_complete_and_plausible(camera: Camera) -> None:
-    asked_ns = time.time_ns()
-    frame = camera.capture()
-    assert frame.stamp_ns >= asked_ns
-    assert frame.color.shape == (frame.color_camera.height, frame.color_camera.width, 3)
-    assert frame.depth_m.shape == (frame.depth_camera.height, frame.depth_camera.width)
-    assert frame.color.std() > 5, "the image is empty"
-    valid = np.isfinite(frame.depth_m)
-    assert valid.mean() > 0.4
-    assert 0.3 < np.median(frame.depth_m[valid]) < 1.5
-
-
-def test_calibration_is_usable(camera: Camera) -> None:
-    frame = camera.capture()
-    for model in (frame.color_camera, frame.depth_camera):
-        assert isinstance(model, CameraModel)
-        assert 0 < model.cx < model.width and 0 < model.cy < model.height and model.fx > 100 and model.fy > 100
-    rotation = frame.color_from_depth[:3, :3]
-    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-9)
-    assert np.linalg.norm(frame.color_from_depth[:3, 3]) < 0.2
-
-
-def test_two_frames_have_rising_stamps(camera: Camera) -> None:
-    assert camera.capture().stamp_ns < camera.capture().stamp_ns
-
-
-def test_before_connect_and_after_close_it_says_so(devices: Devices) -> None:
-    camera = devices.camera
-    assert camera is not None
-    camera.close()
-    camera.close()
-    with pytest.raises(NotConnected):
-        camera.capture()
-    camera.connect()
-    camera.capture()
+class TestCamera(EveryImplementation, CameraSuite):
+    """The suite that other packages run on theirs."""

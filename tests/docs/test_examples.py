@@ -1,41 +1,87 @@
-"""The packages of docs/examples: a driver (its contract: tests/contracts), a goal-image model, objects."""
+"""The packages of examples/ and the files of docs/examples."""
 
 from __future__ import annotations
 
-import tomllib
-from importlib import import_module
+import os
+import subprocess
+import sys
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
 from benchmarks.baselines.flat import flat_object
+from bus.errors import ConfigError
 from bus.messages import CameraModel, Frame
 from cell.daemon.live_picture import encoded
 from config.load import load_station
-from docs.examples.goal_model.acme_model import Crosswise
 from docs.examples.pixel import pixel_of
-from drivers.node import registry as drivers
 from drivers.sim.objects import object_names, require_presentable
 from perception.goal.imagine import Conversation
-from perception.models import Models
-from perception.models import registry as models
+from perception.models import Models, open_models
+from perception.models.registry import open_local
 from perception.proposal import propose
+from tests.docs.example_packages import EXAMPLES, PACKAGES, install
+from vlad_cell.testing import DetectorSuite, GoalModelSuite, HandSuite
 
-EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
-STATION = load_station()
+OBJECTS = EXAMPLES.parent / "docs" / "examples" / "objects"
 CAMERA = CameraModel(width=320, height=180, fx=250.0, fy=250.0, cx=160.0, cy=90.0)
 BLANK = Frame(stamp_ns=1, color=np.zeros((180, 320, 3), np.uint8), depth_m=np.ones((180, 320), np.float32),
               color_camera=CAMERA, depth_camera=CAMERA, color_from_depth=np.eye(4))  # fmt: skip
 
 
-@pytest.mark.parametrize(("folder", "group"), [("hand_driver", drivers.GROUP), ("goal_model", models.GROUP)])
-def test_a_package_names_its_entry_point(folder: str, group: str) -> None:
-    project = tomllib.loads((EXAMPLES / folder / "pyproject.toml").read_text())["project"]
-    (target,) = project["entry-points"][group].values()
-    module, _, name = target.partition(":")
-    assert callable(getattr(import_module(f"docs.examples.{folder}.{module}"), name))
+@pytest.fixture(scope="module", autouse=True)
+def _packages(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    with pytest.MonkeyPatch.context() as patch:
+        install(patch, tmp_path_factory.mktemp("installed"), *PACKAGES)
+        yield
+
+
+class TestGripper(HandSuite):
+    """As examples/hand_driver/test_acme_gripper.py, with nothing installed."""
+
+    name = "acme_gripper"
+
+
+class TestCrosswise(GoalModelSuite):
+    """As examples/goal_model/test_acme_model.py."""
+
+    name = "acme"
+
+
+class TestGeometric(GoalModelSuite):
+    """Ours passes, too."""
+
+    name = "geometric"
+
+
+class TestTongs(DetectorSuite):
+    """As examples/detector/test_acme_detector.py."""
+
+    name = "acme"
+
+
+@pytest.mark.parametrize(
+    ("override", "said"),
+    [
+        (
+            "perception.settings.height=2",
+            r"perception\.settings\.height: .*less than 1 \(the goal-image model 'acme' says",
+        ),
+        ("perception.settings.hight=0.5", r"perception\.settings\.hight: Extra inputs.*Its settings: height, length_m"),
+    ],
+)
+def test_a_goal_image_model_s_settings_are_checked_by_its_own_model(override: str, said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
+        open_local("acme", load_station(None, ["perception.model=acme", override]))
+
+
+def test_beside_another_detector_whose_settings_they_are_the_goal_image_model_has_its_defaults() -> None:
+    both = ["perception.detector=acme", "perception.model=acme", "perception.settings.headings=36"]
+    models = open_models(load_station(None, both), {})
+    assert models.detector is not None and models.imaginer.name == "acme"
 
 
 def test_the_model_lays_its_rod_across_the_narrow_side() -> None:
@@ -44,9 +90,10 @@ def test_the_model_lays_its_rod_across_the_narrow_side() -> None:
     corners = cv2.boxPoints(((240, 180), (130, 40), 30)).astype(int)
     cv2.fillPoly(color, [corners], (40, 90, 200))
     cv2.fillPoly(mask, [corners], 1)
-    model = Crosswise(STATION)
+    station = load_station(None, ["perception.model=acme"])
+    model = open_local("acme", station)
     proposal = propose(
-        Conversation(model, lambda reply: None), flat_object(color, mask > 0, 0.001, STATION), Models(model), STATION
+        Conversation(model, lambda reply: None), flat_object(color, mask > 0, 0.001, station), Models(model), station
     )
     ends = proposal.ends[0]
     assert np.linalg.norm(ends[1] - ends[0]) == pytest.approx(0.040, abs=0.006)
@@ -67,5 +114,51 @@ def test_a_client_without_any_package_finds_the_pixel_of_a_coloured_thing() -> N
 
 
 def test_its_objects_can_be_presented() -> None:
-    assert object_names(EXAMPLES / "objects") == ("brick", "wedge")
-    require_presentable(EXAMPLES / "objects", STATION.scene.pick_region_m)
+    assert object_names(OBJECTS) == ("brick", "wedge")
+    require_presentable(OBJECTS, load_station().scene.pick_region_m)
+
+
+# --- from outside -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("package", "kind", "name", "listing"),
+    [
+        ("hand_driver", "driver", "acme_gripper", "drivers"),
+        ("goal_model", "goal-model", "acme", "goal-models"),
+        ("detector", "detector", "acme", "detectors"),
+    ],
+)
+def test_a_package_is_installed_listed_checked_and_tested_from_outside(
+    tmp_path: Path, package: str, kind: str, name: str, listing: str
+) -> None:
+    """In an environment of its own over this one, in another folder."""
+    venv = tmp_path / "venv"
+    site = venv / "lib" / f"python{sys.version_info[0]}.{sys.version_info[1]}" / "site-packages"
+    _said([sys.executable, "-m", "venv", "--without-pip", str(venv)], tmp_path)
+    beside = [str(EXAMPLES.parent), *(path for path in sys.path if path.endswith("site-packages"))]
+    (site / "beside.pth").write_text("\n".join(beside))
+    python, source = str(venv / "bin" / "python"), tmp_path / "source"
+    _copied(EXAMPLES / package, source)
+    install_it = ["uv", "pip", "install", "--quiet", "--offline", "--no-deps", "--no-build-isolation"]
+    _said([*install_it, "--python", python, str(source)], tmp_path)
+    assert name in _said([python, "-m", "cell", listing], tmp_path)
+    assert " passed" in _said([python, "-m", "vlad_cell.testing", kind, name], tmp_path)
+    (test,) = source.glob("test_*.py")
+    assert " passed" in _said([python, "-m", "pytest", "-p", "no:cacheprovider", str(test)], tmp_path)
+
+
+def _copied(package: Path, to: Path) -> None:
+    """Only what is the package's: no folder that a build left."""
+    to.mkdir()
+    for file in package.iterdir():
+        if file.is_file():
+            (to / file.name).write_bytes(file.read_bytes())
+
+
+def _said(command: list[str], folder: Path) -> str:
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    run = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=200, check=False)
+    assert run.returncode == 0, run.stdout + run.stderr
+    return run.stdout

@@ -8,7 +8,7 @@ from pydantic import ValidationError
 
 from benchmarks.contact import Bench, place_post
 from bus.trajectory import ContactGuard, Trajectory
-from config.limits import check
+from config.limits import FR3, check
 from drivers.motion.stream import Stream
 from drivers.sim.moved import raise_table
 
@@ -28,7 +28,7 @@ def play(
     trajectory: Trajectory, torque_nm: dict[int, float], asked: dict[int, str] | None = None
 ) -> tuple[np.ndarray, Stream]:
     """All commands, and the stream. From command number ``n`` on joint 1 feels ``torque_nm[n]``; as in test_stream."""
-    stream, asked, now_nm = Stream(trajectory), dict(asked or {}), 0.0
+    stream, asked, now_nm = Stream(trajectory, FR3), dict(asked or {}), 0.0
     commands: list[np.ndarray] = []
     while not (stream.held and not asked):
         if len(commands) in asked:

@@ -11,6 +11,7 @@ from config.load import load_station
 from drivers.node.guard import Guard
 from drivers.node.registry import open_devices
 from planning.blend import blended
+from planning.kinematics import FR3_ARM
 from planning.line import tcp_line
 from planning.robot import Robot
 from planning.timing import rest_to_rest, timed
@@ -24,7 +25,7 @@ def test_driving_the_hand_into_the_table_is_a_reflex_until_recovered() -> None:
     arm.connect()
     q_rad = np.array(station.arm.capture_q_rad)
     pose = robot.base_from_tcp(q_rad)
-    into_the_table = tcp_line(q_rad, pose, np.array([0.0, 0.0, -pose[2, 3] - 0.06]))
+    into_the_table = tcp_line(FR3_ARM, q_rad, pose, np.array([0.0, 0.0, -pose[2, 3] - 0.06]))
     assert into_the_table is not None
     with pytest.raises(ArmReflex, match="touched something"):
         arm.execute(timed(station, blended([into_the_table])))

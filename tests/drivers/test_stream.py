@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bus.trajectory import Trajectory
-from config.limits import check
+from config.limits import FR3, check
 from drivers.motion.stream import Stream
 
 START = np.array([0.0, -0.55, 0.0, -2.1, 0.0, 1.55, 0.785])
@@ -29,7 +29,7 @@ def line(window: int, distance_rad: float = 1.0, speed: float = 1.5, acceleratio
 
 def play(trajectory: Trajectory, asked: dict[int, str] | None = None) -> tuple[np.ndarray, Stream]:
     """All commands; right before command number ``n`` the stream is asked to ``asked[n]``."""
-    stream, asked = Stream(trajectory), dict(asked or {})
+    stream, asked = Stream(trajectory, FR3), dict(asked or {})
     commands: list[np.ndarray] = []
     while not (stream.held and not asked):
         if len(commands) in asked:

@@ -3,51 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
 
-import numpy as np
 import pytest
 
-from bus.messages import CameraModel, Frame, Observation, View
+from bus.messages import Observation
+from vlad_cell.testing.scene import BAR, CAMERA, PLATE, Box, seen
 
-CAMERA = CameraModel(width=480, height=360, fx=450.0, fy=450.0, cx=240.0, cy=180.0)
-_CAMERA_HEIGHT_M = 0.6
-
-
-class Box(NamedTuple):
-    """Columns, rows, height [m], colour; a height of None = no depth there."""
-
-    columns: tuple[int, int]
-    rows: tuple[int, int]
-    height_m: float | None
-    rgb: tuple[int, int, int]
-
-
+__all__ = ["BAR", "CAMERA", "PLATE", "Box", "Look"]
 Look = Callable[[Sequence[Box]], Observation]
-BAR = Box((80, 180), (100, 124), 0.03, (40, 90, 200))
-PLATE = Box((240, 400), (180, 330), 0.02, (200, 60, 40))
 
 
 @pytest.fixture
 def look() -> Look:
-    def see(boxes: Sequence[Box]) -> Observation:
-        rng = np.random.default_rng(0)
-        color = np.full((360, 480, 3), 165.0)
-        depth_m = np.full((360, 480), _CAMERA_HEIGHT_M)
-        for box in boxes:
-            part = np.s_[slice(*box.rows), slice(*box.columns)]
-            color[part] = box.rgb
-            depth_m[part] = np.nan if box.height_m is None else _CAMERA_HEIGHT_M - box.height_m
-        frame = Frame(
-            stamp_ns=1,
-            color=np.clip(color + rng.normal(0, 2, color.shape), 0, 255).astype(np.uint8),
-            depth_m=(depth_m + rng.normal(0, 3e-4, depth_m.shape)).astype(np.float32),
-            color_camera=CAMERA,
-            depth_camera=CAMERA,
-            color_from_depth=np.eye(4),
-        )
-        base_from_color = np.diag([1.0, -1.0, -1.0, 1.0])
-        base_from_color[:3, 3] = [0.45, 0.0, _CAMERA_HEIGHT_M]
-        return Observation(view=View(stamp_ns=1, base_from_color=base_from_color), frame=frame)
-
-    return see
+    return seen

@@ -1,4 +1,4 @@
-"""A goal-image model that another package brings, as an entry point of the group ``vlad_cell.models``."""
+"""A goal-image model that another package brings, as an entry point of the group ``vlad_cell.goal_models``."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from config.schema import Station
 from perception.models import open_models, replayed_models
 from perception.models.geometric import GeometricModel
 from perception.models.recorded import RecordedModel
-from perception.models.registry import GROUP, names
+from perception.models.registry import GROUP
 
 _MODULE = """
 from perception.models.geometric import GeometricModel
@@ -24,10 +24,12 @@ class Painter(GeometricModel):
     name = "painter"
 """
 _ENTRY_POINTS = f"""
-[{GROUP}]
+[{GROUP.name}]
 painter = painter_for_tests:Painter
 broken = painter_for_tests_that_is_not_there:Painter
 geometric = painter_for_tests:Painter
+[{GROUP.former}]
+forgotten = painter_for_tests:Painter
 """
 
 
@@ -52,7 +54,7 @@ def reply(image_png: bytes | None) -> ModelReply:
 
 @pytest.mark.usefixtures("package")
 def test_a_station_names_it_like_any_other() -> None:
-    assert "painter" in names()
+    assert "painter" in GROUP.names()
     assert open_models(station("painter"), {}).imaginer.name == "painter"
     assert reach.model_key(station("painter"), {}).verdict is Verdict.SKIP
 
@@ -66,6 +68,12 @@ def test_no_package_takes_the_place_of_one_of_ours() -> None:
 def test_a_model_whose_package_cannot_be_imported_says_so() -> None:
     with pytest.raises(ConfigError, match=r"'broken' cannot be loaded.*not_there"):
         open_models(station("broken"), {})
+
+
+@pytest.mark.usefixtures("package")
+def test_a_package_of_the_group_s_former_name_is_told_the_new_one() -> None:
+    with pytest.raises(ConfigError, match=r"'forgotten' of painter-for-tests 1.0 .* it is vlad_cell.goal_models now"):
+        open_models(station("forgotten"), {})
 
 
 def test_an_unknown_model_is_refused_with_the_names_of_those_there_are() -> None:

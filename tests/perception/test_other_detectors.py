@@ -7,7 +7,6 @@ import os
 import subprocess
 import sys
 import threading
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -27,32 +26,20 @@ from logs.mcap.reader import read_cycle
 from logs.report.cycle_report import write_report
 from perception.detector import detect
 from perception.detectors.base import FoundGrasp, SeenScene
-from perception.detectors.registry import GROUP, names
+from perception.detectors.registry import GROUP
 from perception.models import Models, open_models, replayed_models
 from perception.models.detector_call import DetectorCall
 from perception.models.geometric import GeometricModel
+from tests.docs.example_packages import EXAMPLES, information, install
 from tests.perception.conftest import BAR, PLATE, Look
 
-EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "detector"
 REGION = "scene.pick_region_m=[0.1, 0.8, -0.3, 0.3]"
 STATION = load_station(None, [REGION, "perception.detector=acme"])
 
 
-def installed(folder: Path) -> Path:
-    """The folder in which an installer says what the example brings, as `uv pip install` writes it."""
-    project = tomllib.loads((EXAMPLE / "pyproject.toml").read_text())["project"]
-    info = folder / "acme_detector-0.1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n")
-    lines = [f"{name} = {target}" for name, target in project["entry-points"][GROUP].items()]
-    (info / "entry_points.txt").write_text("\n".join([f"[{GROUP}]", "broken = not_there:Tongs", *lines]))
-    return folder
-
-
 @pytest.fixture
 def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(EXAMPLE)
-    monkeypatch.syspath_prepend(installed(tmp_path))
+    install(monkeypatch, tmp_path, "detector", more="broken = not_there:Tongs")
 
 
 class Fake:
@@ -190,7 +177,7 @@ def test_a_timeout_happens_again_in_a_replay() -> None:
 
 @pytest.mark.usefixtures("package")
 def test_its_settings_are_checked_by_its_own_model_and_an_error_names_the_field() -> None:
-    assert names() == ("vlad", "acme", "broken")
+    assert GROUP.names() == ("acme", "broken", "vlad")
     for override, said in (
         ("perception.settings.headings=1", r"perception\.settings\.headings: .*greater than or equal to 2"),
         ("perception.settings.heading=4", r"perception\.settings\.heading: Extra inputs"),
@@ -199,7 +186,7 @@ def test_its_settings_are_checked_by_its_own_model_and_an_error_names_the_field(
             open_models(load_station(None, ["perception.detector=acme", override]), {})
     with pytest.raises(ConfigError, match=r"'broken' cannot be loaded.*not_there"):
         open_models(load_station(None, ["perception.detector=broken"]), {})
-    with pytest.raises(ConfigError, match=r"'vlad' says"):
+    with pytest.raises(ConfigError, match=r"perception\.settings\.headings: neither the detector 'vlad' nor"):
         open_models(load_station(None, ["perception.settings.headings=4"]), {})
 
 
@@ -209,9 +196,14 @@ def test_an_unknown_detector_is_refused_with_those_there_are() -> None:
 
 
 def test_a_cell_picks_records_replays_and_reports_with_it(tmp_path: Path, endpoint: str) -> None:
-    site = installed(tmp_path)
-    path = os.pathsep.join([str(EXAMPLE.parents[2]), str(site), str(EXAMPLE)])
-    overrides = [f"bus.endpoint={endpoint}", "perception.detector=acme", "verify.hold_s=0.5"]
+    site = information(tmp_path, "detector")
+    path = os.pathsep.join([str(EXAMPLES.parent), str(site), str(EXAMPLES / "detector")])
+    overrides = [
+        f"bus.endpoint={endpoint}",
+        "perception.detector=acme",
+        "perception.settings.headings=36",
+        "verify.hold_s=0.5",
+    ]
     command = [sys.executable, "-m", "cell", "start", "--cycles", "1", "--seed", "1", "--json"]
     run = subprocess.run(
         [*command, *(word for one in overrides for word in ("--set", one))],
@@ -220,8 +212,9 @@ def test_a_cell_picks_records_replays_and_reports_with_it(tmp_path: Path, endpoi
     (result,) = (json.loads(line) for line in run.stdout.splitlines())
     assert result["result"] == "SUCCESS", run.stderr
     record = read_cycle(tmp_path / result["recording"])
+    assert record.station["perception"]["settings"] == {"headings": 36}, "they are recorded, and used again in a replay"
     with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(EXAMPLE)
+        patch.syspath_prepend(EXAMPLES / "detector")
         patch.syspath_prepend(site)
         again = replay(record, Request())
         assert again.equal and again.grasps > 0, "it is deterministic, so it is asked again"

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from planning.blend import CORNER_SHARE, blended
+from planning.kinematics import FR3_ARM
 from planning.line import tcp_line
 from planning.robot import Robot
 from tests.planning.conftest import CAPTURE
@@ -64,7 +65,7 @@ def test_the_direction_turns_gradually() -> None:
 
 def test_a_tcp_line_stays_straight_where_the_hand_works(robot: Robot) -> None:
     start = robot.base_from_tcp(CAPTURE)
-    line = tcp_line(CAPTURE, start, np.array([0.0, 0.0, -0.10]))
+    line = tcp_line(FR3_ARM, CAPTURE, start, np.array([0.0, 0.0, -0.10]))
     assert line is not None
     curve = blended([np.stack([CAPTURE - 0.3, CAPTURE]), line])
     poses = np.stack([robot.base_from_tcp(q) for q in curve.points_rad])

@@ -7,11 +7,12 @@ import pytest
 
 from bus.codes import Code
 from bus.messages import Grasp
-from config.limits import UPPER_RAD
+from config.limits import FR3, UPPER_RAD
 from config.schema import PlanningSettings, Station
+from planning.arm import limit_distance_rad
 from planning.candidates import Approach, approaches, configurations, grasp_pose, twins
 from planning.infeasible import Infeasible
-from planning.kinematics import limit_distance_rad
+from planning.kinematics import FR3_ARM
 from planning.robot import Robot
 from planning.search import LIMIT_MARGIN_RAD
 from tests.planning.conftest import CAPTURE, NODES, STATION
@@ -58,11 +59,11 @@ def test_a_score_that_is_no_number_is_a_reason() -> None:
 
 def test_configurations_reach_the_pose_off_the_limits_the_nearest_first(robot: Robot) -> None:
     poses = twins(grasp().base_from_tcp)
-    found = list(configurations(poses, CAPTURE))
+    found = list(configurations(FR3_ARM, poses, CAPTURE))
     assert len(found) > 20
     for q, pose in found:
         assert np.abs(robot.base_from_tcp(q) - pose).max() < 1e-9
-        assert limit_distance_rad(q) >= LIMIT_MARGIN_RAD
+        assert limit_distance_rad(FR3, q) >= LIMIT_MARGIN_RAD
     assert np.abs(found[0][0] - CAPTURE).max() < np.abs(found[-1][0] - CAPTURE).max()
     assert (found[0][0] < UPPER_RAD).all()
 
@@ -70,4 +71,4 @@ def test_configurations_reach_the_pose_off_the_limits_the_nearest_first(robot: R
 def test_a_pose_out_of_reach_has_none() -> None:
     far = np.diag([1.0, -1.0, -1.0, 1.0])
     far[:3, 3] = 1.4, 0.0, 0.3
-    assert list(configurations([far], CAPTURE)) == []
+    assert list(configurations(FR3_ARM, [far], CAPTURE)) == []

@@ -12,6 +12,7 @@ from config.limits import check
 from config.load import load_station
 from planning.blend import blended
 from planning.feeling import closes_within_m, guard, joined, way_back
+from planning.kinematics import FR3_ARM
 from planning.line import tcp_line
 from planning.robot import Robot
 from planning.scene import Scene
@@ -25,7 +26,7 @@ ABOVE_RAD = np.array(STATION.arm.capture_q_rad)
 
 
 def line(down_m: float, q_rad: np.ndarray = ABOVE_RAD) -> JointSamples:
-    points = tcp_line(q_rad, ROBOT.base_from_tcp(q_rad), np.array([0.0, 0.0, -down_m]))
+    points = tcp_line(FR3_ARM, q_rad, ROBOT.base_from_tcp(q_rad), np.array([0.0, 0.0, -down_m]))
     assert points is not None
     return points
 
@@ -118,7 +119,7 @@ def test_the_way_back_is_the_way_down_without_what_it_went_to_and_fro() -> None:
 def test_a_carry_is_joined_from_above_its_start_within_the_lift() -> None:
     up = timed(STATION, blended([line(0.15)[::-1]]))
     early_m, start_m = 0.008, ROBOT.base_from_tcp(up.start_q_rad)
-    q_rad = tcp_line(up.start_q_rad, start_m, np.array([0.0, 0.0, early_m]))
+    q_rad = tcp_line(FR3_ARM, up.start_q_rad, start_m, np.array([0.0, 0.0, early_m]))
     assert q_rad is not None
     way: Trajectory = joined(ROBOT, STATION, up, q_rad[-1])
     commands, height_m = way.filtered(), tcp_m(way.filtered())[:, 2] - start_m[2, 3]

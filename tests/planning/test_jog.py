@@ -11,6 +11,7 @@ from config.limits import check
 from config.load import load_station
 from planning.distances import distances
 from planning.jog import jog
+from planning.kinematics import FR3_ARM
 from planning.line import tcp_line
 from planning.robot import Robot
 from planning.scene import Scene
@@ -27,7 +28,7 @@ def scene() -> Scene:
 def _above_the_table(scene: Scene, height_m: float) -> np.ndarray:
     """The joints (7,) with the tcp at a height, straight below the capture pose."""
     pose = scene.robot.base_from_tcp(HOME)
-    line = tcp_line(HOME, pose, np.array([0, 0, height_m - pose[2, 3]]))
+    line = tcp_line(FR3_ARM, HOME, pose, np.array([0, 0, height_m - pose[2, 3]]))
     assert line is not None
     return np.asarray(line[-1])
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from config.limits import LOWER_RAD, UPPER_RAD
-from planning.kinematics import branches, cost, inverse, limit_distance_rad, manipulability, q7_grid, rest_to_rest_s
+from config.limits import FR3, LOWER_RAD, UPPER_RAD
+from planning.arm import cost, limit_distance_rad, rest_to_rest_s
+from planning.kinematics import FR3_ARM, branches, inverse, manipulability, q7_grid
 from planning.robot import Robot
 
 STRETCHED_Q4 = -0.47
@@ -54,21 +55,21 @@ def test_rest_to_rest_time_is_that_of_a_trapezoid() -> None:
     slow, fast = np.zeros(7), np.zeros(7)
     slow[0], fast[0] = 0.1, 2.0
     a, v = 9.999, 2.619
-    assert rest_to_rest_s(np.zeros(7), slow) == pytest.approx(2 * np.sqrt(0.1 / a))
-    assert rest_to_rest_s(np.zeros(7), fast) == pytest.approx(2.0 / v + v / a, rel=1e-3)
+    assert rest_to_rest_s(FR3, np.zeros(7), slow) == pytest.approx(2 * np.sqrt(0.1 / a))
+    assert rest_to_rest_s(FR3, np.zeros(7), fast) == pytest.approx(2.0 / v + v / a, rel=1e-3)
 
 
 def test_nearness_of_a_limit_and_of_a_singularity_cost() -> None:
     q = np.array([0.0, -0.45, 0.0, -1.83, 0.0, 1.38, 0.785])
     at_limit = q.copy()
     at_limit[1] = UPPER_RAD[1]
-    assert limit_distance_rad(at_limit) == 0.0
+    assert limit_distance_rad(FR3, at_limit) == 0.0
     assert manipulability(q[None])[0] > 0.06
-    assert cost(q, q[None])[0] == 0.0
-    assert cost(at_limit, at_limit[None])[0] == pytest.approx(0.3)
+    assert cost(FR3_ARM, q, q[None])[0] == 0.0
+    assert cost(FR3_ARM, at_limit, at_limit[None])[0] == pytest.approx(0.3)
     stretched = np.array([0.0, 0.0, 0.0, UPPER_RAD[3], 0.0, 1.87, 0.0])
     assert manipulability(stretched[None])[0] < 0.06
-    assert cost(stretched, stretched[None])[0] > 0.3
+    assert cost(FR3_ARM, stretched, stretched[None])[0] > 0.3
 
 
 def test_manipulability_is_that_of_pinocchios_jacobian(robot: Robot) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from planning.kinematics import FR3_ARM
 from planning.line import tcp_line
 from planning.robot import Robot, flange_pose
 from tests.planning.conftest import CAPTURE
@@ -15,7 +16,7 @@ def test_the_flange_pose_brings_the_tcp_to_its_place(robot: Robot) -> None:
 
 def test_a_tcp_line_is_straight_keeps_its_orientation_and_ends_exactly(robot: Robot) -> None:
     start, shift = robot.base_from_tcp(CAPTURE), np.array([0.05, -0.03, -0.2])
-    line = tcp_line(CAPTURE, start, shift)
+    line = tcp_line(FR3_ARM, CAPTURE, start, shift)
     assert line is not None
     assert np.array_equal(line[0], CAPTURE)
     for share, q in zip(np.linspace(0, 1, len(line)), line, strict=True):
@@ -26,8 +27,8 @@ def test_a_tcp_line_is_straight_keeps_its_orientation_and_ends_exactly(robot: Ro
 
 
 def test_a_tcp_line_out_of_reach_is_none(robot: Robot) -> None:
-    assert tcp_line(CAPTURE, robot.base_from_tcp(CAPTURE), np.array([1.0, 0.0, 0.0])) is None
+    assert tcp_line(FR3_ARM, CAPTURE, robot.base_from_tcp(CAPTURE), np.array([1.0, 0.0, 0.0])) is None
 
 
 def test_a_tcp_line_out_of_the_joint_limits_is_none(robot: Robot) -> None:
-    assert tcp_line(CAPTURE, robot.base_from_tcp(CAPTURE), np.array([-0.1, 0.0, 0.35])) is None
+    assert tcp_line(FR3_ARM, CAPTURE, robot.base_from_tcp(CAPTURE), np.array([-0.1, 0.0, 0.35])) is None

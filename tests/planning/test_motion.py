@@ -103,7 +103,7 @@ def test_a_way_whose_corners_touch_is_searched_anew(robot: Robot, monkeypatch: p
     judged = iter([Collision("hand", "block", by_hand=True)])
 
     def searched(*args: Any) -> np.ndarray | None:
-        seeds.append(args[3])
+        seeds.append(args[4])
         return search(*args)
 
     monkeypatch.setattr("planning.motion.search", searched)

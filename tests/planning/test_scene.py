@@ -27,7 +27,7 @@ def edges(count: int, seed: int) -> list[np.ndarray]:
 
 def brute_force(scene: Scene, edge: np.ndarray, step_m: float = BRUTE_M) -> bool:
     """Whether anything is touched by the exact meshes, without margins, checked every half millimetre of movement."""
-    steps = int(np.ceil(sweep_m(edge)[-1] / step_m)) + 1
+    steps = int(np.ceil(sweep_m(scene.robot, edge)[-1] / step_m)) + 1
     return any(scene._exact.collision(q, WIDE_M) is not None for q in np.linspace(edge[0], edge[1], steps))
 
 

@@ -13,6 +13,7 @@ import pytest
 
 from bus.codes import Code
 from bus.errors import CycleFailure
+from config.limits import FR3
 from planning.robot import Robot
 from planning.scene import Scene
 from planning.search import search
@@ -23,11 +24,12 @@ WALL = box("wall", (0.30, 0.25, 0.45), (0.4, 0.03, 0.3))
 
 _ELSEWHERE = """
 import json, numpy as np
+from config.limits import FR3
 from planning.search import search
 a, b = np.zeros(7) + [0, 0, 0, -1.5, 0, 1.5, 0], np.array([1.0, 0.5, 0, -1.5, 0, 1.5, 0])
 def free_line(one, other):
     return all(not (0.4 < q[0] < 0.6 and q[1] < 0.9) for q in np.linspace(one, other, 50))
-print(json.dumps(search(free_line, a, [b], 3, lambda: 0).tolist()))
+print(json.dumps(search(FR3, free_line, a, [b], 3, lambda: 0).tolist()))
 """
 
 
@@ -43,7 +45,7 @@ def along(free: Callable[[np.ndarray], bool]) -> Callable[[np.ndarray, np.ndarra
 
 def way_around(scene: Scene, seed: int) -> np.ndarray | None:
     return search(
-        lambda one, other: scene.is_line_free(one, other, WIDE_M), CAPTURE, [ACROSS], seed, lambda: scene.checks
+        FR3, lambda one, other: scene.is_line_free(one, other, WIDE_M), CAPTURE, [ACROSS], seed, lambda: scene.checks
     )
 
 
@@ -81,7 +83,7 @@ def test_where_there_is_no_way_it_gives_up_after_a_bounded_effort() -> None:
         asked += 1
         return bool(np.abs(q - CAPTURE).max() < 0.05 or np.abs(q - ACROSS).max() < 0.05)
 
-    assert search(along(walled_in), CAPTURE, [ACROSS], 0, lambda: asked) is None
+    assert search(FR3, along(walled_in), CAPTURE, [ACROSS], 0, lambda: asked) is None
     assert asked < 30_000
 
 
@@ -93,7 +95,7 @@ def test_where_the_start_or_every_goal_is_not_free_nothing_is_searched(start_fre
         ends = {tuple(CAPTURE): start_free, tuple(ACROSS): goal_free}
         return ends.get(tuple(one), True) and ends.get(tuple(other), True)
 
-    assert search(free_line, CAPTURE, [ACROSS], 0, lambda: 0) is None
+    assert search(FR3, free_line, CAPTURE, [ACROSS], 0, lambda: 0) is None
 
 
 def test_it_goes_to_whichever_goal_it_reaches() -> None:
@@ -101,7 +103,7 @@ def test_it_goes_to_whichever_goal_it_reaches() -> None:
         return bool(q[0] < 0.5)
 
     near = CAPTURE + np.array([-0.5, 0, 0, 0, 0, 0, 0])
-    path = search(along(only_the_second), CAPTURE, [ACROSS, near], 0, lambda: 0)
+    path = search(FR3, along(only_the_second), CAPTURE, [ACROSS, near], 0, lambda: 0)
     assert path is not None
     assert np.allclose(path[-1], near)
 
@@ -118,7 +120,7 @@ def test_a_stop_ends_a_search_at_its_next_check(robot: Robot) -> None:
         return scene.collision(q, WIDE_M) is None
 
     with pytest.raises(CycleFailure) as failure:
-        search(along(free), CAPTURE, [ACROSS], 0, lambda: asked)
+        search(FR3, along(free), CAPTURE, [ACROSS], 0, lambda: asked)
     assert failure.value.failure is Code.STOPPED and asked == 200
 
 

@@ -13,10 +13,11 @@ from hypothesis import strategies as st
 from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.trajectory import MAX_SAMPLES, Trajectory
-from config.limits import LOWER_RAD, UPPER_RAD, check, velocity_bounds
+from config.limits import FR3, LOWER_RAD, UPPER_RAD, check, velocity_bounds
 from config.schema import ArmSettings, PlanningSettings, Station
+from planning.arm import rest_to_rest_s
 from planning.blend import Curve, blended
-from planning.kinematics import rest_to_rest_s
+from planning.kinematics import FR3_ARM
 from planning.line import tcp_line
 from planning.robot import Robot
 from planning.timing import rest_to_rest, timed, within_limits
@@ -31,7 +32,7 @@ def test_a_move_joins_its_ends_within_every_limit_and_hardly_slower_than_possibl
     assert np.array_equal(q[0], CAPTURE)
     assert np.allclose(q[-1], TURNED, atol=1e-12)
     assert check(q).ok
-    assert trajectory.duration_s < 1.05 * rest_to_rest_s(CAPTURE, TURNED) + 0.064
+    assert trajectory.duration_s < 1.05 * rest_to_rest_s(FR3, CAPTURE, TURNED) + 0.064
     along = (q - CAPTURE) @ (TURNED - CAPTURE) / ((TURNED - CAPTURE) @ (TURNED - CAPTURE))
     assert np.abs(q - CAPTURE - along[:, None] * (TURNED - CAPTURE)).max() < 1e-9, "a straight joint line"
 
@@ -39,14 +40,14 @@ def test_a_move_joins_its_ends_within_every_limit_and_hardly_slower_than_possibl
 def test_a_long_move_cruises_at_the_velocity_limit_of_its_slowest_joint() -> None:
     ends = np.stack([CAPTURE - np.array([1.2, 0, 0, 0, 0.2, 0, 0]), CAPTURE + np.array([1.2, 0, 0, 0, 0.2, 0, 0])])
     trajectory = timed(STATION, blended([ends]))
-    assert trajectory.duration_s < 1.01 * rest_to_rest_s(ends[0], ends[1]) + 0.064
+    assert trajectory.duration_s < 1.01 * rest_to_rest_s(FR3, ends[0], ends[1]) + 0.064
     assert 0.99 < check(trajectory.filtered()).velocity.ratio <= 1.0
 
 
 @pytest.mark.parametrize("window_ms", [16, 64, 200])
 def test_raw_samples_keep_velocity_and_acceleration_too(robot: Robot, window_ms: int) -> None:
     station = Station(nodes=NODES, planning=PlanningSettings(window_ms=window_ms))
-    line = tcp_line(CAPTURE, robot.base_from_tcp(CAPTURE), np.array([0.1, 0.1, -0.3]))
+    line = tcp_line(FR3_ARM, CAPTURE, robot.base_from_tcp(CAPTURE), np.array([0.1, 0.1, -0.3]))
     assert line is not None
     trajectory = timed(station, blended([line]))
     raw = check(trajectory.raw_q_rad)
@@ -57,7 +58,7 @@ def test_raw_samples_keep_velocity_and_acceleration_too(robot: Robot, window_ms:
 def test_a_timed_tcp_line_stays_straight(robot: Robot) -> None:
     shift = np.array([0.0, 0.0, -0.2])
     start = robot.base_from_tcp(CAPTURE)
-    line = tcp_line(CAPTURE, start, shift)
+    line = tcp_line(FR3_ARM, CAPTURE, start, shift)
     assert line is not None
     for q in timed(STATION, blended([line])).filtered()[::10]:
         assert np.abs(robot.base_from_tcp(q)[:2, 3] - start[:2, 3]).max() < 5e-4
@@ -186,7 +187,7 @@ def test_however_wrong_a_profile_is_the_samples_made_of_it_are_bounded(duration_
         return q_rad
 
     with pytest.raises(CycleFailure, match="cannot be timed"):
-        within_limits(sampler, duration_s, (CAPTURE, goal), 64)
+        within_limits(FR3, sampler, duration_s, (CAPTURE, goal), 64)
     assert max(made, default=0) <= MAX_SAMPLES and not sum(made) > 100 * duration_s * 1000
 
 

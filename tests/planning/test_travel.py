@@ -57,7 +57,7 @@ def test_nothing_moves_farther_or_nearer_than_the_bound_on_any_part_of_a_line(ro
 
 def test_the_bound_is_much_tighter_than_the_sum_of_all_levers(robot: Robot) -> None:
     travel = Travel(robot, None)
-    shares = [travel.along(*line)[-1] / sweep_m(line)[-1] for line in lines(100, seed=2)]
+    shares = [travel.along(*line)[-1] / sweep_m(robot, line)[-1] for line in lines(100, seed=2)]
     assert np.median(shares) < 0.6
 
 
@@ -65,7 +65,7 @@ def test_what_is_held_moves_farther_than_the_hand(robot: Robot) -> None:
     """Half a metre beside the axis of joint 7, by 0.3 rad."""
     hand_from_held = HAND_FROM_TCP.copy()
     hand_from_held[0, 3] = 0.5
-    held = held_thing(coal.Box(0.02, 0.02, 0.02), hand_from_held)
+    held = held_thing(coal.Box(0.02, 0.02, 0.02), hand_from_held, "link 7")
     turned = CAPTURE + np.array([0, 0, 0, 0, 0, 0, 0.3])
     alone_m, holding_m = (Travel(robot, one).along(CAPTURE, turned)[-1] for one in (None, held))
     assert alone_m < 0.3 * 0.25 and 0.3 * 0.5 < holding_m < 0.3 * 0.65

@@ -18,6 +18,7 @@ from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.messages import Grasp, PickPlan
 from bus.trajectory import Trajectory
+from config.limits import FR3
 from config.schema import Box, NodeSettings, SceneSettings, Station
 from drivers.motion.stream import Stream
 from planning.kinematics import inverse, q7_grid
@@ -95,7 +96,7 @@ picks = st.builds(
 
 def play(trajectory: Trajectory, asked: dict[int, str]) -> np.ndarray:
     """All commands; right before command number ``n`` the stream is asked to ``asked[n]``."""
-    stream, asked = Stream(trajectory), dict(asked)
+    stream, asked = Stream(trajectory, FR3), dict(asked)
     commands: list[np.ndarray] = []
     while not (stream.held and not asked):
         if len(commands) in asked:

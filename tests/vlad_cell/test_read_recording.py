@@ -51,6 +51,7 @@ def test_what_it_saw_is_detected_again(cycle: Cycle) -> None:
 
 def test_its_picture_shows_the_grasps(cycle: Cycle) -> None:
     assert cycle.picture().rgb.shape == cycle.color.shape
+    assert cycle.picture(close_up=True).rgb.shape < cycle.color.shape
     assert cycle.detections.goal_image.shape == cycle.color.shape
 
 

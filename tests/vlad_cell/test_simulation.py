@@ -77,6 +77,33 @@ def test_real_devices_are_not_started_by_a_program() -> None:
         simulated_cell(config=lab)
 
 
+def test_what_a_program_leaves_open_is_closed_when_its_main_thread_ends() -> None:
+    program = """if True:
+        import threading
+        from bus.at_end import close_at_end, forget
+        goes_on = threading.Event()
+        threading.Thread(target=goes_on.wait).start()  # as those of the bus, the interpreter waits for it
+        for name in ("first", "second"):
+            close_at_end(lambda name=name: print(name, "closed", flush=True))
+        gone = lambda: print("never")
+        close_at_end(goes_on.set)
+        close_at_end(gone)
+        forget(gone)
+        print("done", flush=True)
+    """
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
+    assert done.stdout.splitlines()[0] == "done" and "never" not in done.stdout and done.returncode == 0, done.stderr
+
+
+@pytest.mark.thorough
+def test_a_program_that_closes_nothing_ends_and_its_cell_with_it(tmp_path: Path) -> None:
+    program = "from vlad_cell import simulated_cell; cell = simulated_cell(); cell.reset(); print(cell.endpoint)"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    with pytest.raises(CellUnreachable):
+        Cell(done.stdout.strip())
+
+
 @pytest.mark.thorough
 def test_it_ends_with_a_program_that_is_killed(tmp_path: Path) -> None:
     program = "from vlad_cell import simulated_cell; cell = simulated_cell(); print(cell.endpoint, flush=True); input()"

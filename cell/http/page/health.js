@@ -2,7 +2,7 @@
 
 import { bodyOf, el } from "./dom.js";
 import { ask, cell, cellNow, learn, now } from "./link.js";
-import { texts } from "./texts.js";
+import { duration, texts } from "./texts.js";
 
 const PERIOD_MS = 60000;
 const CLOCK_S = 2;
@@ -43,11 +43,11 @@ function clockLine() {
   const off = Math.abs(now.offset_ns) / 1e9;
   const time = new Date(cellNow() / 1e6).toISOString().slice(0, 16).replace("T", " ");
   const isOff = off > CLOCK_S;
-  return line(isOff ? "bad" : "good", texts.clock(`${time} UTC`), isOff ? texts.clockOff(Math.round(off)) : "");
+  return line(isOff ? "bad" : "good", texts.clock(`${time} UTC`), isOff ? texts.clockOff(duration(off)) : "");
 }
 
 function draw() {
-  const defects = (now.health?.defects ?? []).map((one) => line("bad", one, texts.nodeAdvice));
+  const defects = (now.health?.defects ?? []).map((one) => line("bad", one, texts.defectAdvice));
   const shown = events.map((one) => line(one.severity === "error" ? "bad" : "plain", `${one.code} ${one.text}`, one.advice));
   bodyOf("health").replaceChildren(
     el("ul", { class: "lines", id: "lines" }, ...defects, ...nodeLines(), ...storageLines(),

@@ -66,7 +66,7 @@ function draw() {
   drawAge();
   const hasPicture = image.naturalWidth > 0;
   none.hidden = hasPicture;
-  figure.hidden = !hasPicture;
+  figure.hidden = parts.help.hidden = !hasPicture;
   if (!hasPicture) return;
   const { outlines, numbers } = drawn();
   overlay.setAttribute("viewBox", `0 0 ${image.naturalWidth} ${image.naturalHeight}`);
@@ -179,7 +179,7 @@ export function showPicture() {
   parts.figure = el("div", { class: "picture", hidden: true }, parts.image, parts.overlay, parts.live);
   parts.none = el("p", { class: "empty" }, texts.noPicture);
   parts.age = el("p", { class: "soft", id: "age" });
-  parts.help = el("p", { id: "help" }, texts.pictureHelp);
+  parts.help = el("p", { id: "help", hidden: true }, texts.pictureHelp);
   parts.legend = el("ul", { class: "legend" });
   parts.things = el("div", { class: "row", role: "group", "aria-label": texts.things, hidden: true });
   parts.what = el("strong", { id: "what" });

@@ -30,6 +30,8 @@ function draw() {
     say(byId("state"), now.isLinked ? texts.connecting : texts.noLink);
     say(byId("reason"), now.isLinked ? "" : texts.noLinkReason);
     say(byId("todo"), now.isLinked ? "" : texts.noLinkTodo);
+    drawJobs();
+    drawFacts();
     return;
   }
   const special = state.mode === "Manual" ? "manual" : state.state === "Execute" && state.stage === "approve" ? "approve" : state.state;
@@ -45,7 +47,7 @@ function draw() {
 
 function drawFacts() {
   const state = now.state;
-  if (state === null) return;
+  if (state === null || !now.isLinked) return byId("facts").replaceChildren();
   const facts = [
     [texts.facts.cell, now.about?.cell_id ?? ""],
     [texts.facts.mode, [texts.modes[state.mode] ?? state.mode, now.about?.is_simulated ? texts.simulated : ""].filter(Boolean).join(", ")],
@@ -62,7 +64,7 @@ function drawFacts() {
 function drawJobs() {
   const { state, jobs } = now;
   if (state === null) return;
-  const turns = [[texts.jobNow, state.job_id], ...state.queue.map((job, index) => [index + 1, job])].filter(([, job]) => job);
+  const turns = !now.isLinked ? [] : [[texts.jobNow, state.job_id], ...state.queue.map((job, index) => [index + 1, job])].filter(([, job]) => job);
   const content = JSON.stringify([turns, jobs, now.role]);
   if (content === drawnJobs) return;
   drawnJobs = content;

@@ -189,6 +189,7 @@ export const texts = {
   nodeWell: "well",
   restarts: (count) => `restarted ${count}×`,
   nodeAdvice: "Look at its cable and its power; `cell doctor` says more.",
+  defectAdvice: "A defect of the cell's program: report it, then end the cell and start it again.",
   disk: (free, kept) => `Disk: ${free} GB free, recordings ${kept} GB`,
   diskAdvice: "Make room, or let old recordings go: recording.keep_gb.",
   keepsAll: "Nothing is deleted by itself.",
@@ -198,7 +199,7 @@ export const texts = {
   nothingGoes: "Nothing will be deleted within a day.",
   spent: (usd) => `Models: ${usd} US$ today`,
   clock: (time) => `The cell's clock: ${time}`,
-  clockOff: (seconds) => `This device's clock is ${seconds} s off; ages may look wrong.`,
+  clockOff: (time) => `This device's clock is ${time} off; set it.`,
   events: "What it said last",
 
   login: "This cell asks for a token",

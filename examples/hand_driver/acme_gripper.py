@@ -4,26 +4,40 @@ from __future__ import annotations
 
 import time
 
+from pydantic import BaseModel, ConfigDict, Field
+
 from bus.errors import HandFault, NotConnected
 from bus.messages import HandState
+from config.plug_ins import with_settings
 from config.schema import Station
 from drivers.interface import Devices
 from drivers.motion.stops import Stops
 
-_TICK_S = 0.01
+
+class GripperSettings(BaseModel):
+    """`[nodes.NAME.settings]` of the station.
+
+    Attributes:
+        port: where the gripper is connected. ``poll_s``: how often its width is read while it moves.
+    """
+
+    model_config = ConfigDict(extra="forbid")
+    port: str = "/dev/ttyUSB0"
+    poll_s: float = Field(default=0.01, gt=0, le=0.05)
 
 
 class AcmeGripper:
     """Two parallel fingers. `state` and `stop` are called by other threads than `move`, `grasp` and `home`."""
 
-    def __init__(self, station: Station) -> None:
+    def __init__(self, station: Station, settings: GripperSettings) -> None:
+        self._settings = settings
         self._widest_m = station.hand.max_width_m
         self._width_m = 0.0  # SDK: what the gripper measures
         self._is_connected = self._is_homed = self._is_moving = False
         self._stops = Stops()
 
     def connect(self) -> None:
-        self._is_connected = True  # SDK: open the link; raise DriverUnavailable, with what to do, when it fails
+        self._is_connected = True  # SDK: open settings.port; raise DriverUnavailable, with what to do, when it fails
 
     def close(self) -> None:
         self.stop()
@@ -57,13 +71,14 @@ class AcmeGripper:
         stopped = self._stops.asked()
         self._is_moving = True
         while abs(width_m - self._width_m) > 1e-6 and not stopped():  # SDK: the gripper does this
-            step_m = speed_m_s * _TICK_S
+            step_m = speed_m_s * self._settings.poll_s
             self._width_m += min(step_m, max(-step_m, width_m - self._width_m))
-            time.sleep(_TICK_S)
+            time.sleep(self._settings.poll_s)
         self._is_moving = False
         return self.state()
 
 
-def open_devices(station: Station) -> Devices:
+@with_settings(GripperSettings)
+def open_devices(station: Station, settings: GripperSettings) -> Devices:
     """What the entry point names: builds the devices, and does not connect them yet."""
-    return Devices(hand=AcmeGripper(station))
+    return Devices(hand=AcmeGripper(station, settings))

@@ -1,0 +1,146 @@
+"""Plug-ins of other packages: what is listed of them, whose name counts, and the settings that each has of its own."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bus.errors import CellError, ConfigError, DriverUnavailable
+from cell.cli.plug_ins import drivers
+from config.load import load_station, station_from
+from config.plug_ins import Group
+from config.schema import Station
+from drivers.node.registry import GROUP, open_devices, open_node
+
+_MODULE = """
+from pydantic import BaseModel
+from config.plug_ins import with_settings
+from drivers.interface import Devices
+
+class Settings(BaseModel, extra="forbid"):
+    port: int
+    baud: int = 9600
+
+@with_settings(Settings)
+def fine(station, settings):
+    assert (settings.port, settings.baud) == (7, 9600)
+    return Devices()
+
+def plain(station):
+    return Devices()
+
+def no_devices(station):
+    return None
+
+def fails(station):
+    raise OSError("no licence")
+
+class NoModel:
+    Settings = "port"
+"""
+_POINTS = (
+    *("fine", "plain", "no_devices", "fails"),
+    "missing=not_there:open_devices",
+    "no_model=plug_in_for_tests:NoModel",
+    "sim=plug_in_for_tests:plain",
+    "twice=plug_in_for_tests:plain",
+)
+
+
+def install(folder: Path, name: str, *points: str) -> None:
+    """A package of another maker: what its installer says of it."""
+    info = folder / f"{name}-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
+    lines = [one.replace("=", " = ") if "=" in one else f"{one} = plug_in_for_tests:{one}" for one in points]
+    (info / "entry_points.txt").write_text("\n".join([f"[{GROUP.name}]", *lines]))
+
+
+@pytest.fixture(autouse=True)
+def _packages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "plug_in_for_tests.py").write_text(_MODULE)
+    install(tmp_path, "acme", *_POINTS)
+    install(tmp_path, "other", "twice=plug_in_for_tests:plain")
+    monkeypatch.syspath_prepend(tmp_path)
+
+
+def station(driver: str, **settings: Any) -> Station:
+    nodes = {
+        "hand": {"driver": driver, "serves": ["hand"], "settings": settings},
+        "rest": {"driver": "sim", "serves": ["arm", "camera"]},
+    }
+    return station_from({"nodes": nodes})
+
+
+def test_a_driver_gets_the_settings_of_its_node_checked_and_with_its_defaults() -> None:
+    assert open_node("hand", station("fine", port=7)).hand is None
+    assert open_node("hand", station("plain")).hand is None
+
+
+@pytest.mark.parametrize(
+    ("driver", "settings", "said"),
+    [
+        ("fine", {"port": "x"}, r"nodes\.hand\.settings\.port: .*valid integer.* \(the driver 'fine' says\)"),
+        ("fine", {}, r"nodes\.hand\.settings\.port: Field required"),
+        ("fine", {"port": 7, "bauds": 1}, r"nodes\.hand\.settings\.bauds: Extra inputs.*settings: port, baud\."),
+        ("plain", {"port": 7}, r"nodes\.hand\.settings\.port: the driver 'plain' has no settings"),
+        ("sim", {"port": 7}, r"nodes\.hand\.settings\.port: the driver 'sim' has no settings"),
+        ("no_model", {}, "is no pydantic model"),
+        ("twice", {}, r"'twice' is brought by acme 1.0 and other 1.0\. Uninstall"),
+        ("grippr", {}, r"Unknown driver 'grippr'\. nodes\.NAME\.driver is one of: fails"),
+    ],
+)
+def test_what_is_wrong_in_the_station_file_is_refused_with_table_and_field(
+    driver: str, settings: dict[str, Any], said: str
+) -> None:
+    with pytest.raises(ConfigError, match=said):
+        open_node("hand", station(driver, **settings))
+
+
+@pytest.mark.parametrize(
+    ("driver", "said"),
+    [
+        ("missing", r"'missing' cannot be loaded: ModuleNotFoundError.*Install what acme 1\.0 needs"),
+        ("fails", "'fails' does not start: OSError: no licence"),
+        ("no_devices", "'no_devices' gave NoneType and no Devices"),
+    ],
+)
+def test_a_driver_that_does_not_work_here_says_so(driver: str, said: str) -> None:
+    with pytest.raises(DriverUnavailable, match=said):
+        open_devices(driver, load_station())
+
+
+def test_settings_are_part_of_the_recorded_station_and_can_be_overridden() -> None:
+    recorded = json.loads(station("fine", port=7).model_dump_json())
+    assert recorded["nodes"]["hand"]["settings"] == {"port": 7}
+    again = station_from(recorded, ["nodes.hand.settings.baud=115200"])
+    assert again.nodes["hand"].settings == {"port": 7, "baud": 115200}
+
+
+def test_every_driver_is_listed_with_its_package_settings_and_error(capsys: pytest.CaptureFixture[str]) -> None:
+    drivers(as_json=True)
+    rows = [(row["name"], row["package"].partition(" ")[0], row) for row in json.loads(capsys.readouterr().out)]
+    listed = {(name, package): row for name, package, row in rows}
+    assert listed["fine", "acme"]["settings"]["baud"]["default"] == 9600
+    assert "ModuleNotFoundError" in listed["missing", "acme"]["error"]
+    assert listed["sim", "acme"]["error"] == "The name 'sim' is taken by vlad-cell."
+    assert listed["sim", "vlad-cell"]["error"] == listed["fr3", "vlad-cell"]["error"] == ""
+    assert "other 1.0 has the name 'twice', too" in listed["twice", "acme"]["error"]
+
+
+def test_the_list_in_words_names_settings_with_their_defaults(capsys: pytest.CaptureFixture[str]) -> None:
+    drivers()
+    lines = capsys.readouterr().out
+    assert "settings: port (required), baud = 9600" in lines and "acme 1.0" in lines
+
+
+def test_no_package_takes_over_a_name_of_ours() -> None:
+    assert open_devices("sim", load_station()).camera is not None
+
+
+def test_a_group_says_what_it_is_for() -> None:
+    with pytest.raises(CellError, match=r"Unknown thing 'x'\. a\.key is one of: ours\."):
+        Group("vlad_cell.nothing", kind="thing", key="a.key", reserved=("ours",)).require("x")

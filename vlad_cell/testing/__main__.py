@@ -1,0 +1,54 @@
+"""``python -m vlad_cell.testing driver NAME``: runs the suites on an installed plug-in. Exit 0 = it passes."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import Annotated, Literal
+
+import pytest
+import typer
+
+from bus.errors import CellError
+from config.load import load_station
+from config.schema import Station
+from vlad_cell.testing import named
+
+_OPTIONS = ("-p", "no:cacheprovider", "-v", "-rs", "--no-header", "-W", "ignore::pytest.PytestAssertRewriteWarning")
+Kind = Literal["driver", "detector", "goal-model"]
+
+
+def check(
+    kind: Annotated[Kind, typer.Argument(help="What it is: driver, detector or goal-model.")],
+    name: Annotated[str, typer.Argument(help="Its name, as `cell drivers` and its like list it.")],
+    config: Annotated[
+        Path | None, typer.Option(help="The station, with its settings; none: the simulated one.")
+    ] = None,
+    overrides: Annotated[list[str] | None, typer.Option("--set", help="key=value, as for `cell start`.")] = None,
+) -> None:
+    """Check a plug-in. A driver's devices are connected and moved: stand clear of real ones."""
+    try:
+        given = _settings(kind, name, load_station(config, overrides or ()))
+        named.SUITES[kind][0].group.require(name)
+    except CellError as error:
+        print(error, file=sys.stderr)  # noqa: T201
+        raise typer.Exit(error.exit_code) from error
+    for suite in named.SUITES[kind]:
+        suite.name, suite.settings, suite.station_file = name, given, config
+        suite.overrides = (*suite.overrides, *(overrides or ()))
+    chosen = [f"{named.__file__}::{suite.__name__}" for suite in named.SUITES[kind]]
+    options = ["-c", os.devnull, "--rootdir", os.getcwd(), *_OPTIONS]
+    raise typer.Exit(int(pytest.main([*options, *chosen])))
+
+
+def _settings(kind: Kind, name: str, station: Station) -> dict[str, object]:
+    """Return the plug-in's own settings in the station; none when it does not name it."""
+    if kind == "driver":
+        nodes = [node for node in station.nodes.values() if node.driver == name]
+        return dict(nodes[0].settings) if nodes else {}
+    return dict(station.perception.settings)
+
+
+if __name__ == "__main__":
+    typer.run(check)
