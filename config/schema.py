@@ -542,9 +542,9 @@ class ExecuteSettings(Settings):
         approve_s: how long the cell waits for the answer; then the cycle ends.
     """
 
-    contact_n: NonNegative = 3.5
+    contact_n: NonNegative = 3.0
     slow_m: SizeOrNone = 0.010
-    slow_m_s: Positive = 0.009
+    slow_m_s: Positive = 0.008
     free_m_s: Positive = 0.030
     beside_m: SizeOrNone = 0.020
     beside_m_s: Positive = 0.09

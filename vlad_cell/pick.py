@@ -25,10 +25,15 @@ class Pick:
         result: of its last attempt; None before the end.
     """
 
+    cycle_id: str
+    job_id: str
+    position: int
+    result: CycleResult | None
+
     def __init__(self, client: Client, cycle_id: str, job_id: str, position: int) -> None:
         self._client = client
         self.cycle_id, self.job_id, self.position = cycle_id, job_id, position
-        self.result: CycleResult | None = None
+        self.result = None
 
     def __iter__(self) -> Iterator[Said]:
         """What the cell says, until the result is there, which is the last.

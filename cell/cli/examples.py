@@ -56,6 +56,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "config new": ("cell config new mine.toml", "cell config new mine.toml --simulated"),
     "doctor": ("cell doctor", "cell doctor --config config/lab.toml"),
     "detectors": ("cell detectors",),
+    "goal-models": ("cell goal-models",),
     "drivers": ("cell drivers",),
     "calibrate": ("cell calibrate board -o board.png",),
     "calibrate board": ("cell calibrate board -o board.png",),

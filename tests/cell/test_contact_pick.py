@@ -87,7 +87,7 @@ def test_a_contact_is_a_failed_pick_with_advice_and_the_next_grasp_is_tried() ->
 
 
 def test_recordings_of_before_were_not_felt() -> None:
-    assert read_cycle(GOLDEN).station["execute"] == {"contact_n": 0.0}
+    assert read_cycle(GOLDEN).station["execute"] == {"contact_n": 0.0, "beside_m": 0.0}
 
 
 def test_after_a_contact_the_cell_looks_again_and_tries_another_grasp(tmp_path: Path) -> None:

@@ -55,7 +55,7 @@ class ScriptedCell:
             raise Refused("The cell moves for 'x'.", code="LEASE_HELD")
         self.commands.append(verb)
         self.now = _state("Resetting", 10)
-        return CommandReply(ok=True, state="Resetting")
+        return CommandReply(ok=True, state="Resetting", since_ns=10)
 
     def heard(self) -> Iterator[Sample]:
         yield from self.said
