@@ -27,7 +27,8 @@ from cell.pick.touching import Thing, guarded
 from cell.pick.verify import verify
 from config.franka_hand import FINGER_TIP_M, PALM_ABOVE_TIP_M
 from config.load import load_station
-from config.schema import Box, Station
+from config.scene import Box
+from config.schema import Station
 from drivers.node.guard import Guard
 from drivers.sim.arm import SimArm
 from drivers.sim.camera import SimCamera

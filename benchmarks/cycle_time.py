@@ -22,8 +22,8 @@ from mcap.reader import make_reader
 from benchmarks.judge import optimal_s
 from bus import topics
 from bus.messages import CycleResult, Delivery, Detections, Execution, Grasp, PickPlan, SegmentRun
+from config.devices import HandSettings
 from config.load import station_from
-from config.schema import HandSettings
 from logs.mcap.reader import CycleRecord, read_cycle
 
 _COMPUTING = ("detect", "plan", "verify")

@@ -10,8 +10,8 @@ import numpy.typing as npt
 
 from bus.messages import CameraModel, Grasp
 from bus.transforms import apply
+from config.devices import HandSettings
 from config.franka_hand import FINGER_LENGTH_M, FINGER_TIP_M
-from config.schema import HandSettings
 from perception.geometry.lift import project
 
 _FINGER, _CLOSING, _CONTACT = (230, 30, 30), (60, 255, 60), (255, 255, 255)

@@ -9,8 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from bus.messages import Grasp
+from config.devices import NodeSettings
 from config.limits import FR3
-from config.schema import Box, NodeSettings, SceneSettings, Station, Table
+from config.scene import Box, SceneSettings, Table
+from config.schema import Station
 from planning.arm import limit_distance_rad
 from planning.candidates import Approach, approaches, grasp_pose, twins
 from planning.height_field import Sight

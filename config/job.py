@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from bus.errors import Refused
 from bus.messages.job import GraspHints, Job, Place, Target
-from config.scene import floor_m
-from config.schema import SceneSettings, Station
+from config.scene import SceneSettings, floor_m
+from config.schema import Station
 from config.target import TargetSettings
 from config.words import understood
 

@@ -16,7 +16,8 @@ from bus.messages import Detections, PickPlan
 from bus.trajectory import TICK_S, Trajectory
 from config.limits import FR3, limit_shares
 from config.load import station_from
-from config.schema import Box, Station
+from config.scene import Box
+from config.schema import Station
 from docs.chart import FAINT, Array, Chart, Image, Rgb, blank
 from drivers.motion.stream import Stream
 from drivers.sim.optics import FOVY_DEG, hand_from_cameras

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from bus.errors import RecordingError
-from config.schema import RecordingSettings
+from config.recording import RecordingSettings
 from logs.archive import Archive, Archived
 from logs.catalogue.deleted_row import row_for_journal
 from logs.catalogue.journal import Gone, append

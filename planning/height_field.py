@@ -18,7 +18,7 @@ from scipy import ndimage
 
 from bus.arrays import Joints, Points
 from bus.transforms import from_translation
-from config.schema import Box
+from config.scene import Box
 from planning.robot import convex_hull
 from planning.world import Thing
 

@@ -18,7 +18,8 @@ from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.trajectory import Trajectory
 from bus.transforms import inverse
-from config.schema import Box, Station
+from config.scene import Box
+from config.schema import Station
 from planning.candidates import configurations
 from planning.motion import move
 from planning.robot import HAND_FROM_TCP, hand_from_color

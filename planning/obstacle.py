@@ -12,7 +12,7 @@ import numpy.typing as npt
 from bus.arrays import Joints, Transform
 from bus.codes import Code
 from bus.rejection import Obstacle, ObstacleKind
-from config.schema import Box
+from config.scene import Box
 from planning.height_field import CELL_M, OBSERVED, ObservedHeightField
 from planning.infeasible import Infeasible
 from planning.scene import TARGET, Scene, Width

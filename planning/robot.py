@@ -18,9 +18,10 @@ import pinocchio as pin
 
 from bus.arrays import Joints, Transform, Vector3
 from bus.transforms import from_translation, from_wxyz
+from config.devices import CameraSettings
 from config.franka_hand import HAND_FROM_TCP_M
 from config.robot import limits_of
-from config.schema import CameraSettings, Station
+from config.schema import Station
 from planning.arm import Arm
 from planning.description import ASSETS, describe
 from planning.kinematics import FR3_ARM

@@ -19,8 +19,8 @@ import pinocchio as pin
 from bus.arrays import Joints, JointSamples, Transform
 from bus.cancel import Cancel
 from bus.transforms import from_translation, inverse
-from config.scene import scene_boxes
-from config.schema import Box, Station
+from config.scene import Box, scene_boxes
+from config.schema import Station
 from planning.height_field import KNOWN_M, ObservedHeightField, Sight, observed_field, solid, subsample
 from planning.own_body import on_robot
 from planning.robot import HAND_FROM_TCP, Robot

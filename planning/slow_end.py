@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bus.arrays import Joints, JointSamples, Vector3
-from config.schema import ExecuteSettings
+from config.pick import ExecuteSettings
 from planning.robot import Robot
 
 Array = npt.NDArray[np.float64]

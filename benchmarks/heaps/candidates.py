@@ -15,8 +15,8 @@ from benchmarks.heaps.clipping import Solid, half_spaces, moved
 from benchmarks.heaps.heap import FIXED, Heap
 from benchmarks.heaps.swept import PALM_SIZE_M
 from bus.transforms import apply, from_rotation, inverse
+from config.devices import HandSettings
 from config.franka_hand import FINGER_TIP_M, PALM_ABOVE_TIP_M
-from config.schema import HandSettings
 
 _CELL_M = 0.002
 _MARGIN_M = 0.13

@@ -15,8 +15,8 @@ from benchmarks.heaps.judge import TRUE
 from benchmarks.heaps.swept import PALM_SIZE_M
 from benchmarks.sheet import write_sheet
 from bus.transforms import apply, inverse
+from config.devices import HandSettings
 from config.franka_hand import FINGER_TIP_M, PALM_ABOVE_TIP_M
-from config.schema import HandSettings
 from drivers.sim.optics import COLOR
 
 _COLUMNS, _TILE_PX = 5, (360, 300)

@@ -17,7 +17,7 @@ from benchmarks.heaps.clipping import Solid, box_near, half_spaces, moved
 from benchmarks.heaps.heap import FIXED, Heap, Part
 from benchmarks.heaps.swept import TCP_FROM_GRASP, Hand
 from bus.transforms import inverse
-from config.schema import CameraSettings, HandSettings
+from config.devices import CameraSettings, HandSettings
 
 TRUE, SEAM, COLLIDES, SLIPS, THIN, OFF, NOTHING = "true", "seam", "collides", "slips", "thin", "off", "nothing"
 VERDICTS = (TRUE, SEAM, COLLIDES, SLIPS, THIN, OFF, NOTHING)

@@ -21,8 +21,9 @@ from benchmarks.heaps.shapes import Shape
 from benchmarks.heaps.swept import PALM_SIZE_M
 from benchmarks.heaps.things import thing
 from bus.transforms import apply, from_rotation, inverse
+from config.devices import HandSettings
 from config.franka_hand import FINGER_LENGTH_M, FINGER_TIP_M, PALM_ABOVE_TIP_M
-from config.schema import HandSettings, Station
+from config.schema import Station
 
 LIFT_M = 0.10
 _HELD_SHARE = 0.8

@@ -16,8 +16,8 @@ from benchmarks.heaps.clipping import Solid, box_near
 from benchmarks.heaps.heap import FIXED
 from benchmarks.heaps.shapes import box_corners
 from bus.transforms import apply, from_rotation, from_translation, inverse
+from config.devices import CameraSettings, HandSettings
 from config.franka_hand import FINGER_TIP_M, HAND_FROM_TCP_M, PALM_ABOVE_TIP_M
-from config.schema import CameraSettings, HandSettings
 from planning.robot import CAMERA_SIZE_M, hand_from_color
 
 PALM_SIZE_M = (0.064, 0.200)

@@ -15,7 +15,7 @@ from cell.cli.options import Config, Json, Set
 from cell.terminal.drawing import console, table, words
 from cell.terminal.printing import err, out
 from config.load import DEFAULT_STATION, load_station
-from config.schema import RecordingSettings
+from config.recording import RecordingSettings
 from logs.mcap.names import shown
 from logs.mcap.retention import GB, Due, Plan
 from logs.prune import Done, Pruner, is_recording

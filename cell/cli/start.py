@@ -27,7 +27,8 @@ from cell.terminal.printing import err
 from cell.terminal.signals import on_end
 from config.clock import clock_of
 from config.load import DEFAULT_STATION, load_station
-from config.schema import RetrySettings, Station
+from config.pick import RetrySettings
+from config.schema import Station
 from logs import live
 
 _TERMINAL = "terminal"

@@ -6,7 +6,7 @@ from bus.codes import Code
 from bus.commands import CommandRequest
 from bus.frozen import Message
 from bus.messages import CycleResult
-from config.schema import RetrySettings
+from config.pick import RetrySettings
 
 MAX_FAILED_IN_A_ROW, MAX_UNTOUCHED_IN_A_ROW = 3, 2
 """Limits of consecutive failures in picks until empty, and of those that touched nothing: the next pick would fail the

@@ -13,7 +13,7 @@ from bus.frozen import Message
 from bus.threads import OwnedThread, Role
 from bus.topics import Topic
 from cell.daemon.publisher import Observer
-from config.schema import RecordingSettings
+from config.recording import RecordingSettings
 from logs.mcap.retention import GB, Due, Plan, in_words
 from logs.prune import Done, Pruner
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 from bus.arrays import Transform, Vector3
 from bus.codes import Code
 from bus.messages import Attempt, EarlierAttempt, Job, Target
-from config.schema import RetrySettings
+from config.pick import RetrySettings
 
 WITH_ANOTHER_GRASP = frozenset({Code.GRASP_MISSED, Code.CONTACT})
 WITH_A_NEW_LOOK = frozenset(

@@ -12,7 +12,7 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 
 from cell.http.door import Door
-from config.schema import RecordingSettings
+from config.recording import RecordingSettings
 from logs.catalogue import open_catalogue
 from logs.mcap.names import is_folder
 from logs.prune import Pruner

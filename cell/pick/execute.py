@@ -28,7 +28,8 @@ from cell.pick.opening import Opening, opened_meanwhile
 from cell.pick.touching import Thing, WayUp, contact_of, guarded
 from cell.pick.verify import is_clear
 from cell.pick.watching import watched
-from config.schema import HandSettings, Station
+from config.devices import HandSettings
+from config.schema import Station
 from drivers.interface import Arm, Hand
 from planning.feeling import way_back
 from planning.robot import Robot

@@ -16,7 +16,8 @@ from scipy.spatial.transform import Rotation
 
 from bus.messages import CameraModel
 from bus.transforms import from_rotation, from_wxyz
-from config.schema import SimSettings, Station
+from config.schema import Station
+from config.simulation import SimSettings
 
 COLOR = CameraModel(
     width=1280, height=720, fx=746.5, fy=746.3, cx=640.4, cy=361.2,

@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 
 from config.franka_hand import FINGER_LENGTH_M
-from config.scene import scene_boxes
-from config.schema import Box, Station
+from config.scene import Box, scene_boxes
+from config.schema import Station
 from drivers.sim.board import lay_board
 from drivers.sim.objects import add_object
 from drivers.sim.robot import robot_spec

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal, NamedTuple
 
-from config.schema import RecordingSettings
+from config.recording import RecordingSettings
 from logs.mcap.index import FINE
 
 DAY_NS = 24 * 3600 * 10**9

@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from bus.errors import RecordingError
-from config.schema import RecordingSettings
+from config.recording import RecordingSettings
 from logs.mcap.index import FINE, read_metadata
 from logs.mcap.names import found_below, is_folder, reading
 from logs.mcap.recorder import PART

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from bus.arrays import Transform
 from bus.cancel import Cancel
 from bus.messages import CameraModel, Instance
-from config.schema import HandSettings
+from config.devices import HandSettings
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.messages import Alignment, Drift
-from config.schema import DriftSettings
+from config.perception import DriftSettings
 from perception.align.base import Shape
 from perception.align.silhouette import Similarity, outline, silhouette_fits
 from perception.geometry.crop import Mask

@@ -12,8 +12,9 @@ from dataclasses import dataclass, fields
 import numpy as np
 import numpy.typing as npt
 
+from config.devices import HandSettings
 from config.franka_hand import FINGER_TIP_M, PALM_ABOVE_TIP_M
-from config.schema import HandSettings, Station
+from config.schema import Station
 from perception.scene.heightmap import HeightMap, Labels
 
 TABLE_CLEARANCE_M = 0.003

@@ -14,8 +14,9 @@ import numpy.typing as npt
 
 from bus.arrays import Transform
 from bus.transforms import apply
+from config.devices import HandSettings
 from config.franka_hand import PALM_ABOVE_TIP_M
-from config.schema import HandSettings, Station
+from config.schema import Station
 from perception.grasps.closing import TABLE_CLEARANCE_M, Closings, close, joined, weighted
 from perception.scene.heightmap import CELL_M, HeightMap, Heights
 

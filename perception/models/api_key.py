@@ -8,7 +8,8 @@ from urllib.parse import unquote
 from bus.errors import ConfigError
 from bus.redaction import keep_secret, redacted
 from bus.secrets import checked_secret, read_secret
-from config.schema import HostedSettings, Station
+from config.perception import HostedSettings
+from config.schema import Station
 
 
 def key_of(station: Station, variable: str, environ: Mapping[str, str]) -> str:

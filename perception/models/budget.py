@@ -9,7 +9,7 @@ from pathlib import Path
 
 from bus.codes import Code
 from bus.errors import CycleFailure
-from config.schema import HostedSettings
+from config.perception import HostedSettings
 from perception.models.ledger import Ledger
 
 LEDGER = "spend.jsonl"

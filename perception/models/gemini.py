@@ -11,7 +11,7 @@ from google.genai import types
 from bus.codes import Code
 from bus.messages import Usage
 from bus.redaction import quoted
-from config.schema import HostedSettings
+from config.perception import HostedSettings
 from perception.models.errors import ModelError
 from perception.models.exchange import Line, Reply
 from perception.models.reply import entries, member, parsed, picture, raw, refused, unreadable, usage_of, words

@@ -16,7 +16,7 @@ from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.messages import Usage
 from bus.redaction import redacted
-from config.schema import HostedSettings, PriceSettings
+from config.perception import HostedSettings, PriceSettings
 from perception.geometry.window import Window, encode_png
 from perception.models.budget import Budget
 from perception.models.calls import Call, GivenUp

@@ -9,7 +9,7 @@ import openai
 
 from bus.codes import Code
 from bus.messages import Usage
-from config.schema import HostedSettings
+from config.perception import HostedSettings
 from perception.models.errors import ModelError
 from perception.models.exchange import Line, Reply
 from perception.models.reply import (

@@ -24,7 +24,7 @@ from cell.pick.equipment import Equipment
 from cell.pick.stages import FAULTS
 from config.limits import check
 from config.load import load_station
-from config.schema import RetrySettings
+from config.pick import RetrySettings
 from drivers.node.guard import Guard
 from drivers.sim.arm import SimArm
 from drivers.sim.camera import SimCamera

@@ -16,7 +16,7 @@ from bus.messages import Attempt, Job, Place, Target
 from cell.daemon.retry import Retries
 from cell.machine.states import State
 from cell.pick.withdrawal import Withdrawal
-from config.schema import RetrySettings
+from config.pick import RetrySettings
 from tests.cell.bench import OPERATOR, Bench
 
 PLACES = 'scene.places=[{name="left", position_m=[0.4, 0.45, 0.15], capacity=1}]'

@@ -12,7 +12,7 @@ import pytest
 from bus import topics
 from bus.messages import Attempt, CycleResult
 from cell.daemon.retention import Retention
-from config.schema import RecordingSettings
+from config.recording import RecordingSettings
 from logs.catalogue.labels import Label, append
 from logs.mcap.recorder import Recorder
 

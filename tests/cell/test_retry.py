@@ -22,7 +22,7 @@ from cell.pick.equipment import Equipment
 from cell.pick.stages import FAULTS
 from cell.replay.replay import Request, replay
 from config.load import load_station
-from config.schema import RetrySettings
+from config.pick import RetrySettings
 from drivers.node.registry import open_devices
 from logs.mcap.reader import read_cycle
 from perception.models import open_models

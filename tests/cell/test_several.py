@@ -20,7 +20,8 @@ from cell.pick.several import may_be_several, one_thing
 from cell.pick.verify import is_clear, verify
 from cell.replay.replay import Request, replay
 from config.load import load_station, station_from
-from config.schema import RetrySettings, Station
+from config.pick import RetrySettings
+from config.schema import Station
 from drivers.node.registry import open_devices
 from logs.mcap.reader import read_cycle
 from perception.models import open_models

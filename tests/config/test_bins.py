@@ -10,8 +10,7 @@ from bus.errors import ConfigError
 from bus.messages import Job
 from config.job import station_for
 from config.load import DEFAULT_STATION, load_station
-from config.scene import scene_boxes
-from config.schema import Bin
+from config.scene import Bin, scene_boxes
 
 BIN_STATION = DEFAULT_STATION.with_name("bin.toml")
 BIN = "scene.bins=[{name='bin', center_m=[0.46, 0.0], size_m=[0.38, 0.52]}]"

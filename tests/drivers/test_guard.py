@@ -8,8 +8,9 @@ import pytest
 from bus.errors import HandFault, MotionRefused, NotConnected
 from bus.messages import ArmMode, ArmState, Motion
 from bus.trajectory import Trajectory
+from config.devices import NodeSettings
 from config.limits import UPPER_RAD
-from config.schema import NodeSettings, Station
+from config.schema import Station
 from drivers.interface import Arm
 from drivers.node.guard import Guard, HandGuard
 from drivers.sim.hand import SimHand

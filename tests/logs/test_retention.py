@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from bus.errors import RecordingError
-from config.schema import RecordingSettings
+from config.recording import RecordingSettings
 from logs.catalogue import open_catalogue
 from logs.catalogue.labels import Label, append
 from logs.mcap.recorder import Recorder

@@ -8,7 +8,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from config.load import load_station
-from config.schema import RecordingSettings
+from config.recording import RecordingSettings
 from logs.catalogue import open_catalogue
 from logs.catalogue.figures import summary
 from logs.catalogue.journal import read_journal

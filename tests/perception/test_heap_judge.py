@@ -23,8 +23,9 @@ from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.messages import Grasp, Observation
 from bus.transforms import apply, from_rotation
+from config.devices import HandSettings
 from config.franka_hand import FINGER_TIP_M
-from config.schema import HandSettings, Station
+from config.schema import Station
 
 Array = npt.NDArray[np.float64]
 Box = tuple[tuple[float, float, float], tuple[float, float, float]]

@@ -19,7 +19,8 @@ from bus.codes import Code
 from bus.errors import ConfigError, CycleFailure, RecordingError
 from bus.messages import ModelReply
 from config.load import load_station
-from config.schema import HostedSettings, Station
+from config.perception import HostedSettings
+from config.schema import Station
 from perception.geometry.window import Window, decode_picture, encode_png
 from perception.goal.imagine import Conversation
 from perception.models import open_models, replayed_models

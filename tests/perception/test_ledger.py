@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from bus.codes import Code
 from bus.errors import CycleFailure, RecordingError
-from config.schema import HostedSettings
+from config.perception import HostedSettings
 from perception.models.budget import Budget
 from perception.models.ledger import Ledger
 

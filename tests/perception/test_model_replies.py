@@ -20,7 +20,7 @@ from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.redaction import keep_secret
 from config.load import load_station
-from config.schema import HostedSettings
+from config.perception import HostedSettings
 from perception.geometry.window import encode_png
 from perception.models.budget import Budget
 from perception.models.exchange import Line

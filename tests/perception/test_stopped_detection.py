@@ -20,7 +20,7 @@ from bus.messages import ModelReply, Usage
 from cell.fault_injection import FaultInjection
 from cell.pick.detect import detect_unless_halted
 from config.load import load_station
-from config.schema import HostedSettings, PriceSettings
+from config.perception import HostedSettings, PriceSettings
 from perception.detector import detect
 from perception.models import Models, open_models
 from perception.models.budget import Budget

@@ -17,7 +17,7 @@ from bus.codes import Code
 from bus.errors import ConfigError
 from bus.redaction import redacted
 from bus.threads import OwnedThread, Role
-from config.schema import HostedSettings
+from config.perception import HostedSettings
 from perception.models.errors import ModelError
 from perception.models.exchange import Line
 from perception.models.gemini import GeminiProvider

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from config.schema import Box, NodeSettings, SceneSettings, Station
+from config.devices import NodeSettings
+from config.scene import Box, SceneSettings
+from config.schema import Station
 from planning.robot import Robot
 from planning.scene import Scene
 

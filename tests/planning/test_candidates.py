@@ -8,7 +8,8 @@ import pytest
 from bus.codes import Code
 from bus.messages import Grasp
 from config.limits import FR3, UPPER_RAD
-from config.schema import PlanningSettings, Station
+from config.pick import PlanningSettings
+from config.schema import Station
 from planning.arm import limit_distance_rad
 from planning.candidates import Approach, approaches, configurations, grasp_pose, twins
 from planning.infeasible import Infeasible

@@ -6,7 +6,7 @@ import coal
 import numpy as np
 import pytest
 
-from config.schema import Box
+from config.scene import Box
 from planning.height_field import CELL_M, ObservedHeightField, Sight, observed_field, solid
 from planning.world import Thing
 from tests.planning.conftest import STATION, box

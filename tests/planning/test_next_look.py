@@ -9,8 +9,8 @@ from bus.cancel import Cancel
 from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.transforms import direction_of_view_deg
-from config.scene import scene_boxes
-from config.schema import Box, SceneSettings, Station
+from config.scene import Box, SceneSettings, scene_boxes
+from config.schema import Station
 from planning.looks import Viewpoint, next_look, unseen
 from planning.robot import Robot
 from planning.scene import Scene

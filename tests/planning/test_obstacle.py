@@ -10,7 +10,9 @@ import pytest
 from bus.errors import CycleFailure
 from bus.messages import Grasp
 from bus.rejection import Obstacle, Rejection
-from config.schema import Box, PlanningSettings, SceneSettings, Station
+from config.pick import PlanningSettings
+from config.scene import Box, SceneSettings
+from config.schema import Station
 from planning.height_field import Sight
 from planning.pick import plan_pick
 from planning.robot import Robot

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from config.schema import Box
+from config.scene import Box
 from planning.height_field import Sight
 from planning.own_body import on_robot
 from planning.robot import Robot

@@ -10,7 +10,9 @@ from bus.errors import CycleFailure
 from bus.messages import Grasp, PickPlan
 from config.franka_hand import FINGER_TIP_M
 from config.limits import UPPER_RAD
-from config.schema import PlanningSettings, SceneSettings, Station, VerifySettings
+from config.pick import PlanningSettings, VerifySettings
+from config.scene import SceneSettings
+from config.schema import Station
 from planning.height_field import Sight
 from planning.pick import plan_pick
 from planning.pregrasp import LOWER_M

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from config.limits import LOWER_RAD, UPPER_RAD
-from config.schema import Box
+from config.scene import Box
 from planning.height_field import Sight
 from planning.robot import Robot
 from planning.scene import Scene

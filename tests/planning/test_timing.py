@@ -13,8 +13,10 @@ from hypothesis import strategies as st
 from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.trajectory import MAX_SAMPLES, Trajectory
+from config.devices import ArmSettings
 from config.limits import FR3, LOWER_RAD, UPPER_RAD, check, velocity_bounds
-from config.schema import ArmSettings, PlanningSettings, Station
+from config.pick import PlanningSettings
+from config.schema import Station
 from planning.arm import rest_to_rest_s
 from planning.blend import Curve, blended
 from planning.kinematics import FR3_ARM

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from bus.messages import PickPlan
-from config.schema import SceneSettings, Station, VerifySettings
+from config.pick import VerifySettings
+from config.scene import SceneSettings
+from config.schema import Station
 from planning.pick import plan_pick
 from planning.pregrasp import LOWER_M
 from planning.robot import Robot

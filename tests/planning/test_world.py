@@ -8,9 +8,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from config.devices import NodeSettings
 from config.franka_hand import FINGER_TIP_M
 from config.limits import LOWER_RAD, UPPER_RAD
-from config.schema import NodeSettings, SceneSettings, Station
+from config.scene import SceneSettings
+from config.schema import Station
 from planning.kinematics import inverse, q7_grid
 from planning.robot import Robot, flange_pose, part_name
 from planning.scene import Scene

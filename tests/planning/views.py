@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from config.schema import Box
+from config.scene import Box
 
 PIXEL_M = 0.004
 

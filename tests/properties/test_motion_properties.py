@@ -18,8 +18,10 @@ from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.messages import Grasp, PickPlan
 from bus.trajectory import Trajectory
+from config.devices import NodeSettings
 from config.limits import FR3
-from config.schema import Box, NodeSettings, SceneSettings, Station
+from config.scene import Box, SceneSettings
+from config.schema import Station
 from drivers.motion.stream import Stream
 from planning.kinematics import inverse, q7_grid
 from planning.pick import plan_pick

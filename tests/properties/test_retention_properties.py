@@ -7,7 +7,7 @@ from pathlib import Path
 from hypothesis import given
 from hypothesis import strategies as st
 
-from config.schema import RecordingSettings
+from config.recording import RecordingSettings
 from logs.mcap.retention import DAY_NS, GB, Plan, Recorded, plan_retention
 
 NOW_NS = 1_800_000_000 * 10**9
