@@ -40,6 +40,7 @@ mounting_error_deg = 3.0
 Run = Callable[..., subprocess.CompletedProcess[str]]
 
 
+@pytest.mark.thorough
 def test_check_finds_it_wrong_hand_eye_sets_it_right_and_check_is_content(station_file: Path, in_process: Run) -> None:
     def calibrate(verb: str, file: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
         return in_process("calibrate", verb, "--config", str(file), *arguments)

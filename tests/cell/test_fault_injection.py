@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 REPOSITORY = Path(__file__).parents[2]
 INJECTION = {
     "bus.faulty_bus",
@@ -50,5 +52,6 @@ def test_a_cell_and_its_node_import_no_fault_unless_faults_are_allowed(endpoint:
     )
 
 
+@pytest.mark.thorough
 def test_where_faults_are_allowed_they_are_there(endpoint: str, tmp_path: Path) -> None:
     assert _imported(endpoint, tmp_path, "faults.allowed=true") >= INJECTION

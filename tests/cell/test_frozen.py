@@ -127,6 +127,7 @@ def test_an_arm_whose_cell_is_frozen_brakes_and_the_cell_says_so_when_it_goes_on
     assert _fastest_rad_s(record, went_on_ns) < _RESTS_RAD_S, "nothing moved again"
 
 
+@pytest.mark.thorough
 def test_a_plain_client_that_is_frozen_loses_its_lease_long_before_its_transport_notices(
     shared_daemon: Daemon, example: subprocess.Popen[str]
 ) -> None:

@@ -160,6 +160,7 @@ def test_what_was_held_is_feasible_and_what_was_not_is_asked_of_the_oracle() -> 
         assert asked.feasible
 
 
+@pytest.mark.thorough
 def test_picks_of_the_whole_cell_are_judged_by_physics_a_network_s_beside_ours(
     tmp_path: Path, new_endpoint: Callable[[], str]
 ) -> None:

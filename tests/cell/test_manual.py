@@ -84,6 +84,7 @@ def test_each_command_is_one_step_and_an_event_says_who_jogs(hand: Client) -> No
     assert jogs == [f"jog -z by {hand.client_id}."], "once for all steps that follow each other"
 
 
+@pytest.mark.thorough
 def test_a_way_home_ends_when_it_is_no_longer_asked_for_and_goes_on_while_it_is(hand: Client) -> None:
     home = np.asarray(ROBOT.station.arm.capture_q_rad)
     home_m = ROBOT.base_from_tcp(home)[:3, 3]

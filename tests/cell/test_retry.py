@@ -72,6 +72,7 @@ def test_a_hold_is_due_after_so_many_failures_in_a_row_and_then_the_count_begins
     assert said == [False, False, False, True, False]
 
 
+@pytest.mark.thorough
 def test_an_object_that_was_moved_away_under_the_hand_is_picked_where_it_is_now(tmp_path: Path) -> None:
     station = load_station(None, [f"recording.folder={tmp_path}", "retry.grasps=1", "verify.hold_s=0.5"])
     devices = open_devices("sim", station)

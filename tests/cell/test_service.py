@@ -147,6 +147,7 @@ def test_sigterm_in_the_middle_of_a_pick_is_a_controlled_stop(systemd: Systemd, 
     assert not motion.finished and np.abs(motion.dq_rad_s).max() > 0.1 > np.abs(motion.dq_rad_s[-1]).max()
 
 
+@pytest.mark.thorough
 def test_a_second_sigterm_ends_at_once(systemd: Systemd, daemon: Cell) -> None:
     process, station = daemon
     _pick_until_it_moves(station)

@@ -161,6 +161,7 @@ def test_a_number_of_cycles_and_until_empty_exclude_each_other(in_process: Run) 
     assert done.returncode == 2 and "exclude each other" in done.stderr and "Traceback" not in done.stderr
 
 
+@pytest.mark.thorough
 def test_a_table_that_never_empties_is_refused(options: list[str], in_process: Run) -> None:
     done = in_process("start", "--until-empty", *options)
     assert done.returncode == 3 and "never empty" in done.stderr and "config/bin.toml" in done.stderr

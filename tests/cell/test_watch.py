@@ -137,6 +137,7 @@ def _reset_once_the_lease_is_free(station: Station) -> None:
         cell.wait_for_state({"Idle"}, 60)
 
 
+@pytest.mark.thorough
 def test_an_arrow_key_is_no_command(terminal: Terminal, shared_cell: Station) -> None:
     terminal.wait_for(r"cell sim +Stopped")
     terminal.press("\x1b[a\x1bOa\x1b[200~")  # with "a" in it, which would abort
@@ -166,6 +167,7 @@ def test_it_ends_when_its_terminal_does(terminal: Terminal) -> None:
     assert terminal.hang_up() == 0
 
 
+@pytest.mark.thorough
 def test_a_cell_that_goes_away_is_shown_and_waited_for(options: list[str]) -> None:
     station = load_station(None, options[1::2])
     with ExitStack() as stack:

@@ -226,6 +226,7 @@ def test_an_arm_brakes_when_the_cell_that_was_heard_falls_silent_and_says_so(cel
     assert event.code == "CELL_SILENT" and "said nothing" in event.text
 
 
+@pytest.mark.thorough
 def test_in_a_simulation_a_cell_may_be_silent_for_as_much_longer_as_the_machine_is_busy(
     cell: Bus, station: Station
 ) -> None:

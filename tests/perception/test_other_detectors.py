@@ -195,6 +195,7 @@ def test_an_unknown_detector_is_refused_with_those_there_are() -> None:
         open_models(load_station(None, ["perception.detector=acme"]), {})
 
 
+@pytest.mark.thorough
 def test_a_cell_picks_records_replays_and_reports_with_it(tmp_path: Path, endpoint: str) -> None:
     site = information(tmp_path, "detector")
     path = os.pathsep.join([str(EXAMPLES.parent), str(site), str(EXAMPLES / "detector")])
