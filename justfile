@@ -48,9 +48,9 @@ lerobot: setup
 test *args: setup
     @./setup.sh stand-ins || echo "test: tests of the real drivers that need the above will be skipped" >&2
     @./setup.sh salient || echo "test: tests with the weights of U-2-Net will be skipped" >&2
-    # two files at a time, in their order (those of whole cells, which take longest, are among the first); then, alone,
-    # those at 1 kHz: there only the arm's own reflex (this machine was late) is tried again
-    OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 uv run pytest -m "not realtime{{of_them}}" -n 2 --dist loadgroup --no-loadscope-reorder "$@" || [ $? -eq 5 ]
+    # three files at a time, for many wait, in their order (those of whole cells, which take longest, are among the first);
+    # then, alone, those at 1 kHz: there only the arm's own reflex (this machine was late) is tried again
+    OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 uv run pytest -m "not realtime{{of_them}}" -n 3 --dist loadgroup --no-loadscope-reorder "$@" || [ $? -eq 5 ]
     uv run pytest -m "realtime{{of_them}}" --reruns 2 --only-rerun ArmReflex "$@" || [ $? -eq 5 ]
 
 # Run every test: those of the gate, and every row, object and seed of what it has one of
@@ -62,7 +62,7 @@ test-on python *args: setup
     uv venv --quiet --allow-existing --python {{python}} .venv-{{python}}
     uv pip sync --quiet --python .venv-{{python}} --require-hashes requirements.lock
     uv pip install --quiet --python .venv-{{python}} --no-deps --no-build-isolation --editable .
-    shift; OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 .venv-{{python}}/bin/python -m pytest -m "not realtime{{of_them}}" -n 2 --dist loadgroup --no-loadscope-reorder "$@"
+    shift; OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 .venv-{{python}}/bin/python -m pytest -m "not realtime{{of_them}}" -n 3 --dist loadgroup --no-loadscope-reorder "$@"
 
 # Lint, format, types, import contracts
 check: setup
