@@ -79,8 +79,8 @@ class LivePictures:
         return seen, *self._pointed.show_live(seen.frame.stamp_ns, is_from_capture_pose=there)
 
     def _is_from_capture_pose(self, seen: Observation) -> bool:
-        q_rad = seen.view.arm.q_rad if seen.view.arm is not None else np.full(7, np.inf)
-        return bool(np.abs(q_rad - np.asarray(self._e.station.arm.capture_q_rad)).max() < _SAME_POSE_RAD)
+        off_rad = np.abs(seen.view.q_rad - np.asarray(self._e.station.arm.capture_q_rad)).max()
+        return bool(off_rad < _SAME_POSE_RAD)
 
 
 def encoded(color: npt.NDArray[np.uint8], media_type: PictureType) -> bytes:

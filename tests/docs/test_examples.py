@@ -14,7 +14,6 @@ import pytest
 
 from benchmarks.baselines.flat import flat_object
 from bus.errors import ConfigError
-from bus.messages import CameraModel, Frame
 from cell.daemon.live_picture import encoded
 from config.load import load_station
 from docs.examples.pixel import pixel_of
@@ -27,9 +26,6 @@ from tests.docs.example_packages import EXAMPLES, PACKAGES, install
 from vlad_cell.testing import DetectorSuite, GoalModelSuite, HandSuite
 
 OBJECTS = EXAMPLES.parent / "docs" / "examples" / "objects"
-CAMERA = CameraModel(width=320, height=180, fx=250.0, fy=250.0, cx=160.0, cy=90.0)
-BLANK = Frame(stamp_ns=1, color=np.zeros((180, 320, 3), np.uint8), depth_m=np.ones((180, 320), np.float32),
-              color_camera=CAMERA, depth_camera=CAMERA, color_from_depth=np.eye(4))  # fmt: skip
 
 
 @pytest.fixture(scope="module", autouse=True)
