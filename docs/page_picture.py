@@ -39,7 +39,7 @@ def main() -> None:
         expect(page.locator("#state")).to_have_text("Idle")
         page.fill("#count", str(_PICKS + 1))
         page.click("#start")
-        expect(page.locator("#pick-list li[data-cycle] a")).to_have_count(_PICKS)
+        expect(page.locator("#pick-list li[data-cycle] a.report")).to_have_count(_PICKS)
         page.fill("#words", "the orange one")
         page.keyboard.press("Enter")
         page.click("#pick")

@@ -29,12 +29,13 @@ async def state(_request: Request, door: Door) -> Response:
 
 
 async def about(request: Request, door: Door) -> Response:
-    """What the station is: its name, its places, the client's role, and the clock here."""
+    """What the station is: its name, its places, whether it can be picked empty, the client's role, the clock here."""
     station = door.station
     return JSONResponse(
         {
             "cell_id": station.cell_id,
             "is_simulated": station.simulated,
+            "is_never_empty": station.simulated and station.sim.clutter == 0,  # as in `cell.daemon.simulated_table`
             "places": [{"name": place.name, "capacity": place.capacity} for place in station.scene.places],
             "role": str(request.state.role),
             "now_ns": time.time_ns(),

@@ -29,7 +29,7 @@ from cell.http.page_files import FOLDER
 from config.http import HttpSettings
 from config.schema import Station
 from logs.catalogue.labels import read_labels
-from tests.cell.http_bench import FakeCell, Site, door_of, served, served_for_real
+from tests.cell.http_bench import RESULT, FakeCell, Site, door_of, served, served_for_real
 from tests.logs.browser import find_chromium
 
 playwright = pytest.importorskip("playwright.sync_api", reason="the package playwright is not installed")
@@ -194,12 +194,14 @@ def test_a_day_at_the_cell(
     until(page, "Complete")
     last = page.locator("#pick-list li[data-cycle]").first
     expect(last.locator(".tag")).to_contain_text("failed REJECTED")
+    expect(page.locator("#reason")).to_contain_text("Done: the last pick FAILED - ")
+    expect(page.locator("#banner")).to_have_class("tone-held")
 
     expect(page.locator("#overlay.earlier text.number")).to_have_count(2)  # in a picture of now, where they were
     click_middle(page, page.locator("#overlay text.number").nth(1))
     expect(page.locator("#what")).to_have_text("The object at the cross")
     page.click("#pick")
-    expect(page.locator("#jobs")).to_contain_text("Picks the object at")
+    expect(page.locator("#jobs")).to_contain_text(re.compile(r"Picks what you pointed at \(Thing \d\)"))
     until(page, ASKS)
     page.click("#answer-approve")
     until(page, "Execute: grasps")
@@ -207,8 +209,10 @@ def test_a_day_at_the_cell(
     until(page, "Held")
     page.click("#unhold")
     until(page, "Complete")
+    expect(page.locator("#reason")).to_have_text("Done.")
     expect(last.locator(".tag")).to_contain_text("picked")
     expect(page.locator("[data-figure=picks] dd")).to_have_text("2")
+    expect(page.locator("[data-figure=interventions]")).to_have_text("intervention in 2 picks1")  # too few for a rate
     last.get_by_role("button", name=re.compile("^Good: ")).click()
     page.fill("#who", "anna")
     page.get_by_role("button", name="Save").click()
@@ -221,7 +225,7 @@ def test_a_day_at_the_cell(
         until(page, ASKS)
         kill()
         until(page, "Held")
-        expect(page.locator("#reason")).to_contain_text(re.compile("The lease of 'http-page-.*' was lost"))
+        expect(page.locator("#reason")).to_contain_text("The page that started this pick was closed or reloaded")
     page.click("#unhold")
     until(page, ASKS)
     page.reload()  # as when the page is closed: it attends the motion no more
@@ -278,8 +282,9 @@ ENTRY = {
     "report": "/reports/x.html",
     "labels": [{"cycle_id": "c", "at_ns": 1, "who": HOSTILE, "label": "bad", "note": HOSTILE}],
 }  # fmt: skip
-ABOUT = {"cell_id": HOSTILE, "is_simulated": True, "places": [{"name": HOSTILE, "capacity": 0}], "role": "operator",
+ABOUT = {"cell_id": HOSTILE, "is_simulated": True, "is_never_empty": True, "places": [{"name": HOSTILE, "capacity": 0}], "role": "operator",
          "now_ns": 1}  # fmt: skip
+NOT_THERE = "There is no object within 40 px of (648, 275); the nearest is 57 px away."
 PICTURE_NS = 1_796_000_000_123_456_789
 
 
@@ -371,7 +376,8 @@ def test_five_tasks_take_three_clicks_at_most(desk: Desk) -> None:
 
     failed = page.locator("#pick-list li").first
     expect(failed).to_contain_text("failed GRASP_MISSED")
-    expect(failed.locator("a")).to_have_attribute("href", "/reports/x.html")
+    expect(failed).to_contain_text(f"10:15 UTC · {CYCLE}")
+    expect(failed.get_by_text("Report", exact=True)).to_have_attribute("href", "/reports/x.html")
     assert clicks() == 0, "why did the last one fail"
 
     desk.say("Idle", "start", "pick", "stop", "abort")
@@ -393,6 +399,42 @@ def test_a_click_that_the_cell_refuses_says_why_and_stays_chosen(desk: Desk) -> 
     desk.page.click("#pick")
     expect(desk.page.locator("#message")).to_contain_text("has looked again since that picture. Look.")
     expect(desk.page.locator("#asked")).to_be_visible()
+
+
+def test_a_failed_pick_is_no_success_and_says_why_in_plain_words(desk: Desk) -> None:
+    page = desk.page
+    click_middle(page, page.locator("#overlay"))
+    page.click("#pick")
+    expect(page.locator("#message")).to_have_text("It is being picked.")
+    desk.say("Execute", "stop", job_id="c1")
+    expect(page.locator("#jobs")).to_contain_text("Picks what you pointed at, lays it into the tray")
+    failed = RESULT.model_copy(update={"result": "FAILED", "reason": NOT_THERE})
+    desk.site.door.hub.tell("result", failed.model_dump_json())
+    desk.say("Complete", "reset", "pick")
+    expect(page.locator("#reason")).to_have_text("Done: the last pick FAILED - Nothing lies where you clicked.")
+    expect(page.locator("#banner")).to_have_class("tone-held")
+    expect(page.locator("#message")).to_be_empty()
+
+
+def test_words_and_a_cross_replace_each_other_and_reset_clears_the_cross(desk: Desk) -> None:
+    page, asked, words = desk.page, desk.page.locator("#asked"), desk.page.locator("#words")
+    desk.say("Complete", "reset", "pick")
+    click_middle(page, page.locator("#overlay"))
+    expect(asked).to_be_visible()
+    words.fill("the red one")
+    expect(asked).to_be_hidden()
+    page.get_by_role("button", name="Choose").click()
+    expect(page.locator("#what")).to_have_text("“the red one”")
+    click_middle(page, page.locator("#overlay"))
+    expect(words).to_have_value("")
+    page.click("#reset")
+    expect(asked).to_be_hidden()
+
+
+def test_a_button_that_can_do_nothing_here_says_so_first(desk: Desk) -> None:
+    expect(desk.page.locator("#why-empty")).to_contain_text("a new object with every pick")
+    desk.say("Aborted", "clear", "mode", mode="Manual")
+    expect(desk.page.locator("#why-jog")).to_have_text("First Clear, then it can be moved.")
 
 
 def test_who_holds_the_lease_is_named_and_taking_over_asks_first_of_all(desk: Desk) -> None:

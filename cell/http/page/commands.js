@@ -18,9 +18,13 @@ export function whyNot(verb) {
   return why[now.state.state] ?? why.other;
 }
 
+function whyOff(name, verb) {
+  return name === "empty" && now.about?.is_never_empty ? texts.why.neverEmpty : whyNot(verb);
+}
+
 function draw() {
   for (const [name, { button, reason, verb }] of Object.entries(buttons)) {
-    const why = whyNot(verb);
+    const why = whyOff(name, verb);
     setButton(button, why, texts.means[name]);
     say(reason, why || texts.means[name]);
   }

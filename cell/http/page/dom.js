@@ -1,4 +1,6 @@
-// Makes elements. Text goes in as text only: names and replies of others never become markup.
+// Makes elements, and shows messages. Text goes in as text only: names and replies of others never become markup.
+
+import { plainly } from "./texts.js";
 
 const SVG = "http://www.w3.org/2000/svg";
 
@@ -45,9 +47,15 @@ export function tell(text, isBad = false) {
   quiet = setTimeout(() => place.replaceChildren(), isBad ? 15000 : 6000);
 }
 
+/** Removes a message that holds no more, where it is still shown. */
+export function untell(text) {
+  const place = byId("message");
+  if (place.textContent === text) place.replaceChildren();
+}
+
 /** Shows a refusal of the cell: what happened, and what to do. */
 export function tellRefusal(refusal) {
-  tell(`${refusal.reason ?? refusal} ${refusal.advice ?? ""}`.trim(), true);
+  tell(`${plainly(refusal.reason ?? refusal)} ${refusal.advice ?? ""}`.trim(), true);
 }
 
 /** A button that is never removed from the tab order: what it cannot do now it says. */

@@ -10,6 +10,7 @@ const MODE_FROM = ["Stopped", "Idle", "Complete", "Aborted"];
 const moving = [];
 let held = null;
 let mode = null;
+let hint = null;
 
 /** Sends a motion as long as its button is held; one that is refused because the last one lasts is no trouble. */
 async function whileHeld(button, verb, request) {
@@ -64,8 +65,10 @@ function draw() {
   bodyOf("jog").querySelector(".by-hand").hidden = !isManual;
   mode.textContent = isManual ? texts.toProduction : texts.toManual;
   setButton(mode, can ? "" : texts.notNow, texts.manualMeans);
+  const why = now.state?.state === "Aborted" ? texts.clearToMove : texts.notNow;
+  hint.hidden = now.state?.state !== "Aborted";
   for (const [button, verb] of moving) {
-    setButton(button, can && now.state.available.includes(verb) ? "" : texts.notNow, texts.holdButton);
+    setButton(button, can && now.state.available.includes(verb) ? "" : why, texts.holdButton);
   }
   if (!isManual) letGo();
 }
@@ -75,7 +78,8 @@ export function showJog() {
   mode = el("button", { type: "button", id: "mode", onclick: changeMode });
   const steps = Object.entries(texts.steps).map(([axis, words]) => el("div", { class: "row" },
     ...[1, -1].map((direction) => holding(words[direction], "jog", { axis, direction }))));
-  bodyOf("jog").append(mode, el("div", { class: "by-hand", hidden: true }, el("p", { class: "soft" }, texts.manualMeans), ...steps,
+  hint = el("p", { class: "strong", id: "why-jog", hidden: true }, texts.clearToMove);
+  bodyOf("jog").append(mode, el("div", { class: "by-hand", hidden: true }, hint, el("p", { class: "soft" }, texts.manualMeans), ...steps,
     el("div", { class: "row" }, holding(texts.home, "jog_home"), once(texts.handOpen, "hand_open"), once(texts.handClose, "hand_close"))));
   for (const name of ["state", "link", "about"]) cell.addEventListener(name, draw);
   window.addEventListener("blur", letGo);

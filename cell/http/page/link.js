@@ -4,7 +4,8 @@
 import { texts } from "./texts.js";
 
 export const cell = new EventTarget();
-export const now = { state: null, health: null, role: "operator", client_id: "", jobs: {}, isLinked: false, offset_ns: 0, about: null };
+// `result`: of the last cycle, none while one runs. `pointed`: by job, the number of the thing that was pointed at here.
+export const now = { state: null, health: null, result: null, role: "operator", client_id: "", jobs: {}, pointed: {}, isLinked: false, offset_ns: 0, about: null };
 
 const RETRY_MS = 2000;
 const NAMES = ["state", "health", "event", "result", "picture", "scene", "proposal", "jobs"];
@@ -71,9 +72,11 @@ export async function ask(path, body) {
   return said;
 }
 
-/** Sends one command. */
-export function command(verb, request = {}) {
-  return ask(`/api/commands/${verb}`, request);
+/** Sends one command; one that is accepted is announced as "sent". */
+export async function command(verb, request = {}) {
+  const reply = await ask(`/api/commands/${verb}`, request);
+  announce("sent", verb);
+  return reply;
 }
 
 /** Resolves when the cell is in one of the states; rejects after so many seconds. */

@@ -15,6 +15,15 @@ export function overlayOf(outlines, numbers, target, unit) {
   ];
 }
 
+/** Whether a pixel (u, v) lies inside a polygon: a ray from it crosses the rim an odd number of times. */
+export function isInside([u, v], points) {
+  const crossed = points.filter(([a, b], index) => {
+    const [c, d] = points.at(index - 1);
+    return b > v !== d > v && u < a + ((v - b) * (c - a)) / (d - b);
+  });
+  return crossed.length % 2 === 1;
+}
+
 /** Outer rims and those of holes as one path: even-odd filling leaves the holes free. */
 function shaded(rims, unit) {
   if (rims.length === 0) return [];

@@ -2,7 +2,7 @@
 
 import { bodyOf, byId, el, tell, tellRefusal } from "./dom.js";
 import { ask, cell, now } from "./link.js";
-import { LANGUAGE, texts } from "./texts.js";
+import { LANGUAGE, plainly, texts } from "./texts.js";
 
 const SHOWN = 6;
 const SOON_MS = 700; // the recording is finished after the result, its report later
@@ -24,6 +24,8 @@ async function refresh() {
   cycles = cycles.filter((one) => one.result !== "TORN" || one.cycle_id !== now.state?.cycle_id); // the one that runs
   const isThere = !expected || cycles.some((one) => one.cycle_id === expected);
   if (!isThere || cycles.some((one) => one.result === "TORN" || !one.report)) again(isThere ? AGAIN_MS : SOON_MS);
+  const last = cycles.find((one) => one.result !== "TORN");
+  if (!now.state?.cycle_id && last?.cycle_id > (now.result?.cycle_id ?? "")) now.result = last; // this page was not there
   const content = JSON.stringify(cycles);
   if (content === drawn) return;
   drawn = content;
@@ -60,20 +62,22 @@ function entry(one) {
   const label = one.labels.at(-1);
   return el("li", { "data-cycle": one.cycle_id }, picture, el("div", { class: "about" },
     el("span", { class: "tag" }, el("span", { class: one.result }, result), one.code ? ` ${one.code}` : "", one.object ? ` · ${one.object}` : ""),
-    el("span", { class: "clip" }, one.reason ?? ""),
+    el("span", { class: "clip", title: one.reason }, plainly(one.reason ?? "")),
     el("span", { class: "soft" }, `${timeOf(one.cycle_id)} · ${one.cycle_id}`, one.report ? "" : ` · ${texts.noReport}`),
     label ? el("span", { class: "said" }, said(label)) : null,
-    now.role === "viewer" || !one.file ? null : el("div", { class: "row" },
-      ...["good", "bad", "note"].map((word) => el("button", { type: "button", class: "small", "aria-label": `${texts[word]}: ${one.cycle_id}`, onclick: () => judge(one.cycle_id, word) }, texts[word])))));
+    el("div", { class: "row" },
+      one.report ? el("a", { class: "report", href: one.report, target: "_blank", rel: "noopener", "aria-label": `${texts.report}: ${one.cycle_id}` }, texts.report) : null,
+      ...(now.role === "viewer" || !one.file ? [] : ["good", "bad", "note"].map((word) => el("button", { type: "button", class: "small", "aria-label": `${texts[word]}: ${one.cycle_id}`, onclick: () => judge(one.cycle_id, word) }, texts[word]))))));
 }
 
-/** The local time of a cycle, by its id, which is its begin in UTC. */
+/** The time of a cycle, by its id, which is its begin in UTC. */
 function timeOf(cycle) {
   return clock(Date.parse(cycle.replace(/^(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)(\d\d).*$/, "$1-$2-$3T$4:$5:$6Z")));
 }
 
 function clock(at_ms) {
-  return new Date(at_ms).toLocaleTimeString(LANGUAGE, { hour: "2-digit", minute: "2-digit", hourCycle: "h23" });
+  const time = new Date(at_ms).toLocaleTimeString(LANGUAGE, { hour: "2-digit", minute: "2-digit", hourCycle: "h23", timeZone: "UTC" });
+  return `${time} UTC`; // as in the ids
 }
 
 function said(label) {

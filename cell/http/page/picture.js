@@ -2,9 +2,9 @@
 // object, a drag a box; a press then sends the job, with the picture in which it was pointed at.
 
 import { attend, whyNot } from "./commands.js";
-import { bodyOf, el, isOff, say, setButton, svg, tell } from "./dom.js";
+import { bodyOf, el, isOff, say, setButton, svg, tell, untell } from "./dom.js";
 import { ask, cell, cellNow, now } from "./link.js";
-import { overlayOf } from "./overlay.js";
+import { isInside, overlayOf } from "./overlay.js";
 import { duration, texts } from "./texts.js";
 
 const DRAG_PX = 8;
@@ -17,6 +17,7 @@ let wanted = null;
 let isLoading = false;
 let scene = NOTHING;
 let target = null;
+let thing; // the number of the thing that is pointed at; "" for none, undefined where nothing is pointed at
 let from = null;
 
 /** Loads one picture after the other, the newest only, and shows it when it is there: what is clicked is what is shown. */
@@ -91,9 +92,11 @@ function unitOf(image) {
   return image.naturalWidth / Math.min(640, Math.max(300, image.clientWidth));
 }
 
-/** Chooses what is to be picked; null forgets it. */
+/** Chooses what is to be picked; null forgets it. One way at a time: what is pointed at clears the words. */
 function choose(what) {
   target = what;
+  thing = what?.pixel ? thingAt(what.pixel) : undefined;
+  if (what !== null && !what.text) parts.words.value = "";
   parts.asked.hidden = what === null;
   if (what !== null) say(parts.what, texts.target(what));
   drawAllowed();
@@ -110,11 +113,22 @@ function drawAllowed() {
 async function send() {
   if (isOff(parts.pick)) return tell(parts.pick.title, true);
   const place = parts.place.value ? { name: parts.place.value } : null;
+  const chosen = thing;
   const reply = await attend("pick", { job: { target, place, queue: true } });
   if (reply !== null) {
     tell(reply.position ? texts.queued(reply.position) : texts.begun);
     choose(null);
+    if (chosen !== undefined) {
+      now.pointed[reply.job_id] = chosen;
+      cell.dispatchEvent(new Event("jobs"));
+    }
   }
+}
+
+/** The number of the thing at a pixel (u, v) of the picture that is shown; "" for none. */
+function thingAt(pixel) {
+  const things = drawn().outlines.filter((one) => ["thing", "object"].includes(one.kind));
+  return String(things.find((one) => isInside(pixel, one.points_px))?.number ?? "");
 }
 
 /** A picture of now from elsewhere than where the cell looks for things: nothing can be pointed at in it. */
@@ -188,17 +202,20 @@ export function showPicture() {
   parts.pick = el("button", { type: "button", id: "pick", class: "main", "aria-describedby": "why-pick", onclick: send }, texts.pickIt);
   parts.asked = el("div", { class: "asked", id: "asked", hidden: true, role: "group", "aria-label": texts.pickIt },
     parts.what, el("div", { class: "row" }, parts.place, parts.pick, el("button", { type: "button", onclick: () => choose(null) }, texts.forget)), parts.why);
-  const words = el("input", { id: "words", maxlength: 200, placeholder: texts.wordsHint, autocomplete: "off", "aria-label": texts.words });
+  const words = el("input", { id: "words", maxlength: 200, placeholder: texts.wordsHint, autocomplete: "off", oninput: () => choose(null) });
+  parts.words = words;
   const said = (event) => {
     event.preventDefault();
     if (words.value.trim()) choose({ text: words.value.trim() });
   };
   bodyOf("sees").append(parts.none, parts.figure, parts.asked, parts.legend, parts.age, parts.help, parts.things,
-    el("form", { class: "row", onsubmit: said }, words, el("button", { type: "submit" }, texts.words)));
+    el("form", { class: "row", onsubmit: said }, el("label", { for: "words" }, texts.words), words, el("button", { type: "submit" }, texts.chooseWords)));
   listPlaces();
   cell.addEventListener("about", listPlaces);
   cell.addEventListener("picture", ({ detail }) => load(detail));
   cell.addEventListener("scene", refreshScene);
+  cell.addEventListener("sent", ({ detail }) => detail === "reset" && !target?.text && choose(null));
+  cell.addEventListener("result", () => untell(texts.begun));
   window.addEventListener("resize", draw);
   document.addEventListener("visibilitychange", () => wanted !== null && load(wanted));
   for (const name of ["state", "link", "about"]) cell.addEventListener(name, drawAllowed);

@@ -2,13 +2,13 @@
 
 import { byId, el, say, setButton, tellRefusal } from "./dom.js";
 import { cell, cellNow, command, now } from "./link.js";
-import { duration, texts } from "./texts.js";
+import { duration, plainly, texts } from "./texts.js";
 
 const BY = /^command '(?:stop|abort|hold|suspend)' from (.+)$/;
 const WORKING = ["Execute", "Completing"];
 const TONES = {
   Stopped: "rest", Idle: "good", Holding: "held", Held: "held", Suspending: "held", Suspended: "held", Complete: "good",
-  Stopping: "rest", Aborting: "bad", Aborted: "bad", approve: "held", manual: "rest",
+  Stopping: "rest", Aborting: "bad", Aborted: "bad", approve: "held", manual: "rest", failed: "held",
 }; // any other: busy
 const PRESS_MS = 1000; // a click within this time is the end of a press
 const OWN_NAME = /^\d{8}T\d{9}$/; // of a job that its client gave none
@@ -19,12 +19,25 @@ let drawnJobs = "";
 function reasonOf(state) {
   if (state.reason || !["Stopping", "Stopped"].includes(state.state)) cause = state.reason;
   const by = BY.exec(cause);
-  if (!by) return cause;
+  if (!by) return plainly(cause);
   return now.client_id && by[1].startsWith(now.client_id) ? texts.byThis : texts.by(by[1]);
+}
+
+/** What is said in place of the state, where that alone does not tell a person how things are. */
+function specialOf(state) {
+  if (state.mode === "Manual" && state.state !== "Aborted") return "manual";
+  if (state.state === "Execute" && state.stage === "approve") return "approve";
+  return state.state === "Complete" && now.result?.result === "FAILED" ? "failed" : state.state;
+}
+
+function todoOf(state, special) {
+  if (state.mode === "Manual" && state.state === "Aborted") return texts.clearToMove;
+  return texts.todo[special] ?? texts.todo[state.state] ?? "";
 }
 
 function draw() {
   const state = now.state;
+  if (state?.cycle_id && state.cycle_id !== now.result?.cycle_id) now.result = null; // another one runs
   if (!now.isLinked || state === null) {
     byId("banner").className = "tone-none";
     say(byId("state"), now.isLinked ? texts.connecting : texts.noLink);
@@ -34,13 +47,13 @@ function draw() {
     drawFacts();
     return;
   }
-  const special = state.mode === "Manual" ? "manual" : state.state === "Execute" && state.stage === "approve" ? "approve" : state.state;
+  const special = specialOf(state);
   byId("banner").className = `tone-${TONES[special] ?? "busy"}`;
-  const reason = reasonOf(state);
+  const reason = reasonOf(state) || (special === "failed" ? texts.lastFailed(plainly(now.result.reason)) : "");
   const stage = special === "manual" ? texts.byHand : WORKING.includes(state.state) ? texts.stages[state.stage] : "";
   say(byId("state"), stage ? `${state.state}: ${stage}` : state.state);
   say(byId("reason"), reason || (texts.meaning[special] ?? texts.meaning[state.state] ?? ""));
-  say(byId("todo"), texts.todo[special] ?? texts.todo[state.state] ?? "");
+  say(byId("todo"), todoOf(state, special));
   drawJobs();
   drawFacts();
 }
@@ -65,7 +78,7 @@ function drawJobs() {
   const { state, jobs } = now;
   if (state === null) return;
   const turns = !now.isLinked ? [] : [[texts.jobNow, state.job_id], ...state.queue.map((job, index) => [index + 1, job])].filter(([, job]) => job);
-  const content = JSON.stringify([turns, jobs, now.role]);
+  const content = JSON.stringify([turns, jobs, now.role, now.pointed]);
   if (content === drawnJobs) return;
   drawnJobs = content;
   byId("jobs").replaceChildren(...turns.map(([turn, job]) => el("li", {}, el("span", { class: "turn" }, turn), el("span", { class: "job" }, said(job)), cancelling(job))));
@@ -75,7 +88,7 @@ function said(job) {
   const about = now.jobs[job];
   if (about === undefined) return job;
   const name = OWN_NAME.test(job) ? "" : texts.jobNamed(job);
-  return texts.jobIs(texts.jobWhat(about.target), texts.jobWhere(about.place), texts.jobTimes(about)) + name;
+  return texts.jobIs(texts.jobWhat(about.target, now.pointed[job]), texts.jobWhere(about.place), texts.jobTimes(about)) + name;
 }
 
 function cancelling(job) {
@@ -100,7 +113,7 @@ export function showState() {
   button.addEventListener("click", () => performance.now() - pressed_ms > PRESS_MS && stop()); // keyboard, screen reader
   document.addEventListener("keydown", (event) => event.key === "Escape" && !event.repeat && stop(), { capture: true });
   say(byId("state"), texts.connecting);
-  for (const name of ["state", "link", "about"]) cell.addEventListener(name, draw);
+  for (const name of ["state", "link", "about", "result", "recorded"]) cell.addEventListener(name, draw);
   cell.addEventListener("jobs", drawJobs);
   setInterval(drawFacts, 1000);
 }

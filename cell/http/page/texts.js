@@ -2,6 +2,18 @@
 
 export const LANGUAGE = "en";
 
+// What the cell says in its own terms, and what a person at the page reads instead; the recording keeps the former.
+const PLAIN = [
+  [/^(?:TARGET_NOT_FOUND: )?There is no object within [\d.]+ (?:px|mm) of \(/, "Nothing lies where you clicked."],
+  [/^(?:TARGET_NOT_FOUND: )?No object lies mostly in the box/, "Nothing lies mostly in the box you drew."],
+  [/^The lease of 'http-page[^']*' was lost/, "The page that started this pick was closed or reloaded, or lost its link."],
+];
+
+/** A reason of the cell in plain words, where there are some. */
+export function plainly(reason) {
+  return PLAIN.find(([own]) => own.test(reason))?.[1] ?? reason;
+}
+
 const metres = (point) => `${point.map((one) => one.toFixed(2)).join(", ")} m`;
 
 export const texts = {
@@ -58,6 +70,7 @@ export const texts = {
     capture: "looks", detect: "finds out what it sees", plan: "plans", execute: "grasps", verify: "checks what it holds",
     deliver: "lays it down", approve: "asks before it moves",
   },
+  lastFailed: (reason) => `Done: the last pick FAILED${reason ? ` - ${reason}` : "."}`,
   byHand: "moved by hand",
   by: (client) => (client.startsWith("http-page") ? `by another page: ${client}` : `by ${client}`),
   byThis: "by this page",
@@ -68,9 +81,10 @@ export const texts = {
   viewer: "viewer: look and stop only",
   operator: "operator",
   jobNow: "Now",
-  jobWhat: (target) => {
+  jobWhat: (target, thing) => {
+    if (thing !== undefined) return `what you pointed at${thing && ` (Thing ${thing})`}`;
     if (target?.text) return `“${target.text}”`;
-    if (target?.pixel) return `the object at ${target.pixel.map(Math.round).join(", ")}`;
+    if (target?.pixel) return "what was pointed at";
     if (target?.box) return "what is in the box";
     return target?.point_m ? `the object at ${metres(target.point_m)}` : "the best to grasp";
   },
@@ -86,7 +100,7 @@ export const texts = {
     suspend: "Suspend", unsuspend: "Unsuspend", abort: "Abort",
   },
   means: {
-    start: "Picks so many times.",
+    start: "Picks as many times as the box says.",
     empty: "Picks until nothing is left.",
     reset: "Makes it ready; the arm moves to where it looks from.",
     clear: "Acknowledges the failure; nothing moves.",
@@ -99,6 +113,7 @@ export const texts = {
   why: {
     manual: "First back to picking: below, Move by hand.",
     viewer: "Only an operator may.",
+    neverEmpty: "This simulated cell brings a new object with every pick: it is never empty.",
     noLink: "There is no link to the cell.",
     start: { Stopped: "Reset first.", Aborted: "Clear, then Reset first.", Held: "Unhold, or Stop first.",
              Complete: "Reset first.", Suspended: "Unsuspend, or Stop first.", other: "It is busy." },
@@ -126,6 +141,7 @@ export const texts = {
   manualMeans: "Only while a button is held, slowly. See that nobody, and nothing, is in the way: it knows only the fixed boxes.",
   holdButton: "Moves while it is held.",
   notNow: "Not in this state.",
+  clearToMove: "First Clear, then it can be moved.",
   steps: { x: { 1: "away from its base", "-1": "towards its base" }, y: { 1: "left", "-1": "right" }, z: { 1: "up", "-1": "down" } },
   home: "home",
   handOpen: "Open the hand",
@@ -147,7 +163,8 @@ export const texts = {
   things: "Pick a thing by its number",
   pictureElsewhere: "The arm is not where it looks from: Reset takes it there. Then click an object.",
   pictureHelp: "Click an object to pick it, or drag a box around it.",
-  words: "Or say it in words",
+  words: "or in words:",
+  chooseWords: "Choose",
   wordsHint: "the largest red one",
   target: (target) => (target.text ? `“${target.text}”` : target.box ? "What is in the box" : "The object at the cross"),
   layWhere: "Where to lay it",
@@ -175,8 +192,21 @@ export const texts = {
   kept: "Kept.",
 
   figures: {
-    picks_per_hour: "picks an hour", success: "success", picks: "picks", interventions: "interventions an hour", between_stops: "picks between stops",
-    missed: "missed", infeasible: "infeasible", multi_pick: "two at once", dropped: "dropped",
+    picks_per_hour: "picks an hour of the robot's time", success: "success", picks: "picks", interventions: "interventions an hour of the robot's time",
+    between_stops: "picks between stops", missed: "missed", infeasible: "infeasible", multi_pick: "two at once", dropped: "dropped",
+  },
+  inPicks: (picks) => (picks === 1 ? "in 1 pick" : `in ${picks} picks`),
+  counts: {
+    picks_per_hour: (_count, among) => `picked ${among}`,
+    interventions: (count, among) => `${count === 1 ? "intervention" : "interventions"} ${among}`,
+  },
+  explained: "Infeasible: no grasp fits, or none can be reached. Two at once: more than one thing was in the hand.",
+  explains: {
+    picks_per_hour: "Picks that succeeded. The robot's time is that of its cycles: what lies between them is left out.",
+    interventions: "Stops, aborts and holds by a person or a program, while a pick ran.",
+    between_stops: "Picks for each that was stopped or aborted.",
+    infeasible: "Picks for which no grasp fits, or none can be reached.",
+    multi_pick: "Closings of the hand that held more than one thing.",
   },
   lost: "Time lost, by reason",
   nothingLost: "No time lost.",

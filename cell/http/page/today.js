@@ -5,6 +5,7 @@ import { ask, cell } from "./link.js";
 import { percent, texts } from "./texts.js";
 
 const DAYS = 7;
+const FEW = 20; // below so many picks a rate would say more than is known
 
 /** Horizontal bars; rows are [name, value, what is written]. */
 function bars(rows, label, kind) {
@@ -17,20 +18,27 @@ function bars(rows, label, kind) {
     }));
 }
 
-/** Stops, aborts and holds an hour of cycles. */
-function interventionsAnHour(day) {
+/** Stops, aborts and holds, and the same an hour of cycles. */
+function interventions(day) {
   const count = Object.values(day.interventions).reduce((sum, one) => sum + one, 0);
-  return day.busy_s > 0 ? Math.round((36000 * count) / day.busy_s) / 10 : null;
+  return { count, anHour: day.busy_s > 0 ? Math.round((36000 * count) / day.busy_s) / 10 : null };
+}
+
+/** What is written below a figure. */
+function nameOf(name, day, value) {
+  return day.picks < FEW && name in texts.counts ? texts.counts[name](value, texts.inPicks(day.picks)) : texts.figures[name];
 }
 
 function figures(day) {
+  const { count, anHour } = interventions(day);
+  const isFew = day.picks < FEW;
   const shown = {
-    picks_per_hour: day.picks_per_hour ?? "–", success: percent(day.success), picks: day.picks,
-    interventions: interventionsAnHour(day) ?? "–", between_stops: day.picks_between_stops ?? "–", missed: percent(day.missed), infeasible: percent(day.infeasible),
+    picks_per_hour: isFew ? Math.round((day.success ?? 0) * day.picks) : day.picks_per_hour ?? "–", success: percent(day.success), picks: day.picks,
+    interventions: isFew ? count : anHour ?? "–", between_stops: day.picks_between_stops ?? "–", missed: percent(day.missed), infeasible: percent(day.infeasible),
     multi_pick: percent(day.multi_pick), dropped: percent(day.dropped),
   };
   return el("dl", { class: "figures", id: "figures" },
-    ...Object.entries(shown).map(([name, value]) => el("div", { "data-figure": name }, el("dt", { title: day.definitions[name] }, texts.figures[name]), el("dd", {}, value))));
+    ...Object.entries(shown).map(([name, value]) => el("div", { "data-figure": name }, el("dt", { title: texts.explains[name] ?? day.definitions[name] }, nameOf(name, day, value)), el("dd", {}, value))));
 }
 
 async function refresh() {
@@ -45,7 +53,7 @@ async function refresh() {
   const lost = Object.entries(day.lost_s).map(([code, value]) => [code || "–", value, texts.seconds(value)]);
   const days = Object.entries(all.days).slice(0, DAYS).map(([date, one]) => [date, one.picks, `${one.picks}`]);
   bodyOf("today").replaceChildren(
-    day.cycles ? figures(day) : el("p", { class: "empty" }, texts.noFigures),
+    ...(day.cycles ? [figures(day), el("p", { class: "soft" }, texts.explained)] : [el("p", { class: "empty" }, texts.noFigures)]),
     el("h3", {}, texts.lost), lost.length ? bars(lost, texts.lost, "bad") : el("p", { class: "soft" }, texts.nothingLost),
     ...(days.length ? [el("h3", {}, texts.perDay), bars(days, texts.perDay, "")] : []),
   );
