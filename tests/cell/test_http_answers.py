@@ -63,6 +63,8 @@ def said(answer: Answer) -> Any:
 def test_state_health_and_results_are_the_cells_own_messages(desk: Desk) -> None:
     desk.cell.results["c1"] = RESULT
     assert said(desk.ask("GET", "/api/state"))["state"] == "Idle"
+    about = said(desk.ask("GET", "/api/cell"))
+    assert about["is_simulated"] and about["is_never_empty"]  # no sim.clutter: a new object with every pick
     assert said(desk.ask("GET", "/api/health")) == {"is_healthy": True, "nodes": {}, "defects": []}
     assert said(desk.ask("GET", "/api/results/c1")) == json.loads(RESULT.model_dump_json())
     missing = desk.ask("GET", "/api/results/c2")

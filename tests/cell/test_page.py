@@ -282,8 +282,8 @@ ENTRY = {
     "report": "/reports/x.html",
     "labels": [{"cycle_id": "c", "at_ns": 1, "who": HOSTILE, "label": "bad", "note": HOSTILE}],
 }  # fmt: skip
-ABOUT = {"cell_id": HOSTILE, "is_simulated": True, "is_never_empty": True, "places": [{"name": HOSTILE, "capacity": 0}], "role": "operator",
-         "now_ns": 1}  # fmt: skip
+ABOUT = {"cell_id": HOSTILE, "is_simulated": True, "is_never_empty": True,
+         "places": [{"name": HOSTILE, "capacity": 0}], "role": "operator", "now_ns": 1}  # fmt: skip
 NOT_THERE = "There is no object within 40 px of (648, 275); the nearest is 57 px away."
 PICTURE_NS = 1_796_000_000_123_456_789
 
