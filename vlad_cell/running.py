@@ -8,7 +8,7 @@ from pathlib import Path
 from types import TracebackType
 
 from bus import topics
-from bus.at_end import close_at_end, forget
+from bus.at_end import cancel_close_at_end, close_at_end
 from bus.commands import CellHealth, CellState, CommandRequest
 from bus.errors import CellUnreachable, ConfigError, NotReached, ReplyTimeout
 from bus.messages import CycleResult, Job
@@ -111,7 +111,7 @@ class Cell:
 
     def close(self) -> None:
         """Give the lease back and end the connection; a simulated cell ends, too. Idempotent."""
-        forget(self.close)
+        cancel_close_at_end(self.close)
         self._stack.close()
 
     @property
