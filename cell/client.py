@@ -24,13 +24,10 @@ from bus.session import Bus
 from bus.threads import OwnedThread, Role
 from bus.topics import Topic
 from cell.machine.leases import CELL_CLIENT, HEARTBEAT_S, NEEDS_LEASE, NEEDS_TOKEN
+from cell.machine.states import SETTLED
 from config.clock import clock_of
 from config.schema import Station
 
-SETTLED = frozenset({"Stopped", "Idle", "Complete", "Aborted"})
-"""States in which nothing moves, and no commanded action continues."""
-ENDED = frozenset({"Stopped", "Aborted"})
-"""Settled states in which a pick that had begun is over for good."""
 RUNS_AGAIN = frozenset({"Execute", "Completing", "Complete", "Idle"})
 """States after a held cycle goes on; in the last two it ended shortly after."""
 LEADS_TO: Mapping[str, frozenset[str]] = {

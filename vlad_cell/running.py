@@ -13,9 +13,9 @@ from bus.commands import CellHealth, CellState, CommandRequest
 from bus.errors import CellUnreachable, ConfigError, NotReached, ReplyTimeout
 from bus.messages import CycleResult, Job
 from cell.cli.fleet import fleet
-from cell.client import ENDED, LEADS_TO, SETTLED, Client, client_name, connect
+from cell.client import LEADS_TO, Client, client_name, connect
 from cell.daemon.batch import Batch
-from cell.machine.states import told
+from cell.machine.states import ENDED, SETTLED, told
 from config.schema import Station
 from vlad_cell.job import ToLay, ToPick, job_of
 from vlad_cell.pick import Pick, Progress

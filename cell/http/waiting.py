@@ -19,13 +19,14 @@ from bus.errors import CellError
 from bus.frozen import Message
 from bus.messages import Job
 from bus.remote_errors import error_reply
-from cell.client import SETTLED, client_name
+from cell.client import client_name
 from cell.http.access import require_right
 from cell.http.answers import JSON
 from cell.http.door import Door
 from cell.http.events import name_in
 from cell.http.hub import Listening
 from cell.http.streams import PING_S, EndingStream
+from cell.machine.states import SETTLED
 
 Awaited = Callable[[Door, Listening, CommandReply], AsyncIterator[Message | None]]
 """What an accepted command comes to: None as long as it lasts, then the answer."""
