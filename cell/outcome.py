@@ -26,29 +26,35 @@ class Outcome:
     """Asks for what the pick that began as a cycle comes to. Ask it from time to time.
 
     Args:
-        cell: who is asked. ``cycle_id``, ``job_id``: of the reply to the command.
+        cell: who is asked. ``cycle_id``: of the reply to the command.
+        job_id: of that reply, too; "" = not known, and then the job is never taken for dropped.
         grace_s: after a stop the result comes a little later than the rest: so long without one, and the job is
             taken for dropped. 0 = at the second ask.
         now_s: a monotonic clock.
+
+    Attributes:
+        cycle_id: of the last attempt that is known.
     """
+
+    cycle_id: str
 
     def __init__(
         self,
         cell: Asked,
         cycle_id: str,
-        job_id: str,
+        job_id: str = "",
         *,
         grace_s: float = 0.0,
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._cell, self._cycle_id, self._job_id = cell, cycle_id, job_id
+        self._cell, self.cycle_id, self._job_id = cell, cycle_id, job_id
         self._grace_s, self._now_s = grace_s, now_s
         self._over_since_s: float | None = None
 
     def ask(self) -> CycleResult | None:
         """The result of the last attempt; None while there is none. Raises: Refused (JOB_DROPPED), BusError."""
-        while (result := self._cell.result(self._cycle_id)) is not None and result.retried_as:
-            self._cycle_id = result.retried_as
+        while (result := self._cell.result(self.cycle_id)) is not None and result.retried_as:
+            self.cycle_id = result.retried_as
         if result is not None:
             return result
         if self._over_since_s is not None and self._now_s() - self._over_since_s >= self._grace_s:
@@ -57,7 +63,7 @@ class Outcome:
                 "Make the cell ready, and send it again.",
                 code="JOB_DROPPED",
             )
-        if not is_over(self._cell.state(), self._job_id):
+        if not self._job_id or not is_over(self._cell.state(), self._job_id):
             self._over_since_s = None
         elif self._over_since_s is None:
             self._over_since_s = self._now_s()
