@@ -1,7 +1,8 @@
 """What an intruder tries at the OPC UA door: other certificates and users, guessed session tokens, writes, calls.
 
 A try is accepted when a session opens that should not, or when anything is answered with a good status. It is refused
-when the door says so; a door that says nothing, or that something broke, has crashed. One honest session is the control.
+when the door says so; a door that says nothing, or that something broke, counts as a crash. One honest session is the
+control.
 """
 
 from __future__ import annotations
