@@ -89,9 +89,12 @@ class Group:
     def load(self, name: str) -> Any:
         """Return what the entry point ``name`` names.
 
-        Raises: ConfigError for an unknown name and for one that two packages have; `failure` when it does not load.
+        Raises: ConfigError for an unknown name, one of ours and one that two packages have; `failure` when it does not
+            load.
         """
         self.require(name)
+        if name in self.reserved:
+            raise ConfigError(f"The {self.kind} {name!r} is ours, and no plug-in.", f"Leave {self.key} as it is.")
         usable = [point for point in self.points() if point.name == name and self.why_not(point) is None]
         if not usable:
             packages = " and ".join(packaged(point) for point in self.points() if point.name == name)

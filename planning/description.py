@@ -80,13 +80,23 @@ def _require_chain(robot: RobotSettings, arm: ElementTree.Element, links: tuple[
         if joint is None:
             raise ConfigError(f"{robot.urdf} has no joint {settings.name!r}.", "robot.joints names them, base first.")
         ends = [_named(joint, "parent", "link"), _named(joint, "child", "link")]
-        if ends != [links[number], links[number + 1]] or joint.get("type") not in ("revolute", "continuous"):
+        if ends != [links[number], links[number + 1]] or joint.get("type") != "revolute":
             what = f"The joint {settings.name!r} of {robot.urdf} does not turn {links[number + 1]} on {links[number]}."
             raise ConfigError(what, "The links are called link0 (the base) to link6.")
-        if _named(joint, "axis", "xyz").split() != ["0", "0", "1"]:
+        if not _is_z(_named(joint, "axis", "xyz")):
             raise ConfigError(f"The joint {settings.name!r} of {robot.urdf} does not turn about z.", 'axis xyz="0 0 1"')
-    if "flange" not in {link.get("name") for link in arm.findall("link")}:
-        raise ConfigError(f"{robot.urdf} has no link 'flange'.", "The hand is mounted on it: a fixed joint to link6.")
+    mounts = {_named(joint, "parent", "link") for joint in arm.findall("joint") if joint.get("type") == "fixed"
+              and _named(joint, "child", "link") == "flange"}  # fmt: skip
+    if mounts != {links[-1]}:
+        what = f"{robot.urdf} has no link 'flange' fixed to {links[-1]}."
+        raise ConfigError(what, f"The hand is mounted on it: a fixed joint from {links[-1]} to flange.")
+
+
+def _is_z(axis: str) -> bool:
+    try:
+        return [float(part) for part in axis.split()] == [0.0, 0.0, 1.0]
+    except ValueError:
+        return False
 
 
 def _named(joint: ElementTree.Element, tag: str, attribute: str) -> str:

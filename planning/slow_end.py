@@ -70,10 +70,10 @@ class SlowEnd:
 def slow_end(
     robot: Robot, line_rad: JointSamples, settings: ExecuteSettings, is_near: Near, is_beside: Near
 ) -> SlowEnd | None:
-    """Return the bound for an approach along ``line_rad`` (n, 7); None where contact is not felt.
+    """Return the bound for an approach along ``line_rad`` (n, joints); None where contact is not felt.
 
     Args:
-        is_near: whether in a configuration (7,) anything is believed to be near the hand.
+        is_near: whether in a configuration (joints,) anything is believed to be near the hand.
         is_beside: the same within a few centimetres.
     """
     if not settings.contact_n or not settings.slow_m:

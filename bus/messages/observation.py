@@ -31,7 +31,7 @@ class View(Message):
 
     @property
     def q_rad(self) -> Joints:
-        """(7,) joint positions at the capture. Raises: BadFrame of an image that was not taken by the cell."""
+        """(joints,) positions at the capture. Raises: BadFrame of an image that was not taken by the cell."""
         if self.arm is None:
             raise bad("View.arm is missing: this image was not taken by the cell, so nobody knows where its arm was.")
         return self.arm.q_rad

@@ -15,6 +15,7 @@ from cell.daemon.pointed import Pointed
 from cell.pick.capture import capture
 from cell.pick.equipment import Equipment
 from perception.geometry.depth import undistorted
+from planning.robot import Robot
 
 AGAIN_S = 0.4
 """Whoever asks sooner is given the same picture: askers do not keep the camera busy."""
@@ -38,6 +39,7 @@ class LivePictures:
         self, equipment: Equipment, is_at_rest: Callable[[], bool], pointed: Pointed, now_s: Callable[[], float]
     ) -> None:
         self._e, self._is_at_rest, self._pointed, self._now_s = equipment, is_at_rest, pointed, now_s
+        self._robot = Robot(equipment.station)  # of its own: the equipment's is for the thread of the cycle
         self._last: tuple[Observation, int, tuple[int, ...]] | None = None
         self._taken_s = 0.0
 
@@ -48,15 +50,11 @@ class LivePictures:
             Refused: NOT_AT_REST; PICTURE_ELSEWHERE: the arm rests elsewhere, and only one from there is wanted.
             StaleFrame: and the errors of camera and arm.
         """
-        if not self._is_at_rest():
-            raise Refused(
-                "The cell works: it shows what it has found, and no picture of now.",
-                "Wait until it rests; what a cycle saw is published on view/color.",
-                code="NOT_AT_REST",
-            )
+        self._require_rest()
         if self._last is None or self._now_s() - self._taken_s > AGAIN_S:
             self._last = self._taken()
             self._taken_s = self._now_s()
+            self._require_rest()  # still: something may have begun meanwhile
         seen, things_ns, gone = self._last
         if request.from_capture_pose and not self._is_from_capture_pose(seen):
             raise Refused(
@@ -73,8 +71,16 @@ class LivePictures:
             gone=gone,
         )
 
+    def _require_rest(self) -> None:
+        if not self._is_at_rest():
+            raise Refused(
+                "The cell works: it shows what it has found, and no picture of now.",
+                "Wait until it rests; what a cycle saw is published on view/color.",
+                code="NOT_AT_REST",
+            )
+
     def _taken(self) -> tuple[Observation, int, tuple[int, ...]]:
-        seen = capture(self._e.camera, self._e.arm, self._e.robot)
+        seen = capture(self._e.camera, self._e.arm, self._robot)
         there = self._is_from_capture_pose(seen)
         return seen, *self._pointed.show_live(seen.frame.stamp_ns, is_from_capture_pose=there)
 

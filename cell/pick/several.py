@@ -85,8 +85,8 @@ def several(
     others = Others() if after is None else others_gone(detections, grasp.instance, before, after, station)
     volume_m3 = _volume_m3(detections, grasp.instance, before)
     jaw = in_jaw(detections, grasp, grasped.width_m, before, station)
-    swept = (number for number in others.apart if number in jaw.swept)
-    also = tuple(number for number in others.gone if number in (*swept, *jaw.others))
+    in_reach = {*jaw.others, *(number for number in others.apart if number in jaw.swept)}
+    also = tuple(number for number in others.gone if number in in_reach)
     found: list[tuple[Witness, str]] = []
     if also:
         which = "the place of another thing is" if len(also) == 1 else f"the places of {len(also)} other things are"

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from bus.messages import Failure, Grasp, PickPlan
 from bus.messages.plan import ONLY_TO_LOOK
 from bus.rejection import Rejection
-from config.limits import LOWER_RAD, UPPER_RAD
+from config.robot import recorded_limits
 from logs.catalogue.column import Column, Told, Value, attribute, packed
 
 Array = npt.NDArray[np.float64]
@@ -67,14 +67,14 @@ def _searched(told: Told) -> Value:
 
 
 def _margins_rad(told: Told) -> Array | None:
-    """The smallest distance (7,) of each joint from its limits in all planned motion; None without any."""
+    """The smallest distance (joints,) of each joint from its limits in all planned motion; None without any."""
     if told.plan is None:
         return None
     planned = [one.trajectory.raw_q_rad for one in told.plan.segments if one.name not in ONLY_TO_LOOK]
     if not any(len(q_rad) for q_rad in planned):
         return None
-    q_rad = np.concatenate(planned)
-    return np.asarray(np.minimum(q_rad.min(axis=0) - LOWER_RAD, UPPER_RAD - q_rad.max(axis=0)))
+    q_rad, limits = np.concatenate(planned), recorded_limits(told.record.station)
+    return np.asarray(np.minimum(q_rad.min(axis=0) - limits.lower_rad, limits.upper_rad - q_rad.max(axis=0)))
 
 
 def _joint_margin_rad(told: Told) -> Value:

@@ -90,7 +90,7 @@ def test_what_is_gone_was_taken_only_if_the_fingers_reached_it(
     other = is_one & (np.arange(labels.shape[1]) >= columns.mean()) if was_between else np.zeros_like(is_one)
     other[:5, :5] |= not was_between
     found = FOUND.model_copy(update={"scene": FOUND.scene.model_copy(update={"labels": np.where(other, 9, labels)})})
-    monkeypatch.setattr("cell.pick.several.others_gone", lambda *_: Others(gone=(9,), apart=(9,)))
+    monkeypatch.setattr("cell.pick.several.others_gone", lambda *_: Others(gone=(3, 9), apart=(3, 9)))
     station = _station()
     verdict = verify(EXECUTION, found, GRASP, RECORD.looks[0], RECORD.after, Robot(station), station)
     assert verdict.also_gone == ((9,) if was_between else ()), verdict.reason

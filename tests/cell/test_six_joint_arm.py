@@ -19,6 +19,7 @@ from cell.replay.replay import Request, replay
 from config.load import load_station
 from drivers.node.guard import Guard
 from drivers.node.registry import open_devices
+from logs.catalogue.rows import values_of
 from logs.mcap.reader import read_cycle
 from logs.report.cycle_report import write_report
 from vlad_cell.testing import ArmSuite, HandSuite
@@ -68,5 +69,7 @@ def test_it_picks_and_its_recording_replays_to_the_last_bit(tmp_path: Path, endp
         assert replay(record, Request()).equal
         arm = vlad_cell.read_cycle(tmp_path / one["recording"]).joints
         assert arm.q_rad.shape == arm.tau_ext_nm.shape == (len(arm.time_s), 6)
+        row = values_of(record)
+        assert row["joint_nearest"] in range(1, 7) and isinstance(row["joint_margin_rad"], float)
         page = write_report(record, tmp_path / "report.html").read_text()
         assert "joint 6" in page and "joint 7" not in page

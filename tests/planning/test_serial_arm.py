@@ -141,7 +141,10 @@ def test_a_capture_pose_that_it_cannot_have_is_refused(override: str, said: str)
         (('"link3"', '"forearm"'), "'joint3' of .* does not turn link3 on link2"),
         (('name="joint4"', 'name="elbow"'), "has no joint 'joint4'"),
         (('axis xyz="0 0 1"', 'axis xyz="0 1 0"'), "'joint1' of .* does not turn about z"),
+        (('name="joint2" type="revolute"', 'name="joint2" type="continuous"'), "'joint2' of .* does not turn"),
+        (('axis xyz="0 0 1"', 'axis xyz="up"'), "'joint1' of .* does not turn about z"),
         (('"flange"', '"plate"'), "has no link 'flange'"),
+        (('<parent link="link6"/>', '<parent link="link0"/>'), "has no link 'flange' fixed to link6"),
         (("</robot>", ""), "cannot be read"),
     ],
 )
@@ -152,6 +155,12 @@ def test_a_urdf_that_cannot_be_used_is_refused_with_what_is_missing(
     urdf.write_text((EXAMPLE / "arm.urdf").read_text().replace(*wrong))
     with pytest.raises(ConfigError, match=said):
         Robot(load_station(EXAMPLE / "station.toml", [f"robot.urdf={urdf}"]))
+
+
+def test_an_axis_may_be_written_with_decimals(tmp_path: Path) -> None:
+    urdf = tmp_path / "arm.urdf"
+    urdf.write_text((EXAMPLE / "arm.urdf").read_text().replace('axis xyz="0 0 1"', 'axis xyz="0.0 0.0 1.0"'))
+    assert Robot(load_station(EXAMPLE / "station.toml", [f"robot.urdf={urdf}"])).base_from_tcp(CAPTURE).shape == (4, 4)
 
 
 def test_the_flange_carries_the_hand_as_planning_has_it(robot: Robot) -> None:

@@ -101,6 +101,17 @@ def test_the_notebook_runs_and_gives_what_it_shows(cell: Cell, monkeypatch: pyte
     assert "SUCCESS" in said and "NO_GRASP" in said and "TARGET_NOT_FOUND" in said
 
 
+def test_the_lines_of_the_readme_pick(
+    cell: Cell, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = re.search(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+    assert lines is not None
+    monkeypatch.setattr(Cell, "simulated", lambda **_: cell)
+    monkeypatch.setattr(cell, "close", lambda: None)
+    exec(lines[1], {})
+    assert capsys.readouterr().out.startswith("SUCCESS Held")
+
+
 def _kinds(given: dict[str, Any]) -> list[tuple[str, list[str]]]:
     """Of each cell its id and the kinds of what it gives."""
     cells = given["cells"]
