@@ -102,6 +102,8 @@ _NEEDLESS = {
 """Refusals of commands that have nothing to act on."""
 _HOW_TO_GET_READY = {
     State.STOPPED: "Reset the cell first: `cell reset`.",
+    State.IDLE: "It is ready: `cell pick`, `cell run`.",
+    State.COMPLETE: "Reset the cell first: `cell reset`; or ask for one pick: `cell pick`.",
     State.ABORTED: "Three deliberate acts: `cell clear`, `cell reset`, then start.",
     State.EXECUTE: "A cycle is running: wait for it, or `cell stop`.",
     State.HELD: "A cycle is held: `cell unhold`, or `cell stop`.",
