@@ -17,10 +17,10 @@ from bus.session import Bus
 from cell import client
 from cell.daemon.daemon import Daemon
 from cell.machine.owner import refuse
+from cell.machine.states import SETTLED
 from config.schema import Station
 from drivers.remote import remote_devices
 
-SETTLED = {"Stopped", "Idle", "Complete", "Aborted"}
 _MOVED_RAD, _MOVED_M = 1e-3, 1e-3
 _PATIENCE_S = 90.0
 _NEXT_COMMAND = {"Aborted": "clear", "Stopped": "reset", "Complete": "reset", "Held": "stop"}

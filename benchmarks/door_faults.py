@@ -15,6 +15,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from bus import topics
+from bus.free_port import free_port
 from bus.session import Bus
 from cell.nodes import doors
 from config.clock import clock_of
@@ -28,12 +29,7 @@ _LOOK_S = 0.01
 
 def door_settings() -> tuple[str, ...]:
     """Free ports for both doors, which they keep when they are started again."""
-    ports = []
-    for _ in range(2):
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", 0))
-            ports.append(probe.getsockname()[1])
-    return (f"http.port={ports[0]}", f"opcua.endpoint=opc.tcp://127.0.0.1:{ports[1]}/cell")
+    return (f"http.port={free_port()}", f"opcua.endpoint=opc.tcp://127.0.0.1:{free_port()}/cell")
 
 
 class DoorFaults:

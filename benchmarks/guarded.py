@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from socket import socket
 
+from bus.free_port import free_port
 from cell.cli.doors import open_doors
 from cell.cli.opcua_keys import make_opcua_keys
 from cell.opcua.passwords import new_user
@@ -48,13 +48,10 @@ class Guarded:
             (folder / name).chmod(0o600)
         files = {"certificate": keys / "cell.pem", "key": keys / "cell-key.pem", "trusted": keys / "trusted",
                  "users": folder / "users"}  # fmt: skip
-        with socket() as probe:
-            probe.bind(("127.0.0.1", 0))
-            port = probe.getsockname()[1]
         settings = (
             "http.port=0",
             f"http.tokens={folder / 'tokens.toml'}",
-            f"opcua.endpoint=opc.tcp://127.0.0.1:{port}/cell",
+            f"opcua.endpoint=opc.tcp://127.0.0.1:{free_port()}/cell",
             *(f"opcua.{name}={path}" for name, path in files.items()),
         )
         return cls(keys, strangers, passwords, settings)

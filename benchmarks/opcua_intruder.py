@@ -1,6 +1,8 @@
 """What an intruder tries at the OPC UA door: other certificates and users, guessed session tokens, writes, calls.
 
-A try is accepted when a session opens that should not, or when anything is answered with a good status.
+A try is accepted when a session opens that should not, or when anything is answered with a good status. It is refused
+when the door says so; a door that says nothing, or that something broke, counts as a crash. One honest session is the
+control.
 """
 
 from __future__ import annotations
@@ -27,6 +29,8 @@ from cell.opcua.variables import VARIABLES
 _PATIENCE_S = 60.0
 _TIMEOUT_S = 20.0
 _NOT_A_VIEWERS = tuple(method for method in METHODS if method.verb not in ENDING and method.name != "Picture")
+_BROKEN = {"BadInternalError", "BadUnexpectedError", "BadTimeout", "BadConnectionClosed", "BadNoCommunication"}
+"""Statuses that are no refusal."""
 _ZERO = {"String": "", "UInt32": ua.Variant(1, ua.VariantType.UInt32), "Boolean": False}
 
 
@@ -44,7 +48,7 @@ class OpcuaIntruder:
         self._thread = threading.Thread(target=self._loop.run_forever)
         self._thread.start()
         self._viewer: Client | None = None
-        self._index = 0
+        self._index, self._is_controlled = 0, False
         self.kinds: dict[str, Callable[[], Awaitable[str]]] = {
             "opcua_no_certificate": lambda: self._opened(None, "ann", self._guarded.passwords["ann"]),
             "opcua_wrong_certificate": self._wrong_certificate,
@@ -55,12 +59,25 @@ class OpcuaIntruder:
         }
 
     def attempt(self, kind: str) -> None:
-        """One try of a kind."""
+        """One try of a kind; before the first, the honest session."""
+        if not self._is_controlled:
+            self._is_controlled = True
+            self._count("an honest session", self._honest)
+        self._count(kind, lambda: self._tried(kind))
+
+    def _count(self, kind: str, ask: Callable[[], Awaitable[str]]) -> None:
+        """Count what the door answers; anything but an answer is a crash."""
+
+        async def answered() -> str:
+            return await ask()
+
         try:
-            code = asyncio.run_coroutine_threadsafe(self._tried(kind), self._loop).result(_PATIENCE_S)
-        except TimeoutError:
-            self._tally.crash(f"{kind}: no answer")
+            code = asyncio.run_coroutine_threadsafe(answered(), self._loop).result(_PATIENCE_S)
+        except Exception as error:  # noqa: BLE001 - whatever it is, the door has refused nothing
+            self._tally.crash(f"{kind}: {error!r}")
             return
+        if code in _BROKEN:
+            self._tally.crash(f"{kind}: {code}")
         self._tally.by_code[f"OPC UA {code}"] += 1
 
     def close(self) -> None:
@@ -73,17 +90,25 @@ class OpcuaIntruder:
         self._loop.close()
 
     async def _tried(self, kind: str) -> str:
-        """The refusal's status, or the name of the error; "ACCEPTED" is counted here."""
+        """The refusal's status, or the name of the error; "ACCEPTED" is counted here. Raises: without an answer."""
         try:
             what = await self.kinds[kind]()
         except ua.UaStatusCodeError as refusal:
             return str(ua.StatusCode(refusal.code).name)
-        except Exception as error:  # noqa: BLE001 - however asyncua says that nobody lets it in
-            return type(error).__name__
+        except ua.UaError as refusal:
+            return type(refusal).__name__
         if what.startswith("Bad"):
             return what
         self._tally.accept(kind, what)
         return "ACCEPTED"
+
+    async def _honest(self) -> str:
+        """An operator looks: without this a door that lets in nobody at all would look perfect."""
+        client = await self._client(self._guarded.keys, "ann", self._guarded.passwords["ann"])
+        async with client:
+            index = await client.get_namespace_index(NAMESPACE)
+            await client.get_node(ua.NodeId("Cell.Status.StateName", index)).read_value()
+        return "Good"
 
     # --- who comes in -------------------------------------------------------------------------------------------------
 

@@ -11,7 +11,6 @@ program, which waits. ``stop_to_brake_ms``: from the press on Stop, by the brows
 from __future__ import annotations
 
 import os
-import shutil
 import socket
 import subprocess
 import sys
@@ -35,9 +34,9 @@ from cell.daemon.daemon import Daemon
 from cell.http.page_files import FOLDER
 from cell.machine.states import State
 from config.load import load_station
+from docs.browser import launch_chromium
 
 _LOADS, _PAGES, _LISTEN_S = 7, (0, 1, 5), 10.0
-_FLAGS = ["--no-sandbox", "--use-angle=swiftshader"]
 _NOTE_LATENESS = """async () => {
   const { now } = await import("/page/link.js");
   window.late_ms = { changed: [], shown: [] };
@@ -70,8 +69,6 @@ class PageBench(Bench):
 
 def run(stops: int, seed: int, tell: Callable[[str], None]) -> dict[str, Any]:
     """All figures of ``stops`` picks that are stopped from the page."""
-    program = shutil.which("chromium-headless-shell") or shutil.which("chromium")
-    assert program is not None, "no browser: apt-get install chromium-headless-shell"
     loaded = os.getloadavg()[0]
     endpoint, port = f"tcp/127.0.0.1:{free_port()}", free_port()
     with TemporaryDirectory() as folder:
@@ -84,7 +81,7 @@ def run(stops: int, seed: int, tell: Callable[[str], None]) -> dict[str, Any]:
             sync_playwright() as tool,
         ):
             ear.subscribe(topics.ARM_STATE.key, witness.hear)
-            browser = tool.chromium.launch(executable_path=program, args=_FLAGS)
+            browser = launch_chromium(tool)
             url = f"http://127.0.0.1:{port}/"
             paints = [_first_paint_ms(browser, url) for _ in range(_LOADS)]
             tell(f"first paint {paints}")

@@ -8,7 +8,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 
-from bus.threads import OwnedThread, Role
+from bus.threads import OwnedThread, Role, report_defect
 
 Close = Callable[[], object]
 
@@ -25,8 +25,8 @@ def close_at_end(close: Close) -> None:
             _waiting.append(OwnedThread(Role.END, _wait, is_awaited=True).start())
 
 
-def forget(close: Close) -> None:
-    """Leave ``close`` out: it was called already. Idempotent."""
+def cancel_close_at_end(close: Close) -> None:
+    """Have ``close`` not called at the end: it was called already. Idempotent."""
     with _changing:
         if close in _open:
             _open.remove(close)
@@ -37,4 +37,7 @@ def _wait() -> None:
     with _changing:
         left = list(reversed(_open))
     for close in left:
-        close()
+        try:
+            close()
+        except Exception as defect:  # noqa: BLE001 - the others are closed all the same, or the process never ends
+            report_defect(str(Role.END), defect)

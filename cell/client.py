@@ -24,13 +24,11 @@ from bus.session import Bus
 from bus.threads import OwnedThread, Role
 from bus.topics import Topic
 from cell.machine.leases import CELL_CLIENT, HEARTBEAT_S, NEEDS_LEASE, NEEDS_TOKEN
+from cell.machine.states import SETTLED
+from cell.outcome import Outcome
 from config.clock import clock_of
 from config.schema import Station
 
-SETTLED = frozenset({"Stopped", "Idle", "Complete", "Aborted"})
-"""States in which nothing moves, and no commanded action continues."""
-ENDED = frozenset({"Stopped", "Aborted"})
-"""Settled states in which a pick that had begun is over for good."""
 RUNS_AGAIN = frozenset({"Execute", "Completing", "Complete", "Idle"})
 """States after a held cycle goes on; in the last two it ended shortly after."""
 LEADS_TO: Mapping[str, frozenset[str]] = {
@@ -221,16 +219,12 @@ class Client:
         Raises: ReplyTimeout, CellUnreachable.
         """
         give_up_s = self._now_s() + timeout_s
-        while True:
-            result = self.result(cycle_id)
-            if result is not None and not result.retried_as:
-                return result
-            if result is not None:
-                cycle_id = result.retried_as
-            elif self._now_s() > give_up_s:
-                raise self._late(f"Cycle {cycle_id} gave no result within {timeout_s:.0f} s.")
-            else:
-                self._await((topics.RESULT,), give_up_s)
+        outcome = Outcome(self, cycle_id)
+        while (result := outcome.ask()) is None:
+            if self._now_s() > give_up_s:
+                raise self._late(f"Cycle {outcome.cycle_id} gave no result within {timeout_s:.0f} s.")
+            self._await((topics.RESULT,), give_up_s)
+        return result
 
     def result(self, cycle_id: str) -> CycleResult | None:
         """The cell's result of a cycle; None while it has none. Raises: BusError."""

@@ -8,7 +8,8 @@ from contextlib import AbstractContextManager, ExitStack
 
 from bus.commands import CellState, CommandReply, CommandRequest
 from bus.errors import Refused
-from cell.client import SETTLED, Client
+from cell.client import Client
+from cell.machine.states import SETTLED
 
 
 class Commander:

@@ -197,7 +197,8 @@ _HEAD = """\
 `import vlad_cell`, in the environment that the cell is installed in. It has types (`py.typed`) and is the only package
 that stays as it is between releases. Shapes, units and frames are in every name: `depth_m` is in metres,
 `base_from_camera` maps points of the camera to `base` ([frames.md](frames.md)). Every error says what happened and what
-to do.
+to do. A `config.py` or `logs.py` of yours beside the program hides packages of the cell: name it otherwise, or run
+`python -P` ([install.md](install.md)).
 
 **Grasps in a saved RGB-D image**, in five lines, without a robot, a cell or a network:
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -11,6 +10,7 @@ import numpy as np
 from playwright.sync_api import Browser, sync_playwright
 
 from cell.replay.replay import Request, replay
+from docs.browser import launch_chromium
 from docs.chart import Image
 from docs.planning_pictures import motions
 from docs.tiles import row, save, titled
@@ -87,10 +87,8 @@ def _name(cycle: Cycle) -> str:
 
 def _pages(held: Cycle, failed: Cycle, folder: Path) -> None:
     """The heads of the report pages, in a browser."""
-    program = shutil.which("chromium-headless-shell") or shutil.which("chromium")
-    assert program is not None, "no browser: apt-get install chromium-headless-shell"
     with sync_playwright() as tool:
-        browser = tool.chromium.launch(executable_path=program, args=["--no-sandbox"])
+        browser = launch_chromium(tool)
         for name, cycle in (("report", held), ("failure", failed)):
             page = write_report(read_record(cycle.path), folder / f"{name}.html")
             _shot(browser, page, FOLDER / f"{name}.jpg")

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -18,6 +17,7 @@ import numpy as np
 from playwright.sync_api import Page, ViewportSize, expect, sync_playwright
 
 from bus.free_port import free_port
+from docs.browser import launch_chromium
 
 HERE = Path(__file__).parent
 PICTURES = {"page": (1400, 1240), "page_phone": (390, 844)}
@@ -28,11 +28,9 @@ _PICKS, _PATIENCE_MS = 3, 240_000
 
 def main() -> None:
     """Run the cell, pick some things, and take the pictures in the middle of the next pick."""
-    program = shutil.which("chromium-headless-shell") or shutil.which("chromium")
-    assert program is not None, "no browser: apt-get install chromium-headless-shell"
     expect.set_options(timeout=_PATIENCE_MS)
     with _cell() as url, sync_playwright() as tool:
-        browser = tool.chromium.launch(executable_path=program, args=["--no-sandbox", "--use-angle=swiftshader"])
+        browser = launch_chromium(tool)
         page = browser.new_page(viewport=_size("page"))
         page.goto(url)
         page.click("#reset")

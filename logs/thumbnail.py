@@ -18,6 +18,7 @@ from logs.mcap.names import reading, shown
 from logs.mcap.records import Damage
 
 _COLOR, _DRAWN = f"/{topics.VIEW_COLOR.key}", f"/{topics.VIEW_ANNOTATIONS.key}"
+_SEEN, _FOUND = f"/{topics.CAMERA_COLOR.key}", f"/{topics.VIEW_GOAL.key}"
 _QUALITY = 80
 
 
@@ -25,10 +26,11 @@ def thumbnail(path: Path, width_px: int = 320) -> bytes | None:
     """A JPEG of so many pixels across; None where the cycle has shown no picture. Raises: RecordingError."""
     try:
         with reading(path), path.open("rb") as file:
-            last = dict(Summary(file).messages(frozenset({_COLOR, _DRAWN})))
-        if _COLOR not in last:
+            last = dict(Summary(file).messages(frozenset({_COLOR, _DRAWN, _SEEN, _FOUND})))
+        shown_on = _COLOR if _FOUND in last else _SEEN if _SEEN in last else _COLOR  # where nothing was found: on grey
+        if shown_on not in last:
             return None
-        image, scale = _scaled(CompressedImage.FromString(last[_COLOR]).data, width_px)
+        image, scale = _scaled(CompressedImage.FromString(last[shown_on]).data, width_px)
         _draw(image, ImageAnnotations.FromString(last.get(_DRAWN, b"")), scale)
     except (Damage, DecodeError, ValueError, cv2.error) as error:
         raise RecordingError(f"{shown(path)} has no picture that can be read: {error}.", "See `cell show`.") from error

@@ -15,10 +15,9 @@ from bus.errors import CellError
 from cell import client
 from cell.cli.fleet import fleet
 from cell.client import Client
+from cell.machine.states import SETTLED
 from config.load import load_station
 from config.schema import Station
-
-_SETTLED = {"Stopped", "Idle", "Complete", "Aborted"}
 
 
 def _obey(cell: Client, station: Station, verb: str) -> dict[str, Any]:
@@ -31,7 +30,7 @@ def _obey(cell: Client, station: Station, verb: str) -> dict[str, Any]:
     reply = cell.command(verb)
     if verb == "pick":
         return cell.wait_for_result(reply.cycle_id, 60.0).model_dump(mode="json")
-    return cell.wait_for_state(_SETTLED, 60.0).model_dump(mode="json")
+    return cell.wait_for_state(set(SETTLED), 60.0).model_dump(mode="json")
 
 
 def main() -> None:

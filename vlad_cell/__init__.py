@@ -15,6 +15,7 @@ from bus.errors import (
     NotReached,
     RecordingError,
     Refused,
+    ReplyTimeout,
 )
 from bus.messages import CycleResult, Place, Rectangle, Target
 from bus.messages import Instance as Thing
@@ -46,6 +47,7 @@ __all__ = [
     "RecordingError",
     "Rectangle",
     "Refused",
+    "ReplyTimeout",
     "Target",
     "Thing",
     "detect",

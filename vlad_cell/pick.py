@@ -8,12 +8,11 @@ from collections.abc import Callable, Iterator
 from bus.errors import ReplyTimeout
 from bus.messages import CycleResult
 from cell.client import Client
-from vlad_cell.said import Said, attended, in_words, next_said
+from cell.outcome import Outcome
+from vlad_cell.said import GRACE_S, LOOK_S, Said, attended, in_words, next_message
 
 Progress = Callable[[str], object]
 """Called with a line for a person, as ``print``."""
-_LOOK_S = 0.5
-"""Time without a message after which the cell is asked: one may have been lost."""
 
 
 class Pick:
@@ -38,18 +37,18 @@ class Pick:
     def __iter__(self) -> Iterator[Said]:
         """What the cell says, until the result is there, which is the last.
 
-        Raises: CellUnreachable when the cell is gone.
+        Raises: CellUnreachable when the cell is gone; Refused (JOB_DROPPED) when the job was dropped before it began.
         """
         return (said for said in self._turns() if said is not None)
 
     def _turns(self) -> Iterator[Said | None]:
         """As iterated over, and None several times a second while nothing is said."""
-        awaited = self.cycle_id
+        awaited, outcome = self.cycle_id, Outcome(self._client, self.cycle_id, self.job_id, grace_s=GRACE_S)
         while self.result is None:
-            said = next_said(self._client, _LOOK_S)
-            if said is None:
-                said = self._client.result(awaited)  # one may have been lost; the cell itself is asked
-            if isinstance(said, CycleResult) and said.cycle_id == awaited:
+            said: Said | None = next_message(self._client, LOOK_S)
+            if said is None and (found := outcome.ask()) is not None:  # one may have been lost
+                self.result = said = found
+            elif isinstance(said, CycleResult) and said.cycle_id == awaited:
                 awaited = said.retried_as
                 self.result = None if awaited else said
             yield said

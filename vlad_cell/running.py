@@ -8,18 +8,19 @@ from pathlib import Path
 from types import TracebackType
 
 from bus import topics
-from bus.at_end import close_at_end, forget
+from bus.at_end import cancel_close_at_end, close_at_end
 from bus.commands import CellHealth, CellState, CommandRequest
 from bus.errors import CellUnreachable, ConfigError, NotReached, ReplyTimeout
 from bus.messages import CycleResult, Job
 from cell.cli.fleet import fleet
-from cell.client import ENDED, LEADS_TO, SETTLED, Client, client_name, connect
+from cell.client import LEADS_TO, Client, client_name, connect
 from cell.daemon.batch import Batch
-from cell.machine.states import told
+from cell.machine.states import ENDED, SETTLED, told
 from config.schema import Station
 from vlad_cell.job import ToLay, ToPick, job_of
 from vlad_cell.pick import Pick, Progress
-from vlad_cell.said import Said, attended, next_said
+from vlad_cell.picks import Picks
+from vlad_cell.said import Said, attended, next_message
 from vlad_cell.simulation import running
 from vlad_cell.station import Config, Settings, station_of
 
@@ -111,7 +112,7 @@ class Cell:
 
     def close(self) -> None:
         """Give the lease back and end the connection; a simulated cell ends, too. Idempotent."""
-        forget(self.close)
+        cancel_close_at_end(self.close)
         self._stack.close()
 
     @property
@@ -262,7 +263,7 @@ class Cell:
             until_empty: instead, until nothing is left or picks fail in a row.
             target: as of `pick`, of every pick.
 
-        Raises: as `pick`; NotReached when the cell is stopped or aborts before the end.
+        Raises: as `pick`; NotReached when the cell is stopped, aborts, or ends the job (a full place) before the end.
         """
         if until_empty and cycles != 1:
             raise ConfigError("cycles and until_empty exclude each other.", "Give a number of picks, or until_empty.")
@@ -270,14 +271,7 @@ class Cell:
         job = job_of(target, None, "", None, None, False, False, False)
         self._forget()
         reply = self._client.command("start", cycles=cycles, until_empty=until_empty, job=job)
-        while not batch.is_over:
-            with attended(self._client):
-                said = next_said(self._client)
-            if isinstance(said, CycleResult) and said.job.job_id == reply.job_id:
-                batch.hear(said)
-                yield said
-            elif isinstance(said, CellState) and said.state in ENDED:
-                raise NotReached(f"After {batch.done} of the picks the cell is {told(said.state, said.reason)}")
+        yield from Picks(self._client, batch, reply)
 
     def events(self, timeout_s: float = 600.0) -> Iterator[Said]:
         """What the cell says from now on, until it settles after something moved; who commanded it does not matter.
@@ -289,7 +283,7 @@ class Cell:
         """
         self._forget()
         moved = self.state().state not in SETTLED
-        while (said := next_said(self._client, timeout_s)) is not None:
+        while (said := next_message(self._client, timeout_s)) is not None:
             yield said
             if isinstance(said, CellState):
                 if moved and said.state in SETTLED:

@@ -16,6 +16,10 @@ from cell.client import Client
 
 Said = CellState | Event | CycleResult
 """A state or stage at every change, an event for a person, a cycle's result."""
+LOOK_S = 0.5
+"""Time without a message after which the cell is asked: one may have been lost."""
+GRACE_S = 5.0
+"""How much later than the rest of a stopped cell a result may come."""
 _KINDS: dict[str, Any] = {topics.STATE.key: CellState, topics.EVENT.key: Event, topics.RESULT.key: CycleResult}
 
 
@@ -41,7 +45,7 @@ def attended(client: Client) -> Iterator[None]:
         raise
 
 
-def next_said(client: Client, timeout_s: float = 600.0) -> Said | None:
+def next_message(client: Client, timeout_s: float = 600.0) -> Said | None:
     """The next state, event or result; None after so long without one. Raises: CellUnreachable."""
     while (sample := client.next_heard(timeout_s)) is not None:
         if (said := _decoded(sample)) is not None:

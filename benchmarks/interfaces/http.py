@@ -24,6 +24,7 @@ from typing import Any
 import httpx2
 
 from benchmarks.interfaces.spread import spread_ms
+from bus.free_port import free_endpoint
 
 _URL = re.compile(r"DOOR_OPEN .*(http://[\d.]+:\d+)")
 _JSON = {"Content-Type": "application/json"}
@@ -186,9 +187,7 @@ def _accepted(ask: Callable[[], httpx2.Response]) -> float:
 @contextmanager
 def _served(folder: Path, pace: float) -> Iterator[str]:
     """A simulated cell that is up, and the URL of its interface."""
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
-    settings = (f"bus.endpoint={endpoint}", f"recording.folder={folder}", f"sim.pace={pace}", "http.port=0")
+    settings = (f"bus.endpoint={free_endpoint()}", f"recording.folder={folder}", f"sim.pace={pace}", "http.port=0")
     options = [word for setting in settings for word in ("--set", setting)]
     cell = subprocess.Popen(
         [sys.executable, "-m", "cell", "start", "--http", "--no-report", *options], stdout=subprocess.PIPE, text=True

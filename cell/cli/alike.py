@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from bus.errors import ConfigError, RecordingError
+from bus.errors import RecordingError
 from cell.cli.cycles import Folder, reading
 from cell.cli.options import Config, Json
 from cell.cli.recordings import BAD, STYLE, Cycle, find_cycle, root_of_labels
@@ -55,15 +55,13 @@ def alike(
 def groups(
     folder: Folder = None,
     config: Config = DEFAULT_STATION,
-    failed: Annotated[bool, typer.Option("--failed", help="Group what FAILED or was ABORTED.")] = False,
+    _failed: Annotated[bool, typer.Option("--failed", help="What FAILED or was ABORTED; nothing else is.")] = True,
     apart: Annotated[
         float, typer.Option("--apart", min=0.0, max=1.0, help="Groups are at least so far apart: 0..1.")
     ] = ALIKE,
     as_json: Json = False,
 ) -> None:
     """Failures in groups, the largest first: a sentence and three examples each (docs/alike.md)."""
-    if not failed:
-        raise ConfigError("Only failures are grouped.", "Add --failed.")
     found = group_failures(_space(folder or load_station(config).recording.folder), apart)
     for one in found:
         if as_json:

@@ -45,6 +45,9 @@ def compare(
 ) -> None:
     """Compare two cycles stage by stage: input, decision, outcome; or two folders, by code and object (95 %)."""
     are_folders = is_folder(Path(a)), is_folder(Path(b))
+    for name, is_one in zip((a, b), are_folders, strict=True):
+        if any(are_folders) and not is_one and not Path(name).exists():
+            raise ConfigError(f"There is no folder {name}.", "Name two cycles, or two folders.")
     if any(are_folders) and not all(are_folders):
         raise ConfigError("A cycle cannot be compared with a folder.", "Name two cycles, or two folders.")
     if all(are_folders):

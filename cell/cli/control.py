@@ -16,9 +16,9 @@ from bus.messages import Job
 from cell import client
 from cell.cli.options import Config, Json, Set, finite
 from cell.cli.pick import attended, connected
-from cell.client import ENDED, LEADS_TO, RUNS_AGAIN, SETTLED
+from cell.client import LEADS_TO, RUNS_AGAIN
 from cell.machine.leases import NEEDS_LEASE, NEEDS_TOKEN
-from cell.machine.states import told
+from cell.machine.states import ENDED, READY, SETTLED, told
 from cell.terminal.printing import err, out
 from config.load import DEFAULT_STATION, load_station
 
@@ -48,7 +48,7 @@ def _carry_out(verb: str, config: Path, overrides: list[str] | None) -> tuple[Ce
         if until is not RUNS_AGAIN or reply.lease != cell.client_id or state.state in ENDED:
             return state, until
         err.line("its client is gone: attended from here until it is over; Ctrl-C holds it")
-        return cell.wait_for_state(set(SETTLED), _ATTENDED_S), SETTLED - ENDED
+        return cell.wait_for_state(set(SETTLED), _ATTENDED_S), READY
 
 
 def _in_words(state: CellState) -> str:

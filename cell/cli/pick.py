@@ -29,14 +29,13 @@ from cell.cli.job_options import (
 from cell.cli.options import Config, Json, Set, object_name_of
 from cell.client import Client
 from cell.daemon.batch import Batch
-from cell.machine.states import told
+from cell.machine.states import ENDED, told
 from cell.terminal.printing import err, out
 from config.load import DEFAULT_STATION, load_station
 
 _PATIENCE_S = 600.0
 _INTERRUPTED = 130
 """Exit code of a process that Ctrl-C ended, as a shell reports it."""
-_ENDED = ("Stopped", "Aborted")
 _FINE = ("SUCCESS", "EMPTY")
 
 
@@ -133,7 +132,7 @@ def _follow(cell: Client, batch: Batch, shown: _Shown, job_id: str) -> None:
             batch.hear(said)
         elif isinstance(said, CellState):
             shown.state(said)
-            if said.state in _ENDED:
+            if said.state in ENDED:
                 batch.end(shown.cause or said.state)
 
 

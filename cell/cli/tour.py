@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from bus.commands import CommandRequest
+from bus.commands import CellState, CommandRequest
 from bus.errors import NotReached
 from bus.free_port import free_endpoint
 from bus.messages import CycleResult, Job, Target
@@ -17,6 +17,7 @@ from cell.build import running_cell
 from cell.cli.console import Screen
 from cell.daemon.daemon import Daemon
 from cell.machine.owner import refuse
+from cell.machine.states import ENDED, told
 from cell.replay.replay import Request, replay
 from cell.replay.view import consequence
 from cell.replay.what_if import what_if
@@ -80,25 +81,36 @@ def tour(
 
 
 def _reset(daemon: Daemon, heard: Iterator[object]) -> None:
-    """Until the cell is Idle. Raises: NotReached after Ctrl-C."""
+    """Until the cell is Idle. Raises: NotReached when it ended elsewhere, and after Ctrl-C."""
     refuse(daemon.command("reset", CommandRequest(client_id=_CLIENT)))
+    is_under_way = False  # what is heard first is that it was Stopped
     for said in heard:
-        if getattr(said, "state", "") == "Idle":
+        if isinstance(said, CellState) and said.state == "Idle":
             return
+        is_under_way = is_under_way or (isinstance(said, CellState) and said.state == "Resetting")
+        if is_under_way:
+            _require_goes_on(said)
     raise NotReached("Interrupted before the cell was Idle.", "Run it again: `cell tour`.")
 
 
 def _pick(daemon: Daemon, heard: Iterator[object], request: CommandRequest) -> CycleResult:
-    """One pick to its end. Raises: NotReached after Ctrl-C."""
-    cycle_id, result = "", None
+    """One pick to its end. Raises: NotReached when the cell ended before it, and after Ctrl-C."""
     refuse(reply := daemon.command("pick", request))
-    cycle_id = reply.cycle_id
+    awaited, last = reply.cycle_id, None
     for said in heard:
-        if isinstance(said, CycleResult) and said.cycle_id == cycle_id:
-            cycle_id, result = said.retried_as, said
-        if result is not None and not cycle_id and getattr(said, "state", "") == "Complete":
-            return result
+        if isinstance(said, CycleResult) and said.cycle_id == awaited:
+            awaited, last = said.retried_as, said
+        elif last is not None and not awaited and isinstance(said, CellState) and said.state == "Complete":
+            return last
+        _require_goes_on(said)
     raise NotReached("Interrupted before the pick was over.", "Run it again: `cell tour`.")
+
+
+def _require_goes_on(said: object) -> None:
+    """Raises: NotReached when the cell says that it is stopped or aborted."""
+    if isinstance(said, CellState) and said.state in ENDED:
+        why = told(said.state, said.reason)
+        raise NotReached(f"The cell is {said.state}: {why}", "Is the machine able to (`cell doctor`)? Run it again.")
 
 
 def _what_if(recording: Path) -> Path:

@@ -128,9 +128,12 @@ class Actions:
         except CycleFailure as failure:
             raise self._cycle.stages.fail(failure) from failure
         self._publish(topics.ATTEMPT, attempt)
+        is_pointed = attempt.job.target is not None and attempt.job.target.picture_ns is not None
+        stays = attempt.number > 0 or is_pointed
         try:
             self._name_object(
-                self._cycle, lambda: self.table.present(self._number, self._object, again=attempt.number > 0)
+                self._cycle,
+                lambda: self.table.present(self._number, self._object, again=stays),
             )
         except CycleFailure as failure:
             if failure.failure is not Code.NO_OBJECT:
@@ -144,7 +147,7 @@ class Actions:
     def _record(self, cycle_id: str, station: Station) -> CycleLog:
         path = station.recording.folder / datetime.now(UTC).strftime("%Y-%m-%d") / f"{cycle_id}.mcap"
         return CycleLog(
-            lambda: open_recorder(path, station, cycle_id, self._under),
+            lambda: open_recorder(path, station, self._station, cycle_id, self._under),
             path,
             station.recording.patience_s,
             on_failure=self._on_fault,

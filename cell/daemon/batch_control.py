@@ -18,12 +18,11 @@ from cell.daemon.jobs import JobQueue, Ordered
 from cell.daemon.publisher import Publisher
 from cell.machine.leases import CELL_CLIENT
 from cell.machine.owner import Machine
-from cell.machine.states import ANSWERS, State, available, require_answerable
+from cell.machine.states import ANSWERS, READY, State, available, require_answerable
 from config.job import capacity_of, place_of, require_possible
 from config.schema import Station
 
 _OWN = CommandRequest(client_id=CELL_CLIENT)
-_AT_REST = frozenset({State.IDLE, State.COMPLETE})
 _NOT_READY = frozenset({State.STOPPED, State.STOPPING, State.ABORTED, State.ABORTING, State.CLEARING})
 """States in which no job can wait for its turn: what waited was dropped, and the cell must be made ready first."""
 
@@ -112,7 +111,7 @@ class BatchControl:
 
     def _is_busy(self, state: State) -> bool:
         goes_on = self._batch is not None and not self._batch.is_over
-        return state not in _NOT_READY and (goes_on or bool(self._queue.ids) or state not in _AT_REST)
+        return state not in _NOT_READY and (goes_on or bool(self._queue.ids) or state not in READY)
 
     def _possible(self, request: CommandRequest) -> CommandRequest:
         """The request with what it points at; refuse what table, station or place cannot do. Raises: Refused."""
@@ -189,7 +188,7 @@ class BatchControl:
         """Publish the new state, and take the actions due in it."""
         if state in _NOT_READY:
             self._drop(f"The cell is {state}. {reason}".strip())
-        elif state in _AT_REST and (self._batch is None or self._batch.is_over):
+        elif state in READY and (self._batch is None or self._batch.is_over):
             self._begin_next()
         self._publisher.publish_state(state, reason)
         if reason and state in (State.ABORTING, State.ABORTED):

@@ -28,7 +28,7 @@ from cell.daemon.publisher import Observer, Publisher
 from cell.machine.hold_state import HoldState
 from cell.machine.leases import CELL_CLIENT, Leases
 from cell.machine.owner import TURN_S, Action, Machine, refuse
-from cell.machine.states import MANUAL_MOTIONS, State, available
+from cell.machine.states import MANUAL_MOTIONS, SETTLED, State, available
 from cell.nodes.health import LOOK_PERIOD_S, NodeMonitor
 from cell.nodes.speakers import Speakers, strange
 from cell.nodes.watchdog import Watchdog
@@ -45,7 +45,6 @@ _log = logging.getLogger(__name__)
 
 _ANYONES = ("stop", "abort", "hold", "suspend")
 
-_AT_REST = frozenset({State.STOPPED, State.IDLE, State.COMPLETE, State.ABORTED})
 _LONGEST_COMMAND = 64 * 1024
 _CLOSE_PATIENCE_S = 25.0
 _KEPT_RESULTS = 64
@@ -148,7 +147,7 @@ class Daemon:
 
     def _is_at_rest(self) -> bool:
         """No cycle is open, none is to follow, and nothing moves: a picture is nobody's concern but the asker's."""
-        is_settled = self.machine.state in _AT_REST and not self._manual.is_moving
+        is_settled = self.machine.state in SETTLED and not self._manual.is_moving
         return is_settled and not self._batches.jobs[0] and self._actions.log is None
 
     def _beside(self, verb: str, request: CommandRequest, state: State) -> CommandReply | None:

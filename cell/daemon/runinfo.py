@@ -22,15 +22,19 @@ _GIT_TIMEOUT_S = 1.0
 _PACKAGES = ("vlad-cell", "mujoco", "numpy", "opencv-python-headless", "pin", "coal", "toppra", "eclipse-zenoh", "mcap")
 
 
-def run_info(station: Station, cycle_id: str) -> dict[str, str]:
-    """The metadata of one cycle's recording: ids, versions, commit, seed and hashes."""
+def run_info(configured: Station, cycle_id: str) -> dict[str, str]:
+    """The metadata of one cycle's recording: ids, versions, commit, seed and hashes.
+
+    Args:
+        configured: the station without the job's target and place: its hash is that of the configuration.
+    """
     return {
         "schema": str(SCHEMA_VERSION),
         "cycle_id": cycle_id,
-        "cell_id": station.cell_id,
-        "station_hash": station_hash(station),
-        "seed": str(station.sim.seed),
-        "robot_model_sha256": _robot_model(robot_description(station)),
+        "cell_id": configured.cell_id,
+        "station_hash": station_hash(configured),
+        "seed": str(configured.sim.seed),
+        "robot_model_sha256": _robot_model(robot_description(configured)),
         **_commit(),
         "python": sys.version.split()[0],
         **{package: _version(package) for package in _PACKAGES},
@@ -42,9 +46,15 @@ def attachments(station: Station) -> dict[str, str]:
     return {"station.json": station.model_dump_json(), "calibration.json": station.camera.model_dump_json()}
 
 
-def open_recorder(path: Path, station: Station, cycle_id: str, under: Under) -> Recorder:
-    """Open a cycle's recording with its metadata and attachments, flushed to the disk. Raises: RecordingError."""
-    recorder = Recorder(path, metadata=run_info(station, cycle_id), clock=time.time_ns, under=under)
+def open_recorder(path: Path, station: Station, configured: Station, cycle_id: str, under: Under) -> Recorder:
+    """Open a cycle's recording with its metadata and attachments, flushed to the disk.
+
+    Args:
+        station: with what the job asks for. ``configured``: without.
+
+    Raises: RecordingError.
+    """
+    recorder = Recorder(path, metadata=run_info(configured, cycle_id), clock=time.time_ns, under=under)
     try:
         for name, text in attachments(station).items():
             recorder.attach(name, "application/json", text.encode())

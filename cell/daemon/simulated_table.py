@@ -60,7 +60,7 @@ class SimulatedTable:
 
         Args:
             number: of the pick. ``name``: None = the next of the seeded order.
-            again: a further attempt of the pick: the table stays unchanged.
+            again: the table stays unchanged: a further attempt of the pick, or somebody has pointed at what lies there.
 
         Raises: DriverError, BusError.
         """

@@ -19,13 +19,13 @@ from bus.errors import BadPayload, BusError, CellError
 from bus.frozen import Message
 from bus.messages import Attempt, CycleResult, LivePicture, PictureRequest, PlanView, Proposal
 from bus.sample import Sample
-from cell.client import SETTLED
 from cell.commander import Commander
 from cell.http.access import Access
 from cell.http.hub import Hub
 from cell.http.jobs import Jobs
 from cell.http.pictures import Pictures
 from cell.http.sessions import Connect, Session, Sessions
+from cell.machine.states import SETTLED
 from config.http import HttpSettings
 from config.schema import Station
 

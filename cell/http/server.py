@@ -15,22 +15,20 @@ import uvicorn
 
 from bus.clock import DeadlineClock
 from bus.errors import BusError, ConfigError, PortOccupied
-from bus.threads import OwnedThread, Role, handled_by
+from bus.threads import OwnedThread, Role
 from cell import client
 from cell.client import Client
 from cell.http.access import Access
 from cell.http.app import application
 from cell.http.door import ALSO, LOOK_S, REFRESH_S, Door
 from cell.http.patience import PatientProtocol
+from cell.nodes.loop_watch import LoopWatch, ended_by_defect
 from config.clock import clock_of
 from config.http import HttpSettings
 from config.schema import Station
 
-_STALLED_S = 5.0
-"""A loop that stands still for so long ends its process, and with it every lease."""
 _GRACE_S = 2
 _BACKLOG = 256
-_DEFECT_EXIT_CODE = 70
 
 
 def serve(station: Station, tell: Callable[[str], None], wait_for_end: Callable[[], None]) -> None:
@@ -48,7 +46,7 @@ def serve(station: Station, tell: Callable[[str], None], wait_for_end: Callable[
     with (
         _listening(settings) as listener,
         client.connect(station, ALSO, client_id=client.client_name("http")) as cell,
-        handled_by(_end_by_defect),
+        ended_by_defect(),
     ):
         clock = clock_of(station)
         door = Door(cell, connect, station, access, clock.now_s)
@@ -73,7 +71,7 @@ class Serving:
         self._server = uvicorn.Server(_config(door))
         self._loop: asyncio.AbstractEventLoop | None = None
         self._is_open, self._closing = threading.Event(), threading.Event()
-        self._turn_s = 0.0
+        self._watch: LoopWatch | None = None
         self._threads = [
             OwnedThread(Role.DOOR, lambda: asyncio.run(self._serve()), of="http"),
             OwnedThread(Role.DOOR, self._hear, of="http-cell"),
@@ -96,6 +94,8 @@ class Serving:
         self._door.wait()
 
     def _end(self) -> None:
+        if self._watch is not None:
+            self._watch.close()
         self._door.close()
         self._server.should_exit = True
 
@@ -103,18 +103,18 @@ class Serving:
         self._loop = asyncio.get_running_loop()
         with suppress(BusError):
             self._door.greet(await self._door.ask(self._cell.state))
-        self._turn_s = self._clock.now_s()
+        self._watch = LoopWatch(self._clock, "http")
         regular = [asyncio.create_task(work) for work in (self._look(), self._refresh(), self._show())]
         self._is_open.set()
         try:
             await self._server.serve(sockets=[self._listener])
         finally:
+            self._watch.close()
             for task in regular:
                 task.cancel()
 
     async def _look(self) -> None:
         while True:
-            self._turn_s = self._clock.now_s()
             self._door.look()
             await asyncio.sleep(LOOK_S)
 
@@ -129,14 +129,12 @@ class Serving:
             await self._door.show_live()
 
     def _hear(self) -> None:
-        """Pass on what the cell says. Raises: RuntimeError when the loop stands still: no heartbeat would be missed."""
+        """Pass on what the cell says."""
         while not self._closing.is_set():
             sample = self._cell.next_heard(LOOK_S)
             if sample is not None and self._loop is not None:
                 with suppress(RuntimeError):  # the loop has ended
                     self._loop.call_soon_threadsafe(self._door.hear, sample)
-            if self._clock.now_s() - self._turn_s > _STALLED_S and not self._closing.is_set():
-                raise RuntimeError(f"the loop stands still for more than {_STALLED_S:.0f} s")
 
 
 def _config(door: Door) -> uvicorn.Config:
@@ -180,9 +178,3 @@ def address(settings: HttpSettings, listener: socket.socket) -> str:
     scheme = "https" if settings.certificate is not None else "http"
     host = f"[{settings.host}]" if ":" in settings.host else settings.host
     return f"{scheme}://{host}:{listener.getsockname()[1]}"
-
-
-def _end_by_defect(_name: str, _defect: BaseException) -> None:
-    """End this process: it is started again, and its leases end with it."""
-    logging.shutdown()
-    os._exit(_DEFECT_EXIT_CODE)

@@ -19,13 +19,15 @@ from bus.errors import CellError
 from bus.frozen import Message
 from bus.messages import Job
 from bus.remote_errors import error_reply
-from cell.client import SETTLED, client_name
+from cell.client import client_name
 from cell.http.access import require_right
 from cell.http.answers import JSON
 from cell.http.door import Door
 from cell.http.events import name_in
 from cell.http.hub import Listening
 from cell.http.streams import PING_S, EndingStream
+from cell.machine.states import SETTLED
+from cell.outcome import Outcome
 
 Awaited = Callable[[Door, Listening, CommandReply], AsyncIterator[Message | None]]
 """What an accepted command comes to: None as long as it lasts, then the answer."""
@@ -77,22 +79,14 @@ async def at_rest(door: Door, listening: Listening, _reply: CommandReply) -> Asy
 
 
 async def result(door: Door, listening: Listening, reply: CommandReply) -> AsyncIterator[Message | None]:
-    """The result of the pick, of its last attempt."""
-    cycle_id, is_dropped = reply.cycle_id, False
-    while True:
-        found = await door.ask(partial(door.cell.result, cycle_id))
-        if found is not None and found.retried_as:
-            cycle_id = found.retried_as
-            continue
-        if found is not None or is_dropped:
-            yield found or _dropped(reply)
-            return
-        state = await door.ask(door.cell.state)
-        is_dropped = state.state in SETTLED and reply.job_id not in (state.job_id, *state.queue)
+    """The result of the pick, of its last attempt. Raises: Refused (JOB_DROPPED)."""
+    outcome = Outcome(door.cell, reply.cycle_id, reply.job_id)
+    while (found := await door.ask(outcome.ask)) is None:
         if await _turn(listening, "result") is None:
             yield _CLOSED
             return
         yield None
+    yield found
 
 
 async def _turn(listening: Listening, name: str) -> bool | None:
@@ -110,14 +104,6 @@ async def _turn(listening: Listening, name: str) -> bool | None:
 def _rests(state: CellState) -> bool:
     moves_by_hand = state.mode == "Manual" and state.stage != ""
     return state.state in SETTLED and not state.job_id and not state.queue and not moves_by_hand
-
-
-def _dropped(reply: CommandReply) -> ErrorReply:
-    return ErrorReply(
-        code="JOB_DROPPED",
-        reason=f"The job {reply.job_id!r} ended without a cycle: what ended the motion dropped what waited.",
-        advice="Make the cell ready, and send it again.",
-    )
 
 
 _CLOSED = ErrorReply(code="CLOSED", reason="The HTTP interface is closing: the cell holds.", advice="Connect again.")

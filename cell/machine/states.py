@@ -38,6 +38,13 @@ class State(StrEnum):
     CLEARING = "Clearing"
 
 
+SETTLED = frozenset({State.STOPPED, State.IDLE, State.COMPLETE, State.ABORTED})
+"""States in which nothing moves, and no commanded action continues."""
+ENDED = frozenset({State.STOPPED, State.ABORTED})
+"""Settled states in which a pick that had begun is over for good."""
+READY = SETTLED - ENDED
+"""Settled states in which a pick can begin."""
+
 NEXT: dict[State, State] = {
     State.RESETTING: State.IDLE,
     State.STARTING: State.EXECUTE,
@@ -102,6 +109,8 @@ _NEEDLESS = {
 """Refusals of commands that have nothing to act on."""
 _HOW_TO_GET_READY = {
     State.STOPPED: "Reset the cell first: `cell reset`.",
+    State.IDLE: "It is ready: `cell pick`, `cell run`.",
+    State.COMPLETE: "Reset the cell first: `cell reset`; or ask for one pick: `cell pick`.",
     State.ABORTED: "Three deliberate acts: `cell clear`, `cell reset`, then start.",
     State.EXECUTE: "A cycle is running: wait for it, or `cell stop`.",
     State.HELD: "A cycle is held: `cell unhold`, or `cell stop`.",
@@ -111,7 +120,7 @@ _HOW_TO_GET_READY = {
 
 PRODUCTION_ONLY = frozenset({"reset", "start", "pick"})
 """Commands that mode Manual refuses."""
-MODE_FROM = frozenset({State.STOPPED, State.IDLE, State.COMPLETE, State.ABORTED})
+MODE_FROM = SETTLED
 """States in which the mode can change; to Manual, it stops the cell."""
 
 

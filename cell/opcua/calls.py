@@ -8,7 +8,6 @@ import logging
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager
-from datetime import UTC, datetime
 from typing import Any, TypeVar
 
 from asyncua import ua
@@ -24,6 +23,7 @@ from cell.machine.states import ANSWERS, ENDING
 from cell.opcua.address_space import AddressSpace
 from cell.opcua.methods import Given, Method, fitting, request_of
 from cell.opcua.refusals import Refusals
+from cell.opcua.structures import utc_of
 from cell.opcua.users import Person
 from config.schema import Station
 
@@ -186,8 +186,11 @@ def _begun(reply: CommandReply) -> list[ua.Variant]:
 
 
 def _shown(picture: LivePicture) -> list[ua.Variant]:
-    taken_at = datetime.fromtimestamp(picture.stamp_ns * 1e-9, UTC)
-    return [ua.Variant(picture.data, ua.VariantType.ByteString), ua.Variant(taken_at, ua.VariantType.DateTime)]
+    return [
+        ua.Variant(picture.data, ua.VariantType.ByteString),
+        ua.Variant(utc_of(picture.stamp_ns), ua.VariantType.DateTime),
+        ua.Variant(str(picture.stamp_ns), ua.VariantType.String),
+    ]
 
 
 def _result(method: Method, outputs: list[ua.Variant]) -> ua.CallMethodResult:

@@ -9,13 +9,13 @@ from contextlib import asynccontextmanager, closing, suppress
 
 from cell import client
 from cell.client import client_name
+from cell.nodes.loop_watch import LoopWatch, ended_by_defect
 from cell.nodes.process import freeze_gc
 from cell.opcua import packml
 from cell.opcua.address_space import NAMESPACE, AddressSpace
 from cell.opcua.calls import Calls
 from cell.opcua.mirror import HEARS, Mirror
 from cell.opcua.server import CellServer, quieten_logs
-from cell.opcua.stalled import LoopWatch, ended_by_defect
 from config.clock import clock_of
 from config.schema import Station
 
@@ -34,7 +34,7 @@ async def _serve(station: Station, tell: Callable[[str], None], wait_for_end: Ca
     waiting = ThreadPoolExecutor(1, "opcua-end")
     try:
         async with opened(station) as (endpoint, mirroring):
-            with freeze_gc(), ended_by_defect(), closing(LoopWatch(clock_of(station))):
+            with freeze_gc(), ended_by_defect(), closing(LoopWatch(clock_of(station), "opcua")):
                 tell(endpoint)
                 end = asyncio.wrap_future(waiting.submit(wait_for_end))
                 done, _ = await asyncio.wait({end, mirroring}, return_when=asyncio.FIRST_COMPLETED)

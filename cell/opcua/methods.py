@@ -161,6 +161,7 @@ METHODS = (
         (
             Argument("Png", "ByteString", "The picture, a PNG file."),
             Argument("TakenAt", "DateTime", "When."),
+            Argument("Stamp", "String", "The same in whole nanoseconds: `picture_ns` of a target."),
         ),
         _nothing,
         "What the camera sees now, from the capture pose: a pixel of it is a target.",

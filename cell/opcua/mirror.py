@@ -22,7 +22,7 @@ from cell.client import Client
 from cell.machine.states import NEXT, State
 from cell.opcua import packml
 from cell.opcua.address_space import AddressSpace
-from cell.opcua.structures import PackMLAlarmDataType, alarm, count
+from cell.opcua.structures import PackMLAlarmDataType, alarm, count, utc_of
 
 _log = logging.getLogger(__name__)
 HEARS = (topics.EVENT, topics.HEALTH, topics.PROPOSAL)
@@ -80,9 +80,12 @@ class Mirror:
         return await asyncio.get_running_loop().run_in_executor(self._waiting, what, *arguments)
 
     async def _look(self) -> None:
-        """Ask for the state: a message may have been lost, or the cell was started again."""
+        """Ask for the state, and what waits for approval: a message may be lost, or the cell was started again."""
         try:
             state = await self._ask(self._viewer.state)
+            if state.stage == "approve":
+                with suppress(Refused):  # it was answered meanwhile
+                    await self._show_proposal(await self._ask(self._viewer.proposal))
         except BusError:
             await self._space.write({"Connected": False})
         else:
@@ -109,7 +112,7 @@ class Mirror:
             return
         state = State(said.state)
         is_new, self._state = self._state != said.state, said.state
-        since = _when(said.since_ns)
+        since = utc_of(said.since_ns)
         if is_new and said.reason and state in _AT_REST_FOR_A_REASON:
             reason = alarm(state.upper(), said.reason, 2, is_active=False, when=since)
             await self._space.write({"Admin.StopReason": reason, "Admin.StopReasonText": said.reason})
@@ -198,11 +201,3 @@ class Mirror:
                 "Admin.ProdDefectiveCount": [count("failed picks", self._defective)],
             }
         )
-
-
-def _when(stamp_ns: int) -> datetime:
-    """The time of a stamp; of one that cannot be, as another program may send, the time now."""
-    try:
-        return datetime.fromtimestamp(stamp_ns * 1e-9, UTC)
-    except (OverflowError, ValueError, OSError):
-        return datetime.now(UTC)

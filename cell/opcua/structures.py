@@ -83,3 +83,11 @@ async def add_structures(server: Server, index: int) -> None:
         definition.Fields = [new_struct_field(name, _TYPES[hint]) for name, hint in annotated.items()]
         await data_type.write_data_type_definition(definition)
         ua.register_extension_object(kind.__name__, encoding_id, kind, ua.NodeId(node, index))
+
+
+def utc_of(stamp_ns: int) -> datetime:
+    """The time of a stamp; of one that cannot be, as another program may send, the time now."""
+    try:
+        return datetime.fromtimestamp(stamp_ns * 1e-9, UTC)
+    except (OverflowError, ValueError, OSError):
+        return datetime.now(UTC)

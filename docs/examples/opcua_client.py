@@ -56,8 +56,8 @@ async def pick(endpoint: str, job: str = "") -> dict[str, Any]:
         if job and not job.startswith("{"):
             from pixel import pixel_of  # type: ignore[import-not-found] # noqa: PLC0415 - the file beside this one, where it is asked for
 
-            png, _taken_at = await call("Picture")
-            job = json.dumps({"target": {"pixel": pixel_of(png, job)}})
+            png, _taken_at, stamp = await call("Picture")
+            job = json.dumps({"target": {"pixel": pixel_of(png, job), "picture_ns": int(stamp)}})
         cycle_id, job_id, position = await call("PickJob", job)
         print(f"cycle {cycle_id} of job {job_id}, {position} before it")
         while (result := await heard.results.get())["cycle_id"] != cycle_id or result["retried_as"]:

@@ -48,6 +48,8 @@ def unfiltered(kind: int, row: bytearray, above: bytearray) -> bytearray:
 
 def pixel_of(png: bytes, color: str) -> Pixel:
     """The pixel (u, v) nearest to the middle of the largest area of that colour. Raises: ValueError without one."""
+    if color not in HUES_DEG:
+        raise ValueError(f"a colour is one of {', '.join(HUES_DEG)}")
     width, rows = decoded(png)
     alike = {
         (u, v)
@@ -76,4 +78,7 @@ def is_of(hue_deg: int, red: int, green: int, blue: int) -> bool:
 
 
 if __name__ == "__main__":
-    print(json.dumps({"pixel": pixel_of(Path(sys.argv[1]).read_bytes(), sys.argv[2])}))
+    try:
+        print(json.dumps({"pixel": pixel_of(Path(sys.argv[1]).read_bytes(), sys.argv[2])}))
+    except ValueError as error:
+        sys.exit(str(error))

@@ -1,6 +1,9 @@
-"""Triggers one pick from any program, with plain eclipse-zenoh only. Usage: python trigger.py [cell_id [JOB]]
+"""Triggers one pick from any program, with plain eclipse-zenoh only.
+
+Usage: python trigger.py [cell_id [JOB [ENDPOINT]]]
 
 JOB: a job as JSON, {"target": {"text": "the largest"}}; or a colour: what shows it most is picked by its pixel.
+ENDPOINT: tcp/127.0.0.1:7447, if left out.
 """
 
 import base64
@@ -14,11 +17,15 @@ import zenoh
 
 client_id = "trigger"
 cell = f"cell/{sys.argv[1] if len(sys.argv) > 1 else 'sim'}"
-config = '{mode: "client", connect: {endpoints: ["tcp/127.0.0.1:7447"]}, scouting: {multicast: {enabled: false}}}'
+endpoint = sys.argv[3] if len(sys.argv) > 3 else "tcp/127.0.0.1:7447"
+config = f'{{mode: "client", connect: {{endpoints: ["{endpoint}"]}}, scouting: {{multicast: {{enabled: false}}}}}}'
 
 
 def ask(key: str, **fields: Any) -> dict[str, Any]:
-    reply = session.get(f"{cell}/{key}", payload=json.dumps(fields), timeout=5).recv()
+    try:
+        reply = session.get(f"{cell}/{key}", payload=json.dumps(fields), timeout=5).recv()
+    except zenoh.ZError:  # no answer at all
+        sys.exit(f"Nobody serves {cell}/{key} at {endpoint}: is the cell's id right, and does it run?")
     said = reply.ok or reply.err
     assert said is not None  # a reply is one of the two
     answer: dict[str, Any] = json.loads(said.payload.to_string())
@@ -53,7 +60,8 @@ with zenoh.open(zenoh.Config.from_json5(config)) as session:
     lease = session.liveliness().declare_token(f"{cell}/lease/{client_id}")
     threading.Thread(target=say_that_we_run, daemon=True).start()
     results = session.declare_subscriber(f"{cell}/cycle/result")
-    command("reset")
+    if ask("state")["state"] not in ("Idle", "Complete"):
+        command("reset")
     while (state := ask("state")["state"]) == "Resetting":
         time.sleep(0.1)
     print(f"{state}; picking")

@@ -26,7 +26,7 @@ from cell.opcua.door import serve
 from config.schema import Station
 
 PICTURE = LivePicture(
-    stamp_ns=1_700_000_000_000_000_000, data=bytes(700_000), media_type="image/png", from_capture_pose=True
+    stamp_ns=1_700_000_000_000_000_001, data=bytes(700_000), media_type="image/png", from_capture_pose=True
 )
 _ANYONES = ("stop", "abort", "hold", "suspend", "clear")
 

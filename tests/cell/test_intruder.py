@@ -6,10 +6,11 @@ from contextlib import closing
 from pathlib import Path
 
 import numpy as np
+import pytest
 import zenoh
 
 from benchmarks.forging import FORGED, forged
-from benchmarks.guarded import OPERATOR_TOKEN, VIEWER_TOKEN
+from benchmarks.guarded import OPERATOR_TOKEN, VIEWER_TOKEN, Guarded
 from benchmarks.http_intruder import HttpIntruder
 from benchmarks.intruder import SHARES, series
 from benchmarks.questions import PATTERNS
@@ -17,6 +18,7 @@ from benchmarks.tally import Tally
 from bus import topics
 from bus.codec import decode
 from bus.commands import CellState
+from bus.free_port import free_port
 from bus.sensor_codec import arm_q_rad
 from cell.http.access import Access, HttpRole
 from tests.cell.http_bench import EVERYBODY, FakeCell, door_of, served
@@ -96,3 +98,19 @@ def test_half_open_connections_are_no_reason_to_refuse_a_viewer(tmp_path: Path) 
 def test_a_door_that_lets_everybody_in_is_told(tmp_path: Path) -> None:
     tally, _ = _tried(tmp_path, EVERYBODY, ["http_no_token"], 12)
     assert sum(tally.accepted.values()) > 0
+
+
+# --- at the OPC UA door -----------------------------------------------------------------------------------------------
+
+
+def test_a_dead_opcua_door_has_refused_nobody(tmp_path: Path) -> None:
+    pytest.importorskip("asyncua")
+    from benchmarks.opcua_intruder import OpcuaIntruder  # noqa: PLC0415 - asyncua is an extra
+
+    guarded, tally = Guarded.in_folder(tmp_path), Tally()
+    endpoint = f"opc.tcp://127.0.0.1:{free_port()}/cell"
+    with closing(OpcuaIntruder(endpoint, guarded, tally, np.random.default_rng(1))) as intruder:
+        for kind in intruder.kinds:
+            intruder.attempt(kind)
+        assert tally.crashes == len(intruder.kinds) + 1, "every kind, and the honest session"
+    assert (tally.by_code, tally.figures()["accepted"]) == ({}, 0)

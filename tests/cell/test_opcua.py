@@ -431,10 +431,26 @@ def test_a_proposal_is_shown_and_answered(site: Site) -> None:
     talk(site.endpoint, say)
 
 
+def test_a_proposal_whose_message_was_lost_is_asked_for(site: Site) -> None:
+    proposal = Proposal(proposal_id="c1-1", cycle_id="c1", grasp=0, base_from_tcp=np.eye(4), score=0.9,
+                        opening_m=0.05, object="the cup", motion_s=3.0, segments_s={}, rejected=0, passed_over=0,
+                        until_ns=1)  # fmt: skip
+
+    async def say(plain: Plain) -> None:
+        site.cell.state, site.cell.stage = State.EXECUTE, "approve"
+        site.cell.proposal = proposal
+        await plain.until("Proposal.Id", "c1-1")
+        site.cell.enter(State.COMPLETING)
+        await plain.until("Proposal.Id", "")
+
+    talk(site.endpoint, say)
+
+
 def test_what_the_camera_sees_is_given_to_anybody(site: Site) -> None:
     async def say(plain: Plain) -> None:
-        png, taken_at = await plain.call("Picture")
-        assert (png, taken_at.timestamp()) == (PICTURE.data, PICTURE.stamp_ns / 1e9)
+        png, taken_at, stamp = await plain.call("Picture")
+        assert (png, taken_at.timestamp()) == (PICTURE.data, PICTURE.stamp_ns // 10**9)
+        assert int(stamp) == PICTURE.stamp_ns, "a pixel of it names its picture: `picture_ns`"
 
     talk(site.endpoint, say)
 

@@ -171,6 +171,7 @@ def test_an_intruder_opens_no_session_and_a_viewer_changes_nothing(
                 intruder.attempt(kind)
     assert (tally.figures()["accepted_kinds"], tally.cases) == ({}, [])
     assert tally.by_code["OPC UA BadUserAccessDenied"] >= 50
+    assert tally.by_code["OPC UA Good"] == 1, "the honest session"
     assert len(site.cell.commands) == before
     assert not [record for record in caplog.records if record.name.startswith("asyncua")], "it fills no log"
 

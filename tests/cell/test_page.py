@@ -28,16 +28,15 @@ from cell.http.access import Access, HttpRole
 from cell.http.page_files import FOLDER
 from config.http import HttpSettings
 from config.schema import Station
+from docs.browser import FLAGS, find_chromium, launch_chromium
 from logs.catalogue.labels import read_labels
 from tests.cell.http_bench import RESULT, FakeCell, Site, door_of, served, served_for_real
-from tests.logs.browser import find_chromium
 
 playwright = pytest.importorskip("playwright.sync_api", reason="the package playwright is not installed")
 axe_playwright = pytest.importorskip("axe_playwright_python.sync_playwright", reason="no axe-playwright-python")
 expect = playwright.expect
 
 HOSTILE = "<img src=x onerror=alert(1)><script>alert(2)</script>&lt;b&gt;"
-FLAGS = ("--no-sandbox", "--use-angle=swiftshader")
 SERIOUS = {"serious", "critical"}
 TOKENS = {HttpRole.OPERATOR: "operator-token-0123", HttpRole.VIEWER: "viewer-token-456789"}
 LONG_MS = 60_000
@@ -60,8 +59,8 @@ def tool() -> Iterator[Any]:
 
 
 @pytest.fixture(scope="module")
-def browser(program: str, tool: Any) -> Iterator[Any]:
-    browser = tool.chromium.launch(executable_path=program, args=list(FLAGS))
+def browser(program: str, tool: Any) -> Iterator[Any]:  # skipped without the program
+    browser = launch_chromium(tool)
     yield browser
     browser.close()
 

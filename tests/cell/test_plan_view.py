@@ -14,9 +14,10 @@ from bus.messages import NamedBox, PlannedPath, PlanView, Proposal
 from cell.pick.plan_view import MOST_POINTS, sampled
 from config.load import load_station
 from config.scene import scene_boxes
+from docs.browser import find_chromium
 from planning.outlines import Outlines
 from planning.robot import Robot
-from tests.logs.browser import Page, chromium, find_chromium
+from tests.logs.browser import Page, chromium
 
 SCRIPTS = [Path(cell.http.__file__).parent / "page" / name for name in ("plan_scene.js", "plan_view.js")]
 STATION = load_station(None, [])

@@ -6,7 +6,6 @@ import base64
 import itertools
 import json
 import os
-import shutil
 import signal
 import subprocess
 from collections.abc import Iterator
@@ -80,11 +79,6 @@ class Page:
             case "Network.requestWillBeSent", {"request": {"url": url}} if url.startswith(("http", "ws", "ftp")):
                 self.errors.append(f"fetched {url}")
         return said
-
-
-def find_chromium() -> str | None:
-    """The program: Debian's headless shell (64 MB to load) or the whole browser."""
-    return shutil.which("chromium-headless-shell") or shutil.which("chromium")
 
 
 @contextmanager

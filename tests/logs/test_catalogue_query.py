@@ -216,3 +216,42 @@ def test_what_is_no_export_of_a_cell_is_refused_by_name(catalogue: Catalogue, tm
     whose = _export(catalogue, tmp_path / "whole.parquet", "hall-1")
     with pytest.raises(CatalogueError, match="does more than read"):
         ask_fleet([whose], "DELETE FROM cycles")
+
+
+@pytest.mark.parametrize(
+    ("columns", "words"),
+    [
+        ({"x": [[1, 2]]}, "has a value that is no number, text or bytes"),
+        ({"x": [2**63]}, "has a value that is no number, text or bytes"),
+        ({"x": [1], "X": [2]}, "cannot tell the columns x and X apart. Rename one"),
+        ({f"c{number}": [1] for number in range(2001)}, "are no table: too many columns"),
+    ],
+    ids=["a list", "beyond 64 bits", "names that differ in case", "too many columns"],
+)
+def test_what_no_catalogue_holds_is_refused_by_name(columns: dict[str, list[Any]], words: str, tmp_path: Path) -> None:
+    pyarrow: Any = pytest.importorskip("pyarrow")
+    parquet: Any = pytest.importorskip("pyarrow.parquet")
+    made = {"cell_id": ["hall-1"], "cycle_id": [MORNING], **columns}
+    arrays = [pyarrow.array(one, pyarrow.uint64() if one == [2**63] else None) for one in made.values()]
+    parquet.write_table(pyarrow.table(arrays, names=list(made)), tmp_path / "strange.parquet")
+    with pytest.raises(CatalogueError, match=rf"strange\.parquet.*{words}") as refusal:
+        ask_fleet([tmp_path], "SELECT * FROM cycles")
+    assert "cell query" in refusal.value.advice
+
+
+def test_two_files_whose_columns_differ_in_case_are_refused_by_name(tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow")
+    for name in ("x", "X"):
+        write_parquet(Answer(("cell_id", "cycle_id", name), [("hall-1", MORNING, 1)]), tmp_path / f"{name}.parquet")
+    with pytest.raises(CatalogueError, match=r"x\.parquet: SQL cannot tell the columns X and x apart"):
+        ask_fleet([tmp_path], "SELECT * FROM cycles")
+
+
+def test_a_file_whose_body_is_damaged_is_refused_by_name(catalogue: Catalogue, tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow")
+    damaged = _export(catalogue, tmp_path / "damaged.parquet", "hall-1")
+    content = bytearray(damaged.read_bytes())
+    content[4:2000] = b"\xff" * 1996  # the end, which names the columns, stays whole
+    damaged.write_bytes(content)
+    with pytest.raises(CatalogueError, match=r"damaged\.parquet cannot be read"):
+        ask_fleet([damaged], "SELECT * FROM cycles")

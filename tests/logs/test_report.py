@@ -18,11 +18,12 @@ from bus.errors import RecordingError
 from bus.messages import ArmMode, ArmState, Attempt, Detections, Tried
 from bus.rejection import Obstacle
 from bus.sensor_codec import arm_state_to_wire
+from docs.browser import find_chromium
 from logs.mcap.reader import Timed, read_cycle
 from logs.report.cycle_report import configuration_changes, write_report
 from logs.report.day_report import INDEX, days, write_cycle, write_day
 from logs.report.timeline import summarize
-from tests.logs.browser import Page, chromium, find_chromium
+from tests.logs.browser import Page, chromium
 from tests.logs.conftest import REJECTED
 
 Record = Callable[..., Path]

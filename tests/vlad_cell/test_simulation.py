@@ -80,19 +80,21 @@ def test_real_devices_are_not_started_by_a_program() -> None:
 def test_what_a_program_leaves_open_is_closed_when_its_main_thread_ends() -> None:
     program = """if True:
         import threading
-        from bus.at_end import close_at_end, forget
+        from bus.at_end import cancel_close_at_end, close_at_end
         goes_on = threading.Event()
         threading.Thread(target=goes_on.wait).start()  # as those of the bus, the interpreter waits for it
         for name in ("first", "second"):
             close_at_end(lambda name=name: print(name, "closed", flush=True))
         gone = lambda: print("never")
         close_at_end(goes_on.set)
+        close_at_end(lambda: 1 / 0)  # a defect, called before the others
         close_at_end(gone)
-        forget(gone)
+        cancel_close_at_end(gone)
         print("done", flush=True)
     """
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
-    assert done.stdout.splitlines()[0] == "done" and "never" not in done.stdout and done.returncode == 0, done.stderr
+    assert done.stdout.splitlines() == ["done", "second closed", "first closed"] and done.returncode == 0, done.stderr
+    assert "defect in end" in done.stderr and "ZeroDivisionError" in done.stderr
 
 
 @pytest.mark.thorough

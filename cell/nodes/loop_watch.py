@@ -1,4 +1,4 @@
-"""Ends the process of a server whose event loop stands still: no client's end is noticed, no lease is given back."""
+"""Ends the process of a door whose event loop stands still: no client's end is noticed, no lease is given back."""
 
 from __future__ import annotations
 
@@ -20,19 +20,21 @@ class LoopWatch:
     """Watches the running event loop, from its construction to `close`, on a thread of its own.
 
     Args:
+        of: the door, for the thread's name.
         stalled_s: a loop that stands still for so long is a defect of the thread.
     """
 
-    def __init__(self, clock: DeadlineClock, stalled_s: float = STALLED_S) -> None:
+    def __init__(self, clock: DeadlineClock, of: str, stalled_s: float = STALLED_S) -> None:
         self._clock, self._stalled_s = clock, stalled_s
         self._turn_s, self._closing = clock.now_s(), threading.Event()
         self._turning = asyncio.create_task(self._turn())
-        self._thread = OwnedThread(Role.DOOR, self._watch, of="opcua-loop").start()
+        self._thread = OwnedThread(Role.DOOR, self._watch, of=f"{of}-loop").start()
 
     def close(self) -> None:
-        """Watch no longer."""
+        """Watch no longer. Idempotent; called on the loop."""
         self._closing.set()
         self._turning.cancel()
+        self._thread.join()
 
     async def _turn(self) -> None:
         while True:
