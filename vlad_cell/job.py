@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pydantic import ValidationError
 
 from bus.errors import ConfigError
+from bus.first_mistake import first_mistake
 from bus.messages import GraspHints, Job, Place, Target
 
 ToPick = str | Target | None
@@ -37,11 +38,7 @@ def job_of(
             queue=queue,
         )
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"]) or "the job"
-        raise ConfigError(
-            f"{where}: {first['msg'].removeprefix('Value error, ')}.", "See docs/api.md, pick."
-        ) from error
+        raise ConfigError(f"{first_mistake(error, whole='the job')}.", "See docs/api.md, pick.") from error
 
 
 def _place(place: ToLay) -> Place | None:

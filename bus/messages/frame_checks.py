@@ -13,6 +13,7 @@ from pydantic import ValidationError
 
 from bus.codes import ADVICE, Code
 from bus.errors import BadFrame
+from bus.first_mistake import first_mistake
 from bus.frozen import Message
 from bus.lazy import LazyModule
 
@@ -43,9 +44,7 @@ def made(name: str, values: Any, make: Callable[[Any], MessageT]) -> MessageT:
     try:
         return make(values)
     except ValidationError as error:
-        first = error.errors(include_url=False, include_context=False, include_input=False)[0]
-        where = ".".join([name, *map(str, first["loc"])])
-        raise bad(f"{where}: {first['msg'].removeprefix('Value error, ')}.") from error
+        raise bad(f"{first_mistake(error, inside=name)}.") from error
 
 
 def require_rgb(field: str, color: Any) -> None:

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 import typer
 from pydantic import ValidationError
 
+from bus.first_mistake import first_mistake
 from bus.messages import GraspHints, Job, Place, Target
 
 JobId = Annotated[str, typer.Option("--job", help="Your name for the job: in state, result and recording.")]
@@ -72,9 +73,7 @@ def job_of(
             queue=queue,
         )
     except ValidationError as error:
-        first = error.errors()[0]
-        where = "".join(f"{part}: " for part in first["loc"])
-        raise typer.BadParameter(f"{where}{first['msg'].removeprefix('Value error, ')}.") from error
+        raise typer.BadParameter(f"{first_mistake(error)}.") from error
 
 
 def _place(text: str | None) -> Place | None:
