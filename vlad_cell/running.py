@@ -12,12 +12,13 @@ from bus.at_end import cancel_close_at_end, close_at_end
 from bus.commands import CellHealth, CellState, CommandRequest
 from bus.errors import CellUnreachable, ConfigError, NotReached, ReplyTimeout
 from bus.messages import CycleResult, Job
+from bus.messages.job import job_of
 from cell.cli.fleet import fleet
 from cell.client import LEADS_TO, Client, client_name, connect
 from cell.daemon.batch import Batch
 from cell.machine.states import ENDED, SETTLED, told
 from config.schema import Station
-from vlad_cell.job import ToLay, ToPick, job_of
+from vlad_cell.job import ToLay, ToPick, place_of, target_of, wrong_argument_named
 from vlad_cell.pick import Pick, Progress
 from vlad_cell.picks import Picks
 from vlad_cell.said import Said, attended, next_message
@@ -250,7 +251,17 @@ class Cell:
         object_name: str | None = None,
     ) -> Pick:
         """Begin a pick, and return at once; the arguments and errors are those of `pick`."""
-        job = job_of(target, place, job_id, deadline_s, max_force_n, from_above, clear_way, queue)
+        with wrong_argument_named():
+            job = job_of(
+                target_of(target),
+                place_of(place),
+                job_id=job_id,
+                deadline_s=deadline_s,
+                max_force_n=max_force_n,
+                from_above=from_above,
+                clear_way=clear_way,
+                queue=queue,
+            )
         self._forget()
         reply = self._client.command("pick", object_name=object_name, job=job)
         return Pick(self._client, reply.cycle_id, reply.job_id, reply.position)
@@ -268,7 +279,8 @@ class Cell:
         if until_empty and cycles != 1:
             raise ConfigError("cycles and until_empty exclude each other.", "Give a number of picks, or until_empty.")
         batch = Batch(CommandRequest(cycles=cycles, until_empty=until_empty), self._station.retry)
-        job = job_of(target, None, "", None, None, False, False, False)
+        with wrong_argument_named():
+            job = Job(target=target_of(target))
         self._forget()
         reply = self._client.command("start", cycles=cycles, until_empty=until_empty, job=job)
         yield from Picks(self._client, batch, reply)
