@@ -14,6 +14,7 @@ from typing import Any
 from pydantic import BaseModel
 
 import vlad_cell
+from config.field_docs import meanings
 from docs.fields import markdown
 
 PAGE = Path(__file__).with_name("api.md")
@@ -51,14 +52,10 @@ def _values(of: type) -> list[str]:
 
 
 def _attributes(of: type) -> Iterator[str]:
-    """A row for each entry of the docstring's ``Attributes:``, which may name several, or go on with another one."""
+    """A row for each attribute of which the class's docstring speaks."""
     kinds = inspect.get_annotations(of)
-    block = next((one for one in _blocks(of) if one.startswith("Attributes:")), "")
-    for entry in _entries(block):
-        for part in re.split(r"(?<=[.;]) (?=``\w+``: )", entry):
-            names, _, text = part.partition(": ")
-            for name in names.replace("``", "").split(", "):
-                yield f"| `{name}` | {_cell(_type(kinds.get(name, '')))} | {markdown(_inline(text))} |"
+    for name, text in meanings(of).items():
+        yield f"| `{name}` | {_cell(_type(kinds[name]))} | {markdown(_inline(text))} |"
 
 
 def _methods(of: type) -> Iterator[str]:
