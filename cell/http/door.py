@@ -52,7 +52,10 @@ class Cell(Protocol):
     """The connection to the cell that all requests share (`cell.client.Client`)."""
 
     client_id: str
-    is_gone: bool
+
+    @property
+    def is_gone(self) -> bool:
+        """Whether the cell has ended, or the link to it."""
 
     def state(self) -> CellState:
         """The state now."""
