@@ -43,7 +43,7 @@ def _of(name: str) -> str:
 def _values(of: type) -> list[str]:
     """The attributes and properties of a class, as a table; empty without any."""
     rows = [*_attributes(of)]
-    for name, member in vars(of).items():
+    for name, member in _members(of):
         if _is_property(member) and not name.startswith("_"):
             read = getattr(member, "fget", None) or member.func
             text = " ".join(" ".join(_told(member)).replace("**", "").split())
@@ -59,12 +59,19 @@ def _attributes(of: type) -> Iterator[str]:
 
 
 def _methods(of: type) -> Iterator[str]:
-    """The public methods of a class, in the order of its text."""
-    for name, member in vars(of).items():
+    """The public methods of a class, those of its bases first, in the order of their text."""
+    for name, member in _members(of):
         value = member.__func__ if isinstance(member, classmethod | staticmethod) else member
         if not name.startswith("_") and inspect.isfunction(value):
             shown = f"{of.__name__}.{name}"
             yield "\n\n".join([f"### {shown}", _signature(shown, value), *_told(value)])
+
+
+def _members(of: type) -> Iterator[tuple[str, Any]]:
+    """What a class, and the bases of ours before it, define."""
+    for base in reversed(of.__mro__):
+        if base.__module__.startswith("vlad_cell."):
+            yield from vars(base).items()
 
 
 def _is_property(value: Any) -> bool:
