@@ -20,7 +20,7 @@ from perception.geometry.lift import project
 from perception.goal.imagine import ROD_COLORS
 from perception.models.painter import paint as paint_rod
 from perception.observed_object import ObservedObject, RodColor
-from stand_ins.model_server import Picture
+from stand_ins.asked import Picture
 
 _STATION = load_station(None, ["hand.max_width_m=0.1"])
 """A model that sees a picture does not know to the millimetre what fits the jaw."""
