@@ -51,7 +51,7 @@ class Attacked:
 
     @property
     def state(self) -> str:
-        """What it really is."""
+        """The state that the cell really is in."""
         return str(self.daemon.machine.state)
 
     @property

@@ -59,7 +59,7 @@ _AWAY_M = (0.0, 0.9, -3.0)
 
 @dataclass
 class Felt:
-    """What the world judged in one motion: true force [N] and height of the hand [m], a row each tick."""
+    """The true force [N] and the height of the hand [m] in one motion, as the world judged them, a row each tick."""
 
     force_n: list[float] = field(default_factory=list)
     hand_m: list[float] = field(default_factory=list)
@@ -223,7 +223,7 @@ def place_post(world: World, robot: Robot, reach: Trajectory, by_mm: float) -> N
 
 @dataclass
 class Tally:
-    """What came of the descents.
+    """The results of the descents.
 
     Attributes:
         force_n: largest true forces: onto a raised table; onto a hidden post near the end of the approach; onto one

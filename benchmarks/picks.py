@@ -56,7 +56,7 @@ class Problem:
     yaw_rad: float
 
     def scene(self, robot: Robot) -> Scene:
-        """What the planner is given."""
+        """Return the scene that the planner is given."""
         if self.sight is not None:
             return Scene.of(robot, robot.station, *([self.sight] if self.sight else []), boxes=(TABLE,))
         return Scene(robot, robot.station, self.boxes, target=self.target_points)

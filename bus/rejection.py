@@ -12,7 +12,7 @@ ObstacleKind = Literal["box", "seen", "unseen", "target", "robot"]
 
 
 class Obstacle(Message):
-    """What was in the way, where the arm would have come nearest to it.
+    """The thing in the way, where the arm would have come nearest to it.
 
     Attributes:
         part: of the robot, e.g. ``left finger``; ``held object``: what it carries.

@@ -169,7 +169,7 @@ def named(path: Sequence[int | str]) -> str:
 
 
 def _corrected(mistake: ErrorDetails) -> str:
-    """What to do about a value that cannot be: the word that was meant, if it is like one of those there are."""
+    """Return what to do about a value that cannot be: the word that was meant, if it is like one of those there are."""
     given, words = mistake.get("input"), mistake.get("ctx", {}).get("expected", "")
     if mistake["type"] == "literal_error" and isinstance(given, str):
         near = difflib.get_close_matches(given, re.findall(r"'([^']*)'", words), n=1)

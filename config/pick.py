@@ -49,7 +49,7 @@ class PlanningSettings(Settings):
 
 
 class ExecuteSettings(Settings):
-    """What the arm feels on its way to a grasp.
+    """Execution: what the arm feels on its way to a grasp.
 
     Attributes:
         contact_n: on the approach line the arm stops where it meets more force than this against its motion; 0 = it

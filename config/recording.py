@@ -1,4 +1,4 @@
-"""What is recorded, and how long it is kept."""
+"""Settings of recordings: where they lie, and how long they are kept."""
 
 from __future__ import annotations
 

@@ -68,7 +68,7 @@ def _methods(of: type) -> Iterator[str]:
 
 
 def _members(of: type) -> Iterator[tuple[str, Any]]:
-    """What a class, and the bases of ours before it, define."""
+    """Yield what a class, and the bases of ours before it, define."""
     for base in reversed(of.__mro__):
         if base.__module__.startswith("vlad_cell."):
             yield from vars(base).items()
@@ -116,7 +116,7 @@ def _cell(text: str) -> str:
 
 
 def _told(what: Any) -> Iterator[str]:
-    """What a docstring says, as Markdown: its sentences, and each of its sections as a list."""
+    """Yield what a docstring says, as Markdown: its sentences, and each of its sections as a list."""
     for block in _blocks(what):
         section = _SECTION.match(block)
         yield _list(section[1], section[2], block) if section else _inline(" ".join(block.split()))

@@ -1,4 +1,4 @@
-"""What was in the way of a rejected motion: which thing, where, and by how much too near. Frames: docs/frames.md."""
+"""The obstacle of a rejected motion: which thing, where, and by how much too near. Frames: docs/frames.md."""
 
 from __future__ import annotations
 
@@ -121,18 +121,18 @@ def _is_carried(pair: Pair) -> bool:
 
 
 def _who(collision: Collision, pair: Pair) -> tuple[str, str]:
-    """What moves, and what it would touch: the object in the hand moves, whatever the order of the two."""
+    """Return what moves, and what it would touch: the object in the hand moves, whatever the order of the two."""
     return (collision.other, collision.part) if _is_carried(pair) else (collision.part, collision.other)
 
 
 def _ordered(pair: Pair) -> tuple[Placed, Placed]:
-    """What moves, and what it would touch, with their places."""
+    """Return what moves, and what it would touch, with their places."""
     first, second = pair.placed()
     return (second, first) if _is_carried(pair) else (first, second)
 
 
 def _shape(name: str, other: Placed, scene: Scene) -> tuple[ObstacleKind, Array]:
-    """What kind of thing it is, and the points (n, 3) in ``base`` that show it."""
+    """Return what kind of thing it is, and the points (n, 3) in ``base`` that show it."""
     boxes = {box.name: box for box in scene.boxes}
     if name in boxes:
         return "box", _corners(boxes[name])

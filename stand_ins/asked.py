@@ -37,7 +37,7 @@ OF_PICTURES = frozenset({Fault.TRUNCATED_PNG, Fault.WRONG_SIZE, Fault.TEXT_ONLY}
 
 
 class Picture(NamedTuple):
-    """What a painter is given.
+    """The picture that a painter is given.
 
     Attributes:
         image: (H, W, 3) RGB.

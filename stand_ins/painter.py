@@ -62,7 +62,7 @@ def paint(picture: Picture) -> Image:
 
 
 def object_mask(image: Image) -> npt.NDArray[np.bool_]:
-    """What stands out from the picture's rim."""
+    """Return what stands out from the picture's rim."""
     rim = np.concatenate([image[:4].reshape(-1, 3), image[-4:].reshape(-1, 3)])
     apart = np.abs(image.astype(np.int16) - np.median(rim, axis=0)).max(axis=2)
     return np.asarray(cv2.morphologyEx((apart > _STANDS_OUT).astype(np.uint8), cv2.MORPH_OPEN, np.ones((5, 5))) > 0)

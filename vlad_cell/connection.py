@@ -73,7 +73,7 @@ class Connection:
         return self._station
 
     def state(self) -> CellState:
-        """What the cell does now: ``state``, ``stage``, ``available`` commands, ``reason``. Raises: BusError."""
+        """Return what the cell does: ``state``, ``stage``, ``available`` commands, ``reason``. Raises: BusError."""
         return self._client.state()
 
     def health(self) -> CellHealth:
@@ -81,7 +81,7 @@ class Connection:
         return self._client.health()
 
     def events(self, timeout_s: float = 600.0) -> Iterator[Said]:
-        """What the cell says from now on, until it settles after something moved; who commanded it does not matter.
+        """Yield what the cell says until it settles after something moved; who commanded it does not matter.
 
         Args:
             timeout_s: longest silence.

@@ -48,7 +48,7 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Deed:
-    """What one device did.
+    """One action of one device.
 
     Attributes:
         kind: one of the above.

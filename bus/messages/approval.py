@@ -1,4 +1,4 @@
-"""What a person is asked before the arm moves for a grasp, and what they answered."""
+"""The question to a person before the arm moves for a grasp, and the answer."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ class SegmentRun(Message):
 
 
 class Contact(Message):
-    """What the arm met on its approach line, short of the grasp.
+    """The contact of the arm with something on its approach line, short of the grasp.
 
     Attributes:
         base_from_tcp: (4, 4) where it came to rest.

@@ -1,4 +1,4 @@
-"""What a frame and a camera pose have to be. Whoever makes a `Frame`, a `View` or an `Observation` passes these checks.
+"""Checks of a frame and of a camera pose. Whoever makes a `Frame`, a `View` or an `Observation` passes them.
 
 So a driver of ours or of another package, the bus, a recording and a program are held to the same, once, and nothing
 behind a message asks again. Frames, units and signs: docs/frames.md.

@@ -76,7 +76,7 @@ class GraspHints(Message):
 
 
 class Job(Message):
-    """What is asked of a ``pick``, or of every pick of a ``start``.
+    """The request behind a ``pick``, or behind every pick of a ``start``.
 
     Attributes:
         job_id: the client's own name for it, returned in state, result and recording.

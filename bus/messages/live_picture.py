@@ -11,7 +11,7 @@ PictureType = Literal["image/png", "image/jpeg"]
 
 
 class PictureRequest(Message):
-    """What kind of picture is wanted.
+    """The kind of picture that is wanted.
 
     Attributes:
         media_type: of the file.

@@ -1,4 +1,4 @@
-"""What detect saw before it looked for grasps: the table, the things on it, and what was not seen."""
+"""The scene as detect saw it before it looked for grasps: the table, the things on it, and what was not seen."""
 
 from __future__ import annotations
 

@@ -122,7 +122,7 @@ def run(
 
 
 def _begins(reply: CommandReply) -> str:
-    """What an accepted command begins, for a person."""
+    """Return what an accepted command begins, for a person."""
     if reply.position:
         return f"job {reply.job_id} waits at place {reply.position} of the queue; Ctrl-C drops it"
     return f"cycle {reply.cycle_id} begins; Ctrl-C holds it"

@@ -91,7 +91,7 @@ def show(cycle: Cycle, config: Config = DEFAULT_STATION, as_json: Json = False) 
 
 
 def _asked(job: Job) -> Iterator[str]:
-    """What was asked for, where anything was."""
+    """Yield what was asked for, where anything was."""
     if job.job_id:
         yield f"job         {job.job_id}"
     for name, asked in (("target", job.target), ("place", job.place)):

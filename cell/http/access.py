@@ -21,7 +21,7 @@ _HELP = "docs/security.md says how to make them."
 
 
 class HttpRole(StrEnum):
-    """What a client may do."""
+    """The rights of a client."""
 
     VIEWER = "viewer"
     """Look, and bring motion to rest."""

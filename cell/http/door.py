@@ -1,4 +1,4 @@
-"""What the requests share: the connection to the cell, what it said last, the streams, the sessions, the threads."""
+"""The part that the requests share: the connection to the cell, what it said last, streams, sessions, threads."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is recorded: the list of cycles, their small pictures, the figures of a day, what persons say of them."""
+"""Answers about recordings: the list of cycles, their small pictures, figures of a day, what persons say of them."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _DAY = re.compile(r"(today|\d{4}(-\d{2}(-\d{2})?)?)?")
 
 
 class Verdict(Message):
-    """What a person says of a cycle.
+    """The verdict of a person about a cycle.
 
     Attributes:
         who: the person. ``label``: "" for a mere note.

@@ -87,7 +87,7 @@ def _is_json(text: str) -> bool:
 
 
 def _checked(make: Callable[[], MessageT], what: str) -> MessageT:
-    """What ``make`` returns. Raises: Refused (BAD_JOB) that names the field."""
+    """Return what ``make`` returns. Raises: Refused (BAD_JOB) that names the field."""
     try:
         return make()
     except ValidationError as error:

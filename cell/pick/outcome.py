@@ -1,4 +1,4 @@
-"""What a cycle's result says of its object: the thing it went for, the grasp that was executed, where it was laid."""
+"""The object in a cycle's result: the thing it went for, the grasp that was executed, where it was laid."""
 
 from __future__ import annotations
 

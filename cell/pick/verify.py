@@ -146,7 +146,7 @@ def _cleared(
 
 
 class _Felt(NamedTuple):
-    """What hand and arm measured with the object: the widths and the load in the hold, and on every way."""
+    """Measurements of hand and arm with the object: the widths and the load in the hold, and on every way."""
 
     held_m: list[float]
     on_the_way_m: list[float]

@@ -108,7 +108,7 @@ class Comparison:
 
 
 def compare_cycles(a: CycleRecord, b: CycleRecord, *, everything: bool = False) -> Comparison:
-    """What differs between two cycles, as `logs.mcap.reader.read_cycle` gives them.
+    """Return what differs between two cycles, as `logs.mcap.reader.read_cycle` gives them.
 
     Args:
         everything: also measured values that differ by less than a second run of the same would.

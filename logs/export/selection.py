@@ -94,7 +94,7 @@ class Selection:
 
 @dataclass(frozen=True)
 class Done:
-    """What an export wrote.
+    """The result of an export.
 
     Attributes:
         target: its folder. ``counts``: of what it holds. ``recordings_bytes``: size of the recordings it was made of.

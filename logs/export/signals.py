@@ -1,4 +1,4 @@
-"""What was measured and commanded, as samples over the time of an episode, and their values at any time of it."""
+"""Measured and commanded values as samples over the time of an episode, and their values at any time of it."""
 
 from __future__ import annotations
 

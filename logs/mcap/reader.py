@@ -288,7 +288,7 @@ def _cycle(raw: Content, *, has_frames: bool) -> CycleRecord:
 
 
 def _scene(raw: Content, detected: Sequence[Stage]) -> ObservedScene | None:
-    """What was seen last: in the result of detect, or of a detection that failed on its own."""
+    """Return what was seen last: in the result of detect, or of a detection that failed on its own."""
     if detected and isinstance(detected[-1].result, Detections):
         return detected[-1].result.scene
     alone = raw.payloads.get(topics.SCENE.key, [])

@@ -73,7 +73,7 @@ def table_or_mount(
     noise = np.tile([_SLOPE_NOISE_RAD, _SLOPE_NOISE_RAD, _HEIGHT_NOISE_M], len(seen))
 
     def errors(unknown: Array) -> Array:
-        """What (3 k + 9,) is left to explain, in standard deviations."""
+        """Return what (3 k + 9,) is left to explain, in standard deviations."""
         left = [_left(unknown, plane, pose, middle_base) for plane, pose in zip(seen, base_from_color, strict=True)]
         return np.concatenate([np.concatenate(left) / noise, unknown / _PRIOR])
 
@@ -97,7 +97,7 @@ def table_or_mount(
 
 
 def _named(table: float, mount: float) -> Literal["table", "mount", ""]:
-    """What is off, from how many times its bound each is."""
+    """Return what is off, from how many times its bound each is."""
     if max(table, mount) <= 1:
         return ""
     return "table" if table > mount else "mount"

@@ -32,7 +32,7 @@ Grid = npt.NDArray[np.float64]
 
 
 class Others(NamedTuple):
-    """What became of the things beside the one that was grasped, by their numbers.
+    """The fate of the things beside the one that was grasped, by their numbers.
 
     Attributes:
         gone: their place is empty, or lower than it was, and nothing as large stands newly near it.

@@ -1,4 +1,4 @@
-"""What lies between the fingers of a grasp, as it was seen before: along the closing axis, one thing or two?
+"""The things between the fingers of a grasp, as seen before: along the closing axis, one thing or two?
 
 Frames: docs/frames.md.
 """
@@ -33,7 +33,7 @@ Array = npt.NDArray[np.float64]
 
 
 class InJaw(NamedTuple):
-    """What lay between the fingers.
+    """The things that lay between the fingers.
 
     Attributes:
         others: numbers of other things of which at least 10 mm along the closing axis lay there.

@@ -42,7 +42,7 @@ Points = npt.NDArray[np.float32]
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What was seen, in the table's frame.
+    """The scene as it was seen, in the table's frame.
 
     Attributes:
         looks: as many as there were observations. ``shown``: index of the one that models and people are shown.

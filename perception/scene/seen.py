@@ -1,4 +1,4 @@
-"""What was seen and what was not: how much of the pick region, each thing on it, and whether an empty one is empty."""
+"""The seen and the unseen: how much of the pick region, each thing on it, and whether an empty one is empty."""
 
 from __future__ import annotations
 
