@@ -71,7 +71,7 @@ class Felt:
 
     @property
     def overshoot_mm(self) -> float:
-        """How far the hand went on down after it first touched; 0 when it never did."""
+        """The way of the hand further down after it first touched; 0 when it never did."""
         touched = np.flatnonzero(np.array(self.force_n) > _TOUCHES_N)
         return float(self.hand_m[touched[0]] - min(self.hand_m)) * 1e3 if len(touched) else 0.0
 

@@ -1,4 +1,4 @@
-"""Who drives what, and the devices themselves: camera, arm, hand."""
+"""Settings of nodes, which drive devices, and of the devices themselves: camera, arm, hand."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class CameraSettings(Settings):
 
 
 class CaptureSettings(Settings):
-    """How often the scene is looked at before a pick.
+    """Captures: how often the scene is looked at before a pick.
 
     Attributes:
         views: 1, 2 or 3 looks, fewer where no other place is reached; ``auto`` looks again only when too little was

@@ -50,7 +50,7 @@ def _said_above(model: type) -> dict[str, str]:
 
 
 def _marks(text: str, model: type) -> list[re.Match[str]]:
-    """Where a text begins to speak of fields."""
+    """Return where a text begins to speak of fields."""
     fields = _fields(model)
     return [mark for mark in _ENTRY.finditer(text) if fields.issuperset(_names(mark))]
 

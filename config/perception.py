@@ -1,4 +1,4 @@
-"""How grasps are found: the goal-image model, segmentation, alignment, targets."""
+"""Settings of the search for grasps: the goal-image model, segmentation, alignment, targets."""
 
 from __future__ import annotations
 

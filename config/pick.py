@@ -1,4 +1,4 @@
-"""How a pick is planned, executed, verified and tried again."""
+"""Settings of how a pick is planned, executed, verified and tried again."""
 
 from __future__ import annotations
 

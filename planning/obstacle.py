@@ -76,7 +76,7 @@ def obstacle_of(collision: Collision, there: Sequence[Pair], scene: Scene, width
 
 
 def _too_near_m(pair: Pair, scene: Scene) -> float | None:
-    """How far the part would have to move; the least over all directions, by bisection to half a millimetre."""
+    """Return how far the part would have to move; the least over all directions, bisected to half a millimetre."""
     (part, pose), other = _ordered(pair)
     closing = scene.robot.base_from_tcp(pair.q_rad)[:3, 1]
     first = float(np.arctan2(closing[1], closing[0]))

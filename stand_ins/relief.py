@@ -37,7 +37,7 @@ class Layer(NamedTuple):
 
 @dataclass(frozen=True)
 class Pose:
-    """Where something goes: stretched, turned out of the image plane, turned in it, shifted.
+    """The pose of something: stretched, turned out of the image plane, turned in it, shifted.
 
     Attributes:
         center: (2,) what everything turns about. ``moved``: (2,) where it ends.

@@ -64,7 +64,7 @@ class Connection:
 
     @property
     def endpoint(self) -> str:
-        """Where the cell answers: for `Cell` in another program, or ``--set bus.endpoint=...`` of a command."""
+        """The endpoint where the cell answers: for `Cell` elsewhere, or ``--set bus.endpoint=...`` of a command."""
         return self._station.bus.endpoint
 
     @property
@@ -77,7 +77,7 @@ class Connection:
         return self._client.state()
 
     def health(self) -> CellHealth:
-        """How the cell and its nodes are. Raises: BusError."""
+        """Return the health of the cell and its nodes. Raises: BusError."""
         return self._client.health()
 
     def events(self, timeout_s: float = 600.0) -> Iterator[Said]:

@@ -116,7 +116,7 @@ class Cycle:
 
     @property
     def code(self) -> str:
-        """Why it failed: one of the codes of docs/faults.md; "" for none."""
+        """The code of its failure, one of docs/faults.md; "" for none."""
         return self._timeline.code
 
     @property

@@ -48,7 +48,7 @@ class Attempt(Message):
 
 
 class Failure(Message):
-    """Why a stage ended the cycle.
+    """The failure with which a stage ended the cycle.
 
     Attributes:
         rejected: from the plan stage, every way to grasp that is not feasible.
@@ -113,7 +113,7 @@ class GraspOutcome(Message):
 
 
 class Laid(Message):
-    """Where a held object was let go. ``place``: name of the station's place, "" for its tray or a position.
+    """The place where a held object was let go. ``place``: name of the station's place, "" for its tray or a position.
 
     Attributes:
         position_m: (3,) of the tcp in ``base``.

@@ -42,7 +42,7 @@ class Target(Message):
 
 
 class Place(Message):
-    """Where the object is laid: a place of the station by its name, or a position.
+    """The place where the object is laid: a place of the station by its name, or a position.
 
     Attributes:
         name: of ``[[scene.places]]``.

@@ -23,7 +23,7 @@ class SeenTable(Message):
 
 
 class SeenMount(Message):
-    """How the camera's mounting differs from the station's, from the disagreement of several looks.
+    """The difference of the camera's mounting from the station's, from the disagreement of several looks.
 
     Attributes:
         color_from_corrected: (4, 4) what was used: ``base_from_color @ color_from_corrected`` is the better pose of

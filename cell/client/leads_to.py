@@ -1,4 +1,4 @@
-"""Which states each command leads to: a client waits for one of them."""
+"""The states that each command leads to: a client waits for one of them."""
 
 from __future__ import annotations
 

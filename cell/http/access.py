@@ -1,4 +1,4 @@
-"""Who may do what over HTTP: two roles, each with a token; on loopback without tokens everybody is the operator."""
+"""Access over HTTP: two roles, each with a token; on loopback without tokens everybody is the operator."""
 
 from __future__ import annotations
 

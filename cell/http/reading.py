@@ -105,7 +105,7 @@ def _nothing_shown() -> Refused:
 
 
 async def role(request: Request, _door: Door) -> Response:
-    """Who the client is."""
+    """Answer with who the client is."""
     return JSONResponse({"role": str(request.state.role)})
 
 

@@ -72,7 +72,7 @@ def _listed(folder: Path, limit: int) -> list[dict[str, Any]]:
 
 
 def _paths(file: Path, folder: Path) -> dict[str, str]:
-    """Where a recording and its report are served; "" for what is not there."""
+    """Return where a recording and its report are served; "" for what is not there."""
     page = file.with_suffix(".html")
     return {
         "file": f"/recordings/{_quoted(file, folder)}" if file.suffix == ".mcap" else "",

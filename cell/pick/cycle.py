@@ -79,7 +79,7 @@ class Cycle:
 
     @property
     def reason(self) -> str:
-        """Why it ended so, in words."""
+        """The reason why it ended so, in words."""
         return self._outcome()[2]
 
     def run(self) -> None:

@@ -1,4 +1,4 @@
-"""Which recordings are exported, and which are left out and why."""
+"""The choice of the recordings that are exported, and why others are left out."""
 
 from __future__ import annotations
 

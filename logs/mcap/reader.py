@@ -116,7 +116,7 @@ class CycleRecord:
 
     @property
     def trimmed(self) -> str:
-        """When the pictures were trimmed, and where the whole recording is, in words; "" for a whole one."""
+        """The time when the pictures were trimmed, and where the whole recording is, in words; "" for a whole one."""
         if THINNED not in self.metadata:
             return ""
         said = self.metadata[THINNED]

@@ -117,7 +117,7 @@ def _beside(one: Obstacle) -> str:
 
 
 def _by_how_much(one: Obstacle) -> str:
-    """How much too near, and the room that is needed."""
+    """Say how much too near, and the room that is needed."""
     if one.too_near_m is None:
         return f": more than 60 mm too near ({one.needed_m * 1e3:g} mm must stay free)"
     return f": {_mm(one.too_near_m)} mm too near ({one.needed_m * 1e3:g} mm must stay free)"

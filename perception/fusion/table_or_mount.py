@@ -112,7 +112,7 @@ def _plane(table: Table, color_from_base: Transform) -> Array:
 
 
 def _left(unknown: Array, plane_color: Array, base_from_color: Transform, middle_base: Array) -> Array:
-    """How far (3,) the view's plane, mounted thus, is from the table: two slopes, and the height [m] at the middle."""
+    """Return how far (3,) the view's plane, mounted thus, is from the table: two slopes, and the height [m] amid."""
     base_from_true = base_from_color @ pose_of(unknown[3:])
     normal = base_from_true[:3, :3] @ plane_color[:3]
     offset_m = plane_color[3] - normal @ base_from_true[:3, 3]

@@ -98,7 +98,7 @@ class _Emptied(NamedTuple):
 
 
 def _not_moved(emptied: dict[int, _Emptied], rose: int) -> list[int]:
-    """Which of the emptied places' things stand nowhere else; what rose (cells, in all) explains each thing once."""
+    """Return which of the emptied places' things stand nowhere else; what rose (cells, in all) explains each once."""
     gone = []
     for number, one in sorted(emptied.items(), key=lambda item: abs(item[1].cells - item[1].rose)):
         if one.cells - min(one.rose, rose) < _MIN_NET * one.cells:

@@ -86,7 +86,7 @@ class Scene:
 
     @property
     def count(self) -> int:
-        """How many things there are; they are numbered from 1 on."""
+        """The number of things; they are numbered from 1 on."""
         return int(self.heights.labels.max(initial=0))
 
     @cached_property
