@@ -1,4 +1,4 @@
-"""What an installer writes of a package, so that a test has one installed that nobody has."""
+"""The files that an installer writes of a package, so that a test has one installed that nobody has."""
 
 from __future__ import annotations
 

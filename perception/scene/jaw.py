@@ -63,7 +63,7 @@ def in_jaw(detections: Detections, grasp: Grasp, width_m: float, before: Observa
 def _between(
     detections: Detections, grasp: Grasp, width_m: float, before: Observation, station: Station
 ) -> tuple[Array, Array, npt.NDArray[np.int16]]:
-    """Where the pixels (n,) of things between the fingers lie along the closing axis [m], colours (n, 3), numbers."""
+    """Return where pixels (n,) of things between the fingers lie along the closing axis [m]; their colours, numbers."""
     depth_m = without_flying_pixels(before.frame.depth_m)
     rgbd, source = registered(before.frame, depth_m)
     labels = detections.scene.labels
