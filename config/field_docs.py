@@ -28,8 +28,11 @@ def summary(model: type[BaseModel]) -> str:
 
 
 def meanings(model: type[BaseModel]) -> dict[str, str]:
-    """By field: what is said of it, on one line. A field of which nothing is said is not in it."""
-    return {**_said_above(model), **_said_below(model)}
+    """By field, inherited ones too: what is said of it, on one line. A field of which nothing is said is not in it."""
+    said: dict[str, str] = {}
+    for base in reversed([one for one in model.__mro__ if issubclass(one, BaseModel)]):
+        said |= {**_said_above(base), **_said_below(base)}
+    return said
 
 
 def _docstring(model: type[BaseModel]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from types import ModuleType
 from typing import Annotated, Literal
@@ -101,3 +102,9 @@ def test_a_field_is_shown_with_its_type_its_limits_its_default_and_what_the_docs
 )
 def test_a_settings_unit_is_the_end_of_its_name(name: str, unit: str) -> None:
     assert settings_page.unit(name) == unit
+
+
+def test_every_setting_has_a_meaning() -> None:
+    """`cell config`, the JSON schema and the settings page show it."""
+    silent = [line for line in settings_page.page().splitlines() if re.match(r"\| `.*\| *\|$", line)]
+    assert not silent
