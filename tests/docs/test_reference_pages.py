@@ -104,7 +104,8 @@ def test_a_settings_unit_is_the_end_of_its_name(name: str, unit: str) -> None:
     assert settings_page.unit(name) == unit
 
 
-def test_every_setting_has_a_meaning() -> None:
-    """`cell config`, the JSON schema and the settings page show it."""
-    silent = [line for line in settings_page.page().splitlines() if re.match(r"\| `.*\| *\|$", line)]
+@pytest.mark.parametrize("of", [bus_page, settings_page], ids=lambda of: of.PAGE.name)
+def test_every_field_has_a_meaning(of: ModuleType) -> None:
+    """Pages and JSON schemas show it."""
+    silent = [line for line in of.page().splitlines() if re.match(r"\| `.*\| *\|$", line)]
     assert not silent
