@@ -42,6 +42,8 @@ class Rejection(Message):
     """A way to grasp that was rejected, and why.
 
     Attributes:
+        grasp: its index among the grasps.
+        code: the kind of obstacle. ``reason``: which, with its measurements.
         tilt_rad: as in `PickPlan`.
         obstacle: of a collision, when no other way was feasible either; else None, as in older recordings.
     """

@@ -28,8 +28,11 @@ def summary(model: type) -> str:
 
 
 def meanings(model: type) -> dict[str, str]:
-    """Return by field what is said of it, on one line. A field of which nothing is said is not in it."""
-    return {**_said_above(model), **_said_below(model)}
+    """Return by field, inherited ones too, what is said of it, on one line; without those of which nothing is said."""
+    said: dict[str, str] = {}
+    for base in reversed(model.__mro__[:-1]):  # the last is object
+        said |= {**_said_above(base), **_said_below(base)}
+    return said
 
 
 def _docstring(model: type) -> str:
