@@ -58,7 +58,7 @@ def root_of_labels(path: Path, config: Path) -> Path:
 
 
 def show(cycle: Cycle, config: Config = DEFAULT_STATION, as_json: Json = False) -> None:
-    """Why a cycle ended so: its result, what to do, its stages, what was changed for it."""
+    """Show why a cycle ended so: its result, what to do, its stages, what was changed for it."""
     path = find_cycle(cycle, config)
     record = read_cycle(path)
     timeline = summarize(record)
