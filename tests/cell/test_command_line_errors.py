@@ -195,12 +195,12 @@ def _imported(source: str) -> set[str]:
 
 def test_an_operator_in_a_hurry_waits_for_no_import() -> None:
     commands_ = [f"command({name!r})" for name in ("status", "stop", "reset", "pick", "run")]
-    source = ["from cell.cli.commands import command", "import cell.__main__, config.load", *commands_]
+    source = ["from cell.cli.commands import command", "import cell.command, config.load", *commands_]
     assert not _imported("; ".join([*source, "config.load.load_station()"])) & _HEAVY
 
 
 def test_help_imports_no_command() -> None:
-    source = "import cell.__main__; sys.argv[1:] = ['--help']\ntry: cell.__main__.main()\nexcept SystemExit: pass"
+    source = "import cell.command; sys.argv[1:] = ['--help']\ntry: cell.command.main()\nexcept SystemExit: pass"
     names = _imported(source.replace("; sys", "\nsys"))
     assert not names & (_HEAVY | {f"cell.cli.{row.module}" for row in commands.COMMANDS.values()})
 
