@@ -81,7 +81,7 @@ def test_the_program_that_picks_joins_a_running_cell(cell: Cell, run_example: Ru
     told = run_example("pick_from_python.py", cell.endpoint, "purple")
     assert "Execute detect" in told and "FAILED TARGET_NOT_FOUND Nothing here is 'purple'." in told
     failed = read_cycle(told.splitlines()[-1])
-    assert (failed.outcome, failed.code, failed.grasps, failed.chosen) == ("FAILED", "TARGET_NOT_FOUND", (), None)
+    assert (failed.result, failed.code, failed.grasps, failed.chosen) == ("FAILED", "TARGET_NOT_FOUND", (), None)
     assert failed.color.shape == (720, 1280, 3), "what it saw is there"
     with pytest.raises(RecordingError, match="Nothing was found"):
         failed.picture()
