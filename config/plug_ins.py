@@ -7,6 +7,7 @@ without is called with the station alone.
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
@@ -134,7 +135,7 @@ class Group:
         if model is None:
             if given:
                 what = f"{where}.{next(iter(given))}: the {self.kind} {name!r} has no settings."
-                raise ConfigError(what, f"Leave [{where}] out.")
+                raise ConfigError(what, f"Leave {where} out.")
             return None
         try:
             return model.model_validate(dict(given))
@@ -154,8 +155,10 @@ def _explained(error: ValidationError, model: type[BaseModel], whose: str, where
     first = error.errors()[0]
     field = ".".join((where, *(str(part) for part in first["loc"])))
     message = first["msg"].removeprefix("Value error, ")
+    near = difflib.get_close_matches(str(first["loc"][-1]), model.model_fields, n=1) if first["loc"] else []
+    meant = f"Did you mean '{where}.{near[0]}'? " if near and first["type"] == "extra_forbidden" else ""
     known = ", ".join(model.model_fields) or "none"
-    return f"{field}: {message} (the {whose} says).", f"Correct [{where}] in the station file. Its settings: {known}."
+    return f"{field}: {message} (the {whose} says).", f"{meant}Correct it where it is given. Its settings: {known}."
 
 
 def _is_ours(point: EntryPoint) -> bool:

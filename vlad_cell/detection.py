@@ -136,10 +136,7 @@ def detect(
         CycleFailure: there is no grasp; ``code`` says why (NO_OBJECT, NO_GRASP, TABLE_MOVED, NOT_SEEN, ...).
         ConfigError: a setting is wrong, or a model is not there.
     """
-    changed: dict[str, Any] = dict(settings or {})
-    if region_m is not None:
-        changed["scene.pick_region_m"] = [float(one) for one in region_m]
-    station = station_of(config, changed)
+    station = station_of(config, settings, {"region_m": ("scene.pick_region_m", region_m)})
     observation = observed(color, depth_m, K, base_from_camera, distortion)
     with closing(open_models(station, os.environ)) as models:
         return Detections(vlad_grasp(observation, station, models, ignore_reply))

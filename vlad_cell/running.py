@@ -53,13 +53,9 @@ class Cell:
         settings: Settings | None = None,
         name: str = "python",
     ) -> None:
-        changed = dict(settings or {})
-        if endpoint:
-            changed["bus.endpoint"] = endpoint
-        if cell_id:
-            changed["cell_id"] = cell_id
-        station = station_of(config, changed)
-        if config is None and "cell_id" not in changed:
+        named = {"endpoint": ("bus.endpoint", endpoint or None), "cell_id": ("cell_id", cell_id or None)}
+        station = station_of(config, settings, named)
+        if config is None and not cell_id and "cell_id" not in (settings or {}):
             station = station.model_copy(update={"cell_id": _only_cell(station)})
         with ExitStack() as stack:
             self._open(station, name, stack)
@@ -94,11 +90,14 @@ class Cell:
 
         Raises: ConfigError for a wrong setting, or a station with real devices; what keeps the cell from starting.
         """
-        named = {"sim.seed": seed, "sim.objects": objects, "recording.folder": folder}
-        given = {key: value for key, value in named.items() if value is not None}
+        named = {
+            "seed": ("sim.seed", seed),
+            "objects": ("sim.objects", objects),
+            "folder": ("recording.folder", folder),
+        }
         cell = cls.__new__(cls)
         with ExitStack() as stack:
-            station = stack.enter_context(running(station_of(config, {**given, **(settings or {})})))
+            station = stack.enter_context(running(station_of(config, settings, named)))
             cell._open(station, "python", stack)
         return cell
 

@@ -101,10 +101,16 @@ def test_what_cannot_be_is_refused_and_named(changed: dict[str, Any], said: str)
 
 
 @pytest.mark.parametrize(
-    ("settings", "said"),
-    [({"hand.width": 1}, "hand.width"), ({"hand.max_width_m": object()}, "of object")],
-    ids=["unknown", "of no type"],
+    ("given", "said"),
+    [
+        ({"settings": {"hand.width": 1}}, r"Unknown key .* in settings\['hand\.width'\]\. Did you mean 'hand\."),
+        ({"settings": {"hand.max_width_m": object()}}, r"of object\. Correct settings\['hand\.max_width_m'\]"),
+        ({"settings": {"hand.max_width_m": -1}}, r"greater than 0 .*Correct settings\['hand\.max_width_m'\]"),
+        ({"region_m": (0.6, 0.3, -0.2, 0.2)}, r"scene\.pick_region_m: .*Correct region_m\."),
+        ({"region_m": (0.3, 0.6)}, r"scene\.pick_region_m.*too few.*Correct region_m\."),
+    ],
+    ids=str,
 )
-def test_a_wrong_setting_is_refused_by_its_name(settings: dict[str, Any], said: str) -> None:
+def test_a_wrong_setting_is_refused_with_the_argument_that_gave_it(given: dict[str, Any], said: str) -> None:
     with pytest.raises(ConfigError, match=said):
-        detect(*image(), K, BASE_FROM_CAMERA, settings=settings)
+        detect(*image(), K, BASE_FROM_CAMERA, **given)
