@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from vlad_cell import BadFrame, ConfigError, CycleFailure, Detections, Picture, detect
+from vlad_cell import ConfigError, CycleFailure, Detections, Picture, detect
 
 Array = npt.NDArray[Any]
 SIZE_PX, HIGH_M, TALL_M = (360, 480), 0.6, 0.04
@@ -76,28 +76,6 @@ def test_nothing_outside_the_region_is_looked_at() -> None:
     with pytest.raises(CycleFailure) as refused:
         detect(*image(), K, BASE_FROM_CAMERA, region_m=(0.5, 0.58, 0.05, 0.12))
     assert refused.value.code == "NO_OBJECT"
-
-
-@pytest.mark.parametrize(
-    ("changed", "said"),
-    [
-        ({"color": image()[0].astype(float)}, "uint8"),
-        ({"color": image()[0][..., :2]}, "RGB"),
-        ({"depth_m": (image()[1] * 1000).astype(np.uint16)}, "divide these millimetres by 1000"),
-        ({"depth_m": image()[1][:-1]}, "depth_m has the shape"),
-        ({"K": np.eye(4)}, "K has the shape"),
-        ({"K": K.T}, "no matrix of a pinhole camera"),
-        ({"K": (0, 450, 240, 180)}, "fx is 0"),
-        ({"base_from_camera": 2 * BASE_FROM_CAMERA}, "not rigid"),
-        ({"base_from_camera": np.eye(3)}, "base_from_color"),
-    ],
-    ids=str,
-)
-def test_what_cannot_be_is_refused_and_named(changed: dict[str, Any], said: str) -> None:
-    color, depth_m = image()
-    given = {"color": color, "depth_m": depth_m, "K": K, "base_from_camera": BASE_FROM_CAMERA, **changed}
-    with pytest.raises(BadFrame, match=said):
-        detect(**given)
 
 
 @pytest.mark.parametrize(
