@@ -23,6 +23,7 @@ from vlad_cell import (
     CycleResult,
     RecordingError,
     Refused,
+    Target,
     read_cycle,
     simulated_cell,
 )
@@ -155,6 +156,10 @@ def test_what_the_cell_does_not_do_now_is_refused_with_the_reason(cell: Cell) ->
     assert refused.value.code == "UNKNOWN_OBJECT"
     with pytest.raises(Refused, match="left"):
         cell.pick(place="left")
+    for target in (Target(pixel=(1280, 90)), Target(box=(0, 720, 90, 800))):
+        with pytest.raises(Refused, match="outside the picture, which has 1280 x 720 pixels") as refused:
+            cell.pick(target)
+        assert refused.value.code == "BAD_JOB"
 
 
 @pytest.mark.parametrize(
