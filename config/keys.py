@@ -12,6 +12,9 @@ from pydantic import BaseModel
 
 from config.schema import Station
 
+_LIKE = 0.7
+"""Least likeness of two full names that one of them may be meant by the other."""
+
 
 def takes_text(path: Sequence[str]) -> bool:
     """Whether the setting at ``path`` is a text or a path, and never a number."""
@@ -37,11 +40,12 @@ def nearest(path: Sequence[str]) -> str | None:
     *table, leaf = path
     if _at(table) and (near := difflib.get_close_matches(leaf, keys_beside(path), n=1)):
         return ".".join((*table, near[0]))
-    name, known = ".".join(path), list(_names(Station))
-    elsewhere = [one for one in known if one.rpartition(".")[2] == leaf] or known
-    least = 0.5 if len(elsewhere) < len(known) else 0.7
-    found = difflib.get_close_matches(name, elsewhere, n=1, cutoff=least)
-    return found[0] if found else None
+    known = list(_names(Station))
+    same_leaf = [one for one in known if one.rpartition(".")[2] == leaf]
+    for names, wanted, least in ((same_leaf, path, 0.5), (known, path, _LIKE), (known, table, _LIKE)):
+        if found := difflib.get_close_matches(".".join(wanted), names, n=1, cutoff=least):
+            return found[0]
+    return None
 
 
 def _names(model: type[BaseModel], prefix: str = "") -> Iterator[str]:

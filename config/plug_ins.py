@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from bus.errors import CellError, ConfigError
+from bus.errors import CellError, ConfigError, PlugInMissing
 from bus.redaction import quoted
 from config.schema import Station
 
@@ -66,7 +66,7 @@ class Group:
         return tuple(sorted({*self.reserved, *(point.name for point in self.points())}))
 
     def require(self, name: str) -> None:
-        """Raises: ConfigError, listing what there is, when nothing is called ``name``."""
+        """Raises: PlugInMissing, listing what there is, when nothing is called ``name``; ConfigError: it is renamed."""
         if name in self.names():
             return
         if renamed := [
@@ -74,7 +74,20 @@ class Group:
         ]:
             what = f"The {self.kind} {name!r} of {renamed[0]} is in the group {self.former}: it is {self.name} now."
             raise ConfigError(what, "Rename the group in that package's pyproject.toml, and install it again.")
-        raise ConfigError(f"Unknown {self.kind} {name!r}.", f"{self.key} is one of: {', '.join(self.names())}.")
+        raise PlugInMissing(
+            f"Unknown {self.kind} {name!r}.",
+            f"{self.key} is one of: {', '.join(self.names())}.",
+            kind=self.kind,
+            name=name,
+            key=self.key,
+            group=self.name,
+        )
+
+    def package_of(self, name: str) -> str:
+        """Return the package of another maker that brings ``name``, with its version; "" for ours, and for none."""
+        if name in self.reserved:
+            return ""
+        return next((packaged(one) for one in self.points() if one.name == name and not _is_ours(one)), "")
 
     def why_not(self, point: EntryPoint) -> str | None:
         """Return why a station cannot use this entry point because of its name; None = it can."""

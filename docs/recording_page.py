@@ -21,6 +21,7 @@ _RUN = {
     "robot_model_sha256": "Of the robot's description and its collision meshes.",
     "commit": 'Of the checkout; "unknown" without git.',
     "dirty": "Whether the checkout had changes.",
+    "plug_ins": "The packages of other makers, by the setting that names what one brings: what a replay needs, too.",
     "python": "Version.",
 }
 

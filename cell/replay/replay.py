@@ -16,6 +16,7 @@ from bus.errors import ConfigError, CycleFailure, PicturesTrimmed, RecordingErro
 from bus.frozen import Message
 from bus.messages import Detections, Failure, PickPlan, StageName, StageRecord
 from cell.replay.compared_stages import STAGES, Stage
+from cell.replay.made_with import opening
 from config.load import station_from
 from config.schema import Station
 from logs.differences import Difference, compare
@@ -113,8 +114,8 @@ def replay(record: CycleRecord, request: Request, robot_of: Callable[[Station], 
     Args:
         robot_of: builds the planning model of a station, which takes a second; it may cache it for many recordings.
 
-    Raises: RecordingError when it holds none of the requested pure stages; PicturesTrimmed; ConfigError for a bad
-        override.
+    Raises: RecordingError when it holds none of the requested pure stages; PicturesTrimmed; NotHere when a package or
+        file that it was made with is not on this machine; ConfigError for a bad override.
     """
     if record.trimmed:
         raise PicturesTrimmed(
@@ -122,7 +123,8 @@ def replay(record: CycleRecord, request: Request, robot_of: Callable[[Station], 
             "Replay the whole recording, if there is one; recording.thin_after_days says when they are trimmed.",
         )
     station = station_from(dict(record.station), request.overrides, source="the recorded station")
-    robot, models = robot_of(station), request.models(station, record)
+    with opening(record, is_changed=bool(request.overrides)):
+        robot, models = robot_of(station), request.models(station, record)
     try:
         run = _chained if request.chained else _isolated
         not_reached: dict[str, str] = {}
