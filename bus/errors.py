@@ -102,7 +102,7 @@ class PicturesTrimmed(RecordingError):
 
 
 class NotHere(RecordingError):
-    """What a recording was made with - a package, weights, an arm's description - is not on this machine.
+    """A package, weights or an arm's description that a recording was made with is not on this machine.
 
     The recording is whole, and can be read; only its stages cannot run again.
     """

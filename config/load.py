@@ -13,6 +13,7 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from bus.errors import ConfigError
+from bus.first_mistake import field_name, reason
 from config.base import UNSHOWN
 from config.keys import keys_beside, nearest
 from config.overrides import Override, applied, around, named, set_by
@@ -119,7 +120,7 @@ def _is_in(tree: dict[str, Any], mistake: ErrorDetails) -> bool:
 
 def _of_file(mistake: ErrorDetails, source: str) -> tuple[str, str]:
     """Return a mistake of the tree, and the advice for it, for a person; ``source``: where it stands."""
-    where, (text, advice) = _dotted(mistake["loc"]), explained(mistake, source)
+    where, (text, advice) = field_name(mistake), explained(mistake, source)
     if mistake["type"] == "extra_forbidden":
         return f"Unknown key {where!r} in {source}.", _meant(mistake["loc"])
     if text == MISSING:
@@ -164,7 +165,7 @@ def explained(mistake: ErrorDetails, where: str) -> tuple[str, str]:
         return "unknown key", _meant(location, beside=f"{_dotted(location[:-1])}.")
     if kind == "missing" and not isinstance(location[-1], int):
         return MISSING, f"Give it in [{table}]." if (table := in_words(location[:-1])) else "Give it."
-    text = mistake["msg"].removeprefix("Value error, ").replace("Input should be", "must be")
+    text = reason(mistake).replace("Input should be", "must be")
     if kind == "missing":
         text = f"{len(mistake['input'])} numbers are too few"
     return f"{text}{_given(mistake)}", _corrected(mistake, where)
@@ -176,7 +177,7 @@ def in_words(path: Sequence[int | str]) -> str:
 
 
 def _corrected(mistake: ErrorDetails, where: str) -> str:
-    """What to do about a value that cannot be: the word that was meant, if it is like one of those there are."""
+    """Return what to do about a value that cannot be: the word that was meant, if it is like one of those there are."""
     given, words = mistake.get("input"), mistake.get("ctx", {}).get("expected", "")
     if mistake["type"] == "literal_error" and isinstance(given, str):
         near = difflib.get_close_matches(given, re.findall(r"'([^']*)'", words), n=1)

@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from bus.errors import CellError, ConfigError, PlugInMissing
+from bus.first_mistake import first_mistake
 from bus.redaction import quoted
 from config.schema import Station
 
@@ -165,13 +166,12 @@ def model_of(factory: object) -> type[BaseModel] | None:
 
 
 def _explained(error: ValidationError, model: type[BaseModel], whose: str, where: str) -> tuple[str, str]:
+    what = f"{first_mistake(error, inside=where)} (the {whose} says)."
     first = error.errors()[0]
-    field = ".".join((where, *(str(part) for part in first["loc"])))
-    message = first["msg"].removeprefix("Value error, ")
     near = difflib.get_close_matches(str(first["loc"][-1]), model.model_fields, n=1) if first["loc"] else []
     meant = f"Did you mean '{where}.{near[0]}'? " if near and first["type"] == "extra_forbidden" else ""
     known = ", ".join(model.model_fields) or "none"
-    return f"{field}: {message} (the {whose} says).", f"{meant}Correct it where it is given. Its settings: {known}."
+    return what, f"{meant}Correct it where it is given. Its settings: {known}."
 
 
 def _is_ours(point: EntryPoint) -> bool:

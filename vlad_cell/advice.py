@@ -1,4 +1,4 @@
-"""What a program with an image of its own can do when no grasp is found: it has no cell, and no report."""
+"""Advice for a program that has an image of its own, and neither a cell nor a report, when no grasp is found."""
 
 from __future__ import annotations
 

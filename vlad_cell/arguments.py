@@ -1,4 +1,4 @@
-"""What is given to ``detect``, checked argument by argument: each refusal says what came, and what to pass instead."""
+"""Checks the arguments of ``detect``, one by one: each refusal says what was received, and what to pass instead."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def _color(color: Image) -> npt.NDArray[np.uint8]:
 
 
 def _reshaped(color: Image) -> str:
-    """What to pass instead of a colour image of another shape."""
+    """Return what to pass instead of a colour image of another shape."""
     if color.ndim == 2 or (color.ndim == 3 and color.shape[2] == 1):
         return "A grey image: pass np.dstack([color] * 3)."
     if color.ndim == 3 and color.shape[2] == 4:
@@ -119,7 +119,7 @@ def _depth(depth_m: Image, color: Image) -> npt.NDArray[np.float32]:
 
 
 def _registered(depth_m: Image, size_px: tuple[int, ...]) -> str:
-    """What to pass instead of a depth image of another shape."""
+    """Return what to pass instead of a depth image of another shape."""
     if depth_m.ndim == 3 and depth_m.shape == (*size_px, 3):
         return "This is a picture of the depth, whose colours are no distances: pass the depth itself."
     if depth_m.ndim == 3 and 1 in depth_m.shape and sorted(depth_m.shape)[1:] == sorted(size_px):

@@ -1,4 +1,4 @@
-"""Whether the camera of an image, where its pose puts it, can see the table at all: else the pose is another one."""
+"""Checks that the camera of an image can see the table from where its pose puts it: else the pose is another one."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class _Placed(NamedTuple):
         return cls(apply(base_from_camera, points_camera), base_from_camera[:3, 3])
 
     def above_region(self, station: Station, around_m: float = 0.0) -> npt.NDArray[np.bool_]:
-        """Which points (n,) lie above or below the pick region."""
+        """Return which points (n,) lie above or below the pick region."""
         x_min, x_max, y_min, y_max = station.scene.pick_region_m
         x, y, _ = self.points.T
         in_x = (x > x_min - around_m) & (x < x_max + around_m)
@@ -86,7 +86,7 @@ def _measured(observation: Observation) -> Array:
 
 
 def _wrong(placed: _Placed, station: Station) -> str:
-    """Why the camera cannot see the table from there, in words; "" when it may."""
+    """Return why the camera cannot see the table from there, in words; "" when it may."""
     top_m, heights_m = station.scene.table.top_m, placed.points[:, 2]
     if placed.camera[2] <= top_m:
         return f"the camera is at z = {placed.camera[2]:.3f} m, not above the table at z = {top_m:.3f} m"
@@ -111,6 +111,6 @@ def _asked(placed: _Placed, station: Station) -> str:
 
 
 def _extent(points: Array) -> str:
-    """Where most of the points (n, 3) lie, in words."""
+    """Return where most of the points (n, 3) lie, in words."""
     low, high = np.percentile(points, (5, 95), axis=0)
     return ", ".join(f"{axis} {low[i]:z.2f} to {high[i]:z.2f}" for i, axis in enumerate("xyz")) + " m"

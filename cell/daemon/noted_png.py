@@ -1,4 +1,4 @@
-"""What a picture of now says beside its pixels: where the pick region is, for whoever looks for a thing to pick."""
+"""Notes in a picture of now where the pick region is in it, for whoever looks for a thing to pick."""
 
 from __future__ import annotations
 

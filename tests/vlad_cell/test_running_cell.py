@@ -168,6 +168,7 @@ def test_what_the_cell_does_not_do_now_is_refused_with_the_reason(cell: Cell) ->
         ({"target": ""}, "text"),
         ({"place": (0.4, 0.4)}, "place has 2 numbers"),
         ({"place": (0.4, 0.4, 99.0)}, "position_m"),
+        ({"place": ("left", 0, 0)}, "place is"),
         ({"deadline_s": -1}, "deadline_s"),
         ({"job_id": "\n"}, "job_id"),
     ],
