@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -33,7 +34,11 @@ from planning.scene import Scene
 FOLDER = Path(__file__).parent / "planning"
 SIZE_PX = (640, 480)
 WIDE_PX = 900
-_SKY, _WHITE = mujoco.mjtTexture.mjTEXTURE_SKYBOX, (1.0, 1.0, 1.0)
+_WHITE = (1.0, 1.0, 1.0)
+_WHITE_SKY: dict[str, Any] = {
+    "type": mujoco.mjtTexture.mjTEXTURE_SKYBOX, "builtin": mujoco.mjtBuiltin.mjBUILTIN_FLAT,
+    "rgb1": _WHITE, "rgb2": _WHITE, "width": 64, "height": 384,
+}  # fmt: skip
 _CELL_M = 5.0
 """Everything in the cell is nearer to the camera beside it."""
 COLORS = {"reach": (47, 111, 222), "carry": (224, 99, 45), "place": (44, 156, 105), "home": (150, 150, 160)}
@@ -58,9 +63,7 @@ def main(recording: Path) -> None:
 def motions(plan: PickPlan, robot: Robot, station: Station) -> Image:
     """The cell from aside, with the way of the tcp through all four motions."""
     cell = compose(station, {}, hand_from_cameras(station), FOVY_DEG)
-    cell.add_texture(
-        type=_SKY, builtin=mujoco.mjtBuiltin.mjBUILTIN_FLAT, rgb1=_WHITE, rgb2=_WHITE, width=64, height=384
-    )
+    cell.add_texture(**_WHITE_SKY)
     model = cell.compile()
     data = mujoco.MjData(model)
     before = plan.segments[0].trajectory.raw_q_rad
