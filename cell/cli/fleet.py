@@ -38,10 +38,10 @@ class Member(NamedTuple):
 
     @property
     def problems(self) -> list[str]:
-        """All problems of all nodes."""
+        """All problems of its nodes, its doors and its own process."""
         if self.health is None:
             return ["health unknown"]
-        return [f"{name}: {problem}" for name, node in self.health.nodes.items() for problem in node.problems]
+        return self.health.problems
 
     def line(self, now_ns: int) -> str:
         """One line for a person: name, state, stage, duration and problems. ``now_ns``: UTC."""
