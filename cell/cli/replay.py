@@ -8,8 +8,8 @@ from typing import Annotated
 import typer
 
 from bus.session import Bus
+from cell.cli.folders import InFolder, find_cycle, is_all_of
 from cell.cli.options import Config, Count, Json, Scheduler, Set, finite
-from cell.cli.recordings import find_cycle
 from cell.replay import view
 from cell.replay.folder import Tally, judgements, recordings_below
 from cell.replay.replay import Request
@@ -21,7 +21,7 @@ from cell.terminal.printing import err, out
 from cell.terminal.signals import ending
 from cell.workers import workers_for
 from config.load import DEFAULT_STATION, station_from
-from logs.mcap.names import is_folder, shown, telling
+from logs.mcap.names import shown, telling
 from logs.mcap.reader import read_cycle
 from logs.report.cycle_report import write_report
 
@@ -53,6 +53,7 @@ def replay(
     ] = 30.0,
     workers: Count = None,
     scheduler: Scheduler = "",
+    folder: InFolder = None,
     config: Config = DEFAULT_STATION,
     overrides: Set = None,
     output: Annotated[
@@ -68,15 +69,16 @@ def replay(
     if start is not None and only is not None:
         raise typer.BadParameter("--from and --only exclude each other: a chain of stages, or one alone.")
     if publish:
-        _publish(find_cycle(cycle, config), rate, endpoint, wait_s)
+        _publish(find_cycle(cycle, config, folder), rate, endpoint, wait_s)
         return
     request = Request.of(overrides or [], start, only, live_models=live_models)
-    if output is not None and (not request.chained or is_folder(Path(cycle))):
+    is_folder = is_all_of(cycle, folder)
+    if output is not None and (not request.chained or is_folder):
         raise typer.BadParameter("--output is of one recording, with --set or --from: what would have been?")
-    if is_folder(Path(cycle)):
+    if is_folder:
         _replay_folder(Path(cycle), request, workers, scheduler, as_json=as_json)
         return
-    path = find_cycle(cycle, config)
+    path = find_cycle(cycle, config, folder)
     with telling(shown(path)):
         outcome = run_again(read_cycle(path), request)
     out.json(view.to_json(outcome)) if as_json else view.show(outcome, out)
