@@ -59,12 +59,16 @@ def replay(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Write the page of a cycle that would have been so.")
     ] = None,
+    details: Annotated[
+        bool, typer.Option("--details", help='Of a "what if?": also each value that differs, stage by stage.')
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Run the pure stages again from recordings and compare. Exit 0 equal, 1 different, 2 cannot.
 
     Every stage works on its recorded inputs; with --from, or with --set ("what if?"), what one gives is what the next
-    one takes, down to the chosen grasp. Stages: detect, plan, verify.
+    one takes, down to the chosen grasp. Stages: detect, plan, verify. A setting that none of these reads (as most of
+    execute) cannot change anything here, and that is said.
     """
     if start is not None and only is not None:
         raise typer.BadParameter("--from and --only exclude each other: a chain of stages, or one alone.")
@@ -81,7 +85,7 @@ def replay(
     path = find_cycle(cycle, config, folder)
     with telling(shown(path)):
         outcome = run_again(read_cycle(path), request)
-    out.json(view.to_json(outcome)) if as_json else view.show(outcome, out)
+    out.json(view.to_json(outcome)) if as_json else view.show(outcome, out, details=details)
     if output is not None:
         (err if as_json else out).line(f"  page {write_report(what_if(outcome, request.overrides), output)}")
     said = view.verdict(outcome)
