@@ -40,7 +40,8 @@ def replay(
         bool, typer.Option("--live-models", help="Ask the models again, instead of their recorded replies.")
     ] = False,
     publish: Annotated[
-        bool, typer.Option("--publish", help="Instead: put it on the bus again, below replay/CYCLE_ID/.")
+        bool,
+        typer.Option("--publish", help="Instead: put it on the bus again, below replay/CYCLE_ID/, for a subscriber."),
     ] = False,
     rate: Annotated[
         float, typer.Option(min=0.01, help="With --publish: so many times as fast as it was.", callback=finite)
@@ -49,7 +50,12 @@ def replay(
         str, typer.Option(help="With --publish: where to listen for subscribers.")
     ] = "tcp/127.0.0.1:7448",
     wait_s: Annotated[
-        float, typer.Option(min=0, help="With --publish: how long to wait for the first one.", callback=finite)
+        float,
+        typer.Option(
+            min=0,
+            help="With --publish: wait so long for the first subscriber [s]; 0 = publish at once, whoever listens.",
+            callback=finite,
+        ),
     ] = 30.0,
     workers: Count = None,
     scheduler: Scheduler = "",
@@ -69,6 +75,9 @@ def replay(
     Every stage works on its recorded inputs; with --from, or with --set ("what if?"), what one gives is what the next
     one takes, down to the chosen grasp. Stages: detect, plan, verify. A setting that none of these reads (as most of
     execute) cannot change anything here, and that is said.
+
+    --publish waits for a subscriber, as nothing is kept for a later one. Exit 0 published, 3 the recorded cell is live,
+    4 nobody subscribed: nothing was published.
     """
     if start is not None and only is not None:
         raise typer.BadParameter("--from and --only exclude each other: a chain of stages, or one alone.")
@@ -99,11 +108,13 @@ def _publish(file: Path, rate: float, endpoint: str, wait_s: float) -> None:
     require_no_live_cell(station_from(dict(record.station), source="the recorded station"))
     said = list(payloads(file))
     with ending(_interrupt), Bus.listen(station.cell_id, station.bus.endpoint) as bus:
-        err.line(f"{len(said)} payloads on {ROOT}/{record.cycle_id}/** at {endpoint}; Ctrl-C ends")
+        waits = f"waiting up to {wait_s:g} s for a subscriber; " if wait_s else ""
+        err.line(f"{len(said)} payloads on {ROOT}/{record.cycle_id}/** at {endpoint}: {waits}Ctrl-C ends")
         await_listener(bus, record.cycle_id, wait_s)
         again = republish(bus, record.cycle_id, said, rate)
         for _ in tracked(again, len(said), record.cycle_id, err):
             pass
+    err.line(f"{len(said)} payloads published")
 
 
 def _interrupt() -> None:
