@@ -90,7 +90,8 @@ def route(file: Path, tell: Callable[[str], None]) -> None:
         session = zenoh.open(config)
     except zenoh.ZError as error:
         raise PortOccupied(
-            f"Cannot listen on {endpoints}: another program uses it, or it is not this machine's address."
+            f"Cannot listen on {endpoints}: another program uses it, or it is not this machine's address.",
+            "End that program, or name another endpoint in the file.",
         ) from error
     with session:
         tell(f"router on {endpoints}; Ctrl-C ends")
