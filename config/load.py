@@ -68,6 +68,7 @@ def station_from(
     """Return the station of a parsed tree (of a TOML file, or of a recording) with ``overrides`` applied.
 
     Args:
+        tree: it stays as it is.
         source: name of the tree's origin, for error texts. ``given_by``: where overrides were given, by their keys, as
             ``{"sim.seed": "--seed"}``; else it was by ``--set``.
 
