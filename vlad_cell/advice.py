@@ -11,10 +11,10 @@ FOR_AN_IMAGE: dict[Code, str] = {
     Code.OBSTRUCTED: "Ask for what lies on it first, or take it away.",
     Code.NOT_SEEN: "Is all of region_m in the picture, and is there depth? Look from above, from another side, or"
     " lower perception.min_table_seen.",
-    Code.NO_TABLE: "Correct base_from_camera, so that the table is the plane z = 0 of base; or give its height in"
-    " settings, as scene.table.top_m.",
-    Code.TABLE_MOVED: "Correct base_from_camera, or give the table's height in settings, as scene.table.top_m; what is"
-    " tolerated are scene.table.tolerance_mm and tolerance_deg.",
+    Code.NO_TABLE: "Correct base_from_camera, so that the table is the plane z = 0 of base; or give the table its"
+    " height in settings: scene.table.center_m, whose z is half of scene.table.size_m below the top.",
+    Code.TABLE_MOVED: "Correct base_from_camera, or give the table its height in settings: scene.table.center_m, whose"
+    " z is half of scene.table.size_m below the top. Tolerated are scene.table.tolerance_mm and tolerance_deg.",
     Code.TOO_NEAR: "Look from farther away, so that the table is seen around the object.",
     Code.NO_DEPTH: "The camera cannot measure glass, black and shiny things, nor what is too near: take it out, dull"
     " it, or look from farther away. What is nearer than camera.least_range_m does not count.",

@@ -107,7 +107,8 @@ def _asked(placed: _Placed, station: Station) -> str:
     region = f"x {x_min:g} to {x_max:g}, y {y_min:g} to {y_max:g} m"
     if placed.camera[2] > station.scene.table.top_m and not placed.above_region(station).any():
         return f"If it is right: give region_m, where the objects lie in base (now {region})."
-    return "It is the pose of the camera in base, in metres; the table is the plane z = 0 there."
+    top_m = station.scene.table.top_m
+    return f"It is the pose of the camera in base, in metres; the table's top is at z = {top_m:g} there (scene.table)."
 
 
 def _extent(points: Array) -> str:

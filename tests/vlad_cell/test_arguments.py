@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
 import pytest
 
 from bus.codes import ADVICE, Code
+from config.load import load_station
+from config.origins import leaves
 from tests.vlad_cell.test_detect_image import BASE_FROM_CAMERA, HIGH_M, K, image
 from vlad_cell import BadFrame, CycleFailure, detect
 from vlad_cell.advice import FOR_AN_IMAGE
@@ -81,12 +84,12 @@ WRONG: dict[str, tuple[str, Any, str, str]] = {
     "a pose of three rows": ("base_from_camera", BASE_FROM_CAMERA[:3], r"\(3, 4\)", "np.vstack"),
     "a rotation": ("base_from_camera", np.eye(3), r"\(3, 3\)", "pose of the camera"),
     "a pose transposed": ("base_from_camera", BASE_FROM_CAMERA.T, "transposed", r"base_from_camera\.T"),
-    "no pose": ("base_from_camera", np.eye(4), "at z = 0.000 m, not above the table", "plane z = 0"),
+    "no pose": ("base_from_camera", np.eye(4), "at z = 0.000 m, not above the table", "table's top is at z = 0 there"),
     "the inverse": ("base_from_camera", np.linalg.inv(BASE_FROM_CAMERA), "x -0.7", r"np\.linalg\.inv"),
     "the inverse, aslant": ("base_from_camera", np.linalg.inv(TILTED), "x -0.7", r"np\.linalg\.inv"),
     "a camera with y up": ("base_from_camera", BASE_FROM_CAMERA @ OPENGL, "looks up", r"OpenGL.*np\.diag"),
     "the inverse of one": ("base_from_camera", np.linalg.inv(TILTED @ OPENGL), "", r"OpenGL.*np\.linalg"),
-    "a camera below": ("base_from_camera", seen_from(0.45, 0, -0.6), "at z = -0.600 m, not above", "plane z"),
+    "a camera below": ("base_from_camera", seen_from(0.45, 0, -0.6), "at z = -0.600 m, not above", "table's top"),
     "a camera elsewhere": ("base_from_camera", seen_from(2, 0, HIGH_M), "nothing of the pick .* x 1.7", "region_m"),
     "a camera too high": ("base_from_camera", seen_from(0.45, 0, 1.6), "z = 1.000 m", "in metres"),
     "a camera too low": ("base_from_camera", seen_from(0.45, 0, 0.2), "z = -0.400 m, below the table", "in metres"),
@@ -112,6 +115,13 @@ def test_a_camera_that_sees_the_table_aslant_is_no_mistake() -> None:
     with pytest.raises(CycleFailure, match="Nothing rises above the table") as refused:
         detect(np.full_like(COLOR, 165), depth_m, K, TILTED, region_m=(0.35, 0.55, -0.1, 0.1))
     assert refused.value.code == "NO_OBJECT" and "region_m" in refused.value.advice
+
+
+def test_every_setting_that_the_advice_names_is_there() -> None:
+    known = set(leaves(load_station()))
+    for advice in FOR_AN_IMAGE.values():
+        named = re.findall(r"(?:scene|perception|camera)\.[a-z_.]*[a-z]", advice)
+        assert all(any(one == name or one.startswith(f"{name}.") for one in known) for name in named), advice
 
 
 def test_no_advice_about_an_image_is_for_who_has_a_cell() -> None:
