@@ -126,6 +126,14 @@ def test_rendering_is_tried_where_the_station_simulates(monkeypatch: pytest.Monk
     is_to_fix(machine.rendering(simulated()), "without a screen", "./setup.sh")
 
 
+def test_a_catalogue_of_somebody_else_is_not_called_damaged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / CATALOGUE).touch()
+    monkeypatch.setattr(os, "access", lambda _path, _mode: False)  # also for root, whom no rights keep out
+    is_to_fix(
+        catalogue.catalogue(simulated(f"recording.folder={tmp_path}")), "You may not read", "the right to read it"
+    )
+
+
 def test_the_disk_is_measured_where_the_recordings_will_be(tmp_path: Path) -> None:
     folder = tmp_path / "not" / "yet" / "there"
     is_ok(machine.disk(simulated(f"recording.folder={folder}")), "GB free", str(folder))
