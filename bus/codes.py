@@ -109,7 +109,7 @@ ADVICE: dict[Code, str] = {
         " last, where `cell start` runs (of a service: `journalctl`), then `cell clear` and `cell reset`."
     ),
     Code.RECORDING: (
-        "The recording could not be written. Check the recordings folder: its free space, and your right to write there."
+        "The recording could not be written. Check the recordings folder: its free space, and the right to write."
     ),
     Code.INTERNAL: "This is a defect. Please report it with the cycle's recording.",
 }
