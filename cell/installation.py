@@ -28,7 +28,8 @@ def hidden() -> str:
 def _way_out(origin: str | None) -> str:
     """What to do about a file that hides a package: leave its folder out, or take an environment without it."""
     folders = {Path(origin).parent, Path(origin).parent.parent} if origin is not None else set()
-    if folders & {Path(entry).absolute() for entry in os.environ.get("PYTHONPATH", "").split(os.pathsep)}:
+    path = os.environ.get("PYTHONPATH", "")
+    if path and folders & {Path(entry).absolute() for entry in path.split(os.pathsep)}:
         return _WITHOUT_PATH
     if Path.cwd() in folders:
         return "Start the command in another folder."

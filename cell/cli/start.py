@@ -103,6 +103,7 @@ def _run(
     if not station.simulated and (asks := double_picks(station)).verdict is not Verdict.OK:
         screen.line(asks.found)
     with (
+        screen.to_the_end(),
         running_cell(station, screen.observe) as daemon,
         _live_view(station, view_port) as view,
         service.around(lambda: takes_commands(daemon.machine)),
@@ -138,6 +139,8 @@ def _live_view(station: Station, port: int | None) -> AbstractContextManager[liv
 
 def _stay(screen: Screen) -> None:
     """Show all messages until interrupted."""
+    if screen.interrupted.is_set():
+        return  # during the start: it was never ready for anybody
     screen.line("ready. From another terminal: cell reset, cell pick, cell status. Ctrl-C ends.")
     for _ in screen.follow():
         pass

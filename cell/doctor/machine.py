@@ -90,7 +90,7 @@ def _install(missing: list[tuple[str, str, tuple[int, int] | None]], python: tup
         newest = f"{end[0]}.{end[1] - 1}"
         return f"{module} needs Python {newest} or older: rm -rf .venv && uv venv --python {newest} .venv && ./setup.sh"
     extras = ",".join(sorted({extra for _, extra, _ in missing}))
-    return f"uv pip install -e '.[{extras}]'"
+    return f"uv pip install 'vlad-cell[{extras}]'"
 
 
 # --- graphics, disk, clock --------------------------------------------------------------------------------------------

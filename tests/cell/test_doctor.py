@@ -112,7 +112,7 @@ def test_drivers_that_are_there_missing_or_unknown() -> None:
     is_ok(machine.drivers(simulated()), "sim")
     absent = {"fr3": ("no_such_sdk", "fr3", (3, 13)), "femto_mega": ("no_such_camera", "femto", None)}
     is_to_fix(
-        machine.drivers(lab(), absent, (3, 12)), "no_such_camera, no_such_sdk", "uv pip install -e '.[femto,fr3]'"
+        machine.drivers(lab(), absent, (3, 12)), "no_such_camera, no_such_sdk", "uv pip install 'vlad-cell[femto,fr3]'"
     )
     is_to_fix(machine.drivers(lab(), absent, (3, 13)), "no_such_sdk needs Python 3.12 or older")
     is_to_fix(machine.drivers(simulated("nodes.sim.driver=warp")), "No such driver: warp", "sim")

@@ -30,11 +30,14 @@ def test_a_module_in_pythonpath_that_hides_one_of_ours_is_named(tmp_path: Path, 
     assert "unset PYTHONPATH" in done.stderr and "Traceback" not in done.stderr
 
 
-def test_one_beside_the_caller_is_named_too(tmp_path: Path) -> None:
+def test_one_beside_the_caller_is_named_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "logs.py").touch()
     done = _cell(ROOT, cwd=tmp_path)
     assert done.returncode == 2
     assert "Start the command in another folder." in done.stderr
+    monkeypatch.delenv("PYTHONPATH", raising=False)
+    monkeypatch.chdir(tmp_path)
+    assert installation._way_out(str(tmp_path / "logs.py")) == "Start the command in another folder."
 
 
 def test_an_old_package_in_pythonpath_is_named(tmp_path: Path) -> None:
