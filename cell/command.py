@@ -57,6 +57,7 @@ def main() -> NoReturn:
 def _carry_out() -> int:
     """Run the command of this process; return its exit code."""
     try:
+        _require_a_folder()
         return int(typer.main.get_command(command_line()).main(prog_name="cell", standalone_mode=False) or 0)
     except CellError as error:
         return _fail(error)
@@ -68,6 +69,13 @@ def _carry_out() -> int:
         return _fail(_Installation(problem)) if (problem := not_installed(error)) else _defect(error)
     except Exception as error:  # noqa: BLE001 - the last handler: any other error is reported as a defect
         return _defect(error)
+
+
+def _require_a_folder() -> None:
+    try:
+        os.getcwd()
+    except FileNotFoundError as error:
+        raise ConfigError("The folder that you are in does not exist any more.", "Go to another: cd DIR.") from error
 
 
 def _fail(error: CellError) -> int:

@@ -44,6 +44,8 @@ def not_installed(error: ImportError) -> str:
     name = (error.name or "").partition(".")[0]
     if not name or name in OWN:
         return ""
+    if os.environ.get("PYTHONHOME"):
+        return f"The package {name!r} cannot be imported: PYTHONHOME leads to another Python. Unset it."
     if not isinstance(error, ModuleNotFoundError):
         path = " PYTHONPATH is set: try without it (`PYTHONPATH=` before the command)." * ("PYTHONPATH" in os.environ)
         return f"The package {name!r} cannot be imported: {error}.{path}"

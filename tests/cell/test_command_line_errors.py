@@ -85,6 +85,15 @@ def test_an_occupied_port(in_process: Run, options: list[str], endpoint: str) ->
         _says(done, 4, endpoint, "cell status")
 
 
+def test_a_current_folder_that_was_deleted(tmp_path: Path) -> None:
+    (tmp_path / "gone").mkdir()
+    source = (
+        "import os, sys; os.rmdir(os.getcwd()); sys.argv[1:] = ['cycles']; import cell.command; cell.command.main()"
+    )
+    done = subprocess.run([sys.executable, "-c", source], cwd=tmp_path / "gone", capture_output=True, text=True)
+    _says(done, 2, "does not exist any more", "cd DIR")
+
+
 def test_no_cell_to_talk_to(in_process: Run, options: list[str]) -> None:
     _says(in_process("status", *options), 4, "cell start")
 

@@ -56,6 +56,12 @@ def test_a_missing_package_is_named_with_the_environment_that_lacks_it(monkeypat
     assert "`deactivate` that environment first" in said
 
 
+def test_another_python_of_the_environment_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PYTHONHOME", "/usr")
+    said = installation.not_installed(ModuleNotFoundError("No module named '_ctypes'", name="_ctypes"))
+    assert said.endswith("PYTHONHOME leads to another Python. Unset it.")
+
+
 def test_a_missing_module_of_ours_stays_a_defect() -> None:
     assert installation.not_installed(ModuleNotFoundError("No module named 'bus.gone'", name="bus.gone")) == ""
     assert installation.not_installed(ImportError("no name")) == ""
