@@ -90,7 +90,7 @@ def _trace(scene: mujoco.MjvScene, robot: Robot, trajectory: Trajectory, rgb: Rg
 
 
 def _field(record: CycleRecord, robot: Robot, station: Station) -> Image:
-    """What planning takes for solid: the heights it saw besides the boxes it knows and the target."""
+    """Draw what planning takes for solid: the heights it saw besides the boxes it knows and the target."""
     found, observation = record.stages["detect"].result, record.observation
     assert isinstance(found, Detections) and observation is not None
     points, target = surroundings(observation, found.evidence.object_mask)
