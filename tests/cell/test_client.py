@@ -16,8 +16,9 @@ from bus.messages import CycleResult
 from bus.sample import Sample
 from bus.session import Bus
 from bus.topics import Topic, encoding_of
-from cell.client import Client
+from cell.client import Client, connect
 from cell.machine.leases import CELL_CLIENT
+from config.load import load_station
 
 CELL, STRANGER = "cell's own session", "another session"
 
@@ -85,3 +86,12 @@ def test_nobody_waits_for_a_cell_that_is_gone(endpoint: str) -> None:
             for wait in (lambda: client.next_said(600), lambda: client.wait_for_result("1", 600)):
                 with pytest.raises(CellUnreachable, match="is gone"):
                     wait()
+
+
+def test_a_cell_of_another_name_is_named(endpoint: str) -> None:
+    overrides = [f"bus.endpoint={endpoint}", "bus.ask_timeout_s=0.2", "cell_id=line-9"]
+    with Bus.listen("line-1", endpoint) as cell:
+        cell.answer(topics.STATE_NOW, lambda _payload, _asked: _state("Idle"), worker="state")
+        named = pytest.raises(CellUnreachable, match=r"No cell 'line-9' .*; line-1 does.*cell_id=line-1")
+        with named, connect(load_station(None, overrides)) as client:
+            client.state()
