@@ -67,7 +67,8 @@ def start(
         raise typer.BadParameter("--cycles and --until-empty exclude each other: a number of picks, or all of them.")
     extra = [f"sim.seed={seed}"] if seed is not None else []
     extra += [f"sim.objects={objects}"] if objects is not None else []
-    station = load_station(config, [*(overrides or []), *extra])
+    options = {"sim.seed": "--seed", "sim.objects": "--objects"} if extra else {}
+    station = load_station(config, [*(overrides or []), *extra], given_by=options)
     named = {"opcua": opcua, "http": http}
     doors = wanted_doors(station, *(name for name, is_named in named.items() if is_named))
     if foxglove:
@@ -105,7 +106,7 @@ def _run(
         running_cell(station, screen.observe) as daemon,
         _live_view(station, view_port) as view,
         service.around(lambda: takes_commands(daemon.machine)),
-        open_doors(station, doors, daemon.publisher.publish_event),
+        open_doors(station, doors, daemon.publisher.publish_event, daemon.hear_door),
     ):
         if view is not None:
             screen.line(f"live view: open ws://{live.HOST}:{view.port} in Foxglove or Lichtblick (docs/foxglove)")
