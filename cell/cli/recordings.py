@@ -19,6 +19,7 @@ from cell.terminal.printing import err, out
 from cell.workers import workers_for
 from config.load import DEFAULT_STATION
 from logs.catalogue.labels import Label, labels_of
+from logs.mcap.names import is_folder
 from logs.mcap.reader import CycleRecord, read_cycle
 from logs.mcap.recover import Recovered, recover_leftovers
 from logs.mcap.recover import recover as recover_file
