@@ -391,7 +391,7 @@ def intruder_(
     endpoint: Annotated[str, typer.Option(help="Free loopback endpoint for its cell.")] = "tcp/127.0.0.1:7497",
     as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
 ) -> None:
-    """What should not be on the bus of a running cell asks, forges, pretends, freezes: what was accepted."""
+    """Let what should not be on the bus of a running cell ask, forge, pretend and freeze; count what was accepted."""
     for kind in only or ():
         if kind not in intruder.SHARES:
             raise typer.BadParameter(f"{kind!r} is none of {', '.join(intruder.SHARES)}")

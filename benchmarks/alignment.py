@@ -143,7 +143,7 @@ _MEANS = ("cd_m2", "uhd_m", "hausdorff_m")
 
 
 def _hits(carried: Array, truths: Array, diagonal: float) -> npt.NDArray[np.bool_]:
-    """Which of the true rods (k, 2, d) the carried one (2, d) matches, in axis modulo sign and in centre."""
+    """Return which true rods (k, 2, d) the carried one (2, d) matches, in axis modulo sign and in centre."""
     along, true_along = carried[1] - carried[0], truths[:, 1] - truths[:, 0]
     lengths = np.linalg.norm(along) * np.linalg.norm(true_along, axis=1)
     aligned = np.abs(true_along @ along) > np.cos(np.radians(_MAX_ANGLE_DEG)) * lengths

@@ -123,7 +123,7 @@ def _await_ready(asking: Connection) -> None:
 
 
 class _Moment:
-    """What the daemon waits for; `observe` is called on the daemon's own threads."""
+    """The moment that the daemon waits for; `observe` is called on the daemon's own threads."""
 
     def __init__(self, saying: Connection) -> None:
         self._saying = saying

@@ -51,7 +51,7 @@ class Attacked:
 
     @property
     def state(self) -> str:
-        """What it really is."""
+        """The state that the cell really is in."""
         return str(self.daemon.machine.state)
 
     @property
@@ -59,7 +59,7 @@ class Attacked:
         return self.station.bus.endpoint
 
     def q_rad(self) -> np.ndarray:
-        """Where the arm was last seen."""
+        """Return where the arm was last seen."""
         return self._seen[0]
 
     def look(self) -> bool:
@@ -127,7 +127,7 @@ class Attacked:
             self.make_idle()
 
     def restarts(self) -> int:
-        """How often a node was brought back."""
+        """Return how often a node was brought back."""
         return sum(node.restarts for node in self.daemon.health().nodes.values())
 
 

@@ -96,7 +96,7 @@ def _start(cycles: int, folder: Path, bare: bool, overrides: list[str]) -> Start
 
 
 def _failure(ended: subprocess.CompletedProcess[str], said: list[dict[str, Any]]) -> str:
-    """Why the start failed: the first pick that did, or an error; or else what the cell said last."""
+    """Return why the start failed: the first pick that did, or an error; or else what the cell said last."""
     if ended.returncode == 0:
         return ""
     reasons = [f"{one['code']}: {one['reason']}" for one in said if one.get("result") != "SUCCESS"]

@@ -59,7 +59,7 @@ _AWAY_M = (0.0, 0.9, -3.0)
 
 @dataclass
 class Felt:
-    """What the world judged in one motion: true force [N] and height of the hand [m], a row each tick."""
+    """The true force [N] and the height of the hand [m] in one motion, as the world judged them, a row each tick."""
 
     force_n: list[float] = field(default_factory=list)
     hand_m: list[float] = field(default_factory=list)
@@ -71,7 +71,7 @@ class Felt:
 
     @property
     def overshoot_mm(self) -> float:
-        """How far the hand went on down after it first touched; 0 when it never did."""
+        """The way of the hand further down after it first touched; 0 when it never did."""
         touched = np.flatnonzero(np.array(self.force_n) > _TOUCHES_N)
         return float(self.hand_m[touched[0]] - min(self.hand_m)) * 1e3 if len(touched) else 0.0
 
@@ -223,7 +223,7 @@ def place_post(world: World, robot: Robot, reach: Trajectory, by_mm: float) -> N
 
 @dataclass
 class Tally:
-    """What came of the descents.
+    """The results of the descents.
 
     Attributes:
         force_n: largest true forces: onto a raised table; onto a hidden post near the end of the approach; onto one

@@ -1,4 +1,4 @@
-"""Where the time of simulated cycles goes, by the robot's clock and by the wall's, and the least there could be.
+"""The time of simulated cycles, part by part, by the robot's clock and by the wall's, and the least there could be.
 
 The robot's clock is the simulation's (`HandState.clock_s`): motion, hold, and the hand, which is what is left of the
 time from the first motion to the last: the fingers when the arm waits for them, and the arm coming to rest. The bound

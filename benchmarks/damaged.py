@@ -62,7 +62,7 @@ def _salvaged(content: bytes) -> Iterator[McapRecord]:
 
 
 def messages(records: Iterator[McapRecord]) -> int:
-    """How many of them are messages."""
+    """Return how many of them are messages."""
     return sum(isinstance(record, Message) for record in records)
 
 

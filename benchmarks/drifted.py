@@ -24,7 +24,7 @@ _WAVELENGTH_PX = (300.0, 800.0)
 
 @dataclass(frozen=True)
 class Regime:
-    """How far the imagined object drifts: ranges, or the largest magnitude."""
+    """The drift of the imagined object: ranges, or the largest magnitude."""
 
     in_plane_deg: float
     out_of_plane_deg: float

@@ -53,7 +53,7 @@ class Forging:
         self.kinds[kind](kind)
 
     def _forge(self, kind: str, whose: tuple[str, ...]) -> None:
-        """What a client heard, and is told after it."""
+        """Put a forged sample on a key that a client hears, and count it when it is believed."""
         cell, topic = self._cell, self._one_of(_PUBLISHED)
         key, payload = self.put(topic, str(self._one_of(whose)))
         await_arrival(cell, self._session)
@@ -109,12 +109,12 @@ class Forging:
 
 
 def await_arrival(cell: Attacked, session: zenoh.Session) -> None:
-    """What ``session`` said before has come to the cell when this returns."""
+    """Wait until the cell has heard what ``session`` said before."""
     list(session.get(f"{cell.root}/schema", timeout=0.3))
 
 
 def forged(topic: Topic) -> bytes:
-    """What ``topic`` says, and is not so; for what is not built here, an object without content."""
+    """Return a false message of ``topic``; for what is not built here, an object without content."""
     lies: dict[Any, Callable[[], bytes]] = {
         CellState: lambda: encode(CellState(state="Aborted", stage="", cycle_id="", since_ns=time.time_ns(),
                                             available=("clear",), reason=FORGED)),
@@ -137,7 +137,7 @@ def _arm() -> ArmState:
 
 
 def _falseness(result: CycleResult) -> str:
-    """What is wrong with the recording of a result, or ""."""
+    """Return what is wrong with the recording of a result, or ""."""
     path = Path(result.recording)
     try:
         recorded = read_cycle(path).result

@@ -61,7 +61,7 @@ sys.stdin.read()
 
 
 class Rested(NamedTuple):
-    """When the arm came to rest after the freeze, and where."""
+    """The rest of the arm after the freeze: when, and where."""
 
     rest_s: float
     q_rad: np.ndarray

@@ -126,7 +126,7 @@ def _error_mm(points_base: Points, seen: Seen) -> tuple[float, float]:
 
 
 def _named(seen: Seen, believed: Sequence[Array]) -> str:
-    """What is named, from the planes that each view shows alone."""
+    """Return what is named as wrong, from the planes that each view shows alone."""
     tables = [find_table(view.points_base, seen.station) for view in _views(seen, believed)]
     return table_or_mount(tables, believed, middle_of(seen.station)).named
 

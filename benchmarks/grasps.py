@@ -40,7 +40,7 @@ Detector = Callable[[Sample, Mask], Rectangle | None]
 
 
 class Dataset(NamedTuple):
-    """How it is read, its scale on the table, and the jaw it was labelled for."""
+    """A dataset: how it is read, its scale on the table, and the jaw it was labelled for."""
 
     read: Callable[[Path], Iterator[Sample]]
     m_per_px: float

@@ -20,7 +20,7 @@ VIEWER_TOKEN, OPERATOR_TOKEN = "a-viewer-of-the-benchmark", "an-operator-of-the-
 
 @dataclass(frozen=True)
 class Guarded:
-    """What the doors of a cell need.
+    """Keys, passwords and settings of a cell whose doors are guarded.
 
     Attributes:
         keys: folder of the certificates that the cell trusts, ``strangers`` of some that it does not.

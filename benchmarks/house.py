@@ -150,7 +150,7 @@ def _alternatives(caught: ast.expr | None) -> Iterable[ast.expr | None]:
 
 
 def any_in_annotations(module: Module) -> int:
-    """How often ``Any`` stands in the annotations of arguments, results and variables."""
+    """Count how often ``Any`` stands in the annotations of arguments, results and variables."""
     found: list[ast.expr | None] = []
     for node in ast.walk(module.tree):
         if isinstance(node, ast.arg | ast.AnnAssign):
@@ -171,7 +171,7 @@ def private_patches(module: Module) -> int:
 
 
 def names_imported(modules: list[Module], package: str) -> int:
-    """How many names the modules import from ``package``; a name counts once for every import."""
+    """Count the names that the modules import from ``package``; a name counts once for every import."""
     return sum(top(source) == package for module in modules for source, _, _ in imports(module))
 
 

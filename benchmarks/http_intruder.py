@@ -1,4 +1,4 @@
-"""What an intruder tries at the HTTP door: without a token, from another page, as a viewer, with hostile requests.
+"""An intruder's tries at the HTTP door: without a token, from another page, as a viewer, with hostile requests.
 
 A try is accepted when it is answered with anything but a refusal.
 """
@@ -155,7 +155,7 @@ class HttpIntruder:
         return Request("GET", "/api/state", VIEWER_TOKEN, b"")
 
     def _as_viewer(self) -> Request:
-        """What a viewer may not: command motion, pick, write down a verdict."""
+        """Return a request that a viewer may not make: command motion, pick, write down a verdict."""
         verb = self._one_of([verb for verb in VERBS if verb not in ENDING])
         path = self._one_of(
             (f"/api/commands/{verb}", f"/api/commands/{verb}", "/api/picks", "/api/labels/20260101T000000-0")

@@ -107,7 +107,7 @@ def series(tries: int, rng: np.random.Generator, only: tuple[str, ...] = ()) -> 
 def _attempts(
     cell: Attacked, session: zenoh.Session, heard: bytes, rng: np.random.Generator
 ) -> dict[str, Callable[[str], None]]:
-    """What does a try of each kind."""
+    """Return the function that makes a try of each kind."""
     forging = Forging(cell, session, rng)
     groups: tuple[Any, ...] = (
         Questions(cell, session, heard, rng),

@@ -80,7 +80,7 @@ def _end_picks(cell: Attacked) -> None:
 
 
 def _count_picks(cell: Attacked) -> int:
-    """How many picks have ended; one that was aborted was disturbed."""
+    """Count the picks that have ended; one that was aborted was disturbed."""
     for sample in cell.victim.heard():
         if sample.key != topics.RESULT.key:
             continue

@@ -36,7 +36,7 @@ Stages = set[tuple[str, str]]
 
 
 class Left(NamedTuple):
-    """What a killed cell left.
+    """The remains of a killed cell.
 
     Attributes:
         moment: of the kill, in words. ``reason``: why it is not as it should be, or "".
@@ -69,7 +69,7 @@ def kill_cell(folder: Path, endpoint: str, rng: random.Random) -> Left:
 
 
 def _picks_until_killed(overrides: list[str], after_s: float) -> tuple[Stages, str]:
-    """What was heard long enough before the kill; and where the cell was then, as far as it had said so."""
+    """Return what was heard long enough before the kill; and where the cell was then, as far as it had said so."""
     station = load_station(None, overrides)
     heard: list[tuple[float, Sample]] = []
     with cell_started(overrides) as process, Bus.join(station.cell_id, station.bus.endpoint) as bus:

@@ -22,7 +22,7 @@ def is_there() -> bool:
 
 
 def opened(root: Path, frames: list[int]) -> dict[str, Any]:
-    """What LeRobot says of a data set and of some of its frames, by their index. Raises: RuntimeError when it refuses.
+    """Return what LeRobot says of a data set and of some of its frames. Raises: RuntimeError when it refuses.
 
     Returns:
         ``frames``, ``episodes``, ``tasks``; ``read``: of each frame ``state``, ``action``, ``color`` (mean of each

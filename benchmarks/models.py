@@ -69,7 +69,7 @@ Answer = tuple[Rectangle | None, list[ModelReply], str]
 
 
 def _answers(seen: list[tuple[str, Observation]], preset: Drifts, provider: str, steps: int) -> list[Answer]:
-    """What detection gives for every scene; the same model, one server."""
+    """Return what detection gives for every scene; the same model, one server."""
     with ModelServer(paint, say=say, drift=preset) as server, tempfile.TemporaryDirectory() as folder:
         station = load_station(
             None,

@@ -28,7 +28,7 @@ Tell = Callable[[str], None]
 
 @dataclass
 class _Tally:
-    """What came of the solvable problems."""
+    """The results of the solvable problems."""
 
     unsolved: list[str] = field(default_factory=list)
     plan_ms: list[float] = field(default_factory=list)

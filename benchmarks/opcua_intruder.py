@@ -1,4 +1,4 @@
-"""What an intruder tries at the OPC UA door: other certificates and users, guessed session tokens, writes, calls.
+"""An intruder's tries at the OPC UA door: other certificates and users, guessed session tokens, writes, calls.
 
 A try is accepted when a session opens that should not, or when anything is answered with a good status. It is refused
 when the door says so; a door that says nothing, or that something broke, counts as a crash. One honest session is the
@@ -129,7 +129,7 @@ class OpcuaIntruder:
         return client
 
     async def _opened(self, keys: Path | None, user: str, password: str) -> str:
-        """What a client that opened was let in as. Raises: however asyncua says that it was not."""
+        """Return what a client that opened was let in as. Raises: however asyncua says that it was not."""
         client = await self._client(keys, user, password)
         async with client:
             return f"a session of {user or 'nobody'}"

@@ -12,7 +12,7 @@ _ENCODINGS = {"protobuf": ("protobuf", "foxglove."), "jsonschema": ("json", "vla
 
 
 def trouble(path: Path) -> str:
-    """What is wrong with a finished recording, or "": every checksum, every message, every channel's schema."""
+    """Return what is wrong with a finished recording, or "": every checksum, every message, every channel's schema."""
     try:
         with path.open("rb") as file:
             reader = make_reader(file, validate_crcs=True)

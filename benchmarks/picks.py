@@ -56,7 +56,7 @@ class Problem:
     yaw_rad: float
 
     def scene(self, robot: Robot) -> Scene:
-        """What the planner is given."""
+        """Return the scene that the planner is given."""
         if self.sight is not None:
             return Scene.of(robot, robot.station, *([self.sight] if self.sight else []), boxes=(TABLE,))
         return Scene(robot, robot.station, self.boxes, target=self.target_points)
@@ -178,7 +178,7 @@ def _sight(boxes: tuple[Box, ...], target: Box, yaw_rad: float, rng: np.random.G
 
 
 def _entry(rays: Array, origin: Array, box: Box) -> Array:
-    """Where rays (h, w, 3) from ``origin`` enter the box, as a share of their length; infinite if they miss."""
+    """Return where rays (h, w, 3) from ``origin`` enter the box, as a share of their length; infinite if they miss."""
     low = np.array(box.center_m) - np.array(box.size_m) / 2
     with np.errstate(divide="ignore", invalid="ignore"):
         one, other = (low - origin) / rays, (low + box.size_m - origin) / rays

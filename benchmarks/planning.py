@@ -33,7 +33,7 @@ _IK_POSES = 300
 
 @dataclass
 class _Tally:
-    """What came of the problems so far."""
+    """The results of the problems so far."""
 
     solved: list[bool] = field(default_factory=list)
     plan_ms: list[float] = field(default_factory=list)

@@ -161,7 +161,7 @@ class Questions:
         return Question(key, payload, encoding, self._numbered(sources[int(self._rng.integers(3))]))
 
     def _device(self, source: zenoh.EntityGlobalId | None) -> Question:
-        """What a node would do for its cell: the exact key, its payload and its encoding."""
+        """Return a question that makes a node act for its cell: the exact key, its payload and its encoding."""
         key, ask = self._act()
         return Question(f"{self._cell.root}/{key}", encode(ask), encoding_of(type(ask)), self._numbered(source))
 

@@ -1,4 +1,4 @@
-"""Who finds the object in an image without depth, and how well: overlaps with the masks of a dataset."""
+"""Segmenters on images without depth: how well each finds the object, as overlap with the masks of a dataset."""
 
 from __future__ import annotations
 

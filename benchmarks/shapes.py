@@ -48,14 +48,14 @@ class Solid:
         return np.where((near < far) & (near > 0), near, np.inf)
 
     def reach_m(self, direction: Array) -> float:
-        """How far the solid extends along a unit direction, from the object's origin."""
+        """Return how far the solid extends along a unit direction, from the object's origin."""
         e = self.rotation.T @ direction * self.half_m
         k = 2 if self.kind == "dome" and e[2] > 0 else _AXES[self.kind][0]
         flat = 0.0 if self.kind == "dome" else np.abs(e[k:]).sum()
         return float(self.center_m @ direction + np.linalg.norm(e[:k]) + flat)
 
     def _interval(self, origins: Array, directions: Array) -> tuple[Array, Array]:
-        """Where each ray enters and leaves; enters after it leaves = misses."""
+        """Return where each ray enters and leaves; enters after it leaves = misses."""
         o = (origins - self.center_m) @ self.rotation / self.half_m
         d = directions @ self.rotation / self.half_m
         k, cut = _AXES[self.kind]

@@ -274,7 +274,7 @@ def _forget(outcome: Outcome) -> None:
 
 
 def _grown(kept: dict[str, dict[str, float]]) -> Grown:
-    """What an interrupted run has found; JSON's keys are words."""
+    """Return what an interrupted run has found; JSON's keys are words."""
     rss_mb, fds = ({int(pid): by for pid, by in kept.get(name, {}).items()} for name in ("rss_mb", "fds"))
     return Grown(rss_mb, fds)
 

@@ -81,7 +81,7 @@ class Moment(NamedTuple):
 
 @dataclass
 class Witness:
-    """What was said of one pick: the plan, what was executed, the arm's states, and whether it is over."""
+    """The notes about one pick: the plan, what was executed, the arm's states, and whether it is over."""
 
     plan: PickPlan | None = None
     execution: Execution | None = None

@@ -65,7 +65,7 @@ def run(kills: int, cells: int, damages: int, seed: int, endpoint: str, tell: Ca
 
 
 def _recovered(path: Path) -> int | None:
-    """How many messages came back, in order and without a gap; None when the file cannot be read."""
+    """Return how many messages came back, in order and without a gap; None when the file cannot be read."""
     try:
         recover(path.with_name(path.name + ".part"))
     except RecordingError:
@@ -80,7 +80,7 @@ def _recovered(path: Path) -> int | None:
 
 
 def _kill_writer(path: Path, rng: random.Random) -> int:
-    """How many messages it had reported as flushed when it was killed."""
+    """Kill a writer, and return how many messages it had reported as flushed."""
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(["benchmarks.torn"])
     ours, theirs = context.Pipe(duplex=False)

@@ -43,7 +43,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of one trial.
+    """The result of one trial.
 
     Attributes:
         fault: the row's name, or "". ``result``, ``code``, ``reason``: of the cycle; "NONE" when none was said.

@@ -103,7 +103,7 @@ def share(hits: list[bool]) -> float | None:
 
 
 def count_words(module: Module, pattern: re.Pattern[str]) -> int:
-    """How often ``pattern`` stands in the docstrings (every string that is a statement) and comments of a module."""
+    """Count how often ``pattern`` stands in docstrings (every string that is a statement) and comments of a module."""
     texts = list(_strings(ast.walk(module.tree)))
     tokens = tokenize.generate_tokens(io.StringIO(module.text).readline)
     texts += [token.string for token in tokens if token.type == tokenize.COMMENT]

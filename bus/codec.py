@@ -11,6 +11,7 @@ from pydantic import ValidationError
 from bus import topics
 from bus.commands import BusSchema, Health, TopicSchema
 from bus.errors import BadFrame, BadPayload
+from bus.first_mistake import first_mistake
 from bus.frozen import Message
 from bus.lazy import LazyModule
 
@@ -39,18 +40,12 @@ def decode(payload_type: type[MessageT], payload: bytes) -> MessageT:
     try:
         return payload_type.model_validate_json(payload)
     except ValidationError as error:
-        why = _first_of(error)
+        why = first_mistake(error, whole="payload")
     except BadFrame as error:
         why = error.text.rstrip(".")
     except Exception as error:  # noqa: BLE001 - NumPy and OpenCV may raise any type on foreign bytes
         why = f"payload: {type(error).__name__}: {error}"
     raise BadPayload(f"Not a valid {payload_type.__name__}: {_line(why)}.")
-
-
-def _first_of(error: ValidationError) -> str:
-    first = error.errors(include_url=False, include_context=False, include_input=False)[0]
-    where = ".".join(str(part) for part in first["loc"]) or "payload"
-    return f"{where}: {first['msg']}"
 
 
 def _line(text: str) -> str:

@@ -107,7 +107,13 @@ class CellState(Message):
 
 
 class Event(Message):
-    """A report for the operator; ``code`` is one of `bus.codes.Code` or a short upper-case word."""
+    """A report for the operator.
+
+    Attributes:
+        code: one of `bus.codes.Code`, or a short upper-case word.
+        severity: how urgent it is.
+        text: what happened. ``advice``: what to do about it; "" = nothing.
+    """
 
     code: str
     severity: Literal["info", "warning", "error"]
@@ -135,6 +141,7 @@ class Health(Message):
     """A node's report about itself, once a second.
 
     Attributes:
+        name: of the node. ``pid``: of its process. ``uptime_s``: since its start.
         answered, failed: queries since its start. ``last_fault``: the newest error; "" without any.
         loops: by name, e.g. ``arm.state``.
         readings: device readings by name, e.g. ``camera.ir_temperature_c``.
@@ -183,6 +190,7 @@ class CellHealth(Message):
     """The health of the whole cell, derived by the daemon: healthy when nothing in it has a problem.
 
     Attributes:
+        is_healthy: nothing in it has a problem.
         nodes: by node name. ``doors``: those that the cell opened, by name.
         defects: threads of the daemon that ended by an unforeseen exception, each in a few words.
     """
@@ -228,13 +236,24 @@ class Heartbeat(Message):
 
 
 class ResultRequest(Message):
-    """Request for the result of one cycle."""
+    """Request for the result of one cycle.
+
+    Attributes:
+        cycle_id: of a ``pick`` or ``start``, from its reply.
+    """
 
     cycle_id: Annotated[str, Field(max_length=100)]
 
 
 class TopicSchema(Message):
-    """One row of `bus.topics`. ``asks``, ``says``: the encodings of its query and of its payload or answer."""
+    """One row of `bus.topics`.
+
+    Attributes:
+        key: below the cell's root.
+        kind: ``publish``, ``query``, or ``alive``, a liveliness token.
+        acts: who may ask, where the answer is an act: a ``client`` that names itself, or the ``cell``; "" = it reads.
+        asks, says: the encodings of its query, and of its payload or answer.
+    """
 
     key: str
     kind: str
@@ -259,6 +278,7 @@ class Stranger(Message):
     """A payload that a session other than the topic's publisher put on a key of the cell; cut after 64 KiB.
 
     Attributes:
+        payload: the first bytes of it.
         key, encoding: as it was published.
         source: the session that published it.
     """
@@ -299,6 +319,7 @@ class PresentRequest(Message):
     Where the table was filled at the start (``sim.clutter``), it stays as it is, and an object by name is refused.
 
     Attributes:
+        cycle: number of the cycle, from 0 on. ``seed``: of the order and the poses.
         object: its name; None = the ``cycle``-th of the order that ``seed`` gives.
     """
 
@@ -311,6 +332,7 @@ class PresentedObject(Message):
     """Simulation only: one object and its true pose.
 
     Attributes:
+        name: as `PresentRequest` names it.
         base_from_object: (4, 4) pose of the object's own origin in ``base`` [m].
     """
 
@@ -322,6 +344,7 @@ class Presented(Message):
     """Simulation only: every object of the cell, delivered ones included, and its true pose.
 
     Attributes:
+        objects: each with its pose.
         names: of the objects that can be presented; empty where that is not known.
     """
 

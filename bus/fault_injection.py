@@ -31,7 +31,12 @@ PARTS: tuple[Part, ...] = get_args(Part)
 
 
 class FaultRequest(Message):
-    """Sets the fault of a part. ``delay_s``: the delay under ``slow`` [s]; None = unchanged."""
+    """Sets the fault of a part.
+
+    Attributes:
+        fault: how the part misbehaves from now on.
+        delay_s: of every answer under ``slow``; None = unchanged.
+    """
 
     fault: Fault
     delay_s: float | None = None

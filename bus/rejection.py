@@ -12,7 +12,7 @@ ObstacleKind = Literal["box", "seen", "unseen", "target", "robot"]
 
 
 class Obstacle(Message):
-    """What was in the way, where the arm would have come nearest to it.
+    """The thing in the way, where the arm would have come nearest to it.
 
     Attributes:
         part: of the robot, e.g. ``left finger``; ``held object``: what it carries.
@@ -42,6 +42,8 @@ class Rejection(Message):
     """A way to grasp that was rejected, and why.
 
     Attributes:
+        grasp: its index among the grasps.
+        code: the kind of obstacle. ``reason``: which, with its measurements.
         tilt_rad: as in `PickPlan`.
         obstacle: of a collision, when no other way was feasible either; else None, as in older recordings.
     """

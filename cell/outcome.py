@@ -1,4 +1,4 @@
-"""What a pick comes to: the result of its last attempt, or that its job was dropped before it began."""
+"""The outcome of a pick: the result of its last attempt, or that its job was dropped before it began."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class Asked(Protocol):
     """A cell that is asked: a `cell.client.Client`, as a rule."""
 
     def state(self) -> CellState:
-        """What the cell does now. Raises: BusError."""
+        """Return what the cell does now. Raises: BusError."""
 
     def result(self, cycle_id: str) -> CycleResult | None:
         """The result of a cycle; None while there is none. Raises: BusError."""

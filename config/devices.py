@@ -1,4 +1,4 @@
-"""Who drives what, and the devices themselves: camera, arm, hand."""
+"""Settings of nodes, which drive devices, and of the devices themselves: camera, arm, hand."""
 
 from __future__ import annotations
 
@@ -25,6 +25,8 @@ class NodeSettings(Settings):
     Attributes:
         driver: `cell drivers` lists those there are. ``settings``: of another package's driver, which checks them
             itself, in its node.
+        run: the daemon starts the node ``here``, or it is started ``elsewhere`` with `cell node`, on any machine.
+        serves: the devices that it drives.
     """
 
     driver: str
@@ -39,6 +41,8 @@ class CameraSettings(Settings):
     Rotation as unit quaternion wxyz. The default looks along the hand's approach axis, image down = hand -x.
 
     Attributes:
+        hand_from_color_position_m: where the colour camera is; `cell calibrate hand-eye` measures it.
+        hand_from_color_wxyz: how it is turned.
         max_age_s: a frame older than this is refused (STALE_FRAME).
         least_range_m: the depth camera measures nothing nearer; a hole in its depth may be that. 0.5: Femto Mega, NFOV.
     """
@@ -50,7 +54,7 @@ class CameraSettings(Settings):
 
 
 class CaptureSettings(Settings):
-    """How often the scene is looked at before a pick.
+    """Captures: how often the scene is looked at before a pick.
 
     Attributes:
         views: 1, 2 or 3 looks, fewer where no other place is reached; ``auto`` looks again only when too little was
@@ -70,6 +74,7 @@ class ArmSettings(Settings):
     """Named joint configurations [rad] and the arm's motion limits.
 
     Attributes:
+        capture_q_rad: the pose of the first look, from which the whole pick region is in the picture.
         speed: share of the allowed joint speed, in 0..1.
         start_tolerance_rad: largest distance of a trajectory's start from the measured position.
         rest_s: longest time for a stopped or held arm, and the cycle that moved it, to come to rest.
@@ -82,13 +87,10 @@ class ArmSettings(Settings):
 
 
 class HandSettings(Settings):
-    """The Panda hand, and its grasp force.
-
-    Finger geometry is that of the collision mesh: pads `finger_width_m` wide (across the closing axis),
-    `finger_thickness_m` thick (along it).
-    """
+    """The Panda hand, and its grasp force. The geometry of its fingers is that of the collision mesh."""
 
     max_width_m: Size = 0.08
+    """How far the hand opens, from pad to pad."""
     max_speed_m_s: Positive = 0.1
     """Highest rate of the width: 50 mm/s for each finger (Franka Hand product manual)."""
     max_force_n: Positive = 70.0
@@ -96,11 +98,15 @@ class HandSettings(Settings):
     speed_m_s: Positive = 0.05
     """Rate of the width while the fingers close on an object; free of it they move at `max_speed_m_s`."""
     grasp_force_n: Positive = 30.0
+    """With it the fingers close on an object; a job may ask for less."""
     release_margin_m: Size = 0.010
     """How much wider than the object the fingers open to let it go; never less than they came with."""
     finger_width_m: Size = 0.020
+    """Width of a pad, across the closing axis."""
     finger_thickness_m: Size = 0.012
+    """Thickness of a finger along the closing axis: the free space that it needs beside an object."""
     min_width_m: SizeOrNone = 0.002
+    """What is thinner is no grasp: the fingers would close on nothing."""
 
     @model_validator(mode="after")
     def _asks_for_what_it_can(self) -> HandSettings:

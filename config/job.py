@@ -1,4 +1,4 @@
-"""What a job changes in the station's settings for its cycles, and whether it can be done at all.
+"""The settings of the station as a job changes them for its cycles, and whether it can be done at all.
 
 A cycle runs with, records and replays the station that its job makes: no stage reads the job itself.
 """

@@ -15,6 +15,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from bus.errors import ConfigError
+from bus.first_mistake import field_name, reason
 from config.base import UNSHOWN, is_unicode
 from config.schema import Station
 from config.toml_file import parsed, read_text
@@ -142,7 +143,7 @@ def _plain(annotation: Any) -> list[Any]:
 def _said(error: ValidationError, source: str) -> tuple[str, str]:
     """Return the first mistake and the advice for it, for a person; ``source``: where it stands."""
     first = error.errors()[0]
-    where, (text, advice) = ".".join(str(part) for part in first["loc"]), explained(first)
+    where, (text, advice) = field_name(first), explained(first)
     if first["type"] == "extra_forbidden":
         return f"Unknown key {where!r} in {source}.", advice
     if text == MISSING:
@@ -158,7 +159,7 @@ def explained(mistake: ErrorDetails) -> tuple[str, str]:
         return "unknown key", f"Did you mean {near[0]!r}?" if near else f"Known here: {', '.join(names)}."
     if kind == "missing" and not isinstance(location[-1], int):
         return MISSING, f"Give it in [{table}]." if (table := named(location[:-1])) else "Give it."
-    text = mistake["msg"].removeprefix("Value error, ").replace("Input should be", "must be")
+    text = reason(mistake).replace("Input should be", "must be")
     if kind == "missing":
         text = f"{len(mistake['input'])} numbers are too few"
     return f"{text}{_given(mistake)}", _corrected(mistake)
@@ -170,7 +171,7 @@ def named(path: Sequence[int | str]) -> str:
 
 
 def _corrected(mistake: ErrorDetails) -> str:
-    """What to do about a value that cannot be: the word that was meant, if it is like one of those there are."""
+    """Return what to do about a value that cannot be: the word that was meant, if it is like one of those there are."""
     given, words = mistake.get("input"), mistake.get("ctx", {}).get("expected", "")
     if mistake["type"] == "literal_error" and isinstance(given, str):
         near = difflib.get_close_matches(given, re.findall(r"'([^']*)'", words), n=1)

@@ -1,4 +1,4 @@
-"""Where each setting of a station comes from: a line of its file, ``--set``, or the default."""
+"""The origin of each setting of a station: a line of its file, ``--set``, or the default."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How grasps are found: the goal-image model, segmentation, alignment, targets."""
+"""Settings of the search for grasps: the goal-image model, segmentation, alignment, targets."""
 
 from __future__ import annotations
 
@@ -44,8 +44,11 @@ class PriceSettings(Settings):
     """The provider's list prices [USD], as you pay them; `cost_usd` is computed from them."""
 
     usd_per_million_input_tokens: NonNegative = 0.0
+    """Of what is sent: the words, and the pictures in tokens."""
     usd_per_million_output_tokens: NonNegative = 0.0
+    """Of what comes back as words."""
     usd_per_image: NonNegative = 0.0
+    """Of a goal image."""
 
 
 class HostedSettings(Settings):
@@ -115,16 +118,22 @@ class DriftSettings(Settings):
     """Largest accepted changes of a goal image; beyond them a cycle ends with MODEL_DRIFT. See `bus.messages.Drift`."""
 
     max_changed_outside: Fraction = 0.05
+    """Share of the background whose colour changed."""
     max_other_objects: NonNegative = 0.2
+    """Area of new things, as a share of the object's."""
     min_silhouette_iou: Fraction = 0.5
+    """Overlap of the imagined object's outline with the observed one, where they fit best."""
     max_color_shift: NonNegative = 45.0
+    """Distance of the object's median colours (CIE76)."""
 
 
 class SamSettings(Settings):
     """SAM, SAM 2 or SAM 3: a folder or a hub id, and its device. Needs the extra ``vlad-cell[models]``."""
 
     weights: FolderOrName = "facebook/sam2.1-hiera-small"
+    """A folder that ``save_pretrained`` wrote, or a hub id, which needs the network."""
     device: str = "cpu"
+    """Of PyTorch: ``cpu``, ``cuda``."""
 
 
 class SalientSettings(Settings):
@@ -141,13 +150,16 @@ class DepthProSettings(Settings):
     """Depth Pro: a folder or a hub id, and its device. Needs the extra ``vlad-cell[models]``."""
 
     weights: FolderOrName = "apple/DepthPro-hf"
+    """A folder that ``save_pretrained`` wrote, or a hub id, which needs the network."""
     device: str = "cpu"
+    """Of PyTorch: ``cpu``, ``cuda``."""
 
 
 class OnnxSettings(Settings):
     """A network of the GG-CNN family; its tensors: `perception.rectangles.network`. Needs ``vlad-cell[onnx]``."""
 
     path: SystemPath = Path("grasp.onnx")
+    """Its ``.onnx`` file."""
 
 
 class PerceptionSettings(Settings):
@@ -179,6 +191,7 @@ class PerceptionSettings(Settings):
     """Depth of the goal image: the model's own if it knows it, else the height of the observed object; or Depth Pro."""
     depth_pro: DepthProSettings = DepthProSettings()
     align: Literal["silhouette_3d", "pca_cfopt"] = "silhouette_3d"
+    """Carries the rod back from the goal image: ours by outline and depth, or the paper's by principal axes."""
     max_residual: Positive = 0.20
     """Alignment residual in rms radii: beyond it the goal shows another object (0.20 lets 95 % of true pairs pass)."""
     drift: DriftSettings = DriftSettings()
@@ -187,9 +200,12 @@ class PerceptionSettings(Settings):
     rectangle_margin_m: SizeOrNone = 0.0
     """Free space of the opening on each side; 0 as in the paper."""
     min_object_height_m: Size = 0.006
+    """What rises less above the table is no object."""
     min_table_seen: Fraction = 0.7
     """Nothing on the table counts as an empty table only when this share of the pick region was seen."""
     rod_radius_m: Size = 0.004
+    """Of the imagined rod, as it is asked for and painted."""
     max_grasps: Annotated[int, Field(ge=1, le=100)] = 12
+    """Most grasps of a scene, the best ones; the plan takes the first that can be reached."""
     approach_clearance_m: SizeOrNone = 0.006
     """Extra opening on each side of the object while approaching."""

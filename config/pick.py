@@ -1,4 +1,4 @@
-"""How a pick is planned, executed, verified and tried again."""
+"""Settings of how a pick is planned, executed, verified and tried again."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class PlanningSettings(Settings):
 
 
 class ExecuteSettings(Settings):
-    """What the arm feels on its way to a grasp.
+    """Execution: what the arm feels on its way to a grasp.
 
     Attributes:
         contact_n: on the approach line the arm stops where it meets more force than this against its motion; 0 = it
@@ -83,8 +83,10 @@ class VerifySettings(Settings):
     Attributes:
         hold_s: how long the arm stands still with the object. It may be short: the hand is watched from the grasp on.
         samples: readings of the hand during the hold; one a tenth of a second if it is short.
+        min_width_m: fingers that closed further hold nothing.
         max_width_loss_m: the width may fall by more only when it is steady in the hold: the object turned flush.
         min_load_n: less is held only when the object's place is seen empty: the arm cannot weigh a few grams.
+        min_cleared_fraction: the object left its place when so much of it, of what is seen, is seen empty.
         look: ``always`` holds the object beside its place and looks there; ``auto`` holds it above the tray, and goes
             back for a look only when width and load do not tell clearly that it is the object.
         clear_load_n: with ``auto``, a load of which it is clear that it is no error of the measurement.

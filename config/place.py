@@ -13,6 +13,7 @@ class NamedPlace(Settings):
     """A place by name.
 
     Attributes:
+        name: a job asks for it so.
         position_m: (x, y, z) of the tcp in ``base`` when it lets go; higher where the object hangs lower.
         yaw_rad: heading of the closing axis in ``base`` when it lets go; None = any.
         pattern_m: offsets along x and y of ``base``, used in turn, so that objects do not pile up.

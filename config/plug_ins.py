@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from bus.errors import CellError, ConfigError
+from bus.first_mistake import first_mistake
 from bus.redaction import quoted
 from config.schema import Station
 
@@ -151,11 +152,9 @@ def model_of(factory: object) -> type[BaseModel] | None:
 
 
 def _explained(error: ValidationError, model: type[BaseModel], whose: str, where: str) -> tuple[str, str]:
-    first = error.errors()[0]
-    field = ".".join((where, *(str(part) for part in first["loc"])))
-    message = first["msg"].removeprefix("Value error, ")
     known = ", ".join(model.model_fields) or "none"
-    return f"{field}: {message} (the {whose} says).", f"Correct [{where}] in the station file. Its settings: {known}."
+    what = f"{first_mistake(error, inside=where)} (the {whose} says)."
+    return what, f"Correct [{where}] in the station file. Its settings: {known}."
 
 
 def _is_ours(point: EntryPoint) -> bool:

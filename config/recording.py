@@ -1,4 +1,4 @@
-"""What is recorded, and how long it is kept."""
+"""Settings of recordings: where they lie, and how long they are kept."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ class RecordingSettings(Settings):
     """Folder and retention of the cycles' recordings.
 
     Attributes:
+        folder: of the recordings, one subfolder a day; relative to where the cell is started.
         min_free_mb: below this free space the next cycle is refused.
         patience_s: a disk that takes longer for one message or the end of a file counts as lost (RECORDING).
         keep_gb: space for the recordings; 0 = the whole disk, until `min_free_mb` refuses the next cycle. A cell that

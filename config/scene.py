@@ -19,7 +19,12 @@ from config.place import NamedPlace
 
 
 class Box(Settings):
-    """A fixed, axis-aligned box of the scene in ``base``."""
+    """A fixed, axis-aligned box of the scene in ``base``.
+
+    Attributes:
+        name: messages and reports name it so.
+        center_m: its middle. ``size_m``: its edges along x, y and z.
+    """
 
     name: Chunk
     center_m: Vector
@@ -47,7 +52,9 @@ class Bin(Settings):
     """Four walls on the table, axis-aligned in ``base``; the table is the floor.
 
     Attributes:
+        name: messages and reports name it so.
         center_m: (x, y) of its middle. ``size_m``: of its inside, along x and y.
+        wall_height_m: of its walls above the table. ``wall_thickness_m``: outwards.
     """
 
     name: Chunk
@@ -94,6 +101,7 @@ class SceneSettings(Settings):
     """The fixed surroundings of the arm. The table's top is the plane z = 0 of ``base``.
 
     Attributes:
+        tray_wall_height_m: of the walls on the tray's rim, above its floor; 0 = none.
         pick_region_m: (x_min, x_max, y_min, y_max) in ``base``: the region searched for objects.
         place_m: tcp position at which the object is released, above the tray's floor.
         place_pattern_m: offsets from it along x and y of ``base``, one per cycle, so that objects do not pile up.

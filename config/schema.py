@@ -31,7 +31,11 @@ numpy: Any = LazyModule("numpy")
 
 
 class Station(Settings):
-    """The complete configuration of one cell."""
+    """The complete configuration of one cell.
+
+    Attributes:
+        cell_id: its name on the bus and in recordings; each cell of a fleet needs its own.
+    """
 
     cell_id: Chunk = "sim"
     bus: BusSettings = BusSettings()

@@ -14,6 +14,7 @@ class SimSettings(Settings):
 
     Attributes:
         pace: 0 = as fast as possible, in lockstep; 1 = real time.
+        seed: of the objects, their poses and the cameras' noise: the same seed makes the same cycles.
         friction: sliding friction of the finger pads on objects.
         objects: folder of ``<name>/object.xml`` MJCF objects, and of meshes ``<name>.obj``, ``.stl`` or ``.ply`` in
             metres; None = the paper's five, built in.

@@ -33,7 +33,7 @@ _FILLERS = frozenset({"a", "an", "any", "it", "object", "of", "one", "part", "pl
 
 @dataclass(frozen=True)
 class Wanted:
-    """What a target's words ask for: things of one colour, of one label, and the utmost of them."""
+    """The wish that a target's words express: things of one colour, of one label, and the utmost of them."""
 
     color: str | None = None
     label: Label | None = None

@@ -14,6 +14,7 @@ from typing import Any
 from pydantic import BaseModel
 
 import vlad_cell
+from config.field_docs import meanings
 from docs.fields import markdown
 
 PAGE = Path(__file__).with_name("api.md")
@@ -42,7 +43,7 @@ def _of(name: str) -> str:
 def _values(of: type) -> list[str]:
     """The attributes and properties of a class, as a table; empty without any."""
     rows = [*_attributes(of)]
-    for name, member in vars(of).items():
+    for name, member in _members(of):
         if _is_property(member) and not name.startswith("_"):
             read = getattr(member, "fget", None) or member.func
             text = " ".join(" ".join(_told(member)).replace("**", "").split())
@@ -51,23 +52,26 @@ def _values(of: type) -> list[str]:
 
 
 def _attributes(of: type) -> Iterator[str]:
-    """A row for each entry of the docstring's ``Attributes:``, which may name several, or go on with another one."""
+    """A row for each attribute of which the class's docstring speaks."""
     kinds = inspect.get_annotations(of)
-    block = next((one for one in _blocks(of) if one.startswith("Attributes:")), "")
-    for entry in _entries(block):
-        for part in re.split(r"(?<=[.;]) (?=``\w+``: )", entry):
-            names, _, text = part.partition(": ")
-            for name in names.replace("``", "").split(", "):
-                yield f"| `{name}` | {_cell(_type(kinds.get(name, '')))} | {markdown(_inline(text))} |"
+    for name, text in meanings(of).items():
+        yield f"| `{name}` | {_cell(_type(kinds[name]))} | {markdown(_inline(text))} |"
 
 
 def _methods(of: type) -> Iterator[str]:
-    """The public methods of a class, in the order of its text."""
-    for name, member in vars(of).items():
+    """The public methods of a class, those of its bases first, in the order of their text."""
+    for name, member in _members(of):
         value = member.__func__ if isinstance(member, classmethod | staticmethod) else member
         if not name.startswith("_") and inspect.isfunction(value):
             shown = f"{of.__name__}.{name}"
             yield "\n\n".join([f"### {shown}", _signature(shown, value), *_told(value)])
+
+
+def _members(of: type) -> Iterator[tuple[str, Any]]:
+    """Yield what a class, and the bases of ours before it, define."""
+    for base in reversed(of.__mro__):
+        if base.__module__.startswith("vlad_cell."):
+            yield from vars(base).items()
 
 
 def _is_property(value: Any) -> bool:
@@ -112,7 +116,7 @@ def _cell(text: str) -> str:
 
 
 def _told(what: Any) -> Iterator[str]:
-    """What a docstring says, as Markdown: its sentences, and each of its sections as a list."""
+    """Yield what a docstring says, as Markdown: its sentences, and each of its sections as a list."""
     for block in _blocks(what):
         section = _SECTION.match(block)
         yield _list(section[1], section[2], block) if section else _inline(" ".join(block.split()))

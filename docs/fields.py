@@ -54,7 +54,7 @@ class Row(NamedTuple):
 
 
 def lead(model: type[BaseModel]) -> str:
-    """What the class's docstring says before it speaks of its fields, as Markdown."""
+    """Return what the class's docstring says before it speaks of its fields, as Markdown."""
     return markdown(summary(model))
 
 
@@ -118,7 +118,7 @@ def _array(schema: dict[str, Any]) -> str:
 
 
 def _limits(field: FieldInfo) -> str:
-    """What is accepted besides the type; "" without."""
+    """Return what is accepted besides the type; "" without."""
     found = []
     for one in field.metadata:
         given = {name: getattr(one, name, None) for name in _BOUNDS}

@@ -13,7 +13,7 @@ from cell.replay.replay import Request, replay
 from docs.browser import launch_chromium
 from docs.chart import Image
 from docs.planning_pictures import motions
-from docs.tiles import row, save, titled
+from docs.tiles import row, save, strip, titled
 from logs.mcap.reader import read_cycle as read_record
 from logs.report.cycle_report import write_report
 from perception.geometry.window import Window
@@ -57,9 +57,16 @@ def _pick(cycle: Cycle) -> None:
         "2  the goal image": _near(cycle, cycle.detections.goal_image, 255),
         "3  the grasp": _near(cycle, cycle.picture().rgb),
         "4  the plan": motions(plan, Robot(cycle.station), cycle.station),
-        "5  what it holds": after.color,
+        "5  what it holds": _squarer(after.color),
     }
-    save(row([titled(title, tile, _TILE_PX) for title, tile in tiles.items()]), FOLDER / "pick.jpg")
+    save(strip(tiles, _TILE_PX), FOLDER / "pick.jpg")
+
+
+def _squarer(image: Image) -> Image:
+    """The middle of a wide image."""
+    height_px, width_px = image.shape[:2]
+    left = (width_px - height_px) // 2
+    return image[:, left : left + height_px]
 
 
 def _what_if(cycle: Cycle) -> None:

@@ -171,7 +171,7 @@ def side_picture(station: Station, looks: Sequence[Observation]) -> Image:
 
 
 def _refused(station: Station, look: Observation) -> tuple[Image, str]:
-    """What one look shows of the thing, and why it is refused."""
+    """Return what one look shows of the thing, and why it is refused."""
     scenes = list[ObservedScene]()
     try:
         detect(look, station, open_models(station, {}), ignore_reply, on_scene=scenes.append)

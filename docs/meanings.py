@@ -1,4 +1,4 @@
-"""What travels on each topic of the bus, in a few words: for the pages of the bus and of the recordings."""
+"""The meaning of each topic of the bus, in a few words: for the pages of the bus and of the recordings."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ def run(notebook: dict[str, Any], namespace: dict[str, Any]) -> dict[str, Any]:
 
 
 def _outputs(source: str, number: int, namespace: dict[str, Any]) -> list[dict[str, Any]]:
-    """What one code cell prints, and its last value if that is an expression."""
+    """Return what one code cell prints, and its last value if that is an expression."""
     *before, last = ast.parse(source).body
     body = before if isinstance(last, ast.Expr) else [*before, last]
     value: Any = None

@@ -9,16 +9,14 @@ import os
 import sys
 from pathlib import Path
 
-import cv2
-import numpy as np
-
 os.environ.setdefault("MUJOCO_GL", "egl")  # headless; MuJoCo reads it when it is first imported
 import mujoco
 
 from bus.messages import Detections, PickPlan
 from config.load import station_from
-from docs.chart import INK, Image, blank
+from docs.chart import Image
 from docs.planning_pictures import motions, on_white
+from docs.tiles import save, strip
 from drivers.sim.arm import SimArm
 from drivers.sim.hand import SimHand
 from drivers.sim.world import World
@@ -29,7 +27,7 @@ from perception.geometry.window import Window
 from planning.robot import Robot
 
 PICTURE = Path(__file__).with_name("pick.jpg")
-HEIGHT_PX, GAP_PX, TITLE_PX = 240, 8, 24
+HEIGHT_PX = 240
 
 
 def main(recording: Path) -> None:
@@ -45,10 +43,7 @@ def main(recording: Path) -> None:
         "how it moves": motions(plan, Robot(station), station),
         "what it holds": _lifted(record, plan, World(station)),
     }
-    row = [_titled(title, tile) for title, tile in tiles.items()]
-    gap = blank(GAP_PX, HEIGHT_PX + TITLE_PX)
-    strip = np.hstack([part for tile in row for part in (tile, gap)][:-1])
-    cv2.imwrite(str(PICTURE), strip[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 85])
+    save(strip(tiles, HEIGHT_PX), PICTURE)
 
 
 def _lifted(record: CycleRecord, plan: PickPlan, world: World) -> Image:
@@ -70,14 +65,6 @@ def _lifted(record: CycleRecord, plan: PickPlan, world: World) -> Image:
     with mujoco.Renderer(world.model, 480, 480) as renderer:
         renderer.update_scene(world.data, camera)
         return on_white(renderer)
-
-
-def _titled(title: str, tile: Image) -> Image:
-    """The tile at the strip's height, with its title above."""
-    width_px = round(tile.shape[1] * HEIGHT_PX / tile.shape[0])
-    head = blank(width_px, TITLE_PX)
-    cv2.putText(head, title, (4, 17), cv2.FONT_HERSHEY_SIMPLEX, 0.45, INK, 1, cv2.LINE_AA)
-    return np.vstack([head, cv2.resize(tile, (width_px, HEIGHT_PX), interpolation=cv2.INTER_AREA)])
 
 
 if __name__ == "__main__":

@@ -70,7 +70,7 @@ def _target(page: Path, link: str) -> Path | None:
 
 
 def _page_of(file: Path) -> str:
-    """Where a file of the repository is on the site."""
+    """Return where a file of the repository is on the site."""
     name = str(file.relative_to(ROOT))
     if name in BESIDE:
         return BESIDE[name]

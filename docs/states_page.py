@@ -39,6 +39,8 @@ def page() -> str:
             "## Beside the table",
             "",
             "These commands change no state. `cancel` ends a job that waits, or whose grasp has not begun.",
+            "A `pick` or `start` with `queue` waits while the cell works. One that comes in Completing after the last",
+            "result was said needs no `queue`: it begins as soon as the cell is Complete.",
             "",
             f"{_listed(ANSWERS)} answer a proposal, where a person approves motion (`execute.approve`). After its plan",
             "each cycle, a retry too, waits in Execute, in the stage `approve`, and nothing moves. What waits is",

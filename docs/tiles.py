@@ -11,15 +11,16 @@ import numpy as np
 from docs.chart import INK, Image, blank
 
 GAP_PX, _HEAD_PX, _LINE_PX, _TEXT = 8, 26, 17, 0.42
+STRIP_TITLE_SCALE = 1.8
 _LETTER_PX = 6.2
 """About the width of a letter: text is broken where it would leave its tile."""
 
 
-def titled(title: str, tile: Image, height_px: int, text: str = "") -> Image:
-    """The picture (H, W, 3) at this height with its title above, and ``text`` below."""
+def titled(title: str, tile: Image, height_px: int, text: str = "", title_scale: float = 1.0) -> Image:
+    """The picture (H, W, 3) at this height with its title above, ``title_scale`` times as large, and ``text`` below."""
     width_px = round(tile.shape[1] * height_px / tile.shape[0])
-    head = blank(width_px, _HEAD_PX)
-    _write(head, title, 18)
+    head = blank(width_px, round(_HEAD_PX * title_scale))
+    _write(head, title, round(18 * title_scale), title_scale)
     lines = textwrap.wrap(text, int(width_px / _LETTER_PX))
     foot = blank(width_px, _LINE_PX * len(lines))
     for number, line in enumerate(lines):
@@ -50,5 +51,10 @@ def save(image: Image, path: Path) -> None:
     cv2.imwrite(str(path), image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 88])
 
 
-def _write(image: Image, text: str, bottom_px: int) -> None:
-    cv2.putText(image, text, (6, bottom_px), cv2.FONT_HERSHEY_SIMPLEX, _TEXT, INK, 1, cv2.LINE_AA)
+def strip(tiles: dict[str, Image], height_px: int) -> Image:
+    """Pictures beside each other, with titles that can be read where a page shows the whole at half its size."""
+    return row([titled(title, tile, height_px, title_scale=STRIP_TITLE_SCALE) for title, tile in tiles.items()])
+
+
+def _write(image: Image, text: str, bottom_px: int, scale: float = 1.0) -> None:
+    cv2.putText(image, text, (6, bottom_px), cv2.FONT_HERSHEY_SIMPLEX, _TEXT * scale, INK, 1, cv2.LINE_AA)

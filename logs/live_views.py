@@ -118,7 +118,7 @@ class Views:
         yield topics.VIEW_SCENE, scene.SerializeToString()
 
     def _seen(self, scene: ObservedScene) -> Iterator[Drawn]:
-        """What a failed detection saw: on grey, since the image itself is not in the message."""
+        """Yield what a failed detection saw: on grey, since the image itself is not in the message."""
         self._shown = scene.shown
         plain = np.full((*scene.labels.shape, 3), _PLAIN, dtype=np.uint8)
         yield topics.VIEW_COLOR, self._image(draw_scene(plain, scene))

@@ -67,7 +67,7 @@ class Pruner:
         self._shelf = Shelf(self._root, read_metadata, rest, self._labelled, free)
 
     def plan(self) -> Plan:
-        """What goes now, and within a day."""
+        """Return what goes now, and within a day."""
         return self._shelf.plan(self._clock_ns(), self._settings)
 
     @contextmanager

@@ -59,7 +59,7 @@ def draw_scene(color: Image, scene: ObservedScene, region_px: npt.NDArray[np.flo
 
 
 def places_px(labels: LabelImage, numbers: list[int]) -> dict[int, tuple[int, int]]:
-    """Where (u, v) each thing's number stands: deepest inside of it. Things without a pixel have none."""
+    """Return where (u, v) each thing's number stands: deepest inside of it. Things without a pixel have none."""
     places, windows = {}, _windows(labels)
     for number in numbers:
         if number in windows:

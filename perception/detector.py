@@ -178,7 +178,7 @@ class _Tries:
         self.make(sorted(self.targets, key=order.index))
 
     def _samples(self, things: int) -> int:
-        """How many rods are imagined for each of so many things."""
+        """Return how many rods are imagined for each of so many things."""
         settings = self.station.perception.imagine
         if settings.samples != "auto":
             return settings.samples

@@ -21,7 +21,7 @@ _SHOWN_POINTS = 3000
 def evidence_of(
     rgbd: Rgbd, crop: Crop, observed_object: ObservedObject, proposal: Proposal, sample: int, agreement: float
 ) -> Evidence:
-    """What led to a proposal's grasps.
+    """Return what led to a proposal's grasps.
 
     Args:
         crop: of ``rgbd`` around the object. ``sample``, ``agreement``: see `bus.messages.Evidence`.

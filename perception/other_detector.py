@@ -107,7 +107,7 @@ def _locked(array: npt.NDArray[ScalarT]) -> npt.NDArray[ScalarT]:
 
 
 def _held(grasp: FoundGrasp, scene: Scene, targets: Sequence[int], station: Station) -> _Held:
-    """Which thing the grasp holds, by the seen point that is nearest to the tcp unless the detector says it."""
+    """Return which thing the grasp holds: that of the seen point nearest to the tcp, unless the detector says it."""
     labels, points = scene.cloud_labels, scene.cloud.points_table
     on_things = np.flatnonzero(labels if grasp.instance is None else labels == grasp.instance)
     tcp = apply(scene.table.table_from_base, np.asarray(grasp.base_from_tcp)[None, :3, 3])

@@ -1,4 +1,4 @@
-"""What planning asks of an arm's kinematics, and what makes one configuration better than another.
+"""The demands of planning on an arm's kinematics, and what makes one configuration better than another.
 
 The FR3 has a closed form (`planning.kinematics`), any other arm a numerical one (`planning.serial_arm`).
 """

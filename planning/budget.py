@@ -1,4 +1,4 @@
-"""How much planning a pick may take, counted in collision checks: the same inputs give the same plan everywhere."""
+"""The amount of planning that a pick may take, in collision checks: the same inputs give the same plan everywhere."""
 
 from __future__ import annotations
 

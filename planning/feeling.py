@@ -1,4 +1,4 @@
-"""What a felt approach needs: where the arm feels, how far before the grasp it may close, and its ways on or back.
+"""The needs of a felt approach: where the arm feels, how far before the grasp it may close, and its ways on or back.
 
 Frames: docs/frames.md.
 """

@@ -41,7 +41,7 @@ _BESIDE_TARGET_PX = 2
 
 @dataclass(frozen=True)
 class Sight:
-    """What one look shows of the scene.
+    """The view of the scene from one look.
 
     Attributes:
         points_base: (H, W, 3) [m] in ``base``, NaN = no depth; neighbours on one surface are nearer than a cell.

@@ -1,4 +1,4 @@
-"""What of a thing hangs in the hand for certain: the part that is connected to what is between the pads.
+"""The part of a thing that hangs in the hand for certain: it is connected to what is between the pads.
 
 Perception takes touching pieces of one colour for one thing. As a whole it may be a heap, in which no hand has room and
 which fits through nowhere. Frames: docs/frames.md.

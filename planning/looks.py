@@ -1,4 +1,4 @@
-"""Where the wrist camera looks from when one look is not enough: a short table of viewpoints about a place.
+"""The views of the wrist camera when one look is not enough: a short table of viewpoints about a place.
 
 Measured: a fixed pair at 45 degrees sees as much as a search for the next best view (docs/method.md). Frames:
 docs/frames.md.

@@ -1,4 +1,4 @@
-"""What was in the way of a rejected motion: which thing, where, and by how much too near. Frames: docs/frames.md."""
+"""The obstacle of a rejected motion: which thing, where, and by how much too near. Frames: docs/frames.md."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def obstacle_of(collision: Collision, there: Sequence[Pair], scene: Scene, width
 
 
 def _too_near_m(pair: Pair, scene: Scene) -> float | None:
-    """How far the part would have to move; the least over all directions, by bisection to half a millimetre."""
+    """Return how far the part would have to move; the least over all directions, bisected to half a millimetre."""
     (part, pose), other = _ordered(pair)
     closing = scene.robot.base_from_tcp(pair.q_rad)[:3, 1]
     first = float(np.arctan2(closing[1], closing[0]))
@@ -121,18 +121,18 @@ def _is_carried(pair: Pair) -> bool:
 
 
 def _who(collision: Collision, pair: Pair) -> tuple[str, str]:
-    """What moves, and what it would touch: the object in the hand moves, whatever the order of the two."""
+    """Return what moves, and what it would touch: the object in the hand moves, whatever the order of the two."""
     return (collision.other, collision.part) if _is_carried(pair) else (collision.part, collision.other)
 
 
 def _ordered(pair: Pair) -> tuple[Placed, Placed]:
-    """What moves, and what it would touch, with their places."""
+    """Return what moves, and what it would touch, with their places."""
     first, second = pair.placed()
     return (second, first) if _is_carried(pair) else (first, second)
 
 
 def _shape(name: str, other: Placed, scene: Scene) -> tuple[ObstacleKind, Array]:
-    """What kind of thing it is, and the points (n, 3) in ``base`` that show it."""
+    """Return what kind of thing it is, and the points (n, 3) in ``base`` that show it."""
     boxes = {box.name: box for box in scene.boxes}
     if name in boxes:
         return "box", _corners(boxes[name])

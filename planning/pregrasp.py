@@ -131,7 +131,7 @@ def preplaces(
 
 
 def _place_m(base_from_tcp: Transform, station: Station) -> Array:
-    """Where the tcp (3,) releases the object; it stood on the table when the tcp was at the grasp."""
+    """Return where the tcp (3,) releases the object; it stood on the table when the tcp was at the grasp."""
     scene = station.scene
     hangs_m = float(base_from_tcp[2, 3]) - scene.table.top_m
     x, y, z = scene.place_m

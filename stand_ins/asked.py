@@ -19,7 +19,7 @@ Kind = Literal["text", "image"]
 
 
 class Fault(StrEnum):
-    """How an answer goes wrong."""
+    """The ways in which an answer goes wrong."""
 
     RATE_LIMIT = "rate_limit"
     SERVER_ERROR = "server_error"
@@ -37,7 +37,7 @@ OF_PICTURES = frozenset({Fault.TRUNCATED_PNG, Fault.WRONG_SIZE, Fault.TEXT_ONLY}
 
 
 class Picture(NamedTuple):
-    """What a painter is given.
+    """The picture that a painter is given.
 
     Attributes:
         image: (H, W, 3) RGB.
@@ -88,7 +88,7 @@ def decode(data: bytes) -> Image:
 
 
 def decode_mask(data: bytes) -> Mask:
-    """Where the picture file is fully transparent. Raises: BadRequest."""
+    """Return where the picture file is fully transparent. Raises: BadRequest."""
     pixels = _pixels(data, cv2.IMREAD_UNCHANGED)
     if pixels.ndim != 3 or pixels.shape[2] != 4:
         raise BadRequest("Invalid mask image format - mask image must have an alpha channel.")

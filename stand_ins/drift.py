@@ -22,7 +22,7 @@ _HUES = 180
 
 @dataclass(frozen=True)
 class Drift:
-    """How a picture departs from what was asked for.
+    """The departure of a picture from what was asked for.
 
     Attributes:
         rotation_deg: in the image, counter-clockwise as seen, about the object's centre.
@@ -143,7 +143,7 @@ def _hidden(rod: Mask, object_mask: Mask) -> Mask:
 
 
 def _pose(object_mask: Mask, drift: Drift, rng: np.random.Generator) -> Pose:
-    """Where object and rod go."""
+    """Return where object and rod go."""
     tilted, stretched = rng.uniform(0, 2 * np.pi, 2)
     center = center_of(object_mask)
     along = np.array([np.cos(stretched), np.sin(stretched)])

@@ -26,7 +26,7 @@ class FakeFci:
         self.q_rad, self._on_cycle, self._cycle, self._mode = q_rad, on_cycle, 0, IDLE
 
     def package(self) -> Any:
-        """What ``import pylibfranka`` would give."""
+        """Return what ``import pylibfranka`` would give."""
         return SimpleNamespace(
             RealtimeConfig=SimpleNamespace(kEnforce=1, kIgnore=0),
             ControllerMode=SimpleNamespace(JointImpedance=0),

@@ -32,7 +32,7 @@ _STOP_S = 8.0
 
 
 def missing() -> str | None:
-    """Why no FR3 can be simulated and driven here, or None."""
+    """Return why no FR3 can be simulated and driven here, or None."""
     if not PYTHON.exists():
         return f"{PYTHON.parent.parent.name} is missing: `just stand-ins` makes it"
     absent = [name for name in ("pylibfranka", "franky") if find_spec(name) is None]

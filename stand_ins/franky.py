@@ -19,7 +19,7 @@ class NetworkError(FrankyError):
 
 @dataclass
 class FakeHand:
-    """What stands behind every connection.
+    """The hand behind every connection.
 
     Attributes:
         answers: how it says its state; raises what a test wants.
@@ -39,7 +39,7 @@ class FakeHand:
     stopped: threading.Event = field(default_factory=threading.Event)
 
     def package(self) -> Any:
-        """What ``import franky`` would give."""
+        """Return what ``import franky`` would give."""
 
         def connect(_address: str) -> _Gripper:
             if self.refusing is not None:

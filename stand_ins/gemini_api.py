@@ -63,7 +63,7 @@ def refused(request: Request) -> Reply:
 
 
 def failed(fault: Fault, retry_after_s: int) -> Reply:
-    """What the API answers in place of the model; the time to wait is in the body."""
+    """Return what the API answers in place of the model; the time to wait is in the body."""
     match fault:
         case Fault.RATE_LIMIT:
             violation = {"quotaId": "GenerateRequestsPerMinutePerProjectPerModel", "quotaValue": "3"}

@@ -35,7 +35,7 @@ _SAME_RAD = 1e-3
 
 
 class Mirror:
-    """What the cell's arm and hand were last heard to do."""
+    """The cell's arm and hand, as they were last heard."""
 
     def __init__(self) -> None:
         station = load_station()

@@ -216,7 +216,7 @@ class _Handler(BaseHTTPRequestHandler):
 
 
 class DriftLevel(StrEnum):
-    """How badly the model follows."""
+    """The degree to which the model follows."""
 
     NONE = "none"
     MILD = "mild"

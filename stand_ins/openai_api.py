@@ -82,7 +82,7 @@ def refused(request: Request) -> Reply:
 
 
 def failed(fault: Fault, retry_after_s: int) -> Reply:
-    """What the API answers in place of the model."""
+    """Return what the API answers in place of the model."""
     match fault:
         case Fault.RATE_LIMIT:
             text = f"Rate limit reached on requests per min (RPM): Limit 3. Please try again in {retry_after_s}s."

@@ -20,7 +20,7 @@ from perception.geometry.lift import project
 from perception.goal.imagine import ROD_COLORS
 from perception.models.painter import paint as paint_rod
 from perception.observed_object import ObservedObject, RodColor
-from stand_ins.model_server import Picture
+from stand_ins.asked import Picture
 
 _STATION = load_station(None, ["hand.max_width_m=0.1"])
 """A model that sees a picture does not know to the millimetre what fits the jaw."""
@@ -62,7 +62,7 @@ def paint(picture: Picture) -> Image:
 
 
 def object_mask(image: Image) -> npt.NDArray[np.bool_]:
-    """What stands out from the picture's rim."""
+    """Return what stands out from the picture's rim."""
     rim = np.concatenate([image[:4].reshape(-1, 3), image[-4:].reshape(-1, 3)])
     apart = np.abs(image.astype(np.int16) - np.median(rim, axis=0)).max(axis=2)
     return np.asarray(cv2.morphologyEx((apart > _STANDS_OUT).astype(np.uint8), cv2.MORPH_OPEN, np.ones((5, 5))) > 0)

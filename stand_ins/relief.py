@@ -37,7 +37,7 @@ class Layer(NamedTuple):
 
 @dataclass(frozen=True)
 class Pose:
-    """Where something goes: stretched, turned out of the image plane, turned in it, shifted.
+    """The pose of something: stretched, turned out of the image plane, turned in it, shifted.
 
     Attributes:
         center: (2,) what everything turns about. ``moved``: (2,) where it ends.
@@ -92,7 +92,7 @@ def soft(mask: Mask) -> Plane:
 
 
 def flat(image: Image, mask: Mask, pose: Pose) -> Layer:
-    """What lies in the object's middle plane, moved. ``image`` has colours beyond the mask."""
+    """Return what lies in the object's middle plane, moved. ``image`` has colours beyond the mask."""
     x, y = pose.sources(mask.shape)
     color = cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return Layer(np.asarray(color, dtype=np.uint8), np.asarray(cv2.remap(soft(mask), x, y, cv2.INTER_LINEAR)))

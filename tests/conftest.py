@@ -1,4 +1,4 @@
-"""What every test may use: a free loopback endpoint, random frames."""
+"""Fixtures of every test: a free loopback endpoint, random frames."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class FilesOrGroups(LoadGroupScheduling):  # type: ignore[misc]  # xdist ships n
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> FilesOrGroups | None:
-    """What ``--dist loadgroup`` means here."""
+    """Define what ``--dist loadgroup`` means here."""
     return FilesOrGroups(config, log) if config.getvalue("dist") == "loadgroup" else None
 
 

@@ -116,7 +116,7 @@ class Cycle:
 
     @property
     def code(self) -> str:
-        """Why it failed: one of the codes of docs/faults.md; "" for none."""
+        """The code of its failure, one of docs/faults.md; "" for none."""
         return self._timeline.code
 
     @property
@@ -126,7 +126,7 @@ class Cycle:
 
     @property
     def advice(self) -> str:
-        """What to do about a failure; "" for nothing."""
+        """The advice about a failure; "" for nothing."""
         return self._timeline.advice
 
     @property
@@ -205,7 +205,7 @@ class Cycle:
 
     @cached_property
     def detections(self) -> Detections:
-        """What `detect` gave, with its pictures. Raises: RecordingError when it found nothing; ``reason`` says why."""
+        """The result of `detect`, with pictures. Raises: RecordingError when it found nothing; ``reason`` says why."""
         found = self._found(self._pictured)
         if found is None:
             raise RecordingError(f"Nothing was found in the cycle {self.cycle_id}: {self.reason}", self.advice)

@@ -1,13 +1,16 @@
-"""What a caller of ``pick`` asks for, as a job of the cell."""
+"""The arguments of ``pick`` as they are written in Python, and what they mean for a job of the cell."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 from pydantic import ValidationError
 
 from bus.errors import ConfigError
-from bus.messages import GraspHints, Job, Place, Target
+from bus.first_mistake import first_mistake
+from bus.messages import Place, Target
+from bus.messages.job import place_at
 
 ToPick = str | Target | None
 """The object in words, as ``"the largest red one"``; or a `Target`: by pixel, box or point. None = the best grasp's."""
@@ -15,36 +18,22 @@ ToLay = str | Sequence[float] | Place | None
 """The name of a place of the station; or x, y, z [m] in ``base``, perhaps with a heading [rad]. None = the tray."""
 
 
-def job_of(
-    target: ToPick,
-    place: ToLay,
-    job_id: str,
-    deadline_s: float | None,
-    max_force_n: float | None,
-    from_above: bool,
-    clear_way: bool,
-    queue: bool,
-) -> Job:
-    """The job. Raises: ConfigError, which names the argument."""
+@contextmanager
+def wrong_argument_named() -> Iterator[None]:
+    """Context in which a job is made of a caller's arguments. Raises: ConfigError, which names the wrong one."""
     try:
-        return Job(
-            job_id=job_id,
-            target=Target(text=target) if isinstance(target, str) else target,
-            place=_place(place),
-            deadline_s=deadline_s,
-            grasp=GraspHints(max_force_n=max_force_n, from_above=from_above),
-            clear_way=clear_way,
-            queue=queue,
-        )
+        yield
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"]) or "the job"
-        raise ConfigError(
-            f"{where}: {first['msg'].removeprefix('Value error, ')}.", "See docs/api.md, pick."
-        ) from error
+        raise ConfigError(f"{first_mistake(error, whole='the job')}.", "See docs/api.md, pick.") from error
 
 
-def _place(place: ToLay) -> Place | None:
+def target_of(target: ToPick) -> Target | None:
+    """Return the target that a caller names. Raises: pydantic.ValidationError."""
+    return Target(text=target) if isinstance(target, str) else target
+
+
+def place_of(place: ToLay) -> Place | None:
+    """Return the place that a caller names. Raises: ConfigError for a number too many or few; pydantic's error."""
     if place is None or isinstance(place, Place):
         return place
     if isinstance(place, str):
@@ -54,5 +43,4 @@ def _place(place: ToLay) -> Place | None:
         raise ConfigError(
             f"place has {len(numbers)} numbers.", "They are x, y, z [m] in base, and perhaps a heading [rad]."
         )
-    x, y, z, *yaw = numbers
-    return Place(position_m=(x, y, z), yaw_rad=yaw[0] if yaw else None)
+    return place_at(numbers)

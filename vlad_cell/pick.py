@@ -35,7 +35,7 @@ class Pick:
         self.result = None
 
     def __iter__(self) -> Iterator[Said]:
-        """What the cell says, until the result is there, which is the last.
+        """Yield what the cell says, until the result is there, which is the last.
 
         Raises: CellUnreachable when the cell is gone; Refused (JOB_DROPPED) when the job was dropped before it began.
         """

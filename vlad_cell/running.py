@@ -5,27 +5,21 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
-from types import TracebackType
 
-from bus import topics
-from bus.at_end import cancel_close_at_end, close_at_end
-from bus.commands import CellHealth, CellState, CommandRequest
-from bus.errors import CellUnreachable, ConfigError, NotReached, ReplyTimeout
+from bus.commands import CommandRequest
+from bus.errors import ConfigError
 from bus.messages import CycleResult, Job
-from cell.cli.fleet import fleet
-from cell.client import LEADS_TO, Client, client_name, connect
+from bus.messages.job import job_of
 from cell.daemon.batch import Batch
-from cell.machine.states import ENDED, SETTLED, told
-from config.schema import Station
-from vlad_cell.job import ToLay, ToPick, job_of
+from vlad_cell.job import ToLay, ToPick, place_of, target_of, wrong_argument_named
 from vlad_cell.pick import Pick, Progress
 from vlad_cell.picks import Picks
-from vlad_cell.said import Said, attended, next_message
 from vlad_cell.simulation import running
+from vlad_cell.state_commands import StateCommands
 from vlad_cell.station import Config, Settings, station_of
 
 
-class Cell:
+class Cell(StateCommands):
     """A connection to one running cell. Use it in a ``with``, or call `close`; from one thread at a time.
 
     With its first command that moves the arm it takes the lease: the arm moves while this program runs. When the
@@ -43,33 +37,6 @@ class Cell:
         CellUnreachable: no cell answers there.
         ConfigError: the station is wrong, or several cells answer and none was named.
     """
-
-    def __init__(
-        self,
-        endpoint: str = "",
-        *,
-        cell_id: str = "",
-        config: Config = None,
-        settings: Settings | None = None,
-        name: str = "python",
-    ) -> None:
-        changed = dict(settings or {})
-        if endpoint:
-            changed["bus.endpoint"] = endpoint
-        if cell_id:
-            changed["cell_id"] = cell_id
-        station = station_of(config, changed)
-        if config is None and "cell_id" not in changed:
-            station = station.model_copy(update={"cell_id": _only_cell(station)})
-        with ExitStack() as stack:
-            self._open(station, name, stack)
-
-    def _open(self, station: Station, name: str, stack: ExitStack) -> None:
-        """Connect; what ``stack`` holds then belongs to this cell."""
-        self._station = station
-        self._client: Client = stack.enter_context(connect(station, (topics.EVENT,), client_id=client_name(name)))
-        self._stack = stack.pop_all()
-        close_at_end(self.close)
 
     @classmethod
     def simulated(
@@ -101,87 +68,6 @@ class Cell:
             station = stack.enter_context(running(station_of(config, {**given, **(settings or {})})))
             cell._open(station, "python", stack)
         return cell
-
-    def __enter__(self) -> Cell:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Give the lease back and end the connection; a simulated cell ends, too. Idempotent."""
-        cancel_close_at_end(self.close)
-        self._stack.close()
-
-    @property
-    def endpoint(self) -> str:
-        """Where the cell answers: for `Cell` in another program, or ``--set bus.endpoint=...`` of a command."""
-        return self._station.bus.endpoint
-
-    @property
-    def station(self) -> Station:
-        """The station that this program knows the cell by; that of a running cell is in its recordings."""
-        return self._station
-
-    # --- ask ----------------------------------------------------------------------------------------------------------
-
-    def state(self) -> CellState:
-        """What the cell does now: ``state``, ``stage``, ``available`` commands, ``reason``. Raises: BusError."""
-        return self._client.state()
-
-    def health(self) -> CellHealth:
-        """How the cell and its nodes are. Raises: BusError."""
-        return self._client.health()
-
-    # --- command ------------------------------------------------------------------------------------------------------
-
-    def reset(self, timeout_s: float = 60.0) -> CellState:
-        """Check the cell, and move the arm to the capture pose; returns when it is Idle.
-
-        Raises: Refused in another state than Stopped or Complete; NotReached when it ended elsewhere; BusError.
-        """
-        return self._carry_out("reset", timeout_s, "Idle")
-
-    def stop(self, timeout_s: float = 60.0) -> CellState:
-        """Brake on the path, and confirm the rest; returns when the cell is Stopped. Raises: Refused, BusError."""
-        return self._carry_out("stop", timeout_s, "Stopped")
-
-    def abort(self, timeout_s: float = 60.0) -> CellState:
-        """Brake now; returns when the cell is Aborted. Then `clear` and `reset`. Raises: Refused, BusError."""
-        return self._carry_out("abort", timeout_s, "Aborted")
-
-    def clear(self, timeout_s: float = 60.0) -> CellState:
-        """Acknowledge an abort; returns when the cell is Stopped. Raises: Refused, NotReached, BusError."""
-        return self._carry_out("clear", timeout_s, "Stopped")
-
-    def hold(self, timeout_s: float = 60.0) -> CellState:
-        """Pause a running cycle; returns when it is Held. Raises: Refused, NotReached, BusError."""
-        return self._carry_out("hold", timeout_s)
-
-    def unhold(self, timeout_s: float = 60.0) -> CellState:
-        """Go on with a held cycle; returns when it runs. Raises: Refused, NotReached, BusError."""
-        return self._carry_out("unhold", timeout_s)
-
-    def cancel(self, job_id: str) -> None:
-        """Cancel the job ``job_id``, as long as the arm has not set out for its grasp. Raises: Refused, BusError."""
-        self._client.command("cancel", job=Job(job_id=job_id))
-
-    def _carry_out(self, verb: str, timeout_s: float, wanted: str = "") -> CellState:
-        with attended(self._client):
-            self._client.command(verb)
-            state = self._client.wait_for_state({*LEADS_TO[verb], *ENDED}, timeout_s)
-        if state.state != wanted if wanted else state.state not in LEADS_TO[verb]:
-            why = told(state.state, state.reason)
-            raise NotReached(f"After {verb} the cell is {state.state}: {why}", "See `cell status`.")
-        return state
-
-    def release(self) -> None:
-        """Give the lease back, so that others may command; motion that still continues is held. Idempotent."""
-        self._client.release()
-
-    # --- pick ---------------------------------------------------------------------------------------------------------
 
     def pick(
         self,
@@ -250,7 +136,17 @@ class Cell:
         object_name: str | None = None,
     ) -> Pick:
         """Begin a pick, and return at once; the arguments and errors are those of `pick`."""
-        job = job_of(target, place, job_id, deadline_s, max_force_n, from_above, clear_way, queue)
+        with wrong_argument_named():
+            job = job_of(
+                target_of(target),
+                place_of(place),
+                job_id=job_id,
+                deadline_s=deadline_s,
+                max_force_n=max_force_n,
+                from_above=from_above,
+                clear_way=clear_way,
+                queue=queue,
+            )
         self._forget()
         reply = self._client.command("pick", object_name=object_name, job=job)
         return Pick(self._client, reply.cycle_id, reply.job_id, reply.position)
@@ -268,33 +164,11 @@ class Cell:
         if until_empty and cycles != 1:
             raise ConfigError("cycles and until_empty exclude each other.", "Give a number of picks, or until_empty.")
         batch = Batch(CommandRequest(cycles=cycles, until_empty=until_empty), self._station.retry)
-        job = job_of(target, None, "", None, None, False, False, False)
+        with wrong_argument_named():
+            job = Job(target=target_of(target))
         self._forget()
         reply = self._client.command("start", cycles=cycles, until_empty=until_empty, job=job)
         yield from Picks(self._client, batch, reply)
-
-    def events(self, timeout_s: float = 600.0) -> Iterator[Said]:
-        """What the cell says from now on, until it settles after something moved; who commanded it does not matter.
-
-        Args:
-            timeout_s: longest silence.
-
-        Raises: ReplyTimeout after so long a silence; CellUnreachable when the cell is gone.
-        """
-        self._forget()
-        moved = self.state().state not in SETTLED
-        while (said := next_message(self._client, timeout_s)) is not None:
-            yield said
-            if isinstance(said, CellState):
-                if moved and said.state in SETTLED:
-                    return
-                moved = moved or said.state not in SETTLED
-        raise ReplyTimeout(f"The cell has said nothing for {timeout_s:.0f} s.", "See `cell status`.")
-
-    def _forget(self) -> None:
-        """Drop what was heard before now."""
-        for _ in self._client.heard():
-            pass
 
 
 def simulated_cell(
@@ -307,15 +181,3 @@ def simulated_cell(
 ) -> Cell:
     """A simulated cell for a ``with``; the same as `Cell.simulated`, with its arguments and errors."""
     return Cell.simulated(seed=seed, objects=objects, folder=folder, config=config, settings=settings)
-
-
-def _only_cell(station: Station) -> str:
-    """The id of the only cell at the station's endpoint. Raises: CellUnreachable, ConfigError, BusError."""
-    names = [member.cell_id for member in fleet(station)]
-    if not names:
-        raise CellUnreachable(f"No cell answers at {station.bus.endpoint}.", "Start it with `cell start`.")
-    if len(names) > 1:
-        raise ConfigError(
-            f"Several cells answer at {station.bus.endpoint}.", f"Name one: cell_id, of {', '.join(names)}."
-        )
-    return names[0]

@@ -1,4 +1,4 @@
-"""What a cell says while it works, heard and in words."""
+"""The messages of a cell while it works, heard and in words."""
 
 from __future__ import annotations
 

@@ -8,8 +8,9 @@ from contextlib import contextmanager
 
 from bus.errors import ConfigError, PortOccupied
 from bus.free_port import free_endpoint
-from cell.nodes.doors import await_open, spawn_child
+from cell.nodes.doors import await_open
 from cell.nodes.pipes import close_pipes, end_child
+from cell.nodes.starting import spawn_child
 from config.clock import clock_of
 from config.schema import Station
 

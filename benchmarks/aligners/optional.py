@@ -1,4 +1,4 @@
-"""What the methods of another package share: whether it is here, and clouds of equal size, which it aligns rigidly."""
+"""The common part of aligners of other packages: whether one is here; clouds of equal size, which it aligns rigidly."""
 
 from __future__ import annotations
 

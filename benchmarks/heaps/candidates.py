@@ -183,7 +183,7 @@ class Truth:
         return points, level / np.linalg.norm(level, axis=1, keepdims=True), np.full(len(chosen), part)
 
     def _through(self, points: Array, normals: Array, parts: npt.NDArray[np.int64]) -> tuple[Array, Array]:
-        """How far the body of each point reaches along its normal: least (n,) and greatest (n,) of its parts there."""
+        """Return how far the body of each point reaches along its normal: least (n,) and greatest (n,) of its parts."""
         start, end = np.zeros(len(points)), np.zeros(len(points))
         reach_m = self._hand.max_width_m
         for index, (point, normal) in enumerate(zip(points, normals, strict=True)):

@@ -48,7 +48,7 @@ class Solid:
 
 @dataclass(frozen=True)
 class Chords:
-    """Where m lines enter and leave a solid; entry = inf, leave = -inf for those that miss it.
+    """The chords of m lines in a solid, from entry to leave; entry = inf, leave = -inf for those that miss it.
 
     Attributes:
         entry, leave: (m,). ``entry_normal``, ``leave_normal``: (m, 3) of the facets there.

@@ -12,7 +12,7 @@ from perception.models import Models, open_models
 
 
 class Found(Protocol):
-    """What a detector returns."""
+    """The result of a detector."""
 
     @property
     def grasps(self) -> Sequence[Grasp]:

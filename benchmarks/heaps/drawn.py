@@ -77,7 +77,7 @@ def _rectangle(x_m: tuple[float, float], y_m: tuple[float, float], z_m: float) -
 
 
 def _pixels(heap: Heap, points_base: Array) -> npt.NDArray[np.int32]:
-    """Where the camera truly sees points (n, 3) in ``base``: (n, 2) whole pixels."""
+    """Return where the camera truly sees points (n, 3) in ``base``: (n, 2) whole pixels."""
     points = apply(inverse(heap.true_base_from_color), points_base)
     matrix = np.array([[COLOR.fx, 0, COLOR.cx], [0, COLOR.fy, COLOR.cy], [0, 0, 1]])
     pixels, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), matrix, np.array(COLOR.distortion))

@@ -47,7 +47,7 @@ class Row:
 
     @property
     def group(self) -> str:
-        """What it is counted with: the number of objects in its heap, or its set."""
+        """The group that it is counted in: the number of objects in its heap, or its set."""
         return str(self.n) if self.set_name == HEAPS else self.set_name
 
 

@@ -36,7 +36,7 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Verdict:
-    """What becomes of a grasp.
+    """The judgement of a grasp.
 
     Attributes:
         name: one of `VERDICTS`. ``why``: a few words.
@@ -122,7 +122,7 @@ class Judge:
         return Verdict(TRUE, "", bodies[0], width_m)
 
     def _contacts(self, near: Sequence[tuple[int, Solid]], half_m: float) -> tuple[_Patch | None, _Patch | None]:
-        """What the pads, from the left and from the right, meet first; None for nothing."""
+        """Return what the pads, from the left and from the right, meet first; None for nothing."""
         x_m, z_m = np.linspace(-_PAD_M / 2, _PAD_M / 2, _PAD_LINES), np.linspace(_LOW_M, _HIGH_M, _HIGH_LINES)
         x, z = (one.ravel() for one in np.meshgrid(x_m, z_m, indexing="ij"))
         lines = np.stack([x, np.zeros(x.size), z], axis=1)

@@ -48,7 +48,7 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Lifted:
-    """What physics did.
+    """The result of a lift in physics.
 
     Attributes:
         touched: whether the hand met something on the way down.

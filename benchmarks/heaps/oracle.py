@@ -29,7 +29,7 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Robust:
-    """What the search found.
+    """The result of the search.
 
     Attributes:
         base_from_tcp: (4, 4) of a robust grasp, with its ``opening_m``; None = none was found.

@@ -1,4 +1,4 @@
-"""What is drawn from a scene's seed before anything moves: its kind, and where table and camera truly are.
+"""The draws from a scene's seed before anything moves: its kind, and where table and camera truly are.
 
 MuJoCo's world is the frame ``table`` here: its top is z = 0, level. In ``base``, which leans where the table should be
 level, it lies off and tilted; so round things do not roll away, and everything on it keeps its place.
@@ -74,7 +74,7 @@ def plan(n: int, seed: int, set_name: str = HEAPS) -> Plan:
 
 
 def _of_set(set_name: str) -> tuple[int, ...]:
-    """What a set adds to its seeds; nothing for heaps."""
+    """Return what a set adds to its seeds; nothing for heaps."""
     return (SETS.index(set_name),) if set_name != HEAPS else ()
 
 

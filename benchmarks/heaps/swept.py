@@ -1,4 +1,4 @@
-"""What the hand sweeps on its straight way to a grasp, and what it meets there.
+"""The space that the hand sweeps on its straight way to a grasp, and what it meets there.
 
 All in the grasp's own frame: x across the finger, y the closing axis, z up against the approach, the origin between the
 finger tips. In metres.
@@ -54,7 +54,7 @@ class Hand:
         return np.array([-x_m, -y_m, 0.0]), np.array([x_m, y_m, _FAR_M])
 
     def hit(self, near: Sequence[tuple[int, Solid]], grasp_from_table: Array, half_m: float) -> str:
-        """What the hand meets on its way, "" for nothing. It has no front: its camera may be on either side.
+        """Return what the hand meets on its way, "" for nothing. It has no front: its camera may be on either side.
 
         Args:
             near: bodies and their parts. ``half_m``: half the opening.
@@ -88,7 +88,7 @@ class _Foot:
         return replace(self, x_m=(-self.x_m[1], -self.x_m[0]), y_m=(-self.y_m[1], -self.y_m[0]))
 
     def met(self, near: Sequence[tuple[int, Solid]], grasp_from_table: Array) -> str:
-        """What stands over the foot and reaches its bottom; "" for nothing."""
+        """Return what stands over the foot and reaches its bottom; "" for nothing."""
         if self._in_table(grasp_from_table):
             return f"{self.name} in the table"
         lines = self._lines()

@@ -1,4 +1,4 @@
-"""Where the wrist camera looks from after the first picture: the product's own viewpoints. Frames: docs/frames.md."""
+"""The views of the wrist camera after the first picture: the product's own viewpoints. Frames: docs/frames.md."""
 
 from __future__ import annotations
 

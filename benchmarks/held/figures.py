@@ -57,7 +57,7 @@ def figures(picks: Sequence[Pick], binned: Sequence[tuple[int, int]] = (), *, is
 
 
 def code_of(pick: Pick) -> str:
-    """How the pick ended, in a word."""
+    """Return how the pick ended, in a word."""
     result = pick.last.result
     if not any(one.is_presented for one in pick.attempts):
         return "NOT_PRESENTED"

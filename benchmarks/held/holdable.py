@@ -1,4 +1,4 @@
-"""Which objects a heap is made of: those that the jaw could close on in some direction, and that lie flat there."""
+"""The objects of a heap: those that the jaw could close on in some direction, and that lie flat there."""
 
 from __future__ import annotations
 

@@ -87,7 +87,7 @@ class Pick:
 
     @property
     def is_success(self) -> bool:
-        """What the cell says."""
+        """Whether the cell says that it succeeded."""
         return self.last.result.result == "SUCCESS"
 
 
@@ -125,7 +125,7 @@ def seen_first(window: Window) -> Deed | None:
 
 
 def _with_closed_hand(deeds: Sequence[Deed]) -> Sequence[Deed]:
-    """What is done after the grasp, before the hand opens again."""
+    """Return what is done after the grasp, before the hand opens again."""
     grasped = next((index for index, deed in enumerate(deeds) if deed.kind == GRASP), len(deeds))
     after = deeds[grasped + 1 :]
     return after[: next((index for index, deed in enumerate(after) if deed.kind in _HANDS), len(after))]

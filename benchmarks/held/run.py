@@ -35,7 +35,7 @@ _BIN = Path(config.__file__).with_name("bin.toml")
 
 @dataclass(frozen=True)
 class Wanted:
-    """What is picked.
+    """The picks to be made.
 
     Attributes:
         objects: folder of objects; None = the paper's five.
@@ -107,7 +107,7 @@ def run(wanted: Wanted, tell: Callable[[str], None], workers: Workers = _ALONE) 
 
 
 class _Done(NamedTuple):
-    """What came of one seed: its judged picks; of a heap, how many lay in the bin and how many were left."""
+    """The judged picks of one seed; of a heap, how many objects lay in the bin and how many were left."""
 
     picks: list[Pick]
     binned: list[tuple[int, int]]

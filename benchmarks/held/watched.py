@@ -48,7 +48,7 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Deed:
-    """What one device did.
+    """One action of one device.
 
     Attributes:
         kind: one of the above.
@@ -112,7 +112,7 @@ class Watch:
         return len(bodies)
 
     def _touching(self) -> list[bool]:
-        """Which objects touch the robot; the caller holds the lock."""
+        """Return which objects touch the robot; the caller holds the lock."""
         model = self._world.model
         robot = model.body("base").id
         pairs = [model.body_rootid[model.geom_bodyid[contact.geom]].tolist() for contact in self._world.data.contact]
@@ -212,7 +212,7 @@ def _answer(pipe: Connection, watch: Watch) -> None:
 
 
 class Watched:
-    """Where the benchmark reads the notes."""
+    """The benchmark's end of the pipe, where it reads the notes."""
 
     def __init__(self, pipe: Connection) -> None:
         self._pipe = pipe

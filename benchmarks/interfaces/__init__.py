@@ -1,1 +1,1 @@
-"""What a client of the cell waits for: from a command to its answer, over each protocol."""
+"""The time that a client of the cell waits from a command to its answer, over each protocol."""

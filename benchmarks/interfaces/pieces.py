@@ -58,7 +58,7 @@ class Pair:
 
 @dataclass(frozen=True)
 class Jaw:
-    """Where the fingers close: ``base_from_tcp`` (4, 4), and the width [m] of what is between them there."""
+    """A closing of the fingers: ``base_from_tcp`` (4, 4), and the width [m] of what is between them there."""
 
     base_from_tcp: Array
     width_m: float

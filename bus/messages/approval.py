@@ -1,4 +1,4 @@
-"""What a person is asked before the arm moves for a grasp, and what they answered."""
+"""The question to a person before the arm moves for a grasp, and the answer."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ class Proposal(Message):
     """A planned pick that waits for a person: nothing of it moves before somebody approves it (``execute.approve``).
 
     Attributes:
+        cycle_id: of the cycle that waits.
         proposal_id: of this plan of this cycle; who approves names it, so that nobody approves another than they saw.
         grasp: its index among the detected grasps. ``base_from_tcp``: (4, 4), as detected. ``score``: of the detection.
         opening_m: opening of the hand on the way to it.
@@ -42,6 +43,7 @@ class Approval(Message):
     """The answer to one `Proposal`.
 
     Attributes:
+        proposal_id: of the `Proposal` that is answered.
         decision: approve it; plan the next grasp instead; or end the cycle.
         client_id: the client that decided. ``decided_ns``: when, UTC. ``reason``: why, in its words.
         base_from_tcp: (4, 4) of the proposed grasp; after ``next_grasp`` planning leaves out those like it.

@@ -17,7 +17,12 @@ ResultT = TypeVar("ResultT", bound=Message)
 
 
 class EarlierAttempt(Message):
-    """A cycle of the same pick before this one. ``code``: None when it cleared the way for it."""
+    """A cycle of the same pick before this one.
+
+    Attributes:
+        cycle_id: of that cycle.
+        code: why it failed; None when it cleared the way for this one. ``reason``: in words.
+    """
 
     cycle_id: str
     code: Code | None
@@ -28,6 +33,7 @@ class Attempt(Message):
     """The beginning of a cycle: the first try of a pick, or a retry (`cell.daemon.retry`).
 
     Attributes:
+        cycle_id: of this cycle.
         number: 0 = the first. ``retry_of``: id of the cycle before, "" for the first.
         missed: ``base_from_tcp`` (4, 4) of grasps that closed on nothing, or met something on the way there, in earlier
             cycles; planning leaves them out.
@@ -48,9 +54,10 @@ class Attempt(Message):
 
 
 class Failure(Message):
-    """Why a stage ended the cycle.
+    """The failure with which a stage ended the cycle.
 
     Attributes:
+        code: the kind of failure. ``text``: what happened, with its measurements.
         rejected: from the plan stage, every way to grasp that is not feasible.
         obstacle_m: (3,) of OBSTRUCTED, the top of what lies on the target, in ``base``.
     """
@@ -72,6 +79,8 @@ class StageRecord(Message, Generic[ResultT]):
     Exactly one of ``result`` and ``failure`` is set.
 
     Attributes:
+        cycle_id: of the cycle. ``stage``: of it.
+        result: what the stage found out. ``failure``: why it ended the cycle.
         started_ns: UTC.
         duration_s: wall time.
     """
@@ -113,7 +122,7 @@ class GraspOutcome(Message):
 
 
 class Laid(Message):
-    """Where a held object was let go. ``place``: name of the station's place, "" for its tray or a position.
+    """The place where a held object was let go. ``place``: name of the station's place, "" for its tray or a position.
 
     Attributes:
         position_m: (3,) of the tcp in ``base``.
@@ -127,6 +136,11 @@ class CycleResult(Message):
     """The result of one cycle, the same for every client and protocol.
 
     Attributes:
+        cycle_id: its recording is named so.
+        result: ``EMPTY``: nothing was there to pick.
+        code: why it did not succeed; None on success.
+        reason: the same in words; on success what was measured.
+        wall_s: how long the cycle took.
         object: name of the presented object in simulation, "" on hardware.
         stages: wall time of each stage that ran [s].
         recording: path of the MCAP.

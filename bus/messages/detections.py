@@ -15,6 +15,7 @@ class Usage(Message):
     """Token use of one call of a hosted model, as its provider counts it, and its price.
 
     Attributes:
+        input_tokens, output_tokens, reasoning_tokens: sent, received, and of the received those that nobody reads.
         cost_usd: price of the call.
         is_complete: the provider reported every figure; else tokens and price are lower bounds.
     """
@@ -32,6 +33,7 @@ class ModelReply(Message):
     It is published as it happens, so that failed calls are kept too.
 
     Attributes:
+        usage: tokens and price.
         step, sample: place in the imagination stage; ``sample`` counts the proposals from 0. ``detect``: a detector.
         model: name of the model. ``prompt``: the complete text sent.
         text: the reply's text. ``image_png``: the reply's image, unchanged.
@@ -104,6 +106,13 @@ class Evidence(Message):
     the chosen one.
 
     Attributes:
+        color: (H, W, 3) what the camera saw.
+        object_mask: (H, W) the thing. ``goal_object_mask``, ``goal_rod_mask``: thing and rod in the goal image.
+        observed_points: (n, 3) the seen surface of the thing. ``goal_points``, ``rod_points``: thing and rod lifted
+            from the goal image.
+        aligned_points: (n, 3) `goal_points` carried into the observed scene.
+        rod_ends: (3,) each, of the rod's axis, carried into the observed scene.
+        alignment: how they were carried. ``drift``: what the goal image changed that it must keep.
         goal_image: I_G on its plain background.
         sample: index of the chosen proposal. ``agreement``: share of the proposals whose rod grasps at the same place
             (their rectangles match as in Jiang et al. 2011); 1 with a single one.

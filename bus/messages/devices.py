@@ -69,6 +69,8 @@ class ArmState(Message):
     """Measured state of the arm.
 
     Attributes:
+        stamp_ns: when it was measured, UTC.
+        mode: what the arm does, or why it may not move.
         q_rad, dq_rad_s: (n,) joint positions and velocities, base to wrist.
         tau_ext_nm: (n,) external torque on the joints, without gravity.
     """
@@ -103,6 +105,10 @@ class HandState(Message):
     """Measured state of the parallel hand; ``width_m`` is the distance between the finger pads.
 
     Attributes:
+        stamp_ns: when it was measured, UTC.
+        width_m: distance between the finger pads.
+        is_moving: the fingers move.
+        is_homed: the hand knows its width: it was homed since it was switched on.
         clock_s: the time of the simulation, which is not that of the stamps; None on hardware.
     """
 

@@ -19,6 +19,8 @@ class SegmentRun(Message):
     """A segment as it was executed.
 
     Attributes:
+        name: of the segment; ``hold``: standing still; ``retreat``: back up after a contact.
+        motion: what was commanded and measured.
         hand: the hand's state after it. ``hand_meanwhile``: its states while the object is carried, in order.
     """
 
@@ -29,7 +31,7 @@ class SegmentRun(Message):
 
 
 class Contact(Message):
-    """What the arm met on its approach line, short of the grasp.
+    """The contact of the arm with something on its approach line, short of the grasp.
 
     Attributes:
         base_from_tcp: (4, 4) where it came to rest.
@@ -73,6 +75,7 @@ class Delivery(Message):
     """deliver: the motions after the verdict: the held object laid into the tray, the arm back home.
 
     Attributes:
+        runs: the segments in the order they ran.
         released: the hand's state after opening; None if not reached.
     """
 
@@ -84,6 +87,7 @@ class Verdict(Message):
     """verify: whether the object was picked, and the measurements behind it.
 
     Attributes:
+        reason: the answer in words, with what was measured.
         held: the answer. ``code``: None when held.
         hold_s: how long the hold was observed; ``width_min_m``: smallest hand width meanwhile, and on the way there.
         load_n: mean vertical force of the load on the tcp during the hold, relative to just before the grasp.

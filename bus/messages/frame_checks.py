@@ -1,4 +1,4 @@
-"""What a frame and a camera pose have to be. Whoever makes a `Frame`, a `View` or an `Observation` passes these checks.
+"""Checks of a frame and of a camera pose. Whoever makes a `Frame`, a `View` or an `Observation` passes them.
 
 So a driver of ours or of another package, the bus, a recording and a program are held to the same, once, and nothing
 behind a message asks again. Frames, units and signs: docs/frames.md.
@@ -13,6 +13,7 @@ from pydantic import ValidationError
 
 from bus.codes import ADVICE, Code
 from bus.errors import BadFrame
+from bus.first_mistake import first_mistake
 from bus.frozen import Message
 from bus.lazy import LazyModule
 
@@ -43,9 +44,7 @@ def made(name: str, values: Any, make: Callable[[Any], MessageT]) -> MessageT:
     try:
         return make(values)
     except ValidationError as error:
-        first = error.errors(include_url=False, include_context=False, include_input=False)[0]
-        where = ".".join([name, *map(str, first["loc"])])
-        raise bad(f"{where}: {first['msg'].removeprefix('Value error, ')}.") from error
+        raise bad(f"{first_mistake(error, inside=name)}.") from error
 
 
 def require_rgb(field: str, color: Any) -> None:

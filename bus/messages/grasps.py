@@ -42,6 +42,7 @@ class Grasp(Message):
     """A 6-DoF grasp for a parallel hand.
 
     Attributes:
+        terms: the parts of the score, by name.
         base_from_tcp: (4, 4) [m]: tcp z = approach direction, tcp y = closing axis, origin between the pads.
         width_m: object width between the pads; ``opening_m``: hand width to approach with.
         score: higher is better; the weighted mean of ``terms``, each named and between 0 and 1.

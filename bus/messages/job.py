@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Annotated
 
 from pydantic import Field, model_validator
@@ -41,7 +42,7 @@ class Target(Message):
 
 
 class Place(Message):
-    """Where the object is laid: a place of the station by its name, or a position.
+    """The place where the object is laid: a place of the station by its name, or a position.
 
     Attributes:
         name: of ``[[scene.places]]``.
@@ -75,7 +76,7 @@ class GraspHints(Message):
 
 
 class Job(Message):
-    """What is asked of a ``pick``, or of every pick of a ``start``.
+    """The request behind a ``pick``, or behind every pick of a ``start``.
 
     Attributes:
         job_id: the client's own name for it, returned in state, result and recording.
@@ -93,6 +94,35 @@ class Job(Message):
     grasp: GraspHints = GraspHints()
     clear_way: bool = False
     queue: bool = False
+
+
+def job_of(
+    target: Target | None = None,
+    place: Place | None = None,
+    *,
+    job_id: str = "",
+    deadline_s: float | None = None,
+    max_force_n: float | None = None,
+    from_above: bool = False,
+    clear_way: bool = False,
+    queue: bool = False,
+) -> Job:
+    """Return the job of options that are given one by one. Raises: pydantic.ValidationError, which names the option."""
+    return Job(
+        job_id=job_id,
+        target=target,
+        place=place,
+        deadline_s=deadline_s,
+        grasp=GraspHints(max_force_n=max_force_n, from_above=from_above),
+        clear_way=clear_way,
+        queue=queue,
+    )
+
+
+def place_at(numbers: Sequence[float]) -> Place:
+    """Return the place of three numbers x, y, z [m] in ``base``, or of four: with a heading [rad]."""
+    x, y, z, *yaw = numbers
+    return Place(position_m=(x, y, z), yaw_rad=yaw[0] if yaw else None)
 
 
 def require_one_way(*ways: object, or_none: bool = False) -> None:

@@ -11,7 +11,7 @@ PictureType = Literal["image/png", "image/jpeg"]
 
 
 class PictureRequest(Message):
-    """What kind of picture is wanted.
+    """The kind of picture that is wanted.
 
     Attributes:
         media_type: of the file.
@@ -26,6 +26,7 @@ class LivePicture(Message):
     """The undistorted colour image, taken when it was asked for; of no cycle, and in no recording.
 
     Attributes:
+        media_type: of ``data``.
         stamp_ns: of the frame, UTC; `bus.messages.Target.picture_ns` of who points into it.
         data: the file, RGB, of ``media_type``.
         from_capture_pose: it was taken from where the cell looks for things: one may point into it.

@@ -17,6 +17,7 @@ class Segment(Message):
     """One executable motion of the pick, from rest to rest.
 
     Attributes:
+        trajectory: joint positions over time.
         name: ``reach`` to the pregrasp and along the approach line, ``carry`` up the lift line and to where the object
             is held, ``place`` down into the tray, ``home`` up and to the capture pose. The object is held at the
             viewpoint of the second capture, from which ``place`` first goes above the tray; or above the tray, from
@@ -33,6 +34,8 @@ class PickPlan(Message):
     """plan: the chosen grasp and every motion of the pick, each checked against limits and collisions.
 
     Attributes:
+        segments: in the order in which they are played.
+        rejected: the better grasps that are not feasible, and why.
         grasp: index of the chosen grasp. ``tilt_rad``: rotation of its approach about the closing axis (the rod).
     """
 

@@ -12,6 +12,7 @@ class PlannedPath(Message):
     """One segment of a plan, sampled for the eye.
 
     Attributes:
+        name: of the segment, as in `Segment`.
         only_to_look: played only when the place is looked at.
         width_m: opening of the hand meanwhile.
         nearest_m: the shortest distance from each known box, by its name; negative inside of a part's convex hull.
@@ -33,6 +34,7 @@ class Outline(Message):
     """The simplified convex hull of one part of the robot.
 
     Attributes:
+        name: of the part.
         frame: index of the frame that it moves with.
         vertices_m: (v, 3) in that frame. ``faces``: (t, 3) triangles of them, counter-clockwise from outside.
     """
@@ -44,7 +46,12 @@ class Outline(Message):
 
 
 class NamedBox(Message):
-    """A known box of the scene, its sides along the axes of ``base``."""
+    """A known box of the scene, its sides along the axes of ``base``.
+
+    Attributes:
+        name: of the station file.
+        center_m: (3,) its middle in ``base``. ``size_m``: (3,) its edges along x, y and z.
+    """
 
     name: str
     center_m: Vector3
@@ -55,6 +62,7 @@ class PlanView(Message):
     """The last plan, in ``base``.
 
     Attributes:
+        proposal: what the plan proposes.
         is_open: it waits for somebody's answer now.
         frames: names of the robot's frames. ``parts``: its parts in them.
         segments: in the order in which they are played.

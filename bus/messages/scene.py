@@ -1,4 +1,4 @@
-"""What detect saw before it looked for grasps: the table, the things on it, and what was not seen."""
+"""The scene as detect saw it before it looked for grasps: the table, the things on it, and what was not seen."""
 
 from __future__ import annotations
 
@@ -23,9 +23,10 @@ class SeenTable(Message):
 
 
 class SeenMount(Message):
-    """How the camera's mounting differs from the station's, from the disagreement of several looks.
+    """The difference of the camera's mounting from the station's, from the disagreement of several looks.
 
     Attributes:
+        turn_deviation_rad, shift_deviation_m: those standard deviations.
         color_from_corrected: (4, 4) what was used: ``base_from_color @ color_from_corrected`` is the better pose of
             each look; the identity where none was used.
         turn_rad, shift_m: of the mounting, as found; with one standard deviation over all directions.
@@ -70,6 +71,8 @@ class ObservedScene(Message):
     """The model of the scene. Images are in the undistorted colour image of the look that is shown.
 
     Attributes:
+        table: as it was seen.
+        instances: the things on it.
         region_seen: share of the pick region where the table or something on it was seen.
         labels: (H, W) the number of the thing in each pixel, 0 = none.
         unseen: (H, W) the pixels of the pick region without depth.
@@ -98,7 +101,8 @@ class Tried(Message):
 
     Attributes:
         instance: number of the thing; ``sample``: of the proposal, from 0.
-        score: of its best grasp; None with a failure, whose code and text say why.
+        score: of its best grasp; None with a failure.
+        code: the kind of that failure. ``text``: what happened.
     """
 
     instance: int

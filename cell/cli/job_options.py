@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Annotated, Any
 
 import typer
 from pydantic import ValidationError
 
-from bus.messages import GraspHints, Job, Place, Target
+from bus.first_mistake import first_mistake
+from bus.messages import Place, Target
+from bus.messages.job import place_at
 
 JobId = Annotated[str, typer.Option("--job", help="Your name for the job: in state, result and recording.")]
 TargetText = Annotated[
@@ -42,48 +46,31 @@ ClearWay = Annotated[bool, typer.Option("--clear-way", help="Pick what lies on t
 Queue = Annotated[bool, typer.Option("--queue", help="While the cell works, wait for its turn.")]
 
 
-def job_of(
-    *,
-    job_id: str = "",
-    text: str | None = None,
-    pixel: str | None = None,
-    box: str | None = None,
-    point: str | None = None,
-    place: str | None = None,
-    deadline_s: float | None = None,
-    max_force_n: float | None = None,
-    from_above: bool = False,
-    clear_way: bool = False,
-    queue: bool = False,
-) -> Job:
-    """The job that the options describe. Raises: typer.BadParameter, which names the option."""
+@contextmanager
+def wrong_option_named() -> Iterator[None]:
+    """Context in which a job is made of options. Raises: typer.BadParameter, which names the wrong one."""
+    try:
+        yield
+    except ValidationError as error:
+        raise typer.BadParameter(f"{first_mistake(error)}.") from error
+
+
+def target_of(text: str | None, pixel: str | None, box: str | None, point: str | None) -> Target | None:
+    """Return the target that the options name. Raises: typer.BadParameter; pydantic.ValidationError."""
     named: dict[str, Any] = {
         "text": text, "pixel": _numbers("--pixel", pixel, 2), "box": _numbers("--box", box, 4),
         "point_m": _numbers("--point", point, 3),
     }  # fmt: skip
-    try:
-        return Job(
-            job_id=job_id,
-            target=Target(**named) if any(value is not None for value in named.values()) else None,
-            place=_place(place),
-            deadline_s=deadline_s,
-            grasp=GraspHints(max_force_n=max_force_n, from_above=from_above),
-            clear_way=clear_way,
-            queue=queue,
-        )
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = "".join(f"{part}: " for part in first["loc"])
-        raise typer.BadParameter(f"{where}{first['msg'].removeprefix('Value error, ')}.") from error
+    return Target(**named) if any(value is not None for value in named.values()) else None
 
 
-def _place(text: str | None) -> Place | None:
+def place_of(text: str | None) -> Place | None:
+    """Return the place that ``--place`` names. Raises: typer.BadParameter; pydantic.ValidationError."""
     if text is None:
         return None
     if "," not in text:
         return Place(name=text)
-    x, y, z, *yaw = _numbers("--place", text, 3, 4) or ()
-    return Place(position_m=(x, y, z), yaw_rad=yaw[0] if yaw else None)
+    return place_at(_numbers("--place", text, 3, 4) or ())
 
 
 def _numbers(option: str, text: str | None, *counts: int) -> tuple[float, ...] | None:

@@ -11,6 +11,7 @@ import typer
 
 from bus.commands import MAX_CYCLES, CellState, CommandReply, CommandRequest
 from bus.messages import CycleResult
+from bus.messages.job import job_of
 from cell import client
 from cell.cli.job_options import (
     BoxPx,
@@ -24,7 +25,9 @@ from cell.cli.job_options import (
     PointM,
     Queue,
     TargetText,
-    job_of,
+    place_of,
+    target_of,
+    wrong_option_named,
 )
 from cell.cli.options import Config, Json, Set, object_name_of
 from cell.client import Client
@@ -59,10 +62,11 @@ def pick(
     as_json: Json = False,
 ) -> None:
     """Pick one object, and wait for the result. The cell must be Idle or Complete; if this ends early, it holds."""
-    job = job_of(
-        job_id=job_id, text=target, pixel=pixel, box=box, point=point, place=place, deadline_s=deadline_s,
-        max_force_n=max_force, from_above=from_above, clear_way=clear_way, queue=queue,
-    )  # fmt: skip
+    with wrong_option_named():
+        job = job_of(
+            target_of(target, pixel, box, point), place_of(place), job_id=job_id, deadline_s=deadline_s,
+            max_force_n=max_force, from_above=from_above, clear_way=clear_way, queue=queue,
+        )  # fmt: skip
     with attended(), connected("pick", config, overrides) as cell:
         reply = cell.command("pick", object_name=object_name, job=job)
         if not as_json:
@@ -98,10 +102,11 @@ def run(
     """Let the running cell pick several times, and wait. It must be Idle; if this ends early, it holds."""
     if (cycles is None) is not until_empty:
         raise typer.BadParameter("one of --cycles and --until-empty says how many picks.")
-    job = job_of(
-        job_id=job_id, text=target, pixel=pixel, box=box, point=point, place=place, deadline_s=deadline_s,
-        max_force_n=max_force, from_above=from_above, clear_way=clear_way, queue=queue,
-    )  # fmt: skip
+    with wrong_option_named():
+        job = job_of(
+            target_of(target, pixel, box, point), place_of(place), job_id=job_id, deadline_s=deadline_s,
+            max_force_n=max_force, from_above=from_above, clear_way=clear_way, queue=queue,
+        )  # fmt: skip
     station = load_station(config, overrides or [])
     wanted = CommandRequest(cycles=cycles or 1, until_empty=until_empty)
     batch, shown = Batch(wanted, station.retry), _Shown(as_json)
@@ -117,7 +122,7 @@ def run(
 
 
 def _begins(reply: CommandReply) -> str:
-    """What an accepted command begins, for a person."""
+    """Return what an accepted command begins, for a person."""
     if reply.position:
         return f"job {reply.job_id} waits at place {reply.position} of the queue; Ctrl-C drops it"
     return f"cycle {reply.cycle_id} begins; Ctrl-C holds it"

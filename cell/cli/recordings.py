@@ -31,7 +31,7 @@ BAD = "bold red"
 
 
 def show(cycle: Cycle, folder: InFolder = None, config: Config = DEFAULT_STATION, as_json: Json = False) -> None:
-    """Why a cycle ended so: its result, what to do, its stages, what was changed for it."""
+    """Show why a cycle ended so: its result, what to do, its stages, what was changed for it."""
     path = find_cycle(cycle, config, folder)
     record = read_cycle(path)
     timeline = summarize(record)
@@ -64,7 +64,7 @@ def show(cycle: Cycle, folder: InFolder = None, config: Config = DEFAULT_STATION
 
 
 def _asked(job: Job) -> Iterator[str]:
-    """What was asked for, where anything was."""
+    """Yield what was asked for, where anything was."""
     if job.job_id:
         yield f"job         {job.job_id}"
     for name, asked in (("target", job.target), ("place", job.place)):
@@ -130,11 +130,11 @@ def report(
 
 def _report_folder(folder: Path, count: int | None, scheduler: str) -> tuple[list[Path], dict[Path, str]]:
     """Write missing and outdated pages; return the days' pages, newest first, and the failed recordings' reasons."""
-    todo = outdated(folder)
-    absolute = [path.absolute() for path in todo]  # of a worker elsewhere the working folder is another
-    run = workers_for(len(todo), count, scheduler).run(write_cycle, absolute if scheduler else todo)
-    written = {todo[index]: str(why) for index, why in tracked(run, len(todo), "writing pages", err)}
-    damaged = {path: written[path] for path in todo if written[path]}
+    to_write = outdated(folder)
+    absolute = [path.absolute() for path in to_write]  # of a worker elsewhere the working folder is another
+    run = workers_for(len(to_write), count, scheduler).run(write_cycle, absolute if scheduler else to_write)
+    written = {to_write[index]: str(why) for index, why in tracked(run, len(to_write), "writing pages", err)}
+    damaged = {path: written[path] for path in to_write if written[path]}
     return [write_day(day, damaged) for day in days(folder)], damaged
 
 

@@ -112,7 +112,7 @@ def diff(
     other: Annotated[Path, typer.Argument(metavar="B", help="Another.")],
     as_json: Json = False,
 ) -> None:
-    """What counts otherwise in B than in A, defaults included, however the files are written.
+    """Show what counts otherwise in B than in A, defaults included, however the files are written.
 
     Exit 0 nothing differs, 1 something does.
     """

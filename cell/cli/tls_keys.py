@@ -31,6 +31,11 @@ LISTENING = ("cell", "router")
 _FILES = DEFAULT_STATION.parent / "zenoh"
 _VALID = timedelta(days=2 * 365)
 _CA_VALID = timedelta(days=10 * 365)
+_SIGNS = x509.KeyUsage(
+    digital_signature=False, content_commitment=False, key_encipherment=False, data_encipherment=False,
+    key_agreement=False, key_cert_sign=True, crl_sign=True, encipher_only=False, decipher_only=False,
+)  # fmt: skip
+"""An authority signs certificates, and nothing else."""
 
 
 def make_keys(folder: Path, hosts: Sequence[str]) -> list[Path]:
@@ -73,8 +78,9 @@ def _authority(folder: Path) -> tuple[x509.Certificate, EllipticCurvePrivateKey,
     key = generate_private_key(SECP256R1())
     name = _called("VLAD Cell authority")
     certificate = (
-        _builder(name, name, key, _CA_VALID)
+        _builder(name, name, key, key, _CA_VALID)
         .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
+        .add_extension(_SIGNS, critical=True)
         .sign(key, hashes.SHA256())
     )
     return certificate, key, [write_key(secret, key), write_certificate(pem, certificate)]
@@ -91,7 +97,7 @@ def _certificate(
     usages = [ExtendedKeyUsageOID.CLIENT_AUTH]
     usages += [ExtendedKeyUsageOID.SERVER_AUTH] if names else []
     return (
-        _builder(_called(role), authority.subject, key, _VALID)
+        _builder(_called(role), authority.subject, key, authority_key, _VALID)
         .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
         .add_extension(x509.SubjectAlternativeName(names or [x509.DNSName(role)]), critical=False)
         .add_extension(x509.ExtendedKeyUsage(usages), critical=False)
@@ -100,14 +106,22 @@ def _certificate(
 
 
 def _builder(
-    subject: x509.Name, issuer: x509.Name, key: EllipticCurvePrivateKey, valid: timedelta
+    subject: x509.Name,
+    issuer: x509.Name,
+    key: EllipticCurvePrivateKey,
+    issuer_key: EllipticCurvePrivateKey,
+    valid: timedelta,
 ) -> x509.CertificateBuilder:
+    """A certificate that names both keys, as strict clients ask for (RFC 5280; Python from 3.13 on)."""
+    own, issuers = key.public_key(), issuer_key.public_key()
     now = datetime.now(UTC) - timedelta(hours=1)  # clocks differ
     return (
-        x509.CertificateBuilder(subject_name=subject, issuer_name=issuer, public_key=key.public_key())
+        x509.CertificateBuilder(subject_name=subject, issuer_name=issuer, public_key=own)
         .serial_number(x509.random_serial_number())
         .not_valid_before(now)
         .not_valid_after(now + valid)
+        .add_extension(x509.SubjectKeyIdentifier.from_public_key(own), critical=False)
+        .add_extension(x509.AuthorityKeyIdentifier.from_issuer_public_key(issuers), critical=False)
     )
 
 

@@ -101,17 +101,26 @@ class BatchControl:
                 said = (request.proposal, request.client_id, request.reason)
                 self._actions.approvals.answer(answer, *said, time.time_ns())
                 return CommandReply(ok=True, state=state, available=available(state))
-        if verb in ("pick", "start") and request.job.queue and self._is_busy(state):
+        is_next = self._ends(state)
+        if verb in ("pick", "start") and (is_next or (request.job.queue and self._is_busy(state))):
             ordered = Ordered.of(verb, self._possible(request), new_cycle_id())
-            position = self._queue.put(ordered)
+            position = self._queue.put_next(ordered) if is_next else self._queue.put(ordered)
             self._publisher.publish_jobs()
             return CommandReply(ok=True, state=state, available=available(state), cycle_id=ordered.cycle_id,
                                 job_id=ordered.job.job_id, position=position)  # fmt: skip
         return None
 
     def _is_busy(self, state: State) -> bool:
-        goes_on = self._batch is not None and not self._batch.is_over
-        return state not in _NOT_READY and (goes_on or bool(self._queue.ids) or state not in READY)
+        return state not in _NOT_READY and (self._goes_on or bool(self._queue.ids) or state not in READY)
+
+    def _ends(self, state: State) -> bool:
+        """Return whether the last result is said and only the state is behind: who has heard it may ask for more."""
+        is_said = state is State.COMPLETING and not self._actions.cycle_id
+        return is_said and not self._goes_on and not self._queue.ids
+
+    @property
+    def _goes_on(self) -> bool:
+        return self._batch is not None and not self._batch.is_over
 
     def _possible(self, request: CommandRequest) -> CommandRequest:
         """The request with what it points at; refuse what table, station or place cannot do. Raises: Refused."""
@@ -199,10 +208,9 @@ class BatchControl:
 
     def _go_on(self, state: State) -> None:
         """Command the next cycle of a ``start``, or the next job, when the state is Complete or Idle."""
-        goes_on = self._batch is not None and not self._batch.is_over
-        if state is State.COMPLETE and goes_on:
+        if state is State.COMPLETE and self._goes_on:
             self._drives.post("reset", _OWN)
-        elif state is State.IDLE and goes_on:
+        elif state is State.IDLE and self._goes_on:
             self._drives.post("start", _OWN)
 
     def _hold_after_failures(self) -> None:

@@ -65,6 +65,11 @@ class JobQueue:
         self._waiting.append(ordered)
         return len(self._waiting)
 
+    def put_next(self, ordered: Ordered) -> int:
+        """Let a job begin as soon as the cell is ready, which is at once; return its position, 0."""
+        self._waiting.appendleft(ordered)
+        return 0
+
     def take(self) -> Ordered | None:
         """Remove and return the next job; None for none."""
         return self._waiting.popleft() if self._waiting else None

@@ -1,4 +1,4 @@
-"""What is pointed at in a picture: the cell knows which of its pictures still count, and what they show."""
+"""The pictures that a person may point into: the cell knows which of them still count, and what they show."""
 
 from __future__ import annotations
 

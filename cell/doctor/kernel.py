@@ -20,7 +20,7 @@ _LIMITS_ADVICE = (
 
 
 def _no_loop(station: Station) -> str:
-    """Why this station needs no real-time kernel, or ""."""
+    """Return why this station needs no real-time kernel, or ""."""
     if not uses(station, "fr3"):
         return "Only the driver fr3 needs it."
     return "" if station.fr3.realtime == "enforce" else 'Not needed with fr3.realtime = "ignore".'

@@ -48,7 +48,7 @@ def is_this_machine(ip: str) -> bool:
 
 
 def obstacle(address: str, port: int) -> str:
-    """Why no TCP connection can be opened, or "" when one can; it is closed immediately."""
+    """Return why no TCP connection can be opened, or "" when one can; it is closed immediately."""
     try:
         with socket.create_connection((address, port), REACH_S):
             return ""

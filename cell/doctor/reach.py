@@ -115,7 +115,7 @@ def running(station: Station) -> tuple[str, list[str]] | None:
 
 
 def _is_free(endpoint: str) -> str:
-    """Why no socket can listen at ``endpoint``, or ""."""
+    """Return why no socket can listen at ``endpoint``, or ""."""
     host, _, port = endpoint.removeprefix("tcp/").rpartition(":")
     host = host.strip("[]")
     family = socket.AF_INET6 if ":" in host else socket.AF_INET

@@ -1,4 +1,4 @@
-"""Who may do what over HTTP: two roles, each with a token; on loopback without tokens everybody is the operator."""
+"""Access over HTTP: two roles, each with a token; on loopback without tokens everybody is the operator."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _HELP = "docs/security.md says how to make them."
 
 
 class HttpRole(StrEnum):
-    """What a client may do."""
+    """The rights of a client."""
 
     VIEWER = "viewer"
     """Look, and bring motion to rest."""

@@ -8,6 +8,7 @@ from starlette.responses import Response
 from bus.codec import encode
 from bus.commands import ErrorReply
 from bus.errors import BadPayload, BusError, CellError, RecordingError, Refused, ReplyTimeout
+from bus.first_mistake import first_mistake
 from bus.frozen import Message
 from bus.remote_errors import error_reply
 
@@ -47,6 +48,4 @@ def status_of(error: CellError) -> int:
 
 def bad_value(error: ValidationError) -> BadPayload:
     """The error for a value of a request that does not fit; it names the field."""
-    first = error.errors(include_url=False, include_context=False, include_input=False)[0]
-    where = ".".join(str(part) for part in first["loc"]) or "request"
-    return BadPayload(f"{where}: {first['msg'].removeprefix('Value error, ')}.", "The fields: GET /api/openapi.json.")
+    return BadPayload(f"{first_mistake(error, whole='request')}.", "The fields: GET /api/openapi.json.")

@@ -1,4 +1,4 @@
-"""What the requests share: the connection to the cell, what it said last, the streams, the sessions, the threads."""
+"""The part that the requests share: the connection to the cell, what it said last, streams, sessions, threads."""
 
 from __future__ import annotations
 
@@ -52,7 +52,10 @@ class Cell(Protocol):
     """The connection to the cell that all requests share (`cell.client.Client`)."""
 
     client_id: str
-    is_gone: bool
+
+    @property
+    def is_gone(self) -> bool:
+        """Whether the cell has ended, or the link to it."""
 
     def state(self) -> CellState:
         """The state now."""

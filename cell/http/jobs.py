@@ -1,4 +1,4 @@
-"""What the jobs of the cell are about: those sent through this interface, and the one that it works at."""
+"""The jobs of the cell: those sent through this interface, and the one that it works at."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What can be read: state, health, results, the station, the last picture, who one is."""
+"""Answers to what is read: state, health, results, the station, the last picture, who one is."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ async def state(_request: Request, door: Door) -> Response:
 
 
 async def about(request: Request, door: Door) -> Response:
-    """What the station is: its name, its places, whether it can be picked empty, the client's role, the clock here."""
+    """Answer with the station: name, places, whether it can be picked empty, the client's role, the clock here."""
     station = door.station
     return JSONResponse(
         {
@@ -88,13 +88,13 @@ async def picture(request: Request, door: Door) -> Response:
 
 
 async def picture_now(_request: Request, door: Door) -> Response:
-    """What the camera sees now, from the capture pose, as a PNG file. Raises: Refused (NOT_AT_REST)."""
+    """Answer with what the camera sees now, from the capture pose, as a PNG file. Raises: Refused (NOT_AT_REST)."""
     taken = await door.ask(door.cell.picture)
     return Response(taken.data, media_type=taken.media_type, headers={"X-Stamp-Ns": str(taken.stamp_ns)})
 
 
 async def scene(_request: Request, door: Door) -> Response:
-    """What is drawn into that image: outlines, rectangles, numbers. Raises: Refused (NO_PICTURE)."""
+    """Answer with what is drawn into that image: outlines, rectangles, numbers. Raises: Refused (NO_PICTURE)."""
     if not door.pictures.scene:
         raise _nothing_shown()
     return Response(door.pictures.scene, media_type=JSON)
@@ -105,7 +105,7 @@ def _nothing_shown() -> Refused:
 
 
 async def role(request: Request, _door: Door) -> Response:
-    """Who the client is."""
+    """Answer with who the client is."""
     return JSONResponse({"role": str(request.state.role)})
 
 

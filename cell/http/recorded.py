@@ -1,4 +1,4 @@
-"""What is recorded: the list of cycles, their small pictures, the figures of a day, what persons say of them."""
+"""Answers about recordings: the list of cycles, their small pictures, figures of a day, what persons say of them."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _DAY = re.compile(r"(today|\d{4}(-\d{2}(-\d{2})?)?)?")
 
 
 class Verdict(Message):
-    """What a person says of a cycle.
+    """The verdict of a person about a cycle.
 
     Attributes:
         who: the person. ``label``: "" for a mere note.
@@ -72,7 +72,7 @@ def _listed(folder: Path, limit: int) -> list[dict[str, Any]]:
 
 
 def _paths(file: Path, folder: Path) -> dict[str, str]:
-    """Where a recording and its report are served; "" for what is not there."""
+    """Return where a recording and its report are served; "" for what is not there."""
     page = file.with_suffix(".html")
     return {
         "file": f"/recordings/{_quoted(file, folder)}" if file.suffix == ".mcap" else "",

@@ -9,21 +9,18 @@ from __future__ import annotations
 
 import logging
 import subprocess
-import sys
 import threading
 from collections.abc import Callable
-from functools import partial
 from typing import Literal
 
 from bus.clock import DeadlineClock
-from bus.codec import decode
 from bus.commands import DoorHealth
-from bus.errors import BadPayload, CellError
-from bus.remote_errors import error_from_reply
+from bus.errors import CellError
 from bus.threads import OwnedThread, Role
 from cell.nodes.health import is_halted
-from cell.nodes.pipes import close_pipes, end_child, has_ended, line_within
+from cell.nodes.pipes import close_pipes, end_child, has_ended
 from cell.nodes.ready import Open
+from cell.nodes.starting import first_said, spawn_child
 from config.clock import clock_of
 from config.schema import Station
 
@@ -151,39 +148,10 @@ def door_child(name: str, station: Station) -> subprocess.Popen[str]:
     return spawn_child(station, "cell", name, "--supervised")
 
 
-def spawn_child(station: Station, *module: str) -> subprocess.Popen[str]:
-    """Start ``python -m MODULE`` with the station as the first line of its stdin (`cell.nodes.door_child`)."""
-    child = subprocess.Popen(
-        [sys.executable, "-P", "-m", *module],  # -P: as for a node
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        encoding="utf-8",
-        start_new_session=True,  # Ctrl-C in the terminal reaches the parent only, which ends the child in order
-    )
-    assert child.stdin is not None
-    try:
-        child.stdin.write(f"{station.model_dump_json()}\n")
-        child.stdin.flush()
-    except BrokenPipeError:
-        _log.error("%s ended before it read its station", " ".join(module))
-    return child
-
-
 def await_open(child: subprocess.Popen[str], clock: DeadlineClock) -> str:
     """Wait for the child's first line; return its endpoint. Raises: the child's error; the child has ended then."""
-    assert child.stdout is not None
-    line = line_within(child.stdout, _OPEN_S, clock)
-    try:
-        said = decode(Open, line.encode())
-    except BadPayload as error:
-        child.kill()
-        code = child.wait()
-        close_pipes(child)
-        raise CellError(f"its process said nothing (exit code {code}).", "Its own message stands above.") from error
-    if said.error is not None:
-        if not clock.wait_for(partial(has_ended, child), _STOP_TIMEOUT_S):
-            child.kill()
-            child.wait()
-        close_pipes(child)
-        raise error_from_reply(said.error)
-    return said.endpoint
+
+    def silent(code: int) -> CellError:
+        return CellError(f"its process said nothing (exit code {code}).", "Its own message stands above.")
+
+    return first_said(child, Open, _OPEN_S, clock, silent).endpoint

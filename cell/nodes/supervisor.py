@@ -9,19 +9,17 @@ from __future__ import annotations
 
 import logging
 import subprocess
-import sys
 import threading
 from collections.abc import Callable
 from functools import partial
 
 from bus.clock import DeadlineClock
-from bus.codec import decode
-from bus.errors import BadPayload, CellError, DriverUnavailable
-from bus.remote_errors import error_from_reply
+from bus.errors import CellError, DriverUnavailable
 from bus.seal import Seal
 from bus.threads import OwnedThread, Role
-from cell.nodes.pipes import close_pipes, has_ended, line_within
+from cell.nodes.pipes import close_pipes, end_child
 from cell.nodes.ready import Ready
+from cell.nodes.starting import first_said, spawn_child
 from config.clock import clock_of
 from config.schema import Station
 
@@ -78,10 +76,8 @@ class Supervisor:
             if child.stdin is not None and not child.stdin.closed:
                 child.stdin.close()
         for name, child in self._children.items():
-            if not self._clock.wait_for(partial(has_ended, child), _STOP_TIMEOUT_S):
-                _log.warning("node %s did not end by itself; killing it", name)
-                child.kill()
-                child.wait()
+            if not end_child(child, _STOP_TIMEOUT_S, self._clock):
+                _log.warning("node %s did not end by itself; it was killed", name)
         for watcher in self._watchers:
             watcher.join(_STOP_TIMEOUT_S)
         for child in self._children.values():
@@ -141,36 +137,15 @@ class Supervisor:
 
 
 def _child(name: str, station: Station, seal: Seal | None = None) -> subprocess.Popen[str]:
-    child = subprocess.Popen(
-        [sys.executable, "-P", "-m", "cell.nodes", name],  # -P: the working folder must not hide our modules
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        encoding="utf-8",  # independent of the terminal's
-        start_new_session=True,  # Ctrl-C in the terminal reaches the daemon only, which ends the children in order
-    )
-    assert child.stdin is not None
-    try:
-        secret = seal.secret.hex() if seal is not None else ""
-        child.stdin.write(f"{station.model_dump_json()}\n{secret}\n")
-        child.stdin.flush()
-    except BrokenPipeError:
-        _log.error("node %s ended before it read its station", name)
-    return child
+    secret = seal.secret.hex() if seal is not None else ""
+    return spawn_child(station, "cell.nodes", name, secret=secret)
 
 
 def _await_ready(name: str, child: subprocess.Popen[str], clock: DeadlineClock) -> None:
     """Wait for the child's first line. Raises: DriverUnavailable, or the child's error; the child has ended then."""
-    assert child.stdout is not None
-    line = line_within(child.stdout, START_TIMEOUT_S, clock)
-    try:
-        ready = decode(Ready, line.encode())
-    except BadPayload as error:
-        child.kill()
-        raise DriverUnavailable(
-            f"The node {name!r} did not start (exit code {child.wait()}).{clock.busy_note()}",
-            "Its own message stands above.",
-        ) from error
-    if ready.error is not None:
-        if not clock.wait_for(partial(has_ended, child), _STOP_TIMEOUT_S):
-            child.kill()
-        raise error_from_reply(ready.error)
+
+    def silent(code: int) -> CellError:
+        what = f"The node {name!r} did not start (exit code {code}).{clock.busy_note()}"
+        return DriverUnavailable(what, "Its own message stands above.")
+
+    first_said(child, Ready, START_TIMEOUT_S, clock, silent)

@@ -9,6 +9,7 @@ from pydantic import ValidationError
 
 from bus.commands import CommandRequest
 from bus.errors import Refused
+from bus.first_mistake import first_mistake
 from bus.frozen import Message
 from bus.messages import Job, Place, Target
 
@@ -86,17 +87,12 @@ def _is_json(text: str) -> bool:
 
 
 def _checked(make: Callable[[], MessageT], what: str) -> MessageT:
-    """What ``make`` returns. Raises: Refused (BAD_JOB) that names the field."""
+    """Return what ``make`` returns. Raises: Refused (BAD_JOB) that names the field."""
     try:
         return make()
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join([what, *(str(part) for part in first["loc"])])
-        raise Refused(
-            f"{where}: {first['msg'].removeprefix('Value error, ')}.",
-            "Correct that argument and call again: docs/opcua.md.",
-            code="BAD_JOB",
-        ) from error
+        text = f"{first_mistake(error, inside=what)}."
+        raise Refused(text, "Correct that argument and call again: docs/opcua.md.", code="BAD_JOB") from error
 
 
 _CYCLE = (

@@ -18,7 +18,7 @@ _NEVER = datetime(1601, 1, 1, tzinfo=UTC)
 
 @dataclass
 class PackMLCountDataType:
-    """How often something happened. ``Count``: on this job; ``AccCount``: altogether."""
+    """A count of something that happened. ``Count``: on this job; ``AccCount``: altogether."""
 
     ID: ua.Int32 = 0
     Name: ua.String = None

@@ -25,7 +25,7 @@ class OwnSubscriptions(InternalSession):  # type: ignore[misc]
             raise ServiceError(_INVALID)
 
     async def _of_own(self, ids: list[int], ask: Callable[[list[int]], Any]) -> list[ua.StatusCode]:
-        """What ``ask`` answers for our own of these subscriptions, and a refusal for each other, in their order."""
+        """Return what ``ask`` answers for our own of these subscriptions, and a refusal for each other, in order."""
         own = [number for number in ids if self._is_own(number)]
         answers = iter(await ask(own))
         kept = set(own)

@@ -1,4 +1,4 @@
-"""Who may connect: the users of a file, by name and password; on loopback without one, everybody."""
+"""The users who may connect: those of a file, by name and password; on loopback without one, everybody."""
 
 from __future__ import annotations
 

@@ -52,7 +52,7 @@ class Planned:
 
     @cached_property
     def proposal(self) -> Proposal:
-        """What a person is asked."""
+        """The question that a person is asked."""
         thing = found_thing(self.found, self.grasp)
         lasts_s: dict[str, float] = {part.name: len(part.trajectory.filtered()) * TICK_S for part in self.plan.segments}
         return Proposal(

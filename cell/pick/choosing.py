@@ -124,7 +124,7 @@ class Choosing:
     # --- detecting and planning ---------------------------------------------------------------------------------------
 
     def _detect_and_plan(self) -> tuple[Detections, PickPlan] | None:
-        """What to do, or None after another look, which is taken when it may mend a failure or a weak grasp."""
+        """Return what to do, or None after another look, which is taken when it may mend a failure or a weak grasp."""
         e, looks = self.equipment, self.looks
         try:
             found = self.stages.run("detect", topics.DETECT, self._detect, meanwhile=True)

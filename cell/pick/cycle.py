@@ -79,7 +79,7 @@ class Cycle:
 
     @property
     def reason(self) -> str:
-        """Why it ended so, in words."""
+        """The reason why it ended so, in words."""
         return self._outcome()[2]
 
     def run(self) -> None:
@@ -186,7 +186,7 @@ class Cycle:
 
 
 def _thing(found: Detections, looks: Sequence[Observation], grasp: Grasp, equipment: Equipment) -> Thing:
-    """What is grasped: its top as it was seen, and its scene."""
+    """Return the thing that is grasped: its top as it was seen, and its scene."""
     tops_m = [float(one.top_m[2]) for one in found.scene.instances if one.number == grasp.instance]
     scene_of = scenes(found, looks, equipment.robot, equipment.station)
     shown = corrected(looks[found.scene.shown], found.scene.mount)

@@ -1,4 +1,4 @@
-"""What a cycle works with."""
+"""The equipment of a cycle."""
 
 from __future__ import annotations
 

@@ -37,13 +37,13 @@ _FOR_WANT_OF_SIGHT = {
 
 
 def asked_for(station: Station) -> int:
-    """How many looks are taken in any case."""
+    """Return how many looks are taken in any case."""
     views = station.capture.views
     return 1 if views == "auto" else views
 
 
 def why_look_again(outcome: Detections | CycleFailure, looks: int, station: Station, *, is_hosted: bool = False) -> str:
-    """Why the arm should look once more, or "".
+    """Return why the arm should look once more, or "".
 
     Args:
         outcome: of detect or plan, from ``looks`` observations.

@@ -1,4 +1,4 @@
-"""What the looks of earlier picks say of the camera's mounting: a correction kept from pick to pick, and who is told.
+"""The camera's mounting as the looks of earlier picks correct it, kept from pick to pick; and who is told.
 
 Kept while the daemon runs: `cell calibrate` writes the mounting anew, and the next start begins with it.
 """
@@ -51,7 +51,7 @@ class MountKeeper:
         self.color_from_corrected = pose_of(bounded(vector_of(self.color_from_corrected @ step)))
 
     def news(self, mount: SeenMount) -> Event | None:
-        """What to tell the operator: once, when the table or the mounting begins to be off.
+        """Return what to tell the operator: once, when the table or the mounting begins to be off.
 
         The kept correction counts: what drifts slowly is taken off pick by pick, and is off nevertheless.
         """

@@ -1,4 +1,4 @@
-"""What a cycle's result says of its object: the thing it went for, the grasp that was executed, where it was laid."""
+"""The object in a cycle's result: the thing it went for, the grasp that was executed, where it was laid."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def grasp_outcome(grasp: Grasp, grasped: HandState | None, verdict: Verdict | No
 
 
 def laid_at(done: Delivery, robot: Robot, place: str) -> Laid | None:
-    """Where the hand let go; None when it did not get there."""
+    """Return where the hand let go; None when it did not get there."""
     lowered = [run.motion for run in done.runs if run.name == "place" and run.motion.finished]
     if done.released is None or not lowered:
         return None

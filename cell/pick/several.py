@@ -24,7 +24,7 @@ _FEWEST = 8
 
 
 class OneThing(NamedTuple):
-    """What the thing that a grasp is for can explain by itself, as it was seen.
+    """The thing that a grasp is for, as it was seen: what it can explain by itself.
 
     Attributes:
         volume_m3: of all below its seen surface down to the table: no less than its own, where nothing hides it.
@@ -42,7 +42,7 @@ class OneThing(NamedTuple):
 
 
 class Several(NamedTuple):
-    """What tells that more than one thing was picked: the ``witnesses``, the other things gone, and it all in words."""
+    """The signs that more than one thing was picked: the ``witnesses``, the other things gone, and it all in words."""
 
     witnesses: tuple[Witness, ...]
     also_gone: tuple[int, ...]

@@ -1,4 +1,4 @@
-"""What follows when the arm meets something on its approach: the fingers close there, or it goes back as it came."""
+"""The end of an approach on which the arm meets something: the fingers close there, or it goes back as it came."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from planning.scene import Scene
 
 @dataclass(frozen=True)
 class Thing:
-    """What is to be grasped, as far as it matters when the arm meets something before.
+    """The thing to be grasped, as far as it matters when the arm meets something before.
 
     Attributes:
         top_m: its highest point in ``base``; None = unknown.

@@ -146,7 +146,7 @@ def _cleared(
 
 
 class _Felt(NamedTuple):
-    """What hand and arm measured with the object: the widths and the load in the hold, and on every way."""
+    """Measurements of hand and arm with the object: the widths and the load in the hold, and on every way."""
 
     held_m: list[float]
     on_the_way_m: list[float]
@@ -207,7 +207,7 @@ def _weight_n(motions: list[Motion], samples: slice, robot: Robot) -> float:
 
 
 def opened_by_another(grasped: HandState, width_m: float, station: Station) -> str:
-    """Why a hand at ``width_m`` does not hold what it ``grasped``, or "": closing fingers never open for an object."""
+    """Return why a hand at ``width_m`` does not hold what it ``grasped``, or "": closing fingers never open for it."""
     if width_m <= grasped.width_m + station.verify.max_width_loss_m:
         return ""
     return (
@@ -217,7 +217,7 @@ def opened_by_another(grasped: HandState, width_m: float, station: Station) -> s
 
 
 def lost_on_the_way(grasped: HandState, before_release: HandState, station: Station) -> str:
-    """Why the object was not in the hand before the release, or ""."""
+    """Return why the object was not in the hand before the release, or ""."""
     if before_release.width_m < station.verify.min_width_m:
         return f"The fingers were closed ({before_release.width_m * 1e3:.1f} mm) before the object was laid down."
     return opened_by_another(grasped, before_release.width_m, station)

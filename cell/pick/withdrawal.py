@@ -47,7 +47,7 @@ class Withdrawal:
             self._is_grasping = True
 
     def due(self) -> CycleFailure | None:
-        """Why the job must not go on; None when it may."""
+        """Return why the job must not go on; None when it may."""
         if self._is_cancelled:
             return CycleFailure(Code.CANCELLED, "The job was cancelled by its client.")
         if self._late_s is not None and self._now_s() > self._late_s:

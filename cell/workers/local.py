@@ -27,7 +27,7 @@ _ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM
 
 
 def here() -> int:
-    """How many processors this process may use."""
+    """Return how many processors this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -138,7 +138,7 @@ class _Crew:
 
 
 def _module_of(work: Callable[..., Any]) -> str:
-    """Where the work is defined, for the import before any process is forked."""
+    """Return where the work is defined, for the import before any process is forked."""
     return str((work.func if isinstance(work, partial) else work).__module__)
 
 

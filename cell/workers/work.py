@@ -1,4 +1,4 @@
-"""What workers do, and what they say of it."""
+"""The work that workers do, and what they say of it."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ def post(path: str, body: dict[str, Any]) -> dict[str, Any]:
 
 
 def events(path: str) -> Iterator[tuple[str, dict[str, Any]]]:
-    """What the cell says, as (name, content)."""
+    """Yield what the cell says, as (name, content)."""
     with urllib.request.urlopen(urllib.request.Request(f"{url}{path}", headers=headers)) as stream:
         name = ""
         for line in stream:

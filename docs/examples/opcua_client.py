@@ -12,7 +12,7 @@ from asyncua import Client, Node, ua
 
 
 class Heard:
-    """What the subscription brings: states and results, in order."""
+    """The messages of the subscription: states and results, in order."""
 
     def __init__(self) -> None:
         self.states: asyncio.Queue[str] = asyncio.Queue()

@@ -1,4 +1,4 @@
-"""Who makes the simulated time pass: one at a time, and the fingers with anybody's ticks, or else with their own."""
+"""The turns in which simulated time passes: one device at a time; the fingers with anybody's ticks, or their own."""
 
 from __future__ import annotations
 

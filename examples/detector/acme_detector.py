@@ -94,7 +94,7 @@ class Tongs:
 
 
 def _points(look: SeenLook, table_from_base: Array) -> tuple[Array, npt.NDArray[np.uint8]]:
-    """What a look measured (n, 3) [m] in the table's frame, and the number (n,) of the thing that each point is of."""
+    """Return what a look measured (n, 3) [m] in the table's frame, and the number (n,) of the thing that each is of."""
     v, u = np.nonzero(np.isfinite(look.depth_m))
     z, camera = look.depth_m[v, u].astype(float), look.camera
     points = np.stack([(u - camera.cx) * z / camera.fx, (v - camera.cy) * z / camera.fy, z], axis=1)

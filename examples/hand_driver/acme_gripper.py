@@ -80,5 +80,5 @@ class AcmeGripper:
 
 @with_settings(GripperSettings)
 def open_devices(station: Station, settings: GripperSettings) -> Devices:
-    """What the entry point names: builds the devices, and does not connect them yet."""
+    """Build the devices, without connecting them: the entry point names this function."""
     return Devices(hand=AcmeGripper(station, settings))

@@ -123,7 +123,7 @@ class Space:
         return np.asarray(apart + sentences[np.ix_(self.sentence[of], self.sentence[to])], np.float32)
 
     def by_family(self, one: int, other: int) -> dict[str, float]:
-        """How far two cycles are apart in each family: 0..1 of what it can be."""
+        """Return how far two cycles are apart in each family: 0..1 of what it can be."""
         found = dict.fromkeys(FAMILIES, 0.0)
         apart = np.abs(self.points[one] - self.points[other])
         for part in self.parts:

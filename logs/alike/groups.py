@@ -38,7 +38,7 @@ class Neighbour(NamedTuple):
         return {**self.row, "distance": round(self.distance, 4), "by_family": _rounded(self.by_family)}
 
     def in_words(self) -> str:
-        """What is the same and what differs."""
+        """Return what is the same and what differs, in words."""
         same = [family for family, apart in self.by_family.items() if apart < _SAME]
         other = [family for family, apart in self.by_family.items() if apart >= _OTHER]
         parts = [("the same: ", same), ("another: ", other)]

@@ -36,7 +36,7 @@ class Told:
 
     @cached_property
     def scene(self) -> ObservedScene | None:
-        """What detect saw last, also where it failed; None in recordings of before it was kept."""
+        """The scene that detect saw last, also where it failed; None in recordings of before it was kept."""
         scene = self.record.scene
         return None if scene is None or is_made_up(scene) else scene
 

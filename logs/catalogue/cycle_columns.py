@@ -108,7 +108,7 @@ def _changes(told: Told) -> Iterator[tuple[str, str, int, int]]:
 
 
 def _commanded(state: str) -> Callable[[Told], Value]:
-    """How often a client commanded that state."""
+    """Return a function that counts how often a client commanded that state."""
     return lambda told: sum(
         name == state and _COMMANDED.match(reason) is not None for name, reason, _, _ in _changes(told)
     )

@@ -18,7 +18,7 @@ def row_of_deleted(gone: Gone) -> tuple[Value, ...]:
 
 
 def row_for_journal(row: tuple[Value, ...]) -> dict[str, Value]:
-    """What the journal keeps of a row: all that is known, without what its line says itself."""
+    """Return what the journal keeps of a row: all that is known, without what its line says itself."""
     return {name: value for name, value in zip(NAMES, row, strict=True) if value is not None and name not in _OF_LINE}
 
 

@@ -1,4 +1,4 @@
-"""What is wrong with a catalogue, without changing anything of it."""
+"""Checks of a catalogue that change nothing of it."""
 
 from __future__ import annotations
 

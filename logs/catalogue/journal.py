@@ -1,4 +1,4 @@
-"""What was deleted and trimmed: appended to one file beside the recordings, never changed.
+"""The journal of what was deleted and trimmed: appended to one file beside the recordings, never changed.
 
 A line is written before its recording goes, and holds the row of the cycle, so that the catalogue can be made anew.
 """

@@ -1,4 +1,4 @@
-"""What persons say of cycles: appended to one small file beside the recordings, never changed.
+"""The labels that persons give to cycles: appended to one small file beside the recordings, never changed.
 
 One JSON object a line. The catalogue holds a copy, which is made anew whenever the file has changed.
 """
@@ -23,7 +23,7 @@ WORDS = ("good", "bad")
 
 
 class Label(Message):
-    """What one person says of one cycle, in one line of its file.
+    """The label of one person for one cycle, in one line of its file.
 
     Attributes:
         at_ns: UTC. ``who``: the person. ``label``: "" for a mere note.

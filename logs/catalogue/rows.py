@@ -61,7 +61,7 @@ def values_of(record: CycleRecord) -> dict[str, Value]:
 
 
 def _outcome(path: Path, why: str) -> dict[str, Value]:
-    """What can be said of a recording whose stages cannot be read."""
+    """Return what can be said of a recording whose stages cannot be read."""
     entry = read_entry(path)
     started_ns = stamp_ns(entry.cycle_id)
     values: dict[str, Value] = {

@@ -42,7 +42,7 @@ def root_of(folder: Path) -> tuple[Path, str]:
 
 @dataclass
 class Listing:
-    """What the folders hold that the rows do not say.
+    """The difference between the folders and the rows.
 
     Attributes:
         unknown: recordings without a row, or changed since. ``torn``: not finished, or still being written.

@@ -91,7 +91,7 @@ class Comparison:
         return min(self.rows, key=lambda row: KINDS.index(row.kind), default=None)
 
     def count(self, kind: Kind) -> int:
-        """How many values of a kind differ."""
+        """Return how many values of a kind differ."""
         return sum(row.kind == kind for row in self.rows)
 
     def to_json(self) -> Json:
@@ -108,7 +108,7 @@ class Comparison:
 
 
 def compare_cycles(a: CycleRecord, b: CycleRecord, *, everything: bool = False) -> Comparison:
-    """What differs between two cycles, as `logs.mcap.reader.read_cycle` gives them.
+    """Return what differs between two cycles, as `logs.mcap.reader.read_cycle` gives them.
 
     Args:
         everything: also measured values that differ by less than a second run of the same would.
@@ -149,7 +149,7 @@ def _value(value: object) -> Value:
 
 
 def _pictures(a: CycleRecord, b: CycleRecord) -> Iterator[Row]:
-    """Where the camera was, and how many pixels of the first look differ: by more than the noise of a camera."""
+    """Yield where the camera was, and how many pixels of the first look differ: by more than the noise of a camera."""
     if not a.looks or not b.looks:
         return
     one, other = a.looks[0], b.looks[0]

@@ -129,7 +129,7 @@ def task_table(tasks: Sequence[str]) -> Any:
 
 
 def info(counts: Mapping[str, int], fps: int, shapes: Mapping[str, tuple[int, int]], limits: Limits) -> dict[str, Any]:
-    """What ``meta/info.json`` says. ``shapes``: (height, width) of each camera's pictures."""
+    """Return the content of ``meta/info.json``. ``shapes``: (height, width) of each camera's pictures."""
     videos = {key: _video(key, fps, shapes[key]) for key in CAMERAS}
     numbers = {
         key: {"dtype": one.dtype, "shape": [len(one.names) or 1], "names": list(one.names) or None}

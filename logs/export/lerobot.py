@@ -80,7 +80,7 @@ class _Dataset:
 
     @property
     def counts(self) -> dict[str, int]:
-        """How much it has of what."""
+        """The number of each kind of thing in it."""
         return {"episodes": self.episodes, "frames": self.frames, "tasks": len(self.tasks)}
 
     def add(self, episode: Packed) -> None:

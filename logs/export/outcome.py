@@ -1,4 +1,4 @@
-"""What became of a cycle and of its grasp, as columns of a data set."""
+"""The outcome of a cycle and of its grasp, as columns of a data set."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def planned_grasp(record: CycleRecord) -> tuple[Grasp | None, Transform | None]:
 
 
 def task_of(job: Job) -> str:
-    """What was asked for, as an instruction."""
+    """Return what was asked for, as an instruction."""
     target = job.target
     what = target.text if target is not None and target.text is not None else "the object"
     where = f", lay it at {job.place.name}" if job.place is not None and job.place.name is not None else ""

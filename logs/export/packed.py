@@ -40,7 +40,7 @@ class Packed:
 
     @property
     def task(self) -> str:
-        """What was asked for, in words."""
+        """The task that was asked for, in words."""
         return str(self.about["task"])
 
     def numbered(self, episode: int, first: int, task: int, fps: int) -> dict[str, Array]:

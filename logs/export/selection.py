@@ -1,4 +1,4 @@
-"""Which recordings are exported, and which are left out and why."""
+"""The choice of the recordings that are exported, and why others are left out."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ class Selection:
 
 @dataclass(frozen=True)
 class Done:
-    """What an export wrote.
+    """The result of an export.
 
     Attributes:
         target: its folder. ``counts``: of what it holds. ``recordings_bytes``: size of the recordings it was made of.

@@ -1,4 +1,4 @@
-"""What was measured and commanded, as samples over the time of an episode, and their values at any time of it."""
+"""Measured and commanded values as samples over the time of an episode, and their values at any time of it."""
 
 from __future__ import annotations
 
@@ -40,11 +40,11 @@ class Samples:
         return np.asarray(self.values[_last_at(self.time_s, at_s)])
 
     def latest_utc_ns(self, at_s: Array) -> Array:
-        """When the sample (m,) of `latest` was taken [ns UTC]."""
+        """Return when the sample (m,) of `latest` was taken [ns UTC]."""
         return np.asarray(self.utc_ns[_last_at(self.time_s, at_s)])
 
     def nearest_utc_ns(self, at_s: Array) -> Array:
-        """When the nearest sample (m,) was taken [ns UTC]."""
+        """Return when the nearest sample (m,) was taken [ns UTC]."""
         before = _last_at(self.time_s, at_s)
         after = np.minimum(before + 1, len(self.time_s) - 1)
         is_after = np.abs(self.time_s[after] - at_s) < np.abs(at_s - self.time_s[before])

@@ -26,7 +26,7 @@ _ANY_FPS = 10
 
 @dataclass(frozen=True)
 class Format:
-    """How a camera's pictures are encoded. ``given``: pixel format of the arrays. ``options``: of the encoder."""
+    """The encoding of a camera's pictures. ``given``: pixel format of the arrays. ``options``: of the encoder."""
 
     encoder: str
     codec: str
@@ -106,12 +106,12 @@ class Video:
 
     @property
     def frames(self) -> int:
-        """How many it has so far."""
+        """The number of frames that it has so far."""
         return self._frames
 
     @property
     def size_bytes(self) -> int:
-        """How large its frames are so far."""
+        """The size of its frames so far."""
         return self._bytes
 
     def hold(self, key: bytes, frames: int) -> None:

@@ -83,7 +83,7 @@ class Filter:
 
     @property
     def digits(self) -> str:
-        """What the names of the selected day's recordings begin with."""
+        """The digits that the names of the selected day's recordings begin with."""
         day = datetime.now(UTC).strftime("%Y-%m-%d") if self.day == "today" else self.day
         return day.replace("-", "")
 

@@ -116,7 +116,7 @@ class CycleRecord:
 
     @property
     def trimmed(self) -> str:
-        """When the pictures were trimmed, and where the whole recording is, in words; "" for a whole one."""
+        """The time when the pictures were trimmed, and where the whole recording is, in words; "" for a whole one."""
         if THINNED not in self.metadata:
             return ""
         said = self.metadata[THINNED]
@@ -288,7 +288,7 @@ def _cycle(raw: Content, *, has_frames: bool) -> CycleRecord:
 
 
 def _scene(raw: Content, detected: Sequence[Stage]) -> ObservedScene | None:
-    """What was seen last: in the result of detect, or of a detection that failed on its own."""
+    """Return what was seen last: in the result of detect, or of a detection that failed on its own."""
     if detected and isinstance(detected[-1].result, Detections):
         return detected[-1].result.scene
     alone = raw.payloads.get(topics.SCENE.key, [])

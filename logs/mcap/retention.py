@@ -45,7 +45,7 @@ class Due(NamedTuple):
 
 
 class Plan(NamedTuple):
-    """What goes, the oldest first.
+    """The recordings that go, the oldest first.
 
     Attributes:
         delete: now. ``soon``: within a day, if the cell records as much as during the last day. ``thin``: now.
@@ -76,7 +76,7 @@ def plan_retention(
 
 
 def _candidates(files: Sequence[Recorded]) -> list[Recorded]:
-    """What may go, in the order in which it goes."""
+    """Return what may go, in the order in which it goes."""
     newest_ns = max((file.stamp_ns for file in files if not file.is_pinned), default=0)
     free = (file for file in files if not file.is_pinned and file.stamp_ns < newest_ns)
     return sorted(free, key=lambda file: (not file.is_fine, file.stamp_ns, file.path))
@@ -85,7 +85,7 @@ def _candidates(files: Sequence[Recorded]) -> list[Recorded]:
 def _due(
     files: Sequence[Recorded], at_ns: int, settings: RecordingSettings, free_bytes: int | None, more_bytes: int
 ) -> tuple[list[Due], str]:
-    """What is to be deleted at that time, after so many more bytes were recorded; and which limit is still not met."""
+    """Return what is to be deleted then, after so many more bytes were recorded; and which limit is still not met."""
     kept_bytes = sum(file.bytes for file in files) + more_bytes
     free = None if free_bytes is None else free_bytes - more_bytes
     due = []

@@ -57,7 +57,7 @@ class Shelf:
         self._known: dict[tuple[Path, int], tuple[str, bool]] = {}
 
     def plan(self, now_ns: int, settings: RecordingSettings) -> Plan:
-        """What goes now and within a day; only candidates are read. ``now_ns``: UTC. Raises: RecordingError."""
+        """Return what goes now and within a day; only candidates are read. ``now_ns``: UTC. Raises: RecordingError."""
         if not settings.rules or not is_folder(self._folder):
             return Plan()
         free = self._free(self._folder) if settings.keep_free_gb else None

@@ -1,4 +1,4 @@
-"""The scene of a recording whose detect did not say yet what it saw: one thing, on a table where the station says."""
+"""The scene of a recording from before detect said what it saw: one thing, on a table where the station says."""
 
 from __future__ import annotations
 

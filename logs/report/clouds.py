@@ -78,7 +78,7 @@ def clouds(found: Detections, grasp: Grasp | None, base_from_color: Array, is_pa
 
 
 def fused(looks: Sequence[tuple[str, str, Array, Array]], grasp: Grasp | None) -> Figure:
-    """What several looks measured of the things, each in its own colour and with its line of sight, and the hand.
+    """Draw what several looks measured of the things, each in its own colour and with its line of sight, and the hand.
 
     Args:
         looks: name, colour, points (n, 3) and the camera's place (3,), all in ``base`` [m].

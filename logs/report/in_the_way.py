@@ -1,4 +1,4 @@
-"""What was in the way of the rejected grasps: in words, as a picture, and in 3-D, with the hand as it would be."""
+"""The things in the way of rejected grasps: in words, as a picture, and in 3-D, with the hand as it would be."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class InTheWay(NamedTuple):
 
 
 def in_the_way(record: CycleRecord, found: Detections | None, rejected: Sequence[Rejection]) -> InTheWay | None:
-    """What stood against the rejected grasps; None where nothing did, or an older recording does not say it."""
+    """Return what stood against the rejected grasps; None where nothing did, or an older recording does not say it."""
     if found is None or record.observation is None:
         return None
     groups: dict[str, list[Obstacle]] = defaultdict(list)
@@ -117,7 +117,7 @@ def _beside(one: Obstacle) -> str:
 
 
 def _by_how_much(one: Obstacle) -> str:
-    """How much too near, and the room that is needed."""
+    """Say how much too near, and the room that is needed."""
     if one.too_near_m is None:
         return f": more than 60 mm too near ({one.needed_m * 1e3:g} mm must stay free)"
     return f": {_mm(one.too_near_m)} mm too near ({one.needed_m * 1e3:g} mm must stay free)"

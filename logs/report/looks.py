@@ -101,7 +101,7 @@ def _took_s(record: CycleRecord, seen: Observation) -> float | None:
 
 
 def mount_in_words(mount: SeenMount | None) -> list[str]:
-    """How several looks disagreed, in sentences; none when nobody compared them."""
+    """Say how several looks disagreed, in sentences; none when nobody compared them."""
     if mount is None:
         return []
     return [_agreement(mount), *_excess(mount), _by_planes(mount)]

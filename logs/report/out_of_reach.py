@@ -46,7 +46,7 @@ def _cause(record: CycleRecord, reason: str, away_m: Sequence[float]) -> Cause:
 
 
 def _flange_m(record: CycleRecord, found: Detections, one: Rejection) -> float:
-    """How far from the shoulder the flange would be, at the grasp or where its approach begins."""
+    """Return how far from the shoulder the flange would be, at the grasp or where its approach begins."""
     pose = found.grasps[one.grasp].base_from_tcp
     approach = np.cos(one.tilt_rad) * pose[:3, 2] + np.sin(one.tilt_rad) * pose[:3, 0]
     back_m = recorded_number(record.station, "planning", "approach_m") or 0.0

@@ -1,4 +1,4 @@
-"""What detect saw, and what it tried, as pictures and tables of a cycle's page; also of a detection that failed."""
+"""The scene that detect saw, and what it tried, as pictures and tables of a page; also of a failed detection."""
 
 from __future__ import annotations
 

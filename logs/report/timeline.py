@@ -170,7 +170,7 @@ def in_words(result: Message | None) -> str:
 
 
 def _done_in_words(result: Execution) -> str:
-    """Where the fingers closed, and what the arm met before that."""
+    """Say where the fingers closed, and what the arm met before that."""
     met = f"{result.contact.in_words}; " if result.contact is not None else ""
     if result.grasped is not None:
         return f"{met}closed at {result.grasped.width_m * 1e3:.1f} mm"

@@ -1,4 +1,4 @@
-"""How a day went in numbers: the share of its picks that succeeded, and the picks of each hour."""
+"""A day in numbers: the share of its picks that succeeded, and the picks of each hour."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ class SeenLook:
 
 @dataclass(frozen=True, eq=False)
 class SeenScene:
-    """What the cell has seen, and what it wants.
+    """The scene that the cell has seen, and which things it wants.
 
     Attributes:
         looks: one or several, of the same scene from different places, in the order of time.

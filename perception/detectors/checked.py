@@ -1,4 +1,4 @@
-"""What is asked of a detector's grasps at the door: numbers that can be one, each refusal with the field's name."""
+"""Checks of a detector's grasps at the door: numbers that can be one, each refusal with the field's name."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ def agreed(looks: Sequence[Look], station: Station) -> tuple[tuple[Look, ...], S
 
 
 def disagreement(looks: Sequence[Look], station: Station) -> MountCorrection:
-    """How looks at the pick region disagree, and the one correction of the mounting that would mend most of it."""
+    """Return the one correction of the mounting that would mend most of the looks' disagreement at the pick region."""
     views, poses = [look.view for look in looks], [look.base_from_color for look in looks]
     near = [within(view.points_base, station, _AROUND_M) for view in views]
     return common_correction(views, [look.surface for look in looks], poses, near)

@@ -41,7 +41,7 @@ Points = npt.NDArray[np.float32]
 
 @dataclass(frozen=True, eq=False)
 class MountCorrection:
-    """What is wrong with the mounting: ``base_from_color @ color_from_corrected`` is the better pose of every view.
+    """The correction of a mounting: ``base_from_color @ color_from_corrected`` is the better pose of every view.
 
     Attributes:
         color_from_corrected: (4, 4).

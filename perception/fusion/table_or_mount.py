@@ -73,7 +73,7 @@ def table_or_mount(
     noise = np.tile([_SLOPE_NOISE_RAD, _SLOPE_NOISE_RAD, _HEIGHT_NOISE_M], len(seen))
 
     def errors(unknown: Array) -> Array:
-        """What (3 k + 9,) is left to explain, in standard deviations."""
+        """Return what (3 k + 9,) is left to explain, in standard deviations."""
         left = [_left(unknown, plane, pose, middle_base) for plane, pose in zip(seen, base_from_color, strict=True)]
         return np.concatenate([np.concatenate(left) / noise, unknown / _PRIOR])
 
@@ -97,7 +97,7 @@ def table_or_mount(
 
 
 def _named(table: float, mount: float) -> Literal["table", "mount", ""]:
-    """What is off, from how many times its bound each is."""
+    """Return what is off, from how many times its bound each is."""
     if max(table, mount) <= 1:
         return ""
     return "table" if table > mount else "mount"
@@ -112,7 +112,7 @@ def _plane(table: Table, color_from_base: Transform) -> Array:
 
 
 def _left(unknown: Array, plane_color: Array, base_from_color: Transform, middle_base: Array) -> Array:
-    """How far (3,) the view's plane, mounted thus, is from the table: two slopes, and the height [m] at the middle."""
+    """Return how far (3,) the view's plane, mounted thus, is from the table: two slopes, and the height [m] amid."""
     base_from_true = base_from_color @ pose_of(unknown[3:])
     normal = base_from_true[:3, :3] @ plane_color[:3]
     offset_m = plane_color[3] - normal @ base_from_true[:3, 3]

@@ -248,7 +248,7 @@ def _closed(
 
 @dataclass(frozen=True)
 class _Touch:
-    """Where the pads touch first, along the closing axis (n,); zeros where they touch nothing."""
+    """The first touch of the pads along the closing axis (n,); zeros where they touch nothing."""
 
     left_m: Array
     right_m: Array

@@ -61,7 +61,7 @@ def across_faces(closings: Closings, scene: Scene, base_from_level: Transform) -
 
 @dataclass(frozen=True)
 class Faces:
-    """What the two pads of a closing touch, seen in the plane of closing axis and approach.
+    """The surfaces that the two pads of a closing touch, in the plane of closing axis and approach.
 
     Attributes:
         outwards: for the left and the right pad, the mean normal (along the closing axis away from the thing, along the
@@ -109,7 +109,7 @@ class Surfaces:
         return cls(points, turned, scene.cloud_labels[known])
 
     def touched(self, closings: Closings, index: int) -> Faces:
-        """What the pads of a closing touch first."""
+        """Return what the pads of a closing touch first."""
         heading = closings.heading_rad[index]
         along, across = np.array([np.cos(heading), np.sin(heading)]), np.array([-np.sin(heading), np.cos(heading)])
         off = self.points[:, :2] - closings.center_m[index]

@@ -1,4 +1,4 @@
-"""Why a scene with things in it yields no grasp, in words that say what to do."""
+"""The reason why a scene with things in it yields no grasp, in words that say what to do."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def _things(seen: ObservedScene) -> str:
 
 
 def _hidden(scene: Scene, station: Station) -> int:
-    """How many closings there would be if what was not seen were free down to the table."""
+    """Count the closings that there would be if what was not seen were free down to the table."""
     heights = scene.heights
     is_unseen = heights.bound_m > heights.surface_m + _TINY_M
     surface_m = np.where(is_unseen, np.float32(0), heights.surface_m)

@@ -43,7 +43,7 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Density:
-    """How densely a map is searched: headings, the distance of tip heights, and how many candidates are closed."""
+    """The density of a search: headings, the distance of tip heights, and how many candidates are closed."""
 
     headings: int
     level_m: float

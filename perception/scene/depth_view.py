@@ -1,4 +1,4 @@
-"""What the depth camera sees, in its own pixels: points, and whether a place in space was seen to be free."""
+"""The view of the depth camera, in its own pixels: points, and whether a place in space was seen to be free."""
 
 from __future__ import annotations
 

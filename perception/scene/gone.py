@@ -32,7 +32,7 @@ Grid = npt.NDArray[np.float64]
 
 
 class Others(NamedTuple):
-    """What became of the things beside the one that was grasped, by their numbers.
+    """The fate of the things beside the one that was grasped, by their numbers.
 
     Attributes:
         gone: their place is empty, or lower than it was, and nothing as large stands newly near it.
@@ -98,7 +98,7 @@ class _Emptied(NamedTuple):
 
 
 def _not_moved(emptied: dict[int, _Emptied], rose: int) -> list[int]:
-    """Which of the emptied places' things stand nowhere else; what rose (cells, in all) explains each thing once."""
+    """Return which of the emptied places' things stand nowhere else; what rose (cells, in all) explains each once."""
     gone = []
     for number, one in sorted(emptied.items(), key=lambda item: abs(item[1].cells - item[1].rose)):
         if one.cells - min(one.rose, rose) < _MIN_NET * one.cells:

@@ -1,4 +1,4 @@
-"""What lies between the fingers of a grasp, as it was seen before: along the closing axis, one thing or two?
+"""The things between the fingers of a grasp, as seen before: along the closing axis, one thing or two?
 
 Frames: docs/frames.md.
 """
@@ -33,7 +33,7 @@ Array = npt.NDArray[np.float64]
 
 
 class InJaw(NamedTuple):
-    """What lay between the fingers.
+    """The things that lay between the fingers.
 
     Attributes:
         others: numbers of other things of which at least 10 mm along the closing axis lay there.
@@ -63,7 +63,7 @@ def in_jaw(detections: Detections, grasp: Grasp, width_m: float, before: Observa
 def _between(
     detections: Detections, grasp: Grasp, width_m: float, before: Observation, station: Station
 ) -> tuple[Array, Array, npt.NDArray[np.int16]]:
-    """Where the pixels (n,) of things between the fingers lie along the closing axis [m], colours (n, 3), numbers."""
+    """Return where pixels (n,) of things between the fingers lie along the closing axis [m]; their colours, numbers."""
     depth_m = without_flying_pixels(before.frame.depth_m)
     rgbd, source = registered(before.frame, depth_m)
     labels = detections.scene.labels

@@ -48,7 +48,7 @@ class Look:
 
     @cached_property
     def surface(self) -> Surface:
-        """What the depth image shows of smooth surfaces, with their normals."""
+        """The smooth surfaces that the depth image shows, with their normals."""
         return surface(self.view)
 
     def in_color(self, labels: Labels) -> Labels:

@@ -28,7 +28,7 @@ Depth = npt.NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Surface:
-    """What a depth image shows of smooth surfaces.
+    """The smooth surfaces that a depth image shows.
 
     Attributes:
         points_base: (h, w, 3) [m], smoothed along the rays; NaN at steps, and where depth is missing within two pixels.

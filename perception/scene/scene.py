@@ -42,7 +42,7 @@ Points = npt.NDArray[np.float32]
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What was seen, in the table's frame.
+    """The scene as it was seen, in the table's frame.
 
     Attributes:
         looks: as many as there were observations. ``shown``: index of the one that models and people are shown.
@@ -86,7 +86,7 @@ class Scene:
 
     @property
     def count(self) -> int:
-        """How many things there are; they are numbered from 1 on."""
+        """The number of things; they are numbered from 1 on."""
         return int(self.heights.labels.max(initial=0))
 
     @cached_property

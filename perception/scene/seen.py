@@ -1,4 +1,4 @@
-"""What was seen and what was not: how much of the pick region, each thing on it, and whether an empty one is empty."""
+"""The seen and the unseen: how much of the pick region, each thing on it, and whether an empty one is empty."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ class RegionView:
 
 
 def _measured(look: Look, points_base: Array, table: Table) -> Mask:
-    """Where (n,) a look measured the table, or what is above it, in the direction of points (n, 3) of the table."""
+    """Return where (n,) a look measured the table, or what is above it, towards points (n, 3) of the table."""
     pixels, z = look.view.pixels(points_base.astype(np.float32))
     measured = look.view.inside(pixels, z)
     u, v = np.where(measured[:, None], pixels, 0).T

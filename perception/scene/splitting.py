@@ -96,7 +96,7 @@ def _outline_filled(ours: Mask) -> Mask:
 
 
 def _borders(parts: Labels, count: int) -> npt.NDArray[np.int64]:
-    """How many neighbouring cells (k, k) each two pieces have."""
+    """Count the neighbouring cells (k, k) that each two pieces have."""
     border = np.zeros((count, count), dtype=np.int64)
     for one, other in ((parts[:, 1:], parts[:, :-1]), (parts[1:], parts[:-1])):
         between = (one != other) & (one > 0) & (other > 0)

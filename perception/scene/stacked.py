@@ -1,4 +1,4 @@
-"""What lies on a thing: seen from above it parts the thing, or cuts into it, and is higher."""
+"""The things that lie on another: seen from above one parts the other, or cuts into it, and is higher."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ from bus.starvation import Starvation, StarvationMeter, load_now
 
 
 class Kernel:
-    """What it counts, as the test wants it."""
+    """The counts of the kernel, as the test wants them."""
 
     def __init__(self) -> None:
         self.threads: dict[str, tuple[float, float]] = {}

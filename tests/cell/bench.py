@@ -25,7 +25,7 @@ SETTLED = {State.STOPPED, State.IDLE, State.COMPLETE, State.ABORTED, State.HELD,
 
 @dataclass
 class _Actions:
-    """What `BatchControl` and the machine use of the actions: motions through a real gate, without devices."""
+    """The part of the actions that `BatchControl` and the machine use: motions through a real gate, without devices."""
 
     hold_state: HoldState = field(default_factory=HoldState)
     result: str = "SUCCESS"

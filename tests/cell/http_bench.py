@@ -135,7 +135,7 @@ def served(door: Door, cell: FakeCell) -> Iterator[Site]:
 
 
 class Answer(NamedTuple):
-    """What an application answered."""
+    """The answer of an application."""
 
     status: int
     headers: dict[str, str]

@@ -44,7 +44,7 @@ class Bench:
         return Recorder(self.path, metadata={"cycle_id": "one"}, clock=lambda: 1, under=self.disk.under)
 
     def flushed(self) -> None:
-        """What was heard so far is in the file."""
+        """Wait until what was heard so far is in the file."""
         self.log.hear(HAND._replace(key="state"))  # of a state follows a flush
         self.until(lambda: self.part.exists() and messages(self.part) > 0)
 

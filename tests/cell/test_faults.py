@@ -39,7 +39,7 @@ def test_the_page_is_what_the_table_says() -> None:
 
 
 def _slices() -> dict[str, tuple[Row, ...]]:
-    """What runs on one cell: the first row of every part; and of each part the others."""
+    """Return what runs on one cell: the first row of every part; and of each part the others."""
     first: dict[str, Row] = {}
     for row in ROWS:
         if row.part != "opcua":  # its door needs 7 s of computing to open

@@ -462,6 +462,7 @@ def test_with_a_certificate_it_speaks_tls_only(folder: Path, keys: Path) -> None
     cell = FakeCell()
     with served(door_of(cell, folder, settings=settings), cell) as site:
         trusted = ssl.create_default_context(cafile=keys / "ca.pem")
+        trusted.verify_flags |= ssl.VERIFY_X509_STRICT  # the default from Python 3.13 on
         assert httpx2.get(f"https://127.0.0.1:{site.port}/api/state", verify=trusted).json()["state"] == "Idle"
         with pytest.raises(httpx2.HTTPError):
             site.http.get("/api/state")

@@ -219,7 +219,46 @@ def test_without_being_asked_nothing_else_is_picked() -> None:
     assert Retries(RetrySettings()).after(first, Code.OBSTRUCTED, None, "2", "", np.array([0.4, 0.1, 0.05])) is None
 
 
-# --- who goes ---------------------------------------------------------------------------------------------------------
+# --- who comes and goes -----------------------------------------------------------------------------------------------
+
+
+class _AsksAtOnce(Bench):
+    """A machine whose client asks for another pick as soon as the result is said; the state is Completing still."""
+
+    def __init__(self, *options: str) -> None:
+        self.replies: list[CommandReply] = []
+        self.open_cycle = ""
+        super().__init__(lambda verb: None, *options)
+
+    def _complete(self) -> None:
+        super()._complete()
+        self.actions.cycle_id = self.open_cycle
+        if not self.replies:
+            self.replies = [_send(self, "pick", Job(job_id=name)) for name in ("second", "third")]
+
+
+def _asked_at_once(bench: _AsksAtOnce) -> list[CommandReply]:
+    bench.machine.command("reset", OPERATOR)
+    assert bench.settle() is State.IDLE
+    assert _send(bench, "pick", Job(job_id="first")).ok
+    assert bench.settle() is State.COMPLETE
+    bench.close()
+    return bench.replies
+
+
+def test_a_client_that_asks_for_more_as_soon_as_it_has_its_result_is_not_refused() -> None:
+    """Also where no job may wait; but only one comes next."""
+    bench = _AsksAtOnce("queue.max=0")
+    second, third = _asked_at_once(bench)
+    assert (second.ok, second.position) == (True, 0)
+    assert not third.ok
+    assert bench.actions.begun == ["first", "second"]
+
+
+def test_before_the_result_is_said_it_is_refused() -> None:
+    bench = _AsksAtOnce()
+    bench.open_cycle = "20260101T000000000"
+    assert [reply.ok for reply in _asked_at_once(bench)] == [False, False]
 
 
 class _GoesAtOnce(Bench):

@@ -67,7 +67,7 @@ def browser(program: str, tool: Any) -> Iterator[Any]:  # skipped without the pr
 
 @pytest.fixture(scope="module")
 def complaints() -> list[str]:
-    """What the console and the scripts of all pages complain about."""
+    """The complaints of the console and the scripts of all pages."""
     return []
 
 

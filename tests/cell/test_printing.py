@@ -182,7 +182,7 @@ _NOT_ELSEWHERE = {
 
 
 def _names_used(tree: ast.Module) -> Iterator[str]:
-    """What a module imports, and what it takes of the modules it imports."""
+    """Yield what a module imports, and what it takes of the modules it imports."""
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and node.module:
             yield node.module

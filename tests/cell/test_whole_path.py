@@ -40,7 +40,7 @@ def _cell(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 @pytest.fixture(scope="module")
 def lines(tmp_path_factory: pytest.TempPathFactory, new_endpoint: Callable[[], str]) -> list[dict[str, Any]]:
-    """What ``cell start --cycles 2 --json`` prints, where an earlier process was killed in the middle of a cycle."""
+    """The lines of ``cell start --cycles 2 --json``, where an earlier process was killed in the middle of a cycle."""
     folder = tmp_path_factory.mktemp("recordings")
     (folder / "torn.mcap.part").write_bytes(GOLDEN.read_bytes()[:1_000_000])
     options = ["--set", f"bus.endpoint={new_endpoint()}", "--set", f"recording.folder={folder}"]
@@ -178,7 +178,7 @@ def test_a_plain_zenoh_program_triggers_a_pick(shared_daemon: Cell) -> None:
 
 
 def _in_process(*arguments: str) -> str:
-    """What a ``cell`` command prints; run here, a new process would miss the motion."""
+    """Return what a ``cell`` command prints; run here, a new process would miss the motion."""
     done = CliRunner().invoke(command_line(), list(arguments), catch_exceptions=False)
     assert done.exit_code == 0, done.output
     return done.output

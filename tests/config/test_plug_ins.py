@@ -14,6 +14,7 @@ from config.load import load_station, station_from
 from config.plug_ins import Group
 from config.schema import Station
 from drivers.node.registry import GROUP, open_devices, open_node
+from tests.dist_info import write_dist_info
 
 _MODULE = """
 from pydantic import BaseModel
@@ -52,11 +53,8 @@ _POINTS = (
 
 def install(folder: Path, name: str, *points: str) -> None:
     """A package of another maker: what its installer says of it."""
-    info = folder / f"{name}-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
     lines = [one.replace("=", " = ") if "=" in one else f"{one} = plug_in_for_tests:{one}" for one in points]
-    (info / "entry_points.txt").write_text("\n".join([f"[{GROUP.name}]", *lines]))
+    write_dist_info(folder, name, "1.0", {GROUP.name: lines})
 
 
 @pytest.fixture(autouse=True)

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.dist_info import write_dist_info
+
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PACKAGES = ("hand_driver", "goal_model", "detector")
 
@@ -14,13 +16,11 @@ PACKAGES = ("hand_driver", "goal_model", "detector")
 def information(folder: Path, name: str, more: str = "") -> Path:
     """Write what an installer says of the example into ``folder``: its entry points, and ``more`` lines. Returns it."""
     project = tomllib.loads((EXAMPLES / name / "pyproject.toml").read_text())["project"]
-    info = folder / f"{project['name'].replace('-', '_')}-{project['version']}.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n")
-    lines = []
-    for group, points in project["entry-points"].items():
-        lines += [f"[{group}]", *(f"{point} = {target}" for point, target in points.items()), more]
-    (info / "entry_points.txt").write_text("\n".join(lines))
+    points = {
+        group: [*(f"{point} = {target}" for point, target in named.items()), more]
+        for group, named in project["entry-points"].items()
+    }
+    write_dist_info(folder, project["name"], project["version"], points)
     return folder
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from types import ModuleType
 from typing import Annotated, Literal
@@ -101,3 +102,10 @@ def test_a_field_is_shown_with_its_type_its_limits_its_default_and_what_the_docs
 )
 def test_a_settings_unit_is_the_end_of_its_name(name: str, unit: str) -> None:
     assert settings_page.unit(name) == unit
+
+
+@pytest.mark.parametrize("of", [bus_page, settings_page], ids=lambda of: of.PAGE.name)
+def test_every_field_has_a_meaning(of: ModuleType) -> None:
+    """Pages and JSON schemas show it."""
+    silent = [line for line in of.page().splitlines() if re.match(r"\| `.*\| *\|$", line)]
+    assert not silent

@@ -217,7 +217,7 @@ def test_a_driver_that_is_frozen_in_motion_has_its_arm_at_rest_within_a_second()
 
 
 def shared_with(pid: int) -> SharedState:
-    """What the driver in another process shares with its control process."""
+    """Return what the driver in another process shares with its control process."""
     folder = Path(f"/proc/{pid}/fd")
     path = next(entry for entry in folder.iterdir() if "fr3-state" in os.readlink(entry))
     return SharedState(os.open(path, os.O_RDWR))

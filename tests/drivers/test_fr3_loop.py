@@ -42,7 +42,7 @@ def played(
     guard: ContactGuard | None = None,
     touches_at: int | None = None,
 ) -> Played:
-    """What a loop plays of `fast` whose driver beats in those milliseconds for which ``beats``, and asks ``wants``.
+    """Return what a loop plays of `fast` whose driver beats in the milliseconds of ``beats``, and asks ``wants``.
 
     From ``touches_at`` on the robot feels 8 Nm on joint 1.
     """

@@ -113,7 +113,7 @@ def raised(pose: Array, by_m: float) -> Array:
 
 @dataclass(frozen=True)
 class Lift:
-    """What became of a scripted pick."""
+    """The result of a scripted pick."""
 
     closed_m: float
     rise_m: float

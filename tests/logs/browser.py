@@ -45,7 +45,7 @@ class Page:
         self.value(_READY)
 
     def value(self, expression: str) -> Any:
-        """What a JavaScript expression gives, or the promise of it."""
+        """Return what a JavaScript expression gives, or the promise of it."""
         answer = self._ask("Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True)
         assert "exceptionDetails" not in answer, answer["exceptionDetails"]
         return answer["result"].get("value")

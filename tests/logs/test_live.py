@@ -40,7 +40,7 @@ class Viewer:
         self.greeting = json.loads(socket.recv(timeout=60))
 
     def channel(self, topic: str) -> dict[str, Any]:
-        """What the server advertises under ``topic``, waited for."""
+        """Wait for what the server advertises under ``topic``, and return it."""
         while topic not in self._channels:
             said = self._socket.recv(timeout=60)
             if isinstance(said, str) and (message := json.loads(said))["op"] == "advertise":

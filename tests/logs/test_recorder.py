@@ -133,7 +133,7 @@ def test_a_closed_recording_was_read_back_from_the_disk_and_not_from_memory(tmp_
 
 
 def _read_from_disk_bytes() -> int:
-    """What the kernel fetched from storage for this process so far."""
+    """Return how much the kernel fetched from storage for this process so far."""
     with Path("/proc/self/io").open() as file:
         return next(int(line.split()[1]) for line in file if line.startswith("read_bytes"))
 

@@ -48,7 +48,7 @@ def look(
     noise_m: float = 0.0,
     base_from_base: Array | None = None,
 ) -> Observation:
-    """What the wrist camera sees from a direction.
+    """Return what the wrist camera sees from a direction.
 
     Args:
         noise_m: standard deviation of the depth; the same for the same direction.

@@ -16,6 +16,7 @@ from perception.models import open_models, replayed_models
 from perception.models.geometric import GeometricModel
 from perception.models.recorded import RecordedModel
 from perception.models.registry import GROUP
+from tests.dist_info import write_dist_info
 
 _MODULE = """
 from perception.models.geometric import GeometricModel
@@ -23,24 +24,22 @@ from perception.models.geometric import GeometricModel
 class Painter(GeometricModel):
     name = "painter"
 """
-_ENTRY_POINTS = f"""
-[{GROUP.name}]
-painter = painter_for_tests:Painter
-broken = painter_for_tests_that_is_not_there:Painter
-geometric = painter_for_tests:Painter
-[{GROUP.former}]
-forgotten = painter_for_tests:Painter
-"""
+_FORMER = "vlad_cell.models"
+_ENTRY_POINTS = {
+    GROUP.name: (
+        "painter = painter_for_tests:Painter",
+        "broken = painter_for_tests_that_is_not_there:Painter",
+        "geometric = painter_for_tests:Painter",
+    ),
+    _FORMER: ("forgotten = painter_for_tests:Painter",),
+}
 
 
 @pytest.fixture
 def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """An installed package: a module, and the folder in which its installer says what it brings."""
     (tmp_path / "painter_for_tests.py").write_text(_MODULE)
-    info = tmp_path / "painter_for_tests-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: painter-for-tests\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text(_ENTRY_POINTS)
+    write_dist_info(tmp_path, "painter-for-tests", "1.0", _ENTRY_POINTS)
     monkeypatch.syspath_prepend(tmp_path)
 
 

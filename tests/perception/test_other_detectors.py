@@ -68,7 +68,7 @@ def grasp(x_m: float, y_m: float, width_m: float = 0.03, score: float = 0.5, ins
 
 
 def found(look: Look, fake: Fake, station: Station = STATION) -> tuple[Detections, list[ModelReply]]:
-    """What a detection with the fake detector gives on a bar and a plate, and what was recorded of it."""
+    """Return what the fake detector gives on a bar and a plate, and what was recorded of it."""
     replies: list[ModelReply] = []
     models = Models(GeometricModel(station), detector=DetectorCall("acme", fake, 5.0))
     return detect(look([BAR, PLATE]), station, models, replies.append), replies

@@ -78,7 +78,7 @@ def model(provider: Slow, ledger: Path) -> HostedModel:
 
 
 def stopped(look: Look, models: Models, when: Callable[[], bool]) -> list[ModelReply]:
-    """What was said when a stop came as ``when`` became true."""
+    """Return what was said when a stop came as ``when`` became true."""
     said: list[ModelReply] = []
     with pytest.raises(CycleFailure, match="Stopped during 'detect'") as failure:
         detect_unless_halted([look([BAR])], STATION, models, said.append, when)

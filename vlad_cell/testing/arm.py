@@ -1,4 +1,4 @@
-"""What every arm does."""
+"""The checks that every arm passes."""
 
 from __future__ import annotations
 

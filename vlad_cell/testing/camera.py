@@ -1,4 +1,4 @@
-"""What every RGB-D camera does."""
+"""The checks that every RGB-D camera passes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every detector does: scene in, 6-DoF grasps out."""
+"""The checks that every detector passes: scene in, 6-DoF grasps out."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class DetectorSuite(PlugInSuite):
     @pytest.fixture(scope="class")
     @classmethod
     def scene(cls, station: Station) -> SeenScene:
-        """What the cell shows a detector of the bar and the plate."""
+        """Return what the cell shows a detector of the bar and the plate."""
         watching = _Watching()
         models = Models(GeometricModel(station), detector=DetectorCall("watching", watching, None))
         with pytest.raises(CycleFailure, match="finds no grasp"):

@@ -1,4 +1,4 @@
-"""What the suites of the three kinds of devices share: the driver's devices, opened and closed."""
+"""The common part of the suites of the three kinds of devices: the driver's devices, opened and closed."""
 
 from __future__ import annotations
 

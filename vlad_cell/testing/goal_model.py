@@ -1,4 +1,4 @@
-"""What every goal-image model does: reason, direct, render."""
+"""The checks that every goal-image model passes: reason, direct, render."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class _Watched:
 
 @dataclass(frozen=True)
 class _Run:
-    """What the whole of perception makes of the bar with a model, and what the model was asked for it."""
+    """The result of the whole of perception for the bar with a model, and what the model was asked for it."""
 
     watched: _Watched
     detections: Detections

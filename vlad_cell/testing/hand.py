@@ -1,4 +1,4 @@
-"""What every hand does."""
+"""The checks that every hand passes."""
 
 from __future__ import annotations
 

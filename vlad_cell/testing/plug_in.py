@@ -1,4 +1,4 @@
-"""What all suites share: the plug-in's name and settings, and the station that it is opened with."""
+"""The common part of all suites: the plug-in's name and settings, and the station that it is opened with."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class PlugInSuite:
             self.group.settings_of(self.name, factory, {**self.settings, "no_such_setting": 1}, "table")
 
     def _entry_point(self) -> object:
-        """What the entry point names; ours that have none are not asked for it."""
+        """Return what the entry point names; ours that have none are not asked for it."""
         if self.name in self.group.reserved:
             pytest.skip(f"{self.name} is no entry point")
         return self.group.load(self.name)
