@@ -9,13 +9,12 @@ from collections.abc import Iterator, Sequence
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, NamedTuple, get_args, get_origin
+from typing import Any, NamedTuple
 
 from typer.main import get_command
 
 from cell.cli.commands import COMMANDS, command, command_line
-from config.load import _below
-from config.schema import Station
+from config.keys import is_there
 
 ROOT = Path(__file__).parents[2]
 _FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
@@ -227,10 +226,4 @@ def _is_given(said: Any) -> bool:
 
 def setting_problem(key: str) -> str:
     """Whether `--set` knows a key, of the station or of a plug-in's own table; "" = it does."""
-    kinds: list[Any] = [Station]
-    for part in key.split("."):
-        if _PLACEHOLDER.search(part) or Any in kinds:
-            return ""
-        kinds = [inner for kind in kinds for inner in _below(kind, part)]
-        kinds += [Any for kind in kinds if get_origin(kind) is dict and get_args(kind)[1] is Any]
-    return "" if kinds else f"there is no setting {key}"
+    return "" if is_there(key.split(".")) or _is_given(key) else f"there is no setting {key}"
