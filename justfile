@@ -110,10 +110,11 @@ notebook: setup
 first-hour: setup
     uv run python -m docs.first_hour_pictures
 
-# Draw the README's picture of a pick, from a real run
+# Draw the README's pictures, of a pick and of the operator's page, from real runs (needs a browser: chromium-headless-shell)
 pictures: setup
     uv run cell start --config {{config}} --cycles 1 --seed 8 --no-report --set recording.folder=recordings/pictures
     uv run python -m docs.pick_picture recordings/pictures/*/*.mcap
+    uv run python -m docs.page_picture
 
 # Resolve the dependencies anew into requirements.lock
 lock:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -33,6 +34,11 @@ from planning.scene import Scene
 FOLDER = Path(__file__).parent / "planning"
 SIZE_PX = (640, 480)
 WIDE_PX = 900
+_WHITE = (1.0, 1.0, 1.0)
+_WHITE_SKY: dict[str, Any] = {
+    "type": mujoco.mjtTexture.mjTEXTURE_SKYBOX, "builtin": mujoco.mjtBuiltin.mjBUILTIN_FLAT,
+    "rgb1": _WHITE, "rgb2": _WHITE, "width": 64, "height": 384,
+}  # fmt: skip
 _CELL_M = 5.0
 """Everything in the cell is nearer to the camera beside it."""
 COLORS = {"reach": (47, 111, 222), "carry": (224, 99, 45), "place": (44, 156, 105), "home": (150, 150, 160)}
@@ -56,7 +62,9 @@ def main(recording: Path) -> None:
 
 def motions(plan: PickPlan, robot: Robot, station: Station) -> Image:
     """The cell from aside, with the way of the tcp through all four motions."""
-    model = compose(station, {}, hand_from_cameras(station), FOVY_DEG).compile()
+    cell = compose(station, {}, hand_from_cameras(station), FOVY_DEG)
+    cell.add_texture(**_WHITE_SKY)
+    model = cell.compile()
     data = mujoco.MjData(model)
     before = plan.segments[0].trajectory.raw_q_rad
     for joint, q in zip(arm_joints(station), before[int(0.6 * len(before))], strict=True):
@@ -68,7 +76,8 @@ def motions(plan: PickPlan, robot: Robot, station: Station) -> Image:
         renderer.update_scene(data, camera)
         for segment in (segment for segment in plan.segments if segment.name in COLORS):
             _trace(renderer.scene, robot, segment.trajectory, COLORS[segment.name])
-        return on_white(renderer)
+        image: Image = renderer.render()
+        return image
 
 
 def on_white(renderer: mujoco.Renderer) -> Image:
