@@ -9,9 +9,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from bus.errors import CellError, PicturesTrimmed, RecordingError
+from bus.errors import CellError, PicturesTrimmed, RecordingError, StageNotReached
 from cell.replay.replay import Replay, Request, replay
-from cell.replay.view import to_json, verdict
+from cell.replay.view import EMPTY, to_json, verdict
 from cell.workers import LocalWorkers, WorkerLost, Workers, in_order
 from config.load import station_hash
 from config.schema import Station
@@ -28,7 +28,8 @@ class Judged:
     """The outcome of one recording, small enough to travel between processes.
 
     Attributes:
-        verdict: of `cell.replay.view.verdict`, `TRIMMED` or ``unreadable``. ``error``: why it was not replayed, or "".
+        verdict: of `cell.replay.view.verdict` (`EMPTY` also of a cycle that ended before the stages that are asked for),
+            `TRIMMED` or ``unreadable``. ``error``: why it was not replayed, or "".
         stages: rerun, each with whether it differs. ``fields``: those that differ. ``said``: of `to_json` if different.
     """
 
@@ -130,6 +131,8 @@ def judge(path: Path, request: Request) -> Judged:
             outcome = replay(read_cycle(path), request, _robot_of)
     except PicturesTrimmed as error:
         return Judged(path, TRIMMED, str(error))
+    except StageNotReached as error:
+        return Judged(path, EMPTY, str(error))
     except CellError as error:
         return Judged(path, "unreadable", str(error))
     return _judged(path, outcome)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Any, cast
 
 from bus.codes import Code
-from bus.errors import ConfigError, CycleFailure, PicturesTrimmed, RecordingError
+from bus.errors import ConfigError, CycleFailure, PicturesTrimmed, RecordingError, StageNotReached
 from bus.frozen import Message
 from bus.messages import Detections, Failure, PickPlan, StageName, StageRecord
 from cell.replay.compared_stages import STAGES, Stage
@@ -113,7 +113,7 @@ def replay(record: CycleRecord, request: Request, robot_of: Callable[[Station], 
     Args:
         robot_of: builds the planning model of a station, which takes a second; it may cache it for many recordings.
 
-    Raises: RecordingError when it holds none of the requested pure stages; PicturesTrimmed; ConfigError for a bad
+    Raises: StageNotReached when it holds none of the requested pure stages; PicturesTrimmed; ConfigError for a bad
         override.
     """
     if record.trimmed:
@@ -130,7 +130,7 @@ def replay(record: CycleRecord, request: Request, robot_of: Callable[[Station], 
     finally:
         models.close()
     if not stages:
-        raise RecordingError(
+        raise StageNotReached(
             f"The recording of {record.cycle_id} holds no stage that can be replayed.",
             f"Stages recorded: {', '.join(record.stages) or 'none'}.",
         )

@@ -13,6 +13,8 @@ from cell.replay.replay import Replay, StageReplay
 from cell.terminal.printing import Printer
 
 _SHOWN = 5
+EMPTY = "empty"
+"""Equal, without a grasp to compare; of a folder also: the cycle ended before the stages that are asked for."""
 NO_GRASPS = "equal, but the recording holds no grasp to compare: that proves nothing"
 
 
@@ -20,7 +22,7 @@ def verdict(replay: Replay) -> str:
     """``equal``, ``different``, or ``empty``: equal, without a grasp to compare."""
     if not replay.equal:
         return "different"
-    return "equal" if replay.grasps else "empty"
+    return "equal" if replay.grasps else EMPTY
 
 
 def to_json(replay: Replay) -> dict[str, Any]:
@@ -58,7 +60,7 @@ def show(replay: Replay, out: Printer) -> None:
     for line in consequence(replay) if replay.chained else ():
         out.line(f"  {line}")
     said = verdict(replay)
-    out.line(f"{replay.record.cycle_id}: {NO_GRASPS if said == 'empty' else said}")
+    out.line(f"{replay.record.cycle_id}: {NO_GRASPS if said == EMPTY else said}")
 
 
 def show_tally(said: dict[str, Any], out: Printer) -> None:
