@@ -28,7 +28,7 @@ class Judged:
     """The outcome of one recording, small enough to travel between processes.
 
     Attributes:
-        verdict: of `cell.replay.view.verdict` (`EMPTY` also of a cycle that ended before the stages that are asked for),
+        verdict: of `cell.replay.view.verdict` (`EMPTY` also of a cycle that ended before the stages asked for),
             `TRIMMED` or ``unreadable``. ``error``: why it was not replayed, or "".
         stages: rerun, each with whether it differs. ``fields``: those that differ. ``said``: of `to_json` if different.
     """
