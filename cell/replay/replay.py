@@ -14,13 +14,15 @@ from typing import Any, cast
 from bus.codes import Code
 from bus.errors import ConfigError, CycleFailure, PicturesTrimmed, RecordingError, StageNotReached
 from bus.frozen import Message
-from bus.messages import Detections, Failure, PickPlan, StageName, StageRecord
+from bus.messages import Detections, Failure, ModelReply, PickPlan, StageName, StageRecord
 from cell.replay.compared_stages import STAGES, Stage
 from config.load import station_from
 from config.schema import Station
 from logs.differences import Difference, compare
 from logs.mcap.reader import CycleRecord
+from perception.goal.imagine import OnReply
 from perception.models import Models, open_models, replayed_models
+from perception.models.registry import is_replayed
 from planning.robot import Robot
 
 PURE = tuple(stage.name for stage in STAGES if stage.pure)
@@ -49,12 +51,14 @@ class Replay:
     Attributes:
         stages: those that were rerun, in order. ``not_reached``: stage -> the reason.
         chained: the output of a stage was the input of the next.
+        replies: of the goal-image model that was asked anew; None: it was not, its recorded replies are what counts.
     """
 
     record: CycleRecord
     stages: tuple[StageReplay, ...]
     not_reached: dict[str, str]
     chained: bool
+    replies: tuple[ModelReply, ...] | None = None
 
     @property
     def equal(self) -> bool:
@@ -126,7 +130,8 @@ def replay(record: CycleRecord, request: Request, robot_of: Callable[[Station], 
     try:
         run = _chained if request.chained else _isolated
         not_reached: dict[str, str] = {}
-        stages = tuple(run(_wanted(request), record, not_reached, (station, robot, models)))
+        replies: list[ModelReply] = []
+        stages = tuple(run(_wanted(request), record, not_reached, (station, robot, models, replies.append)))
     finally:
         models.close()
     if not stages:
@@ -134,7 +139,9 @@ def replay(record: CycleRecord, request: Request, robot_of: Callable[[Station], 
             f"The recording of {record.cycle_id} holds no stage that can be replayed.",
             f"Stages recorded: {', '.join(record.stages) or 'none'}.",
         )
-    return Replay(record, stages, not_reached, request.chained)
+    asked = request.models is not _recorded_models or not is_replayed(station.perception.model, record.last_replies)
+    detected = any(one.stage == "detect" for one in stages)
+    return Replay(record, stages, not_reached, request.chained, tuple(replies) if asked and detected else None)
 
 
 def _wanted(request: Request) -> list[Stage]:
@@ -144,7 +151,7 @@ def _wanted(request: Request) -> list[Stage]:
     return pure if request.start is None else pure[PURE.index(request.start) :]
 
 
-_With = tuple[Station, Robot, Models]
+_With = tuple[Station, Robot, Models, OnReply]
 
 
 def _isolated(wanted: list[Stage], record: CycleRecord, _: dict[str, str], made_of: _With) -> Iterator[StageReplay]:
@@ -213,10 +220,12 @@ def _compared(stage: Stage, record: CycleRecord, outcome: Message) -> StageRepla
     return StageReplay(stage.name, recorded, outcome, tuple(found))
 
 
-def _rerun(stage: Stage, record: CycleRecord, station: Station, robot: Robot, models: Models) -> Message:
+def _rerun(
+    stage: Stage, record: CycleRecord, station: Station, robot: Robot, models: Models, on_reply: OnReply
+) -> Message:
     """The stage's result, or the failure it ends with: both are compared."""
     assert stage.rerun is not None
     try:
-        return stage.rerun(record, station, robot, models)
+        return stage.rerun(record, station, robot, models, on_reply)
     except CycleFailure as failure:
         return Failure.of(failure)
