@@ -155,6 +155,8 @@ def explained(mistake: ErrorDetails) -> tuple[str, str]:
     if kind == "extra_forbidden":
         near = difflib.get_close_matches(str(location[-1]), names := _keys_beside(location), n=1)
         return "unknown key", f"Did you mean {near[0]!r}?" if near else f"Known here: {', '.join(names)}."
+    if kind == "missing" and location == ("nodes",):
+        return MISSING, "Is this a part of a station file? `cell config new FILE [--simulated]` writes a whole one."
     if kind == "missing" and not isinstance(location[-1], int):
         return MISSING, f"Give it in [{table}]." if (table := named(location[:-1])) else "Give it."
     text = reason(mistake).replace("Input should be", "must be")
