@@ -173,18 +173,39 @@ class NodeHealth(Message):
     said: Health | None
 
 
-class CellHealth(Message):
-    """The health of the whole cell, derived by the daemon: healthy when neither a node nor the daemon has a problem.
+class DoorHealth(Message):
+    """The daemon's view of a door.
 
     Attributes:
-        is_healthy: neither a node nor the daemon has a problem.
-        nodes: by node name.
+        endpoint: where it is open; "" while it is not.
+        problem: why it is not open; "" when it is, or has yet to open for the first time. ``advice``: what to do.
+    """
+
+    endpoint: str = ""
+    problem: str = ""
+    advice: str = ""
+
+
+class CellHealth(Message):
+    """The health of the whole cell, derived by the daemon: healthy when nothing in it has a problem.
+
+    Attributes:
+        is_healthy: nothing in it has a problem.
+        nodes: by node name. ``doors``: those that the cell opened, by name.
         defects: threads of the daemon that ended by an unforeseen exception, each in a few words.
     """
 
     is_healthy: bool
     nodes: dict[str, NodeHealth]
     defects: tuple[str, ...] = ()
+    doors: dict[str, DoorHealth] = Field(default_factory=dict)
+
+    @property
+    def problems(self) -> list[str]:
+        """Everything that is wrong, each in a few words; empty = healthy."""
+        nodes = [f"{name}: {problem}" for name, node in self.nodes.items() for problem in node.problems]
+        doors = [f"{name}: {door.problem}" for name, door in self.doors.items() if door.problem]
+        return [*nodes, *doors, *self.defects]
 
 
 class ErrorReply(Message):

@@ -57,11 +57,13 @@ def station_from(tree: dict[str, Any], overrides: Iterable[str] = (), *, source:
     """Return the station of a parsed tree (of a TOML file, or of a recording) with ``overrides`` applied.
 
     Args:
+        tree: it stays as it is.
         source: name of the tree's origin, for error texts.
 
     Raises:
         ConfigError: names the key and the accepted values.
     """
+    tree = dict(tree)
     for override in overrides:
         _apply(tree, override)
     try:
@@ -95,10 +97,10 @@ def _apply(tree: dict[str, Any], override: str) -> None:
     *path, leaf = key.strip().split(".")
     node = tree
     for part in path:
-        child = node.setdefault(part, {})
+        child = node.get(part, {})
         if not isinstance(child, dict):
             raise ConfigError(f"--set {override!r}: {part!r} has no keys below it.")
-        node = child
+        node[part] = node = dict(child)  # a recording's station stays as it is
     node[leaf] = _value(text.strip(), _takes_text([*path, leaf]))
 
 

@@ -36,11 +36,10 @@ def page() -> str:
         _GRASPS,
         *_columns(GRASP),
         "",
-        "`pictures/DAY/CYCLE_ID.NAME.png`, by NAME:",
-        "",
-        "| picture | what |",
-        "|---|---|",
-        *(f"| `{name}` | {picture.what} |" for name, picture in PICTURES.items()),
+        _PICTURES,
+        "| picture | pixels | what |",
+        "|---|---|---|",
+        *(f"| `{name}` | {picture.form} | {picture.what} |" for name, picture in PICTURES.items()),
         "",
         "`cycles.parquet` has a row a cycle, with the columns of an episode above, `task`, and:",
         "",
@@ -126,6 +125,25 @@ _GRASPS = """\
 
 `grasps.parquet` has a row for every grasp that detect ranked, also those that were not executed: a rectangle in the
 colour image (Jiang et al. 2011), the pose of the hand, score and outcome.
+"""
+_PICTURES = """\
+**Pictures** are PNG files, `pictures/DAY/CYCLE_ID.NAME.png`: those of one cycle are beside each other, those of one
+day in a folder. DAY is the UTC date in front of the cycle's id, as in `20261130`; NAME is one of the table below. A row
+of `grasps.parquet` names each of them relative to the data set's folder: its grasp is in all of them.
+
+```python
+import cv2
+import pyarrow.parquet as pq
+
+row = pq.read_table("grasps/grasps.parquet").to_pylist()[0]
+color = cv2.imread(f"grasps/{row['color_png']}")  # (height, width, 3), which OpenCV reads as BGR
+things = cv2.imread(f"grasps/{row['things_png']}", cv2.IMREAD_UNCHANGED)  # (height, width), the numbers themselves
+depth_m = cv2.imread(f"grasps/{row['depth_png']}", cv2.IMREAD_UNCHANGED) / 1000
+```
+
+All have the size of the colour image, pixel on pixel, and its pinhole (`image_camera` of `cycles.parquet`) - but
+`depth`: that has the depth camera's own size and lens, still distorted (`depth_camera`, and `color_from_depth` for
+where it is).
 """
 
 

@@ -8,11 +8,12 @@ from typing import Annotated
 import typer
 
 from bus.errors import RecordingError
-from cell.cli.cycles import Folder, reading
+from cell.cli.cycles import reading
+from cell.cli.folders import Cycle, Folder, InFolder, find_cycle, folder_of, root_of_labels
 from cell.cli.options import Config, Json
-from cell.cli.recordings import BAD, STYLE, Cycle, find_cycle, root_of_labels
+from cell.cli.recordings import BAD, STYLE
 from cell.terminal.printing import err, out
-from config.load import DEFAULT_STATION, load_station
+from config.load import DEFAULT_STATION
 from logs.alike.features import Space, space
 from logs.alike.groups import ALIKE, group_failures, nearest
 from logs.catalogue import open_catalogue
@@ -23,13 +24,13 @@ _FIRST = 5
 
 def alike(
     cycle: Cycle,
+    folder: InFolder = None,
     config: Config = DEFAULT_STATION,
-    folder: Annotated[Path | None, typer.Option("--folder", help="Look among the recordings of this folder.")] = None,
     last: Annotated[int, typer.Option(min=1, help="So many of the nearest.")] = _FIRST,
     as_json: Json = False,
 ) -> None:
     """The past cycles nearest to one, by what was seen and what happened; 0 = no difference (docs/alike.md)."""
-    path = find_cycle(cycle, config)
+    path = find_cycle(cycle, config, folder)
     cycle_id = read_entry(path).cycle_id
     where = _space(folder or root_of_labels(path, config))
     try:
@@ -53,7 +54,8 @@ def alike(
 
 
 def groups(
-    folder: Folder = None,
+    also: Folder = None,
+    folder: InFolder = None,
     config: Config = DEFAULT_STATION,
     _failed: Annotated[bool, typer.Option("--failed", help="What FAILED or was ABORTED; nothing else is.")] = True,
     apart: Annotated[
@@ -62,7 +64,7 @@ def groups(
     as_json: Json = False,
 ) -> None:
     """Failures in groups, the largest first: a sentence and three examples each (docs/alike.md)."""
-    found = group_failures(_space(folder or load_station(config).recording.folder), apart)
+    found = group_failures(_space(folder_of(config, folder, also)), apart)
     for one in found:
         if as_json:
             out.json(one.to_json())

@@ -11,12 +11,12 @@ from typing import Annotated
 import typer
 
 from bus.errors import ConfigError, RecordingError
-from cell.cli.cycles import WIDTH, Folder, reading
+from cell.cli.cycles import WIDTH, reading
+from cell.cli.folders import Cycle, Folder, InFolder, find_cycle, folder_of, root_of_labels
 from cell.cli.options import Config, Json
-from cell.cli.recordings import Cycle, find_cycle, root_of_labels
 from cell.terminal.drawing import console, table, words
 from cell.terminal.printing import err, out, plain
-from config.load import DEFAULT_STATION, load_station
+from config.load import DEFAULT_STATION
 from logs.catalogue import open_catalogue
 from logs.catalogue.ask import MAX_ROWS, MAX_S, Answer, ask
 from logs.catalogue.export import csv_lines, write_parquet
@@ -30,7 +30,7 @@ from logs.mcap.names import shown
 
 def query(
     sql: Annotated[str, typer.Argument(metavar="SQL", help="One SELECT of cycles or labels.")],
-    folder: Annotated[Path | None, typer.Option("--folder", help="Recordings folder.")] = None,
+    folder: InFolder = None,
     fleet: Annotated[
         list[Path] | None,
         typer.Option(
@@ -52,7 +52,7 @@ def query(
     if fleet:
         answer = ask_fleet(fleet, sql, max_rows=max_rows, max_s=max_s)
     else:
-        with open_catalogue(folder or load_station(config).recording.folder, reading, err.line) as catalogue:
+        with open_catalogue(folder_of(config, folder), reading, err.line) as catalogue:
             answer = ask(catalogue, sql, max_rows=max_rows, max_s=max_s)
     if to_parquet is not None:
         write_parquet(answer, to_parquet)
@@ -85,11 +85,12 @@ def label(
     cycle: Cycle,
     said: Annotated[list[str], typer.Argument(metavar="good|bad|NOTE", help="good or bad, a note, or both.")],
     who: Annotated[str, typer.Option(help="Who says so.", show_default="the user of this terminal")] = "",
+    folder: InFolder = None,
     config: Config = DEFAULT_STATION,
     as_json: Json = False,
 ) -> None:
     """Say of a recorded cycle that it was good or bad, or note something; kept beside it."""
-    path = find_cycle(cycle, config)
+    path = find_cycle(cycle, config, folder)
     if not path.is_file():
         raise RecordingError(f"There is no recording {shown(path)}.", "See `cell cycles`.")
     word = said[0] if said[0] in WORDS else ""
@@ -105,7 +106,7 @@ def label(
             "note": note,
         }
     )
-    append(root_of_labels(path, config), made)
+    append(root_of_labels(path, config, folder), made)
     out.json(made.model_dump()) if as_json else out.line(f"{made.cycle_id} {made.in_words()}")
 
 
@@ -132,16 +133,15 @@ def _group() -> None: ...
 
 @catalogue.command()
 def rebuild(
-    folder: Folder = None,
+    also: Folder = None,
+    folder: InFolder = None,
     config: Config = DEFAULT_STATION,
     anew: Annotated[bool, typer.Option("--anew", help="Read all recordings again, not only what changed.")] = False,
     as_json: Json = False,
 ) -> None:
     """Check the catalogue, and read every recording that is new or has changed; a damaged catalogue is made anew."""
     began_s = time.monotonic()
-    with open_catalogue(
-        folder or load_station(config).recording.folder, reading, err.line, thorough=True, anew=anew
-    ) as made:
+    with open_catalogue(folder_of(config, folder, also), reading, err.line, thorough=True, anew=anew) as made:
         ((rows,),) = made.rows("SELECT count(*) FROM cycle")
         done = {"catalogue": str(made.store.path), "rows": rows, "read": made.made, "torn": len(made.listed.torn)}
     took_s = time.monotonic() - began_s

@@ -75,7 +75,7 @@ COMMANDS = {
     ),
     "hand-open": Row("by_hand", "In mode manual: open the hand."),
     "hand-close": Row("by_hand", "In mode manual: close the hand on what is there."),
-    "status": Row("control", "The machine's state, what it would accept, and how its nodes are."),
+    "status": Row("control", "The machine's state, what it would accept, and how its nodes and doors are."),
     "watch": Row(
         "setup",
         "The running cell on one screen: state, last cycles, nodes; its commands are one key each. q ends the view.",

@@ -11,8 +11,9 @@ import typer
 
 from bus.errors import ConfigError
 from cell.cli.cycles import WIDTH, reading
+from cell.cli.folders import InFolder, find_cycle, is_all_of
 from cell.cli.options import Config, Json
-from cell.cli.recordings import BAD, STYLE, find_cycle
+from cell.cli.recordings import BAD, STYLE
 from cell.terminal.drawing import console, table, words
 from cell.terminal.printing import err, out
 from config.load import DEFAULT_STATION
@@ -20,7 +21,6 @@ from logs.comparison.cycles import KINDS, Comparison, Row, compare_cycles
 from logs.comparison.folders import Rate, Sides, Time, compare_folders
 from logs.comparison.intervals import Interval
 from logs.comparison.motion import MotionRow
-from logs.mcap.names import is_folder
 from logs.mcap.reader import read_cycle
 from logs.report.comparison_pages import write_cycles_page, write_folders_page
 from logs.report.timeline import summarize
@@ -35,6 +35,7 @@ Other = Annotated[str, typer.Argument(metavar="B", help="The same of what it is 
 def compare(
     a: One,
     b: Other,
+    folder: InFolder = None,
     config: Config = DEFAULT_STATION,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Also write an HTML page.")] = None,
     everything: Annotated[
@@ -44,7 +45,7 @@ def compare(
     as_json: Json = False,
 ) -> None:
     """Compare two cycles stage by stage: input, decision, outcome; or two folders, by code and object (95 %)."""
-    are_folders = is_folder(Path(a)), is_folder(Path(b))
+    are_folders = is_all_of(a, folder), is_all_of(b, folder)
     for name, is_one in zip((a, b), are_folders, strict=True):
         if any(are_folders) and not is_one and not Path(name).exists():
             raise ConfigError(f"There is no folder {name}.", "Name two cycles, or two folders.")
@@ -53,7 +54,7 @@ def compare(
     if all(are_folders):
         _compare_folders(Path(a), Path(b), day, output, as_json=as_json)
         return
-    found = compare_cycles(*(read_cycle(find_cycle(name, config)) for name in (a, b)), everything=everything)
+    found = compare_cycles(*(read_cycle(find_cycle(name, config, folder)) for name in (a, b)), everything=everything)
     out.json(found.to_json()) if as_json else _show(found)
     if output is not None:
         err.line(str(write_cycles_page(found, output)))

@@ -121,7 +121,7 @@ def _answer(verb: str, proposal_id: str, reason: str, config: Path, overrides: l
 
 
 def status(config: Config = DEFAULT_STATION, overrides: Set = None, as_json: Json = False) -> None:
-    """The machine's state, what it would accept, and how its nodes are."""
+    """The machine's state, what it would accept, and how its nodes and doors are."""
     with client.connect(load_station(config, overrides or [])) as cell:
         state, health = cell.state(), cell.health()
     if as_json:
@@ -139,6 +139,11 @@ def status(config: Config = DEFAULT_STATION, overrides: Set = None, as_json: Jso
         said = "; ".join(node.problems) or "healthy"
         again = f" (started again {node.restarts} times)" if node.restarts else ""
         out.line(f"  node {name}: {said}{again}", style="red" if node.problems else "")
+    for name, door in health.doors.items():
+        said = f"{door.problem} {door.advice}".strip() or door.endpoint or "opens"
+        out.line(f"  door {name}: {said}", style="red" if door.problem else "")
+    for defect in health.defects:
+        out.line(f"  defect: {defect}", style="red")
 
 
 def fault(

@@ -6,17 +6,17 @@ import time
 from collections.abc import Iterable, Iterator, Sequence
 from datetime import UTC, datetime
 from itertools import islice
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from bus.errors import ConfigError
+from cell.cli.folders import Folder, InFolder, folder_of
 from cell.cli.options import Config, Json
 from cell.cli.recordings import BAD, STYLE
 from cell.terminal.drawing import console, table, tracked, words
 from cell.terminal.printing import Part, err, out, plain
-from config.load import DEFAULT_STATION, load_station
+from config.load import DEFAULT_STATION
 from logs.catalogue import Catalogue, open_catalogue
 from logs.catalogue.figures import DEFINITIONS, Counts, Summary, summed
 from logs.catalogue.rows import File
@@ -29,11 +29,10 @@ _COLUMNS = ("cycle", "result", "code", "object", "time", "try", "why")
 _AT_ONCE = 500
 """Rows of the table, which says how wide its columns are; further ones are lines of the same widths."""
 
-Folder = Annotated[Path | None, typer.Argument(help="Recordings folder.")]
-
 
 def cycles(
-    folder: Folder = None,
+    also: Folder = None,
+    folder: InFolder = None,
     config: Config = DEFAULT_STATION,
     failed: Annotated[bool, typer.Option("--failed", help="Only what did not end in SUCCESS or EMPTY.")] = False,
     code: Annotated[str, typer.Option(help="Only cycles that ended with this code.")] = "",
@@ -47,7 +46,7 @@ def cycles(
     """List recorded cycles, newest first, or sum them up."""
     if summary and (failed or code or last):
         raise ConfigError("--summary is of all cycles, or of those of one --day.", "Leave out the other options.")
-    with open_catalogue(folder or load_station(config).recording.folder, reading, err.line) as catalogue:
+    with open_catalogue(folder_of(config, folder, also), reading, err.line) as catalogue:
         if summary:
             _sum_up(summed(catalogue, f"{datetime.now(UTC):%Y-%m-%d}" if day == "today" else day), as_json)
         else:

@@ -10,7 +10,7 @@ import typer
 
 from cell.http.needs import require as require_http
 from cell.nodes.door_child import Serve, serve_supervised, serve_until_interrupted
-from cell.nodes.doors import Door, News
+from cell.nodes.doors import Door, HealthNews, News
 from cell.opcua.needs import require_package as require_asyncua
 from cell.terminal.printing import out
 from config.schema import Station
@@ -30,11 +30,13 @@ def wanted_doors(station: Station, *named: str) -> list[str]:
 
 
 @contextmanager
-def open_doors(station: Station, names: list[str], on_news: News) -> Iterator[None]:
+def open_doors(
+    station: Station, names: list[str], on_news: News, on_health: HealthNews = lambda name, health: None
+) -> Iterator[None]:
     """Context with these doors of a running cell; they open in the background, and tell when they have."""
     with ExitStack() as stack:
         for name in names:
-            stack.enter_context(closing(Door(name, station, on_news).start()))
+            stack.enter_context(closing(Door(name, station, on_news, on_health=on_health).start()))
         yield
 
 

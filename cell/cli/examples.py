@@ -29,7 +29,11 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "fleet": ("cell fleet --endpoint tls/192.168.1.5:7447 --set bus.zenoh=viewer.json5",),
     "router": ("cell router --config router.json5",),
     "keys": ("cell keys ~/vlad-keys --host 192.168.1.10",),
-    "cycles": ("cell cycles --failed", "cell cycles --summary --day today"),
+    "cycles": (
+        "cell cycles --failed",
+        "cell cycles --folder recordings/2026-11-29",
+        "cell cycles --summary --day today",
+    ),
     "query": ("cell query 'SELECT code, count(*) FROM cycles GROUP BY code'",),
     "label": ("cell label 20261129T161544565 good", "cell label 20261129T161544565 'the light was off'"),
     "show": ("cell show 20261129T161544565",),

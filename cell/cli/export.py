@@ -11,12 +11,13 @@ from typing import Annotated
 import typer
 
 from bus.errors import RecordingError
-from cell.cli.cycles import Folder, reading
+from cell.cli.cycles import reading
+from cell.cli.folders import Folder, InFolder, folder_of
 from cell.cli.options import Config, Count, Json, Scheduler
 from cell.terminal.drawing import tracked
 from cell.terminal.printing import err, out
 from cell.workers import ordered, workers_for
-from config.load import DEFAULT_STATION, load_station
+from config.load import DEFAULT_STATION
 from logs.catalogue import open_catalogue
 from logs.export import Done, Runner, Selection, export_grasps, export_lerobot, select
 from logs.export.lerobot import MAX_FPS
@@ -44,7 +45,8 @@ def _group() -> None: ...
 @export.command()
 def lerobot(
     output: Output,
-    folder: Folder = None,
+    also: Folder = None,
+    folder: InFolder = None,
     where: Where = "",
     fps: Annotated[int, typer.Option(min=1, max=MAX_FPS, help="Frames a second.")] = 10,
     workers: Count = None,
@@ -56,14 +58,15 @@ def lerobot(
 
     Exit 0 all chosen recordings are in it, or lack what an episode needs; 2 one cannot be read, or nothing is written.
     """
-    selection, run = _selected(folder, where, config, workers, scheduler)
+    selection, run = _selected(folder_of(config, folder, also), where, workers, scheduler)
     _tell(export_lerobot(selection, output, _progress, fps=fps, run=run), as_json)
 
 
 @export.command()
 def grasps(
     output: Output,
-    folder: Folder = None,
+    also: Folder = None,
+    folder: InFolder = None,
     where: Where = "",
     workers: Count = None,
     scheduler: Scheduler = "",
@@ -74,14 +77,11 @@ def grasps(
 
     Exit 0 all chosen recordings are in it, or have no grasp; 2 one cannot be read, or nothing is written.
     """
-    selection, run = _selected(folder, where, config, workers, scheduler)
+    selection, run = _selected(folder_of(config, folder, also), where, workers, scheduler)
     _tell(export_grasps(selection, output, _progress, run), as_json)
 
 
-def _selected(
-    folder: Path | None, where: str, config: Path, count: int | None, scheduler: str
-) -> tuple[Selection, Runner]:
-    root = folder or load_station(config).recording.folder
+def _selected(root: Path, where: str, count: int | None, scheduler: str) -> tuple[Selection, Runner]:
     with open_catalogue(root.absolute() if scheduler else root, reading, err.line) as catalogue:
         selection = select(catalogue, where)
     return selection, partial(ordered, workers_for(len(selection.paths), count, scheduler))

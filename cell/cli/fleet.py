@@ -38,10 +38,10 @@ class Member(NamedTuple):
 
     @property
     def problems(self) -> list[str]:
-        """All problems of all nodes."""
+        """All problems of its nodes, its doors and its own process."""
         if self.health is None:
             return ["health unknown"]
-        return [f"{name}: {problem}" for name, node in self.health.nodes.items() for problem in node.problems]
+        return self.health.problems
 
     def line(self, now_ns: int) -> str:
         """One line for a person: name, state, stage, duration and problems. ``now_ns``: UTC."""
@@ -90,7 +90,8 @@ def route(file: Path, tell: Callable[[str], None]) -> None:
         session = zenoh.open(config)
     except zenoh.ZError as error:
         raise PortOccupied(
-            f"Cannot listen on {endpoints}: another program uses it, or it is not this machine's address."
+            f"Cannot listen on {endpoints}: another program uses it, or it is not this machine's address.",
+            "End that program, or name another endpoint in the file.",
         ) from error
     with session:
         tell(f"router on {endpoints}; Ctrl-C ends")

@@ -10,7 +10,8 @@ import typer
 
 from bus.codec import Json as JsonObject
 from bus.errors import CellError, RecordingError
-from cell.cli.cycles import WIDTH, Folder
+from cell.cli.cycles import WIDTH
+from cell.cli.folders import Folder, InFolder, folder_of
 from cell.cli.options import Config, Json, Set
 from cell.terminal.drawing import console, table, words
 from cell.terminal.printing import err, out
@@ -24,7 +25,8 @@ _ACTS = {"delete": "deleted", "thin": "trimmed"}
 
 
 def prune(
-    folder: Folder = None,
+    also: Folder = None,
+    folder: InFolder = None,
     config: Config = DEFAULT_STATION,
     overrides: Set = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what would go, why, and what it frees.")] = False,
@@ -36,8 +38,8 @@ def prune(
     Exit 0 done, 1 something could not be trimmed or deleted, 2 refused.
     """
     settings = load_station(config, overrides or []).recording
-    if folder is not None:
-        settings = settings.model_copy(update={"folder": folder})
+    if folder is not None or also is not None:
+        settings = settings.model_copy(update={"folder": folder_of(config, folder, also)})
     if not settings.rules:
         err.line("recordings are never deleted: recording.keep_gb, keep_free_gb, keep_days and the like are 0")
     pruner = Pruner(settings)

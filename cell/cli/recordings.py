@@ -11,16 +11,13 @@ import typer
 
 from bus.errors import ConfigError, RecordingError
 from bus.messages import Job
+from cell.cli.folders import Cycle, InFolder, find_cycle, is_all_of, root_of_labels
 from cell.cli.options import Config, Count, Json, Scheduler
 from cell.terminal.drawing import tracked
 from cell.terminal.printing import err, out
 from cell.workers import workers_for
-from config.load import DEFAULT_STATION, load_station
-from logs.catalogue.finding import find_recording
-from logs.catalogue.journal import last_of
+from config.load import DEFAULT_STATION
 from logs.catalogue.labels import Label, labels_of
-from logs.catalogue.update import root_of
-from logs.mcap.names import is_folder
 from logs.mcap.reader import CycleRecord, read_cycle
 from logs.mcap.recover import recover as recover_file
 from logs.report.cycle_report import configuration_changes, write_report
@@ -29,40 +26,16 @@ from logs.report.timeline import Timeline, summarize
 
 STYLE = {"SUCCESS": "green", "EMPTY": "yellow", "UNFINISHED": "yellow", "INTERRUPTED": "yellow", "TORN": "yellow"}
 BAD = "bold red"
-_ROW = 'Its row is still in the catalogue: `cell query "SELECT * FROM cycles WHERE cycle_id = ..."`.'
-
-Cycle = Annotated[
-    str, typer.Argument(metavar="FILE|CYCLE", help="A recording (.mcap), or a cycle's id or a part of it.")
-]
-
-
-def find_cycle(name: str, config: Path) -> Path:
-    """The recording named by a command's FILE|CYCLE. Raises: RecordingError, ConfigError."""
-    folder = load_station(config).recording.folder
-    try:
-        return find_recording(name, folder)
-    except RecordingError as error:
-        gone = last_of(folder, name)
-        if gone is None:
-            raise
-        raise RecordingError(f"The recording of {gone.cycle_id} was {gone.in_words()}.", _ROW) from error
-
-
-def root_of_labels(path: Path, config: Path) -> Path:
-    """The folder whose labels are of a recording: the station's, if it lies there. Raises: ConfigError."""
-    folder = load_station(config).recording.folder
-    return folder if path.resolve().is_relative_to(folder.resolve()) else root_of(path.parent)[0]
-
 
 # --- show -------------------------------------------------------------------------------------------------------------
 
 
-def show(cycle: Cycle, config: Config = DEFAULT_STATION, as_json: Json = False) -> None:
+def show(cycle: Cycle, folder: InFolder = None, config: Config = DEFAULT_STATION, as_json: Json = False) -> None:
     """Show why a cycle ended so: its result, what to do, its stages, what was changed for it."""
-    path = find_cycle(cycle, config)
+    path = find_cycle(cycle, config, folder)
     record = read_cycle(path)
     timeline = summarize(record)
-    labels = labels_of(root_of_labels(path, config), record.cycle_id)
+    labels = labels_of(root_of_labels(path, config, folder), record.cycle_id)
     if as_json:
         out.json(_told(record, timeline, labels))
         return
@@ -123,6 +96,7 @@ def report(
     cycle: Annotated[
         str, typer.Argument(metavar="FILE|CYCLE|FOLDER", help="A recording, a cycle's id, or a folder of recordings.")
     ],
+    in_folder: InFolder = None,
     config: Config = DEFAULT_STATION,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Where to write the page.")] = None,
     embed: Annotated[
@@ -137,12 +111,12 @@ def report(
     Exit 0 all pages are written, 2 a recording cannot be read: the day's page names it as DAMAGED.
     """
     folder = Path(cycle)
-    if is_folder(folder):
+    if is_all_of(cycle, in_folder):
         if output is not None or embed:
             raise ConfigError("--output and --embed are of one page; those of a folder lie beside their recordings.")
         pages, damaged = _report_folder(folder, workers, scheduler)
     else:
-        path, damaged = find_cycle(cycle, config), {}
+        path, damaged = find_cycle(cycle, config, in_folder), {}
         pages = [write_report(read_cycle(path), output or path.with_suffix(".html"), embed=embed)]
     for page in pages:
         out.line(str(page))

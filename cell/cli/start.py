@@ -105,7 +105,7 @@ def _run(
         running_cell(station, screen.observe) as daemon,
         _live_view(station, view_port) as view,
         service.around(lambda: takes_commands(daemon.machine)),
-        open_doors(station, doors, daemon.publisher.publish_event),
+        open_doors(station, doors, daemon.publisher.publish_event, daemon.hear_door),
     ):
         if view is not None:
             screen.line(f"live view: open ws://{live.HOST}:{view.port} in Foxglove or Lichtblick (docs/foxglove)")

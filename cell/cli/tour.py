@@ -19,7 +19,7 @@ from cell.daemon.daemon import Daemon
 from cell.machine.owner import refuse
 from cell.machine.states import ENDED, told
 from cell.replay.replay import Request, replay
-from cell.replay.view import consequence
+from cell.replay.view import show_what_if
 from cell.replay.what_if import what_if
 from cell.terminal.printing import out
 from cell.terminal.signals import on_end
@@ -117,8 +117,7 @@ def _what_if(recording: Path) -> Path:
     """The page of the recording with a hand that opens less, beside it; what changes is printed."""
     request = Request.of([_NARROW], None, None)
     outcome = replay(read_cycle(recording), request)
-    for line in consequence(outcome):
-        out.line(f"  {line}")
+    show_what_if(outcome, out)
     page = write_report(what_if(outcome, request.overrides), recording.with_suffix(".what-if.html"))
     out.line(f"  report    {page}")
     return page

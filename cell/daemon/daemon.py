@@ -12,7 +12,7 @@ from functools import partial
 from bus import topics
 from bus.codec import bus_schema, decode
 from bus.codes import ADVICE, Code
-from bus.commands import CellHealth, CommandReply, CommandRequest, Heartbeat, ResultRequest
+from bus.commands import CellHealth, CommandReply, CommandRequest, DoorHealth, Heartbeat, ResultRequest
 from bus.errors import BadPayload, BusError, CycleFailure, DriverError, Refused
 from bus.frozen import Message
 from bus.messages import CycleResult, PictureRequest
@@ -129,6 +129,7 @@ class Daemon:
         self._live = LivePictures(equipment, self._is_at_rest, self._pointed, bus.clock.now_s)
         self._results: OrderedDict[str, CycleResult] = OrderedDict()
         self._defects: tuple[str, ...] = ()
+        self._doors: dict[str, DoorHealth] = {}
         self._published_s = -TURN_S
         self.machine = Machine(
             self._actions_by_state(),
@@ -216,9 +217,14 @@ class Daemon:
         return self.machine.command(verb, request)
 
     def health(self) -> CellHealth:
-        """The cell's health now, node by node, and the defects of this process."""
-        health, defects = self._monitor.health(), self._defects
-        return health.model_copy(update={"defects": defects, "is_healthy": health.is_healthy and not defects})
+        """The cell's health now: its nodes, its doors, and the defects of this process."""
+        nodes, doors = self._monitor.health().nodes, dict(self._doors)
+        health = CellHealth(is_healthy=True, nodes=nodes, doors=doors, defects=self._defects)
+        return health.model_copy(update={"is_healthy": not health.problems})
+
+    def hear_door(self, name: str, health: DoorHealth) -> None:
+        """Take how a door is now; from any thread."""
+        self._doors = {**self._doors, name: health}
 
     def is_ours(self, sample: Sample) -> bool:
         """True for a sample of one of the cell's own nodes."""

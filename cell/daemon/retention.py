@@ -88,7 +88,7 @@ class Retention:
         self._thread.join()
 
     def tidy(self) -> None:
-        """Make one pass. What cannot be trimmed or deleted is published as an event, and tried in the next pass."""
+        """Make one pass. What cannot be trimmed or deleted is published once a day, and tried in every pass."""
         try:
             with self._pruner.alone() as is_alone:
                 if is_alone:
@@ -133,14 +133,16 @@ class Retention:
             self._publish_event("RETENTION_SHORT", "warning", text, _SHORT)
 
     def _fail(self, error: RecordingError) -> None:
-        self._publish_event("RETENTION_FAILED", "warning", error.text, error.advice)
+        if self._is_time(error.text):  # else with every pass, once a minute
+            self._publish_event("RETENTION_FAILED", "warning", error.text, error.advice)
 
-    def _is_time(self, code: str) -> bool:
+    def _is_time(self, what: str) -> bool:
         """Whether to say it: once a day."""
         now_s = time.monotonic()
-        if now_s - self._said_s.get(code, -_SAID_AGAIN_S) < _SAID_AGAIN_S:
+        self._said_s = {one: said_s for one, said_s in self._said_s.items() if now_s - said_s < _SAID_AGAIN_S}
+        if what in self._said_s:
             return False
-        self._said_s[code] = now_s
+        self._said_s[what] = now_s
         return True
 
     def _run(self) -> None:

@@ -14,6 +14,7 @@ from collections.abc import Callable
 from typing import Literal
 
 from bus.clock import DeadlineClock
+from bus.commands import DoorHealth
 from bus.errors import CellError
 from bus.threads import OwnedThread, Role
 from cell.nodes.health import is_halted
@@ -35,6 +36,8 @@ _FOR_GOOD = 2
 
 News = Callable[[str, Literal["info", "warning", "error"], str, str], None]
 """Called with code, severity, text and advice of an event."""
+HealthNews = Callable[[str, DoorHealth], None]
+"""Called with the name of a door, and how it is now."""
 
 
 class Door:
@@ -42,8 +45,9 @@ class Door:
 
     Args:
         name: of its command, which `cell` lists.
-        on_news: publishes an event, from any thread.
+        on_news: publishes an event, from any thread. What keeps a door closed is said once, not with every try.
         spawn: starts the door's process.
+        on_health: told of every change, from any thread.
     """
 
     def __init__(
@@ -52,8 +56,10 @@ class Door:
         station: Station,
         on_news: News,
         spawn: Callable[[str, Station], subprocess.Popen[str]] | None = None,
+        on_health: HealthNews = lambda name, health: None,
     ) -> None:
         self._name, self._station, self._on_news = name, station, on_news
+        self._on_health, self._health = on_health, DoorHealth()
         self._spawn = spawn or door_child
         self._clock = clock_of(station)
         self._child: subprocess.Popen[str] | None = None
@@ -80,6 +86,7 @@ class Door:
     def _keep_open(self) -> None:
         """Run one process after the other until `close`, or until one ends for good."""
         pause_s = 0.0
+        self._on_health(self._name, self._health)
         while not self._closing.wait(pause_s):
             with self._spawning:
                 if self._closing.is_set():
@@ -94,22 +101,35 @@ class Door:
                     return
                 pause_s = min(max(2 * pause_s, _FIRST_PAUSE_S), _LONGEST_PAUSE_S)
                 continue
+            self._turn(DoorHealth(endpoint=where))
             self._on_news("DOOR_OPEN", "info", f"The door {self._name!r} is open: {where}.", "")
             code = _await_end(child)
             if self._closing.is_set():
                 return
             close_pipes(child)
             pause_s = _FIRST_PAUSE_S
+            ended = f"ended with exit code {code}; it is started again."
+            self._turn(DoorHealth(problem=ended))
             self._on_news(
                 "DOOR_LOST",
                 "warning",
-                f"The door {self._name!r} ended with exit code {code}; it is started again.",
+                f"The door {self._name!r} {ended}",
                 "Its own message stands above. What its clients had in motion is held.",
             )
 
     def _tell_closed(self, error: CellError) -> None:
-        again = "" if error.exit_code == _FOR_GOOD else " It is tried again."
-        self._on_news("DOOR_CLOSED", "error", f"The door {self._name!r} cannot open: {error.text}{again}", error.advice)
+        again = "" if error.exit_code == _FOR_GOOD else " It is tried again until it opens."
+        problem = f"cannot open: {error.text}{again}"
+        if self._turn(DoorHealth(problem=problem, advice=error.advice)):
+            self._on_news("DOOR_CLOSED", "error", f"The door {self._name!r} {problem}", error.advice)
+
+    def _turn(self, health: DoorHealth) -> bool:
+        """Tell how the door is now; False where it was so before."""
+        is_new = health != self._health
+        if is_new:
+            self._health = health
+            self._on_health(self._name, health)
+        return is_new
 
 
 def _await_end(child: subprocess.Popen[str]) -> int:

@@ -121,12 +121,14 @@ class Supervisor:
 
     def _bring_back(self, name: str) -> bool:
         """Retry until the node serves; False when the supervisor closes first."""
-        pause_s = _FIRST_PAUSE_S
+        pause_s, said = _FIRST_PAUSE_S, ""
         while not self._closing.wait(pause_s) and self._spawn(name):
             try:
                 _await_ready(name, self._children[name], self._clock)
             except CellError as error:
-                _log.warning("node %s cannot be brought back yet: %s", name, error)
+                if str(error) != said:  # once, not with every try: its health says all the time that it is not up
+                    said = str(error)
+                    _log.warning("node %s cannot be brought back yet: %s", name, said)
                 pause_s = min(2 * pause_s, _LONGEST_PAUSE_S)
             else:
                 self._serving.add(name)

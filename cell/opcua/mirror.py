@@ -185,8 +185,7 @@ class Mirror:
         await self._space.tell("CellEvent", event.text, _OPCUA_SEVERITIES[severity], fields)
 
     async def _show_health(self, health: CellHealth) -> None:
-        problems = [f"{name}: {problem}" for name, node in health.nodes.items() for problem in node.problems]
-        await self._space.write({"Status.Healthy": health.is_healthy, "Status.Problems": [*problems, *health.defects]})
+        await self._space.write({"Status.Healthy": health.is_healthy, "Status.Problems": health.problems})
 
     async def _show_proposal(self, proposal: Proposal) -> None:
         # the id last: who sees it sees the rest of it, too

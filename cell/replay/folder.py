@@ -14,6 +14,7 @@ from cell.replay.replay import Replay, Request, replay
 from cell.replay.view import EMPTY, to_json, verdict
 from cell.workers import LocalWorkers, WorkerLost, Workers, in_order
 from config.load import station_hash
+from config.reads import unnoted
 from config.schema import Station
 from logs.mcap.names import found_below, shown, telling
 from logs.mcap.reader import read_cycle
@@ -31,6 +32,7 @@ class Judged:
         verdict: of `cell.replay.view.verdict` (`EMPTY` also of a cycle that ended before the stages asked for),
             `TRIMMED` or ``unreadable``. ``error``: why it was not replayed, or "".
         stages: rerun, each with whether it differs. ``fields``: those that differ. ``said``: of `to_json` if different.
+        unread: the given settings that nothing read which ran again.
     """
 
     path: Path
@@ -39,6 +41,7 @@ class Judged:
     stages: tuple[tuple[str, bool], ...] = ()
     fields: tuple[str, ...] = ()
     said: dict[str, Any] | None = None
+    unread: tuple[str, ...] = ()
 
     @property
     def in_words(self) -> str:
@@ -55,6 +58,7 @@ class Tally:
         self.fields: Counter[str] = Counter()
         self.different: list[dict[str, Any]] = []
         self.unreadable: dict[str, str] = {}
+        self._unread: set[str] | None = None
 
     def add(self, judged: Judged) -> None:
         """Count one recording."""
@@ -65,6 +69,8 @@ class Tally:
         for stage, differs in judged.stages:
             self.stages[stage] += differs
         self.fields.update(judged.fields)
+        if judged.verdict != TRIMMED:
+            self._unread = set(judged.unread) if self._unread is None else self._unread & set(judged.unread)
         if judged.said is not None:
             self.different.append({"recording": shown(judged.path), **judged.said})
 
@@ -83,6 +89,7 @@ class Tally:
             "unreadable": self.unreadable,
             "stages": dict(self.stages),
             "fields": dict(self.fields.most_common()),
+            "unread_settings": sorted(self._unread or ()),
             "differences": self.different,
         }
 
@@ -121,7 +128,7 @@ def judgements(paths: list[Path], request: Request, workers: Workers) -> Iterato
         if isinstance(found, WorkerLost):
             yield Judged(paths[index], "unreadable", str(found))
         else:
-            yield Judged(paths[index], found.verdict, found.error, found.stages, found.fields, found.said)
+            yield Judged(paths[index], found.verdict, found.error, found.stages, found.fields, found.said, found.unread)
 
 
 def judge(path: Path, request: Request) -> Judged:
@@ -145,8 +152,9 @@ def _judged(path: Path, outcome: Replay) -> Judged:
         for stage in outcome.stages
         for _, difference in stage.differences
     }
+    unread = tuple(one.key for one in outcome.changed if not one.read_by)
     stages = tuple((stage.stage, bool(stage.differences)) for stage in outcome.stages)
-    return Judged(path, said, "", stages, tuple(fields), to_json(outcome) if said == "different" else None)
+    return Judged(path, said, "", stages, tuple(fields), to_json(outcome) if said == "different" else None, unread)
 
 
 _robots: dict[str, Robot] = {}
@@ -154,5 +162,6 @@ _robots: dict[str, Robot] = {}
 
 
 def _robot_of(station: Station) -> Robot:
-    key = station_hash(station.model_copy(update={"recording": type(station.recording)()}))
+    with unnoted():
+        key = station_hash(station.model_copy(update={"recording": type(station.recording)()}))
     return _robots.get(key) or _robots.setdefault(key, Robot(station))

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 from bus.codes import Code
 from bus.errors import ConfigError, CycleFailure, PicturesTrimmed, RecordingError, StageNotReached
@@ -17,6 +18,7 @@ from bus.frozen import Message
 from bus.messages import Detections, Failure, ModelReply, PickPlan, StageName, StageRecord
 from cell.replay.compared_stages import STAGES, Stage
 from config.load import station_from
+from config.reads import Reads, noted
 from config.schema import Station
 from logs.differences import Difference, compare
 from logs.mcap.reader import CycleRecord
@@ -27,6 +29,8 @@ from planning.robot import Robot
 
 PURE = tuple(stage.name for stage in STAGES if stage.pure)
 ModelsOf = Callable[[Station, CycleRecord], Models]
+MODELS = "the models"
+"""Who reads what the models, and the planning model of the robot, are made of."""
 
 
 @dataclass(frozen=True)
@@ -45,12 +49,29 @@ class StageReplay:
 
 
 @dataclass(frozen=True)
+class Changed:
+    """A setting of a "what if?".
+
+    Attributes:
+        key: its name. ``before``, ``now``: what was recorded, or its default then; and what was given.
+        read_by: the stages that read it in this replay, and `MODELS` where these, or the robot's, are made of it;
+            none = it cannot have mattered to what ran again.
+    """
+
+    key: str
+    before: Any
+    now: Any
+    read_by: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class Replay:
     """A cycle, rerun.
 
     Attributes:
         stages: those that were rerun, in order. ``not_reached``: stage -> the reason.
         chained: the output of a stage was the input of the next.
+        changed: the settings that were given.
         replies: of the goal-image model that was asked anew; None: it was not, its recorded replies are what counts.
     """
 
@@ -58,6 +79,7 @@ class Replay:
     stages: tuple[StageReplay, ...]
     not_reached: dict[str, str]
     chained: bool
+    changed: tuple[Changed, ...] = ()
     replies: tuple[ModelReply, ...] | None = None
 
     @property
@@ -126,22 +148,39 @@ def replay(record: CycleRecord, request: Request, robot_of: Callable[[Station], 
             "Replay the whole recording, if there is one; recording.thin_after_days says when they are trimmed.",
         )
     station = station_from(dict(record.station), request.overrides, source="the recorded station")
-    robot, models = robot_of(station), request.models(station, record)
-    try:
-        run = _chained if request.chained else _isolated
-        not_reached: dict[str, str] = {}
-        replies: list[ModelReply] = []
-        stages = tuple(run(_wanted(request), record, not_reached, (station, robot, models, replies.append)))
-    finally:
-        models.close()
+    reads, not_reached, replies = Reads(), dict[str, str](), list[ModelReply]()
+    with noted(station, reads) if request.overrides else nullcontext():
+        reads.reader = MODELS
+        robot, models = robot_of(station), request.models(station, record)
+        try:
+            run = _chained if request.chained else _isolated
+            made_of = _With(station, robot, models, reads, replies.append)
+            stages = tuple(run(_wanted(request), record, not_reached, made_of))
+        finally:
+            models.close()
     if not stages:
         raise StageNotReached(
             f"The recording of {record.cycle_id} holds no stage that can be replayed.",
             f"Stages recorded: {', '.join(record.stages) or 'none'}.",
         )
-    asked = request.models is not _recorded_models or not is_replayed(station.perception.model, record.last_replies)
-    detected = any(one.stage == "detect" for one in stages)
-    return Replay(record, stages, not_reached, request.chained, tuple(replies) if asked and detected else None)
+    changed = tuple(_changed(record, station, request, reads))
+    is_asked = request.models is not _recorded_models or not is_replayed(station.perception.model, record.last_replies)
+    asked = tuple(replies) if is_asked and any(one.stage == "detect" for one in stages) else None
+    return Replay(record, stages, not_reached, request.chained, changed, asked)
+
+
+def _changed(record: CycleRecord, station: Station, request: Request, reads: Reads) -> Iterator[Changed]:
+    before = station_from(dict(record.station), source="the recorded station").model_dump(mode="json")
+    now = station.model_dump(mode="json")
+    for key in dict.fromkeys(override.partition("=")[0].strip() for override in request.overrides):
+        yield Changed(key, _at(before, key), _at(now, key), reads.of(key))
+
+
+def _at(tree: Any, key: str) -> Any:
+    """The value of a setting; None where its table is not there."""
+    for part in key.split("."):
+        tree = tree.get(part) if isinstance(tree, dict) else None
+    return tree
 
 
 def _wanted(request: Request) -> list[Stage]:
@@ -151,13 +190,20 @@ def _wanted(request: Request) -> list[Stage]:
     return pure if request.start is None else pure[PURE.index(request.start) :]
 
 
-_With = tuple[Station, Robot, Models, OnReply]
+class _With(NamedTuple):
+    """What the stages run with, who notes what they read, and who hears each call of a goal-image model."""
+
+    station: Station
+    robot: Robot
+    models: Models
+    reads: Reads
+    on_reply: OnReply
 
 
 def _isolated(wanted: list[Stage], record: CycleRecord, _: dict[str, str], made_of: _With) -> Iterator[StageReplay]:
     for stage in wanted:
         if stage.name in record.stages and not _was_stopped(record.stages[stage.name]):
-            yield _compared(stage, record, _rerun(stage, record, *made_of))
+            yield _compared(stage, record, _rerun(stage, record, made_of))
 
 
 def _was_stopped(recorded: StageRecord[Any]) -> bool:
@@ -174,7 +220,7 @@ def _chained(
         if why:
             not_reached[stage.name] = why
             continue
-        outcome = _rerun(stage, flowing, *made_of)
+        outcome = _rerun(stage, flowing, made_of)
         yield _compared(stage, record, outcome)
         flowing = _with(flowing, stage, outcome)
         why = f"{stage.name} ends it: {outcome.code}" if isinstance(outcome, Failure) else ""
@@ -220,12 +266,11 @@ def _compared(stage: Stage, record: CycleRecord, outcome: Message) -> StageRepla
     return StageReplay(stage.name, recorded, outcome, tuple(found))
 
 
-def _rerun(
-    stage: Stage, record: CycleRecord, station: Station, robot: Robot, models: Models, on_reply: OnReply
-) -> Message:
+def _rerun(stage: Stage, record: CycleRecord, made_of: _With) -> Message:
     """The stage's result, or the failure it ends with: both are compared."""
     assert stage.rerun is not None
+    made_of.reads.reader = stage.name
     try:
-        return stage.rerun(record, station, robot, models, on_reply)
+        return stage.rerun(record, made_of.station, made_of.robot, made_of.models, made_of.on_reply)
     except CycleFailure as failure:
         return Failure.of(failure)

@@ -80,13 +80,16 @@ def require_no_live_cell(station: Station) -> None:
 
 
 def await_listener(bus: Bus, cycle_id: str, patience_s: float) -> None:
-    """Wait up to ``patience_s`` for a subscriber of the replay. Raises: NoReply when there is none."""
+    """Wait up to ``patience_s`` for a subscriber of the replay; 0 = for none. Raises: NoReply when there is none."""
+    if patience_s == 0:
+        return
     pattern = f"{ROOT}/{cycle_id}/**"
     give_up_s = time.monotonic() + patience_s
     while not bus.is_heard(pattern):
         if time.monotonic() > give_up_s:
             raise NoReply(
-                f"Nobody has subscribed to {pattern!r} for {patience_s:.0f} s.", "Start the viewer, or raise --wait-s."
+                f"Nothing was published: nobody subscribed to {pattern!r} within {patience_s:g} s.",
+                "Start the viewer first, or raise --wait-s; 0 publishes at once, whoever listens.",
             )
         time.sleep(_LOOK_S)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from typing import Any
 
@@ -9,12 +10,13 @@ import numpy as np
 
 from bus.frozen import Message
 from bus.messages import Detections, Failure, PickPlan, Verdict
-from cell.replay.replay import Replay, StageReplay
+from cell.replay.replay import Changed, Replay, StageReplay
 from cell.terminal.printing import Printer
 
 _SHOWN = 5
 EMPTY = "empty"
 """Equal, without a grasp to compare; of a folder also: the cycle ended before the stages that are asked for."""
+_LONGEST = 60
 NO_GRASPS = "equal, but the recording holds no grasp to compare: that proves nothing"
 
 
@@ -42,11 +44,71 @@ def to_json(replay: Replay) -> dict[str, Any]:
             break
     if replay.chained:
         said["consequence"] = list(consequence(replay))
+    if replay.changed:
+        said["settings"] = [
+            {"key": one.key, "recorded": one.before, "given": one.now, "read_by": list(one.read_by)}
+            for one in replay.changed
+        ]
     return said
 
 
-def show(replay: Replay, out: Printer) -> None:
-    """Print a replay for a person."""
+def show(replay: Replay, out: Printer, *, details: bool = False) -> None:
+    """Print a replay for a person. ``details``: of a "what if?", also each value that differs."""
+    if replay.chained:
+        show_what_if(replay, out)
+    if details or not replay.chained:
+        _show_stages(replay, out)
+    if not replay.chained:
+        out.line(f"{replay.record.cycle_id}: {_in_words(replay)}")
+    elif not replay.equal and not details:
+        count = sum(len(stage.differences) for stage in replay.stages)
+        out.line(f"  {count} value{'s' if count > 1 else ''} differ{'' if count > 1 else 's'}: --details", style="dim")
+
+
+def show_what_if(replay: Replay, out: Printer) -> None:
+    """Print what came of a change: first that, then why where it is nothing."""
+    given = ", ".join(_given(one) for one in replay.changed) or f"from {replay.stages[0].stage} on"
+    out.line((f"{given}: {_in_words(replay)}", "green" if replay.equal else "bold"))
+    for line in consequence(replay):
+        out.line(f"  {line}")
+    for name, why in replay.not_reached.items():
+        out.line(f"  {name}: not replayed, {why}")
+    for one in replay.changed:
+        if why := _why_nothing(one, replay):
+            out.line(f"  {one.key}: {why}")
+
+
+def _given(one: Changed) -> str:
+    was = "as it was" if one.now == one.before else f"was {_shortened(one.before)}"
+    return f"{one.key} = {_shortened(one.now)} ({was})"
+
+
+def _shortened(value: object) -> str:
+    text = value if isinstance(value, str) else "not set" if value is None else json.dumps(value)
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 4]} ..."
+
+
+def _why_nothing(one: Changed, replay: Replay) -> str:
+    """Why a setting changed nothing, or could not; "" where something changed, and it was read."""
+    if one.now == one.before:
+        return "" if not replay.equal else "that is its value in the recording."
+    if not one.read_by:
+        ran = ", ".join(stage.stage for stage in replay.stages)
+        left = f", and {', '.join(replay.not_reached)} did not run" if replay.not_reached else ""
+        return f"none of what ran again ({ran}) reads it{left}. It cannot have mattered here."
+    if not replay.equal:
+        return ""
+    return f"read by {', '.join(one.read_by)}; every decision is as it was."
+
+
+def _in_words(replay: Replay) -> str:
+    said = verdict(replay)
+    if said == EMPTY:
+        return NO_GRASPS
+    return "equal, no decision changed" if replay.changed and said == "equal" else said
+
+
+def _show_stages(replay: Replay, out: Printer) -> None:
     for stage in replay.stages:
         count = len(stage.differences)
         found = (f"{count} difference{'s' if count > 1 else ''}", "red") if count else ("equal", "green")
@@ -55,12 +117,6 @@ def show(replay: Replay, out: Printer) -> None:
             out.line(f"    {step:<8} {difference.describe()}")
         if count > _SHOWN:
             out.line(f"    and {count - _SHOWN} more")
-    for name, why in replay.not_reached.items():
-        out.line(f"{name:<8} ", ("not replayed", "yellow"), f": {why}")
-    for line in consequence(replay) if replay.chained else ():
-        out.line(f"  {line}")
-    said = verdict(replay)
-    out.line(f"{replay.record.cycle_id}: {NO_GRASPS if said == EMPTY else said}")
 
 
 def show_tally(said: dict[str, Any], out: Printer) -> None:
@@ -73,6 +129,8 @@ def show_tally(said: dict[str, Any], out: Printer) -> None:
         out.line(("different", "red"), f" {one['cycle_id']}: first in {where}")
     for name, count in said["fields"].items():
         out.line(f"  {count:>5} x {name}")
+    for key in said["unread_settings"]:
+        out.line(f"{key}: nothing that ran again reads it. It cannot have mattered here.")
     counts = ", ".join(
         f"{said[name]} {name}" for name in ("equal", "different", "empty", "trimmed") if name != "trimmed" or said[name]
     )
@@ -80,11 +138,12 @@ def show_tally(said: dict[str, Any], out: Printer) -> None:
 
 
 def consequence(replay: Replay) -> Iterator[str]:
-    """The consequences of the change: one line per stage, "before -> after" where that differs."""
+    """What came of the change: a line a stage, "before -> after" where that differs, else its first difference."""
     for stage in replay.stages:
         before, after = _gist(stage.recorded), _gist(stage.replayed)
         moved = _moved(replay) if stage.stage == "plan" else ""
-        yield f"{stage.stage}: {after if before == after else f'{before} -> {after}'}{moved}"
+        first = stage.differences[0][1].describe() if stage.differences and before == after and not moved else ""
+        yield f"{stage.stage}: {after if before == after else f'{before} -> {after}'}{moved}{first and f'; {first}'}"
 
 
 def _gist(outcome: Message | None) -> str:

@@ -27,7 +27,9 @@ class Heard:
 
 async def pick(endpoint: str, job: str = "") -> dict[str, Any]:
     """The result of one pick; what is thrown names the refusal."""
-    async with Client(endpoint) as client:  # the lease is the session's: when this program ends or dies, the cell holds
+    client = Client(endpoint)
+    client.session_timeout = 5000  # [ms]; the cell grants no more (opcua.session_timeout_s), and asyncua would tell so
+    async with client:  # the lease is the session's: when this program ends or dies, the cell holds
         ours = await client.get_namespace_index("urn:vlad-cell:opcua")
         cell = client.get_node(f"ns={ours};s=Cell")
 

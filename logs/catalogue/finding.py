@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from bus.errors import RecordingError
 from logs.catalogue.catalogue import open_catalogue
 from logs.catalogue.store import THERE
 from logs.mcap.index import is_a_path, the_one
+from logs.mcap.names import is_folder, shown
 
 
 def find_recording(name: str, folder: Path) -> Path:
@@ -16,6 +18,11 @@ def find_recording(name: str, folder: Path) -> Path:
     """
     if is_a_path(name):
         return Path(name)  # the reader reports errors of the file
+    if not is_folder(folder):
+        raise RecordingError(
+            f"There is no file {shown(Path(name))}, and no folder {shown(folder)} to look for a cycle in.",
+            "Nothing was recorded yet, or name the folder that it lies in: --folder.",
+        )
     with open_catalogue(folder, makes=False) as catalogue:
         root, listed, gone = catalogue.store.root, catalogue.listed, catalogue.listed.pairs_gone()
         where, given = catalogue.where()

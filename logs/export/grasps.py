@@ -34,25 +34,43 @@ CYCLE: dict[str, tuple[str, str]] = {
 
 
 class Picture(NamedTuple):
-    """A PNG of a cycle."""
+    """A PNG of a cycle. ``form``: of its pixels, of `FORMS`. ``what``: they mean."""
 
     of: Callable[[Detections, Observation], Array]
+    form: str
     what: str
+
+
+FORMS = {"RGB, 8 bits": (np.uint8, 3), "grey, 8 bits": (np.uint8, 1), "grey, 16 bits": (np.uint16, 1)}
+"""Form of a PNG's pixels -> type and channels of the array that it is read as."""
 
 
 PICTURES: dict[str, Picture] = {
     "color": Picture(
-        lambda found, look: found.evidence.color, "The colour image of the look that is shown, undistorted."
+        lambda found, look: found.evidence.color,
+        "RGB, 8 bits",
+        "The colour image of the look that is shown, undistorted.",
     ),
     "mask": Picture(
-        lambda found, look: _white(found.evidence.object_mask), "255 where the thing is that was gone for."
+        lambda found, look: _white(found.evidence.object_mask),
+        "grey, 8 bits",
+        "255 where the thing is that was gone for, else 0.",
     ),
-    "things": Picture(lambda found, look: found.scene.labels, "The number of the thing in each pixel, 0 = none."),
-    "goal": Picture(lambda found, look: found.evidence.goal_image, "The imagined goal image."),
-    "rod": Picture(lambda found, look: _white(found.evidence.goal_rod_mask), "255 where the rod is in the goal image."),
+    "things": Picture(
+        lambda found, look: found.scene.labels,
+        "grey, 8 bits",
+        "The number of the thing in each pixel, as in `instance`; 0 = none. It looks black.",
+    ),
+    "goal": Picture(lambda found, look: found.evidence.goal_image, "RGB, 8 bits", "The imagined goal image."),
+    "rod": Picture(
+        lambda found, look: _white(found.evidence.goal_rod_mask),
+        "grey, 8 bits",
+        "255 where the rod is in the goal image, else 0.",
+    ),
     "depth": Picture(
         lambda found, look: np.rint(np.nan_to_num(look.frame.depth_m * 1000, nan=0.0)).astype(np.uint16),
-        "z-depth [mm], 16 bits, 0 = not measured: as the depth camera gave it, not registered.",
+        "grey, 16 bits",
+        "z-depth [mm], 0 = not measured: as the depth camera gave it, not registered to the colour image.",
     ),
 }
 """The pictures of a cycle: `pictures/DAY/CYCLE_ID.NAME.png`."""

@@ -24,6 +24,7 @@ from logs.mcap.recorder import PART
 FINE = ("SUCCESS", "EMPTY")
 """Results that need no attention."""
 _SHOWN_MATCHES = 3
+_ELSEWHERE = "See `cell cycles`, or name the folder that it lies in: --folder."
 _RESULT = f"/{topics.RESULT.key}"
 _SHOWN = frozenset({_RESULT, f"/{topics.ATTEMPT.key}"})
 
@@ -131,7 +132,7 @@ def the_one(name: str, among: Sequence[Path], folder: Path) -> Path:
         return (whole or found)[0]
     if not found:
         path = shown(Path(name))
-        raise RecordingError(f"There is no file {path}, and no cycle {path} in {shown(folder)}.", "See `cell cycles`.")
+        raise RecordingError(f"There is no file {path}, and no cycle {path} in {shown(folder)}.", _ELSEWHERE)
     some = ", ".join(_id_of(path) for path in found[:_SHOWN_MATCHES])
     more = " ..." if len(found) > _SHOWN_MATCHES else ""
     raise RecordingError(f"{len(found)} cycles have {name!r} in their id: {some}{more}.", "Write more of it.")

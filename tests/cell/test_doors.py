@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 
+from bus.commands import DoorHealth
 from bus.errors import ConfigError
 from bus.remote_errors import error_reply
 from cell.cli.doors import wanted_doors
@@ -31,6 +32,7 @@ class Told:
 
     def __init__(self) -> None:
         self.events: queue.SimpleQueue[tuple[str, ...]] = queue.SimpleQueue()
+        self.healths: list[DoorHealth] = []
         self.children: list[subprocess.Popen[str]] = []
 
     def hear(self, *said: str) -> None:
@@ -48,7 +50,7 @@ class Told:
             self.children.append(child)
             return child
 
-        return Door("opcua", STATION, self.hear, spawn).start()
+        return Door("opcua", STATION, self.hear, spawn, lambda _name, now: self.healths.append(now)).start()
 
     def next(self) -> tuple[str, ...]:
         return self.events.get(timeout=60)
@@ -95,6 +97,19 @@ def test_a_door_that_says_nothing_is_tried_again(told: Told) -> None:
         assert (code, severity) == ("DOOR_CLOSED", "error")
         assert "exit code 5" in text
         assert told.next()[0] == "DOOR_OPEN"
+
+
+def test_what_keeps_a_door_closed_is_said_once_and_stays_in_the_health(told: Told) -> None:
+    same, other = "raise SystemExit(5)", "raise SystemExit(6)"
+    with closing(told.door(same, same, same, other, other, OPENS + STAYS)):
+        said = [told.next() for _ in range(3)]
+    assert [(code, text[-40:]) for code, _, text, _ in said] == [
+        ("DOOR_CLOSED", "exit code 5). It is tried again until it opens."[-40:]),
+        ("DOOR_CLOSED", "exit code 6). It is tried again until it opens."[-40:]),
+        ("DOOR_OPEN", said[2][2][-40:]),
+    ]
+    assert [bool(now.problem) for now in told.healths] == [False, True, True, False]
+    assert told.healths[-1] == DoorHealth(endpoint="opc.tcp://here")
 
 
 def test_a_door_that_is_configured_wrongly_stays_closed(told: Told) -> None:

@@ -19,7 +19,7 @@ import pytest
 
 from bus import topics
 from bus.codec import encode
-from bus.commands import CellState
+from bus.commands import CellHealth, CellState, DoorHealth
 from bus.errors import Refused
 from bus.messages import LivePicture
 from bus.sample import Sample
@@ -198,7 +198,7 @@ def test_a_day_at_the_cell(
 
     expect(page.locator("#overlay.earlier text.number")).to_have_count(2)  # in a picture of now, where they were
     click_middle(page, page.locator("#overlay text.number").nth(1))
-    expect(page.locator("#what")).to_have_text("The object at the cross")
+    expect(page.locator("#what")).to_contain_text("The object at the cross")
     page.click("#pick")
     expect(page.locator("#jobs")).to_contain_text(re.compile(r"Picks what you pointed at \(Thing \d\)"))
     until(page, ASKS)
@@ -428,6 +428,37 @@ def test_words_and_a_cross_replace_each_other_and_reset_clears_the_cross(desk: D
     expect(words).to_have_value("")
     page.click("#reset")
     expect(asked).to_be_hidden()
+
+
+def test_by_keyboard_alone_an_object_is_chosen_where_nothing_has_a_number_yet(desk: Desk) -> None:
+    page, keys = desk.page, desk.page.keyboard
+    expect(page.locator("#sees")).to_contain_text("Things get their numbers when the cell looks for them")
+    page.focus("#figure")
+    for key in ("ArrowRight", "Shift+ArrowUp", "Tab", "Tab"):
+        keys.press(key)
+    expect(page.locator("#pick")).to_be_focused()
+    with page.expect_response("**/api/commands/pick"):
+        keys.press("Enter")
+    target = desk.cell.sent[-1][1].job.target
+    assert target is not None and target.picture_ns == PICTURE_NS
+    assert target.pixel == (86, 44), "from the middle, (80, 45): a step of 4 % to the right, a small one up"
+    expect(page.locator("#figure")).to_be_focused()
+    page.focus("#words")
+    keys.type("the red one")
+    keys.press("Enter")
+    expect(page.locator("#place")).to_be_focused()  # a key that is held does not press Pick it
+    keys.press("Shift+Tab")
+    assert not serious_findings(page)
+
+
+def test_what_keeps_another_interface_closed_stays_on_the_page(desk: Desk) -> None:
+    closed = DoorHealth(problem="cannot open: its port is taken.", advice="Set opcua.port.")
+    doors = {"http": DoorHealth(endpoint="http://127.0.0.1:8088"), "opcua": closed}
+    health = CellHealth(is_healthy=False, nodes={}, doors=doors)
+    desk.cell.said.put(Sample(topics.HEALTH.key, encoding_of(CellHealth), encode(health)))
+    line = desk.page.locator("#lines .bad").filter(has_text="OPC UA")
+    expect(line).to_have_text("OPC UA: cannot open: its port is taken.Set opcua.port.")
+    expect(desk.page.locator("#lines")).to_contain_text("HTTP: open")
 
 
 def test_a_button_that_can_do_nothing_here_says_so_first(desk: Desk) -> None:

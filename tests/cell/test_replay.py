@@ -152,6 +152,15 @@ def test_a_folder_is_summed_up_and_what_cannot_be_read_is_named(tmp_path: Path, 
 # --- on the bus again -------------------------------------------------------------------------------------------------
 
 
+def test_without_a_subscriber_it_waits_then_says_that_nothing_was_published(endpoint: str) -> None:
+    again = ["replay", str(PICK), "--publish", "--endpoint", endpoint, "--rate", "1e6"]
+    in_vain = CliRunner().invoke(command_line(), [*again, "--wait-s", "0.05"])
+    assert isinstance(in_vain.exception, NoReply) and in_vain.exception.exit_code == 4
+    assert "waiting up to 0.05 s for a subscriber" in in_vain.stderr
+    at_once = CliRunner().invoke(command_line(), [*again, "--wait-s", "0"])
+    assert at_once.exit_code == 0 and at_once.stderr.splitlines()[-1].endswith("payloads published")
+
+
 def test_a_replay_travels_byte_for_byte_below_a_key_of_its_own(endpoint: str) -> None:
     heard: queue.SimpleQueue[tuple[str, str, bytes]] = queue.SimpleQueue()
     said = list(payloads(PICK))[:40]
@@ -161,8 +170,9 @@ def test_a_replay_travels_byte_for_byte_below_a_key_of_its_own(endpoint: str) ->
 
     config = zenoh.Config.from_json5(json.dumps({"mode": "client", "connect": {"endpoints": [endpoint]}}))
     with Bus.listen("elsewhere", endpoint) as bus:
-        with pytest.raises(NoReply, match="Nobody has subscribed"):
-            await_listener(bus, "412", 0.0)
+        with pytest.raises(NoReply, match="Nothing was published: nobody subscribed"):
+            await_listener(bus, "412", 0.01)
+        await_listener(bus, "412", 0.0)  # for nobody
         listener = zenoh.open(config)
         listener.declare_subscriber("replay/**", hear)
         await_listener(bus, "412", 5.0)

@@ -25,7 +25,7 @@ def code() -> str:
 @pytest.mark.parametrize("line", QUOTED, ids=lambda line: line[:40])
 def test_what_is_quoted_is_what_the_code_says(line: str, code: str) -> None:
     """Sentence by sentence: a reason and its advice are two texts of the code."""
-    head = re.match(r"([A-Z_]{4,}): ", line)
+    head = re.match(r"([A-Z_]{4,}):? ", line)
     assert head is None or f'"{head[1]}"' in code
     parts = line[head.end() if head else 0 :].replace("'…'", "…").split("…")
     sentences = [one.strip(" ().,'") for part in parts for one in _SENTENCE_END.split(part)]

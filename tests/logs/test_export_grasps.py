@@ -14,7 +14,7 @@ import pytest
 from bus.messages import Detections
 from logs.catalogue import open_catalogue
 from logs.export import Done, export_grasps, select
-from logs.export.grasps import CYCLE, GRASP, PICTURES
+from logs.export.grasps import CYCLE, FORMS, GRASP, PICTURES
 from logs.mcap.reader import CycleRecord, read_cycle
 
 parquet = pytest.importorskip("pyarrow.parquet")
@@ -98,3 +98,9 @@ def test_the_pictures_are_those_that_detect_saw(exported: tuple[Path, Done]) -> 
     assert ((read["mask"] == 255) == found.evidence.object_mask).all() and (read["things"] == found.scene.labels).all()
     assert read["depth"] == pytest.approx(np.nan_to_num(look.frame.depth_m) * 1000, abs=0.5)
     assert read["goal"].shape == read["color"].shape and read["rod"].max() == 255
+    for name, picture in PICTURES.items():
+        kind, channels = FORMS[picture.form]
+        pixels = read[name]
+        assert pixels.dtype == kind and pixels.ndim == (3 if channels > 1 else 2), name
+        assert name == "depth" or pixels.shape[:2] == read["color"].shape[:2], name
+        assert row[f"{name}_png"] == f"pictures/{record.cycle_id[:8]}/{record.cycle_id}.{name}.png"

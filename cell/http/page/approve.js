@@ -1,6 +1,6 @@
 // The planned pick that waits for a person: what it is, in words and in 3-D, and the three answers.
 
-import { bodyOf, byId, el, say, tellRefusal } from "./dom.js";
+import { bodyOf, byId, el, replaceIn, say, tellRefusal } from "./dom.js";
 import { ask, cell, cellNow, command, now } from "./link.js";
 import { mount } from "./plan_view.js";
 import { duration, texts } from "./texts.js";
@@ -10,13 +10,14 @@ let view = null;
 
 async function draw() {
   const waits = now.isLinked && now.role !== "viewer" && now.state?.available.includes("approve");
-  byId("approve").hidden = !waits;
   if (!waits) {
     view?.close();
     view = asked = null;
-    bodyOf("approve").replaceChildren();
+    replaceIn(bodyOf("approve"), []);
+    byId("approve").hidden = true;
     return;
   }
+  byId("approve").hidden = false;
   try {
     const proposal = await ask("/api/proposal");
     if (proposal.proposal_id !== asked?.proposal_id) await show(proposal);
@@ -34,6 +35,7 @@ async function show(proposal) {
   };
   const button = (verb, kind = "") => el("button", { type: "button", id: `answer-${verb}`, class: kind, onclick: answer(verb) }, texts.answers[verb]);
   const plan = el("div", { class: "plan" });
+  bodyOf("approve").contains(document.activeElement) && byId("approve-title").focus(); // not on the same answer: this is another pick
   bodyOf("approve").replaceChildren(
     el("p", { class: "strong" }, texts.asks(proposal.object, proposal.motion_s.toFixed(1))), el("p", { id: "answer-time", class: "soft" }),
     plan, el("div", { class: "row" }, button("approve", "main"), button("next_grasp"), button("reject")), reason);

@@ -37,6 +37,17 @@ export function say(one, text) {
   if (one.textContent !== text) one.textContent = text;
 }
 
+const nameOf = (one) => one.id || one.getAttribute("aria-label") || one.textContent;
+
+/** Replaces what is in a place. The keyboard stays on what has the same name; where that is gone, `next` has it. */
+export function replaceIn(place, children, next = byId("state")) {
+  const had = place.contains(document.activeElement) ? nameOf(document.activeElement) : null;
+  place.replaceChildren(...children);
+  if (had === null) return;
+  const again = [...place.querySelectorAll("a, button, input")].find((one) => nameOf(one) === had);
+  (again ?? next).focus();
+}
+
 let quiet = 0;
 
 /** Shows a message to the person for a while. */

@@ -1,4 +1,4 @@
-// Health in lines: nodes, disk and what will be deleted, spending, clocks. A red line says what to do.
+// Health in lines: nodes, interfaces, disk and what will be deleted, spending, clocks. A red line says what to do.
 
 import { bodyOf, el } from "./dom.js";
 import { ask, cell, cellNow, learn, now } from "./link.js";
@@ -22,6 +22,14 @@ function nodeLines() {
     if (!node.is_alive) return line("bad", texts.nodeGone(name), texts.nodeAdvice);
     if (node.problems.length) return line("bad", `${name}: ${node.problems.join("; ")}${restarts}`, texts.nodeAdvice);
     return line("good", `${name}: ${texts.nodeWell}${restarts}`);
+  });
+}
+
+/** The interfaces that the cell opened: of one that is closed why, and what to do. */
+function doorLines() {
+  return Object.entries(now.health?.doors ?? {}).map(([name, door]) => {
+    const title = texts.doors[name] ?? name;
+    return door.problem ? line("bad", `${title}: ${door.problem}`, door.advice) : line(door.endpoint ? "good" : "plain", `${title}: ${door.endpoint ? texts.doorOpen : texts.doorOpens}`);
   });
 }
 
@@ -50,7 +58,7 @@ function draw() {
   const defects = (now.health?.defects ?? []).map((one) => line("bad", one, texts.defectAdvice));
   const shown = events.map((one) => line(one.severity === "error" ? "bad" : "plain", `${one.code} ${plainly(one.text)}`, one.advice));
   bodyOf("health").replaceChildren(
-    el("ul", { class: "lines", id: "lines" }, ...defects, ...nodeLines(), ...storageLines(),
+    el("ul", { class: "lines", id: "lines" }, ...defects, ...nodeLines(), ...doorLines(), ...storageLines(),
       spent === null ? null : line("plain", texts.spent(spent.toFixed(2))), clockLine()),
     ...(shown.length ? [el("h3", {}, texts.events), el("ul", { class: "lines" }, ...shown)] : []),
   );

@@ -1,6 +1,6 @@
 // The last picks, newest first: small pictures, results, reports, and what persons say of them.
 
-import { bodyOf, byId, el, tell, tellRefusal } from "./dom.js";
+import { bodyOf, byId, el, replaceIn, tell, tellRefusal } from "./dom.js";
 import { ask, cell, now } from "./link.js";
 import { LANGUAGE, plainly, texts } from "./texts.js";
 
@@ -30,7 +30,7 @@ async function refresh() {
   if (content === drawn) return;
   drawn = content;
   const empty = cycles.length === 0 ? [el("li", { class: "about soft" }, texts.noPicks)] : [];
-  list.replaceChildren(...empty, ...cycles.map(entry));
+  replaceIn(list, [...empty, ...cycles.map(entry)]);
   loadInTurn([...list.querySelectorAll("img")]);
   cell.dispatchEvent(new Event("recorded"));
 }

@@ -1,13 +1,13 @@
-// What the cell sees: the last picture with what was found in it, or, while it rests, one of now. A click chooses an
-// object, a drag a box; a press then sends the job, with the picture in which it was pointed at.
+// What the cell sees: the last picture with what was found in it, or, while it rests, one of now. An object is chosen in
+// it; a press then sends the job, with the picture in which it was pointed at. All of it by keyboard, too.
 
 import { attend, whyNot } from "./commands.js";
-import { bodyOf, el, isOff, say, setButton, svg, tell, untell } from "./dom.js";
+import { bodyOf, el, isOff, replaceIn, say, setButton, svg, tell, untell } from "./dom.js";
 import { ask, cell, cellNow, now } from "./link.js";
 import { isInside, overlayOf } from "./overlay.js";
+import { pointing } from "./pointing.js";
 import { duration, texts } from "./texts.js";
 
-const DRAG_PX = 8;
 const LIVE_S = 5; // a picture is of now for so long
 const WORKING = ["Starting", "Execute", "Completing"];
 const NOTHING = { stamp: "", outlines: [], numbers: [] };
@@ -18,7 +18,6 @@ let isLoading = false;
 let scene = NOTHING;
 let target = null;
 let thing; // the number of the thing that is pointed at; "" for none, undefined where nothing is pointed at
-let from = null;
 
 /** Loads one picture after the other, the newest only, and shows it when it is there: what is clicked is what is shown. */
 async function load(detail) {
@@ -63,12 +62,15 @@ function drawn() {
 }
 
 function draw() {
-  const { image, overlay, things, none, figure } = parts;
+  const { image, overlay, things, none, figure, numberless } = parts;
   drawAge();
   const hasPicture = image.naturalWidth > 0;
   none.hidden = hasPicture;
   figure.hidden = parts.help.hidden = !hasPicture;
-  if (!hasPicture) return;
+  if (!hasPicture) {
+    numberless.hidden = true;
+    return;
+  }
   const { outlines, numbers } = drawn();
   overlay.setAttribute("viewBox", `0 0 ${image.naturalWidth} ${image.naturalHeight}`);
   overlay.classList.toggle("earlier", Boolean(shown.is_live));
@@ -78,9 +80,11 @@ function draw() {
   const label = numbers.map((one) => one.text).join();
   if (things.dataset.label !== label) {
     things.dataset.label = label;
-    things.replaceChildren(...numbers.map((one) => el("button", { type: "button", class: "small", onclick: () => choose({ pixel: one.at_px, picture_ns: shown.stamp }) }, texts.thing(one.text))));
+    const pick = (one) => (event) => choose({ pixel: one.at_px, picture_ns: shown.stamp }, event.detail === 0);
+    replaceIn(things, numbers.map((one) => el("button", { type: "button", class: "small", onclick: pick(one) }, texts.thing(one.text))), figure);
   }
   things.hidden = numbers.length === 0;
+  numberless.hidden = numbers.length > 0 || isElsewhere();
   const kinds = new Set(outlines.map((one) => one.kind));
   parts.legend.replaceChildren(
     ...Object.entries(texts.legend).filter(([kind]) => kinds.has(kind)).map(([kind, words]) => el("li", { class: kind }, words)),
@@ -92,13 +96,19 @@ function unitOf(image) {
   return image.naturalWidth / Math.min(640, Math.max(300, image.clientWidth));
 }
 
-/** Chooses what is to be picked; null forgets it. One way at a time: what is pointed at clears the words. */
-function choose(what) {
+/**
+ * Chooses what is to be picked; null forgets it. One way at a time: what is pointed at clears the words.
+ * `goesOn`: the keyboard goes on to where it is sent.
+ */
+function choose(what, goesOn = false) {
   target = what;
   thing = what?.pixel ? thingAt(what.pixel) : undefined;
   if (what !== null && !what.text) parts.words.value = "";
+  const hadFocus = parts.asked.contains(document.activeElement);
   parts.asked.hidden = what === null;
-  if (what !== null) say(parts.what, texts.target(what));
+  if (what !== null) say(parts.what, texts.target(what, thing));
+  if (goesOn) parts.place.focus(); // not on the button: a key that is held repeats itself
+  else if (what === null && hadFocus) (parts.figure.hidden ? parts.words : parts.figure).focus();
   drawAllowed();
   draw();
 }
@@ -136,38 +146,6 @@ function isElsewhere() {
   return Boolean(shown.is_live) && !shown.from_capture_pose;
 }
 
-// --- pointing -------------------------------------------------------------------------------------------------------
-
-function pixelAt(event) {
-  const frame = parts.overlay.getBoundingClientRect();
-  const inside = (value, most) => Math.round(Math.min(Math.max(0, value), 1) * (most - 1));
-  return [
-    inside((event.clientX - frame.left) / frame.width, parts.image.naturalWidth),
-    inside((event.clientY - frame.top) / frame.height, parts.image.naturalHeight),
-  ];
-}
-
-function press(event) {
-  if (event.button !== 0 || isElsewhere()) return;
-  from = { pixel: pixelAt(event), x: event.clientX, y: event.clientY, picture_ns: shown.stamp };
-  parts.overlay.setPointerCapture(event.pointerId);
-}
-
-function isDrag(event) {
-  return Math.hypot(event.clientX - from.x, event.clientY - from.y) >= DRAG_PX;
-}
-
-function drag(event) {
-  if (from === null || !isDrag(event)) return;
-  const [[a, b], [c, d]] = [from.pixel, pixelAt(event)];
-  choose({ box: [Math.min(a, c), Math.min(b, d), Math.max(a, c), Math.max(b, d)], picture_ns: from.picture_ns });
-}
-
-function release(event) {
-  if (from !== null && !isDrag(event)) choose({ pixel: from.pixel, picture_ns: from.picture_ns });
-  from = null;
-}
-
 function listPlaces() {
   const chosen = parts.place.value;
   const places = now.about?.places ?? [];
@@ -188,15 +166,17 @@ function drawAge() {
 
 export function showPicture() {
   parts.image = el("img", { alt: texts.pictureAlt, id: "picture" });
-  parts.overlay = svg("svg", { id: "overlay", "aria-hidden": "true", onpointerdown: press, onpointermove: drag, onpointerup: release, onpointercancel: () => { from = null; } });
+  const listens = pointing(() => ({ image: parts.image, stamp: shown.stamp, isOff: isElsewhere(), pixel: target?.pixel }), choose);
+  parts.overlay = svg("svg", { id: "overlay", "aria-hidden": "true", ...listens.overlay });
   parts.live = el("span", { class: "live", hidden: true }, texts.live);
-  parts.figure = el("div", { class: "picture", hidden: true }, parts.image, parts.overlay, parts.live);
+  parts.figure = el("div", { class: "picture", id: "figure", hidden: true, tabindex: 0, role: "application", "aria-label": texts.pointHere, "aria-describedby": "help", ...listens.frame }, parts.image, parts.overlay, parts.live);
   parts.none = el("p", { class: "empty" }, texts.noPicture);
   parts.age = el("p", { class: "soft", id: "age" });
   parts.help = el("p", { id: "help", hidden: true }, texts.pictureHelp);
   parts.legend = el("ul", { class: "legend" });
   parts.things = el("div", { class: "row", role: "group", "aria-label": texts.things, hidden: true });
-  parts.what = el("strong", { id: "what" });
+  parts.numberless = el("p", { class: "soft", hidden: true }, texts.numberless);
+  parts.what = el("strong", { id: "what", "aria-live": "polite" });
   parts.why = el("span", { class: "why", id: "why-pick" });
   parts.place = el("select", { id: "place", "aria-label": texts.layWhere });
   parts.pick = el("button", { type: "button", id: "pick", class: "main", "aria-describedby": "why-pick", onclick: send }, texts.pickIt);
@@ -206,9 +186,9 @@ export function showPicture() {
   parts.words = words;
   const said = (event) => {
     event.preventDefault();
-    if (words.value.trim()) choose({ text: words.value.trim() });
+    if (words.value.trim()) choose({ text: words.value.trim() }, true);
   };
-  bodyOf("sees").append(parts.none, parts.figure, parts.asked, parts.legend, parts.age, parts.help, parts.things,
+  bodyOf("sees").append(parts.none, parts.figure, parts.asked, parts.legend, parts.age, parts.help, parts.things, parts.numberless,
     el("form", { class: "row", onsubmit: said }, el("label", { for: "words" }, texts.words), words, el("button", { type: "submit" }, texts.chooseWords)));
   listPlaces();
   cell.addEventListener("about", listPlaces);

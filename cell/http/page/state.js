@@ -1,6 +1,6 @@
 // The banner: the state in words, why it is so, what to do, the job and what waits.
 
-import { byId, el, say, setButton, tellRefusal } from "./dom.js";
+import { byId, el, replaceIn, say, setButton, tellRefusal } from "./dom.js";
 import { cell, cellNow, command, now } from "./link.js";
 import { duration, plainly, texts } from "./texts.js";
 
@@ -81,7 +81,7 @@ function drawJobs() {
   const content = JSON.stringify([turns, jobs, now.role, now.pointed]);
   if (content === drawnJobs) return;
   drawnJobs = content;
-  byId("jobs").replaceChildren(...turns.map(([turn, job]) => el("li", {}, el("span", { class: "turn" }, turn), el("span", { class: "job" }, said(job)), cancelling(job))));
+  replaceIn(byId("jobs"), turns.map(([turn, job]) => el("li", {}, el("span", { class: "turn" }, turn), el("span", { class: "job" }, said(job)), cancelling(job))));
 }
 
 function said(job) {
