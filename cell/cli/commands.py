@@ -94,7 +94,9 @@ COMMANDS = {
     "cycles": Row("cycles", "List recorded cycles, newest first, or sum them up."),
     "query": Row("catalogue", "Ask the catalogue of recorded cycles in SQL; it can only be read (docs/catalogue.md)."),
     "label": Row("catalogue", "Say of a recorded cycle that it was good or bad, or note something; kept beside it."),
-    "show": Row("recordings", "Show why a cycle ended so: its result, what to do, its stages, what was changed for it."),
+    "show": Row(
+        "recordings", "Show why a cycle ended so: its result, what to do, its stages, what was changed for it."
+    ),
     "report": Row(
         "recordings",
         "Write one HTML page that explains a cycle; of a folder, a page per cycle and one a day.",
