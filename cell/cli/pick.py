@@ -72,7 +72,7 @@ def pick(
         reply = cell.command("pick", object_name=object_name, job=job)
         if not as_json:
             out.line(_begins(reply))
-        shown, waiting = _Shown(as_json), QueuedJob(cell, reply)
+        shown, waiting = _Shown(as_json), QueuedJob(cell, reply, err.line)
         result = _result_of(cell, reply.cycle_id, shown, waiting)
     shown.result(result)
     if result.result not in _FINE:
@@ -115,7 +115,7 @@ def run(
         reply = cell.command("start", cycles=wanted.cycles, until_empty=until_empty, job=job)
         if not as_json:
             out.line(_begins(reply))
-        _follow(cell, batch, shown, QueuedJob(cell, reply), reply.job_id)
+        _follow(cell, batch, shown, QueuedJob(cell, reply, err.line), reply.job_id)
     if until_empty:
         shown.summary(batch)
     if not (batch.is_empty if until_empty else batch.picked == cycles):
@@ -125,7 +125,7 @@ def run(
 def _begins(reply: CommandReply) -> str:
     """Return what an accepted command begins, for a person."""
     if reply.position:
-        return f"job {reply.job_id} waits at place {reply.position} of the queue; Ctrl-C drops it"
+        return f"job {reply.job_id} waits at place {reply.position} of the queue; Ctrl-C drops it, and holds what moves"
     return f"cycle {reply.cycle_id} begins; Ctrl-C holds it"
 
 

@@ -119,10 +119,12 @@ def test_a_run_that_is_stopped_or_aborts_is_no_success(in_process: Run, says: Sa
 def test_who_waits_for_a_job_that_is_cancelled_is_told(in_process: Run, says: Says, command: tuple[str, ...]) -> None:
     working = _state("Execute").model_copy(update={"job_id": "other", "queue": ("mine",)})
     cancelled = working.model_copy(update={"queue": ()})
-    cell = says(_state("Execute"), working, cancelled)
+    cell = says(_state("Execute"), working, cancelled, cancelled, _state("Complete"))
     cell.reply, cell.now = CommandReply(ok=True, state="Execute", cycle_id="1", job_id="mine", position=1), cancelled
     done = in_process(*command)
-    assert done.returncode == 3 and "JOB_DROPPED: The job 'mine' ended without a cycle" in done.stderr
+    told, refused = done.stderr.splitlines()
+    assert told == "job mine will not begin; what moves is attended from here; Ctrl-C holds it"
+    assert done.returncode == 3 and refused.startswith("JOB_DROPPED: The job 'mine' ended without a cycle")
 
 
 def test_a_waiting_job_that_begins_is_followed_to_its_result(in_process: Run, says: Says) -> None:
