@@ -17,8 +17,8 @@ import numpy as np
 from benchmarks.guarded import OPERATOR_TOKEN, VIEWER_TOKEN
 from benchmarks.tally import Tally
 from cell.http.guard import MAX_BODY_BYTES
-from cell.http.routes import TABLE, VERBS
-from cell.machine.states import ENDING
+from cell.http.routes import TABLE
+from cell.machine.states import ENDING, VERBS
 
 _JSON = "application/json"
 _PATIENCE_S = 30.0

@@ -4,9 +4,11 @@
 
     CellError                 .exit_code  .code  .advice
     ├── ConfigError           2  the station file, an option or an argument is wrong: correct it
+    │   └── PlugInMissing        no installed package brings the plug-in that is named
     ├── RecordingError        2  a recording cannot be read or replayed
     │   ├── CatalogueError       the catalogue of recordings cannot be read, written or asked
     │   ├── PicturesTrimmed      a recording without its pictures cannot be replayed
+    │   ├── NotHere              what a recording was made with is not on this machine: it can be read, not replayed
     │   └── ArchiveError         a recording cannot be copied into the archive, or its copy differs
     ├── BusError              4  the other process cannot be reached
     │   ├── PortOccupied         another program listens on our endpoint
@@ -66,6 +68,20 @@ class ConfigError(CellError):
     code = "CONFIG"
 
 
+class PlugInMissing(ConfigError):
+    """No installed package brings the plug-in that is named.
+
+    Args:
+        kind: of plug-in, in words. ``name``: of it. ``key``: the setting that names it. ``group``: of its entry point.
+    """
+
+    def __init__(
+        self, text: str, advice: str = "", *, kind: str = "", name: str = "", key: str = "", group: str = ""
+    ) -> None:
+        super().__init__(text, advice)
+        self.kind, self.name, self.key, self.group = kind, name, key, group
+
+
 class RecordingError(CellError):
     """A recording cannot be read or replayed."""
 
@@ -83,6 +99,15 @@ class PicturesTrimmed(RecordingError):
     """The pictures of a recording were trimmed, so its stages cannot run again."""
 
     code = "TRIMMED"
+
+
+class NotHere(RecordingError):
+    """A package, weights or an arm's description that a recording was made with is not on this machine.
+
+    The recording is whole, and can be read; only its stages cannot run again.
+    """
+
+    code = "NOT_HERE"
 
 
 class StageNotReached(RecordingError):

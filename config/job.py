@@ -9,7 +9,7 @@ from bus.errors import Refused
 from bus.messages.job import GraspHints, Job, Place, Target
 from config.scene import SceneSettings, floor_m
 from config.schema import Station
-from config.target import TargetSettings
+from config.target import TargetSettings, outside_picture
 from config.words import understood
 
 
@@ -37,17 +37,22 @@ def capacity_of(station: Station, name: str) -> int:
     return next((place.capacity for place in station.scene.places if place.name == name), 0)
 
 
-def require_possible(station: Station, job: Job, *, reads_text: bool) -> None:
+def require_possible(
+    station: Station, job: Job, *, reads_text: bool, picture_px: tuple[int, int] | None = None
+) -> None:
     """Refuse a job that this station cannot do; the refusal names the field.
 
     Args:
         reads_text: a model finds targets by any words.
+        picture_px: width and height of the camera's pictures; None = not known yet: detect looks then.
 
     Raises: Refused (BAD_JOB).
     """
     target, place, force_n = job.target, job.place, job.grasp.max_force_n
     if target is not None:
         _require_target(station, target, reads_text)
+        if picture_px is not None and (why := outside_picture(target.pixel, target.box, picture_px)):
+            raise _bad("target.pixel" if target.box is None else "target.box", why)
     if place is not None and place.name is not None:
         _require_known(place.name, station.scene)
     if place is not None and place.position_m is not None:

@@ -5,18 +5,18 @@ from __future__ import annotations
 import difflib
 import hashlib
 import re
-import tomllib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from types import UnionType
-from typing import Annotated, Any, Literal, Union, get_args, get_origin
+from typing import Any
 
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from bus.errors import ConfigError
 from bus.first_mistake import field_name, reason
-from config.base import UNSHOWN, is_unicode
+from config.base import UNSHOWN
+from config.keys import keys_beside, nearest
+from config.overrides import Override, applied, around, named, set_by
 from config.schema import Station
 from config.toml_file import parsed, read_text
 
@@ -32,14 +32,19 @@ _BESIDE_THE_FILE = (
 )
 
 
-def load_station(path: Path | None = None, overrides: Iterable[str] = ()) -> Station:
+def load_station(
+    path: Path | None = None, overrides: Iterable[str] = (), *, given_by: Mapping[str, str] | None = None
+) -> Station:
     """Return the station of the file ``path`` (default: the simulated cell) with ``overrides`` like ``sim.pace=1``.
 
+    Args:
+        given_by: as in `station_from`.
+
     Raises:
-        ConfigError: names the key and the accepted values.
+        ConfigError: names the key, where it was given, and the accepted values.
     """
     file = path or DEFAULT_STATION
-    return station_from(tree_of(file, read_text(file)), overrides, source=str(file))
+    return station_from(tree_of(file, read_text(file)), overrides, source=str(file), given_by=given_by)
 
 
 def tree_of(file: Path, text: str) -> dict[str, Any]:
@@ -53,23 +58,31 @@ def tree_of(file: Path, text: str) -> dict[str, Any]:
     return tree
 
 
-def station_from(tree: dict[str, Any], overrides: Iterable[str] = (), *, source: str = "the station") -> Station:
+def station_from(
+    tree: dict[str, Any],
+    overrides: Iterable[str] = (),
+    *,
+    source: str = "the station",
+    given_by: Mapping[str, str] | None = None,
+) -> Station:
     """Return the station of a parsed tree (of a TOML file, or of a recording) with ``overrides`` applied.
 
     Args:
         tree: it stays as it is.
-        source: name of the tree's origin, for error texts.
+        source: name of the tree's origin, for error texts. ``given_by``: where overrides were given, by their keys, as
+            ``{"sim.seed": "--seed"}``; else it was by ``--set``.
 
     Raises:
-        ConfigError: names the key and the accepted values.
+        ConfigError: names the key, where it was given, and the accepted values.
     """
-    tree = dict(tree)
-    for override in overrides:
-        _apply(tree, override)
+    given = named(overrides, given_by)
     try:
-        return Station.model_validate(tree)
+        return Station.model_validate(applied(tree, given))
     except ValidationError as error:
-        raise ConfigError(*_said(error, source)) from error
+        first = error.errors()[0]
+        blamed = _blamed(tree, given, first)
+        said = _of_file(first, source) if blamed is None else _of_override(first, blamed)
+        raise ConfigError(*said) from error
 
 
 def station_hash(station: Station) -> str:
@@ -88,98 +101,92 @@ def _place(tree: dict[str, Any], folder: Path) -> None:
             node[leaf] = str(folder / named)
 
 
-def _apply(tree: dict[str, Any], override: str) -> None:
-    key, equals, text = override.partition("=")
-    if not is_unicode(override):
-        raise ConfigError(f"What is given for {key!r} is not UTF-8 text.", "Rename it, or set the terminal to UTF-8.")
-    if not equals or not key.strip():
-        raise ConfigError(f"--set {override!r} is not of the form key=value.", "Example: --set sim.pace=1")
-    *path, leaf = key.strip().split(".")
-    node = tree
-    for part in path:
-        child = node.get(part, {})
-        if not isinstance(child, dict):
-            raise ConfigError(f"--set {override!r}: {part!r} has no keys below it.")
-        node[part] = node = dict(child)  # a recording's station stays as it is
-    node[leaf] = _value(text.strip(), _takes_text([*path, leaf]))
+def _blamed(tree: dict[str, Any], given: Sequence[Override], mistake: ErrorDetails) -> Override | None:
+    """Return the override that makes a mistake; None = the tree does, as it was before."""
+    place = tuple(str(part) for part in mistake["loc"])
+    if (own := set_by(given, place)) is not None or _is_in(tree, mistake):
+        return own
+    suspects = around(given, place)
+    cured = (one for one in suspects if not _is_in(applied(tree, [left for left in given if left is not one]), mistake))
+    return next(cured, suspects[0] if suspects else None)
 
 
-def _value(text: str, takes_text: bool) -> Any:
-    """Parse a TOML value; keep the text where it is none, or where text is wanted (so that neither needs quotes)."""
+def _is_in(tree: dict[str, Any], mistake: ErrorDetails) -> bool:
     try:
-        tree = tomllib.loads(f"value = {text}")
-    except (ValueError, RecursionError):
-        return text
-    value = tree["value"]
-    return text if len(tree) > 1 or (takes_text and not isinstance(value, str)) else value
+        Station.model_validate(tree)
+    except ValidationError as error:
+        return any((one["loc"], one["type"]) == (mistake["loc"], mistake["type"]) for one in error.errors())
+    return False
 
 
-def _takes_text(path: Sequence[str]) -> bool:
-    """Whether the setting at ``path`` is a text or a path, and never a number."""
-    kinds: list[Any] = [Station]
-    for part in path:
-        kinds = [inner for kind in kinds for inner in _below(kind, part)]
-    types = [kind for kind in kinds if isinstance(kind, type)]
-    return any(issubclass(kind, (str, Path)) for kind in types) and not any(issubclass(kind, int) for kind in types)
-
-
-def _below(kind: Any, part: str) -> list[Any]:
-    """Return the types of the setting ``part`` in a table of this ``kind``; empty when there is none."""
-    if isinstance(kind, type) and issubclass(kind, BaseModel):
-        return _plain(kind.model_fields[part].annotation) if part in kind.model_fields else []
-    return _plain(get_args(kind)[1]) if get_origin(kind) is dict else []
-
-
-def _plain(annotation: Any) -> list[Any]:
-    """Return the types behind an annotation, of each of its alternatives."""
-    origin, arguments = get_origin(annotation), get_args(annotation)
-    if origin is Annotated:
-        return _plain(arguments[0])
-    if origin in (Union, UnionType):
-        return [kind for one in arguments for kind in _plain(one)]
-    return [type(one) for one in arguments] if origin is Literal else [annotation]
-
-
-def _said(error: ValidationError, source: str) -> tuple[str, str]:
-    """Return the first mistake and the advice for it, for a person; ``source``: where it stands."""
-    first = error.errors()[0]
-    where, (text, advice) = field_name(first), explained(first)
-    if first["type"] == "extra_forbidden":
-        return f"Unknown key {where!r} in {source}.", advice
+def _of_file(mistake: ErrorDetails, source: str) -> tuple[str, str]:
+    """Return a mistake of the tree, and the advice for it, for a person; ``source``: where it stands."""
+    where, (text, advice) = field_name(mistake), explained(mistake, source)
+    if mistake["type"] == "extra_forbidden":
+        return f"Unknown key {where!r} in {source}.", _meant(mistake["loc"])
     if text == MISSING:
         return f"{where} {text} in {source}.", advice
     return f"{where or source}: {text}.", advice
 
 
-def explained(mistake: ErrorDetails) -> tuple[str, str]:
-    """Return what is wrong with one setting, without its name and without a full stop, and the advice for it."""
+def _of_override(mistake: ErrorDetails, given: Override) -> tuple[str, str]:
+    """Return a mistake that an override makes, and the advice for it."""
+    place = tuple(str(part) for part in mistake["loc"])
+    text, advice = explained(mistake, given.where)
+    if mistake["type"] == "extra_forbidden":
+        whole = given.path if given.path[: len(place)] == place else place
+        return f"Unknown key {_dotted(whole)!r} in {given.where}.", _meant(whole)
+    if text == MISSING:
+        return f"{_dotted(place)} {text}, with {given.where}.", "Give it, too."
+    return f"{_dotted(place or given.path)}: {text}.", advice
+
+
+def _dotted(path: Sequence[int | str]) -> str:
+    return ".".join(str(part) for part in path)
+
+
+def _meant(path: Sequence[int | str], beside: str = "") -> str:
+    """Return the setting that was meant by an unknown one, or those that there are in its table.
+
+    Args:
+        beside: left out of the name, where the reader is told the table.
+    """
+    near = nearest([str(part) for part in path])
+    return f"Did you mean {near.removeprefix(beside)!r}?" if near else f"Known here: {', '.join(keys_beside(path))}."
+
+
+def explained(mistake: ErrorDetails, where: str) -> tuple[str, str]:
+    """Return what is wrong with one setting, without its name and without a full stop, and the advice for it.
+
+    Args:
+        where: it was given: what is to be corrected.
+    """
     location, kind = mistake["loc"], mistake["type"]
     if kind == "extra_forbidden":
-        near = difflib.get_close_matches(str(location[-1]), names := _keys_beside(location), n=1)
-        return "unknown key", f"Did you mean {near[0]!r}?" if near else f"Known here: {', '.join(names)}."
+        return "unknown key", _meant(location, beside=f"{_dotted(location[:-1])}.")
     if kind == "missing" and location == ("nodes",):
         return MISSING, "Is this a part of a station file? `cell config new FILE [--simulated]` writes a whole one."
     if kind == "missing" and not isinstance(location[-1], int):
-        return MISSING, f"Give it in [{table}]." if (table := named(location[:-1])) else "Give it."
+        return MISSING, f"Give it in [{table}]." if (table := in_words(location[:-1])) else "Give it."
     text = reason(mistake).replace("Input should be", "must be")
     if kind == "missing":
         text = f"{len(mistake['input'])} numbers are too few"
-    return f"{text}{_given(mistake)}", _corrected(mistake)
+    return f"{text}{_given(mistake)}", _corrected(mistake, where)
 
 
-def named(path: Sequence[int | str]) -> str:
+def in_words(path: Sequence[int | str]) -> str:
     """A table's or a setting's name: ``scene.bins.2.size_m`` is in the second of the bins."""
     return ".".join(str(part + 1) if isinstance(part, int) else part for part in path)
 
 
-def _corrected(mistake: ErrorDetails) -> str:
+def _corrected(mistake: ErrorDetails, where: str) -> str:
     """Return what to do about a value that cannot be: the word that was meant, if it is like one of those there are."""
     given, words = mistake.get("input"), mistake.get("ctx", {}).get("expected", "")
     if mistake["type"] == "literal_error" and isinstance(given, str):
         near = difflib.get_close_matches(given, re.findall(r"'([^']*)'", words), n=1)
         if near:
             return f"Did you mean {near[0]!r}?"
-    return "Correct it in the station file or with --set."
+    return f"Correct {where}."
 
 
 def _given(mistake: ErrorDetails) -> str:
@@ -187,11 +194,3 @@ def _given(mistake: ErrorDetails) -> str:
         return ""
     given = repr(mistake.get("input"))
     return f" (given: {given if len(given) <= _LONGEST_GIVEN else given[:_LONGEST_GIVEN] + '...'})"
-
-
-def _keys_beside(location: tuple[int | str, ...]) -> list[str]:
-    kinds: list[Any] = [Station]
-    for part in location[:-1]:
-        kinds = [inner for kind in kinds for inner in _below(kind, str(part))] or kinds
-    models = [kind for kind in kinds if isinstance(kind, type) and issubclass(kind, BaseModel)]
-    return sorted(key for model in models for key in model.model_fields)

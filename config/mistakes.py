@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from pydantic import ValidationError
 
-from config.load import explained, named, tree_of
+from config.load import explained, in_words, tree_of
 from config.origins import Place, lines_of
 from config.schema import Station
 from config.toml_file import BYTE_ORDER_MARK, read_text
@@ -52,12 +52,14 @@ def _mistakes(error: ValidationError, tree: dict[str, Any], file: str, lines: di
     """One mistake a setting, with all that is said of it: each type that it may have says something of its own."""
     said: dict[Place, list[tuple[str, str]]] = {}
     for one in error.errors():
-        said.setdefault(_place(one["loc"], tree), []).append(explained(one))
+        said.setdefault(_place(one["loc"], tree), []).append(explained(one, "it there"))
     found = []
     for place, reasons in said.items():
         texts = list(dict.fromkeys(text for text, _ in reasons))
-        field = named(place[-1:]) or "the whole"
-        found.append(Mistake(file, _line(place, lines), named(place[:-1]), field, ", or ".join(texts), reasons[0][1]))
+        field = in_words(place[-1:]) or "the whole"
+        found.append(
+            Mistake(file, _line(place, lines), in_words(place[:-1]), field, ", or ".join(texts), reasons[0][1])
+        )
     return sorted(found, key=lambda one: one.line or 0)
 
 

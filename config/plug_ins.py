@@ -7,6 +7,7 @@ without is called with the station alone.
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
@@ -14,7 +15,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from bus.errors import CellError, ConfigError
+from bus.errors import CellError, ConfigError, PlugInMissing
 from bus.first_mistake import first_mistake
 from bus.redaction import quoted
 from config.schema import Station
@@ -66,7 +67,7 @@ class Group:
         return tuple(sorted({*self.reserved, *(point.name for point in self.points())}))
 
     def require(self, name: str) -> None:
-        """Raises: ConfigError, listing what there is, when nothing is called ``name``."""
+        """Raises: PlugInMissing, listing what there is, when nothing is called ``name``; ConfigError: it is renamed."""
         if name in self.names():
             return
         if renamed := [
@@ -74,7 +75,20 @@ class Group:
         ]:
             what = f"The {self.kind} {name!r} of {renamed[0]} is in the group {self.former}: it is {self.name} now."
             raise ConfigError(what, "Rename the group in that package's pyproject.toml, and install it again.")
-        raise ConfigError(f"Unknown {self.kind} {name!r}.", f"{self.key} is one of: {', '.join(self.names())}.")
+        raise PlugInMissing(
+            f"Unknown {self.kind} {name!r}.",
+            f"{self.key} is one of: {', '.join(self.names())}.",
+            kind=self.kind,
+            name=name,
+            key=self.key,
+            group=self.name,
+        )
+
+    def package_of(self, name: str) -> str:
+        """Return the package of another maker that brings ``name``, with its version; "" for ours, and for none."""
+        if name in self.reserved:
+            return ""
+        return next((packaged(one) for one in self.points() if one.name == name and not _is_ours(one)), "")
 
     def why_not(self, point: EntryPoint) -> str | None:
         """Return why a station cannot use this entry point because of its name; None = it can."""
@@ -135,7 +149,7 @@ class Group:
         if model is None:
             if given:
                 what = f"{where}.{next(iter(given))}: the {self.kind} {name!r} has no settings."
-                raise ConfigError(what, f"Leave [{where}] out.")
+                raise ConfigError(what, f"Leave {where} out.")
             return None
         try:
             return model.model_validate(dict(given))
@@ -152,9 +166,12 @@ def model_of(factory: object) -> type[BaseModel] | None:
 
 
 def _explained(error: ValidationError, model: type[BaseModel], whose: str, where: str) -> tuple[str, str]:
-    known = ", ".join(model.model_fields) or "none"
     what = f"{first_mistake(error, inside=where)} (the {whose} says)."
-    return what, f"Correct [{where}] in the station file. Its settings: {known}."
+    first = error.errors()[0]
+    near = difflib.get_close_matches(str(first["loc"][-1]), model.model_fields, n=1) if first["loc"] else []
+    meant = f"Did you mean '{where}.{near[0]}'? " if near and first["type"] == "extra_forbidden" else ""
+    known = ", ".join(model.model_fields) or "none"
+    return what, f"{meant}Correct it where it is given. Its settings: {known}."
 
 
 def _is_ours(point: EntryPoint) -> bool:

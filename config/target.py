@@ -61,3 +61,19 @@ class Label(Settings):
             if low > high:
                 raise ValueError(f"the label {self.name!r}: from the least to the most, not {low} to {high}")
         return self
+
+
+def outside_picture(
+    pixel: tuple[float, float] | None, box: tuple[float, float, float, float] | None, picture_px: tuple[int, int]
+) -> str:
+    """Say that a pixel, or the whole of a box, is outside a picture of so many pixels (width, height); "" = it is not.
+
+    Args:
+        pixel: (u, v). ``box``: (u_min, v_min, u_max, v_max).
+    """
+    width, height = picture_px
+    u_min, v_min, u_max, v_max = box or (*(pixel or (0.0, 0.0)), *(pixel or (0.0, 0.0)))
+    if u_max >= 0 and v_max >= 0 and u_min < width and v_min < height:
+        return ""
+    what = f"the box {box}" if box is not None else f"the pixel ({u_min:g}, {v_min:g})"
+    return f"{what} is outside the picture, which has {width} x {height} pixels"

@@ -226,7 +226,7 @@ takes:
 from vlad_cell import read_cycle
 
 cycle = read_cycle("recordings/DAY/CYCLE_ID.mcap")
-print(cycle.outcome, cycle.code, cycle.reason)
+print(cycle.result, cycle.code, cycle.reason)
 print(cycle.color.shape, cycle.depth_m.shape, cycle.joints.q_rad.shape)
 cycle.picture().save("grasp.png")
 ```

@@ -82,14 +82,12 @@ def _what_if(cycle: Cycle) -> None:
 
 def _objects(cycles: list[Cycle]) -> None:
     """The grasps on objects of a folder of one's own."""
-    tiles = [
-        titled(f"{cycle.outcome}: {_name(cycle)}", _near(cycle, cycle.picture().rgb), _TILE_PX) for cycle in cycles
-    ]
+    tiles = [titled(f"{cycle.result}: {_name(cycle)}", _near(cycle, cycle.picture().rgb), _TILE_PX) for cycle in cycles]
     save(row(tiles), FOLDER / "own_objects.jpg")
 
 
 def _name(cycle: Cycle) -> str:
-    return cycle.result.object if cycle.result is not None else ""
+    return cycle.record.result.object if cycle.record.result is not None else ""
 
 
 def _pages(held: Cycle, failed: Cycle, folder: Path) -> None:

@@ -21,6 +21,7 @@ _RUN = {
     "robot_model_sha256": "Of the robot's description and its collision meshes.",
     "commit": 'Of the checkout; "unknown" without git.',
     "dirty": "Whether the checkout had changes.",
+    "plug_ins": "The packages of other makers, by the setting that names what one brings: what a replay needs, too.",
     "python": "Version.",
 }
 
@@ -122,7 +123,7 @@ In Python ([api.md](api.md)):
 from vlad_cell import read_cycle
 
 cycle = read_cycle("recordings/DAY/CYCLE_ID.mcap")
-print(cycle.outcome, cycle.grasps[0].width_m, cycle.color.shape, cycle.joints.q_rad.shape)
+print(cycle.result, cycle.grasps[0].width_m, cycle.color.shape, cycle.joints.q_rad.shape)
 ```
 
 `cycle.looks` are the captures before the pick, each with its reason in `why`; `cycle.record.stages` has of every stage

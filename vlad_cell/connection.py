@@ -31,13 +31,9 @@ class Connection:
         settings: Settings | None = None,
         name: str = "python",
     ) -> None:
-        changed = dict(settings or {})
-        if endpoint:
-            changed["bus.endpoint"] = endpoint
-        if cell_id:
-            changed["cell_id"] = cell_id
-        station = station_of(config, changed)
-        if config is None and "cell_id" not in changed:
+        named = {"endpoint": ("bus.endpoint", endpoint or None), "cell_id": ("cell_id", cell_id or None)}
+        station = station_of(config, settings, named)
+        if config is None and not cell_id and "cell_id" not in (settings or {}):
             station = station.model_copy(update={"cell_id": _only_cell(station)})
         with ExitStack() as stack:
             self._open(station, name, stack)

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bus.errors import RecordingError
-from bus.messages import CameraModel, CycleResult, Observation
+from bus.messages import CameraModel, Observation
 from bus.messages import Detections as DetectionRecord
 from config.load import station_from
 from config.schema import Station
@@ -96,7 +96,8 @@ class Cycle:
 
     Attributes:
         path: of the recording.
-        record: everything that the recording says but pictures and joints: stages, states, events, calls of models.
+        record: everything that the recording says but pictures and joints: stages, states, events, calls of models;
+            ``record.result`` is the `CycleResult` that the client got, None when the cycle did not end.
     """
 
     path: Path
@@ -110,8 +111,10 @@ class Cycle:
     # --- how it ended -------------------------------------------------------------------------------------------------
 
     @property
-    def outcome(self) -> str:
-        """SUCCESS, FAILED, ABORTED or EMPTY; UNFINISHED or INTERRUPTED when its process ended before the cycle did."""
+    def result(self) -> str:
+        """As `CycleResult.result`: SUCCESS, FAILED, ABORTED or EMPTY; UNFINISHED or INTERRUPTED when its process ended
+        before the cycle did.
+        """
         return self._timeline.outcome
 
     @property
@@ -128,11 +131,6 @@ class Cycle:
     def advice(self) -> str:
         """The advice about a failure; "" for nothing."""
         return self._timeline.advice
-
-    @property
-    def result(self) -> CycleResult | None:
-        """The result as the cell told its client; None when the cycle did not end."""
-        return self.record.result
 
     @property
     def took_s(self) -> dict[str, float]:

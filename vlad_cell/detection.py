@@ -6,19 +6,21 @@ import os
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from bus.errors import BadFrame
-from bus.messages import CameraModel, Frame, Instance, Observation, Rectangle, View
+from bus.errors import CycleFailure
 from bus.messages import Detections as Record
+from bus.messages import Instance, Rectangle
 from logs.report.evidence import Choice
 from logs.report.images import annotated, crop
 from perception.detector import detect as vlad_grasp
 from perception.detector import ignore_reply
 from perception.models import open_models
+from vlad_cell.advice import FOR_AN_IMAGE
+from vlad_cell.arguments import observed
+from vlad_cell.in_view import require_in_view
 from vlad_cell.picture import Picture
 from vlad_cell.station import Config, Settings, station_of
 
@@ -116,11 +118,12 @@ def detect(
     choose so: that of your robot, or the middle of your table with z up.
 
     Args:
-        color: (H, W, 3) uint8, RGB.
+        color: (H, W, 3) uint8, RGB; what OpenCV reads is BGR: ``color[..., ::-1]``.
         depth_m: (H, W) depth along the optical axis in metres, in the same pixels as ``color``; 0 or NaN where nothing
             was measured.
-        K: (3, 3) intrinsics of the camera, or (4,) as fx, fy, cx, cy; in pixels.
+        K: (3, 3) intrinsics of the camera, or (4,) as fx, fy, cx, cy; in pixels of this picture.
         base_from_camera: (4, 4) pose of the camera in ``base``, in metres; optical frame: x right, y down, z forward.
+            The camera is above the table and sees something of the pick region.
         region_m: where objects are looked for: x_min, x_max, y_min, y_max in ``base``, in metres; None = the station's.
         distortion: OpenCV's coefficients of the lens (0, 4, 5, 8, 12 or 14 of them); leave it out for an undistorted
             image. Colour and depth have the same.
@@ -132,60 +135,22 @@ def detect(
         The grasps, the best first, with their evidence.
 
     Raises:
-        BadFrame: a size, a unit, an intrinsic or the pose cannot be; the text names it.
+        BadFrame: an argument cannot be; the text names it and says what was received, and what to pass instead.
         CycleFailure: there is no grasp; ``code`` says why (NO_OBJECT, NO_GRASP, TABLE_MOVED, NOT_SEEN, ...).
         ConfigError: a setting is wrong, or a model is not there.
     """
-    changed: dict[str, Any] = dict(settings or {})
-    if region_m is not None:
-        changed["scene.pick_region_m"] = [float(one) for one in region_m]
-    station = station_of(config, changed)
+    station = station_of(config, settings, {"region_m": ("scene.pick_region_m", region_m)})
     observation = observed(color, depth_m, K, base_from_camera, distortion)
+    require_in_view(observation, station)
     with closing(open_models(station, os.environ)) as models:
-        return Detections(vlad_grasp(observation, station, models, ignore_reply))
+        try:
+            return Detections(vlad_grasp(observation, station, models, ignore_reply))
+        except CycleFailure as failure:
+            failure.advice = FOR_AN_IMAGE.get(failure.failure, failure.advice)
+            raise
 
 
 def drawn(record: Record, chosen: Choice, *, close_up: bool) -> Picture:
     """The colour image, or the part of it around the object, with the grasps: chosen, rejected, others."""
     image = annotated(record, *chosen)
     return Picture(crop(image, record.evidence.object_mask) if close_up else image)
-
-
-def observed(
-    color: npt.ArrayLike,
-    depth_m: npt.ArrayLike,
-    K: npt.ArrayLike,
-    base_from_camera: npt.ArrayLike,
-    distortion: Sequence[float] = (),
-) -> Observation:
-    """The arrays as the observation that a cell would make of them. Raises: BadFrame."""
-    color, depth_m = np.asarray(color), np.asarray(depth_m)
-    if depth_m.ndim != 2 or depth_m.shape != color.shape[:2]:
-        raise BadFrame(
-            f"depth_m has the shape {depth_m.shape}, and color {color.shape}; depth is (H, W) in the pixels of color.",
-            "Register the depth to the colour image first.",
-        )
-    camera = _camera(np.asarray(K), color.shape[1], color.shape[0], distortion)
-    frame = Frame(
-        stamp_ns=0,
-        color=color,
-        depth_m=depth_m.astype(np.float32),
-        color_camera=camera,
-        depth_camera=camera,
-        color_from_depth=np.eye(4),
-    )
-    return Observation(view=View(stamp_ns=0, base_from_color=np.asarray(base_from_camera, dtype=float)), frame=frame)
-
-
-def _camera(K: npt.NDArray[Any], width: int, height: int, distortion: Sequence[float]) -> CameraModel:
-    if K.shape == (3, 3):
-        if K[0, 1] or K[1, 0] or K[2].tolist() != [0, 0, 1]:
-            raise BadFrame(
-                "K is no matrix of a pinhole camera.", "It is [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], in pixels."
-            )
-        K = K[[0, 1, 0, 1], [0, 1, 2, 2]]
-    if K.shape != (4,):
-        raise BadFrame(f"K has the shape {K.shape}.", "It is (3, 3), or (4,) as fx, fy, cx, cy, in pixels.")
-    fx, fy, cx, cy = (float(one) for one in K)
-    lens = tuple(float(one) for one in distortion)
-    return CameraModel(width=width, height=height, fx=fx, fy=fy, cx=cx, cy=cy, distortion=lens)

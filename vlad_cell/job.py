@@ -38,7 +38,10 @@ def place_of(place: ToLay) -> Place | None:
         return place
     if isinstance(place, str):
         return Place(name=place)
-    numbers = [float(one) for one in place]
+    try:
+        numbers = [float(one) for one in place]
+    except (TypeError, ValueError) as error:
+        raise ConfigError(f"place is {place!r}.", "It is a name, a Place, or x, y, z [m] in base.") from error
     if len(numbers) not in (3, 4):
         raise ConfigError(
             f"place has {len(numbers)} numbers.", "They are x, y, z [m] in base, and perhaps a heading [rad]."

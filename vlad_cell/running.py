@@ -61,11 +61,14 @@ class Cell(StateCommands):
 
         Raises: ConfigError for a wrong setting, or a station with real devices; what keeps the cell from starting.
         """
-        named = {"sim.seed": seed, "sim.objects": objects, "recording.folder": folder}
-        given = {key: value for key, value in named.items() if value is not None}
+        named = {
+            "seed": ("sim.seed", seed),
+            "objects": ("sim.objects", objects),
+            "folder": ("recording.folder", folder),
+        }
         cell = cls.__new__(cls)
         with ExitStack() as stack:
-            station = stack.enter_context(running(station_of(config, {**given, **(settings or {})})))
+            station = stack.enter_context(running(station_of(config, settings, named)))
             cell._open(station, "python", stack)
         return cell
 

@@ -17,15 +17,31 @@ Settings = Mapping[str, Any]
 """Settings by their full names, as ``{"scene.pick_region_m": [0.3, 0.6, -0.2, 0.2]}``."""
 
 
-def station_of(config: Config = None, settings: Settings | None = None) -> Station:
-    """The station with these settings changed. Raises: ConfigError, which names the key and what is accepted."""
-    overrides = [f"{key}={_written(key, value)}" for key, value in (settings or {}).items()]
+def station_of(
+    config: Config = None, settings: Settings | None = None, arguments: Mapping[str, tuple[str, Any]] | None = None
+) -> Station:
+    """The station with these settings changed.
+
+    Args:
+        arguments: what else is set, of a caller's arguments: ``{"region_m": ("scene.pick_region_m", [0, 1, 0, 1])}``;
+            without those that are None. They count, and not the settings.
+
+    Raises: ConfigError, which names the key, the argument that gave it, and what is accepted.
+    """
+    given: dict[str, Any] = dict(settings or {})
+    given_by = {key: f"settings[{key!r}]" for key in given}
+    for name, (key, value) in (arguments or {}).items():
+        if value is not None:
+            given[key], given_by[key] = value, name
+    overrides = [f"{key}={_written(key, value, given_by[key])}" for key, value in given.items()]
     if not isinstance(config, Station):
-        return load_station(Path(config) if config is not None else None, overrides)
-    return station_from(config.model_dump(mode="json"), overrides) if overrides else config
+        return load_station(Path(config) if config is not None else None, overrides, given_by=given_by)
+    if not overrides:
+        return config
+    return station_from(config.model_dump(mode="json"), overrides, source="config", given_by=given_by)
 
 
-def _written(key: str, value: Any) -> str:
+def _written(key: str, value: Any, where: str) -> str:
     """The value as TOML writes it: numbers, texts, booleans and lists of them are the same in JSON."""
     if isinstance(value, Path):
         value = str(value)
@@ -33,5 +49,5 @@ def _written(key: str, value: Any) -> str:
         return json.dumps(value.tolist() if hasattr(value, "tolist") else value)
     except TypeError as error:
         raise ConfigError(
-            f"{key} is of {type(value).__name__}.", "A setting is a number, a text, a boolean or a list of them."
+            f"{key} is of {type(value).__name__}.", f"Correct {where}: a number, a text, a boolean or a list of them."
         ) from error

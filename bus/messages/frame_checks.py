@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from pydantic import ValidationError
 
-from bus.codes import ADVICE, Code
 from bus.errors import BadFrame
 from bus.first_mistake import first_mistake
 from bus.frozen import Message
@@ -27,6 +26,7 @@ else:
 
 LENSES = (0, 4, 5, 8, 12, 14)
 """The numbers of distortion coefficients that OpenCV accepts."""
+MADE_WRONG = "Correct that field where it is made, in the camera's driver or your program: see docs/frames.md."
 _RIGID = 2e-3
 """Largest deviation of a rotation from an orthonormal one; a quaternion whose length is off by 1e-3 gives as much."""
 _FARTHEST_M, _NEAREST_M = 20.0, 0.02
@@ -120,5 +120,5 @@ def require_metres(field: str, depth_m: npt.NDArray[np.float32]) -> None:
 
 
 def bad(text: str) -> BadFrame:
-    """The error about a field, with the advice of its code."""
-    return BadFrame(text, ADVICE[Code.BAD_FRAME])
+    """The error about a field, with advice for whoever made it: the operator of a cell gets that of `bus.codes`."""
+    return BadFrame(text, MADE_WRONG)

@@ -28,7 +28,8 @@ class LivePicture(Message):
     Attributes:
         media_type: of ``data``.
         stamp_ns: of the frame, UTC; `bus.messages.Target.picture_ns` of who points into it.
-        data: the file, RGB, of ``media_type``.
+        data: the file, RGB, of ``media_type``. A PNG file has a text chunk ``pick region``, JSON: that region's corners
+            on the table, [[u, v], ...] in its pixels. What lies beyond, as in the tray, is no target.
         from_capture_pose: it was taken from where the cell looks for things: one may point into it.
         things_ns: the stamp of the last picture in which things were found, where it was taken from the same place: its
             outlines fit this one, as long as nobody has moved anything; 0 = they do not.

@@ -26,7 +26,8 @@ def fleet(
 ) -> None:
     """Every cell that can be seen from here: state, stage, since when, why, and what is wrong with it."""
     extra = [f"bus.endpoint={endpoint}"] if endpoint is not None else []
-    members = seen.fleet(load_station(config, [*(overrides or []), *extra]))
+    options = {"bus.endpoint": "--endpoint"} if extra else {}
+    members = seen.fleet(load_station(config, [*(overrides or []), *extra], given_by=options))
     if as_json:
         out.json([member.to_json() for member in members])
         return

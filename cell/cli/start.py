@@ -67,7 +67,8 @@ def start(
         raise typer.BadParameter("--cycles and --until-empty exclude each other: a number of picks, or all of them.")
     extra = [f"sim.seed={seed}"] if seed is not None else []
     extra += [f"sim.objects={objects}"] if objects is not None else []
-    station = load_station(config, [*(overrides or []), *extra])
+    options = {"sim.seed": "--seed", "sim.objects": "--objects"} if extra else {}
+    station = load_station(config, [*(overrides or []), *extra], given_by=options)
     named = {"opcua": opcua, "http": http}
     doors = wanted_doors(station, *(name for name, is_named in named.items() if is_named))
     if foxglove:

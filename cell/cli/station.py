@@ -12,6 +12,7 @@ from bus.errors import ConfigError
 from cell.cli.options import Config, Json, Set
 from cell.terminal.printing import out
 from config.json_schema import station_schema
+from config.keys import nearest
 from config.load import DEFAULT_STATION, load_station
 from config.mistakes import mistakes_in
 from config.new_station import cell_id_of, new_station
@@ -47,7 +48,9 @@ def show(
         if _is_in(one.name, section) and not (changed and one.origin == "default")
     ]
     if section and not found and not changed:
-        raise ConfigError(f"There is no setting {section!r}.", "`cell config show` lists all of them.")
+        near = nearest(section.split("."))
+        meant = f"Did you mean {near!r}? " if near else ""
+        raise ConfigError(f"There is no setting {section!r}.", f"{meant}`cell config show` lists all of them.")
     if as_json:
         out.json({one.name: {"value": _plain(one.value), "origin": one.origin} for one in found})
         return

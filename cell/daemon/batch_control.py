@@ -34,6 +34,7 @@ class BatchControl:
         reads_text: a model finds targets by any words.
         rest: brings a motion by hand to rest.
         resolved: gives a job with what it points at in a picture. It raises Refused.
+        picture_px: gives width and height of the camera's pictures; None = not known yet.
     """
 
     def __init__(
@@ -45,8 +46,9 @@ class BatchControl:
         reads_text: bool = False,
         rest: Callable[[], None] = lambda: None,
         resolved: Callable[[Job], Job] = lambda job: job,
+        picture_px: Callable[[], tuple[int, int] | None] = lambda: None,
     ) -> None:
-        self._rest, self._resolved = rest, resolved
+        self._rest, self._resolved, self._picture_px = rest, resolved, picture_px
         self._actions, self._publisher, self._station, self._reads_text = actions, publisher, station, reads_text
         self._machine: Machine | None = None
         self._queue = JobQueue(station.queue.max)
@@ -125,7 +127,8 @@ class BatchControl:
     def _possible(self, request: CommandRequest) -> CommandRequest:
         """The request with what it points at; refuse what table, station or place cannot do. Raises: Refused."""
         self._actions.table.require_possible(request)
-        require_possible(self._station, request.job, reads_text=self._reads_text)
+        picture_px = self._picture_px()
+        require_possible(self._station, request.job, reads_text=self._reads_text, picture_px=picture_px)
         full = self._why_full(request)
         if full:
             raise Refused(full, "Empty it, then `cell stop` and `cell reset`: they begin to count anew.",

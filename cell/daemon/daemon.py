@@ -25,6 +25,7 @@ from cell.daemon.live_picture import LivePictures
 from cell.daemon.manual import Manual
 from cell.daemon.pointed import Pointed
 from cell.daemon.publisher import Observer, Publisher
+from cell.daemon.sized_camera import SizedCamera
 from cell.machine.hold_state import HoldState
 from cell.machine.leases import CELL_CLIENT, Leases
 from cell.machine.owner import TURN_S, Action, Machine, refuse
@@ -87,7 +88,8 @@ class Daemon:
             bus, views, observer, lambda: self._actions.cycle_id, lambda: self._batches.jobs, lambda: self._manual.mode
         )
         hold_state = HoldState()
-        equipment = Equipment(camera, arm, hand, robot, station, models)
+        sized = SizedCamera(camera)
+        equipment = Equipment(sized, arm, hand, robot, station, models)
         self._manual = Manual(equipment, hold_state.gate, self.publisher, self._post_stop)
         self._pointed = Pointed()
         self._actions = Actions(
@@ -110,6 +112,7 @@ class Daemon:
             reads_text=reads_text,
             rest=self._manual.rest,
             resolved=self._pointed.resolved,
+            picture_px=lambda: sized.size_px,
         )
         of_holder = frozenset({"approve"} if station.execute.approve == "holder" else ())
         self._leases = Leases(

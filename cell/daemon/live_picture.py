@@ -11,6 +11,7 @@ import numpy.typing as npt
 from bus.errors import BadPayload, Refused
 from bus.messages import LivePicture, Observation, PictureRequest
 from bus.messages.live_picture import PictureType
+from cell.daemon.noted_png import with_region
 from cell.daemon.pointed import Pointed
 from cell.pick.capture import capture
 from cell.pick.equipment import Equipment
@@ -62,9 +63,10 @@ class LivePictures:
                 "Reset the cell: it goes there.",
                 code="PICTURE_ELSEWHERE",
             )
+        data = encoded(undistorted(seen.frame), request.media_type)
         return LivePicture(
             stamp_ns=seen.frame.stamp_ns,
-            data=encoded(undistorted(seen.frame), request.media_type),
+            data=with_region(data, seen, self._e.station) if request.media_type == "image/png" else data,
             media_type=request.media_type,
             from_capture_pose=self._is_from_capture_pose(seen),
             things_ns=things_ns,

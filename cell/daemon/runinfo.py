@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import subprocess
 import sys
 import time
@@ -12,9 +13,14 @@ from pathlib import Path
 
 from bus.errors import RecordingError
 from config.load import station_hash
+from config.plug_ins import Group
 from config.schema import Station
+from drivers.node import registry as drivers
 from logs.mcap.migrate import SCHEMA_VERSION
+from logs.mcap.reader import PLUG_INS
 from logs.mcap.recorder import Recorder, Under
+from perception.detectors import registry as detectors
+from perception.models import registry as models
 from planning.description import ASSETS, describe
 
 _GIT_TIMEOUT_S = 1.0
@@ -36,6 +42,7 @@ def run_info(configured: Station, cycle_id: str) -> dict[str, str]:
         "seed": str(configured.sim.seed),
         "robot_model_sha256": _robot_model(robot_description(configured)),
         **_commit(),
+        PLUG_INS: json.dumps(_plug_ins(configured)),
         "python": sys.version.split()[0],
         **{package: _version(package) for package in _PACKAGES},
     }
@@ -72,6 +79,21 @@ def _version(package: str) -> str:
         return version(package)
     except PackageNotFoundError:
         return "unknown"
+
+
+def _plug_ins(station: Station) -> dict[str, str]:
+    """The packages of other makers that the station uses, by the setting that names what they bring."""
+    used = {
+        "perception.detector": (detectors.GROUP, station.perception.detector),
+        "perception.model": (models.GROUP, station.perception.model),
+        **{f"nodes.{node}.driver": (drivers.GROUP, one.driver) for node, one in station.nodes.items()},
+    }
+    return {key: package for key, (group, name) in used.items() if (package := _package(group, name))}
+
+
+@cache
+def _package(group: Group, name: str) -> str:
+    return group.package_of(name)
 
 
 def _model_name(station: Station) -> str:

@@ -16,9 +16,8 @@ from cell.http.door import Door
 from cell.http.events import SESSION
 from cell.http.waiting import at_rest, attended
 from cell.machine.leases import NEEDS_LEASE, NEEDS_TOKEN
-from cell.machine.states import ANSWERS, BESIDE, COMMANDS, ENDING
+from cell.machine.states import ANSWERS, ENDING, VERBS
 
-VERBS = (*COMMANDS, *BESIDE)
 MOVES = NEEDS_LEASE | NEEDS_TOKEN
 """Commands that somebody must attend."""
 
@@ -27,7 +26,8 @@ async def command(request: Request, door: Door) -> Response:
     """Send one command, and answer what the cell answers. Raises: CellError."""
     verb = request.path_params["verb"]
     if verb not in VERBS:
-        raise Refused(f"There is no command {verb!r}.", "See `available`.", code="UNKNOWN_COMMAND", available=VERBS)
+        known = f"Commands: {', '.join(VERBS)}."
+        raise Refused(f"There is no command {verb!r}.", known, code="UNKNOWN_COMMAND", available=VERBS)
     require_right(request.state.role, verb)
     wanted, is_waited_for = decode(CommandRequest, await request.body() or b"{}"), _waits(request, verb)
     token = request.headers.get(SESSION)

@@ -11,7 +11,8 @@ from pydantic.json_schema import models_json_schema
 from bus.commands import ErrorReply
 from bus.frozen import Message
 from cell.http.events import SESSION
-from cell.http.routes import TABLE, VERBS, Served
+from cell.http.routes import TABLE, Served
+from cell.machine.states import VERBS
 
 _REF = "#/components/schemas/{model}"
 _ALWAYS = {

@@ -175,4 +175,3 @@ TABLE = (
     Served("GET", "/api/role", reading.role, "Who you are: operator or viewer."),
     Served("POST", "/api/login", reading.login, "Keep a token in a cookie, for a browser.", takes=reading.Login),
 )
-VERBS = commands.VERBS

@@ -96,6 +96,8 @@ COMMANDS: dict[str, dict[State, State]] = {
 """Command -> {from: to}. ``pick`` after a completed cycle resets first. Hold is for a reason of the operator or the
 cell,
 Suspend for one outside of the cell; both brake on the path and wait."""
+VERBS = (*COMMANDS, *BESIDE)
+"""Every command that a cell takes, in some state or mode."""
 
 _NEEDLESS = {
     "stop": "Nothing moves any more.",
@@ -154,7 +156,7 @@ def after_command(state: State, command: str) -> State:
     if arrows is None:
         raise Refused(
             f"There is no command {command!r}.",
-            f"Commands: {', '.join(COMMANDS)}.",
+            f"Commands: {', '.join(VERBS)}.",
             code="UNKNOWN_COMMAND",
             available=available(state),
         )

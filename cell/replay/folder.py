@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from bus.errors import CellError, PicturesTrimmed, RecordingError, StageNotReached
+from bus.errors import CellError, ConfigError, NotHere, PicturesTrimmed, RecordingError, StageNotReached
 from cell.replay.replay import Replay, Request, replay
 from cell.replay.view import EMPTY, to_json, verdict
 from cell.workers import LocalWorkers, WorkerLost, Workers, in_order
@@ -22,6 +22,8 @@ from planning.robot import Robot
 
 TRIMMED = "trimmed"
 """The pictures of the recording were taken out: nothing can be run again."""
+NOT_HERE = "not here"
+"""It can be read, and not be run again: a package or file that it needs is not here, or a setting is wrong."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +32,8 @@ class Judged:
 
     Attributes:
         verdict: of `cell.replay.view.verdict` (`EMPTY` also of a cycle that ended before the stages asked for),
-            `TRIMMED` or ``unreadable``. ``error``: why it was not replayed, or "".
+            `TRIMMED`, `NOT_HERE` or ``unreadable``.
+        error: why it was not replayed, or "".
         stages: rerun, each with whether it differs. ``fields``: those that differ. ``said``: of `to_json` if different.
         unread: the given settings that nothing read which ran again.
     """
@@ -46,7 +49,7 @@ class Judged:
     @property
     def in_words(self) -> str:
         """The verdict for a person."""
-        return f"{TRIMMED}: not replayed" if self.verdict == TRIMMED else self.verdict
+        return f"{self.verdict}: not replayed" if self.verdict in (TRIMMED, NOT_HERE) else self.verdict
 
 
 class Tally:
@@ -58,6 +61,7 @@ class Tally:
         self.fields: Counter[str] = Counter()
         self.different: list[dict[str, Any]] = []
         self.unreadable: dict[str, str] = {}
+        self.not_here: dict[str, str] = {}
         self._unread: set[str] | None = None
 
     def add(self, judged: Judged) -> None:
@@ -65,27 +69,30 @@ class Tally:
         if judged.error and judged.verdict == "unreadable":
             self.unreadable[shown(judged.path)] = judged.error
             return
+        if judged.verdict == NOT_HERE:
+            self.not_here[shown(judged.path)] = judged.error
         self.verdicts[judged.verdict] += 1
         for stage, differs in judged.stages:
             self.stages[stage] += differs
         self.fields.update(judged.fields)
-        if judged.verdict != TRIMMED:
+        if judged.verdict not in (TRIMMED, NOT_HERE):
             self._unread = set(judged.unread) if self._unread is None else self._unread & set(judged.unread)
         if judged.said is not None:
             self.different.append({"recording": shown(judged.path), **judged.said})
 
     @property
     def exit_code(self) -> int:
-        """0 equal, 1 different, 2 inconclusive: a recording is unreadable, or none holds a grasp to compare."""
+        """0 equal, 1 different, 2 inconclusive: one is unreadable or not to be run here, or none holds a grasp."""
         if self.verdicts["different"]:
             return 1
-        return 2 if self.unreadable or not self.verdicts["equal"] else 0
+        return 2 if self.unreadable or self.not_here or not self.verdicts["equal"] else 0
 
     def to_json(self) -> dict[str, Any]:
         """The counts as a JSON object: recordings, and those in which each stage and each field differs."""
         return {
             "cycles": self.verdicts.total() + len(self.unreadable),
             **{said: self.verdicts[said] for said in ("equal", "different", "empty", "trimmed")},
+            "not_here": self.not_here,
             "unreadable": self.unreadable,
             "stages": dict(self.stages),
             "fields": dict(self.fields.most_common()),
@@ -140,6 +147,8 @@ def judge(path: Path, request: Request) -> Judged:
         return Judged(path, TRIMMED, str(error))
     except StageNotReached as error:
         return Judged(path, EMPTY, str(error))
+    except (NotHere, ConfigError) as error:
+        return Judged(path, NOT_HERE, str(error))
     except CellError as error:
         return Judged(path, "unreadable", str(error))
     return _judged(path, outcome)

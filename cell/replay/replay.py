@@ -17,6 +17,7 @@ from bus.errors import ConfigError, CycleFailure, PicturesTrimmed, RecordingErro
 from bus.frozen import Message
 from bus.messages import Detections, Failure, ModelReply, PickPlan, StageName, StageRecord
 from cell.replay.compared_stages import STAGES, Stage
+from cell.replay.made_with import opening
 from config.load import station_from
 from config.reads import Reads, noted
 from config.schema import Station
@@ -139,8 +140,8 @@ def replay(record: CycleRecord, request: Request, robot_of: Callable[[Station], 
     Args:
         robot_of: builds the planning model of a station, which takes a second; it may cache it for many recordings.
 
-    Raises: StageNotReached when it holds none of the requested pure stages; PicturesTrimmed; ConfigError for a bad
-        override.
+    Raises: StageNotReached when it holds none of the requested pure stages; PicturesTrimmed; NotHere when a package or
+        file that it was made with is not on this machine; ConfigError for a bad override.
     """
     if record.trimmed:
         raise PicturesTrimmed(
@@ -151,7 +152,8 @@ def replay(record: CycleRecord, request: Request, robot_of: Callable[[Station], 
     reads, not_reached, replies = Reads(), dict[str, str](), list[ModelReply]()
     with noted(station, reads) if request.overrides else nullcontext():
         reads.reader = MODELS
-        robot, models = robot_of(station), request.models(station, record)
+        with opening(record, is_changed=bool(request.overrides)):
+            robot, models = robot_of(station), request.models(station, record)
         try:
             run = _chained if request.chained else _isolated
             made_of = _With(station, robot, models, reads, replies.append)

@@ -123,6 +123,8 @@ def show_tally(said: dict[str, Any], out: Printer) -> None:
     """Print a folder's summary for a person: first differences first, failures before figures."""
     for path, why in said["unreadable"].items():
         out.line(("unreadable", "red"), f" {path}: {why}")
+    for path, why in said["not_here"].items():
+        out.line(("not replayed", "yellow"), f" {path}: {why}")
     for one in said["differences"]:
         first = one["first_difference"]
         where = f"{first['stage']}/{first['step']}, {first['field']}"
@@ -134,6 +136,7 @@ def show_tally(said: dict[str, Any], out: Printer) -> None:
     counts = ", ".join(
         f"{said[name]} {name}" for name in ("equal", "different", "empty", "trimmed") if name != "trimmed" or said[name]
     )
+    counts += f", {len(said['not_here'])} not to be run here" if said["not_here"] else ""
     out.line(f"{said['cycles']} recordings: {counts}, {len(said['unreadable'])} unreadable")
 
 

@@ -57,6 +57,8 @@ _TOLD = (*STAGE_TOPICS, topics.ATTEMPT, topics.RESULT, topics.SCENE, topics.MODE
 STATION = "station.json"
 RECOVERED = "recovered"
 """Metadata key of a recovered recording; such a recording may end anywhere."""
+PLUG_INS = "plug_ins"
+"""Metadata key of the packages of other makers, a JSON object: by the setting that names what one brings."""
 _STATION_DEPTH = 32
 _HEALTH = re.compile(topics.NODE_HEALTH.key.format(name="[^/]+"))
 

@@ -13,10 +13,12 @@ from bus.arrays import Vector3
 from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.messages import Instance
-from bus.transforms import apply
+from bus.transforms import apply, inverse
 from config.schema import Station
+from config.target import outside_picture
 from config.words import understood
 from perception.geometry.crop import Mask
+from perception.geometry.lift import project
 from perception.goal.described import all_in_words, in_words, pixels_of, wanted_of
 from perception.goal.imagine import Conversation
 from perception.goal.prompts import prompt
@@ -134,6 +136,7 @@ def _described(
 
 
 def _in_box(scene: Scene, ranked: list[int], box: tuple[float, float, float, float]) -> list[int]:
+    _require_in_picture(None, box, scene.color_labels)
     inside = mostly_in_box(scene.color_labels, box)
     found = [number for number in ranked if number in inside]
     if not found:
@@ -159,10 +162,18 @@ def _at_point(scene: Scene, point_base: Sequence[float]) -> int:
     near = _near(scene, np.asarray(point_base))
     if not near:
         x, y = point_base[0], point_base[1]
+        where = "" if _is_in_picture(scene, np.asarray(point_base)) else " That point is outside the picture."
         raise CycleFailure(
-            Code.TARGET_NOT_FOUND, f"There is no object within {_NEAR_M * 1e3:.0f} mm of ({x:.3f}, {y:.3f})."
+            Code.TARGET_NOT_FOUND, f"There is no object within {_NEAR_M * 1e3:.0f} mm of ({x:.3f}, {y:.3f}).{where}"
         )
     return near[0]
+
+
+def _is_in_picture(scene: Scene, point_base: Vector3) -> bool:
+    """Whether the look that is shown has a point (3,) of ``base`` in it, seen or hidden."""
+    camera, at = scene.rgbd.camera, apply(inverse(scene.base_from_color), point_base[None])
+    ((u, v),) = project(at, camera)
+    return bool(at[0, 2] > 0 and 0 <= u < camera.width and 0 <= v < camera.height)
 
 
 def by_best_grasp(scene: Scene, closings: Closings) -> list[int]:
@@ -179,6 +190,7 @@ def at_pixel(scene: Scene, pixel: tuple[float, float]) -> int:
 
 def nearest_number(labels: npt.NDArray[np.integer[Any]], pixel: tuple[float, float]) -> int:
     """As `at_pixel`, in an image (H, W) of the things' numbers, 0 = none."""
+    _require_in_picture(pixel, None, labels)
     rows, columns = np.nonzero(labels)
     if not len(rows):
         raise CycleFailure(Code.TARGET_NOT_FOUND, "None of the things is in the picture that is shown.")
@@ -191,6 +203,17 @@ def nearest_number(labels: npt.NDArray[np.integer[Any]], pixel: tuple[float, flo
             f"{distance[nearest]:.0f} px away.",
         )
     return int(labels[rows[nearest], columns[nearest]])
+
+
+def _require_in_picture(
+    pixel: tuple[float, float] | None,
+    box: tuple[float, float, float, float] | None,
+    labels: npt.NDArray[np.integer[Any]],
+) -> None:
+    """Raises: CycleFailure(TARGET_NOT_FOUND) where a pixel or box is outside the picture of these labels (H, W)."""
+    height, width = labels.shape
+    if why := outside_picture(pixel, box, (width, height)):
+        raise CycleFailure(Code.TARGET_NOT_FOUND, f"{why[0].upper()}{why[1:]}.")
 
 
 def untried(scene: Scene, targets: list[int], failed_at: Sequence[Vector3]) -> list[int]:

@@ -100,8 +100,7 @@ def require_where_configured(table: Table, station: Station) -> None:
         raise CycleFailure(
             Code.TABLE_MOVED,
             f"The table is seen {table.offset_m * 1e3:+.0f} mm from where the station says, tilted by {tilt_deg:.1f}"
-            f" deg; {settings.tolerance_mm:.0f} mm and {settings.tolerance_deg:.1f} deg are tolerated. Calibrate the"
-            " camera (cell calibrate), or correct scene.table.",
+            f" deg; {settings.tolerance_mm:.0f} mm and {settings.tolerance_deg:.1f} deg are tolerated.",
         )
 
 

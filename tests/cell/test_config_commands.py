@@ -29,7 +29,7 @@ def test_show_of_one_setting_says_where_it_comes_from(in_process: Run) -> None:
 
 def test_show_of_no_setting_is_refused(in_process: Run) -> None:
     done = in_process("config", "show", "verfy")
-    assert done.returncode == 2 and "verfy" in done.stderr
+    assert done.returncode == 2 and "'verfy'. Did you mean 'verify'?" in done.stderr
 
 
 def test_check_prints_a_line_a_mistake_and_exits_2(in_process: Run, tmp_path: Path) -> None:

@@ -12,9 +12,9 @@ import pytest
 
 from bus.errors import BusError, NoReply, ReplyTimeout
 from cell.http.access import VARIABLES, Access
-from cell.http.routes import TABLE, VERBS
+from cell.http.routes import TABLE
 from cell.machine.leases import NEEDS_LEASE, NEEDS_TOKEN
-from cell.machine.states import ENDING
+from cell.machine.states import ENDING, VERBS
 from config.http import HttpSettings
 from tests.cell.http_bench import RESULT, Answer, Asked, FakeCell, door_of, refused
 
@@ -156,6 +156,7 @@ def test_a_refusal_has_code_reason_advice_and_what_is_available(desk: Desk) -> N
 def test_an_unknown_command_is_answered_with_those_there_are(desk: Desk) -> None:
     answer = desk.post("/api/commands/dance")
     assert (answer.status, said(answer)["available"]) == (404, list(VERBS))
+    assert ", ".join(VERBS) in said(answer)["advice"]
 
 
 @pytest.mark.parametrize(

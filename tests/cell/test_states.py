@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from bus.errors import Refused
-from cell.machine.states import COMMANDS, NEXT, State, after_command, available
+from cell.machine.states import ANSWERS, COMMANDS, MANUAL_MOTIONS, NEXT, State, after_command, available
 from docs.states_page import PAGE, page
 
 ACTING = {"Resetting", "Starting", "Execute", "Completing", "Holding", "Unholding", "Suspending", "Unsuspending",
@@ -83,9 +83,11 @@ def test_a_command_is_accepted_or_refused_with_reason_and_alternatives(state: St
 
 
 def test_an_unknown_command_lists_the_known_ones() -> None:
-    with pytest.raises(Refused, match="pick") as refusal:
+    with pytest.raises(Refused) as refusal:
         after_command(State.IDLE, "dance")
     assert refusal.value.code == "UNKNOWN_COMMAND"
+    listed = refusal.value.advice.removeprefix("Commands: ").removesuffix(".").split(", ")
+    assert set(listed) == {*COMMANDS, "cancel", *ANSWERS, "mode", *MANUAL_MOTIONS}
 
 
 def test_the_page_of_the_states_is_written_from_the_table() -> None:

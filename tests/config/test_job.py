@@ -64,6 +64,22 @@ def test_a_refusal_names_the_field_and_says_why(job: Job, field: str, why: str) 
     assert why in str(refused.value)
 
 
+@pytest.mark.parametrize("target", [
+    {"pixel": (1280, 90)}, {"pixel": (90, 720)}, {"box": (1280, 0, 1300, 90)}, {"box": (0, 720, 9, 800)},
+])  # fmt: skip
+def test_what_is_outside_the_picture_is_refused_as_soon_as_its_size_is_known(target: dict[str, Any]) -> None:
+    (way,) = target
+    with pytest.raises(Refused, match=rf"target.{way}: .*outside the picture, which has 1280 x 720 pixels") as refused:
+        require_possible(load_station(), Job(target=Target(**target)), reads_text=False, picture_px=(1280, 720))
+    assert refused.value.code == "BAD_JOB"
+
+
+def test_what_is_in_the_picture_or_partly_in_it_is_not_refused() -> None:
+    for target in (Target(pixel=(1279, 719)), Target(pixel=(0, 0)), Target(box=(1200, 600, 5000, 5000))):
+        require_possible(load_station(), Job(target=target), reads_text=False, picture_px=(1280, 720))
+    require_possible(load_station(), Job(target=Target(pixel=(5000, 0))), reads_text=False)  # no picture was taken yet
+
+
 def test_a_model_that_reads_takes_any_words() -> None:
     require_possible(load_station(), Job(target=Target(text="zebra")), reads_text=True)
 

@@ -14,7 +14,9 @@ import pytest
 
 from benchmarks.baselines.flat import flat_object
 from bus.errors import ConfigError
+from bus.messages import CameraModel, Frame, Observation, View
 from cell.daemon.live_picture import encoded
+from cell.daemon.noted_png import with_region
 from config.load import load_station
 from docs.examples.pixel import pixel_of
 from drivers.sim.objects import object_names, require_presentable
@@ -107,6 +109,24 @@ def test_a_client_without_any_package_finds_the_pixel_of_a_coloured_thing() -> N
     assert abs(np.hypot(u - 200, v - 100) - 30) < 5
     with pytest.raises(ValueError, match="nothing blue"):
         pixel_of(png, "blue")
+
+
+def test_it_takes_nothing_that_lies_in_the_tray() -> None:
+    """The pick region is seen aslant; beyond it lies what is larger, and of the same colour."""
+    color = np.full((180, 320, 3), 150, np.uint8)
+    color[60:90, 140:170] = color[100:170, 240:310] = (230, 90, 20)
+    station = load_station(None, ["scene.pick_region_m=[0.4, 0.5, -0.1, 0.1]"])
+    camera = CameraModel(width=320, height=180, fx=300.0, fy=300.0, cx=160.0, cy=90.0)
+    aslant = np.array([[1, 0, 0, 0.45], [0, -0.8, 0.6, -0.4], [0, -0.6, -0.8, 0.5], [0, 0, 0, 1]])
+    frame = Frame(stamp_ns=1, color=color, depth_m=np.ones((180, 320), np.float32), color_camera=camera,
+                  depth_camera=camera, color_from_depth=np.eye(4))  # fmt: skip
+    seen = Observation(view=View(stamp_ns=1, base_from_color=aslant), frame=frame)
+    png = with_region(encoded(color, "image/png"), seen, station)
+    u, v = pixel_of(png, "orange")
+    assert 140 <= u < 170 and 60 <= v < 90
+    assert pixel_of(encoded(color, "image/png"), "orange")[0] >= 240, "without a region: all of it"
+    shown = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)
+    assert shown is not None and np.array_equal(shown, color[..., ::-1]), "any program shows it"
 
 
 def test_its_objects_can_be_presented() -> None:

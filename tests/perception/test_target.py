@@ -55,6 +55,24 @@ def test_what_is_not_there_is_never_another_object_and_what_was_seen_is_said(loo
     assert failure.value.failure is Code.TARGET_NOT_FOUND
 
 
+@pytest.mark.parametrize(
+    ("target", "said"),
+    [
+        ("pixel=[480, 100]", r"The pixel \(480, 100\) is outside the picture, which has 480 x 360 pixels\. Seen:"),
+        ("pixel=[100, -1]", "outside the picture"),
+        ("box=[100, 360, 200, 500]", r"The box \(100.0, 360.0, 200.0, 500.0\) is outside the picture, .* 480 x 360"),
+        (
+            "point_m=[0.79, 0.29, 0.0]",
+            r"no object within 15 mm of \(0.790, 0.290\)\. That point is outside the picture",
+        ),
+    ],
+)
+def test_what_is_outside_the_picture_is_said_to_be(look: Look, target: str, said: str) -> None:
+    with pytest.raises(CycleFailure, match=said) as failure:
+        _detect(look([BAR]), f"perception.target.{target}")
+    assert failure.value.failure is Code.TARGET_NOT_FOUND
+
+
 def test_a_target_under_another_object_is_obstructed_and_the_other_one_is_named(look: Look) -> None:
     on_it = Box((300, 330), (240, 270), 0.05, (40, 170, 60))
     with pytest.raises(CycleFailure, match=r"red.*lies something: green") as failure:

@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 
 from bus.errors import NoReply
-from cell.http.routes import TABLE, VERBS
+from cell.http.routes import TABLE
+from cell.machine.states import VERBS
 from tests.cell.http_bench import RESULT, Asked, FakeCell, door_of, refused
 
 METHODS = ("GET", "POST", "HEAD", "PUT", "DELETE", "OPTIONS", "PATCH", "TRACE", "\u00e4")

@@ -18,9 +18,12 @@ def cycle() -> Cycle:
 
 
 def test_how_it_ended_is_there_without_its_pictures(cycle: Cycle) -> None:
-    assert (cycle.outcome, cycle.code) == ("SUCCESS", "") and "Held" in cycle.reason
+    assert (cycle.result, cycle.code) == ("SUCCESS", "") and "Held" in cycle.reason
     assert list(cycle.took_s)[:3] == ["capture", "detect", "plan"]
-    assert cycle.result is not None and cycle.result.cycle_id == cycle.cycle_id
+    told = cycle.record.result
+    assert told is not None and told.cycle_id == cycle.cycle_id
+    same = ("cycle_id", "result", "reason", "advice")
+    assert [getattr(cycle, name) for name in same] == [getattr(told, name) for name in same], "one name for one fact"
     assert cycle.chosen is not None and cycle.grasps[cycle.chosen].width_m < 0.08
     assert "_whole" not in vars(cycle) and "_pictured" not in vars(cycle)
 

@@ -23,6 +23,7 @@ from vlad_cell import (
     CycleResult,
     RecordingError,
     Refused,
+    Target,
     read_cycle,
     simulated_cell,
 )
@@ -81,7 +82,7 @@ def test_the_program_that_picks_joins_a_running_cell(cell: Cell, run_example: Ru
     told = run_example("pick_from_python.py", cell.endpoint, "purple")
     assert "Execute detect" in told and "FAILED TARGET_NOT_FOUND Nothing here is 'purple'." in told
     failed = read_cycle(told.splitlines()[-1])
-    assert (failed.outcome, failed.code, failed.grasps, failed.chosen) == ("FAILED", "TARGET_NOT_FOUND", (), None)
+    assert (failed.result, failed.code, failed.grasps, failed.chosen) == ("FAILED", "TARGET_NOT_FOUND", (), None)
     assert failed.color.shape == (720, 1280, 3), "what it saw is there"
     with pytest.raises(RecordingError, match="Nothing was found"):
         failed.picture()
@@ -155,6 +156,10 @@ def test_what_the_cell_does_not_do_now_is_refused_with_the_reason(cell: Cell) ->
     assert refused.value.code == "UNKNOWN_OBJECT"
     with pytest.raises(Refused, match="left"):
         cell.pick(place="left")
+    for target in (Target(pixel=(1280, 90)), Target(box=(0, 720, 90, 800))):
+        with pytest.raises(Refused, match="outside the picture, which has 1280 x 720 pixels") as refused:
+            cell.pick(target)
+        assert refused.value.code == "BAD_JOB"
 
 
 @pytest.mark.parametrize(
@@ -163,6 +168,7 @@ def test_what_the_cell_does_not_do_now_is_refused_with_the_reason(cell: Cell) ->
         ({"target": ""}, "text"),
         ({"place": (0.4, 0.4)}, "place has 2 numbers"),
         ({"place": (0.4, 0.4, 99.0)}, "position_m"),
+        ({"place": ("left", 0, 0)}, "place is"),
         ({"deadline_s": -1}, "deadline_s"),
         ({"job_id": "\n"}, "job_id"),
     ],

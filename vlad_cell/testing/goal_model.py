@@ -14,7 +14,6 @@ from bus.cancel import Cancel
 from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.messages import Detections
-from config.load import load_station
 from config.plug_ins import Group
 from config.schema import Station
 from perception.detector import detect
@@ -90,7 +89,7 @@ class GoalModelSuite(PlugInSuite):
     @classmethod
     def station(cls) -> Station:
         """The station that names it, with its settings."""
-        station = load_station(cls.station_file, cls.overrides)
+        station = cls.configured()
         named = {"detector": "vlad", "model": cls.name, "settings": dict(cls.settings)}
         return station.model_copy(update={"perception": station.perception.model_copy(update=named)})
 

@@ -33,7 +33,13 @@ class PlugInSuite:
     @classmethod
     def station(cls) -> Station:
         """The station that the plug-in is opened with."""
-        return load_station(cls.station_file, cls.overrides)
+        return cls.configured()
+
+    @classmethod
+    def configured(cls) -> Station:
+        """The station of ``station_file`` and ``overrides``. Raises: ConfigError."""
+        given_by = {one.partition("=")[0].strip(): f"{cls.__name__}.overrides" for one in cls.overrides}
+        return load_station(cls.station_file, cls.overrides, given_by=given_by)
 
     def test_it_loads_without_being_opened(self) -> None:
         """`cell drivers` and its like load it for its settings, on machines without its device, weights or licence."""

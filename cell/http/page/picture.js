@@ -16,6 +16,7 @@ let shown = { stamp: "" };
 let wanted = null;
 let isLoading = false;
 let scene = NOTHING;
+let lastQuestion = 0;
 let target = null;
 let thing; // the number of the thing that is pointed at; "" for none, undefined where nothing is pointed at
 
@@ -37,17 +38,28 @@ async function load(detail) {
     parts.image = image;
     shown = next;
     draw();
+    if (lacksThings()) refreshScene();
   }
   isLoading = false;
 }
 
+/** Asks what was found. Answers may overtake each other: that to the last question counts. */
 async function refreshScene() {
+  const question = (lastQuestion += 1);
+  let found = NOTHING;
   try {
-    scene = await ask("/api/scene");
+    found = await ask("/api/scene");
   } catch {
-    scene = NOTHING;
+    // asked again with the next picture of now
   }
+  if (question !== lastQuestion) return;
+  scene = found;
   draw();
+}
+
+/** Whether the picture that is shown has things of which nothing is known here. */
+function lacksThings() {
+  return Boolean(shown.is_live) && shown.things !== "0" && shown.things !== scene.stamp;
 }
 
 /** What is drawn into the picture that is shown: all that was found in it, or, in one of now, the things still there. */
