@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, cast
 
@@ -19,7 +18,6 @@ from bus.messages import Detections, Failure, ModelReply, PickPlan, StageName, S
 from cell.replay.compared_stages import STAGES, Stage
 from cell.replay.made_with import opening
 from config.load import station_from
-from config.reads import Reads, noted
 from config.schema import Station
 from logs.differences import Difference, compare
 from logs.mcap.reader import CycleRecord
@@ -30,8 +28,6 @@ from planning.robot import Robot
 
 PURE = tuple(stage.name for stage in STAGES if stage.pure)
 ModelsOf = Callable[[Station, CycleRecord], Models]
-MODELS = "the models"
-"""Who reads what the models, and the planning model of the robot, are made of."""
 
 
 @dataclass(frozen=True)
@@ -55,14 +51,11 @@ class Changed:
 
     Attributes:
         key: its name. ``before``, ``now``: what was recorded, or its default then; and what was given.
-        read_by: the stages that read it in this replay, and `MODELS` where these, or the robot's, are made of it;
-            none = it cannot have mattered to what ran again.
     """
 
     key: str
     before: Any
     now: Any
-    read_by: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -149,33 +142,30 @@ def replay(record: CycleRecord, request: Request, robot_of: Callable[[Station], 
             "Replay the whole recording, if there is one; recording.thin_after_days says when they are trimmed.",
         )
     station = station_from(dict(record.station), request.overrides, source="the recorded station")
-    reads, not_reached, replies = Reads(), dict[str, str](), list[ModelReply]()
-    with noted(station, reads) if request.overrides else nullcontext():
-        reads.reader = MODELS
-        with opening(record, is_changed=bool(request.overrides)):
-            robot, models = robot_of(station), request.models(station, record)
-        try:
-            run = _chained if request.chained else _isolated
-            made_of = _With(station, robot, models, reads, replies.append)
-            stages = tuple(run(_wanted(request), record, not_reached, made_of))
-        finally:
-            models.close()
+    not_reached, replies = dict[str, str](), list[ModelReply]()
+    with opening(record, is_changed=bool(request.overrides)):
+        robot, models = robot_of(station), request.models(station, record)
+    try:
+        run = _chained if request.chained else _isolated
+        stages = tuple(run(_wanted(request), record, not_reached, _With(station, robot, models, replies.append)))
+    finally:
+        models.close()
     if not stages:
         raise StageNotReached(
             f"The recording of {record.cycle_id} holds no stage that can be replayed.",
             f"Stages recorded: {', '.join(record.stages) or 'none'}.",
         )
-    changed = tuple(_changed(record, station, request, reads))
+    changed = tuple(_changed(record, station, request))
     is_asked = request.models is not _recorded_models or not is_replayed(station.perception.model, record.last_replies)
     asked = tuple(replies) if is_asked and any(one.stage == "detect" for one in stages) else None
     return Replay(record, stages, not_reached, request.chained, changed, asked)
 
 
-def _changed(record: CycleRecord, station: Station, request: Request, reads: Reads) -> Iterator[Changed]:
+def _changed(record: CycleRecord, station: Station, request: Request) -> Iterator[Changed]:
     before = station_from(dict(record.station), source="the recorded station").model_dump(mode="json")
     now = station.model_dump(mode="json")
     for key in dict.fromkeys(override.partition("=")[0].strip() for override in request.overrides):
-        yield Changed(key, _at(before, key), _at(now, key), reads.of(key))
+        yield Changed(key, _at(before, key), _at(now, key))
 
 
 def _at(tree: Any, key: str) -> Any:
@@ -193,12 +183,11 @@ def _wanted(request: Request) -> list[Stage]:
 
 
 class _With(NamedTuple):
-    """What the stages run with, who notes what they read, and who hears each call of a goal-image model."""
+    """What the stages run with, and who hears each call of a goal-image model."""
 
     station: Station
     robot: Robot
     models: Models
-    reads: Reads
     on_reply: OnReply
 
 
@@ -271,7 +260,6 @@ def _compared(stage: Stage, record: CycleRecord, outcome: Message) -> StageRepla
 def _rerun(stage: Stage, record: CycleRecord, made_of: _With) -> Message:
     """The stage's result, or the failure it ends with: both are compared."""
     assert stage.rerun is not None
-    made_of.reads.reader = stage.name
     try:
         return stage.rerun(record, made_of.station, made_of.robot, made_of.models, made_of.on_reply)
     except CycleFailure as failure:
