@@ -111,6 +111,10 @@ class NotHere(RecordingError):
     code = "NOT_HERE"
 
 
+class StageNotReached(RecordingError):
+    """The recorded cycle ended before the stages that are asked for."""
+
+
 class ArchiveError(RecordingError):
     """A recording cannot be copied into the archive, or what is read back differs; the recording stays."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
@@ -30,6 +30,7 @@ from cell.cli.job_options import (
     wrong_option_named,
 )
 from cell.cli.options import Config, Json, Set, object_name_of
+from cell.cli.queued_job import QueuedJob
 from cell.client import Client
 from cell.daemon.batch import Batch
 from cell.machine.states import ENDED, told
@@ -71,8 +72,8 @@ def pick(
         reply = cell.command("pick", object_name=object_name, job=job)
         if not as_json:
             out.line(_begins(reply))
-        shown = _Shown(as_json)
-        result = _result_of(cell, reply.cycle_id, shown.state)
+        shown, waiting = _Shown(as_json), QueuedJob(cell, reply, err.line)
+        result = _result_of(cell, reply.cycle_id, shown, waiting)
     shown.result(result)
     if result.result not in _FINE:
         raise typer.Exit(1)
@@ -114,7 +115,7 @@ def run(
         reply = cell.command("start", cycles=wanted.cycles, until_empty=until_empty, job=job)
         if not as_json:
             out.line(_begins(reply))
-        _follow(cell, batch, shown, reply.job_id)
+        _follow(cell, batch, shown, QueuedJob(cell, reply, err.line), reply.job_id)
     if until_empty:
         shown.summary(batch)
     if not (batch.is_empty if until_empty else batch.picked == cycles):
@@ -124,11 +125,11 @@ def run(
 def _begins(reply: CommandReply) -> str:
     """Return what an accepted command begins, for a person."""
     if reply.position:
-        return f"job {reply.job_id} waits at place {reply.position} of the queue; Ctrl-C drops it"
+        return f"job {reply.job_id} waits at place {reply.position} of the queue; Ctrl-C drops it, and holds what moves"
     return f"cycle {reply.cycle_id} begins; Ctrl-C holds it"
 
 
-def _follow(cell: Client, batch: Batch, shown: _Shown, job_id: str) -> None:
+def _follow(cell: Client, batch: Batch, shown: _Shown, waiting: QueuedJob, job_id: str) -> None:
     """Show messages until no further pick of a job follows, including when the cell stops or aborts."""
     while not batch.is_over:
         said = cell.next_said(_PATIENCE_S)
@@ -137,16 +138,18 @@ def _follow(cell: Client, batch: Batch, shown: _Shown, job_id: str) -> None:
             batch.hear(said)
         elif isinstance(said, CellState):
             shown.state(said)
+            waiting.hear(said)
             if said.state in ENDED:
                 batch.end(shown.cause or said.state)
 
 
-def _result_of(cell: Client, cycle_id: str, hear: Callable[[CellState], None]) -> CycleResult:
+def _result_of(cell: Client, cycle_id: str, shown: _Shown, waiting: QueuedJob) -> CycleResult:
     """The result of the pick that began as ``cycle_id``, of its last attempt."""
     while True:
         said = cell.next_said(_PATIENCE_S)
         if isinstance(said, CellState):
-            hear(said)
+            shown.state(said)
+            waiting.hear(said)
         elif said.cycle_id == cycle_id and not said.retried_as:
             return said
         elif said.cycle_id == cycle_id:

@@ -9,14 +9,14 @@ from contextlib import contextmanager, suppress
 from bus import topics
 from bus.codec import decode
 from bus.commands import CellState, CommandReply, CommandRequest, ResultRequest
-from bus.errors import BadPayload, CellUnreachable, NoReply, Refused, ReplyTimeout
+from bus.errors import BadPayload, NoReply, Refused, ReplyTimeout
 from bus.messages import CycleResult, Job
 from bus.sample import Sample
 from bus.session import Bus
 from bus.topics import Topic
 from cell.client.inbox import Inbox
 from cell.client.lease import HeldLease
-from cell.client.names import cells_there, client_name
+from cell.client.names import client_name
 from cell.client.questions import Questions
 from cell.machine.leases import NEEDS_LEASE, NEEDS_TOKEN
 from cell.outcome import Outcome
@@ -176,20 +176,12 @@ class Client(Questions):
 def connect(station: Station, also: tuple[Topic, ...] = (), *, client_id: str = "") -> Iterator[Client]:
     """A client of the station's running cell; ``client_id``: of `client_name`.
 
-    Raises: CellUnreachable, also for a cell that is not among those there; ConfigError for an unsafe connection.
+    Raises: CellUnreachable; ConfigError for an unsafe connection.
     """
     clock = clock_of(station)
     with Bus.join(station.cell_id, station.bus.endpoint, security=station.bus.zenoh, clock=clock) as bus:
         client = Client(bus, station.bus.ask_timeout_s, also, client_id)
         try:
             yield client
-        except NoReply as error:
-            others = cells_there(station)
-            if not others or station.cell_id in others:
-                raise
-            raise CellUnreachable(
-                f"No cell {station.cell_id!r} answers at {station.bus.endpoint}; {', '.join(others)} does.",
-                f"Name it: --set cell_id={others[0]}, or its --config.",
-            ) from error
         finally:
             client.end_heartbeat()

@@ -1,4 +1,4 @@
-"""Names of clients: who holds a lease is shown by them; and those of the cells at an endpoint."""
+"""Names of clients: who holds a lease is shown by them."""
 
 from __future__ import annotations
 
@@ -7,12 +7,6 @@ import itertools
 import os
 import re
 import socket
-
-from bus import topics
-from bus.commands import Nothing
-from bus.session import Bus
-from config.clock import clock_of
-from config.schema import Station
 
 _NOT_IN_A_NAME = re.compile(r"[^A-Za-z0-9._-]")
 _numbers = itertools.count(1)
@@ -27,13 +21,6 @@ def client_name(what: str) -> str:
     name = "-".join(_NOT_IN_A_NAME.sub("_", part)[:24] for part in parts)
     number = next(_numbers)
     return f"{name}-{os.getpid()}" + (f"-{number}" if number > 1 else "")
-
-
-def cells_there(station: Station) -> list[str]:
-    """The ids of the cells that answer at the station's endpoint. Raises: CellUnreachable; ConfigError."""
-    settings = station.bus
-    with Bus.join("*", settings.endpoint, security=settings.zenoh, clock=clock_of(station)) as bus:
-        return sorted(bus.survey(topics.STATE_NOW, Nothing(), timeout_s=settings.ask_timeout_s))
 
 
 def _user() -> str:

@@ -9,9 +9,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from bus.errors import CellError, ConfigError, NotHere, PicturesTrimmed, RecordingError
+from bus.errors import CellError, ConfigError, NotHere, PicturesTrimmed, RecordingError, StageNotReached
 from cell.replay.replay import Replay, Request, replay
-from cell.replay.view import to_json, verdict
+from cell.replay.view import EMPTY, to_json, verdict
 from cell.workers import LocalWorkers, WorkerLost, Workers, in_order
 from config.load import station_hash
 from config.schema import Station
@@ -30,7 +30,8 @@ class Judged:
     """The outcome of one recording, small enough to travel between processes.
 
     Attributes:
-        verdict: of `cell.replay.view.verdict`, `TRIMMED`, `NOT_HERE` or ``unreadable``.
+        verdict: of `cell.replay.view.verdict` (`EMPTY` also of a cycle that ended before the stages asked for),
+            `TRIMMED`, `NOT_HERE` or ``unreadable``.
         error: why it was not replayed, or "".
         stages: rerun, each with whether it differs. ``fields``: those that differ. ``said``: of `to_json` if different.
     """
@@ -137,6 +138,8 @@ def judge(path: Path, request: Request) -> Judged:
             outcome = replay(read_cycle(path), request, _robot_of)
     except PicturesTrimmed as error:
         return Judged(path, TRIMMED, str(error))
+    except StageNotReached as error:
+        return Judged(path, EMPTY, str(error))
     except (NotHere, ConfigError) as error:
         return Judged(path, NOT_HERE, str(error))
     except CellError as error:

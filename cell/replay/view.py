@@ -14,6 +14,8 @@ from cell.replay.replay import Changed, Replay, StageReplay
 from cell.terminal.printing import Printer
 
 _SHOWN = 5
+EMPTY = "empty"
+"""Equal, without a grasp to compare; of a folder also: the cycle ended before the stages that are asked for."""
 _LONGEST = 60
 NO_GRASPS = "equal, but the recording holds no grasp to compare: that proves nothing"
 
@@ -22,7 +24,7 @@ def verdict(replay: Replay) -> str:
     """``equal``, ``different``, or ``empty``: equal, without a grasp to compare."""
     if not replay.equal:
         return "different"
-    return "equal" if replay.grasps else "empty"
+    return "equal" if replay.grasps else EMPTY
 
 
 def to_json(replay: Replay) -> dict[str, Any]:
@@ -87,7 +89,7 @@ def _shortened(value: object) -> str:
 
 def _in_words(replay: Replay) -> str:
     said = verdict(replay)
-    if said == "empty":
+    if said == EMPTY:
         return NO_GRASPS
     return "equal, no decision changed" if replay.changed and said == "equal" else said
 

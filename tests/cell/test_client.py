@@ -11,14 +11,13 @@ from bus import topics
 from bus.clock import WALL_CLOCK
 from bus.codec import encode
 from bus.commands import CellState
-from bus.errors import CellUnreachable
+from bus.errors import CellUnreachable, NoReply
 from bus.messages import CycleResult
 from bus.sample import Sample
 from bus.session import Bus
 from bus.topics import Topic, encoding_of
-from cell.client import Client, connect
+from cell.client import Client
 from cell.machine.leases import CELL_CLIENT
-from config.load import load_station
 
 CELL, STRANGER = "cell's own session", "another session"
 
@@ -88,10 +87,16 @@ def test_nobody_waits_for_a_cell_that_is_gone(endpoint: str) -> None:
                     wait()
 
 
-def test_a_cell_of_another_name_is_named(endpoint: str) -> None:
-    overrides = [f"bus.endpoint={endpoint}", "bus.ask_timeout_s=0.2", "cell_id=line-9"]
-    with Bus.listen("line-1", endpoint) as cell:
-        cell.answer(topics.STATE_NOW, lambda _payload, _asked: _state("Idle"), worker="state")
-        named = pytest.raises(CellUnreachable, match=r"No cell 'line-9' .*; line-1 does.*cell_id=line-1")
-        with named, connect(load_station(None, overrides)) as client:
+def test_who_asks_for_another_cell_is_told_that_it_is_not_the_one_here(endpoint: str) -> None:
+    with Bus.listen("here", endpoint), Bus.join("elsewhere", endpoint) as bus:
+        client = Client(bus, 5.0)
+        with pytest.raises(CellUnreachable, match="not the cell 'elsewhere'"):
+            client.state()
+
+
+def test_a_cell_that_is_there_and_does_not_answer_is_not_taken_for_another(endpoint: str) -> None:
+    with Bus.listen("test", endpoint) as cell, Bus.join("test", endpoint) as bus:
+        cell.announce(topics.LEASE, name=CELL_CLIENT)
+        client = Client(bus, 5.0)
+        with pytest.raises(NoReply, match="Nobody answers 'state'"):
             client.state()

@@ -44,6 +44,18 @@ def test_its_page_says_what_was_changed_and_what_came_of_it(outcome: Replay, tmp
     assert re.search(r"max_width_m.*0\.012.*0\.08", text, re.DOTALL), "the setting is among the changed ones"
 
 
+def test_its_page_shows_what_the_model_was_asked_for_it_and_not_what_was_recorded() -> None:
+    again = replay(read_cycle(GOLDEN), Request.of(["hand.max_width_m=0.03"], None, None))
+    prompts = [reply.prompt for reply in what_if(again, ["hand.max_width_m=0.03"]).replies if reply.step == "reason"]
+    assert prompts and all("opens at most 30 mm" in prompt for prompt in prompts)
+    assert any("opens at most 80 mm" in reply.prompt for reply in again.record.replies)
+
+
+def test_a_replay_of_later_stages_keeps_the_recorded_replies() -> None:
+    later = replay(read_cycle(GOLDEN), Request.of(["planning.max_held_acceleration_m_s2=3.0"], "plan", None))
+    assert what_if(later, []).replies == later.record.replies
+
+
 Run = Callable[..., subprocess.CompletedProcess[str]]
 _PAGE = (GOLDEN.parents[2] / "docs" / "first_hour.md").read_text()
 (_FIRST_HOUR,) = re.findall(r"```\n(hand\.max_width_m.*?)```", _PAGE, re.DOTALL)
