@@ -138,7 +138,8 @@ def _live_view(station: Station, port: int | None) -> AbstractContextManager[liv
 
 def _stay(screen: Screen) -> None:
     """Show all messages until interrupted."""
-    screen.line("ready. From another terminal: cell reset, cell pick, cell status. Ctrl-C ends.")
+    cell = "uv run cell" if "UV_RUN_RECURSION_DEPTH" in os.environ else "cell"  # as this one was started
+    screen.line(f"ready. From another terminal: {cell} reset, {cell} pick, {cell} status. Ctrl-C ends.")
     for _ in screen.follow():
         pass
 
