@@ -41,6 +41,7 @@ _PATIENCE_S = 600.0
 _INTERRUPTED = 130
 """Exit code of a process that Ctrl-C ended, as a shell reports it."""
 _FINE = ("SUCCESS", "EMPTY")
+_ASKS = ": nothing moves until somebody answers: cell approve, cell next-grasp, cell reject, or the page"
 
 
 def pick(
@@ -153,11 +154,12 @@ def _result_of(cell: Client, cycle_id: str, shown: _Shown, waiting: QueuedJob) -
         elif said.cycle_id == cycle_id and not said.retried_as:
             return said
         elif said.cycle_id == cycle_id:
+            shown.again(said)
             cycle_id = said.retried_as
 
 
 class _Shown:
-    """Shows results, and the cause when the cell is brought to rest meanwhile.
+    """Shows stages and results, and the cause when the cell is brought to rest meanwhile.
 
     Attributes:
         cause: the last such cause, "" for none.
@@ -165,12 +167,15 @@ class _Shown:
 
     def __init__(self, as_json: bool) -> None:
         self._as_json = as_json
-        self._state = ""
+        self._state = self._stage = ""
         self.cause = ""
 
     def state(self, state: CellState) -> None:
-        """Process a state; it is shown when a client or the cell itself holds, stops or aborts the pick."""
+        """Process a state: a stage that begins is shown, and what holds, stops or aborts the pick."""
         is_new, self._state = state.state != self._state, state.state
+        if state.stage not in ("", self._stage) and not self._as_json:
+            out.line(f"  {state.stage}{_ASKS if state.stage == 'approve' else ''}", style="dim")
+        self._stage = state.stage
         if is_new and state.reason and state.state in ("Holding", "Suspending", "Stopping", "Aborting"):
             self.cause = told(state.state, state.reason)
             if not self._as_json:
@@ -183,9 +188,18 @@ class _Shown:
             return
         outcome = " ".join(filter(None, (result.result, result.code, result.object)))
         out.line(f"{outcome}: {result.reason}")
+        if result.advice:
+            out.line(f"  {result.advice}")
         if result.found is not None:
             out.line(f"  {result.found.text}")
         out.line(f"  {result.recording}")
+        if result.retried_as:
+            out.line(f"tried again as {result.retried_as}")
+
+    def again(self, result: CycleResult) -> None:
+        """Show an attempt that another follows; with JSON the last one alone is the answer."""
+        if not self._as_json:
+            self.result(result)
 
     def summary(self, batch: Batch) -> None:
         """Show the end of a batch; the objects left on the table are known only to the cell's own terminal."""
