@@ -67,7 +67,8 @@ _CHECKOUT = Path(__file__).resolve().parents[1]
 _OBJECTS = Path(os.environ.get("VLAD_CELL_DATA", "../shared/data")) / "meshes" / "object_sim"
 Scheduler = Annotated[str, typer.Option(help="Work on the Dask cluster of this scheduler, tcp://HOST:PORT.")]
 
-app = typer.Typer(no_args_is_help=True, add_completion=False, help=__doc__)
+# In mode "rich" a unit like [s] would be a style, and vanish.
+app = typer.Typer(no_args_is_help=True, add_completion=False, help=__doc__, rich_markup_mode="markdown")
 
 
 @app.command()

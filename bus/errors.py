@@ -20,7 +20,8 @@
     ├── Refused               3  the cell refused a command: see .code, .available
     ├── NotReached            1  the cell accepted a command, and came to rest in another state
     ├── DriverError           1  a device failed
-    │   ├── DriverUnavailable    cannot be started here (package, display, address)
+    │   ├── DriverUnavailable 2  cannot be started here (package, display, rights)
+    │   │   └── DeviceAbsent  1  its device does not answer; it may be switched on later
     │   ├── NotConnected         used before connect() or after close()
     │   ├── DeviceLost           the device no longer answers; recover() or the next use connects anew
     │   ├── MotionRefused        the guard's check failed; nothing moved
@@ -110,6 +111,10 @@ class NotHere(RecordingError):
     code = "NOT_HERE"
 
 
+class StageNotReached(RecordingError):
+    """The recorded cycle ended before the stages that are asked for."""
+
+
 class ArchiveError(RecordingError):
     """A recording cannot be copied into the archive, or what is read back differs; the recording stays."""
 
@@ -191,10 +196,16 @@ class DriverError(CellError):
 
 
 class DriverUnavailable(DriverError):
-    """The driver cannot be started here: a package, display or address is missing."""
+    """The driver cannot be started here: a package, display, right or address is missing."""
 
     exit_code = 2
     code = "DRIVER_UNAVAILABLE"
+
+
+class DeviceAbsent(DriverUnavailable):
+    """The device does not answer. Unlike other reasons it may pass by itself: a service tries again."""
+
+    exit_code = 1
 
 
 class NotConnected(DriverError):

@@ -134,6 +134,11 @@ class Bus:
         return f"{self._root}{topic.key.format(**fields)}"
 
     @property
+    def is_secured(self) -> bool:
+        """Whether it joined through certificates: rules of access may hide what is there."""
+        return self._security is not None
+
+    @property
     def source(self) -> str:
         """Id of this session, as other sessions see it in samples and queries."""
         return str(self._session.zid())

@@ -94,7 +94,10 @@ class Surveyor:
         sightings, looks = self._look_around(chosen)
         frames = [look.frame for look in looks]
         if not sightings:
-            raise CalibrationError("The board was not seen.", "Lay it where calibration.board_center_m says.")
+            raise CalibrationError(
+                "The board was not seen.",
+                "Lay it where calibration.board_center_m says; in a simulated cell: --set sim.board=true.",
+            )
         camera, mounting = frames[0].color_camera, hand_from_color(self._station.camera)
         found = corrected(sightings, camera, mounting)
         moved_mm, moved_deg = moved(mounting, found.hand_from_color)

@@ -22,6 +22,11 @@ def takes_text(path: Sequence[str]) -> bool:
     return any(issubclass(kind, (str, Path)) for kind in types) and not any(issubclass(kind, int) for kind in types)
 
 
+def is_there(path: Sequence[str]) -> bool:
+    """Whether there is a setting, or a table, at ``path``; in a plug-in's own table every key counts as one."""
+    return bool(_at(path))
+
+
 def keys_beside(location: Sequence[int | str]) -> list[str]:
     """The keys of the table that the last part of ``location`` is in, sorted; of the last table that there is."""
     kinds: list[Any] = [Station]
@@ -67,6 +72,8 @@ def _at(path: Sequence[str]) -> list[Any]:
 
 def _below(kind: Any, part: str) -> list[Any]:
     """The types of the setting ``part`` in a table of this ``kind``; empty when there is none."""
+    if kind is Any:
+        return [Any]
     if isinstance(kind, type) and issubclass(kind, BaseModel):
         return _plain(kind.model_fields[part].annotation) if part in kind.model_fields else []
     return _plain(get_args(kind)[1]) if get_origin(kind) is dict else []

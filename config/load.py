@@ -164,6 +164,8 @@ def explained(mistake: ErrorDetails, where: str) -> tuple[str, str]:
     location, kind = mistake["loc"], mistake["type"]
     if kind == "extra_forbidden":
         return "unknown key", _meant(location, beside=f"{_dotted(location[:-1])}.")
+    if kind == "missing" and location == ("nodes",):
+        return MISSING, "Is this a part of a station file? `cell config new FILE [--simulated]` writes a whole one."
     if kind == "missing" and not isinstance(location[-1], int):
         return MISSING, f"Give it in [{table}]." if (table := in_words(location[:-1])) else "Give it."
     text = reason(mistake).replace("Input should be", "must be")

@@ -120,8 +120,8 @@ class Group:
         """Return what this entry point names. Raises: `failure` when its package cannot be imported."""
         try:
             return point.load()
-        except self.failure:
-            raise  # it says itself what is missing
+        except self.failure:  # it says itself what is missing
+            raise
         except (Exception, SystemExit) as error:
             what = f"The {self.kind} {point.name!r} cannot be loaded: {type(error).__name__}: {quoted(str(error))}."
             raise self.failure(what, f"Install what {packaged(point) or 'its package'} needs.") from error

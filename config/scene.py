@@ -39,6 +39,9 @@ class Table(Box):
             see it. Grasps follow the seen table; beyond this the cycle ends with TABLE_MOVED.
     """
 
+    name: Chunk = "table"
+    center_m: Vector = (0.45, 0.0, -0.02)
+    size_m: tuple[Size, Size, Size] = (0.9, 1.4, 0.04)
     tolerance_mm: Positive = 15.0
     tolerance_deg: Annotated[float, Field(gt=0, le=12)] = 5.0
 
@@ -46,6 +49,14 @@ class Table(Box):
     def top_m(self) -> float:
         """Height of its top in ``base``."""
         return self.center_m[2] + self.size_m[2] / 2
+
+
+class Tray(Box):
+    """The tray, into which what is picked is laid."""
+
+    name: Chunk = "tray"
+    center_m: Vector = (0.40, 0.45, 0.01)
+    size_m: tuple[Size, Size, Size] = (0.30, 0.22, 0.02)
 
 
 class Bin(Settings):
@@ -111,8 +122,8 @@ class SceneSettings(Settings):
         max_height_m: what rises higher above the table is no object: the arm, a camera stand.
     """
 
-    table: Table = Table(name="table", center_m=(0.45, 0.0, -0.02), size_m=(0.9, 1.4, 0.04))
-    tray: Box = Box(name="tray", center_m=(0.40, 0.45, 0.01), size_m=(0.30, 0.22, 0.02))
+    table: Table = Table()
+    tray: Tray = Tray()
     tray_wall_height_m: SizeOrNone = 0.04
     pick_region_m: tuple[Metres, Metres, Metres, Metres] = (0.32, 0.60, -0.20, 0.20)
     place_m: Vector = (0.40, 0.45, 0.20)

@@ -166,9 +166,9 @@ every key, what travels on it, who may use it. A running cell answers the query 
   `lease/CLIENT_ID`, puts `{}` on that key every 0.2 s, and sends that `client_id`. When token or heartbeat is gone, the
   cell holds. `unhold` and `unsuspend` need a token of any client; `stop`, `abort`, `hold`, `suspend` and `clear` none.
 - **A pixel to pick**: `view/picture` answers, while the cell rests there (Idle, Complete), with what the camera sees
-  from the capture pose; a pixel of it is the `target` of a [Job](#job). `python docs/examples/trigger.py sim orange`
-  does so without any other package, and only in the pick region: [pixel.py](examples/pixel.py). In simulation with
-  `--set sim.clutter=3`: otherwise each pick puts another object on the table.
+  from the capture pose; a pixel of it is the `target` of a [Job](#job). `uv run python docs/examples/trigger.py sim
+  orange` does so without any other package, and only in the pick region: [pixel.py](examples/pixel.py). In simulation
+  with `--set sim.clutter=3`: otherwise each pick puts another object on the table.
 - **Units** are SI, angles in radians, times integer nanoseconds UTC; `a_from_b` is a 4 x 4 matrix that maps
   b-coordinates to a ([frames.md](frames.md)).
 

@@ -49,13 +49,15 @@ def _unheard(_error: CellError) -> None:
 def _surveyor(station: Station, quiet: bool) -> Iterator[Surveyor]:
     """A surveyor on the station's nodes, without a daemon; Ctrl-C stops the arm.
 
-    Raises: PortOccupied while a cell runs.
+    Raises: PortOccupied while a cell runs; ConfigError without a board in simulation.
     """
 
     def say(line: str) -> None:
         if not quiet:
             out.line(line)
 
+    if station.simulated and not station.sim.board:
+        raise ConfigError("In this simulated cell lies no board.", "Lay it there: --set sim.board=true.")
     say(f"starting {', '.join(station.nodes)}; the arm will move")
     with Bus.listen(station.cell_id, station.bus.endpoint, clock=clock_of(station)) as bus:
         supervisor = Supervisor(

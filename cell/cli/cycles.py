@@ -121,7 +121,8 @@ def _sum_up(summary: Summary, as_json: bool) -> None:
         rows.add_row(*map(words, (name, value, meaning)))
     screen.print(rows)
     for code, lost_s in summary.total.to_json()["lost_s"].items():
-        out.line(f"lost  {code or 'without a code'}: {lost_s:.1f} s in {summary.total.codes[code]} cycles")
+        of = summary.total.codes[code]
+        out.line(f"lost  {code or 'without a code'}: {lost_s:.1f} s in {of} cycle{'s' if of != 1 else ''}")
     if len(summary.days) > 1:
         _print_days(summary)
 

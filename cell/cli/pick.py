@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
@@ -31,6 +31,7 @@ from cell.cli.job_options import (
     wrong_option_named,
 )
 from cell.cli.options import Config, Json, Set, object_name_of
+from cell.cli.queued_job import QueuedJob
 from cell.client import Client
 from cell.daemon.batch import Batch
 from cell.machine.states import ENDED, told
@@ -44,6 +45,7 @@ _INTERRUPTED = 130
 _GRACE_S, _ASK_AGAIN_S = 2.0, 0.1
 """How long after a stop or abort a result may still come, and how often it is asked for."""
 _FINE = ("SUCCESS", "EMPTY")
+_ASKS = ": nothing moves until somebody answers: cell approve, cell next-grasp, cell reject, or the page"
 
 
 def pick(
@@ -75,8 +77,8 @@ def pick(
         reply = cell.command("pick", object_name=object_name, job=job)
         if not as_json:
             out.line(_begins(reply))
-        shown = _Shown(as_json)
-        result = _result_of(cell, reply, shown.state)
+        shown, waiting = _Shown(as_json), QueuedJob(cell, reply, err.line)
+        result = _result_of(cell, reply, shown, waiting)
     shown.result(result)
     if result.result not in _FINE:
         raise typer.Exit(1)
@@ -118,7 +120,7 @@ def run(
         reply = cell.command("start", cycles=wanted.cycles, until_empty=until_empty, job=job)
         if not as_json:
             out.line(_begins(reply))
-        _follow(cell, batch, shown, reply.job_id)
+        _follow(cell, batch, shown, QueuedJob(cell, reply, err.line), reply.job_id)
     if until_empty:
         shown.summary(batch)
     if not (batch.is_empty if until_empty else batch.picked == cycles):
@@ -128,11 +130,11 @@ def run(
 def _begins(reply: CommandReply) -> str:
     """Return what an accepted command begins, for a person."""
     if reply.position:
-        return f"job {reply.job_id} waits at place {reply.position} of the queue; Ctrl-C drops it"
+        return f"job {reply.job_id} waits at place {reply.position} of the queue; Ctrl-C drops it, and holds what moves"
     return f"cycle {reply.cycle_id} begins; Ctrl-C holds it"
 
 
-def _follow(cell: Client, batch: Batch, shown: _Shown, job_id: str) -> None:
+def _follow(cell: Client, batch: Batch, shown: _Shown, waiting: QueuedJob, job_id: str) -> None:
     """Show messages until no further pick of a job follows, including when the cell stops or aborts."""
     while not batch.is_over:
         said = cell.next_said(_PATIENCE_S)
@@ -141,22 +143,25 @@ def _follow(cell: Client, batch: Batch, shown: _Shown, job_id: str) -> None:
             batch.hear(said)
         elif isinstance(said, CellState):
             shown.state(said)
+            waiting.hear(said)
             if said.state in ENDED:
                 batch.end(shown.cause or said.state)
 
 
-def _result_of(cell: Client, begun: CommandReply, hear: Callable[[CellState], None]) -> CycleResult:
+def _result_of(cell: Client, begun: CommandReply, shown: _Shown, waiting: QueuedJob) -> CycleResult:
     """The result of the pick that began so, of its last attempt. Raises: Refused (JOB_DROPPED), BusError."""
     cycle_id = begun.cycle_id
     while True:
         said = cell.next_said(_PATIENCE_S)
         if isinstance(said, CellState):
-            hear(said)
+            shown.state(said)
+            waiting.hear(said)
             if said.state in ENDED:
                 return _after_the_end(cell, cycle_id, begun.job_id)
         elif said.cycle_id == cycle_id and not said.retried_as:
             return said
         elif said.cycle_id == cycle_id:
+            shown.again(said)
             cycle_id = said.retried_as
 
 
@@ -169,7 +174,7 @@ def _after_the_end(cell: Client, cycle_id: str, job_id: str) -> CycleResult:
 
 
 class _Shown:
-    """Shows results, and the cause when the cell is brought to rest meanwhile.
+    """Shows stages and results, and the cause when the cell is brought to rest meanwhile.
 
     Attributes:
         cause: the last such cause, "" for none.
@@ -177,12 +182,15 @@ class _Shown:
 
     def __init__(self, as_json: bool) -> None:
         self._as_json = as_json
-        self._state = ""
+        self._state = self._stage = ""
         self.cause = ""
 
     def state(self, state: CellState) -> None:
-        """Process a state; it is shown when a client or the cell itself holds, stops or aborts the pick."""
+        """Process a state: a stage that begins is shown, and what holds, stops or aborts the pick."""
         is_new, self._state = state.state != self._state, state.state
+        if state.stage not in ("", self._stage) and not self._as_json:
+            out.line(f"  {state.stage}{_ASKS if state.stage == 'approve' else ''}", style="dim")
+        self._stage = state.stage
         if is_new and state.reason and state.state in ("Holding", "Suspending", "Stopping", "Aborting"):
             self.cause = told(state.state, state.reason)
             if not self._as_json:
@@ -195,9 +203,18 @@ class _Shown:
             return
         outcome = " ".join(filter(None, (result.result, result.code, result.object)))
         out.line(f"{outcome}: {result.reason}")
+        if result.advice:
+            out.line(f"  {result.advice}")
         if result.found is not None:
             out.line(f"  {result.found.text}")
         out.line(f"  {result.recording}")
+        if result.retried_as:
+            out.line(f"tried again as {result.retried_as}")
+
+    def again(self, result: CycleResult) -> None:
+        """Show an attempt that another follows; with JSON the last one alone is the answer."""
+        if not self._as_json:
+            self.result(result)
 
     def summary(self, batch: Batch) -> None:
         """Show the end of a batch; the objects left on the table are known only to the cell's own terminal."""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import webbrowser
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -18,7 +19,9 @@ from cell.terminal.printing import err, out
 from cell.workers import workers_for
 from config.load import DEFAULT_STATION
 from logs.catalogue.labels import Label, labels_of
+from logs.mcap.names import is_folder
 from logs.mcap.reader import CycleRecord, read_cycle
+from logs.mcap.recover import Recovered, recover_leftovers
 from logs.mcap.recover import recover as recover_file
 from logs.report.cycle_report import configuration_changes, write_report
 from logs.report.day_report import days, outdated, write_cycle, write_day
@@ -142,22 +145,34 @@ def _report_folder(folder: Path, count: int | None, scheduler: str) -> tuple[lis
 
 
 def recover(
-    files: Annotated[list[Path], typer.Argument(help="Torn or damaged recordings (.mcap.part, .mcap).")],
+    files: Annotated[
+        list[Path], typer.Argument(help="Torn or damaged recordings (.mcap.part, .mcap), or folders of .mcap.part.")
+    ],
     as_json: Json = False,
 ) -> None:
     """Make torn recordings whole. Exit 0 all that was flushed is kept, 1 something is lost, 2 cannot.
 
-    A .part gets its final name; anything else is left as it is, beside a new NAME.recovered.mcap.
+    A .part gets its final name; anything else is left as it is, beside a new NAME.recovered.mcap. Of a folder, every
+    .part below it that is not being written.
     """
     lost, failed = False, None
-    for file in files:
-        try:
-            done = recover_file(file)
-        except RecordingError as error:  # the others are still recovered
-            err.line(f"{error.code}: {error}")
-            failed = error
+    if not (all_done := list(chain.from_iterable(_recovered(file) for file in files))):
+        err.line("Nothing is torn there.")
+    for done in all_done:
+        if isinstance(done, RecordingError):  # the others are still recovered
+            err.line(f"{done.code}: {done}")
+            failed = done
             continue
         out.json(done.to_json()) if as_json else out.line(done.line())
         lost = lost or done.lost
     if failed is not None or lost:
         raise typer.Exit(failed.exit_code if failed is not None else 1)
+
+
+def _recovered(path: Path) -> Iterable[Recovered | RecordingError]:
+    try:
+        if is_folder(path):
+            return recover_leftovers(path)
+        return [recover_file(path)]
+    except RecordingError as error:
+        return [error]

@@ -73,8 +73,8 @@ def replay(
     """Run the pure stages again from recordings and compare. Exit 0 equal, 1 different, 2 cannot.
 
     Every stage works on its recorded inputs; with --from, or with --set ("what if?"), what one gives is what the next
-    one takes, down to the chosen grasp. Stages: detect, plan, verify. A setting that none of these reads (as most of
-    execute) cannot change anything here, and that is said.
+    one takes, down to the chosen grasp. Stages: detect, plan, verify. What only acts while
+    the arm moves (as most of execute) changes nothing here.
 
     --publish waits for a subscriber, as nothing is kept for a later one. Exit 0 published, 3 the recorded cell is live,
     4 nobody subscribed: nothing was published.

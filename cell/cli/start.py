@@ -141,7 +141,8 @@ def _stay(screen: Screen) -> None:
     """Show all messages until interrupted."""
     if screen.interrupted.is_set():
         return  # during the start: it was never ready for anybody
-    screen.line("ready. From another terminal: cell reset, cell pick, cell status. Ctrl-C ends.")
+    cell = "uv run cell" if "UV_RUN_RECURSION_DEPTH" in os.environ else "cell"  # as this one was started
+    screen.line(f"ready. From another terminal: {cell} reset, {cell} pick, {cell} status. Ctrl-C ends.")
     for _ in screen.follow():
         pass
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from bus import topics
 from bus.commands import CellHealth, CellState, Nothing
-from bus.errors import NoReply, Refused
+from bus.errors import CellUnreachable, NoReply, Refused
 from bus.fault_injection import Fault, FaultRequest, Part
 from bus.messages import LivePicture, PictureRequest, PlanView, Proposal
 from bus.session import Bus
+from cell.machine.leases import CELL_CLIENT
 
 
 class Questions:
@@ -21,8 +22,16 @@ class Questions:
         self._bus, self._timeout_s = bus, ask_timeout_s
 
     def state(self) -> CellState:
-        """Return the machine's state now. Raises: BusError."""
-        return self._bus.request(topics.STATE_NOW, Nothing(), CellState, timeout_s=self._timeout_s)
+        """Return the machine's state now. Raises: CellUnreachable where no cell of this name is; BusError."""
+        try:
+            return self._bus.request(topics.STATE_NOW, Nothing(), CellState, timeout_s=self._timeout_s)
+        except NoReply as error:
+            if self._bus.is_secured or CELL_CLIENT in self._bus.alive(topics.LEASE):
+                raise  # it is there and does not answer, or its rules may hide it
+            raise CellUnreachable(
+                f"What runs at this address is not the cell {self._bus.cell_id!r}.",
+                "`cell fleet` lists the cells there; name the --config of one of them.",
+            ) from error
 
     def health(self) -> CellHealth:
         """Return the cell's health now, node by node. Raises: BusError."""

@@ -187,7 +187,7 @@ def approved(
         except CycleFailure as failure:
             if failure.failure not in _NO_OTHER:
                 raise
-            text = f"{len(passed_over)} grasps were passed over, and there is no other: {failure.text}"
+            text = f"Passed over: {len(passed_over)}, and there is no other grasp: {failure.text}"
             raise stages.fail(CycleFailure(Code.REJECTED, text, failure.rejected)) from failure
 
 

@@ -20,10 +20,11 @@ from cell.pick.verify import verify
 from config.schema import Station
 from logs.differences import Tolerance
 from logs.mcap.reader import CycleRecord
+from perception.goal.imagine import OnReply
 from perception.models import Models
 from planning.robot import Robot
 
-Rerun = Callable[[CycleRecord, Station, Robot, Models], Message]
+Rerun = Callable[[CycleRecord, Station, Robot, Models, OnReply], Message]
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,8 @@ class Stage:
     """One row.
 
     Attributes:
-        rerun: computes its output again from a recording; None = the output is recorded, not recomputed.
+        rerun: computes its output again from a recording, and says each call of a goal-image model; None = its output
+            is recorded, not recomputed.
         tolerances: field pattern -> tolerance of a replayed value.
         steps: (step, the fields it produces), in the order of cause and effect.
     """
@@ -77,17 +79,17 @@ def _result(record: CycleRecord, name: StageName, kind: type[Message]) -> Messag
     return stage.result
 
 
-def _detect(record: CycleRecord, station: Station, _robot: Robot, models: Models) -> Message:
-    return detect(_looks(record, station), station, models, failed_at=record.attempt.failed_at)
+def _detect(record: CycleRecord, station: Station, _robot: Robot, models: Models, on_reply: OnReply) -> Message:
+    return detect(_looks(record, station), station, models, on_reply, failed_at=record.attempt.failed_at)
 
 
-def _plan(record: CycleRecord, station: Station, robot: Robot, _models: Models) -> Message:
+def _plan(record: CycleRecord, station: Station, robot: Robot, _models: Models, _on_reply: OnReply) -> Message:
     found = _result(record, "detect", Detections)
     assert isinstance(found, Detections)
     return plan(found, _seen_by(found, record), robot, station, (*record.attempt.missed, *record.passed_over))
 
 
-def _verify(record: CycleRecord, station: Station, robot: Robot, _models: Models) -> Message:
+def _verify(record: CycleRecord, station: Station, robot: Robot, _models: Models, _on_reply: OnReply) -> Message:
     found, execution = _result(record, "detect", Detections), _result(record, "execute", Execution)
     chosen = _result(record, "plan", PickPlan)
     assert isinstance(found, Detections) and isinstance(execution, Execution) and isinstance(chosen, PickPlan)

@@ -9,12 +9,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from bus.errors import CellError, ConfigError, NotHere, PicturesTrimmed, RecordingError
+from bus.errors import CellError, ConfigError, NotHere, PicturesTrimmed, RecordingError, StageNotReached
 from cell.replay.replay import Replay, Request, replay
-from cell.replay.view import to_json, verdict
+from cell.replay.view import EMPTY, to_json, verdict
 from cell.workers import LocalWorkers, WorkerLost, Workers, in_order
 from config.load import station_hash
-from config.reads import unnoted
 from config.schema import Station
 from logs.mcap.names import found_below, shown, telling
 from logs.mcap.reader import read_cycle
@@ -31,10 +30,10 @@ class Judged:
     """The outcome of one recording, small enough to travel between processes.
 
     Attributes:
-        verdict: of `cell.replay.view.verdict`, `TRIMMED`, `NOT_HERE` or ``unreadable``.
+        verdict: of `cell.replay.view.verdict` (`EMPTY` also of a cycle that ended before the stages asked for),
+            `TRIMMED`, `NOT_HERE` or ``unreadable``.
         error: why it was not replayed, or "".
         stages: rerun, each with whether it differs. ``fields``: those that differ. ``said``: of `to_json` if different.
-        unread: the given settings that nothing read which ran again.
     """
 
     path: Path
@@ -43,7 +42,6 @@ class Judged:
     stages: tuple[tuple[str, bool], ...] = ()
     fields: tuple[str, ...] = ()
     said: dict[str, Any] | None = None
-    unread: tuple[str, ...] = ()
 
     @property
     def in_words(self) -> str:
@@ -61,7 +59,6 @@ class Tally:
         self.different: list[dict[str, Any]] = []
         self.unreadable: dict[str, str] = {}
         self.not_here: dict[str, str] = {}
-        self._unread: set[str] | None = None
 
     def add(self, judged: Judged) -> None:
         """Count one recording."""
@@ -74,8 +71,6 @@ class Tally:
         for stage, differs in judged.stages:
             self.stages[stage] += differs
         self.fields.update(judged.fields)
-        if judged.verdict not in (TRIMMED, NOT_HERE):
-            self._unread = set(judged.unread) if self._unread is None else self._unread & set(judged.unread)
         if judged.said is not None:
             self.different.append({"recording": shown(judged.path), **judged.said})
 
@@ -95,7 +90,6 @@ class Tally:
             "unreadable": self.unreadable,
             "stages": dict(self.stages),
             "fields": dict(self.fields.most_common()),
-            "unread_settings": sorted(self._unread or ()),
             "differences": self.different,
         }
 
@@ -134,7 +128,7 @@ def judgements(paths: list[Path], request: Request, workers: Workers) -> Iterato
         if isinstance(found, WorkerLost):
             yield Judged(paths[index], "unreadable", str(found))
         else:
-            yield Judged(paths[index], found.verdict, found.error, found.stages, found.fields, found.said, found.unread)
+            yield Judged(paths[index], found.verdict, found.error, found.stages, found.fields, found.said)
 
 
 def judge(path: Path, request: Request) -> Judged:
@@ -144,6 +138,8 @@ def judge(path: Path, request: Request) -> Judged:
             outcome = replay(read_cycle(path), request, _robot_of)
     except PicturesTrimmed as error:
         return Judged(path, TRIMMED, str(error))
+    except StageNotReached as error:
+        return Judged(path, EMPTY, str(error))
     except (NotHere, ConfigError) as error:
         return Judged(path, NOT_HERE, str(error))
     except CellError as error:
@@ -158,9 +154,8 @@ def _judged(path: Path, outcome: Replay) -> Judged:
         for stage in outcome.stages
         for _, difference in stage.differences
     }
-    unread = tuple(one.key for one in outcome.changed if not one.read_by)
     stages = tuple((stage.stage, bool(stage.differences)) for stage in outcome.stages)
-    return Judged(path, said, "", stages, tuple(fields), to_json(outcome) if said == "different" else None, unread)
+    return Judged(path, said, "", stages, tuple(fields), to_json(outcome) if said == "different" else None)
 
 
 _robots: dict[str, Robot] = {}
@@ -168,6 +163,5 @@ _robots: dict[str, Robot] = {}
 
 
 def _robot_of(station: Station) -> Robot:
-    with unnoted():
-        key = station_hash(station.model_copy(update={"recording": type(station.recording)()}))
+    key = station_hash(station.model_copy(update={"recording": type(station.recording)()}))
     return _robots.get(key) or _robots.setdefault(key, Robot(station))

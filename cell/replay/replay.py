@@ -8,28 +8,26 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, cast
 
 from bus.codes import Code
-from bus.errors import ConfigError, CycleFailure, PicturesTrimmed, RecordingError
+from bus.errors import ConfigError, CycleFailure, PicturesTrimmed, RecordingError, StageNotReached
 from bus.frozen import Message
-from bus.messages import Detections, Failure, PickPlan, StageName, StageRecord
+from bus.messages import Detections, Failure, ModelReply, PickPlan, StageName, StageRecord
 from cell.replay.compared_stages import STAGES, Stage
 from cell.replay.made_with import opening
 from config.load import station_from
-from config.reads import Reads, noted
 from config.schema import Station
 from logs.differences import Difference, compare
 from logs.mcap.reader import CycleRecord
+from perception.goal.imagine import OnReply
 from perception.models import Models, open_models, replayed_models
+from perception.models.registry import is_replayed
 from planning.robot import Robot
 
 PURE = tuple(stage.name for stage in STAGES if stage.pure)
 ModelsOf = Callable[[Station, CycleRecord], Models]
-MODELS = "the models"
-"""Who reads what the models, and the planning model of the robot, are made of."""
 
 
 @dataclass(frozen=True)
@@ -53,14 +51,11 @@ class Changed:
 
     Attributes:
         key: its name. ``before``, ``now``: what was recorded, or its default then; and what was given.
-        read_by: the stages that read it in this replay, and `MODELS` where these, or the robot's, are made of it;
-            none = it cannot have mattered to what ran again.
     """
 
     key: str
     before: Any
     now: Any
-    read_by: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -71,6 +66,7 @@ class Replay:
         stages: those that were rerun, in order. ``not_reached``: stage -> the reason.
         chained: the output of a stage was the input of the next.
         changed: the settings that were given.
+        replies: of the goal-image model that was asked anew; None: it was not, its recorded replies are what counts.
     """
 
     record: CycleRecord
@@ -78,6 +74,7 @@ class Replay:
     not_reached: dict[str, str]
     chained: bool
     changed: tuple[Changed, ...] = ()
+    replies: tuple[ModelReply, ...] | None = None
 
     @property
     def equal(self) -> bool:
@@ -136,7 +133,7 @@ def replay(record: CycleRecord, request: Request, robot_of: Callable[[Station], 
     Args:
         robot_of: builds the planning model of a station, which takes a second; it may cache it for many recordings.
 
-    Raises: RecordingError when it holds none of the requested pure stages; PicturesTrimmed; NotHere when a package or
+    Raises: StageNotReached when it holds none of the requested pure stages; PicturesTrimmed; NotHere when a package or
         file that it was made with is not on this machine; ConfigError for a bad override.
     """
     if record.trimmed:
@@ -145,29 +142,30 @@ def replay(record: CycleRecord, request: Request, robot_of: Callable[[Station], 
             "Replay the whole recording, if there is one; recording.thin_after_days says when they are trimmed.",
         )
     station = station_from(dict(record.station), request.overrides, source="the recorded station")
-    reads, not_reached = Reads(), dict[str, str]()
-    with noted(station, reads) if request.overrides else nullcontext():
-        reads.reader = MODELS
-        with opening(record, is_changed=bool(request.overrides)):
-            robot, models = robot_of(station), request.models(station, record)
-        try:
-            run = _chained if request.chained else _isolated
-            stages = tuple(run(_wanted(request), record, not_reached, _With(station, robot, models, reads)))
-        finally:
-            models.close()
+    not_reached, replies = dict[str, str](), list[ModelReply]()
+    with opening(record, is_changed=bool(request.overrides)):
+        robot, models = robot_of(station), request.models(station, record)
+    try:
+        run = _chained if request.chained else _isolated
+        stages = tuple(run(_wanted(request), record, not_reached, _With(station, robot, models, replies.append)))
+    finally:
+        models.close()
     if not stages:
-        raise RecordingError(
+        raise StageNotReached(
             f"The recording of {record.cycle_id} holds no stage that can be replayed.",
             f"Stages recorded: {', '.join(record.stages) or 'none'}.",
         )
-    return Replay(record, stages, not_reached, request.chained, tuple(_changed(record, station, request, reads)))
+    changed = tuple(_changed(record, station, request))
+    is_asked = request.models is not _recorded_models or not is_replayed(station.perception.model, record.last_replies)
+    asked = tuple(replies) if is_asked and any(one.stage == "detect" for one in stages) else None
+    return Replay(record, stages, not_reached, request.chained, changed, asked)
 
 
-def _changed(record: CycleRecord, station: Station, request: Request, reads: Reads) -> Iterator[Changed]:
+def _changed(record: CycleRecord, station: Station, request: Request) -> Iterator[Changed]:
     before = station_from(dict(record.station), source="the recorded station").model_dump(mode="json")
     now = station.model_dump(mode="json")
     for key in dict.fromkeys(override.partition("=")[0].strip() for override in request.overrides):
-        yield Changed(key, _at(before, key), _at(now, key), reads.of(key))
+        yield Changed(key, _at(before, key), _at(now, key))
 
 
 def _at(tree: Any, key: str) -> Any:
@@ -185,12 +183,12 @@ def _wanted(request: Request) -> list[Stage]:
 
 
 class _With(NamedTuple):
-    """What the stages run with, and who notes what they read."""
+    """What the stages run with, and who hears each call of a goal-image model."""
 
     station: Station
     robot: Robot
     models: Models
-    reads: Reads
+    on_reply: OnReply
 
 
 def _isolated(wanted: list[Stage], record: CycleRecord, _: dict[str, str], made_of: _With) -> Iterator[StageReplay]:
@@ -262,8 +260,7 @@ def _compared(stage: Stage, record: CycleRecord, outcome: Message) -> StageRepla
 def _rerun(stage: Stage, record: CycleRecord, made_of: _With) -> Message:
     """The stage's result, or the failure it ends with: both are compared."""
     assert stage.rerun is not None
-    made_of.reads.reader = stage.name
     try:
-        return stage.rerun(record, made_of.station, made_of.robot, made_of.models)
+        return stage.rerun(record, made_of.station, made_of.robot, made_of.models, made_of.on_reply)
     except CycleFailure as failure:
         return Failure.of(failure)

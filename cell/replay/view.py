@@ -14,6 +14,8 @@ from cell.replay.replay import Changed, Replay, StageReplay
 from cell.terminal.printing import Printer
 
 _SHOWN = 5
+EMPTY = "empty"
+"""Equal, without a grasp to compare; of a folder also: the cycle ended before the stages that are asked for."""
 _LONGEST = 60
 NO_GRASPS = "equal, but the recording holds no grasp to compare: that proves nothing"
 
@@ -22,7 +24,7 @@ def verdict(replay: Replay) -> str:
     """``equal``, ``different``, or ``empty``: equal, without a grasp to compare."""
     if not replay.equal:
         return "different"
-    return "equal" if replay.grasps else "empty"
+    return "equal" if replay.grasps else EMPTY
 
 
 def to_json(replay: Replay) -> dict[str, Any]:
@@ -43,10 +45,7 @@ def to_json(replay: Replay) -> dict[str, Any]:
     if replay.chained:
         said["consequence"] = list(consequence(replay))
     if replay.changed:
-        said["settings"] = [
-            {"key": one.key, "recorded": one.before, "given": one.now, "read_by": list(one.read_by)}
-            for one in replay.changed
-        ]
+        said["settings"] = [{"key": one.key, "recorded": one.before, "given": one.now} for one in replay.changed]
     return said
 
 
@@ -71,9 +70,11 @@ def show_what_if(replay: Replay, out: Printer) -> None:
         out.line(f"  {line}")
     for name, why in replay.not_reached.items():
         out.line(f"  {name}: not replayed, {why}")
-    for one in replay.changed:
-        if why := _why_nothing(one, replay):
-            out.line(f"  {one.key}: {why}")
+    if replay.changed and replay.equal:
+        ran = ", ".join(stage.stage for stage in replay.stages)
+        out.line(
+            f"  Only {ran} ran again: a setting of what moves, records or listens changes nothing here.", style="dim"
+        )
 
 
 def _given(one: Changed) -> str:
@@ -86,22 +87,9 @@ def _shortened(value: object) -> str:
     return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 4]} ..."
 
 
-def _why_nothing(one: Changed, replay: Replay) -> str:
-    """Why a setting changed nothing, or could not; "" where something changed, and it was read."""
-    if one.now == one.before:
-        return "" if not replay.equal else "that is its value in the recording."
-    if not one.read_by:
-        ran = ", ".join(stage.stage for stage in replay.stages)
-        left = f", and {', '.join(replay.not_reached)} did not run" if replay.not_reached else ""
-        return f"none of what ran again ({ran}) reads it{left}. It cannot have mattered here."
-    if not replay.equal:
-        return ""
-    return f"read by {', '.join(one.read_by)}; every decision is as it was."
-
-
 def _in_words(replay: Replay) -> str:
     said = verdict(replay)
-    if said == "empty":
+    if said == EMPTY:
         return NO_GRASPS
     return "equal, no decision changed" if replay.changed and said == "equal" else said
 
@@ -129,8 +117,6 @@ def show_tally(said: dict[str, Any], out: Printer) -> None:
         out.line(("different", "red"), f" {one['cycle_id']}: first in {where}")
     for name, count in said["fields"].items():
         out.line(f"  {count:>5} x {name}")
-    for key in said["unread_settings"]:
-        out.line(f"{key}: nothing that ran again reads it. It cannot have mattered here.")
     counts = ", ".join(
         f"{said[name]} {name}" for name in ("equal", "different", "empty", "trimmed") if name != "trimmed" or said[name]
     )

@@ -48,6 +48,7 @@ def what_if(replay: Replay, overrides: Sequence[str]) -> CycleRecord:
         metadata={**record.metadata, "result": WHAT_IF, "reason": _reason(replay, overrides)},
         station=station.model_dump(mode="json"),
         stages=stages,
+        replies=record.replies if replay.replies is None else replay.replies,
         result=None,
         states=(),
         events=(),

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 
-from bus.errors import DeviceLost, DriverUnavailable, NotConnected, StaleFrame
+from bus.errors import DeviceAbsent, DeviceLost, DriverUnavailable, NotConnected, StaleFrame
 from bus.messages import Frame
 from config.hardware import FemtoMegaSettings
 from config.schema import Station
@@ -47,7 +47,7 @@ class FemtoMega:
                 raise DriverUnavailable("The camera cannot be read: that ended by a defect.", _RESTART)
             reader.end()
             why = f" ({reader.trouble})" if reader.trouble else ""
-            raise DriverUnavailable(f"The camera gave no pictures within {READY_S:.0f} s{why}.", _ADVICE)
+            raise DeviceAbsent(f"The camera gave no pictures within {READY_S:.0f} s{why}.", _ADVICE)
         self._reader = reader
 
     def capture(self) -> Frame:

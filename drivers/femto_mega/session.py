@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from bus.arrays import Transform
-from bus.errors import DriverUnavailable
+from bus.errors import DeviceAbsent, DriverUnavailable
 from bus.messages import CameraModel
 from bus.transforms import from_rotation
 from config.hardware import FemtoMegaSettings
@@ -97,7 +97,7 @@ class Session:
             self._start()
         except (*self.faults, *UNREADABLE) as error:
             self.close()
-            raise DriverUnavailable(f"The Femto Mega cannot be used: {_said(error)}.", _CABLE) from error
+            raise DeviceAbsent(f"The Femto Mega cannot be used: {_said(error)}.", _CABLE) from error
         except DriverUnavailable:
             self.close()
             raise
@@ -260,7 +260,7 @@ def _probe(address: str) -> None:
     try:
         socket.create_connection((address, _PORT), _PROBE_S).close()
     except OSError as error:
-        raise DriverUnavailable(f"No camera answers at {address}: {error}.", _CABLE) from error
+        raise DeviceAbsent(f"No camera answers at {address}: {error}.", _CABLE) from error
 
 
 def _camera_model(profile: Any) -> CameraModel:

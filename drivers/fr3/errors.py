@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from bus.errors import ArmReflex, DeviceLost, DriverError, DriverUnavailable, MotionRefused
+from bus.errors import ArmReflex, DeviceAbsent, DeviceLost, DriverError, DriverUnavailable, MotionRefused
 from bus.messages import ArmMode
 
 _MODES = {1: ArmMode.IDLE, 2: ArmMode.MOVE, 4: ArmMode.REFLEX, 5: ArmMode.USER_STOPPED}
@@ -61,8 +61,8 @@ def connect_error(error: Exception, address: str) -> DriverError:
     if "ncompatible library version" in str(error):
         return DriverUnavailable(text, "Update the robot's system image to 5.9 or newer (Desk, Settings, System).")
     if "another" in str(error) or "refused" in str(error).lower():
-        return DriverUnavailable(text, "In Desk: activate FCI; no other program may hold the robot.")
-    return DriverUnavailable(text, "Check power, cable and fr3.address; in Desk unlock the joints and activate FCI.")
+        return DeviceAbsent(text, "In Desk: activate FCI; no other program may hold the robot.")
+    return DeviceAbsent(text, "Check power, cable and fr3.address; in Desk unlock the joints and activate FCI.")
 
 
 def motion_error(error: Exception) -> DriverError:

@@ -11,7 +11,7 @@ import time
 from multiprocessing.connection import Connection
 
 from bus.commands import ErrorReply
-from bus.errors import DeviceLost, DriverError, DriverUnavailable
+from bus.errors import DeviceAbsent, DeviceLost, DriverError, DriverUnavailable
 from bus.remote_errors import error_from_reply
 from bus.threads import OwnedThread, Role
 from config.hardware import Fr3Settings
@@ -96,7 +96,7 @@ class ControlProcess:
 
     def _answer_within(self, patience_s: float) -> None:
         if not self._requests.poll(patience_s):
-            raise DriverUnavailable(
+            raise DeviceAbsent(
                 f"The FR3 at {self._address} did not answer within {patience_s:.0f} s.", "Is it still starting?"
             )
         try:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from bus.errors import DeviceLost, DriverUnavailable, HandFault
+from bus.errors import DeviceAbsent, DeviceLost, DriverUnavailable, HandFault
 
 LOST_ADVICE = "Check the arm's power and network; when it is back, `cell clear` and `cell reset`."
 
@@ -39,7 +39,7 @@ class Gripper:
         try:
             self._hand = self._franky.Gripper(address)
         except (self._franky.Exception, RuntimeError) as error:
-            raise DriverUnavailable(
+            raise DeviceAbsent(
                 f"The Franka hand at {address} cannot be reached: {' '.join(str(error).split())}.",
                 "Check power and panda_hand.address; in Desk the End Effector must be the Franka Hand, and FCI active.",
             ) from error

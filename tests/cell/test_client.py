@@ -108,3 +108,18 @@ def test_nobody_waits_for_a_cell_that_is_gone(endpoint: str) -> None:
             for wait in (lambda: client.next_said(600), lambda: client.wait_for_result("1", 600)):
                 with pytest.raises(CellUnreachable, match="is gone"):
                     wait()
+
+
+def test_who_asks_for_another_cell_is_told_that_it_is_not_the_one_here(endpoint: str) -> None:
+    with Bus.listen("here", endpoint), Bus.join("elsewhere", endpoint) as bus:
+        client = Client(bus, 5.0)
+        with pytest.raises(CellUnreachable, match="not the cell 'elsewhere'"):
+            client.state()
+
+
+def test_a_cell_that_is_there_and_does_not_answer_is_not_taken_for_another(endpoint: str) -> None:
+    with Bus.listen("test", endpoint) as cell, Bus.join("test", endpoint) as bus:
+        cell.announce(topics.LEASE, name=CELL_CLIENT)
+        client = Client(bus, 5.0)
+        with pytest.raises(NoReply, match="Nobody answers 'state'"):
+            client.state()

@@ -65,7 +65,7 @@ def test_state_health_and_results_are_the_cells_own_messages(desk: Desk) -> None
     assert said(desk.ask("GET", "/api/state"))["state"] == "Idle"
     about = said(desk.ask("GET", "/api/cell"))
     assert about["is_simulated"] and about["is_never_empty"]  # no sim.clutter: a new object with every pick
-    assert said(desk.ask("GET", "/api/health")) == {"is_healthy": True, "nodes": {}, "defects": []}
+    assert said(desk.ask("GET", "/api/health")) == {"is_healthy": True, "nodes": {}, "defects": [], "doors": {}}
     assert said(desk.ask("GET", "/api/results/c1")) == json.loads(RESULT.model_dump_json())
     missing = desk.ask("GET", "/api/results/c2")
     assert (missing.status, said(missing)["code"]) == (404, "NO_RESULT")

@@ -36,10 +36,15 @@ class ScriptedCell:
     def __init__(self, said: list[Said]) -> None:
         self._said = iter(said)
         self.commands: list[tuple[str, dict[str, Any]]] = []
+        self.reply = CommandReply(ok=True, state="Starting", cycle_id="1")
+        self.now = _state("Complete")
 
     def command(self, verb: str, **arguments: Any) -> CommandReply:
         self.commands.append((verb, arguments))
-        return CommandReply(ok=True, state="Starting", cycle_id="1")
+        return self.reply
+
+    def state(self) -> CellState:
+        return self.now
 
     def next_said(self, _timeout_s: float) -> CellState | CycleResult:
         said = next(self._said)
@@ -108,3 +113,23 @@ def test_a_run_that_is_stopped_or_aborts_is_no_success(in_process: Run, says: Sa
     says(_result("1"), _state(state.replace("ed", "ing"), reason), _state(state))
     done = in_process("run", "--until-empty")
     assert done.returncode == 1 and reason.rpartition("from ")[2] in done.stdout.splitlines()[-1]
+
+
+@pytest.mark.parametrize("command", [("pick", "--queue"), ("run", "--cycles", "2", "--queue")])
+def test_who_waits_for_a_job_that_is_cancelled_is_told(in_process: Run, says: Says, command: tuple[str, ...]) -> None:
+    working = _state("Execute").model_copy(update={"job_id": "other", "queue": ("mine",)})
+    cancelled = working.model_copy(update={"queue": ()})
+    cell = says(_state("Execute"), working, cancelled, cancelled, _state("Complete"))
+    cell.reply, cell.now = CommandReply(ok=True, state="Execute", cycle_id="1", job_id="mine", position=1), cancelled
+    done = in_process(*command)
+    told, refused = done.stderr.splitlines()
+    assert told == "job mine will not begin; what moves is attended from here; Ctrl-C holds it"
+    assert done.returncode == 3 and refused.startswith("JOB_DROPPED: The job 'mine' ended without a cycle")
+
+
+def test_a_waiting_job_that_begins_is_followed_to_its_result(in_process: Run, says: Says) -> None:
+    working = _state("Execute").model_copy(update={"job_id": "other", "queue": ("mine",)})
+    begun, over = (working.model_copy(update={"job_id": job_id, "queue": ()}) for job_id in ("mine", ""))
+    cell = says(working, begun, over, _result("1"))
+    cell.reply = CommandReply(ok=True, state="Execute", cycle_id="1", job_id="mine", position=1)
+    assert in_process("pick", "--queue").returncode == 0

@@ -29,6 +29,14 @@ def test_every_file_is_recovered_and_said(tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.mcap", "b.mcap"]
 
 
+def test_of_a_folder_every_torn_file_is_recovered(tmp_path: Path) -> None:
+    _torn(tmp_path / "a.mcap")
+    done = CliRunner().invoke(command_line(), ["recover", str(tmp_path)])
+    assert done.exit_code == 0 and "1 messages kept" in done.output
+    again = CliRunner().invoke(command_line(), ["recover", str(tmp_path)])
+    assert again.exit_code == 0 and again.output == "Nothing is torn there.\n"
+
+
 def test_json_tells_programs_the_same(tmp_path: Path) -> None:
     done = CliRunner().invoke(command_line(), ["recover", "--json", _torn(tmp_path / "a.mcap")])
     said = json.loads(done.output)

@@ -124,6 +124,14 @@ def test_every_rule_of_the_stage_table_names_a_field_that_exists(record: CycleRe
         assert all(any(path.startswith(part) for path in paths) for part in fields), stage.name
 
 
+def test_a_cycle_that_ended_before_the_stage_is_no_unreadable_one(tmp_path: Path, robot: Robot) -> None:
+    for name, kept in (("whole.mcap", PICK), ("ended in plan.mcap", PICK.with_name("cycle-schema3.mcap"))):
+        shutil.copy(kept, tmp_path / name)
+    told: list[str] = []
+    tally = replay_folder(tmp_path, Request(only="verify"), lambda path, said: told.append(f"{path.name} {said}"))
+    assert told == ["ended in plan.mcap empty", "whole.mcap equal"] and tally.exit_code == 0
+
+
 def test_a_folder_is_summed_up_and_what_cannot_be_read_is_named(tmp_path: Path, robot: Robot) -> None:
     shutil.copy(PICK, tmp_path / "one.mcap")
     (tmp_path / "two.mcap").write_bytes(PICK.read_bytes()[:9000])

@@ -6,6 +6,7 @@ import pytest
 
 from bus.errors import ArmReflex, DeviceLost, DriverError, DriverUnavailable, MotionRefused
 from bus.messages import ArmMode
+from bus.remote_errors import error_from_reply, error_reply
 from drivers.fr3.errors import advice_of_mode, arm_mode, connect_error, motion_error
 
 
@@ -58,17 +59,18 @@ def test_every_other_fault_has_its_type(kind: str, text: str, expected: type[Exc
 
 
 @pytest.mark.parametrize(
-    ("kind", "text", "words"),
-    [
-        ("RealtimeException", "Running kernel does not have realtime capabilities", "PREEMPT_RT"),
-        ("NetworkException", "Connection to FCI refused", "activate FCI"),
-        ("IncompatibleVersionException", "Incompatible library version", "system image"),
-        ("NetworkException", "No route to host", "fr3.address"),
+    ("kind", "text", "words", "exit_code"),
+    [  # a service starts again after exit code 1: the robot may be switched on later
+        ("RealtimeException", "Running kernel does not have realtime capabilities", "PREEMPT_RT", 2),
+        ("NetworkException", "Connection to FCI refused", "activate FCI", 1),
+        ("IncompatibleVersionException", "Incompatible library version", "system image", 2),
+        ("NetworkException", "No route to host", "fr3.address", 1),
     ],
 )
-def test_what_keeps_it_from_connecting_says_what_to_do(kind: str, text: str, words: str) -> None:
+def test_what_keeps_it_from_connecting_says_what_to_do(kind: str, text: str, words: str, exit_code: int) -> None:
     error = connect_error(raised(kind, text), "172.16.0.2")
     assert isinstance(error, DriverUnavailable) and words in error.advice and "172.16.0.2" in error.text
+    assert error.exit_code == exit_code and error_from_reply(error_reply(error)).exit_code == exit_code
 
 
 def test_modes() -> None:

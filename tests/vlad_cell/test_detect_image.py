@@ -82,7 +82,7 @@ def test_nothing_outside_the_region_is_looked_at() -> None:
     ("given", "said"),
     [
         ({"settings": {"hand.width": 1}}, r"Unknown key .* in settings\['hand\.width'\]\. Did you mean 'hand\."),
-        ({"settings": {"hand.max_width_m": object()}}, r"of object\. Correct settings\['hand\.max_width_m'\]"),
+        ({"settings": {"hand.max_width_m": {0.08}}}, r"of set\. Correct settings\['hand\.max_width_m'\]"),
         ({"settings": {"hand.max_width_m": -1}}, r"greater than 0 .*Correct settings\['hand\.max_width_m'\]"),
         ({"region_m": (0.6, 0.3, -0.2, 0.2)}, r"scene\.pick_region_m: .*Correct region_m\."),
         ({"region_m": (0.3, 0.6)}, r"scene\.pick_region_m.*too few.*Correct region_m\."),
