@@ -190,7 +190,7 @@ def _corrected(mistake: ErrorDetails, where: str) -> str:
 
 
 def _given(mistake: ErrorDetails) -> str:
-    if mistake["type"] == UNSHOWN:
+    if mistake["type"] == UNSHOWN or isinstance(mistake.get("input"), dict):  # a secret; a table is too long to help
         return ""
     given = repr(mistake.get("input"))
     return f" (given: {given if len(given) <= _LONGEST_GIVEN else given[:_LONGEST_GIVEN] + '...'})"

@@ -50,8 +50,10 @@ def around(overrides: Sequence[Override], place: tuple[str, ...]) -> list[Overri
 
 
 def _named(text: str, given_by: Mapping[str, str]) -> Override:
-    key = text.partition("=")[0].strip()
-    shown = repr(text if len(text) <= _LONGEST_SHOWN else text[:_LONGEST_SHOWN] + "...")
+    key, equals, _ = text.partition("=")
+    key = key.strip()
+    whole = repr(text if len(text) <= _LONGEST_SHOWN else text[:_LONGEST_SHOWN] + "...")
+    shown = key if equals and key else whole  # a value may be a secret where none belongs
     return Override(text, tuple(key.split(".")), given_by.get(key, f"--set {shown}"))
 
 

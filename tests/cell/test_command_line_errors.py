@@ -39,7 +39,7 @@ def _says(done: subprocess.CompletedProcess[str], code: int, *words: str) -> Non
 
 
 def test_an_unknown_key_is_named_with_its_neighbour(in_process: Run, options: list[str]) -> None:
-    _says(in_process("start", "--set", "sim.pase=1", *options), 2, "--set 'sim.pase=1'", "'sim.pace'")
+    _says(in_process("start", "--set", "sim.pase=1", *options), 2, "--set sim.pase", "'sim.pace'")
 
 
 def test_a_missing_station_file(in_process: Run) -> None:

@@ -74,10 +74,18 @@ Says = Callable[..., ScriptedCell]
 
 
 def test_a_pick_waits_for_the_result_of_its_last_try(in_process: Run, says: Says) -> None:
-    says(_state("Execute"), _result("0"), _result("1", "FAILED", Code.GRASP_MISSED, retried_as="2"), _result("2"))
+    stages = [_state("Execute").model_copy(update={"stage": stage}) for stage in ("plan", "plan", "approve")]
+    said = (*stages, _result("0"), _result("1", "FAILED", Code.GRASP_MISSED, retried_as="2"), _result("2"))
+    says(*said)
     done = in_process("pick")
-    assert done.stdout.splitlines() == ["cycle 1 begins; Ctrl-C holds it", "SUCCESS [cup]: Held.", "  r.mcap"]
-    assert done.returncode == 0
+    begins, plan, asks, *told = done.stdout.splitlines()
+    assert (begins, plan) == ("cycle 1 begins; Ctrl-C holds it", "  plan")
+    assert "nothing moves until somebody answers: cell approve" in asks
+    missed = ["FAILED GRASP_MISSED [cup]: Held.", "  r.mcap", "tried again as 2"]
+    assert told == [*missed, "SUCCESS [cup]: Held.", "  r.mcap"]
+    says(*said)
+    (only,) = in_process("pick", "--json").stdout.splitlines()
+    assert '"cycle_id":"2"' in only, "for a program the last try alone is the answer"
 
 
 def test_it_says_who_stopped_it(in_process: Run, says: Says) -> None:
