@@ -156,7 +156,7 @@ def _in_environment(added: Mapping[str, str]) -> Iterator[None]:
 
 @contextmanager
 def _uninterrupted() -> Iterator[None]:
-    """Context in which started processes are not interrupted by Ctrl-C until `_serve` sees to it; this one is, later."""
+    """Context in which Ctrl-C waits, and interrupts no process that is started until `_serve` sees to it."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

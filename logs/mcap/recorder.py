@@ -207,5 +207,6 @@ def _as_recording_error(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise RecordingError(
-            f"Cannot record into {path}: {error.strerror or error}.", "Check the disk's space and rights."
+            f"Cannot record into {path}: {error.strerror or error}.",
+            "Check the disk's space and rights, or set recording.folder.",
         ) from error
