@@ -51,6 +51,20 @@ class Code(StrEnum):
     INTERNAL = "INTERNAL"
 
 
+FROM_OUTSIDE = frozenset(
+    {
+        Code.STOPPED,
+        Code.CANCELLED,
+        Code.DEADLINE,
+        Code.APPROVAL_TIMEOUT,
+        Code.DEVICE_LOST,
+        Code.NODE_LOST,
+        Code.RECORDING,
+    }
+)
+"""What ends a computation from outside: a command, a clock, a device, a disk. Its inputs do not lead to it, so that the
+same inputs need not end so again."""
+
 ADVICE: dict[Code, str] = {
     Code.NO_OBJECT: "Put an object into the pick region, inside the camera's view.",
     Code.TARGET_NOT_FOUND: "Name it differently, or point at it by its pixel: the picture is in the report.",

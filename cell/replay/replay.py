@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, cast
 
-from bus.codes import Code
+from bus.codes import FROM_OUTSIDE
 from bus.errors import ConfigError, CycleFailure, PicturesTrimmed, RecordingError, StageNotReached
 from bus.frozen import Message
 from bus.messages import Detections, Failure, ModelReply, PickPlan, StageName, StageRecord
@@ -151,9 +151,10 @@ def replay(record: CycleRecord, request: Request, robot_of: Callable[[Station], 
     finally:
         models.close()
     if not stages:
+        recorded = ", ".join(name + _how_it_ended(one) for name, one in record.stages.items()) or "none"
         raise StageNotReached(
             f"The recording of {record.cycle_id} holds no stage that can be replayed.",
-            f"Stages recorded: {', '.join(record.stages) or 'none'}.",
+            f"Stages recorded: {recorded}. What a stop, the job's time or a fault ended is not compared.",
         )
     changed = tuple(_changed(record, station, request))
     is_asked = request.models is not _recorded_models or not is_replayed(station.perception.model, record.last_replies)
@@ -193,13 +194,17 @@ class _With(NamedTuple):
 
 def _isolated(wanted: list[Stage], record: CycleRecord, _: dict[str, str], made_of: _With) -> Iterator[StageReplay]:
     for stage in wanted:
-        if stage.name in record.stages and not _was_stopped(record.stages[stage.name]):
+        if stage.name in record.stages and not _ended_from_outside(record.stages[stage.name]):
             yield _compared(stage, record, _rerun(stage, record, made_of))
 
 
-def _was_stopped(recorded: StageRecord[Any]) -> bool:
-    """True when a stop ended the stage; that is no outcome of its inputs, so a rerun cannot reproduce it."""
-    return recorded.failure is not None and recorded.failure.code is Code.STOPPED
+def _ended_from_outside(recorded: StageRecord[Any]) -> bool:
+    """True when a stop, the job's end or a fault ended the stage: no outcome of its inputs, which a rerun gives."""
+    return recorded.failure is not None and recorded.failure.code in FROM_OUTSIDE
+
+
+def _how_it_ended(recorded: StageRecord[Any]) -> str:
+    return f" ({recorded.failure.code})" if recorded.failure is not None else ""
 
 
 def _chained(

@@ -101,6 +101,15 @@ def test_a_recording_without_grasps_cannot_pass(record: CycleRecord, robot: Robo
     assert nothing.equal and verdict(nothing) == "empty"
 
 
+@pytest.mark.parametrize("code", [Code.STOPPED, Code.CANCELLED, Code.DEADLINE, Code.NODE_LOST])
+def test_what_ended_a_stage_from_outside_is_not_compared(record: CycleRecord, robot: Robot, code: Code) -> None:
+    ended = record.stages["detect"].model_copy(update={"result": None, "failure": Failure(code=code, text="")})
+    cut = replace(record, stages={"capture": record.stages["capture"], "detect": ended})
+    with pytest.raises(RecordingError, match="no stage that can be replayed") as nothing:
+        replay(cut, Request(), lambda _: robot)
+    assert f"detect ({code})" in nothing.value.advice
+
+
 FAILED = Failure(
     code=Code.COLLISION,
     text="",
