@@ -65,6 +65,17 @@ FROM_OUTSIDE = frozenset(
 """What ends a computation from outside: a command, a clock, a device, a disk. Its inputs do not lead to it, so that the
 same inputs need not end so again."""
 
+PLACE_OUT_OF_REACH = (
+    "Name a place nearer to the arm, or lower: the thing itself can be grasped. The place is that of the job, or"
+    " scene.place_m of the station."
+)
+"""The advice of UNREACHABLE where it is the place that the arm does not reach."""
+
+DROPPED_BY_JOB = (
+    "The object slipped, and the job limits the force (grasp.max_force_n): raise that, or choose a rougher finger pad."
+)
+"""The advice of DROPPED where the job gave the force."""
+
 ADVICE: dict[Code, str] = {
     Code.NO_OBJECT: "Put an object into the pick region, inside the camera's view.",
     Code.TARGET_NOT_FOUND: "Name it differently, or point at it by its pixel: the picture is in the report.",

@@ -262,12 +262,19 @@ class CycleFailure(CellError):
     Args:
         rejected: from the plan stage, every way to grasp that is not feasible.
         obstacle_m: (3,) of OBSTRUCTED, the top of what lies on the target, in ``base``.
+        advice: what to do, where the reason says more than the code; "" = the advice of the code.
     """
 
     def __init__(
-        self, code: Code, text: str, rejected: Sequence[Rejection] = (), *, obstacle_m: Vector3 | None = None
+        self,
+        code: Code,
+        text: str,
+        rejected: Sequence[Rejection] = (),
+        *,
+        obstacle_m: Vector3 | None = None,
+        advice: str = "",
     ) -> None:
-        super().__init__(text, ADVICE[code])
+        super().__init__(text, advice or ADVICE[code])
         self.code = code.value
         self.failure = code
         self.rejected = rejected

@@ -12,9 +12,12 @@ import numpy as np
 import numpy.typing as npt
 
 from bus.arrays import Joints, JointSamples, Transform
+from bus.codes import Code
 from bus.messages import Grasp, Segment
+from config.schema import Station
 from planning.candidates import configurations
 from planning.carry import keeps_level, within_max_tilt
+from planning.infeasible import Infeasible
 from planning.motion import Way, connect, motion
 from planning.pregrasp import Pregrasp, first_that_works, preplaces, shifted, ways
 from planning.scene import Scene
@@ -108,7 +111,13 @@ def _ways_to_tray(
     robot = holding.robot
     aboves = preplaces(holding, grasp, base_from_tcp, q_from_rad)
     may = within_max_tilt(robot, q_from_rad, q_from_rad)
-    return ways(holding, q_from_rad, aboves, grasp.width_m, calm, may)
+    return ways(holding, q_from_rad, aboves, grasp.width_m, calm, may, _out_of_reach(holding.station))
+
+
+def _out_of_reach(station: Station) -> Infeasible:
+    """The reason where no arm configuration reaches the place: it is not the grasp's fault."""
+    x, y, z = station.scene.place_m
+    return Infeasible(Code.UNREACHABLE, f"the place ({x:.2f}, {y:.2f}, {z:.2f}) cannot be reached", of_place=True)
 
 
 def _home(empty: Scene, above: Pregrasp) -> Segment:

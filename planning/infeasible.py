@@ -14,16 +14,24 @@ class Infeasible(Exception):
 
     Attributes:
         by_hand: every other arm configuration with the same hand pose fails too.
+        of_place: it is the place that is out of reach, whatever the grasp.
         obstacle: finds out what was in the way, and how near; asked only of what is reported.
     """
 
     def __init__(
-        self, code: Code, reason: str, *, by_hand: bool = False, obstacle: Callable[[], Obstacle | None] = lambda: None
+        self,
+        code: Code,
+        reason: str,
+        *,
+        by_hand: bool = False,
+        of_place: bool = False,
+        obstacle: Callable[[], Obstacle | None] = lambda: None,
     ) -> None:
         super().__init__(reason)
         self.code = code
         self.reason = reason
         self.by_hand = by_hand
+        self.of_place = of_place
         self.obstacle = obstacle
 
 
@@ -38,4 +46,4 @@ def summary(failures: Sequence[Infeasible], nothing: str) -> Infeasible:
         return Infeasible(Code.UNREACHABLE, nothing)
     code, reason = Counter((f.code, f.reason) for f in collisions or failures).most_common(1)[0][0]
     first = next(f for f in failures if (f.code, f.reason) == (code, reason))
-    return Infeasible(code, reason, obstacle=first.obstacle)
+    return Infeasible(code, reason, of_place=first.of_place, obstacle=first.obstacle)

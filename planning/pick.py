@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bus.arrays import Joints, Transform
-from bus.codes import Code
+from bus.codes import PLACE_OUT_OF_REACH, Code
 from bus.errors import CycleFailure
 from bus.messages import Grasp, PickPlan, Segment
 from bus.rejection import Rejection
@@ -91,7 +91,9 @@ def plan_pick(
             )
             continue
         return PickPlan(grasp=approach.index, tilt_rad=approach.tilt_rad, segments=segments, rejected=tuple(rejected))
-    raise _none_feasible([_with_obstacle(one, reasons.get(index)) for index, one in enumerate(rejected)], len(left))
+    advice = PLACE_OUT_OF_REACH if any(why.of_place for why in reasons.values()) else ""  # it could be grasped
+    tried = [_with_obstacle(one, reasons.get(index)) for index, one in enumerate(rejected)]
+    raise _none_feasible(tried, len(left), advice)
 
 
 @dataclass(frozen=True)
@@ -157,12 +159,14 @@ def _with_obstacle(rejection: Rejection, why: Infeasible | None) -> Rejection:
     return rejection if why is None else rejection.model_copy(update={"obstacle": why.obstacle()})
 
 
-def _none_feasible(rejected: Sequence[Rejection], untried: int) -> CycleFailure:
+def _none_feasible(rejected: Sequence[Rejection], untried: int, advice: str) -> CycleFailure:
+    """The failure without a feasible way. Args: advice: of UNREACHABLE, where it has one of its own."""
     counts = Counter(r.reason for r in rejected).most_common()
     reasons = "; ".join(f"{count} x {reason}" for reason, count in counts)
     code = Code.COLLISION if any(r.code is Code.COLLISION for r in rejected) else Code.UNREACHABLE
     over = f" {untried} more were not tried: planning.budget_s is over." if untried else ""
-    return CycleFailure(code, f"None of {len(rejected)} ways to grasp is feasible: {reasons}.{over}", rejected)
+    text = f"None of {len(rejected)} ways to grasp is feasible: {reasons}.{over}"
+    return CycleFailure(code, text, rejected, advice=advice if code is Code.UNREACHABLE else "")
 
 
 # --- all the way ------------------------------------------------------------------------------------------------------

@@ -176,6 +176,7 @@ def ways(
     width_m: Width,
     calm: Callable[[Pregrasp], bool],
     allowed: Allowed | None = None,
+    nothing: Infeasible | None = None,
 ) -> Iterator[tuple[Way, Pregrasp]]:
     """Yield straight paths to calm pregrasps; then a path around the obstacles to a calm one; then any path to any.
 
@@ -184,6 +185,7 @@ def ways(
         width_m: opening of the hand; None = any, it may move meanwhile.
         calm: whether the motion after a pregrasp keeps the held object level.
         allowed: a further condition for configurations of a searched path.
+        nothing: what is raised where no arm configuration reaches any pregrasp.
 
     Raises:
         Infeasible: at the end, with the most frequent reason.
@@ -208,6 +210,8 @@ def ways(
                 yield way, some[way.goal]
             except Infeasible as why:
                 failures.append(why)
+    if not failures and nothing is not None:
+        raise nothing
     raise summary(failures, "unreachable: no arm configuration reaches the pose")
 
 

@@ -121,7 +121,7 @@ class Screen:
         name = f" {result.object}" if result.object else ""
         out.line((f"{result.result}{code}", style), f"{name}: {result.reason} ({result.wall_s:.1f} s)")
         if result.code:
-            out.line(f"  {ADVICE[result.code]}")
+            out.line(f"  {result.advice or ADVICE[result.code]}")
         out.line(f"  recording {result.recording}")
         if result.retried_as:
             out.line(f"  tried again as {result.retried_as}")

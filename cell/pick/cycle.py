@@ -9,7 +9,7 @@ from typing import Literal
 
 from bus import topics
 from bus.arrays import Transform
-from bus.codes import ADVICE, Code
+from bus.codes import ADVICE, DROPPED_BY_JOB, Code
 from bus.errors import CycleFailure
 from bus.messages import (
     Attempt,
@@ -161,7 +161,7 @@ class Cycle:
             wall_s=time.monotonic() - self._started_s,
             recording=str(self.stages.log.path),
             retried_as=retried_as,
-            advice=ADVICE[code] if code is not None else "",
+            advice=self._advice(),
             job=self.attempt.job,
             found=self._found_thing(),
             grasp=grasp_outcome(grasp, self._grasped, self.verdict) if grasp is not None else None,
@@ -169,6 +169,15 @@ class Cycle:
             earlier=self.attempt.earlier,
             approvals=tuple(self.stages.approvals),
         )
+
+    def _advice(self) -> str:
+        """What to do about its end: of a failure what it says itself, of a verdict what its code says."""
+        code = self.code
+        if code is Code.DROPPED and self.attempt.job.grasp.max_force_n is not None:
+            return DROPPED_BY_JOB
+        if code is None or self.stages.failure is not None:
+            return self.stages.advice if code is not None else ""
+        return ADVICE[code]
 
     def _found_thing(self) -> FoundThing | None:
         found, grasp = self._found, self._target

@@ -64,7 +64,7 @@ class Stages:
         log: the cycle's recording; when it fails, no further stage begins.
         gate: after a stop, no further stage begins. ``withdrawal``: of the job, until its grasp.
         took_s: wall time of every stage that ran.
-        failure: why the cycle ends early, or None.
+        failure: why the cycle ends early, or None. ``advice``: what to do about it.
         approvals: what a person answered to its plans, in order.
     """
 
@@ -76,6 +76,7 @@ class Stages:
     withdrawal: Withdrawal = field(default_factory=Withdrawal)
     took_s: dict[str, float] = field(default_factory=dict)
     failure: Failure | None = None
+    advice: str = ""
     approvals: list[Approval] = field(default_factory=list)
     _publishing: OwnedThread | None = None
 
@@ -141,7 +142,7 @@ class Stages:
             code = next(code for kind, code in _CODE_OF_ERROR if isinstance(error, kind))
             failure = CycleFailure(code, error.text)
             failure.__cause__ = error
-        self.failure = Failure.of(failure)
+        self.failure, self.advice = Failure.of(failure), failure.advice
         return failure
 
     def _why_stopped(self, failure: CycleFailure) -> CycleFailure:

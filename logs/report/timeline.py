@@ -116,7 +116,8 @@ def _why(record: CycleRecord) -> tuple[str, str]:
         nothing = "The recording holds no result: the cycle was not finished."
         why, advice = record.metadata.get("reason") or nothing, ""
     else:
-        why, advice = result.reason, ADVICE[result.code] if result.code is not None else ""
+        why = result.reason
+        advice = result.advice or (ADVICE[result.code] if result.code is not None else "")
     faults = [said.message for said in record.events if said.message.severity == "error"]
     cause, remedy = _parted(faults[-1]) if faults else ("", "")
     if cause in why:

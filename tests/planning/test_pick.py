@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bus.codes import Code
+from bus.codes import PLACE_OUT_OF_REACH, Code
 from bus.errors import CycleFailure
 from bus.messages import Grasp, PickPlan
 from config.franka_hand import FINGER_TIP_M
@@ -211,6 +211,14 @@ def test_no_feasible_grasp_is_a_failure_with_counted_reasons(scene: Scene) -> No
     assert caught.value.failure is Code.UNREACHABLE
     assert sorted(one.grasp for one in caught.value.rejected) == 5 * [0] + 5 * [1]
     assert {one.code for one in caught.value.rejected} == {Code.UNREACHABLE}
+
+
+def test_a_place_out_of_reach_is_named_and_the_object_is_not_blamed(robot: Robot) -> None:
+    station = Station(nodes=NODES, scene=SceneSettings(place_m=(0.46, 0.45, 0.8)))
+    with pytest.raises(CycleFailure, match=r"5 x the place \(0.46, 0.45, 0.80\) cannot be reached") as caught:
+        plan_pick(Scene.of(robot, station), [GOOD], CAPTURE)
+    assert caught.value.failure is Code.UNREACHABLE
+    assert caught.value.advice == PLACE_OUT_OF_REACH
 
 
 def test_no_grasp_at_all_is_a_failure(scene: Scene) -> None:
