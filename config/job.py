@@ -12,6 +12,9 @@ from config.schema import Station
 from config.target import TargetSettings, outside_picture
 from config.words import understood
 
+_MAX_DROP_M = 0.25
+"""Highest place above what is below it: nothing needs more, since what hangs far below the hand is let go higher."""
+
 
 def station_for(station: Station, job: Job, laid: int) -> Station:
     """Return the station with the job's target, place and grasp in place of its own.
@@ -56,7 +59,7 @@ def require_possible(
     if place is not None and place.name is not None:
         _require_known(place.name, station.scene)
     if place is not None and place.position_m is not None:
-        _require_above(place.position_m, station.scene)
+        _require_just_above(place.position_m, station.scene)
     if force_n is not None and force_n > station.hand.max_force_n:
         raise _bad("grasp.max_force_n", f"the hand presses with at most {station.hand.max_force_n:.0f} N")
 
@@ -83,13 +86,16 @@ def _require_known(name: str, scene: SceneSettings) -> None:
         raise _bad("place.name", f"there is no place {name!r}; {there}")
 
 
-def _require_above(position_m: tuple[float, float, float], scene: SceneSettings) -> None:
+def _require_just_above(position_m: tuple[float, float, float], scene: SceneSettings) -> None:
     x, y, z = position_m
     top_m = floor_m(scene, x, y)
     if top_m is None:
         raise _bad("place.position_m", f"below ({x:.3f}, {y:.3f}) there is no table, tray or box to lay anything on")
     if z < top_m:
         raise _bad("place.position_m", f"z = {z:.3f} m is below what is there, whose top is at {top_m:.3f} m")
+    if z > top_m + _MAX_DROP_M:
+        why = f"z = {z:.3f} m is {z - top_m:.2f} m above what is there, and what is let go falls"
+        raise _bad("place.position_m", f"{why}; at most {top_m + _MAX_DROP_M:.3f} m")
 
 
 def _bad(field: str, why: str) -> Refused:

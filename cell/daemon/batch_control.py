@@ -19,7 +19,8 @@ from cell.daemon.publisher import Publisher
 from cell.machine.leases import CELL_CLIENT
 from cell.machine.owner import Machine
 from cell.machine.states import ANSWERS, READY, State, available, require_answerable
-from config.job import capacity_of, place_of, require_possible
+from config.base import Vector
+from config.job import capacity_of, place_of, require_possible, station_for
 from config.schema import Station
 
 _OWN = CommandRequest(client_id=CELL_CLIENT)
@@ -35,6 +36,7 @@ class BatchControl:
         rest: brings a motion by hand to rest.
         resolved: gives a job with what it points at in a picture. It raises Refused.
         picture_px: gives width and height of the camera's pictures; None = not known yet.
+        reaches: whether the arm can come to a place (x, y, z) [m] in ``base``; True where that takes long to find.
     """
 
     def __init__(
@@ -47,7 +49,9 @@ class BatchControl:
         rest: Callable[[], None] = lambda: None,
         resolved: Callable[[Job], Job] = lambda job: job,
         picture_px: Callable[[], tuple[int, int] | None] = lambda: None,
+        reaches: Callable[[Vector], bool] = lambda _: True,
     ) -> None:
+        self._reaches = reaches
         self._rest, self._resolved, self._picture_px = rest, resolved, picture_px
         self._actions, self._publisher, self._station, self._reads_text = actions, publisher, station, reads_text
         self._machine: Machine | None = None
@@ -129,11 +133,25 @@ class BatchControl:
         self._actions.table.require_possible(request)
         picture_px = self._picture_px()
         require_possible(self._station, request.job, reads_text=self._reads_text, picture_px=picture_px)
+        self._require_reached(request.job)
         full = self._why_full(request)
         if full:
             raise Refused(full, "Empty it, then `cell stop` and `cell reset`: they begin to count anew.",
                           code="PLACE_FULL")  # fmt: skip
         return request.model_copy(update={"job": self._resolved(request.job)})
+
+    def _require_reached(self, job: Job) -> None:
+        if job.place is None:
+            return
+        place_m = station_for(self._station, job, self._actions.laid[place_of(job)]).scene.place_m
+        if not self._reaches(place_m):
+            field = "place.name" if job.place.name is not None else "place.position_m"
+            at = ", ".join(f"{value:.2f}" for value in place_m)
+            raise Refused(
+                f"{field}: the place ({at}) cannot be reached.",
+                "Name a place nearer to the arm, or lower, and send the job again: docs/howto/place.md.",
+                code="BAD_JOB",
+            )
 
     def _why_full(self, request: CommandRequest) -> str:
         place = place_of(request.job)

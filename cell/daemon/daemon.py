@@ -9,6 +9,8 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 
+import numpy as np
+
 from bus import topics
 from bus.codec import bus_schema, decode
 from bus.codes import ADVICE, Code
@@ -40,6 +42,7 @@ from drivers.interface import Devices
 from logs.live_views import Views
 from logs.mcap.recorder import Under, plain
 from perception.models import Models
+from planning.reach import reaches
 from planning.robot import Robot
 
 _log = logging.getLogger(__name__)
@@ -113,6 +116,7 @@ class Daemon:
             rest=self._manual.rest,
             resolved=self._pointed.resolved,
             picture_px=lambda: sized.size_px,
+            reaches=lambda place_m: reaches(robot.arm, np.array(place_m)) if station.robot is None else True,
         )
         of_holder = frozenset({"approve"} if station.execute.approve == "holder" else ())
         self._leases = Leases(

@@ -83,7 +83,10 @@ class Bench:
     def __init__(self, before: Callable[[str], None] = lambda verb: None, *options: str) -> None:
         self.actions, self.publisher = _Actions(), _Publisher()
         self.batches = BatchControl(
-            cast(Actions, self.actions), cast(Publisher, self.publisher), load_station(None, options)
+            cast(Actions, self.actions),
+            cast(Publisher, self.publisher),
+            load_station(None, options),
+            reaches=lambda place_m: place_m[0] < 0.8,
         )
         still = lambda: None  # noqa: E731
         moves = self.actions.move

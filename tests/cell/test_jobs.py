@@ -171,6 +171,15 @@ def test_a_cancel_and_a_grasp_that_begin_together_agree() -> None:
 # --- places -----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("place", [Place(position_m=(0.85, 0.65, 0.1)), Place(name="far")])
+def test_a_place_out_of_reach_is_refused_before_anything_moves(place: Place) -> None:
+    with _ready('scene.places=[{name="far", position_m=[0.85, 0.65, 0.1]}]') as bench:
+        refused = _send(bench, "pick", Job(place=place))
+        assert (refused.ok, refused.code) == (False, "BAD_JOB")
+        assert "the place (0.85, 0.65, 0.10) cannot be reached" in refused.reason
+        assert not bench.actions.begun
+
+
 def test_a_full_place_takes_no_more_until_a_client_resets_the_cell() -> None:
     job = Job(place=Place(name="left"))
     with _ready(PLACES) as bench:

@@ -54,6 +54,7 @@ def test_a_named_place_follows_its_own_pattern() -> None:
         (Job(place=Place(name="nowhere")), "place.name", "there are left"),
         (Job(place=Place(position_m=(5, 5, 0.1))), "place.position_m", "no table, tray or box"),
         (Job(place=Place(position_m=(0.4, 0.45, 0.0))), "place.position_m", "below what is there"),
+        (Job(place=Place(position_m=(0.4, 0.45, 0.6))), "place.position_m", "0.58 m above what is there"),
         (Job(grasp=GraspHints(max_force_n=100)), "grasp.max_force_n", "at most 70 N"),
     ],
 )
