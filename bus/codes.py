@@ -71,6 +71,12 @@ PLACE_OUT_OF_REACH = (
 )
 """The advice of UNREACHABLE where it is the place that the arm does not reach."""
 
+DETECTOR_FOUND_NONE = (
+    "The detector of another package found nothing: its documentation says what it needs. Or set perception.detector to"
+    " 'vlad'."
+)
+"""The advice of NO_GRASP where another package's detector gave it."""
+
 DROPPED_BY_JOB = (
     "The object slipped, and the job limits the force (grasp.max_force_n): raise that, or choose a rougher finger pad."
 )
@@ -87,8 +93,8 @@ ADVICE: dict[Code, str] = {
     Code.NO_TABLE: "Is the table in view, and scene.table at its height? If it did not move, calibrate the camera.",
     Code.TABLE_MOVED: "Calibrate the camera with `cell calibrate`, or correct scene.table in the station file.",
     Code.TOO_NEAR: "Look from farther away (arm.capture_q_rad), or take the object out by hand.",
-    Code.NO_GRASP: "The reason says how wide it is and how far the jaw opens. Lay it so that a narrow part can be held"
-    " with room for a finger on either side, or take it out by hand.",
+    Code.NO_GRASP: "Lay it so that two opposite faces stand upright, a narrow part between them, with room for a finger"
+    " on either side; or take it out by hand.",
     Code.LEFT_OVER: "The reports of the cycles before say why each failed. Turn them or take them out by hand, and"
     " start again: then all are tried anew.",
     Code.UNREACHABLE: "Move the object nearer to the middle of the pick region.",

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bus.arrays import Vector3
-from bus.codes import Code
+from bus.codes import DETECTOR_FOUND_NONE, Code
 from bus.errors import CycleFailure
 from bus.messages import Detections, Evidence, Grasp, ObservedScene, Tried
 from bus.transforms import apply, inverse
@@ -180,6 +180,8 @@ def _tried(held: Sequence[_Held]) -> tuple[Tried, ...]:
 def _no_grasp(name: str, held: Sequence[_Held], targets: Sequence[int]) -> CycleFailure:
     things = f"the {len(targets)} things there" if len(targets) > 1 else "the thing there"
     if not held:
-        return CycleFailure(Code.NO_GRASP, f"The detector {name!r} finds no grasp on {things}.")
+        text = f"The detector {name!r} finds no grasp on {things}."
+        return CycleFailure(Code.NO_GRASP, text, advice=DETECTOR_FOUND_NONE)
     why = "; ".join(sorted({f"thing {one.instance}: {one.left_out}" for one in held}))
-    return CycleFailure(Code.NO_GRASP, f"The detector {name!r} finds no usable grasp on {things}: {why}.")
+    text = f"The detector {name!r} finds no usable grasp on {things}: {why}."
+    return CycleFailure(Code.NO_GRASP, text, advice=DETECTOR_FOUND_NONE)

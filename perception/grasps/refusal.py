@@ -8,9 +8,10 @@ import numpy as np
 
 from bus.codes import Code
 from bus.errors import CycleFailure
-from bus.messages import ObservedScene
+from bus.messages import Instance, ObservedScene
 from config.schema import Station
 from perception.grasps.closing import Closings
+from perception.grasps.no_room import cause_on
 from perception.grasps.search import search
 from perception.scene.scene import Scene
 
@@ -34,15 +35,21 @@ def why_none(
     if hidden:
         text = f"{hidden} ways to grasp would be free if the camera saw the space beside them"
         return CycleFailure(Code.NOT_SEEN, f"{text}: look from above, or from another side.")
-    return CycleFailure(
-        Code.NO_GRASP,
-        f"The jaw opens {station.hand.max_width_m * 1e3:.0f} mm and fits nowhere on {_things(seen)}: no two opposite"
-        " faces with room for the fingers beside them.",
-    )
+    jaw_m = station.hand.max_width_m
+    narrowest = min(seen.instances, key=lambda one: float(one.size_m[1]))
+    cause = cause_on(narrowest, scene, station)
+    which = "" if len(seen.instances) == 1 else f" On the one of {_wide(narrowest)}"
+    text = f"The jaw opens {jaw_m * 1e3:.0f} mm and finds no grasp on {_things(seen)}"
+    text = f"{text}.{which}: {cause.text}." if which else f"{text}: {cause.text}."
+    return CycleFailure(Code.NO_GRASP, text, advice=cause.advice)
+
+
+def _wide(one: Instance) -> str:
+    return f"{one.size_m[1] * 1e3:.0f} mm"
 
 
 def _things(seen: ObservedScene) -> str:
-    widths = [f"{one.size_m[1] * 1e3:.0f} mm" for one in seen.instances[:_NAMED]]
+    widths = [_wide(one) for one in seen.instances[:_NAMED]]
     if len(seen.instances) == 1:
         return f"the thing there, which is {widths[0]} wide"
     more = ", ..." if len(seen.instances) > _NAMED else ""

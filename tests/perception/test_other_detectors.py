@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from bus.cancel import Cancel
-from bus.codes import Code
+from bus.codes import DETECTOR_FOUND_NONE, Code
 from bus.errors import ConfigError, CycleFailure
 from bus.messages import Detections, ModelReply
 from cell.replay.replay import Request, replay
@@ -126,6 +126,7 @@ def test_no_grasp_at_all_is_no_grasp(look: Look) -> None:
     with pytest.raises(CycleFailure, match=r"'acme' finds no grasp on the 2 things") as failure:
         found(look, Fake([]))
     assert failure.value.failure is Code.NO_GRASP
+    assert failure.value.advice == DETECTOR_FOUND_NONE
 
 
 def test_grasps_of_nothing_seen_and_of_what_failed_before_are_left_out_with_the_reason(look: Look) -> None:
