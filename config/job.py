@@ -30,6 +30,17 @@ def station_for(station: Station, job: Job, laid: int) -> Station:
     return station.model_copy(update=update)
 
 
+def set_by(job: Job, key: str) -> bool:
+    """Return whether the setting ``key`` of a cycle's station is the job's own, and not the station's."""
+    is_set = {
+        "perception.target": job.target is not None,
+        "perception.from_above": job.grasp.from_above,
+        "hand.grasp_force_n": job.grasp.max_force_n is not None,
+        **dict.fromkeys(("scene.place_m", "scene.place_pattern_m", "scene.place_yaw_rad"), job.place is not None),
+    }
+    return any(given and (key == name or key.startswith(f"{name}.")) for name, given in is_set.items())
+
+
 def place_of(job: Job) -> str:
     """Return the name of the place that a job uses; "" for the station's tray, or a position."""
     return job.place.name or "" if job.place is not None else ""

@@ -17,6 +17,7 @@ from cell.cli.options import Config, Count, Json, Scheduler
 from cell.terminal.drawing import tracked
 from cell.terminal.printing import err, out
 from cell.workers import workers_for
+from config.job import set_by
 from config.load import DEFAULT_STATION
 from logs.catalogue.labels import Label, labels_of
 from logs.mcap.names import is_folder
@@ -49,11 +50,15 @@ def show(cycle: Cycle, folder: InFolder = None, config: Config = DEFAULT_STATION
         text = f"  {line.name:<8} {line.took_s:6.2f} s  {line.said}".rstrip()
         out.line(text, style="red" if line.failed else "")
     out.line(f"  machine     {' -> '.join(span.name for span in timeline.states) or 'said nothing'}")
-    for key, here, default in configuration_changes(record.station):
-        out.line(f"  changed     {key} = {here} (default {default})", style="dim")
-    attempt = record.attempt
+    attempt, changes = record.attempt, configuration_changes(record.station)
+    for key, here, default in changes:
+        if not set_by(attempt.job, key):
+            out.line(f"  changed     {key} = {here} (default {default})", style="dim")
     for asked in _asked(attempt.job):
         out.line(f"  {asked}")
+    for key, here, _ in changes:
+        if set_by(attempt.job, key):
+            out.line(f"  by the job  {key} = {here}", style="dim")
     if attempt.number:
         out.line(f"  try {attempt.number + 1}, after {attempt.retry_of}")
     if record.result is not None and record.result.retried_as:
@@ -75,9 +80,13 @@ def _asked(job: Job) -> Iterator[str]:
             yield f"{name:<11} " + ", ".join(
                 f"{key} {value}" for key, value in asked.model_dump(exclude_none=True).items()
             )
+    hints = [f"{key} {value}" for key, value in job.grasp.model_dump(exclude_defaults=True).items()]
+    if hints:
+        yield f"{'grasp':<11} " + ", ".join(hints)
 
 
 def _told(record: CycleRecord, timeline: Timeline, labels: Sequence[Label]) -> dict[str, Any]:
+    job, changes = record.attempt.job, configuration_changes(record.station)
     return {
         "result": record.result.model_dump(mode="json") if record.result is not None else None,
         "why": timeline.why,
@@ -85,7 +94,8 @@ def _told(record: CycleRecord, timeline: Timeline, labels: Sequence[Label]) -> d
         "stages": timeline.took_s,
         "said": {line.name: line.said for line in timeline.stages},
         "states": [span.name for span in timeline.states],
-        "changed": {key: here for key, here, _ in configuration_changes(record.station)},
+        "changed": {key: here for key, here, _ in changes if not set_by(job, key)},
+        "changed_by_job": {key: here for key, here, _ in changes if set_by(job, key)},
         "trimmed": record.trimmed,
         "labels": [one.model_dump() for one in labels],
         "metadata": record.metadata,

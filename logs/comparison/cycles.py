@@ -50,6 +50,8 @@ _EXCEPTIONS: dict[str, tuple[str, Kind]] = {
 _SKIPPED = {"cycle_id", "started_ns", "day", "retry_of", "retried_as", "station_hash", "unread", "job_id", "job.job_id",
             "seed"}  # fmt: skip
 """They always differ, or say again what a setting says."""
+_WHERE_IT_RUNS = ("bus.", "http.", "opcua.", "recording.")
+"""Where a cell listens and records: settings that differ from cell to cell, and say nothing of a cycle."""
 _NOTICEABLE = {"m": 5e-4, "rad": 5e-3, "N": 0.1, "Nm": 0.2, "s": 0.1, "m²": 1e-6, "px": 0.5, "USD": 0.0, "": 0.01}
 """Smaller differences of measured values are the noise of a second run; ``everything`` shows them, too."""
 
@@ -122,6 +124,8 @@ def compare_cycles(a: CycleRecord, b: CycleRecord, *, everything: bool = False) 
 
 
 def _is_noticeable(row: Row) -> bool:
+    if row.stage == "asked" and row.name.startswith(_WHERE_IT_RUNS):
+        return False
     if isinstance(row.a, float) and isinstance(row.b, float):
         return abs(row.a - row.b) > _NOTICEABLE.get(row.unit, 0.0)
     return True

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,7 +11,9 @@ from typer.testing import CliRunner, Result
 
 from bus.codes import Code
 from bus.errors import ConfigError, RecordingError
+from bus.messages import GraspHints, Job
 from cell.cli.commands import command_line
+from logs.mcap.reader import read_cycle
 from logs.mcap.recorder import Recorder
 
 EARLY, LATE = "20260101T080000000", "20260101T120000000"
@@ -58,6 +61,21 @@ def test_show_takes_a_part_of_an_id_and_says_why(station: list[str]) -> None:
     assert done.exit_code == 0
     assert "FAILED: Too wide." in done.stdout and f"{LATE}.mcap" in done.stdout and "abc" in done.stdout
     assert json.loads(_cell("show", LATE, *station, "--json").stdout)["metadata"]["commit"] == "abc"
+
+
+def test_what_a_job_changed_stands_under_the_job(monkeypatch: pytest.MonkeyPatch) -> None:
+    path = Path(__file__).parents[1] / "golden" / "cycle-schema4.mcap"
+    cycle = read_cycle(path)
+    job = Job(job_id="gently", grasp=GraspHints(max_force_n=0.5))
+    station = {**cycle.station, "hand": {**cycle.station["hand"], "grasp_force_n": 0.5}}
+    gently = replace(cycle, station=station, attempt=cycle.attempt.model_copy(update={"job": job}))
+    monkeypatch.setattr("cell.cli.recordings.read_cycle", lambda _: gently)
+    lines = [line.strip() for line in _cell("show", str(path)).stdout.splitlines()]
+    asked = lines.index("job         gently")
+    assert lines[asked + 1 : asked + 3] == ["grasp       max_force_n 0.5", "by the job  hand.grasp_force_n = 0.5"]
+    assert not any("grasp_force_n" in line for line in lines[:asked])
+    told = json.loads(_cell("show", str(path), "--json").stdout)
+    assert told["changed_by_job"] == {"hand.grasp_force_n": "0.5"} and "hand.grasp_force_n" not in told["changed"]
 
 
 def test_a_cycle_that_is_not_there_is_named(station: list[str]) -> None:

@@ -102,6 +102,15 @@ def test_a_cycle_does_not_differ_from_itself(record: Record) -> None:
     assert found.motion and all(row.apart_from_s is None and row.torque_nm == 0.0 for row in found.motion)
 
 
+def test_where_a_cell_listens_and_records_is_no_input(record: Record) -> None:
+    cycle = read_cycle(record())
+    bus = {**cycle.station["bus"], "endpoint": "tcp/127.0.0.1:1"}
+    elsewhere = replace(cycle, station={**cycle.station, "bus": bus, "recording": {"folder": "there"}})
+    assert compare_cycles(cycle, elsewhere).first is None
+    everything = compare_cycles(cycle, elsewhere, everything=True).first
+    assert everything is not None and everything.name == "bus.endpoint"
+
+
 def test_the_first_difference_is_the_input_and_the_motion_parts_at_its_time(record: Record) -> None:
     cycle = read_cycle(record())
     found = compare_cycles(cycle, _moved(cycle))
