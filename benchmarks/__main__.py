@@ -279,6 +279,8 @@ def _seeds(text: str) -> range:
         first, end = (int(part) for part in text.split(":"))
     except ValueError as error:
         raise typer.BadParameter(f"{text!r} is not of the form A:B, like 0:30") from error
+    if end < first:
+        raise typer.BadParameter(f"{text!r} ends before it begins: write {end}:{first}")
     return range(first, end)
 
 

@@ -44,7 +44,8 @@ def load_station(
         ConfigError: names the key, where it was given, and the accepted values.
     """
     file = path or DEFAULT_STATION
-    return station_from(tree_of(file, read_text(file)), overrides, source=str(file), given_by=given_by)
+    more = f"`cell config check {file}` names every mistake with its line." if path is not None else ""
+    return station_from(tree_of(file, read_text(file)), overrides, source=str(file), given_by=given_by, more=more)
 
 
 def tree_of(file: Path, text: str) -> dict[str, Any]:
@@ -64,13 +65,14 @@ def station_from(
     *,
     source: str = "the station",
     given_by: Mapping[str, str] | None = None,
+    more: str = "",
 ) -> Station:
     """Return the station of a parsed tree (of a TOML file, or of a recording) with ``overrides`` applied.
 
     Args:
         tree: it stays as it is.
         source: name of the tree's origin, for error texts. ``given_by``: where overrides were given, by their keys, as
-            ``{"sim.seed": "--seed"}``; else it was by ``--set``.
+            ``{"sim.seed": "--seed"}``; else it was by ``--set``. ``more``: further advice about a mistake of the tree.
 
     Raises:
         ConfigError: names the key, where it was given, and the accepted values.
@@ -81,8 +83,8 @@ def station_from(
     except ValidationError as error:
         first = error.errors()[0]
         blamed = _blamed(tree, given, first)
-        said = _of_file(first, source) if blamed is None else _of_override(first, blamed)
-        raise ConfigError(*said) from error
+        text, advice = _of_file(first, source) if blamed is None else _of_override(first, blamed)
+        raise ConfigError(text, f"{advice} {more}".strip() if blamed is None else advice) from error
 
 
 def station_hash(station: Station) -> str:

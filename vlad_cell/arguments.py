@@ -136,7 +136,7 @@ def _in_metres(depth_m: Image, middle: float) -> str:
         return "Was it divided by 1000 twice?"
     scale = next((scale for scale in (1000, 10_000) if _NEAREST_M <= middle / scale <= _FARTHEST_M), None)
     unit = {1000: "millimetres", 10_000: "tenths of a millimetre"}
-    return f"If these are {unit[scale]}: divide these {unit[scale]} by {scale}." if scale else "Convert it to metres."
+    return f"If these are {unit[scale]}, divide them by {scale}." if scale else "Convert it to metres."
 
 
 # --- the camera -------------------------------------------------------------------------------------------------------

@@ -12,8 +12,9 @@ from bus.first_mistake import first_mistake
 from bus.messages import Place, Target
 from bus.messages.job import place_at
 
-ToPick = str | Target | None
-"""The object in words, as ``"the largest red one"``; or a `Target`: by pixel, box or point. None = the best grasp's."""
+ToPick = str | Sequence[float] | Target | None
+"""The object in words, as ``"the largest red one"``; x, y, z [m] in ``base`` of a point on it; or a `Target`: by pixel,
+box or point. None = the best grasp's."""
 ToLay = str | Sequence[float] | Place | None
 """The name of a place of the station; or x, y, z [m] in ``base``, perhaps with a heading [rad]. None = the tray."""
 
@@ -28,8 +29,17 @@ def wrong_argument_named() -> Iterator[None]:
 
 
 def target_of(target: ToPick) -> Target | None:
-    """Return the target that a caller names. Raises: pydantic.ValidationError."""
-    return Target(text=target) if isinstance(target, str) else target
+    """Return the target that a caller names. Raises: ConfigError for what is none; pydantic's error."""
+    if target is None or isinstance(target, Target):
+        return target
+    if isinstance(target, str):
+        return Target(text=target)
+    numbers = _numbers("target", target, "It is words, a Target, or x, y, z [m] in base: Target(point_m=...).")
+    if len(numbers) != 3:
+        advice = "They are x, y, z [m] in base. A pixel is Target(pixel=(u, v)), a box Target(box=...)."
+        raise ConfigError(f"target has {len(numbers)} numbers.", advice)
+    x, y, z = numbers
+    return Target(point_m=(x, y, z))
 
 
 def place_of(place: ToLay) -> Place | None:
@@ -38,12 +48,17 @@ def place_of(place: ToLay) -> Place | None:
         return place
     if isinstance(place, str):
         return Place(name=place)
-    try:
-        numbers = [float(one) for one in place]
-    except (TypeError, ValueError) as error:
-        raise ConfigError(f"place is {place!r}.", "It is a name, a Place, or x, y, z [m] in base.") from error
+    numbers = _numbers("place", place, "It is a name, a Place, or x, y, z [m] in base.")
     if len(numbers) not in (3, 4):
         raise ConfigError(
             f"place has {len(numbers)} numbers.", "They are x, y, z [m] in base, and perhaps a heading [rad]."
         )
     return place_at(numbers)
+
+
+def _numbers(name: str, given: Sequence[float], advice: str) -> list[float]:
+    """Return the numbers of an argument. Raises: ConfigError with ``advice`` for anything else."""
+    try:
+        return [float(one) for one in given]
+    except (TypeError, ValueError) as error:
+        raise ConfigError(f"{name} is {given!r}.", advice) from error

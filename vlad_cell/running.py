@@ -93,8 +93,8 @@ class Cell(StateCommands):
         ``reason`` and ``advice``. After Ctrl-C nobody attends the motion, so the cell holds it; `unhold` goes on.
 
         Args:
-            target: the object in words, as ``"the largest red one"``, or a `Target` by ``pixel``, ``box`` or
-                ``point_m``; None = the one with the best grasp.
+            target: the object in words, as ``"the largest red one"``; x, y, z [m] in ``base`` of a point on it; or a
+                `Target` by ``pixel``, ``box`` or ``point_m``; None = the one with the best grasp.
             place: where it is laid: the name of a place of the station; x, y, z [m] in ``base`` and perhaps a heading
                 [rad]; or a `Place`. None = the tray.
             job_id: your own name for it; it comes back in the result and the recording.

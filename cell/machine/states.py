@@ -114,7 +114,7 @@ _HOW_TO_GET_READY = {
     State.IDLE: "It is ready: `cell pick`, `cell run`.",
     State.COMPLETE: "Reset the cell first: `cell reset`; or ask for one pick: `cell pick`.",
     State.ABORTED: "Three deliberate acts: `cell clear`, `cell reset`, then start.",
-    State.EXECUTE: "A cycle is running: wait for it, or `cell stop`.",
+    State.EXECUTE: "A cycle is running: wait for it, send a job with queue, or `cell stop`.",
     State.HELD: "A cycle is held: `cell unhold`, or `cell stop`.",
     State.SUSPENDED: "A cycle is suspended: `cell unsuspend`, or `cell stop`.",
 }
@@ -162,6 +162,8 @@ def after_command(state: State, command: str) -> State:
         )
     if state not in arrows:
         advice = _NEEDLESS.get(command) or _HOW_TO_GET_READY.get(state, "Wait until that is over.")
+        if command in ("pick", "start") and state not in _HOW_TO_GET_READY:
+            advice = "Wait until that is over, or send the job with queue: it waits for its turn."
         advice += f" Available now: {', '.join(available(state)) or 'nothing'}."
         raise Refused(
             f"{command!r} is not possible while the cell is {state}.",

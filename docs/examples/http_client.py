@@ -17,20 +17,26 @@ if len(sys.argv) > 3:
     headers["Authorization"] = f"Bearer {sys.argv[3]}"
 
 
-def post(path: str, body: dict[str, Any]) -> dict[str, Any]:
-    request = urllib.request.Request(f"{url}{path}", json.dumps(body).encode(), headers, method="POST")
+def opened(path: str, body: bytes | None = None) -> Any:
+    """The answer to a GET, or with a body to a POST; a refusal, or nobody there, ends the program with one line."""
     try:
-        with urllib.request.urlopen(request) as answer:
-            said: dict[str, Any] = json.loads(answer.read() or "{}")
-            return said
+        return urllib.request.urlopen(urllib.request.Request(f"{url}{path}", body, headers))
     except urllib.error.HTTPError as refusal:
         why = json.loads(refusal.read())
         sys.exit(f"{path}: {why['code']}: {why['reason']} {why['advice']}")
+    except urllib.error.URLError as error:
+        sys.exit(f"Nobody answers at {url}: {error.reason}. Does the cell run, with http.enabled?")
+
+
+def post(path: str, body: dict[str, Any]) -> dict[str, Any]:
+    with opened(path, json.dumps(body).encode()) as answer:
+        said: dict[str, Any] = json.loads(answer.read() or "{}")
+        return said
 
 
 def events(path: str) -> Iterator[tuple[str, dict[str, Any]]]:
     """Yield what the cell says, as (name, content)."""
-    with urllib.request.urlopen(urllib.request.Request(f"{url}{path}", headers=headers)) as stream:
+    with opened(path) as stream:
         name = ""
         for line in stream:
             field, _, value = line.decode().strip().partition(": ")
@@ -42,12 +48,18 @@ def events(path: str) -> Iterator[tuple[str, dict[str, Any]]]:
 
 def job() -> Any:
     if wanted.startswith("{"):
-        return json.loads(wanted)
+        try:
+            return json.loads(wanted)
+        except ValueError as error:
+            sys.exit(f"The job is no JSON: {error}")
     from pixel import pixel_of  # type: ignore[import-not-found] # noqa: PLC0415 - the file beside this one, where it is asked for
 
-    with urllib.request.urlopen(urllib.request.Request(f"{url}/api/picture/now", headers=headers)) as picture:
+    with opened("/api/picture/now") as picture:
         taken_ns = int(picture.headers["X-Stamp-Ns"])
-        return {"target": {"pixel": pixel_of(picture.read(), wanted), "picture_ns": taken_ns}}
+        try:
+            return {"target": {"pixel": pixel_of(picture.read(), wanted), "picture_ns": taken_ns}}
+        except ValueError as error:
+            sys.exit(f"There is no target: {error}.")
 
 
 cycle_id = ""
@@ -67,3 +79,5 @@ for name, said in events("/api/events?client=example"):
         if not said["retried_as"]:
             break
         cycle_id = said["retried_as"]
+else:
+    sys.exit("The cell ended, without a result.")

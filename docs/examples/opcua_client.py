@@ -69,4 +69,10 @@ async def pick(endpoint: str, job: str = "") -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    print(asyncio.run(pick(*sys.argv[1:] or ["opc.tcp://127.0.0.1:4840/cell"])))
+    given = sys.argv[1:] or ["opc.tcp://127.0.0.1:4840/cell"]
+    try:
+        print(asyncio.run(pick(*given)))
+    except OSError as error:
+        sys.exit(f"Nobody answers at {given[0]}: {error}. Does the cell run, with opcua.enabled?")
+    except ValueError as error:
+        sys.exit(f"There is no target: {error}.")

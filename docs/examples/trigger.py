@@ -21,6 +21,13 @@ endpoint = sys.argv[3] if len(sys.argv) > 3 else "tcp/127.0.0.1:7447"
 config = f'{{mode: "client", connect: {{endpoints: ["{endpoint}"]}}, scouting: {{multicast: {{enabled: false}}}}}}'
 
 
+def opened() -> zenoh.Session:
+    try:
+        return zenoh.open(zenoh.Config.from_json5(config))
+    except zenoh.ZError:
+        sys.exit(f"Nobody listens at {endpoint}: does the cell run, with that bus.endpoint?")
+
+
 def ask(key: str, **fields: Any) -> dict[str, Any]:
     try:
         reply = session.get(f"{cell}/{key}", payload=json.dumps(fields), timeout=5).recv()
@@ -41,11 +48,20 @@ def command(verb: str, **fields: Any) -> dict[str, Any]:
 
 def job(wanted: str) -> Any:
     if wanted.startswith("{"):
-        return json.loads(wanted)
+        try:
+            return json.loads(wanted)
+        except ValueError as error:
+            sys.exit(f"The job is no JSON: {error}")
     from pixel import pixel_of  # type: ignore[import-not-found] # noqa: PLC0415 - the file beside this one, where it is asked for
 
     picture = ask("view/picture")
-    return {"target": {"pixel": pixel_of(base64.b64decode(picture["data"]), wanted), "picture_ns": picture["stamp_ns"]}}
+    if "data" not in picture:
+        sys.exit(f"view/picture: {picture['code']}: {picture['reason']} {picture['advice']}")
+    try:
+        pixel = pixel_of(base64.b64decode(picture["data"]), wanted)
+    except ValueError as error:
+        sys.exit(f"There is no target: {error}.")
+    return {"target": {"pixel": pixel, "picture_ns": picture["stamp_ns"]}}
 
 
 def say_that_we_run() -> None:
@@ -54,7 +70,7 @@ def say_that_we_run() -> None:
 
 
 done = threading.Event()
-with zenoh.open(zenoh.Config.from_json5(config)) as session:
+with opened() as session:
     # The lease: the arm moves for us while this token lives and while we say so; when this program ends or hangs, the
     # cell holds within a second.
     lease = session.liveliness().declare_token(f"{cell}/lease/{client_id}")

@@ -82,6 +82,12 @@ def test_a_command_is_accepted_or_refused_with_reason_and_alternatives(state: St
     assert str(state) in refusal.value.text and refusal.value.advice
 
 
+@pytest.mark.parametrize("state", [State.EXECUTE, State.RESETTING, State.STARTING])
+def test_a_pick_that_comes_while_the_cell_works_is_told_of_the_queue(state: State) -> None:
+    with pytest.raises(Refused, match=r"send .* job with queue"):
+        after_command(state, "pick")
+
+
 def test_an_unknown_command_lists_the_known_ones() -> None:
     with pytest.raises(Refused) as refusal:
         after_command(State.IDLE, "dance")

@@ -230,3 +230,10 @@ def test_the_hash_tells_stations_apart_and_survives_json() -> None:
     station = load_station()
     assert station_hash(station) == station_hash(station_from(station.model_dump(mode="json")))
     assert station_hash(station) != station_hash(load_station(None, ["sim.seed=1"]))
+
+
+def test_a_mistake_of_a_file_names_the_command_that_finds_all_of_them(tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text(DEFAULT_STATION.read_text() + "\n[handd]\nmax_width_m = 8\n")
+    with pytest.raises(ConfigError, match=r"`cell config check .*mine.toml`"):
+        load_station(file)

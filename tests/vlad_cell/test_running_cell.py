@@ -166,6 +166,8 @@ def test_what_the_cell_does_not_do_now_is_refused_with_the_reason(cell: Cell) ->
     ("arguments", "said"),
     [
         ({"target": ""}, "text"),
+        ({"target": (640, 360)}, r"target has 2 numbers.*Target\(pixel="),
+        ({"target": 5}, r"target is 5.*Target\(point_m="),
         ({"place": (0.4, 0.4)}, "place has 2 numbers"),
         ({"place": (0.4, 0.4, 99.0)}, "position_m"),
         ({"place": ("left", 0, 0)}, "place is"),
