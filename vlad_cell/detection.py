@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.messages import Detections as Record
 from bus.messages import Instance, Rectangle
@@ -20,7 +21,7 @@ from perception.detector import ignore_reply
 from perception.models import open_models
 from vlad_cell.advice import FOR_AN_IMAGE
 from vlad_cell.arguments import observed
-from vlad_cell.in_view import require_in_view
+from vlad_cell.in_view import another_meant, require_in_view
 from vlad_cell.picture import Picture
 from vlad_cell.station import Config, Settings, station_of
 
@@ -101,6 +102,10 @@ class Detections:
         return drawn(self.record, Choice(0, ()), close_up=close_up)
 
 
+_OF_A_POSE = frozenset({Code.NO_TABLE, Code.TABLE_MOVED, Code.NOT_SEEN, Code.TOO_NEAR})
+"""Ends of a detection to which a wrong pose of the camera may lead."""
+
+
 def detect(
     color: npt.ArrayLike,
     depth_m: npt.ArrayLike,
@@ -146,7 +151,8 @@ def detect(
         try:
             return Detections(vlad_grasp(observation, station, models, ignore_reply))
         except CycleFailure as failure:
-            failure.advice = FOR_AN_IMAGE.get(failure.failure, failure.advice)
+            meant = another_meant(observation, station) if failure.failure in _OF_A_POSE else ""
+            failure.advice = f"{meant} {FOR_AN_IMAGE.get(failure.failure, failure.advice)}".strip()
             raise
 
 

@@ -18,8 +18,9 @@ Array = npt.NDArray[np.float64]
 _POINTS = 20_000
 _AROUND_M, _LEVEL_M = 0.13, 0.08
 """Points so far around the pick region, and so near to the table's height, may be the table's (`find_table`)."""
-_NONE, _FITS = 0.02, 0.2
-"""Shares of the measured points that are the table's: of a pose that cannot be, and of another that may be meant."""
+_NONE, _FITS, _FAR_MORE = 0.02, 0.2, 2.0
+"""Shares of the measured points that are the table's: of a pose that cannot be, and of another that may be meant; and
+how many times more these are where the given pose cannot be ruled out."""
 _OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 _MEANT = (
     ("Is it camera_from_base? Its inverse would do: pass np.linalg.inv(base_from_camera).", inverse),
@@ -67,13 +68,24 @@ def require_in_view(observation: Observation, station: Station) -> None:
     """
     points_camera, pose = _measured(observation), observation.view.base_from_color
     placed = _Placed.of(points_camera, pose)
-    share = placed.on_table(station)
-    meant = [words for words, other in _MEANT if _Placed.of(points_camera, other(pose)).on_table(station) > _FITS]
+    share, meant = placed.on_table(station), _meant(points_camera, pose, station, _FITS)
     wrong = _wrong(placed, station)
     if not wrong and (share > _NONE or not meant):
         return
     wrong = wrong or f"only {share:.0%} of what was measured may be the table's"
     raise BadFrame(f"As base_from_camera has it, {wrong}.", " ".join((*meant[:1], _asked(placed, station))))
+
+
+def another_meant(observation: Observation, station: Station) -> str:
+    """Return which other pose would put far more of what was measured onto the table, as advice; "" for none."""
+    points_camera, pose = _measured(observation), observation.view.base_from_color
+    share = _Placed.of(points_camera, pose).on_table(station)
+    return next(iter(_meant(points_camera, pose, station, max(_FITS, _FAR_MORE * share))), "")
+
+
+def _meant(points_camera: Array, pose: Array, station: Station, share: float) -> list[str]:
+    """Return what may be meant: poses for which more than ``share`` of the points may be the table's."""
+    return [words for words, other in _MEANT if _Placed.of(points_camera, other(pose)).on_table(station) > share]
 
 
 def _measured(observation: Observation) -> Array:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 
 from bus.codes import ADVICE, Code
@@ -9,12 +11,8 @@ from bus.errors import CycleFailure
 from bus.messages import Observation
 from config.load import load_station
 from perception.detector import detect
-from perception.grasps.no_room import cause_on
 from perception.models import open_models
-from perception.scene.look import Look
-from perception.scene.scene import scene_of
-from perception.scene.seen import RegionView, described
-from tests.perception.from_aside import Solid, look
+from tests.perception.from_aside import LEFT, Solid, look
 
 STATION = load_station()
 
@@ -48,8 +46,7 @@ def test_depth_that_scatters_is_named_before_the_widths_that_it_spoils() -> None
 
 
 def test_what_was_not_seen_beside_it_is_measured() -> None:
-    """From so far aside the far half of the space around it is hidden, and its far face, too."""
-    scene = scene_of([Look.of(look([Solid((0.46, 0.0, 0.0), (0.2, 0.05, 0.1))], (70.0, 120.0)), STATION)], STATION)
-    (one,) = described(scene, RegionView.of(scene, STATION), None).instances
-    cause = cause_on(one, scene, STATION)
-    assert "were not seen" in cause.text and "another side" in cause.advice
+    """From aside the far half of the space around it is hidden, and its far face, too."""
+    failure = _no_grasp(look([Solid((0.46, 0.0, 0.0), (0.1, 0.04, 0.06))], LEFT))
+    assert re.search(r"41 mm wide: of the space beside it \d+ cm2 \(\d+%\) were not seen", failure.text)
+    assert "another side" in failure.advice

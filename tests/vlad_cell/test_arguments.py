@@ -11,6 +11,7 @@ import pytest
 from bus.codes import ADVICE, Code
 from config.load import load_station
 from config.origins import leaves
+from tests.perception.from_aside import CAMERA, Solid, look
 from tests.vlad_cell.test_detect_image import BASE_FROM_CAMERA, HIGH_M, K, image
 from vlad_cell import BadFrame, CycleFailure, detect
 from vlad_cell.advice import FOR_AN_IMAGE
@@ -131,3 +132,11 @@ def test_no_advice_about_an_image_is_for_who_has_a_cell() -> None:
     for code in set(Code) - {Code(name) for name in devices}:
         advice = FOR_AN_IMAGE.get(code, ADVICE[code])
         assert not any(word in advice for word in ("`cell", "report", "arm.", "clear_way")), (code, advice)
+
+
+def test_the_inverse_that_lets_the_camera_see_some_table_is_named_where_none_is_found() -> None:
+    seen = look([Solid((0.46, 0.0, 0.0), (0.1, 0.04, 0.06))], (20.0, 90.0))
+    pose = np.linalg.inv(seen.view.base_from_color)
+    with pytest.raises(CycleFailure, match=r"Is it camera_from_base\? .*np\.linalg\.inv") as failure:
+        detect(seen.frame.color, seen.frame.depth_m, (CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy), pose)
+    assert failure.value.failure is Code.NO_TABLE
