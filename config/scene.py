@@ -9,7 +9,6 @@ from pydantic import Field, field_validator, model_validator
 from config.base import (
     Chunk,
     Metres,
-    Positive,
     Settings,
     Size,
     SizeOrNone,
@@ -42,7 +41,7 @@ class Table(Box):
     name: Chunk = "table"
     center_m: Vector = (0.45, 0.0, -0.02)
     size_m: tuple[Size, Size, Size] = (0.9, 1.4, 0.04)
-    tolerance_mm: Positive = 15.0
+    tolerance_mm: Annotated[float, Field(ge=0.1, le=200)] = 15.0
     tolerance_deg: Annotated[float, Field(gt=0, le=12)] = 5.0
 
     @property
