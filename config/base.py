@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated, Any, Final
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, GetCoreSchemaHandler
+from pydantic_core import PydanticCustomError
 
 from bus.transforms import unit_wxyz
 
@@ -79,6 +80,20 @@ FolderOrName = Annotated[str, Field(min_length=1), AfterValidator(_usable_or_nam
 
 UNSHOWN: Final = "unshown"
 """Type of a validation error whose input may be a secret: no message shows it."""
+
+
+TOGETHER: Final = "together"
+"""Type of a validation error of several settings together."""
+
+
+def wrong(setting: str, why: str) -> PydanticCustomError:
+    """Return the error of several settings of a table that do not go together.
+
+    Args:
+        setting: the one to look at first, by its name inside of the table, e.g. ``arm.speed``.
+        why: what is wrong, as the rest of a sentence that begins with its name.
+    """
+    return PydanticCustomError(TOGETHER, "{why}", {"setting": setting, "why": why})
 
 
 def _with_strict_scalars(schema: Any) -> Any:

@@ -18,6 +18,7 @@ from config.base import (
     SizeOrNone,
     UnitQuaternion,
     Vector,
+    wrong,
 )
 
 
@@ -112,8 +113,10 @@ class HandSettings(Settings):
 
     @model_validator(mode="after")
     def _asks_for_what_it_can(self) -> HandSettings:
-        if self.speed_m_s > self.max_speed_m_s or self.grasp_force_n > self.max_force_n:
-            raise ValueError("speed_m_s and grasp_force_n must be within max_speed_m_s and max_force_n")
+        if self.speed_m_s > self.max_speed_m_s:
+            raise wrong("speed_m_s", f"must be within max_speed_m_s, {self.max_speed_m_s:g}")
+        if self.grasp_force_n > self.max_force_n:
+            raise wrong("grasp_force_n", f"must be within max_force_n, {self.max_force_n:g}")
         if self.min_width_m >= self.max_width_m:
-            raise ValueError(f"min_width_m {self.min_width_m} must be below max_width_m {self.max_width_m}")
+            raise wrong("min_width_m", f"must be below max_width_m, {self.max_width_m:g}")
         return self

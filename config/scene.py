@@ -13,6 +13,7 @@ from config.base import (
     Size,
     SizeOrNone,
     Vector,
+    wrong,
 )
 from config.place import NamedPlace
 
@@ -162,7 +163,7 @@ class SceneSettings(Settings):
             apart = x + length / 2 <= x_min or x_max <= x - length / 2
             apart = apart or y + width / 2 <= y_min or y_max <= y - width / 2
             if not apart:
-                raise ValueError(f"pick_region_m {self.pick_region_m} reaches into the wall {wall.name!r}")
+                raise wrong("pick_region_m", f"reaches into the wall {wall.name!r}")
         return self
 
 
