@@ -19,6 +19,7 @@ from config.new_station import cell_id_of, new_station
 from config.origins import Setting, leaves, settings
 from config.toml_file import read_text
 from config.toml_text import toml_value
+from config.undecided import undecided, undecided_in
 
 config = typer.Typer(
     help="A station file: what counts and where it comes from, its mistakes, differences, a schema, a new one.",
@@ -92,6 +93,7 @@ def check(
 ) -> None:
     """Name every mistake of station files: file and line, table, setting, what to do. Exit 0 none, 2 some.
 
+    What is still marked CHANGE or DECIDE is named, too; it is no mistake, and exits 0.
     Only the files are looked at; whether the devices are there says `cell doctor`.
     """
     count = 0
@@ -105,6 +107,11 @@ def check(
                 out.line(str(one))
         if not found and not as_json:
             out.line(f"{file}: no mistakes")
+        if (left := undecided(file)) is not None:
+            if as_json:
+                out.json({"file": str(file), "undecided": undecided_in(file)})
+            else:
+                out.line(f"{left[0]}. {left[1]}")
     if count:
         raise typer.Exit(ConfigError.exit_code)
 
