@@ -21,7 +21,9 @@ from logs.mcap.names import is_folder, shown
 
 _BY_AGE = "NOT (name >= ? AND name < ?)", "(name >= ? AND name < ?)"
 """Names of before now, and then those of a time to come (`logs.mcap.index.Filter.to_come`)."""
-_LISTED = "folder, name, cycle_id, result, code, reason, object, wall_s, number, retry_of, retried_as"
+_LISTED = (
+    "folder, name, cycle_id, result, code, reason, object, wall_s, number, retry_of, retried_as, coalesce(asked_by, '')"
+)
 
 
 def _silent(_text: str) -> None:

@@ -40,6 +40,7 @@ class Entry:
         number: number of the attempt within its pick, from 0. ``retry_of``, ``retried_as``: ids of the adjacent
             attempts,
             or "".
+        asked_by: the client that asked for it, "" = not known.
     """
 
     path: Path
@@ -52,6 +53,7 @@ class Entry:
     number: int = 0
     retry_of: str = ""
     retried_as: str = ""
+    asked_by: str = ""
 
     @property
     def failed(self) -> bool:
@@ -213,6 +215,7 @@ def _closed(path: Path, name: str) -> Entry:
         number=attempt.number,
         retry_of=attempt.retry_of,
         retried_as=result.retried_as if result is not None else "",
+        asked_by=attempt.asked_by,
     )
 
 
