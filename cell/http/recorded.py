@@ -25,6 +25,7 @@ from logs.catalogue import open_catalogue
 from logs.catalogue.figures import Counts, Summary, summed
 from logs.catalogue.labels import Label, append, read_labels
 from logs.mcap.index import Filter, day_named
+from logs.mcap.names import is_folder
 from logs.thumbnail import thumbnail
 
 _USUAL, _MOST = 20, 500
@@ -61,11 +62,11 @@ def _limit(text: str) -> int:
 
 
 def _listed(folder: Path, limit: int) -> list[dict[str, Any]]:
-    try:
-        with open_catalogue(folder, most=0) as catalogue:
-            entries = list(catalogue.entries(Filter(last=limit)))
-    except RecordingError:  # nothing was recorded yet
+    """Raises: RecordingError, CatalogueError: a list that cannot be had is none, and not an empty one."""
+    if not is_folder(folder):  # nothing was recorded yet
         return []
+    with open_catalogue(folder, most=0) as catalogue:
+        entries = list(catalogue.entries(Filter(last=limit)))
     said = defaultdict(list)
     for label in read_labels(folder):
         said[label.cycle_id].append(label.model_dump())
@@ -121,11 +122,11 @@ async def summary(request: Request, door: Door) -> Response:
 
 
 def _summed(folder: Path, day: str) -> Summary:
-    try:
-        with open_catalogue(folder, most=_READ_FIRST) as catalogue:
-            return summed(catalogue, day)
-    except RecordingError:  # nothing was recorded yet
+    """Raises: RecordingError, CatalogueError."""
+    if not is_folder(folder):  # nothing was recorded yet
         return Summary(Counts(), {})
+    with open_catalogue(folder, most=_READ_FIRST) as catalogue:
+        return summed(catalogue, day)
 
 
 async def verdict(request: Request, door: Door) -> Response:
