@@ -491,6 +491,21 @@ def test_a_verdict_is_appended_with_who_said_it(desk: Desk) -> None:
     assert said == [("anna", "bad", "it slipped"), ("anna", "good", "")]
 
 
+@pytest.mark.parametrize(("width", "height"), [(1400, 1000), (390, 844)])
+def test_stop_works_while_a_note_is_written(desk: Desk, width: int, height: int) -> None:
+    page = desk.page
+    desk.say("Execute", "stop", "abort", "hold")
+    page.set_viewport_size({"width": width, "height": height})
+    page.get_by_role("button", name=f"Note: {CYCLE}").click()
+    expect(page.locator("#asking")).to_be_visible()
+    with page.expect_response("**/api/commands/stop"):
+        click_middle(page, page.locator("#stop"))
+    assert [verb for verb, _ in desk.cell.sent] == ["stop"]
+    assert not serious_findings(page)
+    page.get_by_role("button", name="Close").click()
+    page.set_viewport_size({"width": 1400, "height": 1000})
+
+
 def test_the_arm_is_moved_by_hand_only_while_a_button_is_held(desk: Desk) -> None:
     page, moves = desk.page, ("jog", "jog_home", "hand_open", "hand_close", "stop", "mode")
     desk.say("Stopped", *moves, mode="Manual", shown="Stopped: moved by hand")

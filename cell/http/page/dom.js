@@ -48,6 +48,18 @@ export function replaceIn(place, children, next = byId("state")) {
   (again ?? next).focus();
 }
 
+/** Opens the dialog; it never covers Stop, and leaves the rest of the page alive: Stop always works. */
+export function openDialog(...children) {
+  const dialog = byId("asking");
+  dialog.replaceChildren(...children);
+  if (!dialog.open) dialog.show();
+}
+
+/** Closes the dialog; the keyboard goes back to where it was. */
+export function closeDialog() {
+  byId("asking").close();
+}
+
 let quiet = 0;
 
 /** Shows a message to the person for a while. */

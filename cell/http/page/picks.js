@@ -1,6 +1,6 @@
 // The last picks, newest first: small pictures, results, reports, and what persons say of them.
 
-import { bodyOf, byId, el, replaceIn, tell, tellRefusal } from "./dom.js";
+import { bodyOf, closeDialog, el, openDialog, replaceIn, tell, tellRefusal } from "./dom.js";
 import { ask, cell, now } from "./link.js";
 import { LANGUAGE, plainly, texts } from "./texts.js";
 
@@ -94,18 +94,16 @@ function judge(cycle, word) {
   }
   const name = el("input", { id: "who", maxlength: 100, required: true, value: who, autocomplete: "name" });
   const note = el("input", { id: "note", maxlength: 1000, required: word === "note" });
-  const dialog = byId("asking");
   const save = (event) => {
     event.preventDefault();
     localStorage.setItem("name", name.value.trim());
-    dialog.close();
+    closeDialog();
     keep(cycle, { who: name.value.trim(), label: word === "note" ? "" : word, note: note.value });
   };
-  dialog.replaceChildren(el("form", { onsubmit: save },
+  openDialog(el("form", { onsubmit: save },
     el("h2", { id: "asking-title" }, `${texts.verdictOf(cycle)}: ${texts[word]}`),
     el("label", { for: "who" }, texts.yourName), name, el("label", { for: "note" }, texts.yourNote), note,
-    el("div", { class: "row" }, el("button", { type: "button", onclick: () => dialog.close() }, texts.close), el("button", { type: "submit", class: "main" }, texts.save))));
-  dialog.showModal();
+    el("div", { class: "row" }, el("button", { type: "button", onclick: closeDialog }, texts.close), el("button", { type: "submit", class: "main" }, texts.save))));
 }
 
 async function keep(cycle, verdict) {
