@@ -206,7 +206,8 @@ class Door:
             self.tell_jobs()
 
     def close(self) -> None:
-        """End all streams; their sessions end with them."""
+        """End all streams, which are told so; their sessions end with them."""
+        self.hub.tell("end", "{}")
         self.hub.close()
 
     def wait(self) -> None:

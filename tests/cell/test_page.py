@@ -19,7 +19,7 @@ import pytest
 
 from bus import topics
 from bus.codec import encode
-from bus.commands import CellHealth, CellState, DoorHealth
+from bus.commands import CellHealth, CellState, DoorHealth, Event
 from bus.errors import Refused
 from bus.messages import LivePicture
 from bus.sample import Sample
@@ -407,7 +407,6 @@ def test_a_failed_pick_is_no_success_and_says_why_in_plain_words(desk: Desk) -> 
     page = desk.page
     click_middle(page, page.locator("#overlay"))
     page.click("#pick")
-    expect(page.locator("#message")).to_have_text("It is being picked.")
     desk.say("Execute", "stop", job_id="c1")
     expect(page.locator("#jobs")).to_contain_text("Picks what you pointed at, lays it into the tray")
     failed = RESULT.model_copy(update={"result": "FAILED", "reason": NOT_THERE})
@@ -415,7 +414,55 @@ def test_a_failed_pick_is_no_success_and_says_why_in_plain_words(desk: Desk) -> 
     desk.say("Complete", "reset", "pick")
     expect(page.locator("#reason")).to_have_text("Done: the last pick FAILED - Nothing lies where you clicked.")
     expect(page.locator("#banner")).to_have_class("tone-held")
-    expect(page.locator("#message")).to_be_empty()
+
+
+def warn(desk: Desk, text: str) -> None:
+    """The cell says something that stays on the page until it is dismissed, or another try begins."""
+    desk.site.door.hub.tell("event", Event(code="X", severity="error", text=text).model_dump_json())
+    expect(desk.page.locator("#message")).to_have_text(text)
+
+
+def test_a_message_goes_when_another_try_begins_or_a_person_is_asked_or_dismisses_it(desk: Desk) -> None:
+    page, message = desk.page, desk.page.locator("#message")
+    warn(desk, "one")
+    page.get_by_role("button", name="Dismiss this message").click()
+    expect(message).to_be_empty()
+    warn(desk, "two")
+    desk.say("Complete", "reset", "pick")
+    expect(message).to_have_text("two")  # nothing new
+    page.click("#reset")
+    expect(message).to_be_empty()
+    for step in ({"now": "Resetting"}, {"now": "Execute", "cycle_id": "c2"}):
+        warn(desk, f"before {step}")
+        desk.say(**step)
+        expect(message).to_be_empty()
+
+
+def test_on_a_phone_state_and_stop_stay_in_view_and_a_message_covers_neither_them_nor_the_answers(desk: Desk) -> None:
+    page = desk.page
+    page.set_viewport_size({"width": 390, "height": 844})
+    proposal = {"proposal_id": "c1-0", "object": "a cup", "motion_s": 5.7, "until_ns": 0}
+    page.route("**/api/proposal", lambda route: route.fulfill(json=proposal))
+    desk.say("Execute", "stop", "approve", "next_grasp", "reject", stage="approve", cycle_id="c3", shown=ASKS)
+    page.locator("#answer-approve").scroll_into_view_if_needed()
+    warn(desk, "A person closed the door of the room, and a lamp went out; see that both are as they were.")
+    for selector in ("#state", "#stop", "#answer-approve"):
+        middle = (
+            "one => { const box = one.getBoundingClientRect();"
+            " return one.contains(document.elementFromPoint(box.x + box.width / 2, box.y + box.height / 2)); }"
+        )
+        assert page.locator(selector).evaluate(middle), selector
+    page.get_by_role("button", name="Dismiss this message").click()
+    page.unroute("**/api/proposal")
+    page.set_viewport_size({"width": 1400, "height": 1000})
+
+
+def test_that_the_cell_has_ended_is_said_and_not_that_it_holds(desk: Desk) -> None:
+    gone = Event(code="CELL_GONE", severity="error", text="The cell is gone.")
+    desk.site.door.hub.tell("event", gone.model_dump_json())
+    until(desk.page, "The cell has ended")
+    expect(desk.page.locator("#reason")).to_contain_text("What this page had in motion does not go on.")
+    desk.say("Stopped", "reset")
 
 
 def test_words_and_a_cross_replace_each_other_and_reset_clears_the_cross(desk: Desk) -> None:

@@ -2,7 +2,7 @@
 // it; a press then sends the job, with the picture in which it was pointed at. All of it by keyboard, too.
 
 import { attend, whyNot } from "./commands.js";
-import { bodyOf, el, isOff, replaceIn, say, setButton, svg, tell, untell } from "./dom.js";
+import { bodyOf, el, isOff, replaceIn, say, setButton, svg, tell } from "./dom.js";
 import { ask, cell, cellNow, now } from "./link.js";
 import { isInside, overlayOf } from "./overlay.js";
 import { pointing } from "./pointing.js";
@@ -138,7 +138,7 @@ async function send() {
   const chosen = thing;
   const reply = await attend("pick", { job: { target, place, queue: true } });
   if (reply !== null) {
-    tell(reply.position ? texts.queued(reply.position) : texts.begun);
+    if (reply.position) tell(texts.queued(reply.position)); // else the banner says that it is under way
     choose(null);
     if (chosen !== undefined) {
       now.pointed[reply.job_id] = chosen;
@@ -207,7 +207,6 @@ export function showPicture() {
   cell.addEventListener("picture", ({ detail }) => load(detail));
   cell.addEventListener("scene", refreshScene);
   cell.addEventListener("sent", ({ detail }) => detail === "reset" && !target?.text && choose(null));
-  cell.addEventListener("result", () => untell(texts.begun));
   window.addEventListener("resize", draw);
   document.addEventListener("visibilitychange", () => wanted !== null && load(wanted));
   for (const name of ["state", "link", "about"]) cell.addEventListener(name, drawAllowed);

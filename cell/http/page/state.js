@@ -38,11 +38,12 @@ function todoOf(state, special) {
 function draw() {
   const state = now.state;
   if (state?.cycle_id && state.cycle_id !== now.result?.cycle_id) now.result = null; // another one runs
-  if (!now.isLinked || state === null) {
+  if (!now.isLinked || now.isEnded || state === null) {
     byId("banner").className = "tone-none";
-    say(byId("state"), now.isLinked ? texts.connecting : texts.noLink);
-    say(byId("reason"), now.isLinked ? "" : texts.noLinkReason);
-    say(byId("todo"), now.isLinked ? "" : texts.noLinkTodo);
+    const [name, reason, todo] = now.isEnded ? texts.ended : now.isLinked ? [texts.connecting, "", ""] : texts.noLink;
+    say(byId("state"), name);
+    say(byId("reason"), reason);
+    say(byId("todo"), todo);
     drawJobs();
     drawFacts();
     return;
@@ -97,6 +98,12 @@ function cancelling(job) {
   return el("button", { type: "button", class: "small", "aria-label": texts.cancelJob(job), onclick: cancel }, texts.cancel);
 }
 
+/** How much of the screen's upper end is always covered: by the banner, or where that is small by the state. */
+function measure() {
+  const [banner, name] = [byId("banner"), byId("state")];
+  document.documentElement.style.setProperty("--banner", `${banner.offsetHeight || name.offsetHeight}px`);
+}
+
 function stop() {
   command("stop").catch(tellRefusal);
 }
@@ -113,7 +120,9 @@ export function showState() {
   button.addEventListener("click", () => performance.now() - pressed_ms > PRESS_MS && stop()); // keyboard, screen reader
   document.addEventListener("keydown", (event) => event.key === "Escape" && !event.repeat && stop(), { capture: true });
   say(byId("state"), texts.connecting);
-  for (const name of ["state", "link", "about", "result", "recorded"]) cell.addEventListener(name, draw);
+  for (const name of ["state", "link", "about", "result", "recorded", "event", "health"]) cell.addEventListener(name, draw);
   cell.addEventListener("jobs", drawJobs);
+  const sized = new ResizeObserver(measure);
+  for (const id of ["banner", "state"]) sized.observe(byId(id));
   setInterval(drawFacts, 1000);
 }

@@ -28,9 +28,10 @@ export const texts = {
   stopTitle: "Stop the arm now, in a controlled way (key Escape). Not an emergency stop: that is the red button on the cell.",
 
   connecting: "Connecting",
-  noLink: "No link to the cell",
-  noLinkReason: "The network or the cell's interface is gone. Whatever this page had in motion, the cell holds by itself.",
-  noLinkTodo: "It connects again by itself. Go to the cell if it must stop at once.",
+  noLink: ["No link to the cell", "The network is gone, or the cell itself. A cell that runs holds what this page had in motion.",
+           "It connects again by itself. Go to the cell if it must stop at once."],
+  ended: ["The cell has ended", "Its program, or its interface, runs no more. What this page had in motion does not go on.",
+          "See whether something is in the hand. When the cell is started again, this page connects by itself."],
   noCell: "The cell does not answer.",
   refused: "Refused",
 
@@ -175,7 +176,6 @@ export const texts = {
   pickIt: "Pick it",
   forget: "Not this",
   queued: (position) => `It waits its turn: number ${position}.`,
-  begun: "It is being picked.",
 
   noPicks: "No pick is recorded yet.",
   results: { SUCCESS: "picked", FAILED: "failed", ABORTED: "aborted", EMPTY: "nothing left", TORN: "not finished",
@@ -191,6 +191,7 @@ export const texts = {
   yourNote: "Note",
   save: "Save",
   close: "Close",
+  dismiss: "Dismiss this message",
   kept: "Kept.",
 
   figures: {
