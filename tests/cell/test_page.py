@@ -416,6 +416,55 @@ def test_a_failed_pick_is_no_success_and_says_why_in_plain_words(desk: Desk) -> 
     expect(page.locator("#banner")).to_have_class("tone-held")
 
 
+def test_what_the_cell_says_in_its_own_terms_is_said_to_a_person_in_theirs(desk: Desk) -> None:
+    page, reason = desk.page, desk.page.locator("#reason")
+    desk.say("Resetting", "stop", reason="command 'reset' from http-page-root-vm-12800-2.1")
+    expect(reason).to_have_text("The arm goes to its looking place (asked for by another page).")
+    stopped = RESULT.model_copy(update={"result": "FAILED", "reason": "Stopped during 'hold'."})
+    desk.site.door.hub.tell("result", stopped.model_dump_json())
+    desk.say("Complete", "reset", "pick")
+    expect(reason).to_contain_text("It was stopped while it checked what it held.")
+    words = "target.text: of 'the dog' this cell does not understand: 'dog'."
+    desk.cell.refusal = Refused(words, "Correct that field and send it again: docs/use.md.", code="BAD_JOB")
+    desk.say("Idle", "start", "pick")
+    page.fill("#words", "the dog")
+    page.keyboard.press("Enter")
+    page.click("#pick")
+    message = page.locator("#message")
+    expect(message).to_contain_text(
+        "Of 'the dog' this cell does not understand: 'dog'. Say it in other words, or click"
+    )
+    assert not re.search(r"target\.|docs/", message.inner_text())
+    desk.cell.refusal = Refused("'left' is full.", "Empty it, then `cell stop` and `cell reset`.", code="PLACE_FULL")
+    page.click("#pick")
+    expect(message).to_have_text("'left' is full. Empty it, then Stop and Reset.")
+    page.fill("#words", "")
+
+
+def test_a_pick_that_found_nothing_says_what_was_asked_for(desk: Desk) -> None:
+    page = desk.page
+    entry = ENTRY | {"code": "TARGET_NOT_FOUND", "reason": "Nothing here is 'purple'.", "object": "bottle"}
+    page.route("**/api/cycles*", lambda route: route.fulfill(json=[entry]), times=1)
+    desk.site.door.hub.tell("result", RESULT.model_copy(update={"cycle_id": CYCLE}).model_dump_json())
+    expect(page.locator("#pick-list .tag")).to_have_text("failed TARGET_NOT_FOUND · “purple”")
+    expect(page.locator("#pick-list")).not_to_contain_text("bottle")
+
+
+def test_cancel_is_off_once_the_only_grasp_of_a_job_has_begun(desk: Desk) -> None:
+    cancel = desk.page.get_by_role("button", name="Cancel the job j1")
+    for stage, is_off in (("plan", "false"), ("execute", "true")):
+        desk.cell.now = state_of("Execute", "stop", stage=stage, job_id="j1")
+        desk.site.door.hub.tell("state", desk.cell.now.model_dump_json())
+        expect(cancel).to_have_attribute("aria-disabled", is_off)
+
+
+def test_a_picture_is_called_live_only_while_it_is_of_now(desk: Desk) -> None:
+    live = desk.page.locator(".live")
+    for now, since_ns, is_live in (("Held", 1, True), ("Idle", PICTURE_NS + 1000, False), ("Resetting", 1, False)):
+        desk.say(now, "stop", since_ns=since_ns)
+        expect(live).to_be_visible(visible=is_live)
+
+
 def warn(desk: Desk, text: str) -> None:
     """The cell says something that stays on the page until it is dismissed, or another try begins."""
     desk.site.door.hub.tell("event", Event(code="X", severity="error", text=text).model_dump_json())

@@ -1,6 +1,6 @@
 // Makes elements, and shows messages. Text goes in as text only: names and replies of others never become markup.
 
-import { plainly, texts } from "./texts.js";
+import { refusalHere, texts } from "./texts.js";
 
 const GOOD_MS = 6000;
 const SVG = "http://www.w3.org/2000/svg";
@@ -79,7 +79,7 @@ export function untell() {
 
 /** Shows a refusal of the cell: what happened, and what to do. */
 export function tellRefusal(refusal) {
-  tell(`${plainly(refusal.reason ?? refusal)} ${refusal.advice ?? ""}`.trim(), true);
+  tell(refusalHere(refusal.reason === undefined ? { reason: String(refusal) } : refusal), true);
 }
 
 /** A button that is never removed from the tab order: what it cannot do now it says. */

@@ -3,7 +3,7 @@
 import { askToken } from "./login.js";
 import { tell, untell } from "./dom.js";
 import { cell, learn, listen, now } from "./link.js";
-import { LANGUAGE, plainly, texts } from "./texts.js";
+import { LANGUAGE, adviceHere, plainly, texts } from "./texts.js";
 import { showState } from "./state.js";
 import { showCommands } from "./commands.js";
 import { showPicture } from "./picture.js";
@@ -32,7 +32,7 @@ async function begin() {
   showCommands();
   const parts = [showPicture, showApprove, showJog, showPicks, showToday, showHealth];
   cell.addEventListener("event", ({ detail }) => {
-    if (detail.severity !== "info" && !IN_BANNER.includes(detail.code) && detail.text !== now.state?.reason) tell(`${plainly(detail.text)} ${detail.advice ?? ""}`.trim(), true);
+    if (detail.severity !== "info" && !IN_BANNER.includes(detail.code) && detail.text !== now.state?.reason) tell(`${plainly(detail.text)} ${adviceHere(detail.advice)}`.trim(), true);
   });
   cell.addEventListener("state", forgetEarlier);
   cell.addEventListener("sent", untell);

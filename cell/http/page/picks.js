@@ -5,6 +5,7 @@ import { ask, cell, now } from "./link.js";
 import { LANGUAGE, plainly, texts } from "./texts.js";
 
 const SHOWN = 6;
+const NOT_FOUND = "TARGET_NOT_FOUND"; // what lies there, or in simulation was put there, is another thing
 const SOON_MS = 700; // the recording is finished after the result, its report later
 const AGAIN_MS = 2000;
 const TRIES = 8;
@@ -55,19 +56,26 @@ function entry(one) {
   const image = one.result === "TORN" || !one.file
     ? el("span", { class: "thumbnail" })
     : el("img", { "data-src": `/api/thumbnails/${encodeURIComponent(one.cycle_id)}`, alt: "" });
-  const name = `${result}${one.code ? ` ${one.code}` : ""}${one.object ? `, ${one.object}` : ""}`;
+  const what = one.code === NOT_FOUND ? askedFor(one.reason ?? "") : one.object;
+  const name = `${result}${one.code ? ` ${one.code}` : ""}${what ? `, ${what}` : ""}`;
   const picture = one.report
     ? el("a", { class: "thumbnail", href: one.report, target: "_blank", rel: "noopener", "aria-label": `${texts.report}: ${one.cycle_id}, ${name}` }, image)
     : el("span", { class: "thumbnail" }, image);
   const label = one.labels.at(-1);
   return el("li", { "data-cycle": one.cycle_id }, picture, el("div", { class: "about" },
-    el("span", { class: "tag" }, el("span", { class: one.result }, result), one.code ? ` ${one.code}` : "", one.object ? ` · ${one.object}` : ""),
+    el("span", { class: "tag" }, el("span", { class: one.result }, result), one.code ? ` ${one.code}` : "", what ? ` · ${what}` : ""),
     el("span", { class: "clip", title: one.reason }, plainly(one.reason ?? "")),
     el("span", { class: "soft" }, `${timeOf(one.cycle_id)} · ${one.cycle_id}`, one.report ? "" : ` · ${texts.noReport}`),
     label ? el("span", { class: "said" }, said(label)) : null,
     el("div", { class: "row" },
       one.report ? el("a", { class: "report", href: one.report, target: "_blank", rel: "noopener", "aria-label": `${texts.report}: ${one.cycle_id}` }, texts.report) : null,
       ...(now.role === "viewer" || !one.file ? [] : ["good", "bad", "note"].map((word) => el("button", { type: "button", class: "small", "aria-label": `${texts[word]}: ${one.cycle_id}`, onclick: () => judge(one.cycle_id, word) }, texts[word]))))));
+}
+
+/** What was asked for and not found, in words, if it was in words. */
+function askedFor(reason) {
+  const words = /'([^']+)'/.exec(reason)?.[1];
+  return words ? `“${words}”` : "";
 }
 
 /** The time of a cycle, by its id, which is its begin in UTC. */
