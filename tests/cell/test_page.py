@@ -29,6 +29,7 @@ from cell.http.page_files import FOLDER
 from config.http import HttpSettings
 from config.schema import Station
 from docs.browser import FLAGS, find_chromium, launch_chromium
+from logs.catalogue.figures import DEFINITIONS, Counts
 from logs.catalogue.labels import read_labels
 from tests.cell.http_bench import RESULT, FakeCell, Site, door_of, served, served_for_real
 
@@ -209,12 +210,14 @@ def test_a_day_at_the_cell(
     until(page, "Execute: grasps")
     page.click("#hold")
     until(page, "Held")
+    expect(page.locator(".live")).to_be_visible()  # now one must look at the arm
     page.click("#unhold")
     until(page, "Complete")
     expect(page.locator("#reason")).to_have_text("Done.")
     expect(last.locator(".tag")).to_contain_text("picked")
     expect(page.locator("[data-figure=picks] dd")).to_have_text("2")
-    expect(page.locator("[data-figure=interventions]")).to_have_text("intervention in 2 picks1")  # too few for a rate
+    expect(page.locator("[data-figure=interventions]")).to_have_text("interventions1")  # too few for a rate
+    expect(page.locator("[data-figure=success]")).to_have_text("picked1 of 2")
     last.get_by_role("button", name=re.compile("^Good: ")).click()
     page.fill("#who", "anna")
     page.get_by_role("button", name="Save").click()
@@ -548,6 +551,48 @@ def test_by_keyboard_alone_an_object_is_chosen_where_nothing_has_a_number_yet(de
     expect(page.locator("#place")).to_be_focused()  # a key that is held does not press Pick it
     keys.press("Shift+Tab")
     assert not serious_findings(page)
+
+
+def test_by_keyboard_reset_and_the_cards_are_a_few_tabs_away(desk: Desk) -> None:
+    page, keys = desk.page, desk.page.keyboard
+    focus = "document.activeElement.ariaLabel ?? document.activeElement.textContent"
+    page.focus("#stop")
+    for _ in range(2):
+        keys.press("Tab")
+    assert page.evaluate(focus) == "To the buttons", "what it asks is passed over, where it asks nothing"
+    keys.press("Enter")
+    keys.press("Tab")
+    expect(page.locator("#start")).to_be_focused()
+    page.focus("#failed-only")
+    keys.press("Tab")
+    for word in ("Report", "Good", "Bad"):
+        assert page.evaluate(focus) == f"{word}: {CYCLE}"
+        keys.press("ArrowRight")
+    keys.press("Tab")
+    expect(page.locator("#pick-list button:focus")).to_have_count(0)  # one stop for all cards
+    assert not desk.cell.sent
+
+
+def test_only_what_failed_is_listed_where_that_is_wanted(desk: Desk) -> None:
+    with desk.page.expect_response("**/api/cycles?limit=6&failed=true"):
+        desk.page.get_by_label("Failed only").check()
+    with desk.page.expect_response("**/api/cycles?limit=6"):
+        desk.page.get_by_label("Failed only").uncheck()
+
+
+def test_few_picks_are_counted_and_many_are_rated_as_the_command_line_rates_them(desk: Desk) -> None:
+    page = desk.page
+    day = Counts(cycles=11, picks=11, succeeded=6, executed=9, missed=3, busy_s=110).to_json()
+    many = Counts(cycles=22, picks=22, succeeded=12, executed=18, missed=6, busy_s=220).to_json()
+    for said, success, missed in ((day, "6 of 11", "3 of 9"), (many, "54.5 %", "33.3 %")):
+        summary = said | {"days": {}, "definitions": DEFINITIONS}
+        page.route("**/api/summary*", lambda route, _, summary=summary: route.fulfill(json=summary))
+        page.evaluate("import('/page/link.js').then(({ cell }) => cell.dispatchEvent(new Event('recorded')))")
+        expect(page.locator("[data-figure=success] dd")).to_have_text(success)
+        expect(page.locator("[data-figure=missed] dd")).to_have_text(missed)
+        page.unroute("**/api/summary*")
+    page.evaluate("import('/page/link.js').then(({ cell }) => cell.dispatchEvent(new Event('recorded')))")
+    expect(page.locator("#today")).to_contain_text("No pick was made today.")
 
 
 def test_what_keeps_another_interface_closed_stays_on_the_page(desk: Desk) -> None:

@@ -1,7 +1,7 @@
 // Puts the parts of the page together.
 
 import { askToken } from "./login.js";
-import { tell, untell } from "./dom.js";
+import { byId, el, tell, untell } from "./dom.js";
 import { cell, learn, listen, now } from "./link.js";
 import { LANGUAGE, adviceHere, plainly, texts } from "./texts.js";
 import { showState } from "./state.js";
@@ -28,6 +28,7 @@ function forgetEarlier() {
 async function begin() {
   document.documentElement.lang = LANGUAGE;
   for (const one of document.querySelectorAll("[data-text]")) one.textContent = texts[one.dataset.text];
+  byId("skips").append(...Object.entries(texts.skips).map(([id, words]) => el("a", { href: `#${id}`, "data-to": id }, words)));
   showState();
   showCommands();
   const parts = [showPicture, showApprove, showJog, showPicks, showToday, showHealth];

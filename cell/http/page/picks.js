@@ -9,7 +9,10 @@ const NOT_FOUND = "TARGET_NOT_FOUND"; // what lies there, or in simulation was p
 const SOON_MS = 700; // the recording is finished after the result, its report later
 const AGAIN_MS = 2000;
 const TRIES = 8;
+const REACHED = ".about a, .about button";
+const STEPS = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 };
 let list = null;
+let only = null; // the box "failed only"
 let later = 0;
 let drawn = "";
 let expected = ""; // the cycle of the last result
@@ -18,20 +21,21 @@ let tries = 0;
 async function refresh() {
   let cycles;
   try {
-    cycles = await ask(`/api/cycles?limit=${SHOWN}`);
+    cycles = await ask(`/api/cycles?limit=${SHOWN}${only.checked ? "&failed=true" : ""}`);
   } catch {
     return;
   }
   cycles = cycles.filter((one) => one.result !== "TORN" || one.cycle_id !== now.state?.cycle_id); // the one that runs
-  const isThere = !expected || cycles.some((one) => one.cycle_id === expected);
+  const isThere = !expected || only.checked || cycles.some((one) => one.cycle_id === expected);
   if (!isThere || cycles.some((one) => one.result === "TORN" || !one.report)) again(isThere ? AGAIN_MS : SOON_MS);
   const last = cycles.find((one) => one.result !== "TORN");
-  if (!now.state?.cycle_id && last?.cycle_id > (now.result?.cycle_id ?? "")) now.result = last; // this page was not there
+  if (!only.checked && !now.state?.cycle_id && last?.cycle_id > (now.result?.cycle_id ?? "")) now.result = last; // this page was not there
   const content = JSON.stringify(cycles);
   if (content === drawn) return;
   drawn = content;
-  const empty = cycles.length === 0 ? [el("li", { class: "about soft" }, texts.noPicks)] : [];
+  const empty = cycles.length === 0 ? [el("li", { class: "about soft" }, only.checked ? texts.noFailures : texts.noPicks)] : [];
   replaceIn(list, [...empty, ...cycles.map(entry)]);
+  rove([...list.querySelectorAll(REACHED)][0]);
   loadInTurn([...list.querySelectorAll("img")]);
   cell.dispatchEvent(new Event("recorded"));
 }
@@ -114,6 +118,23 @@ function judge(cycle, word) {
     el("div", { class: "row" }, el("button", { type: "button", onclick: closeDialog }, texts.close), el("button", { type: "submit", class: "main" }, texts.save))));
 }
 
+/** One stop of the Tab key for all cards: it leads to this one of their links and buttons. */
+function rove(to) {
+  const had = list.contains(document.activeElement) ? document.activeElement : null;
+  for (const one of list.querySelectorAll("a, button")) one.tabIndex = one === (had ?? to) ? 0 : -1;
+}
+
+/** The arrow keys move among the links and buttons of the cards. */
+function step(event) {
+  if (!(event.key in STEPS) || event.ctrlKey || event.altKey || event.metaKey) return;
+  const all = [...list.querySelectorAll(REACHED)];
+  const next = all[all.indexOf(document.activeElement) + STEPS[event.key]];
+  event.preventDefault(); // else the page scrolls
+  if (next === undefined) return;
+  next.focus();
+  rove(next);
+}
+
 async function keep(cycle, verdict) {
   try {
     await ask(`/api/labels/${encodeURIComponent(cycle)}`, verdict);
@@ -125,8 +146,9 @@ async function keep(cycle, verdict) {
 }
 
 export function showPicks() {
-  list = el("ol", { id: "pick-list" });
-  bodyOf("picks").append(list);
+  list = el("ol", { id: "pick-list", "aria-label": texts.cardKeys, onkeydown: step, onfocusin: () => rove(null) });
+  only = el("input", { type: "checkbox", id: "failed-only", onchange: refresh });
+  bodyOf("picks").append(el("label", { class: "only" }, only, texts.failedOnly), list);
   cell.addEventListener("result", ({ detail }) => {
     expected = detail.cycle_id;
     tries = 0;

@@ -13,9 +13,8 @@ const PLAIN = [
   [/^command '\w+' from (.+)/, (_, client) => `Asked for by ${client}.`],
 ];
 const DURING = {
-  detect: "while it looked", open: "while the hand opened", reach: "on its way to the thing", grasp: "while the hand closed",
-  carry: "while it lifted and carried the thing", hold: "while it checked what it held", aside: "on its way to look", return: "on its way to look",
-  place: "on its way to lay the thing down", release: "while the hand opened", home: "on its way back", retreat: "on its way back",
+  detect: "while it looked", open: "while the hand opened", reach: "on its way to the thing", grasp: "while the hand closed", carry: "while it carried the thing",
+  hold: "while it checked what it held", place: "on its way to lay the thing down", release: "while the hand opened", home: "on its way back",
 };
 
 /** A reason of the cell in plain words, where there are some. */
@@ -211,6 +210,10 @@ export const texts = {
   queued: (position) => `It waits its turn: number ${position}.`,
 
   noPicks: "No pick is recorded yet.",
+  noFailures: "No failed pick is recorded.",
+  failedOnly: "Failed only",
+  cardKeys: "The last picks; the arrow keys move among their buttons",
+  skips: { approve: "To its question", sees: "To the picture", commands: "To the buttons", picks: "To the last picks" },
   results: { SUCCESS: "picked", FAILED: "failed", ABORTED: "aborted", EMPTY: "nothing left", TORN: "not finished",
              DAMAGED: "damaged", UNFINISHED: "not finished" },
   report: "Report",
@@ -231,11 +234,8 @@ export const texts = {
     picks_per_hour: "picks an hour of the robot's time", success: "success", picks: "picks", interventions: "interventions an hour of the robot's time",
     between_stops: "picks between stops", missed: "missed", infeasible: "infeasible", multi_pick: "two at once", dropped: "dropped",
   },
-  inPicks: (picks) => (picks === 1 ? "in 1 pick" : `in ${picks} picks`),
-  counts: {
-    picks_per_hour: (_count, among) => `picked ${among}`,
-    interventions: (count, among) => `${count === 1 ? "intervention" : "interventions"} ${among}`,
-  },
+  counts: { success: "picked", interventions: "interventions" }, // where there are too few picks for rates
+  of: (count, whole) => `${count} of ${whole}`,
   explained: "Infeasible: no grasp fits, or none can be reached. Two at once: more than one thing was in the hand.",
   explains: {
     picks_per_hour: "Picks that succeeded. The robot's time is that of its cycles: what lies between them is left out.",
@@ -286,5 +286,5 @@ export function duration(seconds) {
 
 /** A share from 0 to 1 in percent; a dash for none. */
 export function percent(share) {
-  return share === null || share === undefined ? "–" : `${Math.round(1000 * share) / 10} %`;
+  return share === null || share === undefined ? "–" : `${(100 * share).toFixed(1)} %`;
 }
