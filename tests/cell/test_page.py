@@ -455,9 +455,8 @@ def test_a_pick_that_found_nothing_says_what_was_asked_for(desk: Desk) -> None:
 
 def test_cancel_is_off_once_the_only_grasp_of_a_job_has_begun(desk: Desk) -> None:
     cancel = desk.page.get_by_role("button", name="Cancel the job j1")
-    for stage, is_off in (("plan", "false"), ("execute", "true")):
-        desk.cell.now = state_of("Execute", "stop", stage=stage, job_id="j1")
-        desk.site.door.hub.tell("state", desk.cell.now.model_dump_json())
+    for stage, said, is_off in (("plan", "plans", "false"), ("execute", "grasps", "true")):
+        desk.say("Execute", "stop", stage=stage, job_id="j1", shown=f"Execute: {said}")
         expect(cancel).to_have_attribute("aria-disabled", is_off)
 
 
@@ -510,6 +509,7 @@ def test_on_a_phone_state_and_stop_stay_in_view_and_a_message_covers_neither_the
 
 
 def test_that_the_cell_has_ended_is_said_and_not_that_it_holds(desk: Desk) -> None:
+    desk.say("Execute", "stop")
     gone = Event(code="CELL_GONE", severity="error", text="The cell is gone.")
     desk.site.door.hub.tell("event", gone.model_dump_json())
     until(desk.page, "The cell has ended")
