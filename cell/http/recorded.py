@@ -64,20 +64,12 @@ def _limit(text: str) -> int:
     return int(text)
 
 
-<<<<<<< HEAD
 def _listed(folder: Path, wanted: Filter) -> list[dict[str, Any]]:
-    try:
-        with open_catalogue(folder, makes=False) as catalogue:
-            entries = list(catalogue.entries(wanted))
-    except RecordingError:  # nothing was recorded yet
-=======
-def _listed(folder: Path, limit: int) -> list[dict[str, Any]]:
     """Raises: RecordingError, CatalogueError: a list that cannot be had is none, and not an empty one."""
     if not is_folder(folder):  # nothing was recorded yet
->>>>>>> main
         return []
     with open_catalogue(folder, most=0) as catalogue:
-        entries = list(catalogue.entries(Filter(last=limit)))
+        entries = list(catalogue.entries(wanted))
     said = defaultdict(list)
     for label in read_labels(folder):
         said[label.cycle_id].append(label.model_dump())
