@@ -54,6 +54,8 @@ def show(cycle: Cycle, folder: InFolder = None, config: Config = DEFAULT_STATION
     for key, here, default in changes:
         if not set_by(attempt.job, key):
             out.line(f"  changed     {key} = {here} (default {default})", style="dim")
+    if attempt.asked_by:
+        out.line(f"  asked by    {attempt.asked_by}")
     for asked in _asked(attempt.job):
         out.line(f"  {asked}")
     for key, here, _ in changes:
@@ -96,6 +98,7 @@ def _told(record: CycleRecord, timeline: Timeline, labels: Sequence[Label]) -> d
         "states": [span.name for span in timeline.states],
         "changed": {key: here for key, here, _ in changes if not set_by(job, key)},
         "changed_by_job": {key: here for key, here, _ in changes if set_by(job, key)},
+        "asked_by": record.attempt.asked_by,
         "trimmed": record.trimmed,
         "labels": [one.model_dump() for one in labels],
         "metadata": record.metadata,
