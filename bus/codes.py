@@ -106,7 +106,8 @@ ADVICE: dict[Code, str] = {
     Code.DEADLINE: "The job's time was over before the arm could begin its grasp: give it more (deadline_s), or look in"
     " the stages' times what took long.",
     Code.STOPPED: "The cycle was stopped by command. `cell reset` makes the cell ready again.",
-    Code.DEVICE_LOST: "Check the device's power and network; when it is back, `cell clear` and `cell reset`.",
+    Code.DEVICE_LOST: "Check the device's power and network, or the driver that the reason names; when it is back,"
+    " `cell clear` and `cell reset`.",
     Code.NODE_LOST: (
         "A driver node is gone, hangs or talks nonsense; on a busy machine it was only kept waiting. Read what it said"
         " last, where `cell start` runs (of a service: `journalctl`), then `cell clear` and `cell reset`."
