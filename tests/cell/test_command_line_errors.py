@@ -14,6 +14,8 @@ from pathlib import Path
 import pytest
 
 from cell.cli import commands
+from cell.cli.start import _ready
+from config.load import DEFAULT_STATION
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -228,3 +230,20 @@ def test_the_shell_completes_commands_and_their_options(shell: str) -> None:
         said = _process(**environment | {"COMP_WORDS": words, "COMP_CWORD": count, "_TYPER_COMPLETE_ARGS": words,
                                          "_TYPER_COMPLETE_FISH_ACTION": "get-args"})  # fmt: skip
         assert all(name in said.stdout for name in expected), said
+
+
+@pytest.mark.parametrize(
+    ("config", "overrides", "each"),
+    [
+        (DEFAULT_STATION, ["sim.pace=1"], ""),
+        (Path("my st.toml"), ["bus.endpoint=tcp/127.0.0.1:7600", "sim.pace=1", "cell_id=b"],
+         ", each with --config 'my st.toml' --set bus.endpoint=tcp/127.0.0.1:7600 --set cell_id=b"),
+    ],
+)  # fmt: skip
+def test_the_ready_line_leads_to_this_very_cell(
+    config: Path, overrides: list[str], each: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("UV_RUN_RECURSION_DEPTH", raising=False)
+    assert _ready(config, overrides) == (
+        f"ready. From another terminal{each}: cell reset, cell pick, cell status. Ctrl-C ends."
+    )
