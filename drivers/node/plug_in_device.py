@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from types import SimpleNamespace
-from typing import Any, TypeVar, cast
+from types import NoneType, SimpleNamespace
+from typing import Any, TypeVar, cast, get_type_hints
 
 from bus.errors import DeviceLost, DriverError, DriverUnavailable
 from bus.redaction import raised
@@ -42,10 +42,23 @@ def _named(device: DeviceT, kind: type, whose: str) -> DeviceT:
     for name in (member for member in vars(kind) if not member.startswith("_")):
         if not callable(member := getattr(device, name, None)):
             raise DriverUnavailable(f"{whose} has no {name!r}.", "See docs/extend.md, A driver.")
-        members[name] = _guarded(member, whose, said)
+        gives = get_type_hints(getattr(kind, name))["return"]
+        members[name] = _guarded(_checked(member, name, gives), whose, said)
     if isinstance(device, Reporting):
         members["readings"] = _readings(_guarded(device.readings, whose, said))
     return cast(DeviceT, SimpleNamespace(**members))
+
+
+def _checked(member: Callable[..., Any], name: str, gives: type) -> Callable[..., Any]:
+    """The member; what it returns is of the type that its protocol says."""
+
+    def call(*args: Any, **named_args: Any) -> Any:
+        given = member(*args, **named_args)
+        if gives is not NoneType and not isinstance(given, gives):
+            raise TypeError(f"{name}() returned {type(given).__name__}, and it returns {gives.__name__}")
+        return given
+
+    return call
 
 
 def _guarded(member: Callable[..., Any], whose: str, said: list[str]) -> Callable[..., Any]:

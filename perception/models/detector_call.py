@@ -71,5 +71,4 @@ class DetectorCall:
 
     def close(self) -> None:
         """Close the detector; one that is still busy is left behind."""
-        if not self._calls.is_busy:
-            self._detector.close()
+        self._calls.close(self._detector.close)

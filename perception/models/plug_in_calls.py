@@ -74,6 +74,15 @@ class PlugInCalls:
             cancel.raise_if_set("detect")
             raise CycleFailure(rules.late, f"{rules.whose} gave no answer within {self._deadline_s:g} s.") from None
 
+    def close(self, work: Callable[[], None]) -> None:
+        """Close the plug-in; one that is still busy, or fails to close, is left behind."""
+        if self.is_busy:
+            return
+        try:
+            self.ask(lambda _: work(), Cancel())
+        except CycleFailure as failure:
+            _log.warning("%s It was to be closed.", failure.text)
+
     def _named(self, work: Callable[[Cancel], ResultT], cancel: Cancel) -> ResultT:
         """Return the result of ``work``; what it raises, `SystemExit` too, becomes a failure that names the plug-in."""
         try:

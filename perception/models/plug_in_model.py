@@ -67,5 +67,4 @@ class PlugInModel:
 
     def close(self) -> None:
         """Close the model; one that is still busy is left behind."""
-        if not self._calls.is_busy:
-            self._model.close()
+        self._calls.close(self._model.close)

@@ -49,7 +49,8 @@ class Broken:
     def move(self, width_m, speed_m_s): raise SystemExit(3)
     def readings(self): raise OSError("no bus")
     def stop(self): raise HandFault("stuck", "Loosen it.")
-    connect = close = grasp = home = stop
+    def home(self): return None
+    connect = close = grasp = stop
 
 def broken(station):
     return Devices(hand=Broken())
@@ -133,7 +134,11 @@ def test_a_driver_that_does_not_work_here_says_so(driver: str, said: str) -> Non
 def test_what_its_device_raises_is_named_and_no_defect_of_ours() -> None:
     """Errors of devices stay as they are; readings, which never raise, are none."""
     hand: Any = open_node("hand", station("broken")).hand
-    for act, said in ((hand.state, "RuntimeError: serial bug"), (lambda: hand.move(0.0, 0.1), "SystemExit: 3")):
+    for act, said in (
+        (hand.state, "RuntimeError: serial bug"),
+        (lambda: hand.move(0.0, 0.1), "SystemExit: 3"),
+        (hand.home, "TypeError: home() returned NoneType, and it returns HandState"),
+    ):
         with pytest.raises(DeviceLost) as failed:
             act()
         assert failed.value.text == f"The hand of driver 'broken' of package acme failed: {said}."

@@ -25,7 +25,7 @@ from perception.models.painter import paint
 from perception.models.plug_in_model import PlugInModel
 from perception.observed_object import Answer, ObservedObject
 from perception.proposal import propose
-from tests.perception.conftest import BAR, PLATE, Look
+from tests.perception.conftest import BAR, Look
 
 STATION = load_station(None, ["scene.pick_region_m=[0.1, 0.8, -0.3, 0.3]"])
 NAMED = "The goal-image model 'acme' of package acme-model"
@@ -127,7 +127,7 @@ def test_a_rod_that_is_nowhere_or_without_depth_is_no_rod(observed_object: Obser
     assert failure_of(blind, observed_object).failure is Code.MODEL_DRIFT
 
 
-def test_the_pick_fails_once_for_all_things_and_the_next_one_works(look: Look) -> None:
+def test_the_pick_fails_and_the_next_one_works(look: Look) -> None:
     broken, replies = [True], list[ModelReply]()
 
     class Once(GeometricModel):
@@ -138,10 +138,23 @@ def test_the_pick_fails_once_for_all_things_and_the_next_one_works(look: Look) -
 
     models = Models(PlugInModel(Once(STATION), "acme", "acme-model", 5.0))
     with pytest.raises(CycleFailure, match="'acme' of package acme-model failed: KeyError: 'rod'") as failed:
-        detect(look([BAR, PLATE]), STATION, models, replies.append)
+        detect(look([BAR]), STATION, models, replies.append)
     assert failed.value.failure is Code.MODEL_FAILED and Code.MODEL_FAILED in {one.failure for one in replies}
     broken[0] = False
     assert detect(look([BAR]), STATION, models, replies.append).grasps
+
+
+def test_one_that_fails_to_begin_or_to_close_ends_neither_cell_nor_program(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail() -> None:
+        raise SystemExit(1)
+
+    torn = GeometricModel(STATION)
+    monkeypatch.setattr(torn, "begin", fail)
+    monkeypatch.setattr(torn, "close", fail)
+    model = PlugInModel(torn, "acme", "acme-model", 5.0)
+    with pytest.raises(CycleFailure, match="failed: SystemExit: 1"):
+        model.begin()
+    model.close()
 
 
 @pytest.fixture
