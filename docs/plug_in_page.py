@@ -41,7 +41,11 @@ def page() -> str:
 def _imports(section: Section) -> Iterator[str]:
     for module, names in section.imports.items():
         line = f"from {module} import {', '.join(names)}"
-        yield line if len(line) <= 110 else f"from {module} import (\n    {', '.join(names)},\n)"
+        yield (
+            line
+            if len(line) <= 110
+            else "\n    ".join([f"from {module} import (", *(f"{one}," for one in names)]) + "\n)"
+        )
 
 
 def _of(module: str, name: str) -> str:
