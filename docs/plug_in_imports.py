@@ -37,6 +37,7 @@ SECTIONS = (
             "drivers.motion.stream": ("Stream",),
             "drivers.motion.stops": ("Stops",),
             "bus.errors": _ERRORS,
+            "drivers.sim.devices": ("open_devices",),
         },
     ),
     Section(

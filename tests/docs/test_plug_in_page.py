@@ -47,6 +47,12 @@ def test_an_example_names_the_version_that_it_was_tried_with(package: str) -> No
     assert project["optional-dependencies"]["testing"] == [f"vlad-cell[testing] ~= {version}"]
 
 
+def test_the_page_shows_the_whole_pyproject_of_an_example() -> None:
+    assert (EXAMPLES / "detector" / "pyproject.toml").read_text() in (
+        EXAMPLES.parent / "docs" / "extend.md"
+    ).read_text()
+
+
 def test_the_checks_take_a_driver_s_settings_on_the_command_line_as_cell_start_does() -> None:
     """Without a station file that names the driver."""
     station = load_station(None, with_its_node("driver", "acme", None, ["nodes.hand.settings.port=/dev/null"]))
