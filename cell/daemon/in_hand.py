@@ -17,8 +17,8 @@ from cell.daemon.publisher import Publisher
 from cell.machine.states import ENDED, State
 
 _ADVICE = (
-    "A reset opens the hand there and then: take hold of the thing first, or move the arm over a place by hand, and"
-    " open it there (mode Manual)."
+    "A reset opens the hand there and then, before the arm moves. To take it out first: mode Manual, and open the hand"
+    " over a place, or while you hold the thing."
 )
 _SAME_M = 0.003
 """By so much the width may change without that it is said again."""

@@ -22,7 +22,7 @@ from config.load import load_station
 from logs.live_views import Views
 
 STATION = load_station()
-ADVICE = "take hold of the thing first"
+ADVICE = "over a place, or while you hold the thing"
 
 
 class NoBus:

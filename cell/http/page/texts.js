@@ -7,6 +7,7 @@ const PLAIN = [
   [/^(?:TARGET_NOT_FOUND: )?There is no object within [\d.]+ (?:px|mm) of \(/, "Nothing lies where you clicked."],
   [/^(?:TARGET_NOT_FOUND: )?No object lies mostly in the box/, "Nothing lies mostly in the box you drew."],
   [/^The lease of 'http-page[^']*' was lost/, "The page that started this pick was closed or reloaded, or lost its link."],
+  [/^Something may be in the hand/, "Something may be in the hand: Reset lets it fall where it is. To take it out first: “Move it by hand”, then open the hand over a place, or while you hold the thing."],
 ];
 
 /** A reason of the cell in plain words, where there are some. */
