@@ -104,8 +104,9 @@ class Narrated:
 
     @property
     def arm(self) -> Arm:
-        at = {"stamp_ns": 0, "mode": ArmMode.IDLE, "dq_rad_s": np.zeros(7), "tau_ext_nm": np.zeros(7)}
-        return cast(Arm, SimpleNamespace(state=lambda: ArmState(q_rad=self._q_rad, **at), execute=self._execute))
+        still, mode = np.zeros(7), ArmMode.IDLE
+        state = ArmState(stamp_ns=0, mode=mode, q_rad=self._q_rad, dq_rad_s=still, tau_ext_nm=still)
+        return cast(Arm, SimpleNamespace(state=lambda: state, execute=self._execute))
 
     def _execute(self, _way: Trajectory) -> Any:
         self.did.append("arm")
