@@ -57,7 +57,7 @@ class Actions:
         log: the open cycle's record, or None.
         table: the objects on the simulated table.
         approvals: the planned motion that waits for a person, and its answer.
-        laid: number of objects laid at each place since a client's last reset, by its name; "" is the tray.
+        laid: number of objects laid at each place since a stopped cell was last reset, by its name; "" is the tray.
     """
 
     def __init__(

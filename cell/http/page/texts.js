@@ -64,7 +64,7 @@ export const texts = {
     Idle: "Press Start, or choose what it shall pick in the picture.",
     Held: "See that nobody is near the arm. Then Unhold to go on, or Stop to end.",
     Suspended: "Unsuspend to go on, or Stop to end.",
-    Complete: "Press Reset to start anew, or choose what it shall pick next.",
+    Complete: "Choose in the picture what it shall pick next. For several picks: Reset, then Start.",
     Aborted: "Look at the reason and at the cell. Then Clear, then Reset.",
   },
   stages: {
