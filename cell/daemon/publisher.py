@@ -6,6 +6,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Iterable
+from pathlib import Path
 from typing import Literal
 
 from bus import topics
@@ -119,9 +120,24 @@ class Publisher:
         self.publish(topics.STATE, self.state)
 
     def publish_recovered(self, leftovers: Iterable[Recovered | RecordingError]) -> None:
-        """Publish the outcome for the recordings that an earlier process left unfinished."""
+        """Publish the outcome for the recordings that an earlier process left unfinished, and that its pick was cut off."""
+        cut_off = ""
         for leftover in leftovers:
             if isinstance(leftover, RecordingError):
                 self.publish_event("NOT_RECOVERED", "warning", leftover.text, leftover.advice)
             else:
                 self.publish_event("RECOVERED", "warning" if leftover.lost else "info", f"{leftover.line()}.")
+                cut_off = max(cut_off, Path(leftover.path).stem) if leftover.ended == "torn" else cut_off
+        if cut_off:
+            self._publish_cut_off(cut_off)
+
+    def _publish_cut_off(self, cycle_id: str) -> None:
+        """Publish that the last pick did not end, in one event, and in the reason for as long as nobody commands."""
+        text = f"The last pick, {cycle_id}, was cut off: the cell's program ended in it. Something may be in the hand."
+        self.publish_event(
+            "PICK_CUT_OFF", "warning", text, f"Look at arm and hand. Up to there: `cell show {cycle_id}`."
+        )
+        with self._saying:
+            if self.state.state == State.STOPPED:
+                self._reason = text
+        self.publish_in_hand()

@@ -20,6 +20,8 @@ from cell.daemon.publisher import Publisher
 from cell.machine.states import State
 from config.load import load_station
 from logs.live_views import Views
+from logs.mcap.recover import Recovered
+from logs.mcap.torn_reader import Losses
 
 STATION = load_station()
 ADVICE = "over a place, or while you hold the thing"
@@ -115,6 +117,28 @@ def test_a_cell_that_was_killed_in_a_pick_says_it_when_it_starts(cell: Cell) -> 
     cell.hand_says(0.066)
     cell.turn()
     assert "66 mm" in cell.reason and len(cell.events) == 1
+
+
+def test_a_start_after_a_kill_names_the_pick_that_was_cut_off_until_somebody_commands(cell: Cell) -> None:
+    cell.enter(State.STOPPED)
+    names = ("20261130T101112000", "20261129T101112000")
+    cell.publisher.publish_recovered(
+        [Recovered(f"{one}.mcap.part", f"r/{one}.mcap", 9, Losses(), "torn") for one in names]
+    )
+    last = cell.events[-1]
+    assert (last.code, last.severity) == ("PICK_CUT_OFF", "warning") and names[0] in last.text
+    assert [event.code for event in cell.events].count("PICK_CUT_OFF") == 1
+    cell.hand_says(0.066)
+    cell.turn()
+    assert cell.reason.startswith(last.text) and "66 mm" in cell.reason
+    cell.enter(State.RESETTING)
+    assert cell.reason == ""
+
+
+def test_a_recording_that_had_only_to_be_renamed_was_of_a_whole_pick(cell: Cell) -> None:
+    cell.enter(State.STOPPED)
+    cell.publisher.publish_recovered([Recovered("a.mcap.part", "a.mcap", 9, Losses(), "finished")])
+    assert [event.code for event in cell.events] == ["RECOVERED"] and cell.reason == ""
 
 
 @pytest.mark.parametrize("width_m", [0.0, 0.002, 0.079, 0.08, math.nan])
