@@ -120,7 +120,7 @@ class Publisher:
         self.publish(topics.STATE, self.state)
 
     def publish_recovered(self, leftovers: Iterable[Recovered | RecordingError]) -> None:
-        """Publish the outcome for the recordings that an earlier process left unfinished, and that its pick was cut off."""
+        """Publish what became of the recordings that an earlier process left unfinished, and that a pick was cut off."""
         cut_off = ""
         for leftover in leftovers:
             if isinstance(leftover, RecordingError):
@@ -133,11 +133,10 @@ class Publisher:
 
     def _publish_cut_off(self, cycle_id: str) -> None:
         """Publish that the last pick did not end, in one event, and in the reason for as long as nobody commands."""
-        text = f"The last pick, {cycle_id}, was cut off: the cell's program ended in it. Something may be in the hand."
-        self.publish_event(
-            "PICK_CUT_OFF", "warning", text, f"Look at arm and hand. Up to there: `cell show {cycle_id}`."
-        )
+        text = f"The last pick, {cycle_id}, was cut off: the cell's program ended in it."
+        look = "Look at the arm, and whether something is in the hand."
+        self.publish_event("PICK_CUT_OFF", "warning", text, f"{look} What was recorded: `cell show {cycle_id}`.")
         with self._saying:
             if self.state.state == State.STOPPED:
-                self._reason = text
+                self._reason = f"{text} {look}"
         self.publish_in_hand()
