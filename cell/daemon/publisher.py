@@ -120,7 +120,7 @@ class Publisher:
         self.publish(topics.STATE, self.state)
 
     def publish_recovered(self, leftovers: Iterable[Recovered | RecordingError]) -> None:
-        """Publish what became of the recordings that an earlier process left unfinished, and that a pick was cut off."""
+        """Publish what became of the recordings that an earlier process left unfinished; a pick was cut off there."""
         cut_off = ""
         for leftover in leftovers:
             if isinstance(leftover, RecordingError):
