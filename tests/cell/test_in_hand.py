@@ -17,7 +17,7 @@ from bus.topics import encoding_of
 from cell.daemon.grip import Grip
 from cell.daemon.in_hand import InHand
 from cell.daemon.publisher import Publisher
-from cell.machine.states import State
+from cell.machine.states import State, told
 from config.load import load_station
 from logs.live_views import Views
 from logs.mcap.recover import Recovered
@@ -95,6 +95,13 @@ def test_an_abort_keeps_its_cause_before_it(cell: Cell) -> None:
     cell.hand_says(0.066)
     cell.enter(State.ABORTED, "ARM_REFLEX: The arm stopped itself.")
     assert cell.reason.startswith("ARM_REFLEX: The arm stopped itself. Something may be in the hand")
+
+
+def test_who_aborted_it_is_still_told_beside_it() -> None:
+    by = "command 'abort' from ann-4711"
+    assert told("Aborted", by) == "Aborted by ann-4711"
+    assert told("Aborted", f"{by} Something may be.") == "Aborted by ann-4711. Something may be."
+    assert told("Aborted", "command 'abort' from a client") == "Aborted by a client"
 
 
 def test_it_goes_when_the_thing_does_and_the_state_says_so_by_itself(cell: Cell) -> None:
