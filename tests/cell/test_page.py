@@ -357,6 +357,12 @@ def test_names_and_replies_with_tags_stay_text(desk: Desk) -> None:
     assert not serious_findings(page)
 
 
+def test_a_stopped_cell_says_that_something_may_be_in_the_hand(desk: Desk) -> None:
+    words = "Something may be in the hand: its fingers are 66 mm apart. A reset opens the hand there and then."
+    desk.say("Stopped", "reset", "abort", reason=words)
+    expect(desk.page.locator("#reason")).to_contain_text("Something may be in the hand: Reset lets it fall where it is")
+
+
 def test_five_tasks_take_three_clicks_at_most(desk: Desk) -> None:
     page, cell = desk.page, desk.cell
     page.evaluate("() => { window.clicks = 0; document.addEventListener('click', () => window.clicks++, true); }")
