@@ -37,7 +37,7 @@ VARIABLES = (
         "Status.Reason",
         "String",
         False,
-        "Why the cell is in this state; when Stopped or Aborted also that something may be in the hand.",
+        "Why the cell is in this state; at rest also what may be in the hand.",
     ),
     Variable("Status.Since", "DateTime", False, "When this state or stage began."),
     Variable("Status.Available", "String[]", False, "The commands that the cell accepts now."),
