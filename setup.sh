@@ -48,10 +48,19 @@ trust_system_certificates() {
 
 # --- Python packages ---------------------------------------------------------------------------------------------------
 command -v uv >/dev/null || fail "uv is missing: python3 -m pip install uv rust-just (docs/install.md)"
+# The commands in .venv name the folder it was made in: a copy would run the code of that folder, or nothing. (A link is
+# somebody's own arrangement.)
+here="$(pwd -P)"
+if [ ! -L .venv ] && [ -e .venv/.folder ] && [ "$(cat .venv/.folder)" != "$here" ]; then
+    say "this folder was moved or copied; making .venv anew"
+    rm -rf .venv
+fi
 if ! .venv/bin/python -c '' 2>/dev/null; then
+    [ -w . ] || fail "$here cannot be written, and .venv is to be made there: copy the folder to one of your own"
     rm -rf .venv
     trust_system_certificates # uv may have to fetch a Python
     uv venv --quiet --python '>=3.11' .venv || fail "Python 3.11 or newer is needed (docs/install.md)"
+    printf '%s\n' "$here" >.venv/.folder
 fi
 stamp=.venv/.installed
 wanted="$(cat requirements.lock pyproject.toml setup.sh | sha256sum | cut -d' ' -f1)"
@@ -60,8 +69,11 @@ if [ "$(cat "$stamp" 2>/dev/null || true)" != "$wanted" ]; then
     say "installing the Python packages of requirements.lock into .venv (1.5 GB on disk; a minute or two)"
     quiet=--quiet
     [ ! -t 2 ] || quiet="" # a terminal gets uv's progress bars
-    uv pip sync $quiet --compile-bytecode --python .venv --require-hashes requirements.lock
-    uv pip install --quiet --python .venv --no-deps --no-build-isolation --editable . # after sync, which removes it
+    uv pip sync $quiet --compile-bytecode --python .venv --require-hashes requirements.lock ||
+        fail "the Python packages cannot be installed: the lines above say why. Without a network none can be had that uv" \
+            "has not kept from before; a proxy goes into https_proxy. Run it again: what is there is not loaded twice"
+    uv pip install --quiet --python .venv --no-deps --no-build-isolation --editable . || # after sync, which removes it
+        fail "this folder cannot be installed into .venv: the lines above say why"
     printf '%s\n' "$wanted" >"$stamp"
     [ ! -e .venv/.hardware ] || printf 'removed\n' >.venv/.hardware # so were the SDKs; put them back below
     say "done"

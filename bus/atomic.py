@@ -35,7 +35,11 @@ def written_atomically(path: Path, *, mode: int | None = None) -> Iterator[IO[by
     """
     target = os.path.realpath(path)
     folder = os.path.dirname(target)
-    file, part = tempfile.mkstemp(prefix=".write-", dir=folder)  # a fixed name (path + ".part") may exist already
+    try:
+        file, part = tempfile.mkstemp(prefix=".write-", dir=folder)  # a fixed name (path + ".part") may exist already
+    except OSError as error:
+        error.filename = target  # nobody knows the other name
+        raise
     try:
         with os.fdopen(file, "wb") as output:
             yield output

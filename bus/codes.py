@@ -108,6 +108,8 @@ ADVICE: dict[Code, str] = {
         "A driver node is gone, hangs or talks nonsense; on a busy machine it was only kept waiting. Read what it said"
         " last, where `cell start` runs (of a service: `journalctl`), then `cell clear` and `cell reset`."
     ),
-    Code.RECORDING: "The recording could not be written. Check the free space of the recordings folder.",
+    Code.RECORDING: (
+        "The recording could not be written. Check the recordings folder: its free space, and the right to write."
+    ),
     Code.INTERNAL: "This is a defect. Please report it with the cycle's recording.",
 }

@@ -219,8 +219,14 @@ The objects lie on the plane z = 0 of `base`, in the station's pick region. For 
 `region_m=(x_min, x_max, y_min, y_max)`, and `settings={"camera.least_range_m": 0}` unless you know how near it can
 measure.
 
+**Look from above.** One image from aside hides what is behind a thing, and what was not seen is not free: the fingers
+reach less deep, and the score does not say so. Of a box 80 mm high the pads overlap 21 mm from above, 25 at 10 degrees
+from it, 7 to 13 at 20, 2 to 8 at 30; at 40 nothing fits (rendered, 1 mm of noise, four seeds each). The cell looks from
+above first, then from aside, and joins its looks.
+
 **A recording**, in five lines; `cycle.color`, `cycle.depth_m`, `cycle.K` and `cycle.base_from_camera` are what `detect`
-takes:
+takes. There the depth is resampled into the colour image's pixels, so its best grasp may be another than the cell's,
+which works on the frames as they came: `cycle.grasps` are those, and `cell replay` decides them again.
 
 ```python
 from vlad_cell import read_cycle

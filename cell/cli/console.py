@@ -6,6 +6,7 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from bus.codes import ADVICE
@@ -77,6 +78,15 @@ class Screen:
                     yield message
         finally:
             self._day.close()
+
+    @contextmanager
+    def to_the_end(self) -> Iterator[None]:
+        """Context of a cell; then shows what became of a cycle that was interrupted, and what it left in the hand."""
+        yield
+        while not self._heard.empty():
+            _, message = self._heard.get()
+            if isinstance(message, CycleResult) or getattr(message, "code", "") == "HAND_NOT_EMPTY":
+                self._show(message)
 
     def _show(self, message: Message | bytes) -> None:
         if isinstance(message, CycleResult):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Annotated
@@ -79,7 +80,8 @@ def start(
     screen = Screen(json_lines=as_json, report=report and not as_json, each_turn=service.turn)
     on_end(screen.interrupted.set, insists=True)
     try:
-        batch = _run(station, picks, screen, service, foxglove_port if foxglove else None, doors)
+        ready = _ready(config, overrides or [])
+        batch = _run(station, picks, screen, service, foxglove_port if foxglove else None, doors, ready)
     except PortOccupied as error:
         raise _occupied(station, error) from error
     if batch is None:
@@ -97,12 +99,14 @@ def _run(
     service: Service,
     view_port: int | None,
     doors: list[str],
+    ready: str,
 ) -> Batch | None:
-    """Run the cell for these ``picks``; without any, for commands of other clients, until interrupted."""
+    """Run the cell for these ``picks``; without any, say ``ready``, and take commands until interrupted."""
     screen.line(f"cell {station.cell_id} on {station.bus.endpoint}: starting {', '.join(station.nodes)} ...")
     if not station.simulated and (asks := double_picks(station)).verdict is not Verdict.OK:
         screen.line(asks.found)
     with (
+        screen.to_the_end(),
         running_cell(station, screen.observe) as daemon,
         _live_view(station, view_port) as view,
         service.around(lambda: takes_commands(daemon.machine)),
@@ -111,7 +115,7 @@ def _run(
         if view is not None:
             screen.line(f"live view: open ws://{live.HOST}:{view.port} in Foxglove or Lichtblick (docs/foxglove)")
         if picks is None:
-            _stay(screen)
+            _stay(screen, ready)
             return None
         batch = _run_batch(daemon, screen, picks, station.retry)
         if picks.until_empty:
@@ -136,10 +140,22 @@ def _live_view(station: Station, port: int | None) -> AbstractContextManager[liv
     return live.watching(station.cell_id, station.bus.endpoint, port, clock_of(station))
 
 
-def _stay(screen: Screen) -> None:
+def _ready(config: Path, overrides: list[str]) -> str:
+    """Return a line that says how to command this very cell, in the words that it was started with."""
+    cell = "uv run cell" if "UV_RUN_RECURSION_DEPTH" in os.environ else "cell"
+    words = ["--config", str(config)] if config != DEFAULT_STATION else []
+    for override in overrides:
+        if override.partition(".")[0] == "bus" or override.partition("=")[0].strip() == "cell_id":
+            words += ["--set", override]
+    each = f", each with {shlex.join(words)}" if words else ""
+    return f"ready. From another terminal{each}: {cell} reset, {cell} pick, {cell} status. Ctrl-C ends."
+
+
+def _stay(screen: Screen, ready: str) -> None:
     """Show all messages until interrupted."""
-    cell = "uv run cell" if "UV_RUN_RECURSION_DEPTH" in os.environ else "cell"  # as this one was started
-    screen.line(f"ready. From another terminal: {cell} reset, {cell} pick, {cell} status. Ctrl-C ends.")
+    if screen.interrupted.is_set():
+        return  # during the start: it was never ready for anybody
+    screen.line(ready)
     for _ in screen.follow():
         pass
 

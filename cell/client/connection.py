@@ -86,15 +86,20 @@ class Client(Questions):
             "client_id": self.client_id if needs_lease else request.client_id or self.client_id,
         }
         request = request.model_copy(update=named)
+        with suppress(NoReply):
+            return self._ask(verb, request)
+        self.state()  # a cell that answers this would answer any command that reached it
         try:
-            return self._bus.request(topics.COMMAND, request, CommandReply, timeout_s=self._timeout_s, verb=verb)
+            return self._ask(verb, request)  # a cell that has just begun; the same id acts once
         except NoReply as error:
-            self.state()  # a cell that answers this would answer any command that reached it
             raise Refused(
                 f"The cell is there, but {verb!r} does not reach it: this certificate may look, and stop it, no more.",
                 "Use that of an operator (bus.zenoh); the roles: docs/security.md.",
                 code="NO_RIGHT",
             ) from error
+
+    def _ask(self, verb: str, request: CommandRequest) -> CommandReply:
+        return self._bus.request(topics.COMMAND, request, CommandReply, timeout_s=self._timeout_s, verb=verb)
 
     def release(self) -> None:
         """Give the lease back: other clients may command; motion that continues is held. Idempotent."""

@@ -202,6 +202,8 @@ class Daemon:
         self._speakers.listen()
         self._monitor.listen(self._bus)
         self._leases.listen(self._bus)
+        # first, so that whoever has the state reaches the commands, too: `Client.send` relies on it
+        self._bus.answer(topics.COMMAND, self._on_command, worker=self._worker_of, verb="*")
         self._bus.answer(topics.STATE_NOW, lambda _payload, _asked: self.publisher.state, worker="state")
         self._bus.answer(topics.HEALTH_NOW, lambda _payload, _asked: self.health(), worker="state")
         self._bus.answer(topics.RESULT_NOW, self._on_result_asked, worker="state")
@@ -209,7 +211,6 @@ class Daemon:
         self._bus.answer(topics.PLAN_NOW, lambda _payload, _asked: self._plan_views.now(), worker="plan")
         self._bus.answer(topics.PICTURE_NOW, self._on_picture_asked, worker="picture")
         self._bus.answer(topics.SCHEMA_NOW, lambda _payload, _asked: bus_schema(), worker="schema")
-        self._bus.answer(topics.COMMAND, self._on_command, worker=self._worker_of, verb="*")
         self._bus.announce(topics.LEASE, name=CELL_CLIENT)
         self.machine.start()
         self._watchdog.start()

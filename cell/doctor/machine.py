@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import importlib.util
-import os
 import platform
 import re
 import shutil
@@ -17,6 +16,7 @@ from importlib.metadata import PackageNotFoundError, requires, version
 from bus.errors import ConfigError, RecordingError
 from cell.doctor.finding import Finding, fix, not_needed, ok
 from config.schema import Station
+from drivers import egl
 from drivers.node import registry
 from logs.mcap.retention import in_words
 from logs.prune import Pruner
@@ -90,7 +90,7 @@ def _install(missing: list[tuple[str, str, tuple[int, int] | None]], python: tup
         newest = f"{end[0]}.{end[1] - 1}"
         return f"{module} needs Python {newest} or older: rm -rf .venv && uv venv --python {newest} .venv && ./setup.sh"
     extras = ",".join(sorted({extra for _, extra, _ in missing}))
-    return f"uv pip install -e '.[{extras}]'"
+    return f"uv pip install 'vlad-cell[{extras}]'"
 
 
 # --- graphics, disk, clock --------------------------------------------------------------------------------------------
@@ -101,18 +101,17 @@ def rendering(station: Station) -> Finding:
     name = "rendering"
     if not station.simulated:
         return not_needed(name, "Only a simulated camera draws.")
-    environment = {**os.environ, "MUJOCO_GL": os.environ.get("MUJOCO_GL", "egl")}
+    egl.choose()
     try:
         drawn = subprocess.run(
             [sys.executable, "-m", "cell.doctor.draw"],
-            env=environment, capture_output=True, text=True, timeout=_DRAW_S, check=False,
+            capture_output=True, text=True, timeout=_DRAW_S, check=False,
         )  # fmt: skip
         why = (drawn.stderr.strip().splitlines() or [f"exit code {drawn.returncode}"])[-1]
     except subprocess.TimeoutExpired:
         return fix(name, f"Drawing a small picture takes longer than {_DRAW_S:.0f} s.", "Check the graphics driver.")
     if drawn.returncode != 0:
-        advice = "Run ./setup.sh (it installs libegl1 and libgl1-mesa-dri), and leave MUJOCO_GL unset."
-        return fix(name, f"MuJoCo cannot draw without a screen: {why}", advice)
+        return fix(name, f"MuJoCo cannot draw without a screen: {why}", egl.advice())
     return ok(name, drawn.stdout.strip())
 
 

@@ -89,7 +89,7 @@ class _Crew:
         context.set_forkserver_preload([_module_of(self.work)])
         ours, theirs = context.Pipe()
         process = context.Process(target=_serve, args=(theirs, self.work), daemon=not self.with_children)
-        with _in_environment(_ONE_THREAD):
+        with _in_environment(_ONE_THREAD), _uninterrupted():
             process.start()
         theirs.close()  # then its end is the end of our pipe
         self.workers.append(_Worker(process, ours))
@@ -154,9 +154,20 @@ def _in_environment(added: Mapping[str, str]) -> Iterator[None]:
             del os.environ[name]
 
 
+@contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """Context in which Ctrl-C waits, and interrupts no process that is started until `_serve` sees to it."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def _serve(pipe: Connection, work: Callable[[Any], Any]) -> None:
     """A worker's life: an item, its result, until the pipe ends. Ctrl-C is the parent's to handle."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})  # of what it starts itself, too
     while True:
         try:
             item = pipe.recv()

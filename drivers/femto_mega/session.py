@@ -223,7 +223,7 @@ def _sdk_and_context(extensions: Path | None) -> tuple[Any, Any]:
     except ImportError as error:
         raise DriverUnavailable(
             f"pyorbbecsdk cannot be imported: {error}.",
-            "uv pip install -e '.[femto]'; it has wheels for Python up to 3.13.",
+            "uv pip install 'vlad-cell[femto]'; it has wheels for Python up to 3.13.",
         ) from error
     sdk.Context.set_logger_to_file(sdk.OBLogLevel.NONE, "")  # else ./Log grows to 300 MB
     sdk.Context.set_logger_to_console(sdk.OBLogLevel.NONE)

@@ -172,7 +172,7 @@ def open_loop(settings: Fr3Settings, shared: SharedState, gone: Callable[[], boo
     except ImportError as error:
         raise DriverUnavailable(
             f"pylibfranka cannot be imported: {error}.",
-            "uv pip install -e '.[fr3]'; it has wheels for Python 3.11 and 3.12.",
+            "uv pip install 'vlad-cell[fr3]'; it has wheels for Python 3.11 and 3.12.",
         ) from error
     if settings.realtime == "enforce":
         _be_punctual()

@@ -33,7 +33,9 @@ class Gripper:
         try:
             self._franky = load()
         except ImportError as error:
-            raise DriverUnavailable(f"franky cannot be imported: {error}.", "uv pip install -e '.[fr3]'") from error
+            raise DriverUnavailable(
+                f"franky cannot be imported: {error}.", "uv pip install 'vlad-cell[fr3]'"
+            ) from error
         try:
             self._hand = self._franky.Gripper(address)
         except (self._franky.Exception, RuntimeError) as error:

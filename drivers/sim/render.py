@@ -7,8 +7,8 @@ import numpy as np
 import numpy.typing as npt
 
 from bus.errors import DriverUnavailable
+from drivers import egl
 
-_ADVICE = "Install EGL: apt-get install libegl1 libgl1-mesa-dri, and leave MUJOCO_GL unset or =egl."
 _MAX_GEOMS = 2000
 
 
@@ -30,7 +30,7 @@ class Painter:
                 self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
                 mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
         except (RuntimeError, ImportError, AttributeError, OSError, mujoco.FatalError) as error:
-            raise DriverUnavailable(f"Nothing can be rendered here: {error}", _ADVICE) from error
+            raise DriverUnavailable(f"Nothing can be rendered here: {str(error).rstrip('.')}.", egl.advice()) from error
         self._context.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR
         self._scene = mujoco.MjvScene(model, maxgeom=_MAX_GEOMS)
         self._options = mujoco.MjvOption()

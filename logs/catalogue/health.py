@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import sqlite3
 from contextlib import closing
 from pathlib import Path
 from typing import NamedTuple
 
+from bus.errors import RecordingError
 from logs.catalogue.columns import SCHEMA
 from logs.catalogue.store import CATALOGUE, Store
 from logs.catalogue.update import listing
@@ -31,10 +33,12 @@ class Health(NamedTuple):
 
 
 def health(root: Path) -> Health:
-    """The state of the catalogue of a folder of recordings. Raises: RecordingError when that cannot be read."""
+    """The state of the catalogue of a folder of recordings. Raises: RecordingError when either cannot be read."""
     path = root / CATALOGUE
     if not path.is_file():
         return _unusable(root, "it is missing")
+    if not os.access(path, os.R_OK):
+        raise RecordingError(f"You may not read {path}.", "Give yourself the right to read it.")
     # Nobody writes it without a -wal beside it; an ordinary reader would leave one there.
     how = "mode=ro" if path.with_name(f"{path.name}-wal").exists() else "immutable=1"
     try:

@@ -48,7 +48,7 @@ class Listing:
         unknown: recordings without a row, or changed since. ``torn``: not finished, or still being written.
         nameless: recordings whose name is not UTF-8: they never get a row.
         gone: names of rows without a file, by folder. ``settled``: time [ns] of every folder that was listed, None
-            where it may change without another time.
+            where it, or one in it, may change without another time. (Of a settled one only settled ones are visited.)
     """
 
     unknown: list[File]
@@ -77,6 +77,8 @@ def listing(store: Store, below: str = "", *, thorough: bool = False) -> Listing
         mtime_ns = _mtime_ns(store.root / folder)
         if settled.get(folder) != mtime_ns:
             _compare(store, folder, mtime_ns, found)
+    for folder in [one for one, mtime_ns in found.settled.items() if mtime_ns is None]:
+        found.settled.update(dict.fromkeys(_above(folder)))
     for folder in store.folders_with_rows():
         if folder not in visited and _is_below(folder, below):
             found.gone[folder] = list(store.known(folder))
@@ -115,6 +117,13 @@ def _walk(root: Path, below: str, settled: dict[str, int]) -> Iterator[str]:
     for one in sorted(inside):
         if not one.endswith((".mcap", PART)):
             yield from _walk(root, one, settled)
+
+
+def _above(folder: str) -> Iterator[str]:
+    """The folders that this one is in, up to the root, which is ""."""
+    while folder:
+        folder = os.path.dirname(folder)
+        yield folder
 
 
 def _compare(store: Store, folder: str, mtime_ns: int, found: Listing) -> None:

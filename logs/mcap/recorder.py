@@ -48,12 +48,17 @@ def open_part(path: Path) -> BinaryIO:
 
 
 def ensure_space(folder: Path, min_free_mb: float) -> None:
-    """Create ``folder`` and check the free space [MB] of its disk.
+    """Create ``folder``, and check the right to write there and the free space [MB] of its disk.
 
-    Raises: RecordingError when the folder cannot be created, or too little is free.
+    Raises: RecordingError when the folder cannot be created or written, or too little is free.
     """
     with _as_recording_error(folder):
         folder.mkdir(parents=True, exist_ok=True)
+        if not os.access(folder, os.W_OK | os.X_OK):
+            raise RecordingError(
+                f"Nothing can be written to {folder.absolute()}.",
+                "Give yourself the right to write there, or set recording.folder.",
+            )
         free_mb = shutil.disk_usage(folder).free / 1e6
     if free_mb < min_free_mb:
         raise RecordingError(
@@ -202,5 +207,6 @@ def _as_recording_error(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise RecordingError(
-            f"Cannot record into {path}: {error.strerror or error}.", "Check the disk's space and rights."
+            f"Cannot record into {path}: {error.strerror or error}.",
+            "Check the disk's space and rights, or set recording.folder.",
         ) from error

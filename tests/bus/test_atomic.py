@@ -36,6 +36,13 @@ def test_an_asked_for_mode_holds_whatever_the_umask(tmp_path: Path, umask: int) 
     assert _mode(tmp_path / "new.toml") == 0o644
 
 
+def test_a_folder_that_cannot_be_written_is_told_by_the_name_of_the_file(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(OSError, match="Not a directory") as failure:
+        write_atomically(tmp_path / "file" / "lab.toml", b"")
+    assert failure.value.filename == str(tmp_path / "file" / "lab.toml")
+
+
 def test_a_symbolic_link_stays_one_and_its_target_is_written(tmp_path: Path) -> None:
     (tmp_path / "real").mkdir()
     target, link = tmp_path / "real" / "lab.toml", tmp_path / "lab.toml"

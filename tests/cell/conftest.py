@@ -14,8 +14,8 @@ import pytest
 
 from bus.errors import BusError
 from cell import client
-from cell.__main__ import main
 from cell.build import running_cell
+from cell.command import main
 from cell.terminal.signals import ENDING
 from config.load import load_station
 from config.schema import Station

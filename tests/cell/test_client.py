@@ -10,8 +10,8 @@ import pytest
 from bus import topics
 from bus.clock import WALL_CLOCK
 from bus.codec import encode
-from bus.commands import CellState
-from bus.errors import CellUnreachable, NoReply
+from bus.commands import CellState, CommandReply
+from bus.errors import CellUnreachable, NoReply, Refused
 from bus.messages import CycleResult
 from bus.sample import Sample
 from bus.session import Bus
@@ -37,7 +37,7 @@ class ScriptedBus:
     def watch_alive(self, _topic: Topic, _callback: Callable[[str, bool], None]) -> None:
         """Nobody comes or goes."""
 
-    def request(self, _topic: Topic, *_asked: Any, **_fields: Any) -> CellState:
+    def request(self, _topic: Topic, *_asked: Any, **_fields: Any) -> Any:
         return self._states.pop(0)
 
     def put(self, message: CellState | CycleResult, source: str) -> None:
@@ -56,6 +56,29 @@ def test_what_is_heard_only_wakes_and_the_cell_is_asked_for_its_state() -> None:
     for _ in range(2):
         bus.put(_state("Held", 9), CELL)
     assert client.wait_for_state({"Held"}, 60).since_ns == 2
+
+
+class BeginningBus(ScriptedBus):
+    """A cell that begins: it hears of no command before it has told its state."""
+
+    def request(self, _topic: Topic, *_asked: Any, **_fields: Any) -> Any:
+        if _topic is topics.STATE_NOW:
+            return self._states.pop(0)
+        if self._states:
+            raise NoReply("Nobody answers.")
+        return CommandReply(ok=True, state="Resetting", available=())
+
+
+def test_a_command_that_comes_as_the_cell_begins_is_sent_again() -> None:
+    client = Client(cast(Bus, BeginningBus(_state("Stopped"))), 1.0)
+    assert client.command("stop").ok
+
+
+def test_a_command_that_a_cell_never_hears_of_is_a_matter_of_rights() -> None:
+    client = Client(cast(Bus, BeginningBus(_state("Stopped"), _state("Stopped"))), 1.0)
+    with pytest.raises(Refused) as refusal:
+        client.command("stop")
+    assert refusal.value.code == "NO_RIGHT"
 
 
 def test_what_a_stranger_puts_on_the_cells_keys_is_not_heard() -> None:

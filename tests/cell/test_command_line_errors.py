@@ -14,6 +14,8 @@ from pathlib import Path
 import pytest
 
 from cell.cli import commands
+from cell.cli.start import _ready
+from config.load import DEFAULT_STATION
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -83,6 +85,15 @@ def test_an_occupied_port(in_process: Run, options: list[str], endpoint: str) ->
     with socket.create_server((host, int(port))):
         done = in_process("start", "--cycles", "1", *options)
         _says(done, 4, endpoint, "cell status")
+
+
+def test_a_current_folder_that_was_deleted(tmp_path: Path) -> None:
+    (tmp_path / "gone").mkdir()
+    source = (
+        "import os, sys; os.rmdir(os.getcwd()); sys.argv[1:] = ['cycles']; import cell.command; cell.command.main()"
+    )
+    done = subprocess.run([sys.executable, "-c", source], cwd=tmp_path / "gone", capture_output=True, text=True)
+    _says(done, 2, "does not exist any more", "cd DIR")
 
 
 def test_no_cell_to_talk_to(in_process: Run, options: list[str]) -> None:
@@ -195,12 +206,12 @@ def _imported(source: str) -> set[str]:
 
 def test_an_operator_in_a_hurry_waits_for_no_import() -> None:
     commands_ = [f"command({name!r})" for name in ("status", "stop", "reset", "pick", "run")]
-    source = ["from cell.cli.commands import command", "import cell.__main__, config.load", *commands_]
+    source = ["from cell.cli.commands import command", "import cell.command, config.load", *commands_]
     assert not _imported("; ".join([*source, "config.load.load_station()"])) & _HEAVY
 
 
 def test_help_imports_no_command() -> None:
-    source = "import cell.__main__; sys.argv[1:] = ['--help']\ntry: cell.__main__.main()\nexcept SystemExit: pass"
+    source = "import cell.command; sys.argv[1:] = ['--help']\ntry: cell.command.main()\nexcept SystemExit: pass"
     names = _imported(source.replace("; sys", "\nsys"))
     assert not names & (_HEAVY | {f"cell.cli.{row.module}" for row in commands.COMMANDS.values()})
 
@@ -219,3 +230,20 @@ def test_the_shell_completes_commands_and_their_options(shell: str) -> None:
         said = _process(**environment | {"COMP_WORDS": words, "COMP_CWORD": count, "_TYPER_COMPLETE_ARGS": words,
                                          "_TYPER_COMPLETE_FISH_ACTION": "get-args"})  # fmt: skip
         assert all(name in said.stdout for name in expected), said
+
+
+@pytest.mark.parametrize(
+    ("config", "overrides", "each"),
+    [
+        (DEFAULT_STATION, ["sim.pace=1"], ""),
+        (Path("my st.toml"), ["bus.endpoint=tcp/127.0.0.1:7600", "sim.pace=1", "cell_id=b"],
+         ", each with --config 'my st.toml' --set bus.endpoint=tcp/127.0.0.1:7600 --set cell_id=b"),
+    ],
+)  # fmt: skip
+def test_the_ready_line_leads_to_this_very_cell(
+    config: Path, overrides: list[str], each: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("UV_RUN_RECURSION_DEPTH", raising=False)
+    assert _ready(config, overrides) == (
+        f"ready. From another terminal{each}: cell reset, cell pick, cell status. Ctrl-C ends."
+    )

@@ -112,7 +112,7 @@ def test_drivers_that_are_there_missing_or_unknown() -> None:
     is_ok(machine.drivers(simulated()), "sim")
     absent = {"fr3": ("no_such_sdk", "fr3", (3, 13)), "femto_mega": ("no_such_camera", "femto", None)}
     is_to_fix(
-        machine.drivers(lab(), absent, (3, 12)), "no_such_camera, no_such_sdk", "uv pip install -e '.[femto,fr3]'"
+        machine.drivers(lab(), absent, (3, 12)), "no_such_camera, no_such_sdk", "uv pip install 'vlad-cell[femto,fr3]'"
     )
     is_to_fix(machine.drivers(lab(), absent, (3, 13)), "no_such_sdk needs Python 3.12 or older")
     is_to_fix(machine.drivers(simulated("nodes.sim.driver=warp")), "No such driver: warp", "sim")
@@ -124,6 +124,14 @@ def test_rendering_is_tried_where_the_station_simulates(monkeypatch: pytest.Monk
     monkeypatch.setenv("MUJOCO_GL", "egl")
     monkeypatch.setenv("MUJOCO_EGL_DEVICE_ID", "99")
     is_to_fix(machine.rendering(simulated()), "without a screen", "./setup.sh")
+
+
+def test_a_catalogue_of_somebody_else_is_not_called_damaged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / CATALOGUE).touch()
+    monkeypatch.setattr(os, "access", lambda _path, _mode: False)  # also for root, whom no rights keep out
+    is_to_fix(
+        catalogue.catalogue(simulated(f"recording.folder={tmp_path}")), "You may not read", "the right to read it"
+    )
 
 
 def test_the_disk_is_measured_where_the_recordings_will_be(tmp_path: Path) -> None:

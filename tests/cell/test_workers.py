@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import signal
 import sys
 from functools import partial
 from pathlib import Path
@@ -16,7 +17,8 @@ from bus.errors import CellUnreachable, ConfigError
 from cell.cli.commands import command_line
 from cell.workers import ClusterWorkers, LocalWorkers, WorkerLost, Workers, here, in_order, workers_for
 from cell.workers import cluster as cluster_
-from tests.cell.worker_bench import deadly, fails, squared
+from cell.workers.local import _uninterrupted
+from tests.cell.worker_bench import deadly, fails, on_interrupt, squared
 
 PICK = Path(__file__).parents[1] / "golden" / "cycle-schema4.mcap"
 
@@ -36,6 +38,14 @@ def test_a_worker_that_dies_costs_a_try_and_what_kills_each_of_them_is_named(tmp
 def test_a_defect_in_the_work_is_raised_where_it_was_asked_for() -> None:
     with pytest.raises(ZeroDivisionError):
         list(LocalWorkers(2).run(fails, range(2)))
+
+
+def test_ctrl_c_reaches_no_worker_not_even_while_it_imports() -> None:
+    """The terminal sends it to all of them; the caller dismisses them, and they leave no traceback."""
+    assert dict(LocalWorkers(2).run(on_interrupt, range(2))) == dict.fromkeys(range(2), (False, True))
+    with _uninterrupted():
+        assert signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
 
 
 def test_few_items_are_not_worth_a_process() -> None:

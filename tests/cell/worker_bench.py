@@ -24,3 +24,11 @@ def deadly(number: int, marks: Path) -> int:
 def fails(number: int) -> int:
     """Work with a defect."""
     raise ZeroDivisionError(number)
+
+
+def on_interrupt(_number: int) -> tuple[bool, bool]:
+    """Whether this process has Ctrl-C blocked, and whether it ignores it."""
+    return (
+        signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ()),
+        signal.getsignal(signal.SIGINT) is signal.SIG_IGN,
+    )

@@ -37,5 +37,5 @@ for connect in (FemtoMega(station.femto_mega).connect, PandaHand(station).connec
         print(error.advice)
 """
     said = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    assert said.stdout.count("uv pip install -e '.[femto]'") == 1
-    assert said.stdout.count("uv pip install -e '.[fr3]'") == 2
+    assert said.stdout.count("uv pip install 'vlad-cell[femto]'") == 1
+    assert said.stdout.count("uv pip install 'vlad-cell[fr3]'") == 2

@@ -179,6 +179,17 @@ def test_a_folder_that_has_not_changed_is_not_listed_again(tmp_path: Path) -> No
     assert _rows(tmp_path) == []
 
 
+def test_a_day_that_still_changes_keeps_its_rows_below_a_folder_that_does_not(tmp_path: Path) -> None:
+    """As while a cell runs: its recordings folder is as it was for long, the day gets a report now and then."""
+    day = _small(tmp_path / "2026-01-01", MORNING).parent
+    os.utime(day, (1e9, 1e9))
+    with open_catalogue(tmp_path):  # somebody has it open: the root gets no file, and no other time
+        for _ in range(3):
+            os.utime(tmp_path, (1e9, 1e9))
+            assert [row[0] for row in _rows(tmp_path)] == [f"2026-01-01/{MORNING}.mcap"]
+            os.utime(day)
+
+
 def test_a_name_that_is_no_text_is_listed_and_has_no_row(tmp_path: Path) -> None:
     path = _small(tmp_path, NOON)
     strange = path.rename(os.fsdecode(os.fsencode(tmp_path) + b"/caf\xe9.mcap"))

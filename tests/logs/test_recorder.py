@@ -234,6 +234,15 @@ def test_a_folder_that_cannot_be_made_is_a_recording_error(tmp_path: Path) -> No
         ensure_space(tmp_path / "file" / "day", 0.0)
 
 
+def test_a_folder_that_may_not_be_written_is_refused_before_the_cycle(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(os, "access", lambda path, mode: not (path == tmp_path and mode & os.W_OK))  # also for root
+    with pytest.raises(RecordingError, match="Nothing can be written to") as failure:
+        ensure_space(tmp_path, 0.0)
+    assert "recording.folder" in failure.value.advice
+
+
 def test_too_little_space_is_refused_with_figures_and_advice(tmp_path: Path) -> None:
     ensure_space(tmp_path / "day", 0.0)
     assert (tmp_path / "day").is_dir()

@@ -1,0 +1,64 @@
+"""How long `cell pick` waits: to the result, or until the cell has ended without one."""
+
+from __future__ import annotations
+
+from typing import cast
+
+import pytest
+
+from bus.commands import CellState, CommandReply
+from bus.errors import Refused
+from bus.messages import CycleResult
+from cell.cli import pick
+from cell.cli.queued_job import QueuedJob
+from cell.client import Client
+
+BEGUN = CommandReply(ok=True, state="Starting", available=(), cycle_id="c", job_id="c")
+ABORTING = CellState(state="Aborting", stage="", cycle_id="", since_ns=0, available=(), reason="Only 0 MB are free.")
+ABORTED = CellState(
+    state="Aborted", stage="", cycle_id="", since_ns=1, available=("clear",), reason="Only 0 MB are free."
+)
+STOPPED = CycleResult(
+    cycle_id="c", object="", result="ABORTED", code=None, reason="", stages={}, wall_s=0.0, recording=""
+)
+
+
+class Ended:
+    """A cell that was aborted; its result of the cycle comes at the third ask, or never."""
+
+    def __init__(self, result: CycleResult | None) -> None:
+        self._results, self._states = [None, None, result], [ABORTING, ABORTED]
+
+    def next_said(self, _timeout_s: float) -> CellState:
+        return self._states.pop(0)
+
+    def state(self) -> CellState:
+        return ABORTED
+
+    def result(self, _cycle_id: str) -> CycleResult | None:
+        return self._results.pop(0)
+
+
+def _waited_for(cell: Ended) -> CycleResult:
+    waiting = QueuedJob(cell, BEGUN, lambda line: None)
+    return pick._result_of(cast(Client, cell), BEGUN, pick._Shown(False, cast(Client, cell)), waiting)
+
+
+@pytest.fixture(autouse=True)
+def no_pause(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pick, "_ASK_AGAIN_S", 0.0)
+
+
+def test_a_result_that_comes_after_the_abort_is_waited_for() -> None:
+    assert _waited_for(Ended(STOPPED)) is STOPPED
+
+
+def test_a_cycle_that_never_began_has_none_and_is_not_waited_for(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As with a full disk: the cell aborts before the cycle has a recording."""
+    monkeypatch.setattr(pick, "_GRACE_S", 0.0)
+    with pytest.raises(Refused) as refusal:
+        _waited_for(Ended(None))
+    assert refusal.value.code == "JOB_DROPPED"
+    assert capsys.readouterr().out.strip() == "Only 0 MB are free."
