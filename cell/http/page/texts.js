@@ -4,10 +4,10 @@ export const LANGUAGE = "en";
 
 // What the cell says in its own terms, and what a person at the page reads instead; the recording keeps the former.
 const PLAIN = [
+  [/^Something may be in the hand: [^.]+\. A reset [^.]+\. To take [^.]+\.$/, "Something may be in the hand."],
   [/^(?:TARGET_NOT_FOUND: )?There is no object within [\d.]+ (?:px|mm) of \(/, "Nothing lies where you clicked."],
   [/^(?:TARGET_NOT_FOUND: )?No object lies mostly in the box/, "Nothing lies mostly in the box you drew."],
   [/^The lease of 'http-page[^']*' was lost/, "The page that started this pick was closed or reloaded, or lost its link."],
-  [/^Something may be in the hand/, "Something may be in the hand: Reset lets it fall where it is. To take it out first: “Move it by hand”, then open the hand over a place, or while you hold the thing."],
 ];
 
 /** A reason of the cell in plain words, where there are some. */
@@ -142,6 +142,7 @@ export const texts = {
   manualMeans: "Only while a button is held, slowly. See that nobody, and nothing, is in the way: it knows only the fixed boxes.",
   holdButton: "Moves while it is held.",
   notNow: "Not in this state.",
+  inHand: "Reset lets fall what is in the hand. To take it out first: “Move it by hand”, then open the hand over a place, or while you hold it.",
   clearToMove: "First Clear, then it can be moved.",
   steps: { x: { 1: "away from its base", "-1": "towards its base" }, y: { 1: "left", "-1": "right" }, z: { 1: "up", "-1": "down" } },
   home: "home",
