@@ -10,7 +10,6 @@ const TONES = {
   Stopped: "rest", Idle: "good", Holding: "held", Held: "held", Suspending: "held", Suspended: "held", Complete: "good",
   Stopping: "rest", Aborting: "bad", Aborted: "bad", approve: "held", manual: "rest", failed: "held",
 }; // any other: busy
-const IN_HAND = /Something may be in the hand/; // the cell says so in its reason, whatever else that is
 const PRESS_MS = 1000; // a click within this time is the end of a press
 const OWN_NAME = /^\d{8}T\d{9}$/; // of a job that its client gave none
 let cause = "";
@@ -30,6 +29,8 @@ function specialOf(state) {
   if (state.state === "Execute" && state.stage === "approve") return "approve";
   return state.state === "Complete" && now.result?.result === "FAILED" ? "failed" : state.state;
 }
+
+const IN_HAND = /Something may be in the hand/; // the cell says so in its reason, whatever else that is
 
 function todoOf(state, special) {
   if (state.mode === "Manual" && state.state === "Aborted") return texts.clearToMove;
