@@ -3,16 +3,27 @@
 from __future__ import annotations
 
 import re
+from enum import StrEnum
 from pathlib import Path
 
-_FOLDER = Path(__file__).parent / "new"
+_FOLDER = Path(__file__).parent
+_CELL = re.compile(r'^cell_id = "[^"]*"', re.MULTILINE)
 _CELL_ID = re.compile(r"[^a-z0-9_-]+")
 
 
-def new_station(cell_id: str, *, simulated: bool = False) -> str:
-    """Return the text of a new station file: an FR3 with its hand and a Femto Mega, or a simulated cell."""
-    text = (_FOLDER / ("simulated.toml" if simulated else "robot.toml")).read_text()
-    return text.replace('cell_id = "cell"', f'cell_id = "{cell_id}"')
+class Kind(StrEnum):
+    """What a new station file is of: the file it is a copy of, beside this module."""
+
+    ROBOT = "new/robot.toml"
+    """An FR3 with its hand and a Femto Mega."""
+    SIMULATED = "new/simulated.toml"
+    BIN = "bin.toml"
+    """A simulated cell with a bin of objects."""
+
+
+def new_station(cell_id: str, kind: Kind = Kind.ROBOT) -> str:
+    """Return the text of a new station file."""
+    return _CELL.sub(f'cell_id = "{cell_id}"', (_FOLDER / kind.value).read_text(), count=1)
 
 
 def cell_id_of(file: Path) -> str:

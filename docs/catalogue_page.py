@@ -116,6 +116,9 @@ recordings lack comes in as soon as it is read; a file that was overwritten in p
 Where the folder cannot be written, the catalogue is made in memory, and that is said. It belongs on a local disk,
 like every SQLite file in WAL mode.
 
+Lists are sorted by the time of the cycle's id. A time that is still to come, as after the machine's clock was set back,
+counts as the oldest: what the cell records now is the newest.
+
 What the cell or `cell prune` deletes keeps its row: `deleted_ns` says when, `deleted_by` by which setting, `archived`
 where its whole recording is. It is counted in all figures, and left out of lists of what can be opened. The truth of it
 is `deleted.jsonl` beside the recordings: a line each, written before the recording goes, with its row, and only ever

@@ -113,7 +113,7 @@ how to find each value.
 
 | what you want | command |
 |---|---|
-| a new file, with only what one must decide | `cell config new mine.toml` (`--simulated`) |
+| a new file, with only what one must decide | `cell config new mine.toml` (`--simulated`, `--bin`) |
 | is it right? every mistake with its line and what to do | `cell config check mine.toml` |
 | what counts, and where it comes from | `cell config show -c mine.toml`; only that: `cell config show verify` |
 | what differs from another | `cell config diff a.toml b.toml` |

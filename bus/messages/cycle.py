@@ -41,6 +41,7 @@ class Attempt(Message):
         job: what this cycle is asked for. ``then``: while it clears the way, the jobs that follow it, the next one
             first.
         earlier: the cycles of this pick before, in order.
+        asked_by: ``client_id`` of the command that asked for it, which begins with the interface; "" = not known.
     """
 
     cycle_id: str
@@ -51,6 +52,7 @@ class Attempt(Message):
     job: Job = Job()
     then: tuple[Job, ...] = ()
     earlier: tuple[EarlierAttempt, ...] = ()
+    asked_by: str = ""
 
 
 class Failure(Message):
@@ -149,6 +151,7 @@ class CycleResult(Message):
         job: what was asked for; ``found``: what the cycle went for. ``grasp``: as executed; ``laid``: where it let go.
         earlier: the cycles of the same pick before this one.
         approvals: what was answered to each proposal, where a person approves motion (``execute.approve``).
+        asked_by: as in `Attempt`.
     """
 
     cycle_id: str
@@ -167,3 +170,4 @@ class CycleResult(Message):
     laid: Laid | None = None
     earlier: tuple[EarlierAttempt, ...] = ()
     approvals: tuple[Approval, ...] = ()
+    asked_by: str = ""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Iterator, Sequence
-from datetime import UTC, datetime
 from itertools import islice
 from typing import Annotated
 
@@ -20,7 +19,7 @@ from config.load import DEFAULT_STATION
 from logs.catalogue import Catalogue, open_catalogue
 from logs.catalogue.figures import DEFINITIONS, Counts, Summary, summed
 from logs.catalogue.rows import File
-from logs.mcap.index import Entry, Filter
+from logs.mcap.index import Entry, Filter, day_named
 
 WIDTH = 1000
 """Columns when no terminal reports its width: nothing is cut."""
@@ -48,7 +47,7 @@ def cycles(
         raise ConfigError("--summary is of all cycles, or of those of one --day.", "Leave out the other options.")
     with open_catalogue(folder_of(config, folder, also), reading, err.line) as catalogue:
         if summary:
-            _sum_up(summed(catalogue, f"{datetime.now(UTC):%Y-%m-%d}" if day == "today" else day), as_json)
+            _sum_up(summed(catalogue, day_named(day)), as_json)
         else:
             _list(catalogue, Filter(failed=failed, code=code, day=day, last=last), as_json)
 

@@ -52,6 +52,8 @@ def show(cycle: Cycle, folder: InFolder = None, config: Config = DEFAULT_STATION
     for key, here, default in configuration_changes(record.station):
         out.line(f"  changed     {key} = {here} (default {default})", style="dim")
     attempt = record.attempt
+    if attempt.asked_by:
+        out.line(f"  asked by    {attempt.asked_by}")
     for asked in _asked(attempt.job):
         out.line(f"  {asked}")
     if attempt.number:
@@ -86,6 +88,7 @@ def _told(record: CycleRecord, timeline: Timeline, labels: Sequence[Label]) -> d
         "said": {line.name: line.said for line in timeline.stages},
         "states": [span.name for span in timeline.states],
         "changed": {key: here for key, here, _ in configuration_changes(record.station)},
+        "asked_by": record.attempt.asked_by,
         "trimmed": record.trimmed,
         "labels": [one.model_dump() for one in labels],
         "metadata": record.metadata,

@@ -16,7 +16,7 @@ from config.load import DEFAULT_STATION, load_station
 
 def doctor(config: Config = DEFAULT_STATION, overrides: Set = None, as_json: Json = False) -> None:
     """Check this machine and the station's devices before the first start. Exit 0 nothing to fix, 1 something is."""
-    if not examine.report(load_station(config, overrides or []), out, as_json=as_json):
+    if not examine.report(load_station(config, overrides or []), config, out, as_json=as_json):
         raise typer.Exit(1)
 
 

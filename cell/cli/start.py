@@ -30,6 +30,7 @@ from config.clock import clock_of
 from config.load import DEFAULT_STATION, load_station
 from config.pick import RetrySettings
 from config.schema import Station
+from config.undecided import undecided
 from logs import live
 
 _TERMINAL = "terminal"
@@ -78,6 +79,8 @@ def start(
     picks = wanted if cycles is not None or until_empty else None
     service = Service(os.environ)
     screen = Screen(json_lines=as_json, report=report and not as_json, each_turn=service.turn)
+    if not station.simulated and (left := undecided(config)) is not None:
+        screen.line(f"{left[0]}. {left[1]}")
     on_end(screen.interrupted.set, insists=True)
     try:
         ready = _ready(config, overrides or [])

@@ -15,10 +15,11 @@ from config.json_schema import station_schema
 from config.keys import nearest
 from config.load import DEFAULT_STATION, load_station
 from config.mistakes import mistakes_in
-from config.new_station import cell_id_of, new_station
+from config.new_station import Kind, cell_id_of, new_station
 from config.origins import Setting, leaves, settings
 from config.toml_file import read_text
 from config.toml_text import toml_value
+from config.undecided import undecided, undecided_in
 
 config = typer.Typer(
     help="A station file: what counts and where it comes from, its mistakes, differences, a schema, a new one.",
@@ -92,6 +93,7 @@ def check(
 ) -> None:
     """Name every mistake of station files: file and line, table, setting, what to do. Exit 0 none, 2 some.
 
+    What is still marked CHANGE or DECIDE is named, too; it is no mistake, and exits 0.
     Only the files are looked at; whether the devices are there says `cell doctor`.
     """
     count = 0
@@ -105,6 +107,11 @@ def check(
                 out.line(str(one))
         if not found and not as_json:
             out.line(f"{file}: no mistakes")
+        if (left := undecided(file)) is not None:
+            if as_json:
+                out.json({"file": str(file), "undecided": undecided_in(file)})
+            else:
+                out.line(f"{left[0]}. {left[1]}")
     if count:
         raise typer.Exit(ConfigError.exit_code)
 
@@ -150,9 +157,14 @@ def schema() -> None:
 def new(
     file: Annotated[Path, typer.Argument(help="Station file to write; it must not be there yet.")],
     simulated: Annotated[bool, typer.Option("--simulated", help="Of a simulated cell, with objects of yours.")] = False,
+    of_bin: Annotated[bool, typer.Option("--bin", help="Of a simulated cell with a bin full of objects.")] = False,
 ) -> None:
     """Write a commented station file with only what one must decide; what it leaves out has its default."""
     if file.exists():
         raise ConfigError(f"{file} is there already.", "Name another, or move it away first.")
-    write_atomically(file, new_station(cell_id_of(file), simulated=simulated).encode())
-    out.line(f"{file}: go through the lines marked DECIDE, then cell config check {file}")
+    kind = Kind.BIN if of_bin else Kind.SIMULATED if simulated else Kind.ROBOT
+    write_atomically(file, new_station(cell_id_of(file), kind).encode())
+    todo = "go through the lines marked DECIDE, then cell config check" if undecided_in(file) else "cell start --config"
+    out.line(f"{file}: {todo} {file}")
+    if kind is not Kind.ROBOT:
+        out.line(f"Every command for this cell takes --config {file}.")

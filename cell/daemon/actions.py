@@ -88,7 +88,7 @@ class Actions:
         self._failed_at: tuple[Vector3, ...] = ()
         self._leaves_failed = False
         self._object: str | None = None
-        self._job = Job()
+        self._job, self._asked_by = Job(), ""
         self._withdrawal = Withdrawal()
         self.approvals = Approvals()
         self.laid: Counter[str] = Counter()
@@ -118,7 +118,7 @@ class Actions:
         Raises: CycleFailure, RecordingError.
         """
         ensure_space(self._station.recording.folder, self._station.recording.min_free_mb)
-        attempt = self._next or Attempt(cycle_id=new_cycle_id(), failed_at=self._failed_at, job=self._job)
+        attempt = self._next or self._another()
         self._next = None
         self._retry, self._number = None, self._number + (attempt.number == 0)
         self._withdrawal.begin_cycle()
@@ -143,6 +143,10 @@ class Actions:
         except CycleFailure as failure:
             if failure.failure is not Code.NO_OBJECT:
                 raise
+
+    def _another(self) -> Attempt:
+        """The first attempt of a further pick, of the command that asked for the one before."""
+        return Attempt(cycle_id=new_cycle_id(), failed_at=self._failed_at, job=self._job, asked_by=self._asked_by)
 
     def _laid_before(self, attempt: Attempt) -> int:
         """The number of the attempt's place in its pattern; picks into the station's own tray count, held or not."""
@@ -203,13 +207,14 @@ class Actions:
         """Forget earlier failures, and what they left over, because a client gives a new command.
 
         Args:
-            attempt: the one that begins next, whose job those after it have, too; None = a new one.
+            attempt: the one that begins next, whose job and client those after it have, too; None = a new one.
             object_name: its object on the simulated table; None = the presenter's next.
             leaves_failed: what fails for good is left where it is, and the next thing is picked.
             withdrawal: of the job.
         """
         self._next, self._object, self._failed_at = attempt, object_name, ()
         self._job, self._withdrawal = attempt.job if attempt is not None else Job(), withdrawal or Withdrawal()
+        self._asked_by = attempt.asked_by if attempt is not None else ""
         self._leaves_failed = leaves_failed
         self._retries, self._hold_after_failures = Retries(self._station.retry), ""
         self._goes_on = False

@@ -152,7 +152,7 @@ class BatchControl:
         self._ordered, self._is_start = ordered, ordered.verb == "start"
         self._batch = Batch(request if self._is_start else CommandRequest(), self._station.retry)
         self._actions.restart_attempts(
-            Attempt(cycle_id=ordered.cycle_id, job=ordered.job),
+            Attempt(cycle_id=ordered.cycle_id, job=ordered.job, asked_by=request.client_id),
             request.object,
             leaves_failed=request.until_empty,
             withdrawal=ordered.withdrawal,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 
 from cell.doctor import arm, catalogue, judging, kernel, machine, reach
 from cell.doctor.finding import Check, Finding, Verdict
@@ -34,16 +35,21 @@ CHECKS: tuple[Check, ...] = (
 _STYLE = {Verdict.OK: "green", Verdict.FIX: "bold red", Verdict.SKIP: "dim"}
 
 
-def examine(station: Station) -> Iterator[Finding]:
-    """Run the checks; yield each finding as soon as it is known, at most a second or two apart."""
+def examine(station: Station, file: Path) -> Iterator[Finding]:
+    """Run the checks; yield each finding as soon as it is known, at most a second or two apart.
+
+    Args:
+        file: the station's.
+    """
     for check in CHECKS:
         yield check(station)
+    yield judging.values(station, file)
 
 
-def report(station: Station, out: Printer, *, as_json: bool) -> bool:
+def report(station: Station, file: Path, out: Printer, *, as_json: bool) -> bool:
     """Print the findings, as JSON one object a line; return True when there is nothing to fix."""
     to_fix, unneeded = 0, []
-    for finding in examine(station):
+    for finding in examine(station, file):
         to_fix += finding.verdict is Verdict.FIX
         if as_json:
             out.json(finding.to_json())

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import time
 from collections import defaultdict
-from datetime import UTC, datetime
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -25,12 +24,15 @@ from cell.http.page_files import FOLDER
 from logs.catalogue import open_catalogue
 from logs.catalogue.figures import Counts, Summary, summed
 from logs.catalogue.labels import Label, append, read_labels
-from logs.mcap.index import Filter
+from logs.mcap.index import Filter, day_named
+from logs.mcap.names import is_folder
 from logs.thumbnail import thumbnail
 
 _USUAL, _MOST = 20, 500
 _KEPT = 64
 """Small pictures in memory."""
+_READ_FIRST = 32
+"""So many recordings without a row are read before figures are told: half a second; more are left to the cell."""
 _CYCLE = re.compile(r"(\d{4})(\d{2})(\d{2})T\d{9}")
 _DAY = re.compile(r"(today|\d{4}(-\d{2}(-\d{2})?)?)?")
 
@@ -60,11 +62,11 @@ def _limit(text: str) -> int:
 
 
 def _listed(folder: Path, limit: int) -> list[dict[str, Any]]:
-    try:
-        with open_catalogue(folder, makes=False) as catalogue:
-            entries = list(catalogue.entries(Filter(last=limit)))
-    except RecordingError:  # nothing was recorded yet
+    """Raises: RecordingError, CatalogueError: a list that cannot be had is none, and not an empty one."""
+    if not is_folder(folder):  # nothing was recorded yet
         return []
+    with open_catalogue(folder, most=0) as catalogue:
+        entries = list(catalogue.entries(Filter(last=limit)))
     said = defaultdict(list)
     for label in read_labels(folder):
         said[label.cycle_id].append(label.model_dump())
@@ -116,16 +118,15 @@ async def summary(request: Request, door: Door) -> Response:
     day = request.query_params.get("day", "")
     if _DAY.fullmatch(day) is None:
         raise BadPayload("day: today, 2026-11-28, 2026-11 or 2026 (UTC).", "Leave it out for all days.")
-    day = f"{datetime.now(UTC):%Y-%m-%d}" if day == "today" else day
-    return JSONResponse((await door.ask(partial(_summed, door.recordings, day))).to_json())
+    return JSONResponse((await door.ask(partial(_summed, door.recordings, day_named(day)))).to_json())
 
 
 def _summed(folder: Path, day: str) -> Summary:
-    try:
-        with open_catalogue(folder, makes=False) as catalogue:
-            return summed(catalogue, day)
-    except RecordingError:  # nothing was recorded yet
+    """Raises: RecordingError, CatalogueError."""
+    if not is_folder(folder):  # nothing was recorded yet
         return Summary(Counts(), {})
+    with open_catalogue(folder, most=_READ_FIRST) as catalogue:
+        return summed(catalogue, day)
 
 
 async def verdict(request: Request, door: Door) -> Response:

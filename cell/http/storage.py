@@ -47,6 +47,6 @@ def _recorded_bytes(folder: Path) -> int:
     """By the catalogue, which knows the size of every finished recording."""
     if not is_folder(folder):
         return 0
-    with open_catalogue(folder, makes=False) as catalogue:
+    with open_catalogue(folder, most=0) as catalogue:
         ((total,),) = catalogue.rows("SELECT coalesce(sum(bytes), 0) FROM cycle")
     return int(total)

@@ -168,6 +168,7 @@ class Cycle:
             laid=self.laid,
             earlier=self.attempt.earlier,
             approvals=tuple(self.stages.approvals),
+            asked_by=self.attempt.asked_by,
         )
 
     def _found_thing(self) -> FoundThing | None:

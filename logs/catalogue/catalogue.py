@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from heapq import merge
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,11 @@ from logs.catalogue.update import Listing, Progress, listing, quietly, root_of, 
 from logs.mcap.index import FINE, Entry, Filter, read_entry
 from logs.mcap.names import is_folder, shown
 
-_LISTED = "folder, name, cycle_id, result, code, reason, object, wall_s, number, retry_of, retried_as"
+_BY_AGE = "NOT (name >= ? AND name < ?)", "(name >= ? AND name < ?)"
+"""Names of before now, and then those of a time to come (`logs.mcap.index.Filter.to_come`)."""
+_LISTED = (
+    "folder, name, cycle_id, result, code, reason, object, wall_s, number, retry_of, retried_as, coalesce(asked_by, '')"
+)
 
 
 def _silent(_text: str) -> None:
@@ -45,14 +49,14 @@ class Catalogue:
 
     def entries(self, wanted: Filter | None = None) -> Iterator[Entry]:
         """The selected recordings, newest first, as `logs.mcap.index.list_cycles` gives them."""
-        wanted = wanted or Filter()
+        wanted = (wanted or Filter()).at_one_time()
         unmade = () if self.is_made else self.listed.unknown
         files = (*self.listed.torn, *self.listed.nameless, *unmade)
         others = [self.folder / self._path(file.folder, file.name) for file in files]
-        dated = sorted((path for path in others if wanted.dates(path)), key=_name, reverse=True)
+        dated = sorted(filter(wanted.dates, others), key=lambda path: wanted.age(path.name), reverse=True)
         read = (entry for entry in map(read_entry, dated) if wanted.takes(entry))
-        known = self._known(wanted)
-        both = merge(known, read, key=lambda entry: entry.path.name, reverse=True) if dated else known
+        known = chain.from_iterable(self._known(wanted, which) for which in _BY_AGE)
+        both = merge(known, read, key=lambda entry: wanted.age(entry.path.name), reverse=True) if dated else known
         return islice(both, wanted.last)
 
     def rows(self, sql: str, given: Sequence[Any] = ()) -> Iterator[tuple[Any, ...]]:
@@ -71,9 +75,9 @@ class Catalogue:
             given += [day, f"{day}~"]
         return " AND ".join(conditions), given
 
-    def _known(self, wanted: Filter) -> Iterator[Entry]:
+    def _known(self, wanted: Filter, which: str) -> Iterator[Entry]:
         where, given = self.where()
-        where += f" AND {THERE}"
+        where, given = f"{where} AND {THERE} AND {which}", [*given, *wanted.to_come]
         if digits := wanted.digits:
             where, given = f"{where} AND name >= ? AND name < ?", [*given, digits, f"{digits}~"]
         if wanted.failed:
@@ -97,10 +101,6 @@ class Catalogue:
         return os.path.relpath(os.path.join(folder, name), self.below) if self.below else os.path.join(folder, name)
 
 
-def _name(path: Path) -> str:
-    return path.name
-
-
 @contextmanager
 def open_catalogue(
     folder: Path,
@@ -109,7 +109,7 @@ def open_catalogue(
     *,
     thorough: bool = False,
     anew: bool = False,
-    makes: bool = True,
+    most: int | None = None,
 ) -> Iterator[Catalogue]:
     """The catalogue of a folder of recordings, or of one of its days, made or brought up to date.
 
@@ -118,7 +118,8 @@ def open_catalogue(
     Args:
         progress: shows how far it is. ``tell``: told what was set aside, and why nothing can be written.
         thorough: every file is looked at, and the whole catalogue is checked. ``anew``: all rows are made again.
-        makes: False = no row is made, for a list that may not wait.
+        most: change nothing where more rows than so many lack, or for 0: for an answer that may not wait. None = make
+            them all.
 
     Raises: RecordingError when the folder does not exist or cannot be read; CatalogueError.
     """
@@ -128,17 +129,17 @@ def open_catalogue(
         )
     root, below = root_of(folder)
     try:
-        store, made, listed = _up_to_date(root, below, progress, tell, thorough=thorough, anew=anew, makes=makes)
+        store, made, listed = _up_to_date(root, below, progress, tell, thorough=thorough, anew=anew, most=most)
     except DamagedCatalogue as error:
         tell(f"{error.text} It is kept as {set_aside(root).name}, and made anew.")
-        store, made, listed = _up_to_date(root, below, progress, tell, makes=makes)
+        store, made, listed = _up_to_date(root, below, progress, tell, most=most)
     except CatalogueError as error:
         tell(f"{error.text} What it lacks is read, and not kept.")
         store = in_memory(root)
         listed = listing(store, below)
-        made = update(store, listed, progress) if makes else 0
+        made = _made(store, listed, progress, most)
     with closing(store):
-        yield Catalogue(store, folder, below, made, listed, is_made=makes)
+        yield Catalogue(store, folder, below, made or 0, listed, is_made=made is not None)
 
 
 def _up_to_date(
@@ -149,8 +150,8 @@ def _up_to_date(
     *,
     thorough: bool = False,
     anew: bool = False,
-    makes: bool = True,
-) -> tuple[Store, int, Listing]:
+    most: int | None = None,
+) -> tuple[Store, int | None, Listing]:
     store = open_store(root, tell)
     try:
         if thorough:
@@ -158,10 +159,17 @@ def _up_to_date(
         if anew:
             store.forget()
         listed = listing(store, below, thorough=thorough or anew)
-        return store, update(store, listed, progress) if makes else 0, listed
+        return store, _made(store, listed, progress, most), listed
     except BaseException:
         store.close()
         raise
+
+
+def _made(store: Store, listed: Listing, progress: Progress, most: int | None) -> int | None:
+    """How many rows were made to bring the catalogue up to date; None where more than ``most`` lack, and none was."""
+    if most == 0 or (most is not None and len(listed.unknown) > most):
+        return None
+    return update(store, listed, progress)
 
 
 def known_entries(folder: Path) -> Callable[[Path], Entry]:

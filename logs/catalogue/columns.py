@@ -63,7 +63,7 @@ CREATE INDEX cycle_sums ON cycle
     (day, result, code, retried_as, wall_s, executed, held, stops, aborts, holds, cost_usd, started_ns);
 CREATE TABLE labels ({_definitions(LABEL_COLUMNS)});
 CREATE INDEX label_by_cycle ON labels (cycle_id, at_ns);
-CREATE TABLE folders (folder TEXT PRIMARY KEY, mtime_ns INTEGER NOT NULL);
+CREATE TABLE folders (folder TEXT PRIMARY KEY, mtime_ns INTEGER NOT NULL, ctime_ns INTEGER NOT NULL);
 CREATE TABLE labels_file (bytes INTEGER NOT NULL, mtime_ns INTEGER NOT NULL);
 CREATE TABLE deletions (file TEXT PRIMARY KEY, at INTEGER NOT NULL);
 CREATE TABLE journal (bytes INTEGER NOT NULL);

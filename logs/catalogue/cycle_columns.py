@@ -161,6 +161,8 @@ PERSONS = (
 )
 
 JOB = (
+    Column("asked_by", "TEXT", "", "`client_id` of the command that asked for it, which begins with the interface;"
+           " empty: not known.", lambda told: told.record.attempt.asked_by),
     Column("job_id", "TEXT", "", "The client's own name for what it asked.",
            lambda told: told.record.attempt.job.job_id),
     Column("target", "TEXT", "", "What was to be picked: its words, else JSON; NULL: anything.",

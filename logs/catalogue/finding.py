@@ -23,7 +23,7 @@ def find_recording(name: str, folder: Path) -> Path:
             f"There is no file {shown(Path(name))}, and no folder {shown(folder)} to look for a cycle in.",
             "Nothing was recorded yet, or name the folder that it lies in: --folder.",
         )
-    with open_catalogue(folder, makes=False) as catalogue:
+    with open_catalogue(folder, most=0) as catalogue:
         root, listed, gone = catalogue.store.root, catalogue.listed, catalogue.listed.pairs_gone()
         where, given = catalogue.where()
         sql = f"SELECT folder, name FROM cycle WHERE {where} AND {THERE} AND instr(name, ?)"

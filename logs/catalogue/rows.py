@@ -76,6 +76,7 @@ def _outcome(path: Path, why: str) -> dict[str, Value]:
         "number": entry.number,
         "retry_of": entry.retry_of,
         "retried_as": entry.retried_as,
+        "asked_by": entry.asked_by,
         "unread": why,
     }
     return {name: stored(value) for name, value in values.items()}

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from itertools import islice
 from pathlib import Path
+from typing import NamedTuple
 
 from bus.errors import CatalogueError
 from logs.catalogue.column import Value
@@ -25,6 +26,13 @@ THERE = "deleted_ns IS NULL"
 _BATCH = 1000
 _PUT = f"INSERT OR REPLACE INTO cycle ({', '.join(NAMES)}) VALUES ({', '.join('?' * len(NAMES))})"
 _PUT_LABEL = f"INSERT INTO labels VALUES ({', '.join('?' * len(LABEL_COLUMNS))})"
+
+
+class Stamp(NamedTuple):
+    """When a folder changed, UTC [ns]: what copies and programs set, and what they cannot set."""
+
+    mtime_ns: int
+    ctime_ns: int
 
 
 class DamagedCatalogue(CatalogueError):
@@ -70,11 +78,15 @@ class Store:
             connection.executemany(_PUT, rows)
 
     def drop(self, gone: Mapping[str, Iterable[str]]) -> None:
-        """Take the rows of files that are not there any more, names by folder, from the journal; remove the others."""
-        if not gone:
+        """Take the rows of files that are not there any more, names by folder, from the journal; remove the others.
+
+        The row of a file that is there stays, whoever says that it is gone.
+        """
+        named = ((folder, name) for folder, names in gone.items() for name in names)
+        pairs = [pair for pair in named if not os.path.lexists(self.root.joinpath(*pair))]
+        if not pairs:
             return
         with self._transaction() as connection:
-            pairs = [(folder, name) for folder, names in gone.items() for name in names]
             connection.executemany("DELETE FROM cycle WHERE folder = ? AND name = ?", pairs)
             files = [os.path.join(*pair) for pair in pairs]
             connection.executemany(_PUT, filter(None, (self._row_of_journal(connection, file) for file in files)))
@@ -95,25 +107,27 @@ class Store:
             )
             return {name: (size, mtime_ns) for name, size, mtime_ns in rows}
 
-    def folders(self) -> dict[str, int]:
-        """The folders that need not be listed while their time [ns] is this."""
+    def folders(self) -> dict[str, Stamp]:
+        """The folders that need not be listed while their times are these."""
         with asking(self.path):
-            return dict(self.connection.execute("SELECT folder, mtime_ns FROM folders"))
+            rows = self.connection.execute("SELECT folder, mtime_ns, ctime_ns FROM folders")
+            return {folder: Stamp(*times) for folder, *times in rows}
 
     def folders_with_rows(self) -> list[str]:
         """The folders of all rows whose file is not deleted."""
         with asking(self.path):
             return [folder for (folder,) in self.connection.execute(f"SELECT DISTINCT folder FROM cycle WHERE {THERE}")]
 
-    def settle(self, folders: Mapping[str, int | None]) -> None:
-        """Remember that the rows are those of each folder at that time [ns]; None = forget it."""
+    def settle(self, folders: Mapping[str, Stamp | None]) -> None:
+        """Remember that the rows are those of each folder at those times; None = forget it."""
         was = self.folders()
-        changed = [(folder, mtime_ns) for folder, mtime_ns in folders.items() if was.get(folder) != mtime_ns]
+        changed = [(folder, stamp) for folder, stamp in folders.items() if was.get(folder) != stamp]
         if not changed:
             return
         with self._transaction() as connection:
             connection.executemany("DELETE FROM folders WHERE folder = ?", [(folder,) for folder, _ in changed])
-            connection.executemany("INSERT INTO folders VALUES (?, ?)", [one for one in changed if one[1] is not None])
+            kept = [(folder, *stamp) for folder, stamp in changed if stamp is not None]
+            connection.executemany("INSERT INTO folders VALUES (?, ?, ?)", kept)
 
     def copy_labels(self) -> None:
         """Make the table of labels anew if their file has changed."""

@@ -11,7 +11,7 @@ from itertools import islice
 from pathlib import Path
 
 from logs.catalogue.rows import File, row_of
-from logs.catalogue.store import CATALOGUE, Store
+from logs.catalogue.store import CATALOGUE, Stamp, Store
 from logs.mcap.names import reading
 from logs.mcap.recorder import PART
 
@@ -47,38 +47,48 @@ class Listing:
     Attributes:
         unknown: recordings without a row, or changed since. ``torn``: not finished, or still being written.
         nameless: recordings whose name is not UTF-8: they never get a row.
-        gone: names of rows without a file, by folder. ``settled``: time [ns] of every folder that was listed, None
-            where it, or one in it, may change without another time. (Of a settled one only settled ones are visited.)
+        gone: names of rows without a file, by folder.
+        settled: the times of every folder that was listed; None where it may change without other times, and where
+            there are folders in it, which therefore are found each time.
     """
 
     unknown: list[File]
     torn: list[File]
     nameless: list[File]
     gone: dict[str, list[str]]
-    settled: dict[str, int | None]
+    settled: dict[str, Stamp | None]
+
+    @property
+    def moving(self) -> set[str]:
+        """The folders of recordings that are not finished, or have no name that a row could have."""
+        return {file.folder for file in (*self.torn, *self.nameless)}
 
     def pairs_gone(self) -> set[tuple[str, str]]:
         """Folder and name of every row without a file."""
         return {(folder, name) for folder, names in self.gone.items() for name in names}
 
 
-def listing(store: Store, below: str = "", *, thorough: bool = False) -> Listing:
+def listing(
+    store: Store, below: str = "", *, thorough: bool = False, clock_ns: Callable[[], int] = time.time_ns
+) -> Listing:
     """Compare the folders with the rows; folders that have not changed are not listed again. Raises: RecordingError.
 
     Args:
         below: only this folder and those in it.
         thorough: list every folder: a file that was overwritten in place does not change its folder.
+        clock_ns: UTC. A clock that was set is no trouble: times are only compared for being the same, and a folder of a
+            time to come is listed each time.
     """
     found = Listing([], [], [], {}, {})
     settled = {} if thorough else store.folders()
     visited = set()
-    for folder in _walk(store.root, below, settled):
+    for folder, stamp, is_innermost in _walk(store.root, below, settled):
         visited.add(folder)
-        mtime_ns = _mtime_ns(store.root / folder)
-        if settled.get(folder) != mtime_ns:
-            _compare(store, folder, mtime_ns, found)
-    for folder in [one for one, mtime_ns in found.settled.items() if mtime_ns is None]:
-        found.settled.update(dict.fromkeys(_above(folder)))
+        if settled.get(folder) != stamp:
+            _compare(store, folder, found)
+            if _is_text(folder):
+                is_settled = is_innermost and folder not in found.moving and clock_ns() - max(stamp) > _SETTLED_NS
+                found.settled[folder] = stamp if is_settled else None
     for folder in store.folders_with_rows():
         if folder not in visited and _is_below(folder, below):
             found.gone[folder] = list(store.known(folder))
@@ -105,31 +115,24 @@ def update(store: Store, listed: Listing, progress: Progress = quietly, rest: Ca
     return len(listed.unknown)
 
 
-def _walk(root: Path, below: str, settled: dict[str, int]) -> Iterator[str]:
-    """The folder and all those in it, the way down from ``root``; of a settled one the known ones."""
-    folder = below
-    yield folder
-    if settled.get(folder) == _mtime_ns(root / folder):
-        inside = [one for one in settled if one and os.path.dirname(one) == folder]
-    else:
+def _walk(root: Path, folder: str, settled: dict[str, Stamp]) -> Iterator[tuple[str, Stamp, bool]]:
+    """The folder and all those in it: the way down from ``root``, its times, and whether there are none in it.
+
+    The times are those before it is listed. In a settled one there are none.
+    """
+    stamp, inside = _stamp(root / folder), []
+    if settled.get(folder) != stamp:
         with reading(root / folder), os.scandir(root / folder) as found:
             inside = [os.path.join(folder, one.name) for one in found if one.is_dir(follow_symlinks=False)]
+    yield folder, stamp, not inside
     for one in sorted(inside):
         if not one.endswith((".mcap", PART)):
             yield from _walk(root, one, settled)
 
 
-def _above(folder: str) -> Iterator[str]:
-    """The folders that this one is in, up to the root, which is ""."""
-    while folder:
-        folder = os.path.dirname(folder)
-        yield folder
-
-
-def _compare(store: Store, folder: str, mtime_ns: int, found: Listing) -> None:
+def _compare(store: Store, folder: str, found: Listing) -> None:
     """List one folder."""
     known = store.known(folder) if _is_text(folder) else {}
-    torn = len(found.torn) + len(found.nameless)
     for file in _files(store.root, folder):
         if not _is_text(file.path):
             found.nameless.append(file)
@@ -139,9 +142,6 @@ def _compare(store: Store, folder: str, mtime_ns: int, found: Listing) -> None:
             found.unknown.append(file)
     if known:
         found.gone[folder] = list(known)
-    is_settled = time.time_ns() - mtime_ns > _SETTLED_NS and torn == len(found.torn) + len(found.nameless)
-    if _is_text(folder):
-        found.settled[folder] = mtime_ns if is_settled else None
 
 
 def _files(root: Path, folder: str) -> Iterator[File]:
@@ -155,9 +155,10 @@ def _files(root: Path, folder: str) -> Iterator[File]:
                 yield File(folder, entry.name, said.st_size, said.st_mtime_ns)
 
 
-def _mtime_ns(folder: Path) -> int:
+def _stamp(folder: Path) -> Stamp:
     with reading(folder):
-        return os.stat(folder).st_mtime_ns
+        said = os.stat(folder)
+    return Stamp(said.st_mtime_ns, said.st_ctime_ns)
 
 
 def _is_below(folder: str, below: str) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime
 from itertools import islice
 from pathlib import Path
@@ -40,6 +40,7 @@ class Entry:
         number: number of the attempt within its pick, from 0. ``retry_of``, ``retried_as``: ids of the adjacent
             attempts,
             or "".
+        asked_by: the client that asked for it, "" = not known.
     """
 
     path: Path
@@ -52,6 +53,7 @@ class Entry:
     number: int = 0
     retry_of: str = ""
     retried_as: str = ""
+    asked_by: str = ""
 
     @property
     def failed(self) -> bool:
@@ -74,18 +76,36 @@ class Filter:
         failed: only those that a person should examine. ``code``: only this code.
         day: ``2026-11-28``, or a prefix of a day; "today".
         last: at most this many; None = all.
+        now: UTC; None = of this machine's clock.
     """
 
     failed: bool = False
     code: str = ""
     day: str = ""
     last: int | None = None
+    now: datetime | None = None
 
     @property
     def digits(self) -> str:
         """The digits that the names of the selected day's recordings begin with."""
-        day = datetime.now(UTC).strftime("%Y-%m-%d") if self.day == "today" else self.day
-        return day.replace("-", "")
+        return day_named(self.day, self.now).replace("-", "")
+
+    def at_one_time(self) -> Filter:
+        """The same, with the clock read."""
+        return replace(self, now=self.now or datetime.now(UTC))
+
+    @property
+    def to_come(self) -> tuple[str, str]:
+        """Names from the first to before the second are of a time to come: the clock was set back since.
+
+        They are older than all others, so that what the cell records now is the newest also then.
+        """
+        return f"{self.now or datetime.now(UTC):%Y%m%dT%H%M%S}~", ":"  # "~" and ":" come after every digit
+
+    def age(self, name: str) -> tuple[bool, str]:
+        """A key that sorts names by age, the newest last."""
+        first, end = self.to_come
+        return not first <= name < end, name
 
     def dates(self, path: Path) -> bool:
         """True when the recording is of the selected day."""
@@ -96,10 +116,16 @@ class Filter:
         return (entry.failed or not self.failed) and (not self.code or entry.code == self.code.upper())
 
 
+def day_named(day: str, now: datetime | None = None) -> str:
+    """The day that is meant, e.g. ``2026-11-28``: "today" is that of ``now`` (UTC; None = of this machine's clock)."""
+    return f"{now or datetime.now(UTC):%Y-%m-%d}" if day == "today" else day
+
+
 def list_cycles(folder: Path, wanted: Filter | None = None) -> Iterator[Entry]:
     """The selected recordings below ``folder``, newest first. Raises: RecordingError when the folder does not exist."""
-    wanted = wanted or Filter()
-    entries = (read_entry(path) for path in recordings(folder) if wanted.dates(path))
+    wanted = (wanted or Filter()).at_one_time()
+    dated = sorted(filter(wanted.dates, recordings(folder)), key=lambda path: wanted.age(path.name), reverse=True)
+    entries = map(read_entry, dated)
     return islice((entry for entry in entries if wanted.takes(entry)), wanted.last)
 
 
@@ -189,6 +215,7 @@ def _closed(path: Path, name: str) -> Entry:
         number=attempt.number,
         retry_of=attempt.retry_of,
         retried_as=result.retried_as if result is not None else "",
+        asked_by=attempt.asked_by,
     )
 
 

@@ -24,7 +24,7 @@ from bus.errors import RecordingError
 from logs.mcap.names import shown
 from logs.mcap.recorder import MODE
 
-VERSION = "10"
+VERSION = "11"
 """Version of the pages: a page of another version is written anew."""
 
 

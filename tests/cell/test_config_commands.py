@@ -37,10 +37,27 @@ def test_check_prints_a_line_a_mistake_and_exits_2(in_process: Run, tmp_path: Pa
     file.write_text("[bus]\nstale = 3\n[sim]\npace = 'fast'\n")
     done = in_process("config", "check", LAB, str(file))
     assert done.returncode == 2
-    fine, nodes, bus, sim = done.stdout.splitlines()
+    fine, _, nodes, bus, sim = done.stdout.splitlines()
     assert fine == f"{LAB}: no mistakes" and nodes.startswith(f"{file}: nodes: is missing.")
     assert "cell config new" in nodes, "lines of a page are only a part of a station file"
     assert bus == f"{file}:2: [bus] stale: unknown key. Did you mean 'stale_s'?" and sim.startswith(f"{file}:4: [sim]")
+
+
+def test_check_names_the_lines_that_are_still_to_decide_and_they_are_no_mistake(
+    in_process: Run, tmp_path: Path
+) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text(
+        DEFAULT_STATION.read_text()
+        + '[sim]\nseed = 1   # CHANGE\n# CHANGE here, too\nobjects = "a # CHANGE"   # lines marked CHANGE are counted\n'
+    )
+    lines = file.read_text().splitlines()
+    marked = [len(lines) - 2, len(lines) - 1]
+    done = in_process("config", "check", str(file))
+    assert done.returncode == 0 and done.stdout.splitlines()[0] == f"{file}: no mistakes"
+    assert f"2 lines still hold values of another cell, or to decide on: {', '.join(map(str, marked))}." in done.stdout
+    done = in_process("config", "check", "--json", str(file), str(DEFAULT_STATION))
+    assert json.loads(done.stdout) == {"file": str(file), "undecided": marked}
 
 
 def test_diff_compares_what_counts_and_not_how_it_is_written(in_process: Run, tmp_path: Path) -> None:

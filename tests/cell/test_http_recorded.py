@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 import pytest
 
+from bus.errors import CatalogueError
 from cell.http.access import Access, HttpRole
 from logs.catalogue import open_catalogue, summary
 from logs.catalogue.labels import read_labels
@@ -64,6 +65,18 @@ def test_the_figures_are_those_of_the_command_line(ask: Asked, folder: Path) -> 
     assert told(ask("GET", "/api/summary")) == json.loads(json.dumps(summary(folder).to_json()))
     assert told(ask("GET", "/api/summary", query="day=1999"))["cycles"] == 0
     assert ask("GET", "/api/summary", query="day=' OR 1").status == 422
+
+
+@pytest.mark.parametrize("path", ["/api/cycles", "/api/summary"])
+def test_a_list_that_cannot_be_had_is_an_error_and_not_an_empty_list(
+    ask: Asked, path: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def busy(*_: object, **__: object) -> None:
+        raise CatalogueError("The catalogue cannot be used: it is locked.")
+
+    monkeypatch.setattr("cell.http.recorded.open_catalogue", busy)
+    answer = ask("GET", path)
+    assert answer.status == 404 and told(answer)["code"] == "CATALOGUE"
 
 
 def test_the_disk_is_told(ask: Asked) -> None:

@@ -28,7 +28,7 @@ from logs.mcap.reader import read_cycle
 from perception.models import open_models
 from planning.robot import Robot
 
-FIRST = Attempt(cycle_id="1")
+FIRST = Attempt(cycle_id="1", asked_by="http-page-1")
 GRASP = np.eye(4)
 
 
@@ -36,6 +36,7 @@ def test_a_missed_grasp_is_left_out_of_the_next_try() -> None:
     retries = Retries(RetrySettings(grasps=1))
     second = retries.after(FIRST, Code.GRASP_MISSED, GRASP, "2")
     assert second is not None and (second.cycle_id, second.number, second.retry_of) == ("2", 1, "1")
+    assert second.asked_by == FIRST.asked_by, "the same client asked for it"
     np.testing.assert_array_equal(second.missed, (GRASP,))
     assert retries.after(second, Code.GRASP_MISSED, GRASP, "3") is None
 

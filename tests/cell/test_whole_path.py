@@ -106,6 +106,8 @@ def test_show_and_cycles_tell_what_was_recorded(lines: list[dict[str, Any]], in_
     assert shown["result"]["cycle_id"] == lines[0]["cycle_id"] and shown["metadata"]["seed"] == "3"
     listed = in_process("cycles", str(Path(lines[0]["recording"]).parent), "--json").stdout.splitlines()
     assert [json.loads(line)["cycle_id"] for line in listed] == [line["cycle_id"] for line in reversed(lines)]
+    asked_by = [line["asked_by"] for line in (shown, *lines, *map(json.loads, listed))]
+    assert set(asked_by) == {"terminal"}, "who asked, of every pick of a batch"
 
 
 # --- a daemon that stays ----------------------------------------------------------------------------------------------

@@ -11,7 +11,7 @@ import pytest
 from config.json_schema import station_schema
 from config.load import DEFAULT_STATION, load_station, station_from
 from config.mistakes import mistakes_in
-from config.new_station import cell_id_of, new_station
+from config.new_station import Kind, cell_id_of, new_station
 from config.origins import leaves, lines_of, settings
 from config.schema import Station
 from config.toml_text import toml_value
@@ -106,12 +106,14 @@ def test_what_is_shown_is_a_station_file_of_the_same_station(name: str) -> None:
     assert Station.model_validate(tree) == station
 
 
-@pytest.mark.parametrize("simulated", [False, True])
-def test_a_new_station_file_has_no_mistake(tmp_path: Path, simulated: bool) -> None:
+@pytest.mark.parametrize("kind", Kind)
+def test_a_new_station_file_has_no_mistake(tmp_path: Path, kind: Kind) -> None:
     file = tmp_path / "Line 2.toml"
-    file.write_text(new_station(cell_id_of(file), simulated=simulated))
+    file.write_text(new_station(cell_id_of(file), kind))
     assert mistakes_in(file) == []
-    assert load_station(file).cell_id == "line-2" and load_station(file).simulated == simulated
+    station = load_station(file)
+    assert (station.cell_id, station.simulated) == ("line-2", kind is not Kind.ROBOT)
+    assert bool(station.scene.bins) == (kind is Kind.BIN)
 
 
 def test_a_new_file_for_a_robot_asks_for_all_that_the_labs_asks_for() -> None:

@@ -207,9 +207,10 @@ def test_the_tries_of_one_pick_lead_to_each_other(record: Record, tmp_path: Path
     second = read_cycle(record())
     assert second.result is not None
     result = second.result.model_copy(update={"retried_as": "third"})
-    attempt = Attempt(cycle_id=second.cycle_id, number=1, retry_of="first")
+    attempt = Attempt(cycle_id=second.cycle_id, number=1, retry_of="first", asked_by="http-page-<7>")
     page = write_report(replace(second, result=result, attempt=attempt), tmp_path / "page.html").read_text()
     assert 'href="first.html"' in page and 'href="third.html"' in page and "try 2" in page
+    assert "asked for by http-page-&lt;7&gt;" in page
 
 
 def test_only_what_was_configured_otherwise_is_a_change(record: Record) -> None:
