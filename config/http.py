@@ -23,7 +23,8 @@ class HttpSettings(Settings):
         certificate, key: PEM files of TLS, relative to the station file; needed beyond loopback.
         tokens: a TOML file with ``operator`` and ``viewer``, relative to the station file, readable by its owner only.
         silence_s: a client that holds the lease, and sends nothing for so long, loses it, and the cell holds.
-        picture_s: while the cell rests, and somebody listens to its events, a new picture is taken so often; 0 = never.
+        picture_s: while the cell rests or is held, and somebody listens to its events, a new picture is taken so often;
+            0 = never.
         most_streams: the most event streams and waiting picks at a time.
     """
 

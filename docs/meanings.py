@@ -31,7 +31,8 @@ MEANINGS = {
     "view/cloud publish": "The observed points.",
     "view/scene publish": "Grasps, rod, gripper and paths in 3-D.",
     "view/log publish": "The cycle in words.",
-    "view/picture query": "A picture of now, while the cell rests, at most 2.5 a second; a pixel of it is a target.",
+    "view/picture query": "A picture of now while the cell rests, a pixel of it is a target; while held, to look at;"
+    " 2.5 a second at most.",
     "view/plan query": "The last plan to look at in 3-D: the robot on its way, the cloud, the known boxes.",
     "camera/capture query": "One fresh frame, as five replies on the keys below.",
     "camera/color publish": "JPEG.",

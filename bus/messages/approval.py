@@ -18,7 +18,8 @@ class Proposal(Message):
         proposal_id: of this plan of this cycle; who approves names it, so that nobody approves another than they saw.
         grasp: its index among the detected grasps. ``base_from_tcp``: (4, 4), as detected. ``score``: of the detection.
         opening_m: opening of the hand on the way to it.
-        object: the thing that it is to hold, in words.
+        object: the thing that it is to hold, in words. ``thing``: its number in the picture; 0 = it has none, or in
+            recordings of before it was kept.
         motion_s: how long all motions last that are played in any case. ``segments_s``: each motion.
         rejected: number of better ways to grasp that planning left out or found not feasible.
         passed_over: number of grasps that were passed over before in this cycle.
@@ -32,6 +33,7 @@ class Proposal(Message):
     score: float
     opening_m: float
     object: str
+    thing: int = 0
     motion_s: float
     segments_s: dict[str, float]
     rejected: int

@@ -32,8 +32,9 @@ class LivePicture(Message):
             on the table, [[u, v], ...] in its pixels. What lies beyond, as in the tray, is no target.
         from_capture_pose: it was taken from where the cell looks for things: one may point into it.
         things_ns: the stamp of the last picture in which things were found, where it was taken from the same place: its
-            outlines fit this one, as long as nobody has moved anything; 0 = they do not.
-        gone: numbers of the things among them that the cell has picked since.
+            outlines fit this one, as long as nobody has moved anything; 0 = they do not, or the fingers have closed
+            among them since, in a cycle that did not end in SUCCESS.
+        gone: numbers of the things among them that the cell has picked since, with those that touched them.
     """
 
     stamp_ns: int

@@ -31,7 +31,7 @@ from cell.daemon.sized_camera import SizedCamera
 from cell.machine.hold_state import HoldState
 from cell.machine.leases import CELL_CLIENT, Leases
 from cell.machine.owner import TURN_S, Action, Machine, refuse
-from cell.machine.states import MANUAL_MOTIONS, SETTLED, State, available
+from cell.machine.states import MANUAL_MOTIONS, PAUSED, SETTLED, State, available
 from cell.nodes.health import LOOK_PERIOD_S, NodeMonitor
 from cell.nodes.speakers import Speakers, strange
 from cell.nodes.watchdog import Watchdog
@@ -140,7 +140,7 @@ class Daemon:
         ours = [name for name, node in station.nodes.items() if node.run == "here"]
         self._speakers = Speakers(bus, set(station.nodes), self._on_node_twice, self._on_stranger, sealed=ours)
         self._plan_views = PlanViews(self._actions.approvals, robot, station)
-        self._live = LivePictures(equipment, self._is_at_rest, self._pointed, bus.clock.now_s)
+        self._live = LivePictures(equipment, self._is_at_rest, self._is_held, self._pointed, bus.clock.now_s)
         self._results: OrderedDict[str, CycleResult] = OrderedDict()
         self._defects: tuple[str, ...] = ()
         self._doors: dict[str, DoorHealth] = {}
@@ -164,6 +164,10 @@ class Daemon:
         """No cycle is open, none is to follow, and nothing moves: a picture is nobody's concern but the asker's."""
         is_settled = self.machine.state in SETTLED and not self._manual.is_moving
         return is_settled and not self._batches.jobs[0] and self._actions.log is None
+
+    def _is_held(self) -> bool:
+        """Nothing moves until somebody lets it go on."""
+        return self.machine.state in PAUSED and not self._manual.is_moving
 
     def _beside(self, verb: str, request: CommandRequest, state: State) -> CommandReply | None:
         return self._manual.beside(verb, request, state) or self._batches.beside(verb, request, state)

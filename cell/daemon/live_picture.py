@@ -1,8 +1,9 @@
-"""The picture of now, taken when somebody asks for it while the cell rests."""
+"""The picture of now, taken when somebody asks for it while nothing moves."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -27,21 +28,37 @@ _FILES: dict[PictureType, tuple[str, list[int]]] = {
 }
 
 
+class _Taken(NamedTuple):
+    """A picture of now. ``counts``: one may point into it."""
+
+    seen: Observation
+    counts: bool
+    things_ns: int
+    gone: tuple[int, ...]
+
+
 class LivePictures:
-    """Takes pictures of a cell that rests. Its members are for one thread.
+    """Takes pictures of a cell in which nothing moves. Its members are for one thread.
 
     Args:
         is_at_rest: no cycle is open or about to begin, and nothing moves.
+        is_held: the cell is held: nothing moves, and a person may look, but point at nothing.
         pointed: is told of each picture, so that somebody may point into it.
         now_s: a monotonic clock.
     """
 
     def __init__(
-        self, equipment: Equipment, is_at_rest: Callable[[], bool], pointed: Pointed, now_s: Callable[[], float]
+        self,
+        equipment: Equipment,
+        is_at_rest: Callable[[], bool],
+        is_held: Callable[[], bool],
+        pointed: Pointed,
+        now_s: Callable[[], float],
     ) -> None:
-        self._e, self._is_at_rest, self._pointed, self._now_s = equipment, is_at_rest, pointed, now_s
+        self._e, self._is_at_rest, self._is_held = equipment, is_at_rest, is_held
+        self._pointed, self._now_s = pointed, now_s
         self._robot = Robot(equipment.station)  # of its own: the equipment's is for the thread of the cycle
-        self._last: tuple[Observation, int, tuple[int, ...]] | None = None
+        self._last: _Taken | None = None
         self._taken_s = 0.0
 
     def now(self, request: PictureRequest) -> LivePicture:
@@ -51,13 +68,13 @@ class LivePictures:
             Refused: NOT_AT_REST; PICTURE_ELSEWHERE: the arm rests elsewhere, and only one from there is wanted.
             StaleFrame: and the errors of camera and arm.
         """
-        self._require_rest()
+        self._require_rest(or_held=not request.from_capture_pose)
         if self._last is None or self._now_s() - self._taken_s > AGAIN_S:
             self._last = self._taken()
             self._taken_s = self._now_s()
-            self._require_rest()  # still: something may have begun meanwhile
-        seen, things_ns, gone = self._last
-        if request.from_capture_pose and not self._is_from_capture_pose(seen):
+            self._require_rest(or_held=not request.from_capture_pose)  # still: something may have begun meanwhile
+        seen, counts, things_ns, gone = self._last
+        if request.from_capture_pose and not counts:
             raise Refused(
                 "The arm rests, but not where the cell looks for things from.",
                 "Reset the cell: it goes there.",
@@ -68,23 +85,23 @@ class LivePictures:
             stamp_ns=seen.frame.stamp_ns,
             data=with_region(data, seen, self._e.station) if request.media_type == "image/png" else data,
             media_type=request.media_type,
-            from_capture_pose=self._is_from_capture_pose(seen),
+            from_capture_pose=counts,
             things_ns=things_ns,
             gone=gone,
         )
 
-    def _require_rest(self) -> None:
-        if not self._is_at_rest():
+    def _require_rest(self, *, or_held: bool) -> None:
+        if not (self._is_at_rest() or (or_held and self._is_held())):
             raise Refused(
                 "The cell works: it shows what it has found, and no picture of now.",
                 "Wait until it rests; what a cycle saw is published on view/color.",
                 code="NOT_AT_REST",
             )
 
-    def _taken(self) -> tuple[Observation, int, tuple[int, ...]]:
+    def _taken(self) -> _Taken:
         seen = capture(self._e.camera, self._e.arm, self._robot)
-        there = self._is_from_capture_pose(seen)
-        return seen, *self._pointed.show_live(seen.frame.stamp_ns, is_from_capture_pose=there)
+        counts = self._is_at_rest() and self._is_from_capture_pose(seen)
+        return _Taken(seen, counts, *self._pointed.show_live(seen.frame.stamp_ns, is_from_capture_pose=counts))
 
     def _is_from_capture_pose(self, seen: Observation) -> bool:
         off_rad = np.abs(seen.view.q_rad - np.asarray(self._e.station.arm.capture_q_rad)).max()

@@ -4,16 +4,31 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
+from scipy import ndimage
 
 from bus.errors import CycleFailure, Refused
 from bus.frozen import Message
-from bus.messages import CycleResult, Detections, Job, ObservedScene, PickPlan, StageRecord, Target, View
+from bus.messages import (
+    CycleResult,
+    Detections,
+    Execution,
+    Job,
+    ObservedScene,
+    PickPlan,
+    StageRecord,
+    Target,
+    Verdict,
+    View,
+)
 from perception.goal.target import mostly_in_box, nearest_number
 
 _KEPT_LIVE = 1024
 """Live pictures whose stamps are known: of the last quarter of an hour and more."""
+_TOUCHING = 0.01
+"""Of the picture's width: things no farther apart in it may be parts of one, or have moved with it."""
 _AGAIN = "Look at the picture that is there now, and choose again."
 
 
@@ -27,6 +42,8 @@ class Pointed:
         self._scene: ObservedScene | None = None
         self._shown: View | None = None
         self._chosen = 0
+        self._gone: tuple[int, ...] = ()
+        self._is_stirred = self._has_closed = False
         self._live: dict[int, bool] = {}
 
     def hear(self, message: Message | bytes) -> None:
@@ -34,17 +51,40 @@ class Pointed:
         with self._alone:
             if isinstance(message, ObservedScene):
                 self._show(message)
-            elif isinstance(message, CycleResult) and message.result != "SUCCESS":
-                self._chosen = 0  # it may still be there
+            elif isinstance(message, CycleResult):
+                self._end(message)
             elif isinstance(message, StageRecord):
-                self._hear_stage(message.result)
+                self._hear_stage(message)
 
     def choose(self, number: int) -> None:
         """The cell goes for this thing of its last picture."""
         self._chosen = number
 
-    def _hear_stage(self, result: object) -> None:
-        if isinstance(result, View):
+    def _end(self, result: CycleResult) -> None:
+        """A cycle has ended: what it left of the things of the last picture."""
+        if result.result == "SUCCESS":
+            self._gone = (*self._gone, *self._touching(self._chosen))
+        else:
+            self._chosen = 0  # it may still be there
+            self._is_stirred = self._is_stirred or self._has_closed
+        self._has_closed = False
+
+    def _touching(self, number: int) -> tuple[int, ...]:
+        """The other things that touch one in the picture: no one knows whether they still lie there without it."""
+        if self._scene is None or not number:
+            return ()
+        labels = np.asarray(self._scene.labels)
+        far_px = ndimage.distance_transform_edt(labels != number)
+        near = np.unique(labels[far_px <= _TOUCHING * labels.shape[1]])
+        return tuple(int(one) for one in near if one not in (0, number))
+
+    def _hear_stage(self, record: StageRecord[Any]) -> None:
+        result = record.result
+        if record.stage == "execute":  # one that failed does not say how far it came
+            self._has_closed = not isinstance(result, Execution) or result.grasped is not None
+        elif isinstance(result, Verdict):
+            self._gone = (*self._gone, *result.also_gone)
+        elif isinstance(result, View):
             self._looks = [*(self._looks if result.why else ()), result]
         elif isinstance(result, Detections):
             self._found = result
@@ -54,7 +94,7 @@ class Pointed:
 
     def _show(self, scene: ObservedScene) -> None:
         """A new picture with what was found in it: those before it count no more."""
-        self._scene, self._chosen = scene, 0
+        self._scene, self._chosen, self._gone, self._is_stirred = scene, 0, (), False
         self._shown = self._looks[scene.shown] if scene.shown < len(self._looks) else None
         self._live.clear()
 
@@ -64,9 +104,10 @@ class Pointed:
             self._live[stamp_ns] = is_from_capture_pose
             while len(self._live) > _KEPT_LIVE:
                 del self._live[next(iter(self._live))]
-            if not is_from_capture_pose or self._shown is None or self._shown.why:
+            if not is_from_capture_pose or self._is_stirred or self._shown is None or self._shown.why:
                 return 0, ()
-            return self._shown.stamp_ns, (self._chosen,) if self._chosen else ()
+            chosen = (self._chosen,) if self._chosen else ()
+            return self._shown.stamp_ns, tuple(sorted({*chosen, *self._gone}))
 
     def resolved(self, job: Job) -> Job:
         """The job with what it points at as the cell finds it from its capture pose.

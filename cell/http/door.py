@@ -25,7 +25,7 @@ from cell.http.hub import Hub
 from cell.http.jobs import Jobs
 from cell.http.pictures import Pictures
 from cell.http.sessions import Connect, Session, Sessions
-from cell.machine.states import SETTLED
+from cell.machine.states import PAUSED, SETTLED
 from config.http import HttpSettings
 from config.schema import Station
 
@@ -176,8 +176,8 @@ class Door:
             self.greet(await self.ask(self.cell.state))
 
     async def show_live(self) -> None:
-        """Take a picture of now, where the cell rests and somebody looks; called every `HttpSettings.picture_s`."""
-        if not self.hub.is_listened_to or self._state is None or self._state.state not in SETTLED:
+        """Take a picture of now, where nothing moves and somebody looks; called every `HttpSettings.picture_s`."""
+        if not self.hub.is_listened_to or self._state is None or self._state.state not in SETTLED | PAUSED:
             return
         with suppress(CellError):  # it works already, or its camera does not: its health says so
             live = await self.ask(partial(self.cell.picture, _SHOWN))
@@ -206,7 +206,8 @@ class Door:
             self.tell_jobs()
 
     def close(self) -> None:
-        """End all streams; their sessions end with them."""
+        """End all streams, which are told so; their sessions end with them."""
+        self.hub.tell("end", "{}")
         self.hub.close()
 
     def wait(self) -> None:

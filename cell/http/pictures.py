@@ -51,6 +51,7 @@ class Pictures:
 
     def __init__(self) -> None:
         self._kept: dict[int, Picture] = {}
+        self._seen: Picture | None = None
         self.scene = ""
 
     @property
@@ -60,6 +61,8 @@ class Pictures:
 
     def at(self, stamp_ns: int) -> Picture | None:
         """The picture of that stamp [ns, UTC]; None when it is not kept any more."""
+        if self._seen is not None and self._seen.stamp_ns == stamp_ns:
+            return self._seen
         return self._kept.get(stamp_ns)
 
     def take(self, live: LivePicture) -> None:
@@ -81,6 +84,7 @@ class Pictures:
             if sample.key == topics.VIEW_COLOR.key:
                 picture = _picture(CompressedImage.FromString(sample.payload))
                 self._keep(picture)
+                self._seen = picture
                 return "picture", picture.stamp_ns
             scene = _scene(ImageAnnotations.FromString(sample.payload))
             self.scene = json.dumps(scene, allow_nan=False)

@@ -52,7 +52,10 @@ class Verdict(Message):
 async def cycles(request: Request, door: Door) -> Response:
     """The newest recordings, with the paths of their files here. Raises: BadPayload."""
     limit = _limit(request.query_params.get("limit", str(_USUAL)))
-    return JSONResponse(await door.ask(partial(_listed, door.recordings, limit)))
+    failed = request.query_params.get("failed", "")
+    if failed not in ("", "true"):
+        raise BadPayload("failed: true, for only those that failed.", "Leave it out for all.")
+    return JSONResponse(await door.ask(partial(_listed, door.recordings, Filter(failed=bool(failed), last=limit))))
 
 
 def _limit(text: str) -> int:
@@ -61,12 +64,12 @@ def _limit(text: str) -> int:
     return int(text)
 
 
-def _listed(folder: Path, limit: int) -> list[dict[str, Any]]:
+def _listed(folder: Path, wanted: Filter) -> list[dict[str, Any]]:
     """Raises: RecordingError, CatalogueError: a list that cannot be had is none, and not an empty one."""
     if not is_folder(folder):  # nothing was recorded yet
         return []
     with open_catalogue(folder, most=0) as catalogue:
-        entries = list(catalogue.entries(Filter(last=limit)))
+        entries = list(catalogue.entries(wanted))
     said = defaultdict(list)
     for label in read_labels(folder):
         said[label.cycle_id].append(label.model_dump())

@@ -119,7 +119,7 @@ TABLE = (
         "/api/cycles",
         recorded.cycles,
         "The newest recordings; `file` and `report` are paths of this server, `labels` what persons said of them.",
-        queries=(("limit", "How many, 1 to 500; 20 if left out."),),
+        queries=(("limit", "How many, 1 to 500; 20 if left out."), ("failed", "true: only those that failed.")),
         refusals=(422,),
     ),
     Served(

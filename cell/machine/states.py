@@ -60,9 +60,11 @@ NEXT: dict[State, State] = {
 }
 """The state that follows an acting state; from Unholding it is Completing when the hold came from there."""
 
+PAUSED = frozenset({State.HELD, State.SUSPENDED})
+"""States in which nothing moves until somebody lets it go on."""
 PAUSING = frozenset({State.HOLDING, State.SUSPENDING})
 GOING_ON = frozenset({State.UNHOLDING, State.UNSUSPENDING})
-PAUSES = PAUSING | {State.HELD, State.SUSPENDED} | GOING_ON
+PAUSES = PAUSING | PAUSED | GOING_ON
 """States of a pause, in which the action of the held or suspended state is still open."""
 
 BEGINNING = frozenset({State.RESETTING, State.STARTING, State.CLEARING})

@@ -63,6 +63,7 @@ class Planned:
             score=self.grasp.score,
             opening_m=self.grasp.opening_m,
             object=thing.text if thing is not None else "",
+            thing=self.grasp.instance if thing is not None else 0,
             motion_s=sum(lasts for name, lasts in lasts_s.items() if name not in ONLY_TO_LOOK),
             segments_s=lasts_s,
             rejected=len(self.plan.rejected),

@@ -93,7 +93,7 @@ class Counts:
             "empty": self.empty,
             "success": _share(self.succeeded, self.picks),
             "picks_per_hour": round(3600 * self.succeeded / self.busy_s, 1) if self.busy_s > 0 else None,
-            "attempts_per_pick": _share(self.cycles, self.picks),
+            "attempts_per_pick": round(self.cycles / self.picks, 4) if self.picks else None,
             "executed": self.executed,
             "missed": _share(self.missed, self.executed),
             "dropped": _share(self.dropped, self.executed),
@@ -160,7 +160,8 @@ def summed(catalogue: Catalogue, day: str = "") -> Summary:
 
 
 def _share(part: int, whole: int) -> float | None:
-    return round(part / whole, 4) if whole else None
+    """A share to a tenth of a percent: whoever shows it rounds it no more."""
+    return round(part / whole, 3) if whole else None
 
 
 def _most_first(values: dict[str, float] | dict[str, int]) -> list[tuple[str, float]]:

@@ -61,6 +61,11 @@ def test_what_is_no_recording_has_no_thumbnail(ask: Asked, cycle: str) -> None:
     assert ask("GET", f"/api/thumbnails/{cycle}").status == 404
 
 
+def test_only_what_failed_is_listed_where_that_is_wanted(ask: Asked) -> None:
+    assert [one["cycle_id"] for one in told(ask("GET", "/api/cycles", query="failed=true"))] == [TORN]
+    assert ask("GET", "/api/cycles", query="failed=perhaps").status == 422
+
+
 def test_the_figures_are_those_of_the_command_line(ask: Asked, folder: Path) -> None:
     assert told(ask("GET", "/api/summary")) == json.loads(json.dumps(summary(folder).to_json()))
     assert told(ask("GET", "/api/summary", query="day=1999"))["cycles"] == 0

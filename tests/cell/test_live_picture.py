@@ -28,7 +28,10 @@ class Desk:
         self.capture_q_rad = np.array(station.arm.capture_q_rad)
         self.q_rad, self.is_at_rest, self.time_s, self.taken = self.capture_q_rad, True, 0.0, 0
         equipment = SimpleNamespace(camera=self, arm=self, robot=Robot(station), station=station)
-        self.pictures = LivePictures(cast(Any, equipment), lambda: self.is_at_rest, Pointed(), lambda: self.time_s)
+        self.is_held = False
+        self.pictures = LivePictures(
+            cast(Any, equipment), lambda: self.is_at_rest, lambda: self.is_held, Pointed(), lambda: self.time_s
+        )
 
     def state(self) -> ArmState:
         rest = np.zeros(7)
@@ -73,3 +76,12 @@ def test_from_elsewhere_it_is_to_look_at_and_not_to_point_into(desk: Desk) -> No
         desk.pictures.now(PictureRequest())
     assert refused.value.code == "PICTURE_ELSEWHERE"
     assert not desk.pictures.now(PictureRequest(from_capture_pose=False)).from_capture_pose
+
+
+def test_while_the_cell_is_held_one_may_look_and_not_point(desk: Desk) -> None:
+    desk.is_at_rest, desk.is_held = False, True
+    picture = desk.pictures.now(PictureRequest(from_capture_pose=False))
+    assert not picture.from_capture_pose, "even where the arm has not left its capture pose yet"
+    with pytest.raises(Refused) as refused:
+        desk.pictures.now(PictureRequest())
+    assert refused.value.code == "NOT_AT_REST"

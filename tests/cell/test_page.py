@@ -19,7 +19,7 @@ import pytest
 
 from bus import topics
 from bus.codec import encode
-from bus.commands import CellHealth, CellState, DoorHealth
+from bus.commands import CellHealth, CellState, DoorHealth, Event
 from bus.errors import Refused
 from bus.messages import LivePicture
 from bus.sample import Sample
@@ -29,6 +29,7 @@ from cell.http.page_files import FOLDER
 from config.http import HttpSettings
 from config.schema import Station
 from docs.browser import FLAGS, find_chromium, launch_chromium
+from logs.catalogue.figures import DEFINITIONS, Counts
 from logs.catalogue.labels import read_labels
 from tests.cell.http_bench import RESULT, FakeCell, Site, door_of, served, served_for_real
 
@@ -209,12 +210,14 @@ def test_a_day_at_the_cell(
     until(page, "Execute: grasps")
     page.click("#hold")
     until(page, "Held")
+    expect(page.locator(".live")).to_be_visible()  # now one must look at the arm
     page.click("#unhold")
     until(page, "Complete")
     expect(page.locator("#reason")).to_have_text("Done.")
     expect(last.locator(".tag")).to_contain_text("picked")
     expect(page.locator("[data-figure=picks] dd")).to_have_text("2")
-    expect(page.locator("[data-figure=interventions]")).to_have_text("intervention in 2 picks1")  # too few for a rate
+    expect(page.locator("[data-figure=interventions]")).to_have_text("interventions1")  # too few for a rate
+    expect(page.locator("[data-figure=success]")).to_have_text("picked1 of 2")
     last.get_by_role("button", name=re.compile("^Good: ")).click()
     page.fill("#who", "anna")
     page.get_by_role("button", name="Save").click()
@@ -421,7 +424,6 @@ def test_a_failed_pick_is_no_success_and_says_why_in_plain_words(desk: Desk) -> 
     page = desk.page
     click_middle(page, page.locator("#overlay"))
     page.click("#pick")
-    expect(page.locator("#message")).to_have_text("It is being picked.")
     desk.say("Execute", "stop", job_id="c1")
     expect(page.locator("#jobs")).to_contain_text("Picks what you pointed at, lays it into the tray")
     failed = RESULT.model_copy(update={"result": "FAILED", "reason": NOT_THERE})
@@ -429,7 +431,104 @@ def test_a_failed_pick_is_no_success_and_says_why_in_plain_words(desk: Desk) -> 
     desk.say("Complete", "reset", "pick")
     expect(page.locator("#reason")).to_have_text("Done: the last pick FAILED - Nothing lies where you clicked.")
     expect(page.locator("#banner")).to_have_class("tone-held")
-    expect(page.locator("#message")).to_be_empty()
+
+
+def test_what_the_cell_says_in_its_own_terms_is_said_to_a_person_in_theirs(desk: Desk) -> None:
+    page, reason = desk.page, desk.page.locator("#reason")
+    desk.say("Resetting", "stop", reason="command 'reset' from http-page-root-vm-12800-2.1")
+    expect(reason).to_have_text("The arm goes to its looking place (asked for by another page).")
+    stopped = RESULT.model_copy(update={"result": "FAILED", "reason": "Stopped during 'hold'."})
+    desk.site.door.hub.tell("result", stopped.model_dump_json())
+    desk.say("Complete", "reset", "pick")
+    expect(reason).to_contain_text("It was stopped while it checked what it held.")
+    words = "target.text: of 'the dog' this cell does not understand: 'dog'."
+    desk.cell.refusal = Refused(words, "Correct that field and send it again: docs/use.md.", code="BAD_JOB")
+    desk.say("Idle", "start", "pick")
+    page.fill("#words", "the dog")
+    page.keyboard.press("Enter")
+    page.click("#pick")
+    message = page.locator("#message")
+    expect(message).to_contain_text(
+        "Of 'the dog' this cell does not understand: 'dog'. Say it in other words, or click"
+    )
+    assert not re.search(r"target\.|docs/", message.inner_text())
+    desk.cell.refusal = Refused("'left' is full.", "Empty it, then `cell stop` and `cell reset`.", code="PLACE_FULL")
+    page.click("#pick")
+    expect(message).to_have_text("'left' is full. Empty it, then Stop and Reset.")
+    page.fill("#words", "")
+
+
+def test_a_pick_that_found_nothing_says_what_was_asked_for(desk: Desk) -> None:
+    page = desk.page
+    entry = ENTRY | {"code": "TARGET_NOT_FOUND", "reason": "Nothing here is 'purple'.", "object": "bottle"}
+    page.route("**/api/cycles*", lambda route: route.fulfill(json=[entry]), times=1)
+    desk.site.door.hub.tell("result", RESULT.model_copy(update={"cycle_id": CYCLE}).model_dump_json())
+    expect(page.locator("#pick-list .tag")).to_have_text("failed TARGET_NOT_FOUND · “purple”")
+    expect(page.locator("#pick-list")).not_to_contain_text("bottle")
+
+
+def test_cancel_is_off_once_the_only_grasp_of_a_job_has_begun(desk: Desk) -> None:
+    cancel = desk.page.get_by_role("button", name="Cancel the job j1")
+    for stage, said, is_off in (("plan", "plans", "false"), ("execute", "grasps", "true")):
+        desk.say("Execute", "stop", stage=stage, job_id="j1", shown=f"Execute: {said}")
+        expect(cancel).to_have_attribute("aria-disabled", is_off)
+
+
+def test_a_picture_is_called_live_only_while_it_is_of_now(desk: Desk) -> None:
+    live = desk.page.locator(".live")
+    for now, since_ns, is_live in (("Held", 1, True), ("Idle", PICTURE_NS + 1000, False), ("Resetting", 1, False)):
+        desk.say(now, "stop", since_ns=since_ns)
+        expect(live).to_be_visible(visible=is_live)
+
+
+def warn(desk: Desk, text: str) -> None:
+    """The cell says something that stays on the page until it is dismissed, or another try begins."""
+    desk.site.door.hub.tell("event", Event(code="X", severity="error", text=text).model_dump_json())
+    expect(desk.page.locator("#message")).to_have_text(text)
+
+
+def test_a_message_goes_when_another_try_begins_or_a_person_is_asked_or_dismisses_it(desk: Desk) -> None:
+    page, message = desk.page, desk.page.locator("#message")
+    warn(desk, "one")
+    page.get_by_role("button", name="Dismiss this message").click()
+    expect(message).to_be_empty()
+    warn(desk, "two")
+    desk.say("Complete", "reset", "pick")
+    expect(message).to_have_text("two")  # nothing new
+    page.click("#reset")
+    expect(message).to_be_empty()
+    for step in ({"now": "Resetting"}, {"now": "Execute", "cycle_id": "c2"}):
+        warn(desk, f"before {step}")
+        desk.say(**step)
+        expect(message).to_be_empty()
+
+
+def test_on_a_phone_state_and_stop_stay_in_view_and_a_message_covers_neither_them_nor_the_answers(desk: Desk) -> None:
+    page = desk.page
+    page.set_viewport_size({"width": 390, "height": 844})
+    proposal = {"proposal_id": "c1-0", "object": "a cup", "motion_s": 5.7, "until_ns": 0}
+    page.route("**/api/proposal", lambda route: route.fulfill(json=proposal))
+    desk.say("Execute", "stop", "approve", "next_grasp", "reject", stage="approve", cycle_id="c3", shown=ASKS)
+    page.locator("#answer-approve").scroll_into_view_if_needed()
+    warn(desk, "A person closed the door of the room, and a lamp went out; see that both are as they were.")
+    for selector in ("#state", "#stop", "#answer-approve"):
+        middle = (
+            "one => { const box = one.getBoundingClientRect();"
+            " return one.contains(document.elementFromPoint(box.x + box.width / 2, box.y + box.height / 2)); }"
+        )
+        assert page.locator(selector).evaluate(middle), selector
+    page.get_by_role("button", name="Dismiss this message").click()
+    page.unroute("**/api/proposal")
+    page.set_viewport_size({"width": 1400, "height": 1000})
+
+
+def test_that_the_cell_has_ended_is_said_and_not_that_it_holds(desk: Desk) -> None:
+    desk.say("Execute", "stop")
+    gone = Event(code="CELL_GONE", severity="error", text="The cell is gone.")
+    desk.site.door.hub.tell("event", gone.model_dump_json())
+    until(desk.page, "The cell has ended")
+    expect(desk.page.locator("#reason")).to_contain_text("What this page had in motion does not go on.")
+    desk.say("Stopped", "reset")
 
 
 def test_words_and_a_cross_replace_each_other_and_reset_clears_the_cross(desk: Desk) -> None:
@@ -468,6 +567,48 @@ def test_by_keyboard_alone_an_object_is_chosen_where_nothing_has_a_number_yet(de
     assert not serious_findings(page)
 
 
+def test_by_keyboard_reset_and_the_cards_are_a_few_tabs_away(desk: Desk) -> None:
+    page, keys = desk.page, desk.page.keyboard
+    focus = "document.activeElement.ariaLabel ?? document.activeElement.textContent"
+    page.focus("#stop")
+    for _ in range(2):
+        keys.press("Tab")
+    assert page.evaluate(focus) == "To the buttons", "what it asks is passed over, where it asks nothing"
+    keys.press("Enter")
+    keys.press("Tab")
+    expect(page.locator("#start")).to_be_focused()
+    page.focus("#failed-only")
+    keys.press("Tab")
+    for word in ("Report", "Good", "Bad"):
+        assert page.evaluate(focus) == f"{word}: {CYCLE}"
+        keys.press("ArrowRight")
+    keys.press("Tab")
+    expect(page.locator("#pick-list button:focus")).to_have_count(0)  # one stop for all cards
+    assert not desk.cell.sent
+
+
+def test_only_what_failed_is_listed_where_that_is_wanted(desk: Desk) -> None:
+    with desk.page.expect_response("**/api/cycles?limit=6&failed=true"):
+        desk.page.get_by_label("Failed only").check()
+    with desk.page.expect_response("**/api/cycles?limit=6"):
+        desk.page.get_by_label("Failed only").uncheck()
+
+
+def test_few_picks_are_counted_and_many_are_rated_as_the_command_line_rates_them(desk: Desk) -> None:
+    page = desk.page
+    day = Counts(cycles=11, picks=11, succeeded=6, executed=9, missed=3, busy_s=110).to_json()
+    many = Counts(cycles=22, picks=22, succeeded=12, executed=18, missed=6, busy_s=220).to_json()
+    for said, success, missed in ((day, "6 of 11", "3 of 9"), (many, "54.5 %", "33.3 %")):
+        summary = said | {"days": {}, "definitions": DEFINITIONS}
+        page.route("**/api/summary*", lambda route, _, summary=summary: route.fulfill(json=summary))
+        page.evaluate("import('/page/link.js').then(({ cell }) => cell.dispatchEvent(new Event('recorded')))")
+        expect(page.locator("[data-figure=success] dd")).to_have_text(success)
+        expect(page.locator("[data-figure=missed] dd")).to_have_text(missed)
+        page.unroute("**/api/summary*")
+    page.evaluate("import('/page/link.js').then(({ cell }) => cell.dispatchEvent(new Event('recorded')))")
+    expect(page.locator("#today")).to_contain_text("No pick was made today.")
+
+
 def test_what_keeps_another_interface_closed_stays_on_the_page(desk: Desk) -> None:
     closed = DoorHealth(problem="cannot open: its port is taken.", advice="Set opcua.port.")
     doors = {"http": DoorHealth(endpoint="http://127.0.0.1:8088"), "opcua": closed}
@@ -503,6 +644,21 @@ def test_a_verdict_is_appended_with_who_said_it(desk: Desk) -> None:
         page.get_by_role("button", name=f"Good: {CYCLE}").click()
     said = [(one.who, one.label, one.note) for one in read_labels(desk.recordings)]
     assert said == [("anna", "bad", "it slipped"), ("anna", "good", "")]
+
+
+@pytest.mark.parametrize(("width", "height"), [(1400, 1000), (390, 844)])
+def test_stop_works_while_a_note_is_written(desk: Desk, width: int, height: int) -> None:
+    page = desk.page
+    desk.say("Execute", "stop", "abort", "hold")
+    page.set_viewport_size({"width": width, "height": height})
+    page.get_by_role("button", name=f"Note: {CYCLE}").click()
+    expect(page.locator("#asking")).to_be_visible()
+    with page.expect_response("**/api/commands/stop"):
+        click_middle(page, page.locator("#stop"))
+    assert [verb for verb, _ in desk.cell.sent] == ["stop"]
+    assert not serious_findings(page)
+    page.get_by_role("button", name="Close").click()
+    page.set_viewport_size({"width": 1400, "height": 1000})
 
 
 def test_the_arm_is_moved_by_hand_only_while_a_button_is_held(desk: Desk) -> None:

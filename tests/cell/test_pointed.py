@@ -13,12 +13,15 @@ from bus.messages import (
     ArmMode,
     ArmState,
     CycleResult,
+    Execution,
+    HandState,
     Instance,
     Job,
     ObservedScene,
     SeenTable,
     StageRecord,
     Target,
+    Verdict,
     View,
 )
 from cell.daemon.pointed import Pointed
@@ -29,6 +32,13 @@ TOPS_M = {1: (0.5, 0.0, 0.06), 2: (0.4, 0.2, 0.1)}
 
 def record(stage: Any, result: Any) -> StageRecord[Any]:
     return StageRecord[Any](cycle_id="c", stage=stage, started_ns=0, duration_s=0.1, result=result, failure=None)
+
+
+def ended(result: Any) -> CycleResult:
+    code = None if result == "SUCCESS" else Code.GRASP_MISSED
+    return CycleResult(
+        cycle_id="c", object="", result=result, code=code, reason="", stages={}, wall_s=1.0, recording=""
+    )
 
 
 def view(stamp_ns: int, why: str = "") -> StageRecord[Any]:
@@ -111,9 +121,40 @@ def test_what_is_being_picked_cannot_be_chosen_again_until_that_has_failed(point
     assert refusal(pointed, at(FIRST_NS)) == "ALREADY_CHOSEN"
     assert pointed.resolved(at(FIRST_NS, (40.0, 50.0))), "the other one can"
     assert pointed.show_live(LIVE_NS, is_from_capture_pose=True) == (FIRST_NS, (2,)), "it is not there any more"
-    failed = CycleResult(
-        cycle_id="c", object="", result="FAILED", code=Code.GRASP_MISSED, reason="", stages={}, wall_s=1.0, recording=""
-    )
-    pointed.hear(failed)
+    pointed.hear(ended("FAILED"))
     assert pointed.resolved(at(FIRST_NS)) == at(FIRST_NS)
     assert pointed.show_live(LIVE_NS, is_from_capture_pose=True) == (FIRST_NS, ())
+
+
+@pytest.mark.parametrize("result", ["FAILED", "ABORTED"])
+@pytest.mark.parametrize("is_known", [True, False])
+def test_where_the_fingers_closed_in_vain_nothing_is_known_until_the_next_look(
+    pointed: Pointed, result: Any, is_known: bool
+) -> None:
+    pointed.choose(2)
+    closed = HandState(stamp_ns=1, width_m=0.03, is_moving=False, is_homed=True)
+    execution = Execution(runs=(), grasped=closed, stopped_in="carry", after=None)
+    pointed.hear(record("execute", execution if is_known else None))
+    pointed.hear(ended(result))
+    assert pointed.show_live(LIVE_NS, is_from_capture_pose=True) == (0, ())
+    pointed.hear(view(SECOND_NS))
+    pointed.hear(scene())
+    assert pointed.show_live(LIVE_NS, is_from_capture_pose=True) == (SECOND_NS, ())
+
+
+def test_what_was_picked_is_gone_with_all_that_left_with_it(pointed: Pointed) -> None:
+    pointed.choose(2)
+    verdict = Verdict(held=True, code=None, reason="", hold_s=1, width_min_m=0.03, load_n=1, cleared_fraction=1,
+                      also_gone=(1,))  # fmt: skip
+    pointed.hear(record("verify", verdict))
+    pointed.hear(ended("SUCCESS"))
+    assert pointed.show_live(LIVE_NS, is_from_capture_pose=True) == (FIRST_NS, (1, 2))
+
+
+def test_what_touched_the_thing_that_was_picked_may_have_been_a_part_of_it(pointed: Pointed) -> None:
+    labels = scene().labels.copy()
+    labels[40:60, 61:80] = 3  # 1 px beside thing 1
+    pointed.hear(scene().model_copy(update={"labels": labels}))
+    pointed.choose(1)
+    pointed.hear(ended("SUCCESS"))
+    assert pointed.show_live(LIVE_NS, is_from_capture_pose=True) == (FIRST_NS, (1, 3))

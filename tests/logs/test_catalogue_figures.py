@@ -76,3 +76,7 @@ def test_figures_of_nothing_are_none_and_not_zero() -> None:
 def test_every_rate_is_defined() -> None:
     said = set(Counts().to_json()) - {"empty", "interventions", "busy_s", "codes", "cost_usd"}
     assert said == set(DEFINITIONS) - {"stops, aborts, holds"}
+
+
+def test_a_share_is_rounded_once_so_that_whoever_shows_it_shows_the_same() -> None:
+    assert Counts(picks=11, succeeded=6).to_json()["success"] == 0.545  # 54.5 %, and not 54.55 % rounded again

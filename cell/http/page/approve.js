@@ -33,11 +33,11 @@ async function show(proposal) {
     const request = { proposal: proposal.proposal_id, reason: verb === "approve" ? "" : reason.value };
     command(verb, request).catch(tellRefusal);
   };
-  const button = (verb, kind = "") => el("button", { type: "button", id: `answer-${verb}`, class: kind, onclick: answer(verb) }, texts.answers[verb]);
+  const button = (verb, kind = "") => el("button", { type: "button", id: `answer-${verb}`, class: kind, title: texts.answersMean[verb], onclick: answer(verb) }, texts.answers[verb]);
   const plan = el("div", { class: "plan" });
   bodyOf("approve").contains(document.activeElement) && byId("approve-title").focus(); // not on the same answer: this is another pick
   bodyOf("approve").replaceChildren(
-    el("p", { class: "strong" }, texts.asks(proposal.object, proposal.motion_s.toFixed(1))), el("p", { id: "answer-time", class: "soft" }),
+    el("p", { class: "strong" }, texts.asks(proposal.thing, proposal.object, proposal.motion_s.toFixed(1))), el("p", { id: "answer-time", class: "soft" }),
     plan, el("div", { class: "row" }, button("approve", "main"), button("next_grasp"), button("reject")), reason);
   drawTime();
   try {

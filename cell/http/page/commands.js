@@ -1,6 +1,6 @@
 // The buttons, exactly as the cell's table allows; one that is off says why.
 
-import { bodyOf, byId, el, isOff, say, setButton, tell, tellRefusal } from "./dom.js";
+import { bodyOf, closeDialog, el, isOff, openDialog, say, setButton, tell, tellRefusal } from "./dom.js";
 import { cell, command, now, untilState } from "./link.js";
 import { texts } from "./texts.js";
 
@@ -43,17 +43,14 @@ export async function attend(verb, request) {
 }
 
 function askToTakeOver(refusal) {
-  const dialog = byId("asking");
-  const close = () => dialog.close();
-  dialog.replaceChildren(
+  openDialog(
     el("h2", { id: "asking-title" }, texts.takeOver),
     el("p", {}, texts.takeOverText),
     el("p", { class: "strong" }, refusal.reason),
     el("div", { class: "row" },
-      el("button", { type: "button", onclick: close }, texts.takeOverNo),
-      el("button", { type: "button", class: "main", onclick: () => { close(); takeOver(); } }, texts.takeOverYes)),
+      el("button", { type: "button", onclick: closeDialog }, texts.takeOverNo),
+      el("button", { type: "button", class: "main", onclick: () => { closeDialog(); takeOver(); } }, texts.takeOverYes)),
   );
-  dialog.showModal();
 }
 
 async function takeOver() {

@@ -1,7 +1,8 @@
 // Makes elements, and shows messages. Text goes in as text only: names and replies of others never become markup.
 
-import { plainly } from "./texts.js";
+import { refusalHere, texts } from "./texts.js";
 
+const GOOD_MS = 6000;
 const SVG = "http://www.w3.org/2000/svg";
 
 function dress(one, attributes, children) {
@@ -48,25 +49,37 @@ export function replaceIn(place, children, next = byId("state")) {
   (again ?? next).focus();
 }
 
-let quiet = 0;
-
-/** Shows a message to the person for a while. */
-export function tell(text, isBad = false) {
-  const place = byId("message");
-  place.replaceChildren(el("p", { class: isBad ? "bad" : "good" }, text));
-  clearTimeout(quiet);
-  quiet = setTimeout(() => place.replaceChildren(), isBad ? 15000 : 6000);
+/** Opens the dialog; it never covers Stop, and leaves the rest of the page alive: Stop always works. */
+export function openDialog(...children) {
+  const dialog = byId("asking");
+  dialog.replaceChildren(...children);
+  if (!dialog.open) dialog.show();
 }
 
-/** Removes a message that holds no more, where it is still shown. */
-export function untell(text) {
-  const place = byId("message");
-  if (place.textContent === text) place.replaceChildren();
+/** Closes the dialog; the keyboard goes back to where it was. */
+export function closeDialog() {
+  byId("asking").close();
+}
+
+let quiet = 0;
+
+/** Shows a message to the person: a bad one until something new happens, or they dismiss it; a good one for a while. */
+export function tell(text, isBad = false) {
+  const dismiss = el("button", { type: "button", class: "dismiss", "aria-label": texts.dismiss, onclick: untell });
+  byId("message").replaceChildren(el("p", { class: isBad ? "bad" : "good" }, text), dismiss);
+  clearTimeout(quiet);
+  quiet = isBad ? 0 : setTimeout(untell, GOOD_MS);
+}
+
+/** Removes the message: it was dismissed, or is of an earlier try. */
+export function untell() {
+  clearTimeout(quiet);
+  replaceIn(byId("message"), []);
 }
 
 /** Shows a refusal of the cell: what happened, and what to do. */
 export function tellRefusal(refusal) {
-  tell(`${plainly(refusal.reason ?? refusal)} ${refusal.advice ?? ""}`.trim(), true);
+  tell(refusalHere(refusal.reason === undefined ? { reason: String(refusal) } : refusal), true);
 }
 
 /** A button that is never removed from the tab order: what it cannot do now it says. */

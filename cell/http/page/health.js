@@ -2,7 +2,7 @@
 
 import { bodyOf, el } from "./dom.js";
 import { ask, cell, cellNow, learn, now } from "./link.js";
-import { duration, plainly, texts } from "./texts.js";
+import { adviceHere, duration, plainly, texts } from "./texts.js";
 
 const PERIOD_MS = 60000;
 const CLOCK_S = 2;
@@ -56,7 +56,7 @@ function clockLine() {
 
 function draw() {
   const defects = (now.health?.defects ?? []).map((one) => line("bad", one, texts.defectAdvice));
-  const shown = events.map((one) => line(one.severity === "error" ? "bad" : "plain", `${one.code} ${plainly(one.text)}`, one.advice));
+  const shown = events.map((one) => line(one.severity === "error" ? "bad" : "plain", `${one.code} ${plainly(one.text)}`, adviceHere(one.advice)));
   bodyOf("health").replaceChildren(
     el("ul", { class: "lines", id: "lines" }, ...defects, ...nodeLines(), ...doorLines(), ...storageLines(),
       spent === null ? null : line("plain", texts.spent(spent.toFixed(2))), clockLine()),

@@ -5,7 +5,7 @@ import { texts } from "./texts.js";
 
 export const cell = new EventTarget();
 // `result`: of the last cycle, none while one runs. `pointed`: by job, the number of the thing that was pointed at here.
-export const now = { state: null, health: null, result: null, role: "operator", client_id: "", jobs: {}, pointed: {}, isLinked: false, offset_ns: 0, about: null };
+export const now = { state: null, health: null, result: null, role: "operator", client_id: "", jobs: {}, pointed: {}, isLinked: false, isEnded: false, offset_ns: 0, about: null };
 
 const RETRY_MS = 2000;
 const NAMES = ["state", "health", "event", "result", "picture", "scene", "proposal", "jobs"];
@@ -34,13 +34,17 @@ export function listen() {
   stream = new EventSource(`/api/events?client=${clientName()}`);
   stream.addEventListener("session", (said) => {
     ({ session, client_id: now.client_id } = JSON.parse(said.data));
+    now.isEnded = false;
     setLinked(true);
   });
+  stream.addEventListener("end", () => { now.isEnded = true; });
   stream.addEventListener("ping", () => ask("/api/heartbeat", {}).catch(() => {}));
   for (const name of NAMES) {
     stream.addEventListener(name, (said) => {
       const detail = JSON.parse(said.data);
       if (name in now) now[name] = detail; // state, health, jobs
+      if (name === "state" || name === "health") now.isEnded = false;
+      if (detail.code === "CELL_GONE") now.isEnded = true;
       announce(name, detail);
     });
   }
@@ -64,7 +68,7 @@ export async function ask(path, body) {
   try {
     answer = await fetch(path, init);
   } catch {
-    throw { code: "NO_LINK", reason: `${texts.noLink}.`, advice: "" };
+    throw { code: "NO_LINK", reason: `${texts.noLink[0]}.`, advice: "" };
   }
   const text = await answer.text();
   const said = text ? JSON.parse(text) : null;

@@ -1,6 +1,6 @@
 // Asks for a token where the cell wants one; the browser keeps it in a cookie that no script reads.
 
-import { el, byId } from "./dom.js";
+import { closeDialog, el, openDialog } from "./dom.js";
 import { ask } from "./link.js";
 import { texts } from "./texts.js";
 
@@ -13,17 +13,15 @@ export function askToken() {
       event.preventDefault();
       try {
         await ask("/api/login", { token: token.value });
-        dialog.close();
+        closeDialog();
         resolve();
       } catch {
         wrong.textContent = texts.badToken;
       }
     };
-    const dialog = byId("asking");
-    dialog.replaceChildren(
+    openDialog(
       el("form", { onsubmit: enter }, el("h2", { id: "asking-title" }, texts.login),
         el("label", { for: "token" }, texts.token), token, wrong, el("button", { type: "submit" }, texts.enter)),
     );
-    dialog.showModal();
   });
 }

@@ -1,9 +1,9 @@
 // Puts the parts of the page together.
 
 import { askToken } from "./login.js";
-import { tell } from "./dom.js";
+import { byId, el, tell, untell } from "./dom.js";
 import { cell, learn, listen, now } from "./link.js";
-import { LANGUAGE, plainly, texts } from "./texts.js";
+import { LANGUAGE, adviceHere, plainly, texts } from "./texts.js";
 import { showState } from "./state.js";
 import { showCommands } from "./commands.js";
 import { showPicture } from "./picture.js";
@@ -14,16 +14,29 @@ import { showToday } from "./today.js";
 import { showHealth } from "./health.js";
 
 const IN_BANNER = ["ABORTING", "ABORTED", "HAND_NOT_EMPTY", "PICK_CUT_OFF"];
+const ANEW = ["Resetting", "Clearing"];
+let told = "";
+
+/** Messages of an earlier try go when another begins, or a person is asked. */
+function forgetEarlier() {
+  const { state, stage, cycle_id: cycle } = now.state;
+  const begun = ANEW.includes(state) ? state : stage === "approve" ? `${cycle} approve` : cycle;
+  if (begun && begun !== told) untell();
+  told = begun;
+}
 
 async function begin() {
   document.documentElement.lang = LANGUAGE;
   for (const one of document.querySelectorAll("[data-text]")) one.textContent = texts[one.dataset.text];
+  byId("skips").append(...Object.entries(texts.skips).map(([id, words]) => el("a", { href: `#${id}`, "data-to": id }, words)));
   showState();
   showCommands();
   const parts = [showPicture, showApprove, showJog, showPicks, showToday, showHealth];
   cell.addEventListener("event", ({ detail }) => {
-    if (detail.severity !== "info" && !IN_BANNER.includes(detail.code) && detail.text !== now.state?.reason) tell(`${plainly(detail.text)} ${detail.advice ?? ""}`.trim(), true);
+    if (detail.severity !== "info" && !IN_BANNER.includes(detail.code) && detail.text !== now.state?.reason) tell(`${plainly(detail.text)} ${adviceHere(detail.advice)}`.trim(), true);
   });
+  cell.addEventListener("state", forgetEarlier);
+  cell.addEventListener("sent", untell);
   try {
     await learn();
   } catch (refusal) {

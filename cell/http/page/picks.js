@@ -1,14 +1,18 @@
 // The last picks, newest first: small pictures, results, reports, and what persons say of them.
 
-import { bodyOf, byId, el, replaceIn, tell, tellRefusal } from "./dom.js";
+import { bodyOf, closeDialog, el, openDialog, replaceIn, tell, tellRefusal } from "./dom.js";
 import { ask, cell, now } from "./link.js";
 import { LANGUAGE, plainly, texts } from "./texts.js";
 
 const SHOWN = 6;
+const NOT_FOUND = "TARGET_NOT_FOUND"; // what lies there, or in simulation was put there, is another thing
 const SOON_MS = 700; // the recording is finished after the result, its report later
 const AGAIN_MS = 2000;
 const TRIES = 8;
+const REACHED = ".about a, .about button";
+const STEPS = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 };
 let list = null;
+let only = null; // the box "failed only"
 let later = 0;
 let drawn = "";
 let expected = ""; // the cycle of the last result
@@ -17,20 +21,21 @@ let tries = 0;
 async function refresh() {
   let cycles;
   try {
-    cycles = await ask(`/api/cycles?limit=${SHOWN}`);
+    cycles = await ask(`/api/cycles?limit=${SHOWN}${only.checked ? "&failed=true" : ""}`);
   } catch {
     return;
   }
   cycles = cycles.filter((one) => one.result !== "TORN" || one.cycle_id !== now.state?.cycle_id); // the one that runs
-  const isThere = !expected || cycles.some((one) => one.cycle_id === expected);
+  const isThere = !expected || only.checked || cycles.some((one) => one.cycle_id === expected);
   if (!isThere || cycles.some((one) => one.result === "TORN" || !one.report)) again(isThere ? AGAIN_MS : SOON_MS);
   const last = cycles.find((one) => one.result !== "TORN");
-  if (!now.state?.cycle_id && last?.cycle_id > (now.result?.cycle_id ?? "")) now.result = last; // this page was not there
+  if (!only.checked && !now.state?.cycle_id && last?.cycle_id > (now.result?.cycle_id ?? "")) now.result = last; // this page was not there
   const content = JSON.stringify(cycles);
   if (content === drawn) return;
   drawn = content;
-  const empty = cycles.length === 0 ? [el("li", { class: "about soft" }, texts.noPicks)] : [];
+  const empty = cycles.length === 0 ? [el("li", { class: "about soft" }, only.checked ? texts.noFailures : texts.noPicks)] : [];
   replaceIn(list, [...empty, ...cycles.map(entry)]);
+  rove([...list.querySelectorAll(REACHED)][0]);
   loadInTurn([...list.querySelectorAll("img")]);
   cell.dispatchEvent(new Event("recorded"));
 }
@@ -55,19 +60,26 @@ function entry(one) {
   const image = one.result === "TORN" || !one.file
     ? el("span", { class: "thumbnail" })
     : el("img", { "data-src": `/api/thumbnails/${encodeURIComponent(one.cycle_id)}`, alt: "" });
-  const name = `${result}${one.code ? ` ${one.code}` : ""}${one.object ? `, ${one.object}` : ""}`;
+  const what = one.code === NOT_FOUND ? askedFor(one.reason ?? "") : one.object;
+  const name = `${result}${one.code ? ` ${one.code}` : ""}${what ? `, ${what}` : ""}`;
   const picture = one.report
     ? el("a", { class: "thumbnail", href: one.report, target: "_blank", rel: "noopener", "aria-label": `${texts.report}: ${one.cycle_id}, ${name}` }, image)
     : el("span", { class: "thumbnail" }, image);
   const label = one.labels.at(-1);
   return el("li", { "data-cycle": one.cycle_id }, picture, el("div", { class: "about" },
-    el("span", { class: "tag" }, el("span", { class: one.result }, result), one.code ? ` ${one.code}` : "", one.object ? ` · ${one.object}` : ""),
+    el("span", { class: "tag" }, el("span", { class: one.result }, result), one.code ? ` ${one.code}` : "", what ? ` · ${what}` : ""),
     el("span", { class: "clip", title: one.reason }, plainly(one.reason ?? "")),
     el("span", { class: "soft" }, `${timeOf(one.cycle_id)} · ${one.cycle_id}`, one.report ? "" : ` · ${texts.noReport}`),
     label ? el("span", { class: "said" }, said(label)) : null,
     el("div", { class: "row" },
       one.report ? el("a", { class: "report", href: one.report, target: "_blank", rel: "noopener", "aria-label": `${texts.report}: ${one.cycle_id}` }, texts.report) : null,
       ...(now.role === "viewer" || !one.file ? [] : ["good", "bad", "note"].map((word) => el("button", { type: "button", class: "small", "aria-label": `${texts[word]}: ${one.cycle_id}`, onclick: () => judge(one.cycle_id, word) }, texts[word]))))));
+}
+
+/** What was asked for and not found, in words, if it was in words. */
+function askedFor(reason) {
+  const words = /'([^']+)'/.exec(reason)?.[1];
+  return words ? `“${words}”` : "";
 }
 
 /** The time of a cycle, by its id, which is its begin in UTC. */
@@ -94,18 +106,33 @@ function judge(cycle, word) {
   }
   const name = el("input", { id: "who", maxlength: 100, required: true, value: who, autocomplete: "name" });
   const note = el("input", { id: "note", maxlength: 1000, required: word === "note" });
-  const dialog = byId("asking");
   const save = (event) => {
     event.preventDefault();
     localStorage.setItem("name", name.value.trim());
-    dialog.close();
+    closeDialog();
     keep(cycle, { who: name.value.trim(), label: word === "note" ? "" : word, note: note.value });
   };
-  dialog.replaceChildren(el("form", { onsubmit: save },
+  openDialog(el("form", { onsubmit: save },
     el("h2", { id: "asking-title" }, `${texts.verdictOf(cycle)}: ${texts[word]}`),
     el("label", { for: "who" }, texts.yourName), name, el("label", { for: "note" }, texts.yourNote), note,
-    el("div", { class: "row" }, el("button", { type: "button", onclick: () => dialog.close() }, texts.close), el("button", { type: "submit", class: "main" }, texts.save))));
-  dialog.showModal();
+    el("div", { class: "row" }, el("button", { type: "button", onclick: closeDialog }, texts.close), el("button", { type: "submit", class: "main" }, texts.save))));
+}
+
+/** One stop of the Tab key for all cards: it leads to this one of their links and buttons. */
+function rove(to) {
+  const had = list.contains(document.activeElement) ? document.activeElement : null;
+  for (const one of list.querySelectorAll("a, button")) one.tabIndex = one === (had ?? to) ? 0 : -1;
+}
+
+/** The arrow keys move among the links and buttons of the cards. */
+function step(event) {
+  if (!(event.key in STEPS) || event.ctrlKey || event.altKey || event.metaKey) return;
+  const all = [...list.querySelectorAll(REACHED)];
+  const next = all[all.indexOf(document.activeElement) + STEPS[event.key]];
+  event.preventDefault(); // else the page scrolls
+  if (next === undefined) return;
+  next.focus();
+  rove(next);
 }
 
 async function keep(cycle, verdict) {
@@ -119,8 +146,9 @@ async function keep(cycle, verdict) {
 }
 
 export function showPicks() {
-  list = el("ol", { id: "pick-list" });
-  bodyOf("picks").append(list);
+  list = el("ol", { id: "pick-list", "aria-label": texts.cardKeys, onkeydown: step, onfocusin: () => rove(null) });
+  only = el("input", { type: "checkbox", id: "failed-only", onchange: refresh });
+  bodyOf("picks").append(el("label", { class: "only" }, only, texts.failedOnly), list);
   cell.addEventListener("result", ({ detail }) => {
     expected = detail.cycle_id;
     tries = 0;

@@ -2,13 +2,16 @@
 // it; a press then sends the job, with the picture in which it was pointed at. All of it by keyboard, too.
 
 import { attend, whyNot } from "./commands.js";
-import { bodyOf, el, isOff, replaceIn, say, setButton, svg, tell, untell } from "./dom.js";
+import { bodyOf, el, isOff, replaceIn, say, setButton, svg, tell } from "./dom.js";
 import { ask, cell, cellNow, now } from "./link.js";
 import { isInside, overlayOf } from "./overlay.js";
 import { pointing } from "./pointing.js";
 import { duration, texts } from "./texts.js";
 
-const LIVE_S = 5; // a picture is of now for so long
+const LIVE_S = 3; // a picture is of now for so long, while nothing moves
+const STILL = ["Stopped", "Idle", "Complete", "Aborted", "Held", "Suspended"];
+const HELD = ["Held", "Suspended"];
+const GOING_ON = ["Unholding", "Unsuspending"];
 const WORKING = ["Starting", "Execute", "Completing"];
 const NOTHING = { stamp: "", outlines: [], numbers: [] };
 const parts = {};
@@ -16,6 +19,7 @@ let shown = { stamp: "" };
 let wanted = null;
 let isLoading = false;
 let scene = NOTHING;
+let seen = null; // the last picture of a pick
 let lastQuestion = 0;
 let target = null;
 let thing; // the number of the thing that is pointed at; "" for none, undefined where nothing is pointed at
@@ -41,6 +45,19 @@ async function load(detail) {
     if (lacksThings()) refreshScene();
   }
   isLoading = false;
+}
+
+/** A new picture; one of now counts while nothing moves. */
+function take(detail) {
+  if (!detail.is_live) seen = detail;
+  else if (shown.stamp && !STILL.includes(now.state?.state)) return;
+  load(detail);
+}
+
+/** When a held pick goes on, what it has found is shown again. */
+function follow() {
+  if (GOING_ON.includes(now.state?.state) && shown.is_live && seen !== null) load(seen);
+  draw();
 }
 
 /** Asks what was found. Answers may overtake each other: that to the last question counts. */
@@ -87,7 +104,7 @@ function draw() {
   overlay.setAttribute("viewBox", `0 0 ${image.naturalWidth} ${image.naturalHeight}`);
   overlay.classList.toggle("earlier", Boolean(shown.is_live));
   overlay.classList.toggle("elsewhere", isElsewhere());
-  say(parts.help, isElsewhere() ? texts.pictureElsewhere : texts.pictureHelp);
+  say(parts.help, !isElsewhere() ? texts.pictureHelp : HELD.includes(now.state?.state) ? texts.pictureHeld : texts.pictureElsewhere);
   overlay.replaceChildren(...overlayOf(outlines, numbers, isElsewhere() ? null : target, unitOf(image)));
   const label = numbers.map((one) => one.text).join();
   if (things.dataset.label !== label) {
@@ -138,7 +155,7 @@ async function send() {
   const chosen = thing;
   const reply = await attend("pick", { job: { target, place, queue: true } });
   if (reply !== null) {
-    tell(reply.position ? texts.queued(reply.position) : texts.begun);
+    if (reply.position) tell(texts.queued(reply.position)); // else the banner says that it is under way
     choose(null);
     if (chosen !== undefined) {
       now.pointed[reply.job_id] = chosen;
@@ -171,7 +188,8 @@ function listPlaces() {
 function drawAge() {
   if (!shown.stamp) return;
   const age_s = (cellNow() - Number(shown.stamp)) / 1e9;
-  const isNow = Boolean(shown.is_live) && now.isLinked && age_s < LIVE_S;
+  const isStill = STILL.includes(now.state?.state) && Number(shown.stamp) >= now.state.since_ns;
+  const isNow = Boolean(shown.is_live) && now.isLinked && isStill && age_s < LIVE_S;
   parts.live.hidden = !isNow;
   say(parts.age, isNow ? texts.pictureNow : texts.pictureAge(duration(age_s)));
 }
@@ -204,10 +222,10 @@ export function showPicture() {
     el("form", { class: "row", onsubmit: said }, el("label", { for: "words" }, texts.words), words, el("button", { type: "submit" }, texts.chooseWords)));
   listPlaces();
   cell.addEventListener("about", listPlaces);
-  cell.addEventListener("picture", ({ detail }) => load(detail));
+  cell.addEventListener("picture", ({ detail }) => take(detail));
+  cell.addEventListener("state", follow);
   cell.addEventListener("scene", refreshScene);
   cell.addEventListener("sent", ({ detail }) => detail === "reset" && !target?.text && choose(null));
-  cell.addEventListener("result", () => untell(texts.begun));
   window.addEventListener("resize", draw);
   document.addEventListener("visibilitychange", () => wanted !== null && load(wanted));
   for (const name of ["state", "link", "about"]) cell.addEventListener(name, drawAllowed);

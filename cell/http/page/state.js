@@ -1,26 +1,29 @@
 // The banner: the state in words, why it is so, what to do, the job and what waits.
 
-import { byId, el, replaceIn, say, setButton, tellRefusal } from "./dom.js";
+import { byId, el, isOff, replaceIn, say, setButton, tell, tellRefusal } from "./dom.js";
 import { cell, cellNow, command, now } from "./link.js";
 import { duration, plainly, texts } from "./texts.js";
 
-const BY = /^command '(?:stop|abort|hold|suspend)' from (.+)$/;
+const BY = /^command '(\w+)' from (.+)$/;
+const ENDING = ["stop", "abort", "hold", "suspend"];
 const WORKING = ["Execute", "Completing"];
 const TONES = {
   Stopped: "rest", Idle: "good", Holding: "held", Held: "held", Suspending: "held", Suspended: "held", Complete: "good",
   Stopping: "rest", Aborting: "bad", Aborted: "bad", approve: "held", manual: "rest", failed: "held",
 }; // any other: busy
+const GRASPING = ["execute", "verify", "deliver"]; // the stages in which a pick is not undone any more
 const PRESS_MS = 1000; // a click within this time is the end of a press
 const OWN_NAME = /^\d{8}T\d{9}$/; // of a job that its client gave none
 let cause = "";
 let drawnJobs = "";
 
 /** The reason for a person; that of Stopping holds for the Stopped that follows. */
-function reasonOf(state) {
+function reasonOf(state, meaning) {
   if (state.reason || !["Stopping", "Stopped"].includes(state.state)) cause = state.reason;
   const by = BY.exec(cause);
   if (!by) return plainly(cause);
-  return now.client_id && by[1].startsWith(now.client_id) ? texts.byThis : texts.by(by[1]);
+  const who = now.client_id && by[2].startsWith(now.client_id) ? texts.byThis : texts.by(by[2]);
+  return ENDING.includes(by[1]) || !meaning ? who : texts.askedFor(meaning, who);
 }
 
 /** What is said in place of the state, where that alone does not tell a person how things are. */
@@ -41,21 +44,23 @@ function todoOf(state, special) {
 function draw() {
   const state = now.state;
   if (state?.cycle_id && state.cycle_id !== now.result?.cycle_id) now.result = null; // another one runs
-  if (!now.isLinked || state === null) {
+  if (!now.isLinked || now.isEnded || state === null) {
     byId("banner").className = "tone-none";
-    say(byId("state"), now.isLinked ? texts.connecting : texts.noLink);
-    say(byId("reason"), now.isLinked ? "" : texts.noLinkReason);
-    say(byId("todo"), now.isLinked ? "" : texts.noLinkTodo);
+    const [name, reason, todo] = now.isEnded ? texts.ended : now.isLinked ? [texts.connecting, "", ""] : texts.noLink;
+    say(byId("state"), name);
+    say(byId("reason"), reason);
+    say(byId("todo"), todo);
     drawJobs();
     drawFacts();
     return;
   }
   const special = specialOf(state);
   byId("banner").className = `tone-${TONES[special] ?? "busy"}`;
-  const reason = reasonOf(state) || (special === "failed" ? texts.lastFailed(plainly(now.result.reason)) : "");
+  const meaning = texts.meaning[special] ?? texts.meaning[state.state] ?? "";
+  const reason = reasonOf(state, meaning) || (special === "failed" ? texts.lastFailed(plainly(now.result.reason)) : "");
   const stage = special === "manual" ? texts.byHand : WORKING.includes(state.state) ? texts.stages[state.stage] : "";
   say(byId("state"), stage ? `${state.state}: ${stage}` : state.state);
-  say(byId("reason"), reason || (texts.meaning[special] ?? texts.meaning[state.state] ?? ""));
+  say(byId("reason"), reason || meaning);
   say(byId("todo"), todoOf(state, special));
   drawJobs();
   drawFacts();
@@ -81,7 +86,7 @@ function drawJobs() {
   const { state, jobs } = now;
   if (state === null) return;
   const turns = !now.isLinked ? [] : [[texts.jobNow, state.job_id], ...state.queue.map((job, index) => [index + 1, job])].filter(([, job]) => job);
-  const content = JSON.stringify([turns, jobs, now.role, now.pointed]);
+  const content = JSON.stringify([turns, jobs, now.role, now.pointed, isTooLate(state.job_id)]);
   if (content === drawnJobs) return;
   drawnJobs = content;
   replaceIn(byId("jobs"), turns.map(([turn, job]) => el("li", {}, el("span", { class: "turn" }, turn), el("span", { class: "job" }, said(job)), cancelling(job))));
@@ -96,8 +101,23 @@ function said(job) {
 
 function cancelling(job) {
   if (now.role === "viewer") return null;
-  const cancel = () => command("cancel", { job: { job_id: job } }).catch(tellRefusal);
-  return el("button", { type: "button", class: "small", "aria-label": texts.cancelJob(job), onclick: cancel }, texts.cancel);
+  const cancel = () => (isOff(button) ? tell(button.title, true) : command("cancel", { job: { job_id: job } }).catch(tellRefusal));
+  const button = el("button", { type: "button", class: "small", "aria-label": texts.cancelJob(job), onclick: cancel }, texts.cancel);
+  setButton(button, isTooLate(job) ? texts.why.cancel : "", "");
+  return button;
+}
+
+/** Whether a job's only pick, or its last, is under way and cannot be cancelled any more. */
+function isTooLate(job) {
+  const { job_id: at, state, stage } = now.state;
+  const isGrasping = state === "Completing" || GRASPING.includes(stage);
+  return job === at && isGrasping && !now.jobs[job]?.until_empty && (now.jobs[job]?.cycles ?? 1) <= 1;
+}
+
+/** How much of the screen's upper end is always covered: by the banner, or where that is small by the state. */
+function measure() {
+  const [banner, name] = [byId("banner"), byId("state")];
+  document.documentElement.style.setProperty("--banner", `${banner.offsetHeight || name.offsetHeight}px`);
 }
 
 function stop() {
@@ -116,7 +136,9 @@ export function showState() {
   button.addEventListener("click", () => performance.now() - pressed_ms > PRESS_MS && stop()); // keyboard, screen reader
   document.addEventListener("keydown", (event) => event.key === "Escape" && !event.repeat && stop(), { capture: true });
   say(byId("state"), texts.connecting);
-  for (const name of ["state", "link", "about", "result", "recorded"]) cell.addEventListener(name, draw);
+  for (const name of ["state", "link", "about", "result", "recorded", "event", "health"]) cell.addEventListener(name, draw);
   cell.addEventListener("jobs", drawJobs);
+  const sized = new ResizeObserver(measure);
+  for (const id of ["banner", "state"]) sized.observe(byId(id));
   setInterval(drawFacts, 1000);
 }

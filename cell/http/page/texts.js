@@ -8,11 +8,35 @@ const PLAIN = [
   [/^(?:TARGET_NOT_FOUND: )?There is no object within [\d.]+ (?:px|mm) of \(/, "Nothing lies where you clicked."],
   [/^(?:TARGET_NOT_FOUND: )?No object lies mostly in the box/, "Nothing lies mostly in the box you drew."],
   [/^The lease of 'http-page[^']*' was lost/, "The page that started this pick was closed or reloaded, or lost its link."],
+  [/^The lease of '([^']*)' was lost/, (_, client) => `The program that started this pick (${client}) was ended, or lost its link.`],
+  [/^Stopped during '(\w+)'/, (_, part) => `It was stopped ${DURING[part] ?? "on its way"}.`],
+  [/^command '\w+' from http-page/, "Asked for by a page."],
+  [/^command '\w+' from (.+)/, (_, client) => `Asked for by ${client}.`],
 ];
+const DURING = {
+  detect: "while it looked", open: "while the hand opened", reach: "on its way to the thing", grasp: "while the hand closed", carry: "while it carried the thing",
+  hold: "while it checked what it held", place: "on its way to lay the thing down", release: "while the hand opened", home: "on its way back",
+};
 
 /** A reason of the cell in plain words, where there are some. */
 export function plainly(reason) {
-  return PLAIN.find(([own]) => own.test(reason))?.[1] ?? reason;
+  for (const [own, words] of PLAIN) {
+    const found = own.exec(reason);
+    if (found) return typeof words === "string" ? words : words(...found);
+  }
+  return reason;
+}
+
+/** What the cell advises, for a person at the page: its buttons in place of commands, no files of the documentation. */
+export function adviceHere(advice) {
+  return (advice ?? "").replace(/`cell\s(\w+)`/g, (own, verb) => texts.verbs[verb] ?? own).replace(/[:;,]? *(?:see )?docs\/[\w/-]+\.md/g, "");
+}
+
+/** What the cell refuses with, for a person at the page: a job's fields are none of their words. */
+export function refusalHere({ code, reason, advice }) {
+  if (code !== "BAD_JOB") return `${plainly(reason ?? "")} ${adviceHere(advice)}`.trim();
+  const what = reason.replace(/^[\w.]+: /, "");
+  return `${what.slice(0, 1).toUpperCase()}${what.slice(1)}${reason.startsWith("target.") ? ` ${texts.chooseAgain}` : ""}`;
 }
 
 const metres = (point) => `${point.map((one) => one.toFixed(2)).join(", ")} m`;
@@ -29,16 +53,17 @@ export const texts = {
   stopTitle: "Stop the arm now, in a controlled way (key Escape). Not an emergency stop: that is the red button on the cell.",
 
   connecting: "Connecting",
-  noLink: "No link to the cell",
-  noLinkReason: "The network or the cell's interface is gone. Whatever this page had in motion, the cell holds by itself.",
-  noLinkTodo: "It connects again by itself. Go to the cell if it must stop at once.",
+  noLink: ["No link to the cell", "The network is gone, or the cell itself. A cell that runs holds what this page had in motion.",
+           "It connects again by itself. Go to the cell if it must stop at once."],
+  ended: ["The cell has ended", "Its program, or its interface, runs no more. What this page had in motion does not go on.",
+          "See whether something is in the hand. When the cell is started again, this page connects by itself."],
   noCell: "The cell does not answer.",
   refused: "Refused",
 
   // What each state means, and what to do.
   meaning: {
     Stopped: "Nothing moves.",
-    Resetting: "The arm goes to where it looks from.",
+    Resetting: "The arm goes to its looking place.",
     Idle: "Ready.",
     Starting: "It begins.",
     Execute: "It picks by itself: keep away from the arm.",
@@ -73,8 +98,9 @@ export const texts = {
   },
   lastFailed: (reason) => `Done: the last pick FAILED${reason ? ` - ${reason}` : "."}`,
   byHand: "moved by hand",
-  by: (client) => (client.startsWith("http-page") ? `by another page: ${client}` : `by ${client}`),
+  by: (client) => (client.startsWith("http-page") ? "by another page" : `by ${client}`),
   byThis: "by this page",
+  askedFor: (meaning, by) => `${meaning.replace(/\.$/, "")} (asked for ${by}).`,
 
   facts: { cell: "cell", mode: "mode", since: "for", cycle: "cycle", role: "you" },
   modes: { Production: "Production", Manual: "Manual: moved by hand" },
@@ -98,12 +124,12 @@ export const texts = {
 
   verbs: {
     start: "Start", empty: "Until empty", reset: "Reset", clear: "Clear", hold: "Hold", unhold: "Unhold",
-    suspend: "Suspend", unsuspend: "Unsuspend", abort: "Abort",
+    suspend: "Suspend", unsuspend: "Unsuspend", abort: "Abort", stop: "Stop",
   },
   means: {
     start: "Picks as many times as the box says.",
     empty: "Picks until nothing is left.",
-    reset: "Makes it ready; the arm moves to where it looks from.",
+    reset: "Makes it ready; the arm moves to its looking place.",
     clear: "Acknowledges the failure; nothing moves.",
     hold: "Pauses where it is.",
     unhold: "Goes on from the pause.",
@@ -125,14 +151,19 @@ export const texts = {
     unhold: { other: "Nothing is held." },
     unsuspend: { other: "Nothing is suspended." },
     abort: { other: "It is aborted already." },
+    cancel: "Its grasp has begun: wait for its end, or Stop it.",
     pick: { Stopped: "To pick, Reset first.", Aborted: "To pick: Clear, then Reset.", Held: "To pick: Unhold, or Stop first.",
             other: "Wait until it is ready to pick." },
   },
 
   approve: "It asks before it moves",
-  asks: (object, seconds) => `It would take ${object || "this"}, in ${seconds} s of motion.`,
+  asks: (number, object, seconds) => {
+    const looks = object.replace(/ at \([^)]*\)$/, "");
+    return `It would take ${number ? `Thing ${number}${looks && ` (${looks})`}` : object || "this"}, in ${seconds} s of motion.`;
+  },
   answerWithin: (left) => `An answer is needed within ${left}.`,
   answers: { approve: "Approve", next_grasp: "Another grasp", reject: "Reject" },
+  answersMean: { approve: "The arm moves as shown.", next_grasp: "The next best grasp, perhaps of another thing.", reject: "This pick ends as a failure." },
   answerReason: "Why (for another grasp, or a rejection)",
   plan: { play: "Play", pause: "Pause", time: "Time of the motion", view: "The planned motion in 3-D" },
 
@@ -163,12 +194,14 @@ export const texts = {
   legend: { grasp: "chosen grasp", object: "chosen object", rod: "imagined rod", other_grasp: "other grasps", unseen: "not seen" },
   thing: (number) => `Thing ${number}`,
   things: "Pick a thing by its number",
+  pictureHeld: "The arm waits on its way: look whether all is well. Nothing can be chosen in this picture.",
   pictureElsewhere: "The arm is not where it looks from: Reset takes it there. Then choose an object.",
   pictureHelp: "Click an object to pick it, or drag a box around it. By keyboard: in the picture the arrow keys move a cross, with Shift by small steps.",
   pointHere: "The picture: the arrow keys move a cross in it",
   numberless: "Things get their numbers when the cell looks for them: with the next pick.",
   words: "or in words:",
   chooseWords: "Choose",
+  chooseAgain: "Say it in other words, or click it in the picture.",
   wordsHint: "the largest red one",
   target: (target, thing) => (target.text ? `“${target.text}”` : target.box ? "What is in the box" : `The object at the cross${thing ? `: thing ${thing}` : ""}`),
   layWhere: "Where to lay it",
@@ -177,9 +210,12 @@ export const texts = {
   pickIt: "Pick it",
   forget: "Not this",
   queued: (position) => `It waits its turn: number ${position}.`,
-  begun: "It is being picked.",
 
   noPicks: "No pick is recorded yet.",
+  noFailures: "No failed pick is recorded.",
+  failedOnly: "Failed only",
+  cardKeys: "The last picks; the arrow keys move among their buttons",
+  skips: { approve: "To its question", sees: "To the picture", commands: "To the buttons", picks: "To the last picks" },
   results: { SUCCESS: "picked", FAILED: "failed", ABORTED: "aborted", EMPTY: "nothing left", TORN: "not finished",
              DAMAGED: "damaged", UNFINISHED: "not finished" },
   report: "Report",
@@ -193,17 +229,15 @@ export const texts = {
   yourNote: "Note",
   save: "Save",
   close: "Close",
+  dismiss: "Dismiss this message",
   kept: "Kept.",
 
   figures: {
     picks_per_hour: "picks an hour of the robot's time", success: "success", picks: "picks", interventions: "interventions an hour of the robot's time",
     between_stops: "picks between stops", missed: "missed", infeasible: "infeasible", multi_pick: "two at once", dropped: "dropped",
   },
-  inPicks: (picks) => (picks === 1 ? "in 1 pick" : `in ${picks} picks`),
-  counts: {
-    picks_per_hour: (_count, among) => `picked ${among}`,
-    interventions: (count, among) => `${count === 1 ? "intervention" : "interventions"} ${among}`,
-  },
+  counts: { success: "picked", interventions: "interventions" }, // where there are too few picks for rates
+  of: (count, whole) => `${count} of ${whole}`,
   explained: "Infeasible: no grasp fits, or none can be reached. Two at once: more than one thing was in the hand.",
   explains: {
     picks_per_hour: "Picks that succeeded. The robot's time is that of its cycles: what lies between them is left out.",
@@ -254,5 +288,5 @@ export function duration(seconds) {
 
 /** A share from 0 to 1 in percent; a dash for none. */
 export function percent(share) {
-  return share === null || share === undefined ? "–" : `${Math.round(1000 * share) / 10} %`;
+  return share === null || share === undefined ? "–" : `${(100 * share).toFixed(1)} %`;
 }

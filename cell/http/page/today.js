@@ -24,21 +24,33 @@ function interventions(day) {
   return { count, anHour: day.busy_s > 0 ? Math.round((36000 * count) / day.busy_s) / 10 : null };
 }
 
-/** What is written below a figure. */
-function nameOf(name, day, value) {
-  return day.picks < FEW && name in texts.counts ? texts.counts[name](value, texts.inPicks(day.picks)) : texts.figures[name];
+/** Some of so many, as a count; a dash of none. */
+function among(share, whole) {
+  return whole ? texts.of(Math.round((share ?? 0) * whole), whole) : "–";
+}
+
+/** Of few picks: counts alone. */
+function counted(day) {
+  const { picks, executed } = day;
+  return {
+    success: among(day.success, picks), picks, interventions: interventions(day).count, missed: among(day.missed, executed),
+    infeasible: among(day.infeasible, picks), multi_pick: among(day.multi_pick, executed), dropped: among(day.dropped, executed),
+  };
+}
+
+function rated(day) {
+  return {
+    picks_per_hour: day.picks_per_hour ?? "–", success: percent(day.success), picks: day.picks, interventions: interventions(day).anHour ?? "–",
+    between_stops: day.picks_between_stops ?? "–", missed: percent(day.missed), infeasible: percent(day.infeasible),
+    multi_pick: percent(day.multi_pick), dropped: percent(day.dropped),
+  };
 }
 
 function figures(day) {
-  const { count, anHour } = interventions(day);
   const isFew = day.picks < FEW;
-  const shown = {
-    picks_per_hour: isFew ? Math.round((day.success ?? 0) * day.picks) : day.picks_per_hour ?? "–", success: percent(day.success), picks: day.picks,
-    interventions: isFew ? count : anHour ?? "–", between_stops: day.picks_between_stops ?? "–", missed: percent(day.missed), infeasible: percent(day.infeasible),
-    multi_pick: percent(day.multi_pick), dropped: percent(day.dropped),
-  };
+  const names = isFew ? { ...texts.figures, ...texts.counts } : texts.figures;
   return el("dl", { class: "figures", id: "figures" },
-    ...Object.entries(shown).map(([name, value]) => el("div", { "data-figure": name }, el("dt", { title: texts.explains[name] ?? day.definitions[name] }, nameOf(name, day, value)), el("dd", {}, value))));
+    ...Object.entries(isFew ? counted(day) : rated(day)).map(([name, value]) => el("div", { "data-figure": name }, el("dt", { title: texts.explains[name] ?? day.definitions[name] }, names[name]), el("dd", {}, value))));
 }
 
 async function refresh() {
