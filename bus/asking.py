@@ -90,7 +90,7 @@ def replies_to(
                 cancellation_token=unwanted,
             )
         except zenoh.ZError as error:
-            raise BusError(f"Cannot ask {key}: the bus is closed.") from error
+            raise BusError(f"Cannot ask {key}: this connection is closed.", "Open a new one.") from error
         try:
             replies = _collected(arriving, key, timeout_s, others_s, clock)
         except BusError:

@@ -11,7 +11,8 @@ from __future__ import annotations
 import itertools
 import logging
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from types import TracebackType
@@ -141,7 +142,8 @@ class Bus:
     @property
     def source(self) -> str:
         """Id of this session, as other sessions see it in samples and queries."""
-        return str(self._session.zid())
+        with self._open() as session:
+            return str(session.zid())
 
     @property
     def cell(self) -> str | None:
@@ -151,14 +153,26 @@ class Bus:
         """
         if self._is_host:
             return self.source
-        peers = list(self._session.info.peers_zid())
+        with self._open() as session:
+            peers = list(session.info.peers_zid())
         return str(peers[0]) if len(peers) == 1 else None
 
     def _signed(self, key: str, payload: bytes) -> Signed:
         """Return this session with the next number, sealed where there is a secret."""
         number = next(self._numbers) & _LAST_NUMBER
         seal = self.seal.of(key, self.source, number, payload) if self.seal is not None else None
-        return Signed(zenoh.SourceInfo(self._session.id, number), seal)
+        with self._open() as session:
+            return Signed(zenoh.SourceInfo(session.id, number), seal)
+
+    @contextmanager
+    def _open(self) -> Iterator[zenoh.Session]:
+        """Give the session; what Zenoh refuses meanwhile, closed by any thread, is a BusError."""
+        try:
+            yield self._session
+        except zenoh.ZError as error:
+            if self._session.is_closed():
+                raise BusError("This connection is closed.", "Open a new one.") from error
+            raise BusError(f"Zenoh refuses it: {error}.") from error
 
     def _short(self, key: object) -> str:
         return str(key).removeprefix(self._root)
@@ -174,28 +188,25 @@ class Bus:
         payload = message if isinstance(message, bytes) else encode(message)
         encoding, key = encoding_of(topic.says), self.key(topic, **fields)
         signed = self._signed(key, payload)
-        try:
-            self._session.put(key, payload, encoding=encoding, source_info=signed.source, attachment=signed.seal)
-        except zenoh.ZError as error:
-            raise BusError(f"Cannot publish {topic.key}: the bus is closed.") from error
+        with self._open() as session:
+            session.put(key, payload, encoding=encoding, source_info=signed.source, attachment=signed.seal)
         if topic.logged:
             self._record(Sample(topic.key.format(**fields), encoding, payload))
 
     def put(self, key: str, payload: bytes, encoding: str) -> None:
         """Publish bytes on a complete Zenoh ``key`` outside this cell's table. Raises: BusError after close."""
-        try:
-            self._session.put(key, payload, encoding=encoding)
-        except zenoh.ZError as error:
-            raise BusError(f"Cannot publish {key}: the bus is closed.") from error
+        with self._open() as session:
+            session.put(key, payload, encoding=encoding)
 
     def is_heard(self, pattern: str) -> bool:
         """Whether another session subscribes to a key that matches ``pattern``, a complete Zenoh key expression."""
-        publisher = self._session.declare_publisher(pattern, allowed_destination=zenoh.Locality.REMOTE)
-        try:
-            status: Any = publisher.matching_status  # the stub says bool; it is an object, which is always truthy
-            return bool(status.matching)
-        finally:
-            publisher.undeclare()  # type: ignore[no-untyped-call]
+        with self._open() as session:
+            publisher = session.declare_publisher(pattern, allowed_destination=zenoh.Locality.REMOTE)
+            try:
+                status: Any = publisher.matching_status  # the stub says bool; it is an object, which is always truthy
+                return bool(status.matching)
+            finally:
+                publisher.undeclare()  # type: ignore[no-untyped-call]
 
     def subscribe(self, pattern: str, callback: Callable[[Sample], None], *, own: bool = False) -> None:
         """Call ``callback`` with every sample that others publish on ``pattern`` below the cell's root.
@@ -215,7 +226,8 @@ class Bus:
             callback(Sample(key, str(sample.encoding), payload, source_of(sample), sealed))
 
         origin = zenoh.Locality.ANY if own else zenoh.Locality.REMOTE
-        self._declared.append(self._session.declare_subscriber(f"{self._root}{pattern}", hear, allowed_origin=origin))
+        with self._open() as session:
+            self._declared.append(session.declare_subscriber(f"{self._root}{pattern}", hear, allowed_origin=origin))
 
     # --- ask and answer -----------------------------------------------------------------------------------------------
 
@@ -277,7 +289,8 @@ class Bus:
             name = worker if isinstance(worker, str) else worker(question, payload_of(query))
             self.worker(name).post(lambda: self._reply(topic, key, query, question, handler, answers))
 
-        self._declared.append(self._session.declare_queryable(key, receive))
+        with self._open() as session:
+            self._declared.append(session.declare_queryable(key, receive))
 
     def worker(self, name: str) -> SerialWorker:
         """Return the worker called ``name``; it is made at first use."""
@@ -324,17 +337,20 @@ class Bus:
     def announce(self, topic: Topic, **fields: str) -> None:
         """Hold a liveliness token (of a node or a lease) until `withdraw` or close."""
         key = self.key(topic, **fields)
-        self._tokens[key] = self._session.liveliness().declare_token(key)
+        with self._open() as session:
+            self._tokens[key] = session.liveliness().declare_token(key)
 
     def withdraw(self, topic: Topic, **fields: str) -> None:
-        """Give a token back; without effect when it is not held."""
+        """Give a token back; without effect when it is not held. A closed session holds none."""
         token = self._tokens.pop(self.key(topic, **fields), None)
-        if token is not None:
-            token.undeclare()
+        if token is not None and not self._session.is_closed():
+            with self._open():
+                token.undeclare()
 
     def alive(self, topic: Topic) -> set[str]:
         """Return the names whose token of ``topic``, a key with one field, is held now."""
-        replies = tokens_on(self._session, self.key(topic, name="*"), _TOKENS_S, self.clock)
+        with self._open() as session:
+            replies = tokens_on(session, self.key(topic, name="*"), _TOKENS_S, self.clock)
         return {self._short(reply.ok.key_expr).split("/")[1] for reply in replies if reply.ok is not None}
 
     def watch_alive(self, topic: Topic, callback: Callable[[str, bool], None]) -> None:
@@ -344,7 +360,8 @@ class Bus:
             callback(self._short(sample.key_expr).split("/")[1], sample.kind == zenoh.SampleKind.PUT)
 
         key = self.key(topic, name="*")
-        self._declared.append(self._session.liveliness().declare_subscriber(key, change, history=True))
+        with self._open() as session:
+            self._declared.append(session.liveliness().declare_subscriber(key, change, history=True))
 
     # --- close --------------------------------------------------------------------------------------------------------
 

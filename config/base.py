@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any, Final
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, GetCoreSchemaHandler
+from pydantic_core import PydanticCustomError
 
 from bus.transforms import unit_wxyz
 
@@ -22,6 +23,12 @@ def _unit(wxyz: tuple[float, float, float, float]) -> tuple[float, float, float,
     """
     unit_wxyz(wxyz)
     return wxyz
+
+
+def _not_true_or_false(value: Any) -> Any:
+    if isinstance(value, bool):
+        raise ValueError("must be a number, or a word in quotes")
+    return value
 
 
 def _not_empty(path: Any) -> Any:
@@ -54,6 +61,9 @@ Metres = Annotated[float, Field(ge=-10, le=10, allow_inf_nan=False)]
 Size = Annotated[float, Field(gt=0, le=10, allow_inf_nan=False)]
 """A length [m]."""
 SizeOrNone = Annotated[float, Field(ge=0, le=10, allow_inf_nan=False)]
+JawSize = Annotated[float, Field(gt=0, le=0.5, allow_inf_nan=False)]
+"""A length [m] of a hand, or of what fits into one. No jaw opens half a metre: a value of 80 means millimetres."""
+JawSizeOrNone = Annotated[float, Field(ge=0, le=0.5, allow_inf_nan=False)]
 Vector = tuple[Metres, Metres, Metres]
 JointVector = Annotated[tuple[Finite, ...], Field(min_length=6, max_length=7)]
 """One number a joint: seven of the FR3, six of another arm."""
@@ -63,6 +73,8 @@ Chunk = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]*$")]
 Address = Annotated[str, Field(min_length=1)]
 SystemPath = Annotated[Path, BeforeValidator(_not_empty), AfterValidator(_usable)]
 """Path of a file or folder; ``~`` is expanded."""
+NoBoolean = BeforeValidator(_not_true_or_false)
+"""Of a choice between numbers, for Python takes true for 1."""
 FolderOrName = Annotated[str, Field(min_length=1), AfterValidator(_usable_or_name)]
 
 
@@ -70,7 +82,37 @@ UNSHOWN: Final = "unshown"
 """Type of a validation error whose input may be a secret: no message shows it."""
 
 
+TOGETHER: Final = "together"
+"""Type of a validation error of several settings together."""
+
+
+def wrong(setting: str, why: str) -> PydanticCustomError:
+    """Return the error of several settings of a table that do not go together.
+
+    Args:
+        setting: the one to look at first, by its name inside of the table, e.g. ``arm.speed``.
+        why: what is wrong, as the rest of a sentence that begins with its name.
+    """
+    return PydanticCustomError(TOGETHER, "{why}", {"setting": setting, "why": why})
+
+
+def _with_strict_scalars(schema: Any) -> Any:
+    """Make every number and boolean of a schema strict; the `strict` of pydantic would refuse lists and paths, too."""
+    if isinstance(schema, dict):
+        inner = {key: _with_strict_scalars(value) for key, value in schema.items()}
+        return inner | {"strict": True} if schema.get("type") in ("bool", "int", "float") else inner
+    return type(schema)(map(_with_strict_scalars, schema)) if type(schema) in (list, tuple) else schema
+
+
 class Settings(BaseModel):
-    """Base of all settings: frozen, unknown keys refused."""
+    """Base of all settings: frozen, unknown keys refused, a value of another kind refused.
+
+    A number in quotes is no number, and true is none either; a whole number stands for one with decimals. Lists, paths
+    and words are taken as TOML and JSON have them.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> Any:
+        return _with_strict_scalars(handler(source))

@@ -8,14 +8,17 @@ from pydantic import Field, model_validator
 
 from config.base import (
     Fraction,
+    JawSize,
+    JawSizeOrNone,
     JointVector,
+    NoBoolean,
     Positive,
     Seconds,
     Settings,
-    Size,
     SizeOrNone,
     UnitQuaternion,
     Vector,
+    wrong,
 )
 
 
@@ -64,7 +67,7 @@ class CaptureSettings(Settings):
         mount_correction: several looks are made to agree by one correction of the camera's mounting.
     """
 
-    views: Literal[1, 2, 3, "auto"] = "auto"
+    views: Annotated[Literal[1, 2, 3, "auto"], NoBoolean] = "auto"
     most_views: Annotated[int, Field(ge=1, le=5)] = 3
     weak_score: Fraction = 0.75
     mount_correction: bool = True
@@ -89,7 +92,7 @@ class ArmSettings(Settings):
 class HandSettings(Settings):
     """The Panda hand, and its grasp force. The geometry of its fingers is that of the collision mesh."""
 
-    max_width_m: Size = 0.08
+    max_width_m: JawSize = 0.08
     """How far the hand opens, from pad to pad."""
     max_speed_m_s: Positive = 0.1
     """Highest rate of the width: 50 mm/s for each finger (Franka Hand product manual)."""
@@ -99,19 +102,21 @@ class HandSettings(Settings):
     """Rate of the width while the fingers close on an object; free of it they move at `max_speed_m_s`."""
     grasp_force_n: Positive = 30.0
     """With it the fingers close on an object; a job may ask for less."""
-    release_margin_m: Size = 0.010
+    release_margin_m: JawSize = 0.010
     """How much wider than the object the fingers open to let it go; never less than they came with."""
-    finger_width_m: Size = 0.020
+    finger_width_m: JawSize = 0.020
     """Width of a pad, across the closing axis."""
-    finger_thickness_m: Size = 0.012
+    finger_thickness_m: JawSize = 0.012
     """Thickness of a finger along the closing axis: the free space that it needs beside an object."""
-    min_width_m: SizeOrNone = 0.002
+    min_width_m: JawSizeOrNone = 0.002
     """What is thinner is no grasp: the fingers would close on nothing."""
 
     @model_validator(mode="after")
     def _asks_for_what_it_can(self) -> HandSettings:
-        if self.speed_m_s > self.max_speed_m_s or self.grasp_force_n > self.max_force_n:
-            raise ValueError("speed_m_s and grasp_force_n must be within max_speed_m_s and max_force_n")
+        if self.speed_m_s > self.max_speed_m_s:
+            raise wrong("speed_m_s", f"must be within max_speed_m_s, {self.max_speed_m_s:g}")
+        if self.grasp_force_n > self.max_force_n:
+            raise wrong("grasp_force_n", f"must be within max_force_n, {self.max_force_n:g}")
         if self.min_width_m >= self.max_width_m:
-            raise ValueError(f"min_width_m {self.min_width_m} must be below max_width_m {self.max_width_m}")
+            raise wrong("min_width_m", f"must be below max_width_m, {self.max_width_m:g}")
         return self

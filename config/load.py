@@ -14,7 +14,7 @@ from pydantic_core import ErrorDetails
 
 from bus.errors import ConfigError
 from bus.first_mistake import field_name, reason
-from config.base import UNSHOWN
+from config.base import TOGETHER, UNSHOWN
 from config.keys import keys_beside, nearest
 from config.overrides import Override, applied, around, named, set_by
 from config.schema import Station
@@ -79,7 +79,7 @@ def station_from(
     try:
         return Station.model_validate(applied(tree, given))
     except ValidationError as error:
-        first = error.errors()[0]
+        first = placed(error.errors()[0])
         blamed = _blamed(tree, given, first)
         said = _of_file(first, source) if blamed is None else _of_override(first, blamed)
         raise ConfigError(*said) from error
@@ -115,8 +115,21 @@ def _is_in(tree: dict[str, Any], mistake: ErrorDetails) -> bool:
     try:
         Station.model_validate(tree)
     except ValidationError as error:
-        return any((one["loc"], one["type"]) == (mistake["loc"], mistake["type"]) for one in error.errors())
+        return any(
+            (one["loc"], one["type"]) == (mistake["loc"], mistake["type"]) for one in map(placed, error.errors())
+        )
     return False
+
+
+def placed(mistake: ErrorDetails) -> ErrorDetails:
+    """Return a mistake of several settings together as that of the one to look at first; any other as it is."""
+    if mistake["type"] != TOGETHER:
+        return mistake
+    given: Any = mistake["input"]
+    names: list[str] = mistake["ctx"]["setting"].split(".")
+    for name in names:
+        given = given.get(name, {}) if isinstance(given, dict) else {}
+    return {**mistake, "loc": (*mistake["loc"], *names), "input": given}
 
 
 def _of_file(mistake: ErrorDetails, source: str) -> tuple[str, str]:

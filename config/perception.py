@@ -14,12 +14,13 @@ from config.base import (
     UNSHOWN,
     FolderOrName,
     Fraction,
+    JawSize,
+    JawSizeOrNone,
+    NoBoolean,
     NonNegative,
     Positive,
     Seconds,
     Settings,
-    Size,
-    SizeOrNone,
     SystemPath,
 )
 from config.target import Label, TargetSettings
@@ -28,7 +29,7 @@ from config.target import Label, TargetSettings
 class ImagineSettings(Settings):
     """Request of the goal image (paper, section III-A)."""
 
-    steps: Literal[1, 3] = 3
+    steps: Annotated[Literal[1, 3], NoBoolean] = 3
     """3 = reason, direct, render; 1 = render at once (the paper's ablation)."""
     samples: Annotated[int, Field(ge=1, le=8)] | Literal["auto"] = "auto"
     """Number of proposals for one object; their agreement is reported. "auto": one; but in several looks the embedded
@@ -197,15 +198,15 @@ class PerceptionSettings(Settings):
     drift: DriftSettings = DriftSettings()
     compliance: Positive = 1.0
     """lambda: jaw opening of the rectangle = lambda x run length + 2 x margin."""
-    rectangle_margin_m: SizeOrNone = 0.0
+    rectangle_margin_m: JawSizeOrNone = 0.0
     """Free space of the opening on each side; 0 as in the paper."""
-    min_object_height_m: Size = 0.006
+    min_object_height_m: JawSize = 0.006
     """What rises less above the table is no object."""
     min_table_seen: Fraction = 0.7
     """Nothing on the table counts as an empty table only when this share of the pick region was seen."""
-    rod_radius_m: Size = 0.004
+    rod_radius_m: JawSize = 0.004
     """Of the imagined rod, as it is asked for and painted."""
     max_grasps: Annotated[int, Field(ge=1, le=100)] = 12
     """Most grasps of a scene, the best ones; the plan takes the first that can be reached."""
-    approach_clearance_m: SizeOrNone = 0.006
+    approach_clearance_m: JawSizeOrNone = 0.006
     """Extra opening on each side of the object while approaching."""

@@ -9,6 +9,7 @@ from pydantic import Field
 from bus.messages.execution import Witness
 from config.base import (
     Fraction,
+    JawSize,
     Metres,
     NonNegative,
     Positive,
@@ -102,13 +103,13 @@ class VerifySettings(Settings):
 
     hold_s: Annotated[float, Field(gt=0, le=60)] = 3.0
     samples: Annotated[int, Field(ge=2, le=100)] = 10
-    min_width_m: Size = 0.004
-    max_width_loss_m: Size = 0.006
+    min_width_m: JawSize = 0.004
+    max_width_loss_m: JawSize = 0.006
     min_load_n: NonNegative = 0.15
     min_cleared_fraction: Fraction = 0.7
     look: Literal["always", "auto"] = "always"
     clear_load_n: NonNegative = 0.3
-    clear_width_m: Size = 0.006
+    clear_width_m: JawSize = 0.006
     clear_density_kg_m3: Positive = 3000.0
     max_density_kg_m3: Positive = 7850.0
     max_load_n: NonNegative | None = None

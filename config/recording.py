@@ -8,7 +8,7 @@ from urllib.parse import urlsplit
 from pydantic import field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
-from config.base import UNSHOWN, NonNegative, Positive, Settings, SystemPath
+from config.base import UNSHOWN, NonNegative, Positive, Settings, SystemPath, wrong
 
 
 class RecordingSettings(Settings):
@@ -60,7 +60,5 @@ class RecordingSettings(Settings):
     @model_validator(mode="after")
     def _deletes_before_it_refuses(self) -> RecordingSettings:
         if 0 < self.keep_free_gb * 1e3 <= self.min_free_mb:
-            raise PydanticCustomError(
-                "keep_free_gb", "keep_free_gb must be more than min_free_mb, below which cycles are refused"
-            )
+            raise wrong("keep_free_gb", "must be more than min_free_mb, below which cycles are refused")
         return self

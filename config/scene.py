@@ -9,11 +9,11 @@ from pydantic import Field, field_validator, model_validator
 from config.base import (
     Chunk,
     Metres,
-    Positive,
     Settings,
     Size,
     SizeOrNone,
     Vector,
+    wrong,
 )
 from config.place import NamedPlace
 
@@ -42,7 +42,7 @@ class Table(Box):
     name: Chunk = "table"
     center_m: Vector = (0.45, 0.0, -0.02)
     size_m: tuple[Size, Size, Size] = (0.9, 1.4, 0.04)
-    tolerance_mm: Positive = 15.0
+    tolerance_mm: Annotated[float, Field(ge=0.1, le=200)] = 15.0
     tolerance_deg: Annotated[float, Field(gt=0, le=12)] = 5.0
 
     @property
@@ -163,7 +163,7 @@ class SceneSettings(Settings):
             apart = x + length / 2 <= x_min or x_max <= x - length / 2
             apart = apart or y + width / 2 <= y_min or y_max <= y - width / 2
             if not apart:
-                raise ValueError(f"pick_region_m {self.pick_region_m} reaches into the wall {wall.name!r}")
+                raise wrong("pick_region_m", f"reaches into the wall {wall.name!r}")
         return self
 
 

@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from bus.lazy import LazyModule
 from bus.secured import is_loopback
-from config.base import Chunk, Settings
+from config.base import Chunk, Settings, wrong
 from config.bus import BusSettings
 from config.calibration import CalibrationSettings
 from config.devices import ArmSettings, CameraSettings, CaptureSettings, HandSettings, NodeSettings
@@ -28,6 +28,8 @@ from config.simulation import SimSettings
 
 # Imported when a value is checked with it, so that a program that only sends "stop" does not wait for it.
 numpy: Any = LazyModule("numpy")
+_MOST_RAD = 6.5
+"""No joint turns farther: a larger number is in degrees."""
 
 
 class Station(Settings):
@@ -67,13 +69,13 @@ class Station(Settings):
     def _every_device_served_once(self) -> Station:
         served = [device for node in self.nodes.values() for device in node.serves]
         if sorted(served) != ["arm", "camera", "hand"]:
-            raise ValueError(f"nodes must serve camera, arm and hand exactly once each; they serve {sorted(served)}")
+            raise wrong("nodes", f"must serve camera, arm and hand exactly once each; they serve {sorted(served)}")
         return self
 
     @model_validator(mode="after")
     def _describes_the_arm_that_is_there(self) -> Station:
         if self.robot is not None and any(node.driver == "fr3" for node in self.nodes.values()):
-            raise ValueError("robot describes another arm than the driver fr3's: leave [robot] out")
+            raise wrong("robot", "describes another arm than the driver fr3's: leave [robot] out")
         return self
 
     @model_validator(mode="after")
@@ -82,17 +84,18 @@ class Station(Settings):
             return self  # the default is the FR3's, and checking it would import NumPy
         q, range_ = numpy.array(self.arm.capture_q_rad), limits_of(self)
         if len(q) != range_.joints:
-            raise ValueError(f"arm.capture_q_rad has {len(q)} numbers, and the arm {range_.joints} joints")
+            raise wrong("arm.capture_q_rad", f"has {len(q)} numbers, and the arm {range_.joints} joints")
         beyond = range_.outside(q) or range_.stuck(q)
         if beyond is not None:
-            raise ValueError(f"arm.capture_q_rad: {beyond}")
+            meant = ": these look like degrees, give radians" if abs(q).max() > _MOST_RAD else ""
+            raise wrong("arm.capture_q_rad", f"{beyond}{meant}")
         return self
 
     @model_validator(mode="after")
     def _feels_before_the_reflex(self) -> Station:
         reflex_n = min(self.fr3.collision_wrench[:3])
         if self.execute.contact_n >= reflex_n:
-            raise ValueError(f"execute.contact_n must be below the arm's reflex, fr3.collision_wrench ({reflex_n:g} N)")
+            raise wrong("execute.contact_n", f"must be below the arm's reflex, fr3.collision_wrench ({reflex_n:g} N)")
         return self
 
     @property

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from config.base import NonNegative, Settings, SystemPath
+from config.base import NonNegative, Settings, SystemPath, wrong
 
 
 class SimSettings(Settings):
@@ -40,5 +40,5 @@ class SimSettings(Settings):
     @model_validator(mode="after")
     def _heaps_are_of_something(self) -> SimSettings:
         if self.heaped and self.clutter == 0:
-            raise ValueError("heaped says how the objects of clutter lie: set clutter to their number")
+            raise wrong("heaped", "says how the objects of clutter lie: set clutter to their number")
         return self

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from enum import Enum
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,12 @@ def toml_value(value: Any) -> str:
     if isinstance(value, BaseModel):
         value = {name: one for name, one in value if one is not None}
     if isinstance(value, dict):
-        return f"{{ {', '.join(f'{name} = {toml_value(one)}' for name, one in value.items())} }}" if value else "{}"
+        inside = ", ".join(f"{_key(name)} = {toml_value(one)}" for name, one in value.items())
+        return f"{{ {inside} }}" if inside else "{}"
     if isinstance(value, list | tuple):
         return f"[{', '.join(toml_value(one) for one in value)}]"
     return json.dumps(str(value) if isinstance(value, Enum | Path) else value, ensure_ascii=False)
+
+
+def _key(name: object) -> str:
+    return str(name) if re.fullmatch(r"[\w-]+", str(name), re.ASCII) else json.dumps(str(name), ensure_ascii=False)

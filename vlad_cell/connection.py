@@ -45,6 +45,9 @@ class Connection:
         self._stack = stack.pop_all()
         close_at_end(self.close)
 
+    def __repr__(self) -> str:
+        return f"Cell {self._station.cell_id!r} at {self.endpoint}"
+
     def __enter__(self) -> Self:
         return self
 

@@ -21,9 +21,9 @@ from logs.mcap.migrate import Content
 from logs.mcap.reader import CycleRecord, read_stages, read_with_messages
 from logs.mcap.reader import read_cycle as read_whole
 from logs.report.evidence import choice
-from logs.report.timeline import Timeline, summarize
+from logs.report.timeline import UNFINISHED, Timeline, summarize
 from perception.geometry.depth import Rgbd, register
-from vlad_cell.detection import Detections, Grasp, drawn
+from vlad_cell.detection import Detections, Grasp, counted, drawn
 from vlad_cell.picture import Picture
 
 
@@ -42,6 +42,12 @@ class Look:
     base_from_camera: npt.NDArray[np.float64]
     stamp_ns: int
     raw: Observation
+
+    def __repr__(self) -> str:
+        height, width, _ = self.raw.frame.color.shape
+        x_m, y_m, z_m = self.base_from_camera[:3, 3]
+        why = f", {self.why}" if self.why else ""
+        return f"Look of {width} x {height} px, from ({x_m:.3f}, {y_m:.3f}, {z_m:.3f}) m{why}"
 
     @property
     def color(self) -> npt.NDArray[np.uint8]:
@@ -77,6 +83,9 @@ class JointTrack:
     dq_rad_s: npt.NDArray[np.float64]
     tau_ext_nm: npt.NDArray[np.float64]
 
+    def __repr__(self) -> str:
+        return f"JointTrack: {counted(self.q_rad.shape[1], 'joint')}, {_spanned(self.time_s)}"
+
 
 @dataclass(frozen=True, eq=False)
 class HandTrack:
@@ -88,6 +97,10 @@ class HandTrack:
 
     time_s: npt.NDArray[np.float64]
     width_m: npt.NDArray[np.float64]
+
+    def __repr__(self) -> str:
+        widths = f", {self.width_m.min() * 1e3:.0f} to {self.width_m.max() * 1e3:.0f} mm" if self.width_m.size else ""
+        return f"HandTrack: {_spanned(self.time_s)}{widths}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,6 +115,15 @@ class Cycle:
 
     path: Path
     record: CycleRecord
+
+    def __repr__(self) -> str:
+        told, found = self.record.result, self._found(self.record)
+        if told is None:
+            ended = [self.record.metadata.get("result", UNFINISHED)]
+        else:
+            ended = [told.result, told.code.value if told.code is not None else "", told.object]
+        grasps = counted(len(found.grasps) if found is not None else 0, "grasp")
+        return f"Cycle {self.cycle_id}, {' '.join(filter(None, ended))}, {grasps}"
 
     @property
     def cycle_id(self) -> str:
@@ -277,3 +299,9 @@ def _look(seen: Observation) -> Look:
 
 def _matrix(camera: CameraModel) -> npt.NDArray[np.float64]:
     return np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
+
+
+def _spanned(time_s: npt.NDArray[np.float64]) -> str:
+    """How many samples there are, and when."""
+    times = f", {time_s.min():.2f} to {time_s.max():.2f} s" if time_s.size else ""
+    return f"{counted(time_s.size, 'sample')}{times}"

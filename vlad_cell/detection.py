@@ -49,6 +49,11 @@ class Grasp:
     rectangle: Rectangle
     terms: Mapping[str, float]
 
+    def __repr__(self) -> str:
+        x_m, y_m, z_m = self.base_from_grasp[:3, 3]
+        at = f"({x_m:.3f}, {y_m:.3f}, {z_m:.3f}) m"
+        return f"Grasp of thing {self.thing}, score {self.score:.2f}, {self.width_m * 1e3:.0f} mm wide, at {at}"
+
 
 @dataclass(frozen=True, eq=False)
 class Detections:
@@ -60,6 +65,11 @@ class Detections:
     """
 
     record: Record
+
+    def __repr__(self) -> str:
+        scores = [one.score for one in self.record.grasps]
+        best = f", the best of score {max(scores):.2f}" if scores else ""
+        return f"Detections: {counted(len(scores), 'grasp')}{best}, of {counted(len(self.things), 'thing')}"
 
     @property
     def grasps(self) -> tuple[Grasp, ...]:
@@ -154,3 +164,8 @@ def drawn(record: Record, chosen: Choice, *, close_up: bool) -> Picture:
     """The colour image, or the part of it around the object, with the grasps: chosen, rejected, others."""
     image = annotated(record, *chosen)
     return Picture(crop(image, record.evidence.object_mask) if close_up else image)
+
+
+def counted(number: int, what: str) -> str:
+    """A number of things, in words: ``1 grasp``, ``4 grasps``."""
+    return f"{number} {what}" if number == 1 else f"{number} {what}s"

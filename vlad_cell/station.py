@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -10,11 +9,13 @@ from typing import Any
 from bus.errors import ConfigError
 from config.load import load_station, station_from
 from config.schema import Station
+from config.toml_text import toml_value
 
 Config = Station | str | Path | None
 """A station, or the path of its TOML file; None = the simulated cell."""
 Settings = Mapping[str, Any]
-"""Settings by their full names, as ``{"scene.pick_region_m": [0.3, 0.6, -0.2, 0.2]}``."""
+"""Settings by their full names, as ``{"scene.pick_region_m": [0.3, 0.6, -0.2, 0.2]}``; a table is a dict, several are a
+list of them: ``{"scene.places": [{"name": "left", "position_m": [0.4, 0.4, 0.2]}]}``."""
 
 
 def station_of(
@@ -42,12 +43,20 @@ def station_of(
 
 
 def _written(key: str, value: Any, where: str) -> str:
-    """The value as TOML writes it: numbers, texts, booleans and lists of them are the same in JSON."""
-    if isinstance(value, Path):
-        value = str(value)
+    """The value as TOML writes it; a dict is an inline table."""
     try:
-        return json.dumps(value.tolist() if hasattr(value, "tolist") else value)
+        return toml_value(_plain(value))
     except TypeError as error:
         raise ConfigError(
-            f"{key} is of {type(value).__name__}.", f"Correct {where}: a number, a text, a boolean or a list of them."
+            f"{key} is of {type(value).__name__}.",
+            f"Correct {where}: a number, a text, a boolean, a dict, or a list of them.",
         ) from error
+
+
+def _plain(value: Any) -> Any:
+    """The value without arrays; a None in a dict counts as not given."""
+    if isinstance(value, Mapping):
+        return {name: _plain(one) for name, one in value.items() if one is not None}
+    if isinstance(value, list | tuple):
+        return [_plain(one) for one in value]
+    return value.tolist() if hasattr(value, "tolist") else value

@@ -9,6 +9,7 @@ import typer
 
 from bus.atomic import write_atomically
 from bus.errors import ConfigError
+from bus.lazy import LazyModule
 from cell.cli.options import Config, Json, Set
 from cell.terminal.printing import out
 from config.json_schema import station_schema
@@ -20,6 +21,8 @@ from config.origins import Setting, leaves, settings
 from config.toml_file import read_text
 from config.toml_text import toml_value
 from config.undecided import undecided, undecided_in
+
+plug_ins: Any = LazyModule("cell.cli.plug_in_mistakes")  # only `check` asks it; it brings OpenCV
 
 config = typer.Typer(
     help="A station file: what counts and where it comes from, its mistakes, differences, a schema, a new one.",
@@ -93,12 +96,14 @@ def check(
 ) -> None:
     """Name every mistake of station files: file and line, table, setting, what to do. Exit 0 none, 2 some.
 
+    Drivers, detectors and models must be installed here, and say themselves which settings they have. What is wrong
+    of several settings together may follow when each of them is right.
     What is still marked CHANGE or DECIDE is named, too; it is no mistake, and exits 0.
     Only the files are looked at; whether the devices are there says `cell doctor`.
     """
     count = 0
     for file in files:
-        found = mistakes_in(file)
+        found = mistakes_in(file, plug_ins.plug_in_mistakes)
         count += len(found)
         for one in found:
             if as_json:
@@ -107,6 +112,8 @@ def check(
                 out.line(str(one))
         if not found and not as_json:
             out.line(f"{file}: no mistakes")
+        elif not as_json:
+            out.line("Correct these, and check again: some mistakes of several settings together show only then.")
         if (left := undecided(file)) is not None:
             if as_json:
                 out.json({"file": str(file), "undecided": undecided_in(file)})

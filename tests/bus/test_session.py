@@ -195,7 +195,18 @@ def test_a_closed_bus_refuses_and_closes_twice(endpoint: str) -> None:
     bus = Bus.listen("test", endpoint)
     bus.close()
     bus.close()
-    with pytest.raises(BusError):
-        bus.publish(topics.HAND_STATE, HAND)
-    with pytest.raises(BusError):
-        bus.ask(topics.HAND_NOW, Nothing(), timeout_s=1)
+    for use in (
+        lambda: bus.publish(topics.HAND_STATE, HAND),
+        lambda: bus.put("cell/test/hand/state", b"", "text/plain"),
+        lambda: bus.ask(topics.HAND_NOW, Nothing(), timeout_s=1),
+        lambda: bus.subscribe("hand/*", print),
+        lambda: bus.answer(topics.HAND_NOW, lambda payload, question: HAND, worker="hand"),
+        lambda: bus.announce(topics.LEASE, name="a"),
+        lambda: bus.alive(topics.LEASE),
+        lambda: bus.watch_alive(topics.LEASE, print),
+        lambda: bus.is_heard("cell/test/hand/state"),
+        lambda: bus.sessions(topics.HAND_NOW, timeout_s=1),
+    ):
+        with pytest.raises(BusError, match=r"(?i)this connection is closed\. Open a new one\."):
+            use()
+    bus.withdraw(topics.LEASE, name="a")

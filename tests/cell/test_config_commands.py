@@ -37,7 +37,8 @@ def test_check_prints_a_line_a_mistake_and_exits_2(in_process: Run, tmp_path: Pa
     file.write_text("[bus]\nstale = 3\n[sim]\npace = 'fast'\n")
     done = in_process("config", "check", LAB, str(file))
     assert done.returncode == 2
-    fine, _, nodes, bus, sim = done.stdout.splitlines()
+    fine, _, nodes, bus, sim, again = done.stdout.splitlines()
+    assert "check again" in again
     assert fine == f"{LAB}: no mistakes" and nodes.startswith(f"{file}: nodes: is missing.")
     assert "cell config new" in nodes, "lines of a page are only a part of a station file"
     assert bus == f"{file}:2: [bus] stale: unknown key. Did you mean 'stale_s'?" and sim.startswith(f"{file}:4: [sim]")

@@ -80,7 +80,7 @@ def test_a_changed_setting_shows_its_consequence_down_to_the_chosen_grasp(record
 
 
 def test_a_setting_that_ends_the_cycle_earlier_says_so(record: CycleRecord, robot: Robot) -> None:
-    what_if = replay(record, Request(("scene.table.tolerance_mm=0.001",)), lambda _: robot)
+    what_if = replay(record, Request(("scene.table.tolerance_deg=0.001",)), lambda _: robot)
     assert set(what_if.not_reached) == {"plan", "verify"} and "detect ends it" in what_if.not_reached["plan"]
 
 

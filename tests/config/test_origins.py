@@ -88,6 +88,43 @@ def test_every_mistake_is_named_with_its_line_and_what_to_do(tmp_path: Path) -> 
     assert str(found["nodes.arm.serves"]) == f"{file}:13: [nodes.arm] serves: is missing. Give it in [nodes.arm]."
 
 
+SIMULATED = """\
+[nodes.sim]
+driver = "sim"
+serves = ["camera", "arm", "hand"]
+"""
+
+
+def checked(folder: Path, text: str) -> dict[str, str]:
+    """What is said of each setting."""
+    file = folder / "mine.toml"
+    file.write_text(SIMULATED + text)
+    return {f"{one.line}: {one.section}.{one.field}": one.text for one in mistakes_in(file)}
+
+
+def test_what_is_wrong_of_several_settings_together_stands_beside_the_others(tmp_path: Path) -> None:
+    said = checked(tmp_path, "[hand]\nspeed_m_s = 50.0\nmax_width_m = 8\n[execute]\ncontact_n = 100\n")
+    assert list(said) == ["5: hand.speed_m_s", "6: hand.max_width_m", "8: execute.contact_n"]
+    assert said["5: hand.speed_m_s"] == "must be within max_speed_m_s, 0.1 (given: 50.0)"
+
+
+def test_nothing_is_said_of_a_setting_that_only_a_wrong_one_makes_wrong(tmp_path: Path) -> None:
+    assert list(checked(tmp_path, "[hand]\nspeed_m_s = 0.5\nmax_speed_m_s = 'fast'\n")) == ["6: hand.max_speed_m_s"]
+
+
+def test_joints_in_degrees_are_named_with_their_line_and_the_unit(tmp_path: Path) -> None:
+    said = checked(tmp_path, "[arm]\ncapture_q_rad = [0, -26, 0, -105, 0, 79, 45]\n")
+    assert "these look like degrees" in said["5: arm.capture_q_rad"]
+    near = checked(tmp_path, "[arm]\ncapture_q_rad = [0, 0, 0, -3.5, 0, 1.4, 0.8]\n")
+    assert "joint 4" in near["5: arm.capture_q_rad"] and "degrees" not in near["5: arm.capture_q_rad"]
+
+
+@pytest.mark.parametrize(("center_m", "found"), [("[0.46, 0.0, 0.1]", True), ("[0.33, 0.19, 0.1]", False)])
+def test_a_box_in_the_middle_of_the_pick_region_is_a_mistake(tmp_path: Path, center_m: str, found: bool) -> None:
+    box = f"[[scene.obstacles]]\nname = 'lid'\ncenter_m = {center_m}\nsize_m = [0.1, 0.1, 0.1]\n"
+    assert ("4: scene.obstacles.1" in checked(tmp_path, box)) is found
+
+
 def test_a_file_without_a_mistake_has_none() -> None:
     assert mistakes_in(DEFAULT_STATION) == []
 

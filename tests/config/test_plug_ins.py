@@ -9,8 +9,10 @@ from typing import Any
 import pytest
 
 from bus.errors import CellError, ConfigError, DriverUnavailable
+from cell.cli.plug_in_mistakes import plug_in_mistakes
 from cell.cli.plug_ins import drivers
 from config.load import load_station, station_from
+from config.mistakes import mistakes_in
 from config.plug_ins import Group
 from config.schema import Station
 from drivers.node.registry import GROUP, open_devices, open_node
@@ -142,3 +144,32 @@ def test_no_package_takes_over_a_name_of_ours() -> None:
 def test_a_group_says_what_it_is_for() -> None:
     with pytest.raises(CellError, match=r"Unknown thing 'x'\. a\.key is one of: ours\."):
         Group("vlad_cell.nothing", kind="thing", key="a.key", reserved=("ours",)).require("x")
+
+
+def test_a_check_names_what_is_not_installed_and_each_setting_that_a_plug_in_refuses(tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text(
+        "[nodes.hand]\ndriver = 'fine'\nserves = ['hand']\n[nodes.hand.settings]\nprt = 7\nbaud = 'fast'\n"
+        "[nodes.sim]\ndriver = 'sims'\nserves = ['camera', 'arm']\n"
+        "[perception]\ndetector = 'vald'\nmodel = 'gpt'\n"
+    )
+    found = {f"{one.section}.{one.field}": one for one in mistakes_in(file, plug_in_mistakes)}
+    assert {name: one.line for name, one in found.items()} == {
+        "nodes.hand.settings.port": 4,
+        "nodes.hand.settings.prt": 5,
+        "nodes.hand.settings.baud": 6,
+        "nodes.sim.driver": 8,
+        "perception.detector": 11,
+        "perception.model": 12,
+    }
+    assert "the driver 'fine' says" in found["nodes.hand.settings.baud"].text
+    assert "perception.detector is one of: vlad" in found["perception.detector"].advice
+
+
+def test_settings_of_no_plug_in_are_a_mistake(tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text(
+        "[nodes.sim]\ndriver = 'sim'\nserves = ['camera', 'arm', 'hand']\nsettings.port = 7\n"
+        "[perception.settings]\nheadings = 36\n"
+    )
+    assert [(one.line, one.field) for one in mistakes_in(file, plug_in_mistakes)] == [(4, "port"), (6, "headings")]

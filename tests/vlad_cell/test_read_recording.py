@@ -28,6 +28,17 @@ def test_how_it_ended_is_there_without_its_pictures(cycle: Cycle) -> None:
     assert "_whole" not in vars(cycle) and "_pictured" not in vars(cycle)
 
 
+def test_in_a_notebook_each_is_one_line_and_nothing_is_decoded_for_it() -> None:
+    cycle = read_cycle(GOLDEN / "cycle-schema4.mcap")
+    assert repr(cycle) == "Cycle 20261129T112355162, SUCCESS spatula, 4 grasps"
+    assert set(vars(cycle)) == {"path", "record"}, "nothing was decoded"
+    (look,) = cycle.looks
+    told = [repr(one) for one in (look, cycle.joints, cycle.hand, cycle.grasps[0], cycle.detections)]
+    words = ["Look of 640 x 360 px", "JointTrack: 7 joints", "HandTrack: ", "Grasp of thing 1", "Detections: "]
+    assert [line for line, word in zip(told, words, strict=True) if not line.startswith(word)] == []
+    assert max(map(len, told)) < 120 and "\n" not in "".join(told)
+
+
 def test_every_look_is_a_color_image_with_depth_in_its_pixels(cycle: Cycle) -> None:
     (look,) = cycle.looks
     height, width = look.color.shape[:2]

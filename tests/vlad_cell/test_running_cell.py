@@ -15,6 +15,7 @@ import pytest
 
 import vlad_cell
 from bus.commands import CellState
+from bus.errors import BusError
 from docs import notebook
 from vlad_cell import (
     Cell,
@@ -68,6 +69,10 @@ def test_a_pick_goes_on_while_it_is_heard_and_its_recording_is_read(cell: Cell, 
         assert other.station.cell_id == "sim", "the only cell there"
         begun = cell.begin_pick(job_id="mine", deadline_s=3600)
         watched = list(other.events())
+    assert repr(other) == f"Cell 'sim' at {cell.endpoint}"
+    for use in (other.pick, other.reset, other.state):
+        with pytest.raises(BusError, match=r"(?i)this connection is closed"):
+            use()
     heard = list(begun)
     assert isinstance(watched[-1], CellState) and watched[-1].state == "Complete"
     states = [said.state for said in heard if isinstance(said, CellState)]
