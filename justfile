@@ -100,6 +100,7 @@ docs: setup
     uv run python -m docs.export_page
     uv run python -m docs.opcua_page
     uv run python -m docs.api_page
+    uv run python -m docs.plug_in_page
     NO_MKDOCS_2_WARNING=1 uv run mkdocs build --quiet
 
 # Run the notebook docs/examples/first_pick.ipynb, and write what it gives

@@ -134,6 +134,5 @@ def _record(record: Tap, topic: Topic, name: str, question: bytes, answer: Seque
 
 
 def _defect(error: Exception) -> ErrorReply:
-    return ErrorReply(
-        code="INTERNAL", reason=f"{type(error).__name__}: {error}", advice="This is a defect: please report it."
-    )
+    reason = f"{type(error).__name__}: {str(error).rstrip('.')}."
+    return ErrorReply(code="INTERNAL", reason=reason, advice="This is a defect: please report it.")

@@ -27,6 +27,7 @@ class Code(StrEnum):
     MODEL_BAD_IMAGE = "MODEL_BAD_IMAGE"
     MODEL_NO_ROD = "MODEL_NO_ROD"
     MODEL_DRIFT = "MODEL_DRIFT"
+    MODEL_FAILED = "MODEL_FAILED"
     SPEND_LIMIT = "SPEND_LIMIT"
     DETECTOR_FAILED = "DETECTOR_FAILED"
     DETECTOR_TIMEOUT = "DETECTOR_TIMEOUT"
@@ -109,6 +110,8 @@ ADVICE: dict[Code, str] = {
     Code.MODEL_NO_ROD: "Look at the goal image in the report; try again, or raise perception.imagine.samples.",
     Code.SPEND_LIMIT: "Raise perception.hosted.max_cycle_usd or max_day_usd, or use the embedded model.",
     Code.MODEL_DRIFT: "The goal image no longer shows the observed object; try again or use another model.",
+    Code.MODEL_FAILED: "The reason names the goal-image model, its package and what it did: correct it, or set"
+    " perception.model to 'geometric'.",
     Code.DETECTOR_FAILED: "The reason names the detector and what it did: correct it, or set perception.detector to"
     " 'vlad'.",
     Code.DETECTOR_TIMEOUT: "Raise perception.detector_deadline_s, use a faster machine, or set perception.detector to"
@@ -134,7 +137,8 @@ ADVICE: dict[Code, str] = {
     Code.DEADLINE: "The job's time was over before the arm could begin its grasp: give it more (deadline_s), or look in"
     " the stages' times what took long.",
     Code.STOPPED: "The cycle was stopped by command. `cell reset` makes the cell ready again.",
-    Code.DEVICE_LOST: "Check the device's power and network; when it is back, `cell clear` and `cell reset`.",
+    Code.DEVICE_LOST: "Check the device's power and network, or the driver that the reason names; when it is back,"
+    " `cell clear` and `cell reset`.",
     Code.NODE_LOST: (
         "A driver node is gone, hangs or talks nonsense; on a busy machine it was only kept waiting. Read what it said"
         " last, where `cell start` runs (of a service: `journalctl`), then `cell clear` and `cell reset`."

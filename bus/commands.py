@@ -90,7 +90,7 @@ class CellState(Message):
         cycle_id: the open cycle.
         since_ns: when this state or stage began, UTC.
         available: the commands accepted now.
-        reason: why the machine is in this state.
+        reason: why the machine is in this state; of Stopped and Aborted also that something may be in the hand.
         mode: of the unit: it picks, or is moved by hand.
         job_id: the job that the cell works at; "" for none. ``queue``: the ids of those that wait, the next one first.
     """

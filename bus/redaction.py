@@ -57,6 +57,12 @@ def quoted(text: str, limit: int = 200) -> str:
     return line if len(line) <= limit else line[:limit].rstrip() + " ..."
 
 
+def raised(error: BaseException) -> str:
+    """Return what foreign code raised, for use in a message: its type and text, without a full stop at the end."""
+    text = quoted(str(error)).rstrip(".")
+    return f"{type(error).__name__}: {text}" if text else type(error).__name__
+
+
 def holds_secret(data: bytes) -> bool:
     """Whether a registered secret stands in ``data``, e.g. in a picture's comment."""
     with _changing:

@@ -62,7 +62,8 @@ class HostedSettings(Settings):
         key_variable: the environment variable that holds the key. ``key_file``: a file with the key, one line, not
             readable by others, outside of this folder and of every git work tree; it takes precedence.
         size_px: side of the square window around the object that is sent.
-        deadline_s: of one call, all attempts included. ``attempts``: most attempts of one call.
+        deadline_s: of one call, all attempts included; of another package's goal-image model, too.
+        attempts: most attempts of one call.
         backoff_s: wait before the second attempt, doubled for each further one; a server's longer Retry-After counts.
         max_cycle_usd, max_day_usd: no call is made after so much was spent in this cycle, or since midnight UTC.
     """

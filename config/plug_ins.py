@@ -17,7 +17,7 @@ from pydantic import BaseModel, ValidationError
 
 from bus.errors import CellError, ConfigError, PlugInMissing
 from bus.first_mistake import first_mistake
-from bus.redaction import quoted
+from bus.redaction import raised
 from config.schema import Station
 
 OURS = "vlad-cell"
@@ -123,7 +123,7 @@ class Group:
         except self.failure:  # it says itself what is missing
             raise
         except (Exception, SystemExit) as error:
-            what = f"The {self.kind} {point.name!r} cannot be loaded: {type(error).__name__}: {quoted(str(error))}."
+            what = f"The {self.kind} {point.name!r} cannot be loaded: {raised(error)}."
             raise self.failure(what, f"Install what {packaged(point) or 'its package'} needs.") from error
 
     def opened(self, name: str, station: Station, given: Mapping[str, Any], where: str) -> Any:
@@ -141,8 +141,8 @@ class Group:
             return factory(station) if settings is None else factory(station, settings)
         except CellError:
             raise
-        except Exception as error:
-            what = f"The {self.kind} {name!r} does not start: {type(error).__name__}: {quoted(str(error))}."
+        except (Exception, SystemExit) as error:
+            what = f"The {self.kind} {name!r} does not start: {raised(error)}."
             raise self.failure(what, "Its own documentation says what it needs.") from error
 
     def settings_of(self, name: str, factory: object, given: Mapping[str, Any], where: str) -> BaseModel | None:

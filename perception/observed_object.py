@@ -123,9 +123,10 @@ class Answer:
     """A model's answer to one step: text, or a picture.
 
     Attributes:
+        text: in words; of ``locate`` the place in the form that the prompt asks for.
         image_png: a picture of the window it was shown (`perception.geometry.window`), unchanged; hosted models.
         goal: the goal image, aligned with the observed image; embedded models.
-        attempts: number of requests that were made.
+        usage: what a hosted model counts. ``attempts``: number of requests that were made.
     """
 
     text: str = ""

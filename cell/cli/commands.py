@@ -57,7 +57,7 @@ COMMANDS = {
     "unsuspend": Row("control", "Go on with a suspended cycle; returns when it runs again."),
     "cancel": Row("control", "Cancel a job that waits, or whose grasp has not begun: nothing of it moves then."),
     "approve": Row(
-        "control", "Approve the planned pick that waits (execute.approve): the arm moves. Prints what it approves."
+        "control", "Approve the planned pick that waits (execute.approve): the arm moves. Shows it, and asks first."
     ),
     "next-grasp": Row(
         "control", "Pass over the grasp that waits for approval: the next feasible one is planned, and waits."

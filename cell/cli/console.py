@@ -81,11 +81,11 @@ class Screen:
 
     @contextmanager
     def to_the_end(self) -> Iterator[None]:
-        """Context of a cell; afterwards shows what became of a cycle that was interrupted."""
+        """Context of a cell; then shows what became of a cycle that was interrupted, and what it left in the hand."""
         yield
         while not self._heard.empty():
             _, message = self._heard.get()
-            if isinstance(message, CycleResult):
+            if isinstance(message, CycleResult) or getattr(message, "code", "") == "HAND_NOT_EMPTY":
                 self._show(message)
 
     def _show(self, message: Message | bytes) -> None:

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+import sys
+import time
 from collections.abc import Callable
 from collections.abc import Set as AbstractSet
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from bus.commands import CellState, CommandRequest
+from bus.errors import Refused
 from bus.fault_injection import PARTS, Fault
-from bus.messages import Job
+from bus.messages import Job, Proposal
 from cell import client
 from cell.cli.options import Config, Json, Set, finite
 from cell.cli.pick import attended, connected
-from cell.client import LEADS_TO, RUNS_AGAIN
+from cell.client import LEADS_TO, RUNS_AGAIN, Client
 from cell.machine.leases import NEEDS_LEASE, NEEDS_TOKEN
 from cell.machine.states import ENDED, READY, SETTLED, told
 from cell.terminal.printing import err, out
@@ -79,14 +82,34 @@ def cancel(
 
 def approve(
     proposal: Annotated[
-        str, typer.Argument(metavar="PROPOSAL", help="Its id, as the event names it; left out: the one that waits.")
+        str,
+        typer.Argument(metavar="PROPOSAL", help="Its id, as `cell status` names it: approved without being asked."),
     ] = "",
+    yes: Annotated[bool, typer.Option("--yes", "-y", help="Approve what waits, whatever it is, unasked.")] = False,
     config: Config = DEFAULT_STATION,
     overrides: Set = None,
     as_json: Json = False,
 ) -> None:
-    """Approve the planned pick that waits (execute.approve): the arm moves. Prints what it approves."""
-    _answer("approve", proposal, "", config, overrides, as_json)
+    """Approve the planned pick that waits (execute.approve): the arm moves. Shows it, and asks first."""
+    if not (proposal or yes or sys.stdin.isatty()):
+        raise typer.BadParameter("nobody can be asked here: name the PROPOSAL, as `cell status` does, or say --yes.")
+    with connected("approve", config, overrides) as cell:
+        asked = cell.proposal()
+        if not (proposal or yes) and not _agrees(asked):
+            err.line("Not approved: nothing moves. `cell next-grasp`, or `cell reject` with the reason.")
+            raise typer.Exit(1)
+        cell.send("approve", CommandRequest(proposal=proposal or asked.proposal_id))
+    _show_answered("approve", asked, as_json)
+
+
+def _agrees(asked: Proposal) -> bool:
+    """Show what waits, and ask the person at the terminal; what ends the question is a no."""
+    err.line(f"It would take {asked.waits_in_words(time.time_ns())}.")
+    try:
+        return typer.confirm("Approve? The arm moves", default=False, err=True)
+    except typer.Abort:
+        err.line("")
+        return False
 
 
 def next_grasp(
@@ -96,7 +119,7 @@ def next_grasp(
     as_json: Json = False,
 ) -> None:
     """Pass over the grasp that waits for approval: the next feasible one is planned, and waits."""
-    _answer("next_grasp", "", reason, config, overrides, as_json)
+    _answer("next_grasp", reason, config, overrides, as_json)
 
 
 def reject(
@@ -106,31 +129,38 @@ def reject(
     as_json: Json = False,
 ) -> None:
     """Reject the planned pick that waits for approval: its cycle ends REJECTED, and is not tried again."""
-    _answer("reject", "", reason, config, overrides, as_json)
+    _answer("reject", reason, config, overrides, as_json)
 
 
-def _answer(verb: str, proposal_id: str, reason: str, config: Path, overrides: list[str] | None, as_json: bool) -> None:
+def _answer(verb: str, reason: str, config: Path, overrides: list[str] | None, as_json: bool) -> None:
     with connected(verb, config, overrides) as cell:
         asked = cell.proposal()
-        cell.send(verb, CommandRequest(proposal=proposal_id or asked.proposal_id, reason=reason))
+        cell.send(verb, CommandRequest(proposal=asked.proposal_id, reason=reason))
+    _show_answered(verb, asked, as_json)
+
+
+def _show_answered(verb: str, asked: Proposal, as_json: bool) -> None:
     if as_json:
         out.json(asked.model_dump_json())
-        return
-    what = asked.object or f"grasp {asked.grasp}"
-    out.line(f"{verb.replace('_', ' ')}: {asked.proposal_id}, {what}, score {asked.score:.2f}, {asked.motion_s:.1f} s")
+    else:
+        out.line(f"{verb.replace('_', ' ')}: {asked.proposal_id}, {asked.in_words}")
 
 
 def status(config: Config = DEFAULT_STATION, overrides: Set = None, as_json: Json = False) -> None:
     """The machine's state, what it would accept, and how its nodes and doors are."""
     with client.connect(load_station(config, overrides or [])) as cell:
         state, health = cell.state(), cell.health()
+        asked = _waiting(cell, state)
     if as_json:
-        out.json({**state.model_dump(mode="json"), "health": health.model_dump(mode="json")})
+        proposal = asked.model_dump(mode="json") if asked is not None else None
+        out.json({**state.model_dump(mode="json"), "health": health.model_dump(mode="json"), "proposal": proposal})
         return
     why = told(state.state, state.reason)
     said = why.removeprefix(state.state) if why != state.reason else f" {why}"
     out.line((state.state, "bold"), f" {state.stage} {state.cycle_id}".rstrip(), said.rstrip())
     out.line(f"  available: {', '.join(state.available) or '-'}")
+    if asked is not None:
+        out.line(f"  waits for approval: {asked.waits_in_words(time.time_ns())}", style="bold")
     if state.mode != "Production":
         out.line(f"  mode: {state.mode}", style="bold")
     if state.job_id or state.queue:
@@ -144,6 +174,15 @@ def status(config: Config = DEFAULT_STATION, overrides: Set = None, as_json: Jso
         out.line(f"  door {name}: {said}", style="red" if door.problem else "")
     for defect in health.defects:
         out.line(f"  defect: {defect}", style="red")
+
+
+def _waiting(cell: Client, state: CellState) -> Proposal | None:
+    """What waits for approval; None when nothing does, or it was answered meanwhile."""
+    if state.stage != "approve":
+        return None
+    with suppress(Refused):
+        return cell.proposal()
+    return None
 
 
 def fault(

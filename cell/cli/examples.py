@@ -16,7 +16,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "suspend": ("cell suspend",),
     "unsuspend": ("cell unsuspend",),
     "cancel": ("cell cancel order-17",),
-    "approve": ("cell approve",),
+    "approve": ("cell approve", "cell approve 20261129T161544565-0"),
     "next-grasp": ("cell next-grasp",),
     "reject": ("cell reject 'too near the edge'",),
     "mode": ("cell mode manual", "cell mode production"),

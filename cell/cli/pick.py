@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from bus.commands import MAX_CYCLES, CellState, CommandReply, CommandRequest
+from bus.errors import Refused
 from bus.messages import CycleResult
 from bus.messages.job import job_of
 from cell import client
@@ -45,7 +46,7 @@ _INTERRUPTED = 130
 _GRACE_S, _ASK_AGAIN_S = 2.0, 0.1
 """How long after a stop or abort a result may still come, and how often it is asked for."""
 _FINE = ("SUCCESS", "EMPTY")
-_ASKS = ": nothing moves until somebody answers: cell approve, cell next-grasp, cell reject, or the page"
+_ANSWERED_BY = "nothing moves until somebody answers: cell approve, cell next-grasp, cell reject, or the page"
 
 
 def pick(
@@ -77,7 +78,7 @@ def pick(
         reply = cell.command("pick", object_name=object_name, job=job)
         if not as_json:
             out.line(_begins(reply))
-        shown, waiting = _Shown(as_json), QueuedJob(cell, reply, err.line)
+        shown, waiting = _Shown(as_json, cell), QueuedJob(cell, reply, err.line)
         result = _result_of(cell, reply, shown, waiting)
     shown.result(result)
     if result.result not in _FINE:
@@ -115,8 +116,9 @@ def run(
         )  # fmt: skip
     station = load_station(config, overrides or [])
     wanted = CommandRequest(cycles=cycles or 1, until_empty=until_empty)
-    batch, shown = Batch(wanted, station.retry), _Shown(as_json)
+    batch = Batch(wanted, station.retry)
     with attended(), client.connect(station, client_id=client.client_name("run")) as cell:
+        shown = _Shown(as_json, cell)
         reply = cell.command("start", cycles=wanted.cycles, until_empty=until_empty, job=job)
         if not as_json:
             out.line(_begins(reply))
@@ -180,8 +182,8 @@ class _Shown:
         cause: the last such cause, "" for none.
     """
 
-    def __init__(self, as_json: bool) -> None:
-        self._as_json = as_json
+    def __init__(self, as_json: bool, cell: Client) -> None:
+        self._as_json, self._cell = as_json, cell
         self._state = self._stage = ""
         self.cause = ""
 
@@ -189,12 +191,19 @@ class _Shown:
         """Process a state: a stage that begins is shown, and what holds, stops or aborts the pick."""
         is_new, self._state = state.state != self._state, state.state
         if state.stage not in ("", self._stage) and not self._as_json:
-            out.line(f"  {state.stage}{_ASKS if state.stage == 'approve' else ''}", style="dim")
+            out.line(f"  {state.stage}", style="dim")
+            if state.stage == "approve":
+                self._show_proposal()
         self._stage = state.stage
         if is_new and state.reason and state.state in ("Holding", "Suspending", "Stopping", "Aborting"):
             self.cause = told(state.state, state.reason)
             if not self._as_json:
                 out.line(f"  {self.cause}")
+
+    def _show_proposal(self) -> None:
+        """Show what waits for an answer; nothing when it was answered meanwhile."""
+        with suppress(Refused):
+            out.line(f"  {self._cell.proposal().waits_in_words(time.time_ns())}: {_ANSWERED_BY}")
 
     def result(self, result: CycleResult) -> None:
         """Show a cycle's result, and its recording."""

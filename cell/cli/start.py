@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from bus.commands import MAX_CYCLES, CommandRequest
+from bus.commands import MAX_CYCLES, CellState, CommandRequest
 from bus.errors import PortOccupied
 from bus.messages import CycleResult
 from cell.build import running_cell
@@ -166,7 +166,7 @@ def _stay(screen: Screen, ready: str) -> None:
 def _run_batch(daemon: Daemon, screen: Screen, operator: CommandRequest, retry: RetrySettings) -> Batch:
     """Reset, then run all picks of one ``start``; also over when the cell aborts, is stopped, or Ctrl-C is pressed."""
     batch = Batch(operator, retry)
-    begun = False
+    begun = has_moved = False
     refuse(daemon.command("reset", operator))
     for said in screen.follow():
         if isinstance(said, CycleResult):
@@ -174,8 +174,9 @@ def _run_batch(daemon: Daemon, screen: Screen, operator: CommandRequest, retry: 
         elif said.state == "Idle" and not begun:
             begun = True
             refuse(daemon.command("start", operator))
-        elif said.state in ("Aborted", "Stopped") and said.reason:
-            batch.end(said.reason)
+        elif said.state == "Aborted" or (said.state == "Stopped" and has_moved):
+            batch.end(said.reason or "The cell was stopped.")
+        has_moved = has_moved or (isinstance(said, CellState) and said.state != "Stopped")
         if batch.is_over:
             break
     batch.end("Interrupted.")

@@ -15,6 +15,7 @@ from bus.errors import BusError, ConfigError, CycleFailure, DriverError
 from bus.messages import Attempt, CycleResult, Job
 from bus.sample import Sample
 from bus.topics import encoding_of
+from cell.daemon.grip import Grip
 from cell.daemon.resetting import reset
 from cell.daemon.retry import Retries
 from cell.daemon.runinfo import open_recorder
@@ -50,12 +51,13 @@ class Actions:
         on_result: called with every cycle's result, after its recording is closed.
         on_fault: called, on any thread, with what ends the cycle from outside its stages: its recording failed.
         under: wraps every recording's file (`logs.mcap.recorder.Recorder`).
+        grip: knows whether the hand may hold something; None = nobody has told it anything.
 
     Attributes:
         log: the open cycle's record, or None.
         table: the objects on the simulated table.
         approvals: the planned motion that waits for a person, and its answer.
-        laid: number of objects laid at each place since a client's last reset, by its name; "" is the tray.
+        laid: number of objects laid at each place since a stopped cell was last reset, by its name; "" is the tray.
     """
 
     def __init__(
@@ -69,10 +71,12 @@ class Actions:
         on_result: Callable[[CycleResult], None],
         on_fault: Callable[[CycleFailure], None] = lambda _: None,
         under: Under = plain,
+        grip: Grip | None = None,
     ) -> None:
         self._under, self._gate = under, gate
         self._equipment, self._nodes_alive = equipment, nodes_alive
         self._station, self._clock = equipment.station, clock_of(equipment.station)
+        self._grip = grip or Grip(self._station.hand, self._station.verify.min_width_m)
         self.table = SimulatedTable(presenter, equipment.station)
         self._publish, self._on_stage, self._on_result, self._on_fault = publish, on_stage, on_result, on_fault
         self._number = -1  # number of the pick, the same for all its attempts
@@ -98,11 +102,12 @@ class Actions:
         return cycle.cycle_id if cycle is not None else ""
 
     def reset(self) -> None:
-        """Run the self-check, then move the arm to the capture pose with an open hand. Raises: CycleFailure,
-        DriverError.
+        """Run the self-check, let go of what the hand may hold, then move the arm to the capture pose, the hand open.
+
+        Raises: CycleFailure, DriverError.
         """
         goes_on, self._goes_on = self._goes_on, False
-        reset(self._equipment, self._gate, self._nodes_alive(), goes_on=goes_on)
+        reset(self._equipment, self._grip, self._gate, self._nodes_alive(), goes_on=goes_on)
         self.table.look()
 
     def begin(self) -> None:

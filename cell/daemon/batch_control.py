@@ -84,7 +84,8 @@ class BatchControl:
             self._require_next(verb)
         elif verb in ("reset", "clear"):
             self._batch = None
-            self._actions.laid.clear()
+            if verb == "reset" and self._drives.state is State.STOPPED:  # stop and reset: somebody has emptied them
+                self._actions.laid.clear()
             self._actions.restart_attempts()
         elif verb in ("start", "pick"):
             ordered = Ordered.of(verb, self._possible(request), new_cycle_id())
@@ -136,8 +137,7 @@ class BatchControl:
         self._require_reached(request.job)
         full = self._why_full(request)
         if full:
-            raise Refused(full, "Empty it, then `cell stop` and `cell reset`: they begin to count anew.",
-                          code="PLACE_FULL")  # fmt: skip
+            raise Refused(full, "Empty it, then stop and reset the cell: it counts anew then.", code="PLACE_FULL")
         return request.model_copy(update={"job": self._resolved(request.job)})
 
     def _require_reached(self, job: Job) -> None:

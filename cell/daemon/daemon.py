@@ -23,6 +23,8 @@ from bus.session import Bus
 from bus.topics import Topic
 from cell.daemon.actions import Actions
 from cell.daemon.batch_control import BatchControl
+from cell.daemon.grip import Grip, GripHand
+from cell.daemon.in_hand import InHand
 from cell.daemon.live_picture import LivePictures
 from cell.daemon.manual import Manual
 from cell.daemon.pointed import Pointed
@@ -88,11 +90,19 @@ class Daemon:
         self._bus = bus
         views = Views(robot.base_from_tcp)
         self.publisher = Publisher(
-            bus, views, observer, lambda: self._actions.cycle_id, lambda: self._batches.jobs, lambda: self._manual.mode
+            bus,
+            views,
+            observer,
+            lambda: self._actions.cycle_id,
+            lambda: self._batches.jobs,
+            lambda: self._manual.mode,
+            lambda: self._in_hand.tell(),
         )
         hold_state = HoldState()
         sized = SizedCamera(camera)
-        equipment = Equipment(sized, arm, hand, robot, station, models)
+        grip = Grip(station.hand, station.verify.min_width_m)
+        self._in_hand = InHand(grip, self.publisher)
+        equipment = Equipment(sized, arm, GripHand(hand, grip), robot, station, models)
         self._manual = Manual(equipment, hold_state.gate, self.publisher, self._post_stop)
         self._pointed = Pointed()
         self._actions = Actions(
@@ -105,6 +115,7 @@ class Daemon:
             self._on_result,
             self._on_fault,
             under,
+            grip,
         )
         self._monitor = NodeMonitor(station, self._on_lost, restarts, bus.clock)
         reads_text = models.read_text(station)
@@ -144,7 +155,7 @@ class Daemon:
             self._batches.enter,
             self._batches.accept,
             self._beside,
-            on_turn=self._publish_heartbeat,
+            on_turn=self._turn,
         )
         self._batches.drive(self.machine)
 
@@ -340,6 +351,7 @@ class Daemon:
         if self._speakers.is_ours(sample):
             self._record(sample)
             self._monitor.hear(sample)
+            self._in_hand.hear(sample)
         else:
             self._record(strange(sample))
 
@@ -360,8 +372,12 @@ class Daemon:
             self._results.popitem(last=False)
         self._batches.count(result)
 
+    def _turn(self) -> None:
+        """On the machine's owner thread, several times a second: prove that a stop would be answered; see the hand."""
+        self._publish_heartbeat()
+        self._in_hand.look(self.machine.state)
+
     def _publish_heartbeat(self) -> None:
-        """Publish the heartbeat, on the machine's owner thread: it proves that a stop would be answered."""
         if time.monotonic() - self._published_s >= TURN_S / 2:
             self._published_s = time.monotonic()
             with suppress(BusError):  # closing

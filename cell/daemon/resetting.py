@@ -1,4 +1,8 @@
-"""The resetting action: a self-check, then the arm to the capture pose with an open hand."""
+"""The resetting action: a self-check, then the arm to the capture pose with an open hand.
+
+A hand that may hold something lets go of it first, where the arm rests: an unknown thing is not carried through the
+air, nor does it fall from where the arm looks.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +15,8 @@ import numpy as np
 from bus.arrays import Joints
 from bus.codes import Code
 from bus.errors import CycleFailure
-from bus.messages import ArmMode
+from bus.messages import ArmMode, HandState
+from cell.daemon.grip import Grip
 from cell.machine.gate import Gate
 from cell.pick.equipment import Equipment
 from cell.pick.fingers import is_at, require_at
@@ -26,10 +31,11 @@ _AT_CAPTURE_RAD = 5e-3
 DoneT = TypeVar("DoneT")
 
 
-def reset(e: Equipment, gate: Gate, nodes_alive: set[str], *, goes_on: bool = False) -> None:
-    """Prepare the cell for a cycle: self-check, open the hand, move to the capture pose.
+def reset(e: Equipment, grip: Grip, gate: Gate, nodes_alive: set[str], *, goes_on: bool = False) -> None:
+    """Prepare the cell for a cycle: self-check, let go of what the hand may hold, move to the capture pose, open.
 
     Args:
+        grip: knows whether the hand may hold something.
         gate: every motion passes it.
         nodes_alive: names of the nodes that are up.
         goes_on: a pick has just ended well, and another of the same command follows. A hand that it left open does not
@@ -44,14 +50,25 @@ def reset(e: Equipment, gate: Gate, nodes_alive: set[str], *, goes_on: bool = Fa
     state, hand = e.arm.state(), e.hand.state()
     if state.mode is not ArmMode.IDLE:
         raise CycleFailure(Code.ARM_REFLEX, f"The arm is in mode {state.mode.value!r}, not idle.")
-    if not hand.is_homed:
-        _move(gate, e.hand.home)
+    was_homed = hand.is_homed
+    if not was_homed:
+        hand = _move(gate, e.hand.home)
+    let_go_m = grip.let_go_m(hand.width_m)
+    if let_go_m is not None:
+        hand = _open(e, gate, let_go_m)
     _to_capture_pose(e, gate, state.q_rad)
     widest_m = e.station.hand.max_width_m
-    if not (goes_on and hand.is_homed and is_at(hand, widest_m)):
-        require_at(_move(gate, lambda: e.hand.move(widest_m, e.station.hand.max_speed_m_s)), widest_m)
+    if not (goes_on and was_homed and is_at(hand, widest_m)):
+        _open(e, gate, widest_m)
     if not goes_on:
         _require_fresh(e)
+
+
+def _open(e: Equipment, gate: Gate, width_m: float) -> HandState:
+    """Open the hand. Raises: HandFault when it is not open then."""
+    state = _move(gate, lambda: e.hand.move(width_m, e.station.hand.max_speed_m_s))
+    require_at(state, width_m)
+    return state
 
 
 def _require_fresh(e: Equipment) -> None:

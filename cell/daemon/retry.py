@@ -32,6 +32,7 @@ WITH_A_NEW_LOOK = frozenset(
         Code.MODEL_BAD_IMAGE,
         Code.MODEL_NO_ROD,
         Code.MODEL_DRIFT,
+        Code.MODEL_FAILED,
         Code.DETECTOR_FAILED,
         Code.DETECTOR_TIMEOUT,
     }

@@ -176,10 +176,12 @@ def after_command(state: State, command: str) -> State:
     return arrows[state]
 
 
-_COMMAND = re.compile(r"command '(?:stop|abort|hold|suspend)' from (.+)")
+_COMMAND = re.compile(r"command '(?:stop|abort|hold|suspend)' from (a client|\S+)( .+)?")
 
 
 def told(state: str, reason: str) -> str:
     """The state for a person, with the client that brought it to rest: ``Stopped by ann-4711``."""
     found = _COMMAND.fullmatch(reason)
-    return f"{state} by {found[1]}" if found else reason
+    if not found:
+        return reason
+    return f"{state} by {found[1]}" + (f".{found[2]}" if found[2] else "")

@@ -33,7 +33,12 @@ VARIABLES = (
     Variable("Status.CurMachSpeed", "Float", True, "Picks a minute, by the time of the last cycle."),
     Variable("Status.MachSpeed", "Float", True, "Always 0: there is no set point."),
     Variable("Status.Stage", "String", False, "The stage of the running cycle."),
-    Variable("Status.Reason", "String", False, "Why the cell is in this state."),
+    Variable(
+        "Status.Reason",
+        "String",
+        False,
+        "Why the cell is in this state; at rest also what may be in the hand.",
+    ),
     Variable("Status.Since", "DateTime", False, "When this state or stage began."),
     Variable("Status.Available", "String[]", False, "The commands that the cell accepts now."),
     Variable("Status.CycleId", "String", False, "The open cycle."),

@@ -193,8 +193,7 @@ def approved(
 
 
 def _question(asked: Proposal) -> Event:
-    what = asked.object or f"grasp {asked.grasp}"
-    text = f"{asked.proposal_id} waits for approval: {what}, score {asked.score:.2f}, {asked.motion_s:.1f} s of motion."
+    text = f"{asked.proposal_id} waits for approval: {asked.in_words}."
     return Event(code="APPROVE", severity="info", text=text, advice="`cell approve`, `cell next-grasp`, `cell reject`.")
 
 

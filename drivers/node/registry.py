@@ -9,14 +9,20 @@ from bus.errors import DriverUnavailable
 from config.plug_ins import Group
 from config.schema import Station
 from drivers.interface import Devices
+from drivers.node.plug_in_device import named
 
 GROUP = Group("vlad_cell.drivers", kind="driver", key="nodes.NAME.driver", failure=DriverUnavailable)
 
 
 def open_node(node: str, station: Station) -> Devices:
-    """Build (not yet connect) the devices of one node of the station. Raises: as `open_devices`."""
+    """Build (not yet connect) the devices of one node of the station; errors of another package's driver name it.
+
+    Raises: as `open_devices`.
+    """
     settings = station.nodes[node]
-    return open_devices(settings.driver, station, settings.settings, f"nodes.{node}.settings")
+    devices = open_devices(settings.driver, station, settings.settings, f"nodes.{node}.settings")
+    package = GROUP.package_of(settings.driver)
+    return named(devices, settings.driver, package.partition(" ")[0]) if package else devices
 
 
 def open_devices(

@@ -21,6 +21,7 @@ from config.schema import Station
 from perception.geometry.lift import lift_pixels, project
 
 _MIN_GAP_PX = 3.0
+_LEAST_ROD_PX = 10
 _MIN_ISLAND = 0.5
 """Pieces of rod shorter than this many rod widths are noise."""
 
@@ -53,8 +54,10 @@ class Line:
 def fit_line(rod: Mask) -> Line:
     """The principal axis of the rod's pixels (H, W), fitted a second time without the outliers of the first fit.
 
-    Raises: CycleFailure(MODEL_NO_ROD) when many pixels are off the line: a bent rod, or several.
+    Raises: CycleFailure(MODEL_NO_ROD) when many pixels are off the line: a bent rod, or several; or without a rod.
     """
+    if np.count_nonzero(rod) < _LEAST_ROD_PX:
+        raise CycleFailure(Code.MODEL_NO_ROD, "There is no rod in the goal image.")
     v, u = np.nonzero(rod)
     pixels = everything = np.stack([u, v], axis=1).astype(float)
     for _ in range(2):
@@ -124,11 +127,15 @@ def rod_depth(line: Line, rod: Mask, depth_m: npt.NDArray[np.float32]) -> Array:
 
     Returns:
         (2,): [1/(m px)] and [1/m].
+
+    Raises: CycleFailure(MODEL_NO_ROD) without depth at two places of it.
     """
-    v, u = np.nonzero(rod & np.isfinite(depth_m))
+    v, u = np.nonzero(rod & np.isfinite(depth_m) & (depth_m > 0))
     pixels = np.stack([u, v], axis=1) - line.center_px
     core = np.abs(pixels @ np.array([-line.direction[1], line.direction[0]])) < 0.3 * line.width_px
     s, inverse_z = pixels[core] @ line.direction, 1.0 / depth_m[v[core], u[core]].astype(float)
+    if len(s) == 0 or np.ptp(s) == 0:
+        raise CycleFailure(Code.MODEL_NO_ROD, "The goal image has no depth where its rod is.")
     coefficients = np.polyfit(s, inverse_z, 1)
     residual = np.abs(np.polyval(coefficients, s) - inverse_z)
     keep = residual <= 2 * np.median(residual) + 1e-9

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from bus.codes import Code
 from bus.errors import ConfigError
 from bus.messages import ModelReply
 from bus.redaction import quoted
@@ -25,8 +26,17 @@ from perception.models.depth_pro import DepthPro
 from perception.models.detector_call import DetectorCall
 from perception.models.exchange import Line
 from perception.models.hosted import HostedModel
+from perception.models.plug_in_model import PlugInModel
 from perception.models.recorded import RecordedModel, SpoiledModel
-from perception.models.registry import PROVIDERS, is_replayed, open_local, reads_text, refuse_settings_of_nobody
+from perception.models.registry import (
+    EMBEDDED,
+    GROUP,
+    PROVIDERS,
+    is_replayed,
+    open_local,
+    reads_text,
+    refuse_settings_of_nobody,
+)
 from perception.models.salient import Salient
 from perception.models.sam import Sam
 from perception.models.server_route import ServerRoute
@@ -93,7 +103,8 @@ def open_models(station: Station, environ: Mapping[str, str]) -> Models:
 def replayed_models(station: Station, replies: Iterable[ModelReply]) -> Models:
     """The models of a replay: hosted models answer from the recorded replies, recorded injected faults happen again.
 
-    A detector of another package is asked again if it is deterministic, without a deadline.
+    A detector of another package is asked again if it is deterministic, a goal-image model if it paints, both without a
+    deadline; a recorded timeout happens again.
     """
     refuse_settings_of_nobody(station)
     replies = tuple(replies)
@@ -106,8 +117,18 @@ def replayed_models(station: Station, replies: Iterable[ModelReply]) -> Models:
 def _replayed_imaginer(station: Station, replies: list[ModelReply]) -> GoalImageModel:
     if is_replayed(station.perception.model, replies):
         return RecordedModel(replies)
-    embedded = open_local(station.perception.model, station)
-    return SpoiledModel(embedded, replies) if station.faults.allowed else embedded
+    local = _local_imaginer(station, None)
+    is_spoiled = station.faults.allowed or any(reply.failure is Code.MODEL_TIMEOUT for reply in replies)
+    return SpoiledModel(local, replies) if is_spoiled else local
+
+
+def _local_imaginer(station: Station, deadline_s: float | None) -> GoalImageModel:
+    """Open a model that is no provider's; another package's is checked, and given so long for a call."""
+    name = station.perception.model
+    model = open_local(name, station)
+    if name in EMBEDDED:
+        return model
+    return PlugInModel(model, name, GROUP.package_of(name).partition(" ")[0], deadline_s)
 
 
 def _local(station: Station) -> tuple[Sam | None, Salient | None, DepthPro | None]:
@@ -120,7 +141,7 @@ def _local(station: Station) -> tuple[Sam | None, Salient | None, DepthPro | Non
 def _imaginer(station: Station, environ: Mapping[str, str], folder: Path) -> GoalImageModel:
     name, settings = station.perception.model, station.perception.hosted
     if name not in PROVIDERS:
-        return open_local(name, station)
+        return _local_imaginer(station, settings.deadline_s)
     for role in ("text_model", "image_model"):
         if not getattr(settings, role):
             raise ConfigError(

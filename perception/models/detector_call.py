@@ -1,4 +1,4 @@
-"""One call of another package's detector: on its own thread, with a deadline, checked, and recorded as a reply."""
+"""One call of another package's detector: with a deadline, checked, and recorded as a reply."""
 
 from __future__ import annotations
 
@@ -9,11 +9,10 @@ from bus.cancel import Cancel
 from bus.codes import Code
 from bus.errors import CycleFailure
 from bus.messages import ModelReply
-from bus.redaction import quoted
 from perception.detectors.base import FoundGrasp, GraspDetector, SeenScene
 from perception.detectors.checked import checked
 from perception.detectors.written import written
-from perception.models.calls import Call, GivenUp
+from perception.models.plug_in_calls import PlugInCalls, Rules
 
 _MAY_SAY = frozenset(
     {
@@ -37,9 +36,9 @@ class DetectorCall:
     """
 
     def __init__(self, name: str, detector: GraspDetector, deadline_s: float | None) -> None:
-        self.name = name
-        self._detector, self._deadline_s = detector, deadline_s
-        self._running: Call[object] | None = None
+        self.name, self._detector = name, detector
+        rules = Rules(f"The detector {name!r}", Code.DETECTOR_FAILED, Code.DETECTOR_TIMEOUT, _MAY_SAY)
+        self._calls = PlugInCalls(rules, deadline_s)
 
     def ask(self, seen: SeenScene, on_reply: Callable[[ModelReply], None], cancel: Cancel) -> tuple[FoundGrasp, ...]:
         """Its grasps.
@@ -52,7 +51,7 @@ class DetectorCall:
         began_s, found, failure = time.monotonic(), tuple[FoundGrasp, ...](), None
         try:
             cancel.raise_if_set("detect")
-            found = checked(self.name, self._called(seen, cancel), seen)
+            found = checked(self.name, self._calls.ask(lambda stop: self._detector.detect(seen, stop), cancel), seen)
         except CycleFailure as error:
             failure = error
         on_reply(
@@ -72,34 +71,4 @@ class DetectorCall:
 
     def close(self) -> None:
         """Close the detector; one that is still busy is left behind."""
-        if self._running is None or self._running.is_over:
-            self._detector.close()
-
-    def _called(self, seen: SeenScene, cancel: Cancel) -> object:
-        try:
-            if self._deadline_s is None:
-                return self._detector.detect(seen, cancel)
-            return self._in_time(seen, cancel, self._deadline_s)
-        except CycleFailure as failure:
-            if failure.failure in _MAY_SAY:
-                raise
-            what = f"The detector {self.name!r} ended with {failure.failure}: {quoted(failure.text)}"
-            raise CycleFailure(Code.DETECTOR_FAILED, what) from failure
-        except Exception as error:
-            what = f"The detector {self.name!r} failed: {type(error).__name__}: {quoted(str(error))}."
-            raise CycleFailure(Code.DETECTOR_FAILED, what) from error
-
-    def _in_time(self, seen: SeenScene, cancel: Cancel, deadline_s: float) -> object:
-        if self._running is not None and not self._running.is_over:
-            what = f"The detector {self.name!r} is still busy with a scene that nobody waits for any more."
-            raise CycleFailure(Code.DETECTOR_TIMEOUT, what)
-        stop = Cancel()
-        call: Call[object] = Call(lambda: self._detector.detect(seen, stop), lambda _: None, self.name)
-        self._running = call
-        try:
-            return call.wait(deadline_s, cancel)
-        except GivenUp:
-            stop.set()
-            cancel.raise_if_set("detect")
-            what = f"The detector {self.name!r} gave no answer within {deadline_s:g} s."
-            raise CycleFailure(Code.DETECTOR_TIMEOUT, what) from None
+        self._calls.close(self._detector.close)

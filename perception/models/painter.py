@@ -31,7 +31,13 @@ def paint(
 
     Returns:
         The picture, and its parts, which are known because they were painted here.
+
+    Raises: ValueError for ends that are no line in front of the camera.
     """
+    if np.shape(ends) != (2, 3) or not np.isfinite(ends).all() or not (ends[:, 2] > 0).all():
+        raise ValueError(
+            f"ends = {np.asarray(ends).tolist()} m: they are (2, 3) finite numbers, z in front of the camera"
+        )
     observed_m = _filled(observed_object)
     depth_m, normals = _cylinder(ends, radius_m, observed_object)
     visible = np.isfinite(depth_m) & ~(observed_m < depth_m + _HIDING_M)

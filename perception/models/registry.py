@@ -74,6 +74,8 @@ def open_local(name: str, station: Station) -> GoalImageModel:
     model: GoalImageModel = GROUP.opened(name, station, settings_of(station), "perception.settings")
     if lacking := [what for what in _MEMBERS if not hasattr(model, what)]:
         raise ConfigError(f"The goal-image model {name!r} has no {lacking[0]!r}.", "See docs/extend.md.")
+    if not isinstance(model.name, str):
+        raise ConfigError(f"The name of the goal-image model {name!r} is no text: {model.name!r}.", "Correct it there.")
     return model
 
 

@@ -180,17 +180,38 @@ def test_a_place_out_of_reach_is_refused_before_anything_moves(place: Place) -> 
         assert not bench.actions.begun
 
 
-def test_a_full_place_takes_no_more_until_a_client_resets_the_cell() -> None:
+def test_a_full_place_takes_no_more_until_a_client_stops_and_resets_the_cell() -> None:
     job = Job(place=Place(name="left"))
     with _ready(PLACES) as bench:
         bench.actions.laid["left"] = 1
         reply = _send(bench, "pick", job)
         assert (reply.ok, reply.code) == (False, "PLACE_FULL")
+        assert reply.advice == "Empty it, then stop and reset the cell: it counts anew then."
         bench.machine.command("stop", OPERATOR)
         bench.settle()
         bench.machine.command("reset", OPERATOR)
         bench.settle()
         assert _send(bench, "pick", job).ok
+
+
+def test_a_reset_between_two_picks_does_not_forget_what_lies_at_a_place() -> None:
+    job = Job(place=Place(name="left"))
+    with _ready(PLACES) as bench:
+        assert _send(bench, "pick", job).ok
+        assert bench.settle() is State.COMPLETE
+        bench.actions.laid["left"] = 1
+        assert bench.machine.command("reset", OPERATOR).ok
+        bench.settle()
+        assert _send(bench, "pick", job).code == "PLACE_FULL"
+
+
+def test_an_abort_and_its_clear_forget_nothing_either() -> None:
+    with _ready(PLACES) as bench:
+        bench.actions.laid["left"] = 1
+        for verb in ("abort", "clear"):
+            assert bench.machine.command(verb, OPERATOR).ok
+            bench.settle()
+        assert bench.actions.laid["left"] == 1
 
 
 def test_a_job_whose_place_filled_up_meanwhile_is_dropped_with_the_reason() -> None:

@@ -360,6 +360,20 @@ def test_names_and_replies_with_tags_stay_text(desk: Desk) -> None:
     assert not serious_findings(page)
 
 
+def test_a_cell_at_rest_says_that_something_may_be_in_the_hand(desk: Desk) -> None:
+    reason, todo = desk.page.locator("#reason"), desk.page.locator("#todo")
+    hand = (
+        "Something may be in the hand: its fingers are 66 mm apart. A reset opens the hand there and then, before the"
+        " arm moves. To take it out first: mode Manual, and open the hand over a place, or while you hold the thing."
+    )
+    desk.say("Stopped", "reset", "abort", reason=hand)
+    expect(reason).to_have_text("Something may be in the hand.")
+    expect(todo).to_contain_text("Reset lets fall what is in the hand.")
+    desk.say("Aborted", "clear", reason=f"ARM_REFLEX: The arm stopped itself. {hand}")
+    expect(reason).to_contain_text("The arm stopped itself.")
+    expect(todo).to_contain_text("Reset lets fall what is in the hand.")
+
+
 def test_five_tasks_take_three_clicks_at_most(desk: Desk) -> None:
     page, cell = desk.page, desk.cell
     page.evaluate("() => { window.clicks = 0; document.addEventListener('click', () => window.clicks++, true); }")

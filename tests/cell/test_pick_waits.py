@@ -41,7 +41,7 @@ class Ended:
 
 def _waited_for(cell: Ended) -> CycleResult:
     waiting = QueuedJob(cell, BEGUN, lambda line: None)
-    return pick._result_of(cast(Client, cell), BEGUN, pick._Shown(as_json=False), waiting)
+    return pick._result_of(cast(Client, cell), BEGUN, pick._Shown(False, cast(Client, cell)), waiting)
 
 
 @pytest.fixture(autouse=True)

@@ -8,16 +8,23 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+import numpy as np
 import pytest
 
 from bus.codes import Code
 from bus.commands import CellState, CommandReply
-from bus.messages import CycleResult, Job
+from bus.messages import CycleResult, Job, Proposal
 from cell import client
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
 STOPPED_BY = "command 'stop' from watch-ann-lab2-4711"
 Said = CellState | CycleResult | type[KeyboardInterrupt]
+
+
+PROPOSAL = Proposal(
+    proposal_id="c-0", cycle_id="c", grasp=3, base_from_tcp=np.eye(4), score=0.87, opening_m=0.05, object="red cup",
+    motion_s=6.2, segments_s={}, rejected=0, passed_over=0, until_ns=0,
+)  # fmt: skip
 
 
 def _state(name: str, reason: str = "") -> CellState:
@@ -45,6 +52,9 @@ class ScriptedCell:
 
     def state(self) -> CellState:
         return self.now
+
+    def proposal(self) -> Proposal:
+        return PROPOSAL
 
     def next_said(self, _timeout_s: float) -> CellState | CycleResult:
         said = next(self._said)
@@ -78,9 +88,10 @@ def test_a_pick_waits_for_the_result_of_its_last_try(in_process: Run, says: Says
     said = (*stages, _result("0"), _result("1", "FAILED", Code.GRASP_MISSED, retried_as="2"), _result("2"))
     says(*said)
     done = in_process("pick")
-    begins, plan, asks, *told = done.stdout.splitlines()
+    begins, plan, asks, waits, *told = done.stdout.splitlines()
     assert (begins, plan) == ("cycle 1 begins; Ctrl-C holds it", "  plan")
-    assert "nothing moves until somebody answers: cell approve" in asks
+    assert asks == "  approve" and waits.startswith("  c-0: red cup, score 0.87, 6.2 s of motion; an answer counts")
+    assert "nothing moves until somebody answers: cell approve" in waits
     missed = ["FAILED GRASP_MISSED [cup]: Held.", "  r.mcap", "tried again as 2"]
     assert told == [*missed, "SUCCESS [cup]: Held.", "  r.mcap"]
     says(*said)

@@ -8,17 +8,19 @@ from typing import Any
 
 import pytest
 
-from bus.errors import CellError, ConfigError, DriverUnavailable
+from bus.errors import CellError, ConfigError, DeviceLost, DriverUnavailable, HandFault
 from cell.cli.plug_in_mistakes import plug_in_mistakes
 from cell.cli.plug_ins import drivers
 from config.load import load_station, station_from
 from config.mistakes import mistakes_in
 from config.plug_ins import Group
 from config.schema import Station
+from drivers.interface import Hand, Reporting
 from drivers.node.registry import GROUP, open_devices, open_node
 from tests.dist_info import write_dist_info
 
 _MODULE = """
+from bus.errors import HandFault
 from pydantic import BaseModel
 from config.plug_ins import with_settings
 from drivers.interface import Devices
@@ -41,11 +43,28 @@ def no_devices(station):
 def fails(station):
     raise OSError("no licence")
 
+def quits(station):
+    raise SystemExit(3)
+
+class Broken:
+    def state(self): raise RuntimeError("serial bug.")
+    def move(self, width_m, speed_m_s): raise SystemExit(3)
+    def readings(self): raise OSError("no bus")
+    def stop(self): raise HandFault("stuck", "Loosen it.")
+    def home(self): return None
+    connect = close = grasp = stop
+
+def broken(station):
+    return Devices(hand=Broken())
+
+def lacks(station):
+    return Devices(hand=object())
+
 class NoModel:
     Settings = "port"
 """
 _POINTS = (
-    *("fine", "plain", "no_devices", "fails"),
+    *("fine", "plain", "no_devices", "fails", "quits", "broken", "lacks"),
     "missing=not_there:open_devices",
     "no_model=plug_in_for_tests:NoModel",
     "sim=plug_in_for_tests:plain",
@@ -90,7 +109,7 @@ def test_a_driver_gets_the_settings_of_its_node_checked_and_with_its_defaults() 
         ("sim", {"port": 7}, r"nodes\.hand\.settings\.port: the driver 'sim' has no settings"),
         ("no_model", {}, "is no pydantic model"),
         ("twice", {}, r"'twice' is brought by acme 1.0 and other 1.0\. Uninstall"),
-        ("grippr", {}, r"Unknown driver 'grippr'\. nodes\.NAME\.driver is one of: fails"),
+        ("grippr", {}, r"Unknown driver 'grippr'\. nodes\.NAME\.driver is one of: broken, fails"),
     ],
 )
 def test_what_is_wrong_in_the_station_file_is_refused_with_table_and_field(
@@ -105,12 +124,35 @@ def test_what_is_wrong_in_the_station_file_is_refused_with_table_and_field(
     [
         ("missing", r"'missing' cannot be loaded: ModuleNotFoundError.*Install what acme 1\.0 needs"),
         ("fails", "'fails' does not start: OSError: no licence"),
+        ("quits", r"'quits' does not start: SystemExit: 3\."),
         ("no_devices", "'no_devices' gave NoneType and no Devices"),
     ],
 )
 def test_a_driver_that_does_not_work_here_says_so(driver: str, said: str) -> None:
     with pytest.raises(DriverUnavailable, match=said):
         open_devices(driver, load_station())
+
+
+def test_what_its_device_raises_is_named_and_no_defect_of_ours() -> None:
+    """Errors of devices stay as they are; readings, which never raise, are none."""
+    hand: Any = open_node("hand", station("broken")).hand
+    for act, said in (
+        (hand.state, "RuntimeError: serial bug"),
+        (lambda: hand.move(0.0, 0.1), "SystemExit: 3"),
+        (hand.home, "TypeError: home() returned NoneType, and it returns HandState"),
+    ):
+        with pytest.raises(DeviceLost) as failed:
+            act()
+        assert failed.value.text == f"The hand of driver 'broken' of package acme failed: {said}."
+        assert "defect" not in str(failed.value) and ".." not in str(failed.value)
+    with pytest.raises(HandFault, match="Loosen it"):
+        hand.stop()
+    assert isinstance(hand, Hand) and isinstance(hand, Reporting) and hand.readings() == {}
+
+
+def test_a_device_without_a_member_of_its_protocol_is_refused_with_that() -> None:
+    with pytest.raises(DriverUnavailable, match=r"hand of driver 'lacks' of package acme has no 'connect'"):
+        open_node("hand", station("lacks"))
 
 
 def test_settings_are_part_of_the_recorded_station_and_can_be_overridden() -> None:

@@ -52,7 +52,7 @@ class Fake:
 
     def detect(self, seen: SeenScene, cancel: object) -> Sequence[FoundGrasp]:
         self.asked.append(seen)
-        if isinstance(self.given, Exception):
+        if isinstance(self.given, BaseException):
             raise self.given
         given: Sequence[FoundGrasp] = self.given
         return given
@@ -101,6 +101,7 @@ def test_it_gets_what_was_seen_and_its_grasps_are_ranked_and_given_their_things(
     ("given", "said"),
     [
         (ValueError("no weights"), "failed: ValueError: no weights"),
+        (SystemExit(3), "failed: SystemExit: 3."),
         (CycleFailure(Code.ARM_REFLEX, "It aborts the cell."), "ended with ARM_REFLEX"),
         (None, "gave NoneType, and no sequence"),
         ([{"pose": 1}], "gave dict as grasp 0"),

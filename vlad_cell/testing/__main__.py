@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 from pathlib import Path
 from typing import Annotated, Literal
@@ -16,6 +17,7 @@ from config.schema import Station
 from vlad_cell.testing import named
 
 _OPTIONS = ("-p", "no:cacheprovider", "-v", "-rs", "--no-header", "-W", "ignore::pytest.PytestAssertRewriteWarning")
+_NODE_SETTING = re.compile(r"\s*nodes\.([^.=]+)\.settings\.")
 Kind = Literal["driver", "detector", "goal-model"]
 
 
@@ -29,17 +31,40 @@ def check(
 ) -> None:
     """Check a plug-in. A driver's devices are connected and moved: stand clear of real ones."""
     try:
-        given = _settings(kind, name, load_station(config, overrides or ()))
-        named.SUITES[kind][0].group.require(name)
+        named_too = with_its_node(kind, name, config, overrides or [])
+        given = _settings(kind, name, load_station(config, named_too))
+        group = named.SUITES[kind][0].group
+        group.require(name)
+        if name not in group.reserved:
+            table = "nodes.NAME.settings" if kind == "driver" else "perception.settings"
+            group.settings_of(name, group.load(name), given, table)
     except CellError as error:
         print(error, file=sys.stderr)  # noqa: T201
         raise typer.Exit(error.exit_code) from error
     for suite in named.SUITES[kind]:
         suite.name, suite.settings, suite.station_file = name, given, config
-        suite.overrides = (*suite.overrides, *(overrides or ()))
+        suite.overrides = (*suite.overrides, *named_too)
     chosen = [f"{named.__file__}::{suite.__name__}" for suite in named.SUITES[kind]]
     options = ["-c", os.devnull, "--rootdir", os.getcwd(), *_OPTIONS]
     raise typer.Exit(int(pytest.main([*options, *chosen])))
+
+
+def with_its_node(kind: Kind, name: str, config: Path | None, overrides: list[str]) -> list[str]:
+    """The overrides; where they give settings of a node that the station lacks, also those that make it the driver's.
+
+    The node serves nothing there: the suites open the driver by themselves.
+    """
+    own = [one for one in overrides if kind == "driver" and _NODE_SETTING.match(one)]
+    others = [one for one in overrides if one not in own]
+    there = load_station(config, others).nodes
+    nodes = dict.fromkeys(found[1] for one in own if (found := _NODE_SETTING.match(one)))
+    made = [
+        part
+        for node in nodes
+        if node not in there
+        for part in (f"nodes.{node}.driver={name}", f"nodes.{node}.serves=[]")
+    ]
+    return [*others, *made, *own]
 
 
 def _settings(kind: Kind, name: str, station: Station) -> dict[str, object]:

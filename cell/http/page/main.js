@@ -13,7 +13,7 @@ import { showPicks } from "./picks.js";
 import { showToday } from "./today.js";
 import { showHealth } from "./health.js";
 
-const IN_BANNER = ["ABORTING", "ABORTED"];
+const IN_BANNER = ["ABORTING", "ABORTED", "HAND_NOT_EMPTY", "PICK_CUT_OFF"];
 const ANEW = ["Resetting", "Clearing"];
 let told = "";
 

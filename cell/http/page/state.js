@@ -33,9 +33,12 @@ function specialOf(state) {
   return state.state === "Complete" && now.result?.result === "FAILED" ? "failed" : state.state;
 }
 
+const IN_HAND = /Something may be in the hand/; // the cell says so in its reason, whatever else that is
+
 function todoOf(state, special) {
   if (state.mode === "Manual" && state.state === "Aborted") return texts.clearToMove;
-  return texts.todo[special] ?? texts.todo[state.state] ?? "";
+  const todo = texts.todo[special] ?? texts.todo[state.state] ?? "";
+  return IN_HAND.test(state.reason) ? `${texts.inHand} ${todo}` : todo;
 }
 
 function draw() {

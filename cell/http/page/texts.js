@@ -4,6 +4,7 @@ export const LANGUAGE = "en";
 
 // What the cell says in its own terms, and what a person at the page reads instead; the recording keeps the former.
 const PLAIN = [
+  [/^Something may be in the hand: [^.]+\. A reset [^.]+\. To take [^.]+\.$/, "Something may be in the hand."],
   [/^(?:TARGET_NOT_FOUND: )?There is no object within [\d.]+ (?:px|mm) of \(/, "Nothing lies where you clicked."],
   [/^(?:TARGET_NOT_FOUND: )?No object lies mostly in the box/, "Nothing lies mostly in the box you drew."],
   [/^The lease of 'http-page[^']*' was lost/, "The page that started this pick was closed or reloaded, or lost its link."],
@@ -88,7 +89,7 @@ export const texts = {
     Idle: "Press Start, or choose what it shall pick in the picture.",
     Held: "See that nobody is near the arm. Then Unhold to go on, or Stop to end.",
     Suspended: "Unsuspend to go on, or Stop to end.",
-    Complete: "Press Reset to start anew, or choose what it shall pick next.",
+    Complete: "Choose in the picture what it shall pick next. For several picks: Reset, then Start.",
     Aborted: "Look at the reason and at the cell. Then Clear, then Reset.",
   },
   stages: {
@@ -172,6 +173,7 @@ export const texts = {
   manualMeans: "Only while a button is held, slowly. See that nobody, and nothing, is in the way: it knows only the fixed boxes.",
   holdButton: "Moves while it is held.",
   notNow: "Not in this state.",
+  inHand: "Reset lets fall what is in the hand. To take it out first: “Move it by hand”, then open the hand over a place, or while you hold it.",
   clearToMove: "First Clear, then it can be moved.",
   steps: { x: { 1: "away from its base", "-1": "towards its base" }, y: { 1: "left", "-1": "right" }, z: { 1: "up", "-1": "down" } },
   home: "home",
