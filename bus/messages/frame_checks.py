@@ -114,7 +114,7 @@ def require_metres(field: str, depth_m: npt.NDArray[np.float32]) -> None:
         return
     middle_m = float(np.median(measured_m[:: max(1, measured_m.size // _LOOKED_AT)]))
     if middle_m > _FARTHEST_M:
-        raise bad(f"{field} says {middle_m:.4g} m in its middle. Depth is in metres: divide millimetres by 1000.")
+        raise bad(f"{field} says {middle_m:.4g} m in its middle. Depth is in metres: divide these millimetres by 1000.")
     if middle_m < _NEAREST_M:
         raise bad(f"{field} says {middle_m:.4g} m in its middle. Depth is in metres: was it divided by 1000 twice?")
 
