@@ -672,7 +672,8 @@ def test_the_arm_is_moved_by_hand_only_while_a_button_is_held(desk: Desk) -> Non
     with page.expect_response("**/api/commands/jog"):
         pass  # it is sent again
     page.mouse.up()
-    page.get_by_role("button", name="Open the hand").click()
+    with page.expect_response("**/api/commands/hand_open"):
+        page.get_by_role("button", name="Open the hand").click()
     with page.expect_response("**/api/commands/stop"):
         page.keyboard.press("Escape")
     verbs = [verb for verb, _ in desk.cell.sent]
