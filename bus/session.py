@@ -203,7 +203,7 @@ class Bus:
         with self._open() as session:
             publisher = session.declare_publisher(pattern, allowed_destination=zenoh.Locality.REMOTE)
             try:
-                status: Any = publisher.matching_status  # the stub says bool; it is an object, which is always truthy
+                status: Any = publisher.matching_status  # its typing says bool; it is an object, which is always truthy
                 return bool(status.matching)
             finally:
                 publisher.undeclare()  # type: ignore[no-untyped-call]

@@ -27,6 +27,13 @@ def is_there(path: Sequence[str]) -> bool:
     return bool(_at(path))
 
 
+def value_at(tree: Any, key: str) -> Any:
+    """Return the value of the setting ``key`` in a station as JSON has it; None where its table is not there."""
+    for part in key.split("."):
+        tree = tree.get(part) if isinstance(tree, dict) else None
+    return tree
+
+
 def keys_beside(location: Sequence[int | str]) -> list[str]:
     """The keys of the table that the last part of ``location`` is in, sorted; of the last table that there is."""
     kinds: list[Any] = [Station]

@@ -42,13 +42,13 @@ class Proposal(Message):
 
     @property
     def in_words(self) -> str:
-        """What waits, for a person: the thing or else the place, the score, how long it moves."""
+        """Describe what waits, for a person: the thing or else the place, the score, the time of its motion."""
         x_m, y_m = self.base_from_tcp[:2, 3]
         what = self.object or f"grasp {self.grasp} at ({x_m:.2f}, {y_m:.2f})"
         return f"{what}, score {self.score:.2f}, {self.motion_s:.1f} s of motion"
 
     def waits_in_words(self, now_ns: int) -> str:
-        """What waits, by its id, and how long an answer counts. ``now_ns``: UTC."""
+        """Describe what waits by its id, and how long an answer counts. ``now_ns``: UTC."""
         left_s = max(0.0, (self.until_ns - now_ns) * 1e-9)
         return f"{self.proposal_id}: {self.in_words}; an answer counts for {left_s:.0f} s"
 

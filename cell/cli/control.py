@@ -177,7 +177,7 @@ def status(config: Config = DEFAULT_STATION, overrides: Set = None, as_json: Jso
 
 
 def _waiting(cell: Client, state: CellState) -> Proposal | None:
-    """What waits for approval; None when nothing does, or it was answered meanwhile."""
+    """Return the proposal that waits for approval; None when nothing does, or it was answered meanwhile."""
     if state.stage != "approve":
         return None
     with suppress(Refused):

@@ -8,11 +8,10 @@ from contextlib import contextmanager
 from typing import Any
 
 from bus.errors import ConfigError, NotHere, PlugInMissing
+from config.keys import value_at
 from logs.mcap.reader import PLUG_INS, CycleRecord
 
 _STILL = "`cell show`, `cell report` and read_cycle need none of it."
-
-_URDF = "It holds that file as model/robot.urdf: save it, and replay with --set robot.urdf=FILE."
 
 
 @contextmanager
@@ -27,7 +26,7 @@ def opening(record: CycleRecord, *, is_changed: bool) -> Iterator[None]:
     try:
         yield
     except PlugInMissing as error:
-        if _recorded(record, error.key) != error.name:
+        if value_at(record.station, error.key) != error.name:
             raise  # of an override
         raise _not_installed(record, error) from error
     except ConfigError as error:
@@ -62,10 +61,3 @@ def _packages(record: CycleRecord) -> dict[str, str]:
     except ValueError:
         named = {}
     return {str(key): str(value) for key, value in named.items()} if isinstance(named, dict) else {}
-
-
-def _recorded(record: CycleRecord, key: str) -> object:
-    tree: Any = record.station
-    for part in key.split("."):
-        tree = tree.get(part) if isinstance(tree, dict) else None
-    return tree

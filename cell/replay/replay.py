@@ -17,6 +17,7 @@ from bus.frozen import Message
 from bus.messages import Detections, Failure, ModelReply, PickPlan, StageName, StageRecord
 from cell.replay.compared_stages import STAGES, Stage
 from cell.replay.made_with import opening
+from config.keys import value_at
 from config.load import station_from
 from config.schema import Station
 from logs.differences import Difference, compare
@@ -166,14 +167,7 @@ def _changed(record: CycleRecord, station: Station, request: Request) -> Iterato
     before = station_from(dict(record.station), source="the recorded station").model_dump(mode="json")
     now = station.model_dump(mode="json")
     for key in dict.fromkeys(override.partition("=")[0].strip() for override in request.overrides):
-        yield Changed(key, _at(before, key), _at(now, key))
-
-
-def _at(tree: Any, key: str) -> Any:
-    """The value of a setting; None where its table is not there."""
-    for part in key.split("."):
-        tree = tree.get(part) if isinstance(tree, dict) else None
-    return tree
+        yield Changed(key, value_at(before, key), value_at(now, key))
 
 
 def _wanted(request: Request) -> list[Stage]:
