@@ -80,16 +80,25 @@ class Mirror:
         return await asyncio.get_running_loop().run_in_executor(self._waiting, what, *arguments)
 
     async def _look(self) -> None:
-        """Ask for the state, and what waits for approval: a message may be lost, or the cell was started again."""
+        """Ask for the state, and what waits for approval: a message may be lost, or the cell was started again.
+
+        Messages that came meanwhile are shown instead: an answer may overtake what was said before it.
+        """
+        proposal = None
         try:
             state = await self._ask(self._viewer.state)
             if state.stage == "approve":
                 with suppress(Refused):  # it was answered meanwhile
-                    await self._show_proposal(await self._ask(self._viewer.proposal))
+                    proposal = await self._ask(self._viewer.proposal)
         except BusError:
             await self._space.write({"Connected": False})
-        else:
-            await self._show_state(state)
+            return
+        if (sample := await self._ask(self._viewer.next_heard, 0)) is not None:
+            await self._hear(sample)
+            return
+        if proposal is not None:
+            await self._show_proposal(proposal)
+        await self._show_state(state)
 
     async def _hear(self, sample: Sample) -> None:
         said = None

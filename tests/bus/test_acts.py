@@ -18,6 +18,7 @@ from bus.messages import HandState
 from bus.sample import Asked, Sample
 from bus.session import Bus
 from bus.topics import Topic, encoding_of
+from tests.listeners import await_listeners
 
 HAND = HandState(stamp_ns=1, width_m=0.04, is_moving=False, is_homed=True)
 ACTING = [topic for topic in topics.TOPICS if topic.acts]
@@ -184,6 +185,7 @@ def test_who_serves_a_key_too_and_never_answers_is_noticed(site: Site) -> None:
 def test_what_is_heard_says_which_session_said_it(site: Site) -> None:
     heard: queue.SimpleQueue[Sample] = queue.SimpleQueue()
     site.cell.subscribe("hand/state", heard.put)
+    await_listeners(site.node, topics.HAND_STATE)
     site.node.publish(topics.HAND_STATE, HAND)
     assert heard.get(timeout=60).source == site.node.source
     site.stranger.put("cell/test/hand/state", encode(HAND))

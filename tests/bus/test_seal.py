@@ -18,6 +18,7 @@ from bus.sample import Asked, Sample
 from bus.seal import Seal
 from bus.session import Bus
 from bus.topics import encoding_of
+from tests.listeners import await_listeners
 
 HAND = HandState(stamp_ns=1, width_m=0.04, is_moving=False, is_homed=True)
 KEY, SOURCE = "cell/test/hand/home", "ab12"
@@ -82,6 +83,7 @@ def test_what_is_heard_says_whether_it_is_sealed(endpoint: str, shares: bool) ->
         if shares:
             node.seal = cell.seal
         cell.subscribe("hand/state", heard.put)
+        await_listeners(node, topics.HAND_STATE)
         node.publish(topics.HAND_STATE, HAND)
         said = heard.get(timeout=60)
         assert (said.source, said.is_sealed) == (node.source, shares)

@@ -28,6 +28,7 @@ from bus.messages import HandState
 from bus.sample import Asked, Sample
 from bus.session import Bus
 from stand_ins.starved import StarvedMachine
+from tests.listeners import await_listeners
 
 HAND = HandState(stamp_ns=1, width_m=0.04, is_moving=False, is_homed=True)
 
@@ -47,7 +48,7 @@ def client(cell: Bus, endpoint: str) -> Iterator[Bus]:
 def test_what_is_published_is_heard_with_its_encoding(cell: Bus, client: Bus) -> None:
     heard: queue.SimpleQueue[Sample] = queue.SimpleQueue()
     cell.subscribe("hand/*", heard.put)
-    client.announce(topics.NODE_ALIVE, name="here")  # ordered after nothing, but its arrival proves the link is up
+    await_listeners(client, topics.HAND_STATE)
     client.publish(topics.HAND_STATE, HAND)
     got = heard.get(timeout=60)
     assert got.key == "hand/state" and got.encoding == "application/json;vlad.HandState"

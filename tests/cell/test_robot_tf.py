@@ -21,6 +21,7 @@ from cell.daemon.runinfo import robot_description
 from config.load import load_station
 from planning.links import Links
 from planning.robot import Robot
+from tests.listeners import await_listeners
 
 HOME = np.array([0.0, -0.45, 0.0, -1.83, 0.0, 1.38, 0.785])
 
@@ -72,6 +73,7 @@ def test_the_newest_states_are_said_as_transforms_with_the_arms_stamp(bus: Bus, 
         closing(RobotTf(bus, robot, lambda heard: True)),
         Bus.join("sim", endpoint) as node,
     ):
+        await_listeners(node, topics.ARM_STATE, topics.HAND_STATE)
         node.publish(topics.HAND_STATE, HandState(stamp_ns=1, width_m=0.02, is_moving=False, is_homed=True))
         for payload in (b"nonsense", _arm(1, np.full(7, np.nan)), _arm(2, HOME), _arm(3, HOME + 0.1)):
             node.publish(topics.ARM_STATE, payload)
@@ -90,6 +92,7 @@ def test_an_arm_at_rest_is_not_said_over_and_over(bus: Bus, endpoint: str, robot
     moved: queue.Queue[bytes] = queue.Queue()
     bus.subscribe("tf", lambda heard: moved.put(heard.payload), own=True)
     with closing(RobotTf(bus, robot, lambda heard: True)), Bus.join("sim", endpoint) as node:
+        await_listeners(node, topics.ARM_STATE)
         for stamp in range(1, 400):
             node.publish(topics.ARM_STATE, _arm(stamp, HOME))
         node.publish(topics.ARM_STATE, _arm(500, HOME + 0.1))

@@ -22,6 +22,7 @@ from bus.session import Bus
 from bus.topics import Topic
 from cell.cli.tls_keys import ROLES, make_keys
 from cell.client import Client
+from tests.listeners import await_listeners
 
 IDLE = CellState(state="Idle", stage="", cycle_id="", since_ns=1, available=("pick",), reason="")
 HEALTHY = CellHealth(is_healthy=True, nodes={})
@@ -138,6 +139,7 @@ def test_only_the_cell_asks_a_node(site: Site, role: str) -> None:
 
 def test_a_node_speaks_for_its_devices_and_for_nothing_else(site: Site) -> None:
     node = site.join("node")
+    await_listeners(node, topics.HAND_STATE)
     node.publish(topics.STATE, IDLE)
     node.announce(topics.LEASE, name="node")
     node.publish(topics.HAND_STATE, HAND)
