@@ -43,6 +43,8 @@ from benchmarks import (
     torn,
     travel,
 )
+from benchmarks.aslant import run as aslant
+from benchmarks.aslant import scenes as aslant_scenes
 from benchmarks.drifted import REGIMES
 from benchmarks.heaps import run as heaps
 from benchmarks.heaps.plan import HEAPS, SETS
@@ -254,6 +256,32 @@ def scenes_(
         typer.echo(
             json.dumps(heaps.run(groups, first, report, wanted, _crew(jobs, scheduler), sheet, _teller(as_json)))
         )
+
+
+@app.command(name="aslant")
+def aslant_(
+    seeds: Annotated[str, typer.Option(help="A:B, seeds to report on; nothing may be tuned on them.")] = "1000:1030",
+    development: Annotated[str, typer.Option(help="A:B, seeds shown beside: those to tune on.")] = "0:30",
+    objects: Annotated[Path, typer.Option(help="The folder object_sim.")] = _OBJECTS,
+    jobs: Annotated[int, typer.Option(min=1)] = 1,
+    lifts: Annotated[bool, typer.Option("--lifts", help="Lift each best grasp in simulation, too.")] = False,
+    given: Annotated[
+        list[str] | None, typer.Option("--set", help=f"What is seen: {', '.join(aslant_scenes.SETS)}. Repeatable.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="No progress, only the figures.")] = False,
+) -> None:
+    """One RGB-D image through `vlad_cell.detect`, by the camera's lean: true grasps, depth, and what the score says."""
+    chosen = given or aslant_scenes.SETS
+    for one in chosen:
+        if one not in aslant_scenes.SETS:
+            raise typer.BadParameter(f"{one!r} is none of {', '.join(aslant_scenes.SETS)}")
+    if not objects.is_dir():
+        typer.echo(json.dumps({"skipped": f"There is no folder {objects}: name object_sim with --objects."}))
+        return
+    crew = _crew(jobs, "", with_children=False)
+    typer.echo(
+        json.dumps(aslant.run(chosen, _seeds(development), _seeds(seeds), objects, lifts, crew, _teller(as_json)))
+    )
 
 
 @app.command(name="fusion")

@@ -100,6 +100,18 @@ class Judge:
         hit = self._hand.hit(near, grasp_from_base @ self._table, half_m)
         return Verdict(COLLIDES, hit) if hit else self._closed(near, half_m)
 
+    def overlap_m(self, base_from_tcp: Array, opening_m: float) -> tuple[float, float]:
+        """How far up from the tips both pads touch, and how high over the table that is; zeros where one does not."""
+        half_m, base_from_grasp = min(opening_m, self._widest_m) / 2, base_from_tcp @ TCP_FROM_GRASP
+        grasp_from_base = inverse(base_from_grasp)
+        near = [(body, moved(planes, corners, grasp_from_base)) for body, planes, corners in self._parts]
+        left, right = self._contacts(near, half_m)
+        if left is None or right is None:
+            return 0.0, 0.0
+        up_m = float(min(left.places[:, 2].max(), right.places[:, 2].max()))
+        edge = inverse(self._table) @ base_from_grasp @ np.array([0.0, 0.0, up_m, 1.0])
+        return up_m, float(edge[2])
+
     # --- closing -----------------------------------------------------------------------------------------------------
 
     def _closed(self, near: Sequence[tuple[int, Solid]], half_m: float) -> Verdict:

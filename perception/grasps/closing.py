@@ -50,6 +50,11 @@ _ANOTHER_M, _BLUNT = 0.012, 0.1
 """A face that lies so much farther back is another one; a slope as small as depth noise makes at a rim is none."""
 _PALM = np.stack(np.meshgrid(np.linspace(-0.10, 0.10, 21), np.linspace(-0.032, 0.032, 7)), axis=-1).reshape(-1, 2)
 _CHUNK = 200
+MORE_ROOM_M, _DEEPER_M = (0.010, 0.014, 0.018, 0.022, 0.026), 0.002
+"""In an image taken aslant: rooms beside each finger that are tried, and how much deeper one must let it come down. The
+back of a thing hides what is low behind it; farther away from it, lower places are seen to be free."""
+_SHALLOW = 0.5
+"""In an image taken aslant: of a grasp less deep than this share the whole score falls, at no depth to so much."""
 
 Array = npt.NDArray[np.float64]
 Rays = npt.NDArray[np.float32]
@@ -124,19 +129,24 @@ WEIGHTS = {
     "room": 0.6,
     "level": 0.5,
     "central": 0.8,
+    "deep": 2.0,
 }
 """Weights of the criteria, fitted (logistic regression, no negative weights) to whether 9,382 grasps in 150 simulated
 heaps hold on the true shapes, the development seeds of `benchmarks scenes`. In their order: not narrow; room beside the
 fingers; long contact patches; the surface between the pads level along the closing axis; one piece and one colour
 there; the share of small pose errors after which the jaw still closes; faces square to the closing axis; no valley
 between the pads; room in the jaw; both edges equally high. Not fitted: not far beside the thing's middle, so that its
-weight hardly turns it in the jaw."""
+weight hardly turns it in the jaw; of an image taken aslant, deep."""
 
 
 def weighted(terms: dict[str, Array], weights: dict[str, float] = WEIGHTS) -> Array:
-    """The weighted mean (n,) of named criteria, each (n,) and between 0 and 1; those without a weight do not count."""
+    """The weighted mean (n,) of named criteria, each (n,) and between 0 and 1; those without a weight do not count.
+
+    What is not deep at all holds nothing, whatever else it has: it scores less than the mean.
+    """
     used = [name for name in terms if name in weights]
-    return np.asarray(sum(weights[name] * terms[name] for name in used) / sum(weights[name] for name in used))
+    mean = np.asarray(sum(weights[name] * terms[name] for name in used) / sum(weights[name] for name in used))
+    return mean * np.minimum(1.0, _SHALLOW + terms["deep"]) if "deep" in terms else mean
 
 
 def close(
@@ -187,7 +197,7 @@ def _closed(
     touch = _touch(left, right)
     tip_m = slices_m - _LEVELS_M[0]
     for _ in range(2):
-        opening_m = np.minimum(hand.max_width_m, touch.width_m + 2 * room_m)
+        opening_m = _opening(profile, touch, room_m, hand, heights.is_aslant)
         palm_m = _palm_top(heights, centers_m + axis * touch.middle_m[:, None], axis) - PALM_ABOVE_TIP_M
         under_m = profile.under_fingers_m(touch.middle_m, opening_m, touch.width_m)
         edge_m = np.minimum(profile.edge_m(left, touch.left_m, 1.0), profile.edge_m(right, touch.right_m, -1.0))
@@ -195,7 +205,7 @@ def _closed(
         tip_m = np.maximum(lowest_m, edge_m - HOLD_M)
         left, right = profile.contacts(tip_m + _LEVELS_M[0], half_m)
         touch = _touch(left, right)
-    opening_m = np.minimum(hand.max_width_m, touch.width_m + 2 * room_m)
+    opening_m = _opening(profile, touch, room_m, hand, heights.is_aslant)
     left_edge_m, right_edge_m = profile.edge_m(left, touch.left_m, 1.0), profile.edge_m(right, touch.right_m, -1.0)
     edge_m = np.minimum(left_edge_m, right_edge_m)
     feasible = (
@@ -231,6 +241,8 @@ def _closed(
         "one": (_same(parts).astype(float) + _same(patches)) / 2,
         "central": _central(heights, center_m, instance),
     }
+    if heights.is_aslant:
+        terms["deep"] = _deep(edge_m, tip_m)
     score = np.where(feasible, weighted(terms), -np.inf)
     return Closings(
         center_m,
@@ -244,6 +256,26 @@ def _closed(
         terms,
         score,
     )
+
+
+def _opening(profile: _Profile, touch: _Touch, room_m: float, hand: HandSettings, is_aslant: bool) -> Array:
+    """The hand's width (n,) to come with; in an image taken aslant wider, where the fingers then come down deeper."""
+    opening_m = np.minimum(hand.max_width_m, touch.width_m + 2 * room_m)
+    if not is_aslant:
+        return opening_m
+    under_m = profile.under_fingers_m(touch.middle_m, opening_m, touch.width_m)
+    for more_m in MORE_ROOM_M:
+        wider_m = np.minimum(hand.max_width_m, touch.width_m + 2 * more_m)
+        lower_m = profile.under_fingers_m(touch.middle_m, wider_m, touch.width_m)
+        is_deeper = lower_m < under_m - _DEEPER_M
+        opening_m, under_m = np.where(is_deeper, wider_m, opening_m), np.where(is_deeper, lower_m, under_m)
+    return opening_m
+
+
+def _deep(edge_m: Array, tip_m: Array) -> Array:
+    """The depth (n,) of the finger tips below the edge, as a share of what the pads, or the table, let them have."""
+    most_m = np.minimum(HOLD_M, np.maximum(edge_m - TABLE_CLEARANCE_M, _MIN_HOLD_M))
+    return np.clip((edge_m - tip_m) / most_m, 0, 1)
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from bus.transforms import apply
 from config.devices import HandSettings
 from config.franka_hand import PALM_ABOVE_TIP_M
 from config.schema import Station
-from perception.grasps.closing import TABLE_CLEARANCE_M, Closings, close, joined, weighted
+from perception.grasps.closing import MORE_ROOM_M, TABLE_CLEARANCE_M, Closings, close, joined, weighted
 from perception.scene.heightmap import CELL_M, HeightMap, Heights
 
 _ROW_CELLS = 2
@@ -163,6 +163,11 @@ def _along(heights: HeightMap, heading_rad: float, station: Station, level_m: fl
     free = (palm[row, middle] < tips_m[level] + PALM_ABOVE_TIP_M - 0.001) & is_object[row, middle]
     level, row, first, last = level[free], row[free], first[free], last[free]
     fits = [_has_room(finger, tips_m[level] - 0.001, row, first, last, room_m, hand) for room_m in _CLEARANCES_M]
+    if heights.is_aslant:
+        slack_m = hand.max_width_m - (last - first) * CELL_M
+        for more_m in MORE_ROOM_M:
+            is_roomy = _has_room(finger, tips_m[level] - 0.001, row, first, last, more_m, hand)
+            fits[0] |= is_roomy & (slack_m > 2 * more_m)
     kept = np.concatenate([np.flatnonzero(one) for one in fits])
     room_m = np.repeat(_CLEARANCES_M, [int(one.sum()) for one in fits])
     order = np.argsort(level[kept], kind="stable")

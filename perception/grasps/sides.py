@@ -23,6 +23,7 @@ from perception.scene.scene import Scene
 _LEANING_DEG, _LEVEL_DEG = 35.0, 75.0
 _HIGH_M = 0.04
 """Of a lower thing the nearly level hand, which is 64 mm thick, finds nothing but the table in its way."""
+_SIGHT = (0.5, 1.0)
 _TURNS_DEG = (0.0, 45.0, -45.0, 90.0, -90.0)
 """Headings of the approach, from the direction that leads away from the arm's base: from beyond it hardly reaches."""
 
@@ -33,9 +34,10 @@ def search_sides(
     scene: Scene, instances: tuple[Instance, ...], number: int, station: Station
 ) -> Iterator[tuple[Closings, Transform]]:
     """Closings on one thing from each direction, and the level frame (4, 4) in ``base`` that they are given in."""
-    if len(scene.looks) == 1:
+    if len(scene.looks) == 1 and not scene.is_aslant:
         return
-    for base_from_level in _levels(scene, instances[number - 1]):
+    levels = _along_sight if scene.is_aslant else _levels
+    for base_from_level in levels(scene, instances[number - 1]):
         heights, base_from_level = scene.along(base_from_level, number)
         found = across_faces(graded(search(heights, station, base_from_level), instances), scene, base_from_level)
         ours = found.on(number)
@@ -54,6 +56,18 @@ def _levels(scene: Scene, thing: Instance) -> Iterator[Transform]:
             yield base_from_table @ from_rotation(
                 _facing(np.radians(tilt_deg), away_rad + np.radians(turn_deg)), place_table
             )
+
+
+def _along_sight(scene: Scene, thing: Instance) -> Iterator[Transform]:
+    """Level frames (4, 4) about a thing that one camera sees aslant: approaches from its side hide less."""
+    table_from_base = scene.table.table_from_base
+    camera, top = apply(table_from_base, np.stack([scene.view.base_from_depth[:3, 3], np.asarray(thing.top_m)]))
+    sight = top - camera
+    heading_rad = float(np.arctan2(sight[1], sight[0]))
+    tilt_rad = float(np.arctan2(np.hypot(sight[0], sight[1]), -sight[2]))
+    place = top * np.array([1.0, 1.0, 0.0])
+    for share in _SIGHT:
+        yield scene.table.base_from_table @ from_rotation(_facing(share * tilt_rad, heading_rad), place)
 
 
 def _facing(tilt_rad: float, heading_rad: float) -> Array:

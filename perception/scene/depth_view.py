@@ -22,6 +22,8 @@ _RISES_M = 0.045
 """How far a thing may rise from what is seen beside it."""
 _BEHIND_M = 0.004
 """A place is free when what is seen in its direction lies so much farther."""
+_IN_SHADOW_M = 0.006
+"""A place is in the shadow of what is seen in its direction so much nearer: more than the depth's noise."""
 
 Depth = npt.NDArray[np.float32]
 Points = npt.NDArray[np.float32]
@@ -86,10 +88,19 @@ class DepthView:
 
         Points outside the image are not hidden: they are not in view.
         """
+        inside, seen_m, z = self._along(points_base)
+        return np.asarray(inside & ~(seen_m > z + np.float32(_BEHIND_M)))  # NaN compares false
+
+    def is_in_shadow(self, points_base: Points) -> npt.NDArray[np.bool_]:
+        """Whether each point (n, 3) [m] lies clearly behind something that is seen in its direction."""
+        inside, seen_m, z = self._along(points_base)
+        return np.asarray(inside & (seen_m < z - np.float32(_IN_SHADOW_M)))  # NaN compares false
+
+    def _along(self, points_base: Points) -> tuple[npt.NDArray[np.bool_], Depth, Depth]:
+        """Whether points (n, 3) are inside the image, what is seen in their direction (n,), and their own z-depth."""
         u, v, z = self._projected(points_base)
         inside = self._within(u, v, z)
-        seen_m = self.nearest_m.ravel().take(np.where(inside, v * np.int32(self.camera.width) + u, 0))
-        return np.asarray(inside & ~(seen_m > z + np.float32(_BEHIND_M)))  # NaN compares false
+        return inside, self.nearest_m.ravel().take(np.where(inside, v * np.int32(self.camera.width) + u, 0)), z
 
     def inside(self, pixels: npt.NDArray[np.int32], z: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
         """Whether pixels (n, 2) = (u, v) at z-depth (n,) lie inside the image, before the camera."""

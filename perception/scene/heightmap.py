@@ -51,6 +51,8 @@ class HeightMap:
             others. ``patches``: its even patch of colour.
         origin_m: (x, y) of the centre of cell [0, 0].
         up_xy: (2,) the part of the upward unit vector that lies in the map's plane; 0 in a map from above.
+        is_aslant: one camera, which leans, saw all of it: what things hide is taken for their upright back, and the
+            surface there for the table.
     """
 
     surface_m: Heights
@@ -60,6 +62,7 @@ class HeightMap:
     patches: Labels
     origin_m: Array
     up_xy: Array = field(default_factory=lambda: np.zeros(2))
+    is_aslant: bool = False
 
     def cells(self, x: npt.NDArray[np.floating], y: npt.NDArray[np.floating]) -> npt.NDArray[np.int32]:
         """Indices into `Framed` maps of points ``x``, ``y`` [m] of any shape; points outside take the frame's."""
@@ -237,6 +240,15 @@ def bound(grid: Grid, height_m: Heights, views: Sequence[DepthView], base_from_l
     bound_m = np.maximum(height_m, free_m)
     bound_m[bound_m < _TABLE_NOISE_M] = 0.0
     return np.asarray(bound_m)
+
+
+def in_shadow(grid: Grid, height_m: Heights, view: DepthView, base_from_level: Transform) -> npt.NDArray[np.bool_]:
+    """The unseen cells (ny, nx) whose foot lies in the shadow of something that was seen."""
+    cells = np.flatnonzero(np.isinf(height_m))
+    feet = np.column_stack([grid.centers_m(cells), np.zeros(len(cells))]).astype(np.float32)
+    hidden = np.zeros(height_m.size, dtype=bool)
+    hidden[cells] = view.is_in_shadow(moved(feet[None], base_from_level)[0])
+    return hidden.reshape(height_m.shape)
 
 
 def _seen_along(

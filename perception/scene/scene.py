@@ -20,7 +20,7 @@ from config.schema import Station
 from perception.geometry.depth import Rgbd, moved
 from perception.scene.cloud import Cloud
 from perception.scene.depth_view import DepthView
-from perception.scene.heightmap import Grid, HeightMap, Heights, Labels, Seen, bound, highest
+from perception.scene.heightmap import Grid, HeightMap, Heights, Labels, Seen, bound, highest, in_shadow
 from perception.scene.look import Look, LookOnTable
 from perception.scene.outline import outlined
 from perception.scene.region import region_corners_m, within
@@ -33,6 +33,8 @@ _INSIDE_SHARE = 0.25
 _MOST = 255
 _SPARSE_CELLS = 1.5
 """A cell without a point has that of the nearest cell so far away: seen at an angle, a surface's points lie apart."""
+_FROM_ABOVE = float(np.cos(np.deg2rad(12)))
+"""A camera that leans less looks from above: the Femto Mega's depth lens leans by 6 degrees, a table by up to 3."""
 _MORE = 1.2
 """Another look than the first is shown to the models when it sees so many times more of the things."""
 
@@ -85,6 +87,11 @@ class Scene:
         return self.look_labels[self.shown]
 
     @property
+    def is_aslant(self) -> bool:
+        """As `HeightMap.is_aslant`, of every map of the scene."""
+        return self.heights.is_aslant
+
+    @property
     def count(self) -> int:
         """The number of things; they are numbered from 1 on."""
         return int(self.heights.labels.max(initial=0))
@@ -121,11 +128,13 @@ class Scene:
         base_from_level = base_from_level @ from_translation((0.0, 0.0, far_m))
         grid = Grid.around(ours[:, :2])
         seen = highest(grid, points, self.cloud.weights)
-        surface_m, bound_m = _heights(seen, grid, self.looks, base_from_level)
+        surface_m, bound_m = _heights(seen, grid, self.looks, base_from_level, self.is_aslant)
         point, labels = seen.point_within(_SPARSE_CELLS), np.zeros(grid.shape, dtype=np.int16)
         labels[point >= 0] = self.cloud_labels[point[point >= 0]]
         up_xy = (base_from_level[:3, :3].T @ self.table.base_from_table[:3, 2])[:2]
-        return HeightMap(surface_m, bound_m, labels, labels, labels, grid.origin_m, up_xy), base_from_level
+        return HeightMap(
+            surface_m, bound_m, labels, labels, labels, grid.origin_m, up_xy, self.is_aslant
+        ), base_from_level
 
 
 def observe(observation: Observation, station: Station) -> Scene:
@@ -144,7 +153,7 @@ def scene_of(looks: Sequence[Look], station: Station) -> Scene:
     cloud = Cloud.of(on_table, table, station)
     risen = cloud.points_table[cloud.is_raised][:, :2]
     grid = Grid.around(risen if len(risen) else region_corners_m(station))
-    heights = _without_tall(_height_map(looks, grid, cloud, table.base_from_table), station.scene.max_height_m)
+    heights = _without_tall(_height_map(looks, grid, cloud, table), station.scene.max_height_m)
     heights = _in_region(
         heights, grid, cloud, within(moved(cloud.points_table[None], table.base_from_table)[0], station)
     )
@@ -153,24 +162,44 @@ def scene_of(looks: Sequence[Look], station: Station) -> Scene:
     return Scene(looks, _best(on_table, look_labels, grid), table, cloud, cloud_labels, look_labels, heights)
 
 
-def _height_map(looks: tuple[Look, ...], grid: Grid, cloud: Cloud, base_from_level: Transform) -> HeightMap:
-    """The height map of a cloud, whose frame is the level frame."""
+def _height_map(looks: tuple[Look, ...], grid: Grid, cloud: Cloud, table: Table) -> HeightMap:
+    """The height map of a cloud, from above."""
     seen = highest(grid, cloud.points_table, cloud.weights)
     point = seen.point_within(_SPARSE_CELLS)
     raised_cells, cell_lab = point >= 0, np.zeros((*grid.shape, 3), dtype=np.float32)
     raised_cells[raised_cells] = cloud.is_raised[point[raised_cells]]
     cell_lab[raised_cells] = cloud.lab[point[raised_cells]]
-    surface_m, bound_m = _heights(seen, grid, looks, base_from_level)
+    is_aslant = _is_aslant(looks, table)
+    surface_m, bound_m = _heights(seen, grid, looks, table.base_from_table, is_aslant)
     parts = pieces(surface_m, raised_cells)
     return HeightMap(
-        surface_m, bound_m, things(parts, cell_lab), parts, color_patches(cell_lab, raised_cells), grid.origin_m
+        surface_m,
+        bound_m,
+        things(parts, cell_lab),
+        parts,
+        color_patches(cell_lab, raised_cells),
+        grid.origin_m,
+        is_aslant=is_aslant,
     )
 
 
-def _heights(seen: Seen, grid: Grid, looks: tuple[Look, ...], base_from_level: Transform) -> tuple[Heights, Heights]:
+def _heights(
+    seen: Seen, grid: Grid, looks: tuple[Look, ...], base_from_level: Transform, is_aslant: bool
+) -> tuple[Heights, Heights]:
     """Surface and bound (ny, nx): see `HeightMap`."""
     bound_m = bound(grid, seen.height_m, tuple(look.view for look in looks), base_from_level)
-    return np.where(np.isinf(seen.height_m), np.minimum(seen.continued_m, bound_m), seen.height_m), bound_m
+    surface_m = np.where(np.isinf(seen.height_m), np.minimum(seen.continued_m, bound_m), seen.height_m)
+    if is_aslant:
+        surface_m[in_shadow(grid, seen.height_m, looks[0].view, base_from_level)] = 0.0
+    return surface_m, bound_m
+
+
+def _is_aslant(looks: tuple[Look, ...], table: Table) -> bool:
+    """Whether there is only one look, and its camera leans from straight down."""
+    if len(looks) > 1:
+        return False
+    axis_base, normal_base = looks[0].view.base_from_depth[:3, 2], table.base_from_table[:3, 2]
+    return bool(-axis_base @ normal_base < _FROM_ABOVE)
 
 
 def _without_tall(heights: HeightMap, max_height_m: float) -> HeightMap:
