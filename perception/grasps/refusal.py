@@ -33,7 +33,8 @@ def why_none(
         return failures[0]
     hidden = _hidden(scene, station)
     if hidden:
-        text = f"{hidden} ways to grasp would be free if the camera saw the space beside them"
+        leaning = f", which leans by {np.degrees(scene.lean_rad):.0f} degrees," if scene.is_aslant else ""
+        text = f"{hidden} ways to grasp would be free if the camera{leaning} saw the space beside them"
         return CycleFailure(Code.NOT_SEEN, f"{text}: look from above, or from another side.")
     jaw_m = station.hand.max_width_m
     narrowest = min(seen.instances, key=lambda one: float(one.size_m[1]))

@@ -1,6 +1,7 @@
 """Searches one thing for grasps from its sides: along directions of the upper hemisphere besides the vertical.
 
-It needs several looks: from above alone, a thing's sides are not seen, and what was not seen is not free.
+It needs several looks: from above alone, a thing's sides are not seen, and what was not seen is not free. One look that
+is taken aslant shows one side: there the hand leans towards the camera.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ _LEANING_DEG, _LEVEL_DEG = 35.0, 75.0
 _HIGH_M = 0.04
 """Of a lower thing the nearly level hand, which is 64 mm thick, finds nothing but the table in its way."""
 _SIGHT = (0.5, 1.0)
+"""Shares of the camera's lean by which the hand leans, too."""
 _TURNS_DEG = (0.0, 45.0, -45.0, 90.0, -90.0)
 """Headings of the approach, from the direction that leads away from the arm's base: from beyond it hardly reaches."""
 
@@ -59,7 +61,7 @@ def _levels(scene: Scene, thing: Instance) -> Iterator[Transform]:
 
 
 def _along_sight(scene: Scene, thing: Instance) -> Iterator[Transform]:
-    """Level frames (4, 4) about a thing that one camera sees aslant: approaches from its side hide less."""
+    """Level frames (4, 4) about a thing that one camera sees aslant: a hand that leans as it does meets less unseen."""
     table_from_base = scene.table.table_from_base
     camera, top = apply(table_from_base, np.stack([scene.view.base_from_depth[:3, 3], np.asarray(thing.top_m)]))
     sight = top - camera

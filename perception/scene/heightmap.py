@@ -242,13 +242,20 @@ def bound(grid: Grid, height_m: Heights, views: Sequence[DepthView], base_from_l
     return np.asarray(bound_m)
 
 
-def in_shadow(grid: Grid, height_m: Heights, view: DepthView, base_from_level: Transform) -> npt.NDArray[np.bool_]:
-    """The unseen cells (ny, nx) whose foot lies in the shadow of something that was seen."""
-    cells = np.flatnonzero(np.isinf(height_m))
-    feet = np.column_stack([grid.centers_m(cells), np.zeros(len(cells))]).astype(np.float32)
-    hidden = np.zeros(height_m.size, dtype=bool)
-    hidden[cells] = view.is_in_shadow(moved(feet[None], base_from_level)[0])
-    return hidden.reshape(height_m.shape)
+def in_shadow(grid: Grid, seen: Seen, view: DepthView, base_from_level: Transform) -> npt.NDArray[np.bool_]:
+    """The unseen cells (ny, nx) whose foot something hides, while over them the camera sees past what is beside them.
+
+    Where it does not see past, a surface goes on whose points only lie far apart.
+    """
+    cells = np.flatnonzero(np.isinf(seen.height_m))
+    places = grid.centers_m(cells)
+    foot, top = (
+        moved(np.column_stack([places, z_m]).astype(np.float32)[None], base_from_level)[0]
+        for z_m in (np.zeros(len(cells)), seen.continued_m.ravel()[cells])
+    )
+    shadow = np.zeros(seen.height_m.size, dtype=bool)
+    shadow[cells] = view.is_in_shadow(foot) & ~view.is_hidden(top)
+    return shadow.reshape(seen.height_m.shape)
 
 
 def _seen_along(

@@ -33,7 +33,7 @@ _INSIDE_SHARE = 0.25
 _MOST = 255
 _SPARSE_CELLS = 1.5
 """A cell without a point has that of the nearest cell so far away: seen at an angle, a surface's points lie apart."""
-_FROM_ABOVE = float(np.cos(np.deg2rad(12)))
+_ASLANT_RAD = float(np.deg2rad(12))
 """A camera that leans less looks from above: the Femto Mega's depth lens leans by 6 degrees, a table by up to 3."""
 _MORE = 1.2
 """Another look than the first is shown to the models when it sees so many times more of the things."""
@@ -90,6 +90,11 @@ class Scene:
     def is_aslant(self) -> bool:
         """As `HeightMap.is_aslant`, of every map of the scene."""
         return self.heights.is_aslant
+
+    @property
+    def lean_rad(self) -> float:
+        """The angle between the camera's axis and straight down, of the look that is shown."""
+        return _lean_rad(self.look, self.table)
 
     @property
     def count(self) -> int:
@@ -169,7 +174,7 @@ def _height_map(looks: tuple[Look, ...], grid: Grid, cloud: Cloud, table: Table)
     raised_cells, cell_lab = point >= 0, np.zeros((*grid.shape, 3), dtype=np.float32)
     raised_cells[raised_cells] = cloud.is_raised[point[raised_cells]]
     cell_lab[raised_cells] = cloud.lab[point[raised_cells]]
-    is_aslant = _is_aslant(looks, table)
+    is_aslant = len(looks) == 1 and _lean_rad(looks[0], table) > _ASLANT_RAD
     surface_m, bound_m = _heights(seen, grid, looks, table.base_from_table, is_aslant)
     parts = pieces(surface_m, raised_cells)
     return HeightMap(
@@ -190,16 +195,13 @@ def _heights(
     bound_m = bound(grid, seen.height_m, tuple(look.view for look in looks), base_from_level)
     surface_m = np.where(np.isinf(seen.height_m), np.minimum(seen.continued_m, bound_m), seen.height_m)
     if is_aslant:
-        surface_m[in_shadow(grid, seen.height_m, looks[0].view, base_from_level)] = 0.0
+        surface_m[in_shadow(grid, seen, looks[0].view, base_from_level)] = 0.0
     return surface_m, bound_m
 
 
-def _is_aslant(looks: tuple[Look, ...], table: Table) -> bool:
-    """Whether there is only one look, and its camera leans from straight down."""
-    if len(looks) > 1:
-        return False
-    axis_base, normal_base = looks[0].view.base_from_depth[:3, 2], table.base_from_table[:3, 2]
-    return bool(-axis_base @ normal_base < _FROM_ABOVE)
+def _lean_rad(look: Look, table: Table) -> float:
+    """The angle between a camera's axis and the way straight down to the table."""
+    return float(np.arccos(np.clip(-look.view.base_from_depth[:3, 2] @ table.base_from_table[:3, 2], -1, 1)))
 
 
 def _without_tall(heights: HeightMap, max_height_m: float) -> HeightMap:
