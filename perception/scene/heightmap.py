@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import cv2
 import numpy as np
@@ -104,7 +105,7 @@ class HeightMap:
         """The part of the map inside a window of rows and columns, which begins inside the map."""
         rows, columns = window
         origin_m = self.origin_m + np.array([columns.start, rows.start]) * CELL_M
-        maps = {name: np.ascontiguousarray(getattr(self, name)[window]) for name in _MAPS}
+        maps: dict[str, Any] = {name: np.ascontiguousarray(getattr(self, name)[window]) for name in _MAPS}
         return replace(self, **maps, origin_m=origin_m)
 
     def xy_m(self, rows: npt.NDArray[np.int64], columns: npt.NDArray[np.int64]) -> Array:
