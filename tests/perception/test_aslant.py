@@ -106,3 +106,11 @@ def test_where_the_jaw_has_no_room_behind_a_thing_the_refusal_names_the_lean() -
     assert refused.value.failure is Code.NOT_SEEN
     leaning = re.search(r"leans by (\d+) degrees", refused.value.text)
     assert leaning is not None and abs(int(leaning[1]) - 45) <= 2
+
+
+@pytest.mark.parametrize("direction", [(30.0, 90.0), (30.0, 120.0), (45.0, 120.0)])
+def test_what_is_wider_than_the_jaw_has_no_narrow_corner(direction: tuple[float, float]) -> None:
+    """Far from each other, the points of its near faces leave a ragged edge."""
+    too_wide = Solid((0.46, 0.0, 0.0), (0.12, 0.09, 0.06))
+    with pytest.raises(CycleFailure):
+        detect([look([too_wide], direction, noise_m=0.001)], STATION, open_models(STATION, {}))

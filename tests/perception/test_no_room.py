@@ -47,6 +47,6 @@ def test_depth_that_scatters_is_named_before_the_widths_that_it_spoils() -> None
 
 def test_what_was_not_seen_beside_it_is_measured() -> None:
     """From aside the far half of the space around it is hidden, and its far face, too."""
-    failure = _no_grasp(look([Solid((0.46, 0.0, 0.0), (0.1, 0.04, 0.06))], LEFT))
-    assert re.search(r"41 mm wide: of the space beside it \d+ cm2 \(\d+%\) were not seen", failure.text)
+    failure = _no_grasp(look([Solid((0.46, 0.0, 0.0), (0.1, 0.078, 0.06))], LEFT))
+    assert re.search(r"79 mm wide: of the space beside it \d+ cm2 \(\d+%\) were not seen", failure.text)
     assert "another side" in failure.advice
