@@ -2,7 +2,7 @@
 
 import { bodyOf, closeDialog, el, isOff, openDialog, say, setButton, tell, tellRefusal } from "./dom.js";
 import { cell, command, now, untilState } from "./link.js";
-import { texts } from "./texts.js";
+import { plainly, texts } from "./texts.js";
 
 const FREE_MS = 5000;
 const AGAIN_MS = 250;
@@ -46,7 +46,7 @@ function askToTakeOver(refusal) {
   openDialog(
     el("h2", { id: "asking-title" }, texts.takeOver),
     el("p", {}, texts.takeOverText),
-    el("p", { class: "strong" }, refusal.reason),
+    el("p", { class: "strong" }, plainly(refusal.reason)),
     el("div", { class: "row" },
       el("button", { type: "button", onclick: closeDialog }, texts.takeOverNo),
       el("button", { type: "button", class: "main", onclick: () => { closeDialog(); takeOver(); } }, texts.takeOverYes)),

@@ -82,7 +82,7 @@ export function tellRefusal(refusal) {
   tell(refusalHere(refusal.reason === undefined ? { reason: String(refusal) } : refusal), true);
 }
 
-/** A button that is never removed from the tab order: what it cannot do now it says. */
+/** A button stays in the tab order: what it cannot do now it says. */
 export function setButton(button, why, title) {
   button.setAttribute("aria-disabled", why ? "true" : "false");
   button.title = why || title;

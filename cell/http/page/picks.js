@@ -29,7 +29,7 @@ async function refresh() {
   const isThere = !expected || only.checked || cycles.some((one) => one.cycle_id === expected);
   if (!isThere || cycles.some((one) => one.result === "TORN" || !one.report)) again(isThere ? AGAIN_MS : SOON_MS);
   const last = cycles.find((one) => one.result !== "TORN");
-  if (!only.checked && !now.state?.cycle_id && last?.cycle_id > (now.result?.cycle_id ?? "")) now.result = last; // this page was not there
+  if (!only.checked && !now.state?.cycle_id) now.result ??= last ?? null; // this page was not there
   const content = JSON.stringify(cycles);
   if (content === drawn) return;
   drawn = content;
@@ -154,6 +154,10 @@ export function showPicks() {
     tries = 0;
     again(SOON_MS);
   });
-  cell.addEventListener("link", ({ detail }) => detail && refresh());
+  cell.addEventListener("link", ({ detail }) => {
+    drawn = "";
+    if (detail) refresh();
+    else now.result = null; // another pick may end meanwhile
+  });
   refresh();
 }

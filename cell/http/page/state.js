@@ -9,17 +9,18 @@ const ENDING = ["stop", "abort", "hold", "suspend"];
 const WORKING = ["Execute", "Completing"];
 const TONES = {
   Stopped: "rest", Idle: "good", Holding: "held", Held: "held", Suspending: "held", Suspended: "held", Complete: "good",
-  Stopping: "rest", Aborting: "bad", Aborted: "bad", approve: "held", manual: "rest", failed: "held",
+  Stopping: "rest", Aborting: "bad", Aborted: "bad", approve: "held", manual: "rest", failed: "held", empty: "good",
 }; // any other: busy
 const GRASPING = ["execute", "verify", "deliver"]; // the stages in which a pick is not undone any more
 const PRESS_MS = 1000; // a click within this time is the end of a press
 const OWN_NAME = /^\d{8}T\d{9}$/; // of a job that its client gave none
-let cause = "";
+let stopping = ""; // why the cell stopped, which Stopped does not say again
 let drawnJobs = "";
 
 /** The reason for a person; that of Stopping holds for the Stopped that follows. */
 function reasonOf(state, meaning) {
-  if (state.reason || !["Stopping", "Stopped"].includes(state.state)) cause = state.reason;
+  if (state.state !== "Stopped") stopping = state.reason;
+  const cause = state.reason || stopping;
   const by = BY.exec(cause);
   if (!by) return plainly(cause);
   const who = now.client_id && by[2].startsWith(now.client_id) ? texts.byThis : texts.by(by[2]);
@@ -30,7 +31,7 @@ function reasonOf(state, meaning) {
 function specialOf(state) {
   if (state.mode === "Manual" && state.state !== "Aborted") return "manual";
   if (state.state === "Execute" && state.stage === "approve") return "approve";
-  return state.state === "Complete" && now.result?.result === "FAILED" ? "failed" : state.state;
+  return (state.state === "Complete" && { FAILED: "failed", EMPTY: "empty" }[now.result?.result]) || state.state;
 }
 
 const IN_HAND = /Something may be in the hand/; // the cell says so in its reason, whatever else that is

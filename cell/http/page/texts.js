@@ -10,6 +10,8 @@ const PLAIN = [
   [/^The lease of 'http-page[^']*' was lost/, "The page that started this pick was closed or reloaded, or lost its link."],
   [/^The lease of '([^']*)' was lost/, (_, client) => `The program that started this pick (${client}) was ended, or lost its link.`],
   [/^Stopped during '(\w+)'/, (_, part) => `It was stopped ${DURING[part] ?? "on its way"}.`],
+  [/^The cell moves for '([^']*)'/, (_, client) => `The cell is moved ${texts.by(client)}.`],
+  [/^http-page\S+ rejected it(.*)/, (_, why) => `Somebody at a page rejected it${why}`],
   [/^command '\w+' from http-page/, "Asked for by a page."],
   [/^command '\w+' from (.+)/, (_, client) => `Asked for by ${client}.`],
 ];
@@ -58,7 +60,6 @@ export const texts = {
   ended: ["The cell has ended", "Its program, or its interface, runs no more. What this page had in motion does not go on.",
           "See whether something is in the hand. When the cell is started again, this page connects by itself."],
   noCell: "The cell does not answer.",
-  refused: "Refused",
 
   // What each state means, and what to do.
   meaning: {
@@ -75,6 +76,7 @@ export const texts = {
     Unsuspending: "It goes on.",
     Completing: "It finishes.",
     Complete: "Done.",
+    empty: "Done: nothing is left.",
     Stopping: "The arm brakes.",
     Aborting: "Something failed: the arm brakes.",
     Aborted: "Something failed.",
@@ -90,6 +92,7 @@ export const texts = {
     Held: "See that nobody is near the arm. Then Unhold to go on, or Stop to end.",
     Suspended: "Unsuspend to go on, or Stop to end.",
     Complete: "Choose in the picture what it shall pick next. For several picks: Reset, then Start.",
+    empty: "Put in what it shall pick next. Then Reset, and Start.",
     Aborted: "Look at the reason and at the cell. Then Clear, then Reset.",
   },
   stages: {
@@ -106,7 +109,6 @@ export const texts = {
   modes: { Production: "Production", Manual: "Manual: moved by hand" },
   simulated: "simulated",
   viewer: "viewer: look and stop only",
-  operator: "operator",
   jobNow: "Now",
   jobWhat: (target, thing) => {
     if (thing !== undefined) return `what you pointed at${thing && ` (Thing ${thing})`}`;
@@ -252,7 +254,6 @@ export const texts = {
   noFigures: "No pick was made today.",
   seconds: (value) => `${value} s`,
 
-  healthy: "Everything is well.",
   nodeGone: (name) => `${name} is gone.`,
   nodeWell: "well",
   restarts: (count) => `restarted ${count}×`,
