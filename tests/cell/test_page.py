@@ -387,9 +387,9 @@ def test_a_hand_that_was_emptied_by_hand_is_said_to_hold_nothing_more(desk: Desk
 
 def test_a_cell_that_was_started_again_with_other_places_is_asked_for_them(desk: Desk) -> None:
     page, cells = desk.page, iter((ABOUT, ABOUT | {"places": [{"name": "the new shelf", "capacity": 0}]}))
-    ends = {"body": 'retry: 10\nevent: session\ndata: {"session": "s", "client_id": "c"}\n\n', "content_type": "text/event-stream"}
+    ends = 'retry: 10\nevent: session\ndata: {"session": "s", "client_id": "c"}\n\n'
     page.route("**/api/cell", lambda route: route.fulfill(json=next(cells)), times=2)
-    page.route("**/api/events*", lambda route: route.fulfill(**ends), times=1)
+    page.route("**/api/events*", lambda route: route.fulfill(body=ends, content_type="text/event-stream"), times=1)
     page.reload()
     expect(page.locator("#place")).to_contain_text("at the new shelf")
     page.reload()  # for the tests that follow
@@ -403,6 +403,13 @@ def test_the_last_pick_is_the_one_that_ended_last_whatever_the_list_says(desk: D
         desk.site.door.hub.tell("result", waited.model_dump_json())
     desk.say("Complete", "reset", "pick")
     expect(page.locator("#reason")).to_have_text("Done: the last pick FAILED - It slipped.")
+
+
+def test_the_card_of_a_pick_that_waited_has_the_time_at_which_it_began(desk: Desk) -> None:
+    page = desk.page
+    page.route("**/api/cycles*", lambda route: route.fulfill(json=[ENTRY | {"began": "20261129T113000000"}]), times=1)
+    desk.site.door.hub.tell("result", RESULT.model_copy(update={"cycle_id": CYCLE}).model_dump_json())
+    expect(page.locator("#pick-list")).to_contain_text(f"11:30 UTC · {CYCLE}")
 
 
 def test_a_pick_that_found_the_bin_empty_says_so_and_what_to_do(desk: Desk) -> None:
@@ -479,7 +486,7 @@ def test_what_the_cell_says_in_its_own_terms_is_said_to_a_person_in_theirs(desk:
     desk.site.door.hub.tell("result", stopped.model_dump_json())
     desk.say("Complete", "reset", "pick")
     expect(reason).to_contain_text("It was stopped while it checked what it held.")
-    rejected = RESULT.model_copy(update={"result": "FAILED", "reason": "http-page-root-vm-1-3.1 rejected it: too near."})
+    rejected = stopped.model_copy(update={"reason": "http-page-root-vm-1-3.1 rejected it: too near."})
     desk.site.door.hub.tell("result", rejected.model_dump_json())
     expect(reason).to_contain_text("Somebody at a page rejected it: too near.")
     words = "target.text: of 'the dog' this cell does not understand: 'dog'."

@@ -33,7 +33,7 @@ export function listen() {
   stream?.close();
   stream = new EventSource(`/api/events?client=${clientName()}`);
   stream.addEventListener("session", (said) => {
-    if (session === null) learn().catch(() => {}); // it may be started again, with other places
+    if (session === null) learn().catch(() => {}); // it may have other places now
     ({ session, client_id: now.client_id } = JSON.parse(said.data));
     now.isEnded = false;
     setLinked(true);

@@ -69,7 +69,7 @@ function entry(one) {
   return el("li", { "data-cycle": one.cycle_id }, picture, el("div", { class: "about" },
     el("span", { class: "tag" }, el("span", { class: one.result }, result), one.code ? ` ${one.code}` : "", what ? ` · ${what}` : ""),
     el("span", { class: "clip", title: one.reason }, plainly(one.reason ?? "")),
-    el("span", { class: "soft" }, `${timeOf(one.cycle_id)} · ${one.cycle_id}`, one.report ? "" : ` · ${texts.noReport}`),
+    el("span", { class: "soft" }, `${timeOf(one)} · ${one.cycle_id}`, one.report ? "" : ` · ${texts.noReport}`),
     label ? el("span", { class: "said" }, said(label)) : null,
     el("div", { class: "row" },
       one.report ? el("a", { class: "report", href: one.report, target: "_blank", rel: "noopener", "aria-label": `${texts.report}: ${one.cycle_id}` }, texts.report) : null,
@@ -82,9 +82,9 @@ function askedFor(reason) {
   return words ? `“${words}”` : "";
 }
 
-/** The time of a cycle, by its id, which is its begin in UTC. */
-function timeOf(cycle) {
-  return clock(Date.parse(cycle.replace(/^(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)(\d\d).*$/, "$1-$2-$3T$4:$5:$6Z")));
+/** When a cycle began; its id is of when it was asked for. */
+function timeOf({ began, cycle_id }) {
+  return clock(Date.parse((began || cycle_id).replace(/^(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)(\d\d).*$/, "$1-$2-$3T$4:$5:$6Z")));
 }
 
 function clock(at_ms) {
