@@ -107,6 +107,12 @@ class Actions:
         cycle = self._cycle
         return cycle.cycle_id if cycle is not None else ""
 
+    @property
+    def asked_by(self) -> str:
+        """The client that asked for the open cycle, or ""."""
+        cycle = self._cycle
+        return cycle.attempt.asked_by if cycle is not None else ""
+
     def reset(self) -> None:
         """Run the self-check, let go of what the hand may hold, then move the arm to the capture pose, the hand open.
 

@@ -67,9 +67,18 @@ class BatchControl:
     @property
     def jobs(self) -> tuple[str, tuple[str, ...]]:
         """The id of the job under way, or "", and those of the waiting ones."""
-        batch, ordered = self._batch, self._ordered
-        is_under_way = ordered is not None and batch is not None and not batch.is_over
-        return ordered.job.job_id if ordered is not None and is_under_way else "", self._queue.ids
+        ordered = self._under_way
+        return ordered.job.job_id if ordered is not None else "", self._queue.ids
+
+    @property
+    def asked_by(self) -> str:
+        """The client that asked for the job under way, or ""."""
+        ordered = self._under_way
+        return ordered.request.client_id if ordered is not None else ""
+
+    @property
+    def _under_way(self) -> Ordered | None:
+        return self._ordered if self._goes_on else None
 
     # --- commands -----------------------------------------------------------------------------------------------------
 
@@ -212,6 +221,13 @@ class BatchControl:
             text = f"Dropped, not begun: {', '.join(ids)}. {why}"
             self._publisher.publish_event("JOBS_DROPPED", "warning", text, "Send them again when the cell is ready.")
 
+    def _say_no_more(self) -> None:
+        """Say that a start ends with the pick under way, which may go on: nobody attends those that would follow."""
+        batch, ordered = self._batch, self._under_way
+        if batch is not None and ordered is not None and batch.is_followed:
+            text = f"The job {ordered.job.job_id} ends with this pick: nobody attends those that would follow."
+            self._publisher.publish_event("JOBS_DROPPED", "warning", text, "Start it again when the cell is ready.")
+
     # --- states -------------------------------------------------------------------------------------------------------
 
     def enter(self, state: State, reason: str) -> None:
@@ -250,6 +266,7 @@ class BatchControl:
 
     def _hold_unattended(self, reason: str) -> None:
         self._rest()
+        self._say_no_more()
         self._drop(reason)  # so no further cycle begins
         if self._drives.state is State.COMPLETING and not self._actions.cycle_id:
             return  # its result is said, and nothing of it moves any more: a client may go as soon as it has heard it

@@ -97,6 +97,7 @@ class Daemon:
             lambda: self._batches.jobs,
             lambda: self._manual.mode,
             lambda: self._in_hand.tell(),
+            lambda: self._actions.asked_by or self._batches.asked_by,
         )
         hold_state = HoldState()
         sized = SizedCamera(camera)
