@@ -232,7 +232,7 @@ class Cycle:
         return Detections(found)
 
     def picture(self, *, close_up: bool = False) -> Picture:
-        """The image with the grasps: the chosen one in yellow, those without a way to them in red.
+        """Return the image with the grasps: the chosen one in yellow, those without a way to them in red.
 
         Args:
             close_up: only the part around the object.

@@ -93,7 +93,7 @@ class Keyboard:
             termios.tcsetattr(self._fd, termios.TCSADRAIN, self._before)
 
     def pressed(self, timeout_s: float) -> list[str]:
-        """The keys pressed within ``timeout_s``, a held-down one once; keys that send a sequence (arrows) are dropped.
+        """Return the keys pressed within ``timeout_s``, a held-down one once, none that send a sequence (arrows).
 
         Raises: EOFError when the terminal is gone.
         """

@@ -37,7 +37,7 @@ class MountKeeper:
         self._named, self._quiet = "", 0
 
     def applied(self, observation: Observation) -> Observation:
-        """The observation as the kept correction has it."""
+        """Return the observation as the kept correction has it."""
         if not self.picks:
             return observation
         return observation.corrected(self.color_from_corrected)

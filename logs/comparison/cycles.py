@@ -74,7 +74,7 @@ class Row:
     meaning: str
 
     def to_json(self) -> Json:
-        """The fields as a JSON object."""
+        """Return the fields as a JSON object."""
         return asdict(self)
 
 
@@ -97,7 +97,7 @@ class Comparison:
         return sum(row.kind == kind for row in self.rows)
 
     def to_json(self) -> Json:
-        """The comparison as a JSON object."""
+        """Return the comparison as a JSON object."""
         first = self.first
         return {
             "a": self.a.cycle_id,

@@ -53,7 +53,7 @@ STAGE_TOPICS = (
     topics.DELIVER,
 )
 _TOLD = (*STAGE_TOPICS, topics.ATTEMPT, topics.RESULT, topics.SCENE, topics.MODEL_REPLY, topics.STATE, topics.EVENT)
-"""What `read_stages` reads."""
+"""Topics that `read_stages` reads."""
 STATION = "station.json"
 RECOVERED = "recovered"
 """Metadata key of a recovered recording; such a recording may end anywhere."""
@@ -232,7 +232,7 @@ def _fill(raw: Content, found: Iterator[McapRecord]) -> None:
 
 
 def station_tree(document: bytes) -> Json:
-    """The attached station: a JSON document that is a tree of settings. Raises: Damage for any other document."""
+    """Return the attached station, a JSON document that is a tree of settings. Raises: Damage for any other."""
     try:
         tree = json.loads(document)
         json.dumps(tree, ensure_ascii=False).encode()  # raises for characters that cannot be encoded

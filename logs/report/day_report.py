@@ -75,7 +75,7 @@ class Spread(NamedTuple):
 
 
 def days(folder: Path) -> list[Path]:
-    """The folders at and below ``folder`` that hold recordings, newest first. Raises: RecordingError for none."""
+    """Return the folders at and below ``folder`` with recordings, newest first. Raises: RecordingError for none."""
     found = list(dict.fromkeys(path.parent for path in recordings(folder)))
     if not found:
         raise RecordingError(f"There is no recording in {shown(folder)}.", "Cycles are recorded into recording.folder.")
@@ -83,7 +83,7 @@ def days(folder: Path) -> list[Path]:
 
 
 def outdated(folder: Path) -> list[Path]:
-    """The recordings whose page is missing, older than they are, or of another version; newest first."""
+    """Return the recordings whose page is missing, older than they are, or of another version; newest first."""
     return [path for path in recordings(folder) if path.suffix != PART and path.is_file() and not _is_current(path)]
 
 

@@ -26,7 +26,7 @@ class Cause(NamedTuple):
 
 
 def unreached(record: CycleRecord, found: Detections, rejected: Sequence[Rejection]) -> list[Cause]:
-    """The causes of the rejections as unreachable, the most frequent first."""
+    """Return the causes of the rejections as unreachable, the most frequent first."""
     groups: dict[str, list[float]] = defaultdict(list)
     for one in rejected:
         if one.code is Code.UNREACHABLE:

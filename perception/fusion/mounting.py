@@ -26,7 +26,7 @@ _BOUND = 3.0
 _POINTS = 4000
 """So many points of each view are compared."""
 _RADII_M = (0.012, 0.008, 0.006, 0.005, 0.004)
-"""What is farther apart is not the same place; smaller from step to step."""
+"""Points farther apart are not the same place; smaller from step to step."""
 _LEAST_COSINE = float(np.cos(np.deg2rad(37.0)))
 _NOISE_M = 0.0015
 """Noise of a distance; those much longer hardly count (Geman-McClure)."""
@@ -59,17 +59,17 @@ class MountCorrection:
     is_cut: bool
 
     def base_from_believed(self, base_from_color: Transform) -> Transform:
-        """The motion (4, 4) in ``base`` that corrects what was seen from ``base_from_color`` (4, 4)."""
+        """Return the motion (4, 4) in ``base`` that corrects what was seen from ``base_from_color`` (4, 4)."""
         return np.asarray(base_from_color @ self.color_from_corrected @ inverse(base_from_color))
 
     def view(self, view: DepthView, base_from_color: Transform) -> DepthView:
-        """The view from where it was truly taken."""
+        """Return the view from where it was truly taken."""
         motion = self.base_from_believed(base_from_color)
         points_base = moved(view.points_base, motion)
         return replace(view, base_from_depth=motion @ view.base_from_depth, points_base=points_base)
 
     def surface(self, surface: Surface, base_from_color: Transform) -> Surface:
-        """The surface where it truly is."""
+        """Return the surface where it truly is."""
         motion = self.base_from_believed(base_from_color)
         normals_base = moved(surface.normals_base, from_rotation(motion[:3, :3]))
         return Surface(moved(surface.points_base, motion), normals_base)
@@ -178,7 +178,7 @@ def _weights(residuals_m: Array) -> Array:
 
 
 def bounded(vector: Array) -> Array:
-    """The rotation vector and translation (6,), neither longer than believed."""
+    """Return the rotation vector and translation (6,), neither longer than believed."""
     longest = _BOUND * np.array([PRIOR_RAD, PRIOR_M])
     length = np.array([np.linalg.norm(vector[:3]), np.linalg.norm(vector[3:])])
     return np.asarray(vector * np.repeat(np.minimum(1.0, longest / np.maximum(length, 1e-12)), 3))
@@ -190,5 +190,5 @@ def vector_of(pose: Transform) -> Array:
 
 
 def pose_of(vector: Array) -> Transform:
-    """The pose (4, 4) of a rotation vector [rad] and translation [m] (6,)."""
+    """Return the pose (4, 4) of a rotation vector [rad] and translation [m] (6,)."""
     return from_rotation(Rotation.from_rotvec(vector[:3]).as_matrix(), vector[3:])
