@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 
@@ -12,3 +13,10 @@ def settings_in(tree: object, path: str = "") -> Iterator[tuple[str, object]]:
             yield from settings_in(value, f"{path}.{key}" if path else str(key))
     else:
         yield path, tree
+
+
+def recorded_number(tree: object, *keys: str) -> float | None:
+    """Return a numeric setting of a recorded station of any version; None without such a number."""
+    for key in keys:
+        tree = tree.get(key) if isinstance(tree, dict) else None
+    return float(tree) if isinstance(tree, int | float) and math.isfinite(tree) else None

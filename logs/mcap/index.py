@@ -16,9 +16,9 @@ from bus import topics
 from bus.codec import Json, decode
 from bus.errors import BadPayload, RecordingError
 from bus.messages import Attempt, CycleResult
+from logs.mcap.content_reader import STATION, require_ours, station_tree
 from logs.mcap.finished_reader import Summary, records
 from logs.mcap.names import found_below, is_folder, reading, shown
-from logs.mcap.reader import STATION, require_ours, station_tree
 from logs.mcap.recorder import PART
 
 FINE = ("SUCCESS", "EMPTY")

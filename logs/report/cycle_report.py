@@ -12,8 +12,8 @@ from bus.messages import Delivery, Detections, Execution, PickPlan, SegmentRun, 
 from config.load import load_station
 from config.robot import recorded_limits
 from logs.mcap.names import telling
-from logs.mcap.reader import CycleRecord, recorded_number
-from logs.recorded_settings import settings_in
+from logs.mcap.reader import CycleRecord
+from logs.recorded_settings import recorded_number, settings_in
 from logs.report import evidence, figures, images
 from logs.report.in_the_way import in_the_way
 from logs.report.looks import Looks, looks_view

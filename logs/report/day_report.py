@@ -20,8 +20,9 @@ from bus.errors import RecordingError
 from logs.catalogue import known_entries
 from logs.mcap.index import Entry, recordings
 from logs.mcap.names import shown
-from logs.mcap.reader import read_cycle, recorded_number
+from logs.mcap.reader import read_cycle
 from logs.mcap.recorder import PART
+from logs.recorded_settings import recorded_number
 from logs.report.cycle_report import write_report
 from logs.report.page import VERSION, write_page
 from logs.report.trend import trend

@@ -9,7 +9,8 @@ import numpy as np
 
 from bus.messages import Detections, Grasp, PickPlan
 from bus.rejection import Rejection
-from logs.mcap.reader import CycleRecord, recorded_number
+from logs.mcap.reader import CycleRecord
+from logs.recorded_settings import recorded_number
 from logs.report import images
 from logs.report.clouds import clouds
 from logs.report.look_points import true_pose

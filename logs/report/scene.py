@@ -11,8 +11,9 @@ import numpy.typing as npt
 from bus.arrays import Mask, Transform
 from bus.messages import CameraModel, Detections, Instance, Observation, ObservedScene, SeenTable, Tried
 from bus.transforms import apply, inverse
-from logs.mcap.reader import CycleRecord, recorded_number
+from logs.mcap.reader import CycleRecord
 from logs.mcap.unseen_scene import is_made_up
+from logs.recorded_settings import recorded_number
 from logs.report.images import Image, crop, undistorted
 from logs.report.look_points import true_pose
 from logs.report.page import Fact
