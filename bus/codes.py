@@ -63,8 +63,8 @@ FROM_OUTSIDE = frozenset(
         Code.RECORDING,
     }
 )
-"""What ends a computation from outside: a command, a clock, a device, a disk. Its inputs do not lead to it, so that the
-same inputs need not end so again."""
+"""Ends of a computation from outside: by a command, a clock, a device, a disk. Its inputs do not lead to them, so that
+the same inputs need not end so again."""
 
 PLACE_OUT_OF_REACH = (
     "Name a place nearer to the arm, or lower: the thing itself can be grasped. The place is that of the job, or"
