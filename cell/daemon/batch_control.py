@@ -24,6 +24,7 @@ from config.job import capacity_of, place_of, require_possible, station_for
 from config.schema import Station
 
 _OWN = CommandRequest(client_id=CELL_CLIENT)
+_MORE = "It was to pick more: start it again after this pick."
 _NOT_READY = frozenset({State.STOPPED, State.STOPPING, State.ABORTED, State.ABORTING, State.CLEARING})
 """States in which no job can wait for its turn: what waited was dropped, and the cell must be made ready first."""
 
@@ -221,13 +222,6 @@ class BatchControl:
             text = f"Dropped, not begun: {', '.join(ids)}. {why}"
             self._publisher.publish_event("JOBS_DROPPED", "warning", text, "Send them again when the cell is ready.")
 
-    def _say_no_more(self) -> None:
-        """Say that a start ends with the pick under way, which may go on: nobody attends those that would follow."""
-        batch, ordered = self._batch, self._under_way
-        if batch is not None and ordered is not None and batch.is_followed:
-            text = f"The job {ordered.job.job_id} ends with this pick: nobody attends those that would follow."
-            self._publisher.publish_event("JOBS_DROPPED", "warning", text, "Start it again when the cell is ready.")
-
     # --- states -------------------------------------------------------------------------------------------------------
 
     def enter(self, state: State, reason: str) -> None:
@@ -266,7 +260,8 @@ class BatchControl:
 
     def _hold_unattended(self, reason: str) -> None:
         self._rest()
-        self._say_no_more()
+        if self._batch is not None and self._batch.is_followed:
+            reason = f"{reason} {_MORE}"
         self._drop(reason)  # so no further cycle begins
         if self._drives.state is State.COMPLETING and not self._actions.cycle_id:
             return  # its result is said, and nothing of it moves any more: a client may go as soon as it has heard it

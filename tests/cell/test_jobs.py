@@ -107,7 +107,7 @@ def test_a_start_whose_client_is_gone_says_that_no_further_pick_of_it_begins(cyc
         bench.batches.lose_lease("op", "its token is gone")
         bench.actions.goes_on.set()
         bench.settle()
-        said = any("The job first ends with this pick" in event for event in bench.publisher.events)
+        said = any("It was to pick more: start it again" in reason for _, reason in bench.publisher.states)
         assert (bench.actions.begun, said) == (["first"], follow)
 
 

@@ -482,6 +482,16 @@ def test_what_the_cell_says_in_its_own_terms_is_said_to_a_person_in_theirs(desk:
     page, reason = desk.page, desk.page.locator("#reason")
     desk.say("Resetting", "stop", reason="command 'reset' from http-page-root-vm-12800-2.1")
     expect(reason).to_have_text("The arm goes to its looking place (asked for by another page).")
+    gone = (
+        "' was lost (silent for 0.5 s): nobody attends the motion. It was to pick more: start it again after this pick."
+    )
+    desk.say("Held", "stop", "unhold", reason=f"The lease of 'http-page-root-vm-1-2.2{gone}")
+    expect(reason).to_have_text(
+        "The page that started this pick was closed or reloaded, or lost its link. It was to pick more: start it again"
+        " after this pick."
+    )
+    desk.say("Held", "stop", "unhold", reason=f"The lease of 'line-3{gone}")
+    expect(reason).to_contain_text("The program that started this pick (line-3) was ended, or lost its link. It was")
     stopped = RESULT.model_copy(update={"result": "FAILED", "reason": "Stopped during 'hold'."})
     desk.site.door.hub.tell("result", stopped.model_dump_json())
     desk.say("Complete", "reset", "pick")

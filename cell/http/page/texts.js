@@ -2,13 +2,13 @@
 
 export const LANGUAGE = "en";
 
-// What the cell says in its own terms, and what a person at the page reads instead; the recording keeps the former.
+// What the cell says in its own terms, and what a person at the page reads instead.
 const PLAIN = [
   [/^Something may be in the hand: [^.]+\. A reset [^.]+\. To take [^.]+\.$/, "Something may be in the hand."],
   [/^(?:TARGET_NOT_FOUND: )?There is no object within [\d.]+ (?:px|mm) of \(/, "Nothing lies where you clicked."],
   [/^(?:TARGET_NOT_FOUND: )?No object lies mostly in the box/, "Nothing lies mostly in the box you drew."],
-  [/^The lease of 'http-page[^']*' was lost/, "The page that started this pick was closed or reloaded, or lost its link."],
-  [/^The lease of '([^']*)' was lost/, (_, client) => `The program that started this pick (${client}) was ended, or lost its link.`],
+  [/^The lease of '(http-page)?([^']*)' was lost.*?motion\.(.*)/, (_, page, client, more) =>
+    `The ${page ? "page that started this pick was closed or reloaded" : `program that started this pick (${client}) was ended`}, or lost its link.${more}`],
   [/^Stopped during '(\w+)'/, (_, part) => `It was stopped ${DURING[part] ?? "on its way"}.`],
   [/^The cell moves for '([^']*)'/, (_, client) => `The cell is moved ${texts.by(client)}.`],
   [/^http-page\S+ rejected it(.*)/, (_, why) => `Somebody at a page rejected it${why}`],
