@@ -2,7 +2,7 @@
 
 import { byId, el, isOff, replaceIn, say, setButton, tell, tellRefusal } from "./dom.js";
 import { cell, cellNow, command, now } from "./link.js";
-import { duration, plainly, texts } from "./texts.js";
+import { adviceHere, duration, plainly, texts } from "./texts.js";
 
 const BY = /^command '(\w+)' from (.+)$/;
 const ENDING = ["stop", "abort", "hold", "suspend"];
@@ -22,7 +22,7 @@ function reasonOf(state, meaning) {
   if (state.state !== "Stopped") stopping = state.reason;
   const cause = state.reason || stopping;
   const by = BY.exec(cause);
-  if (!by) return plainly(cause);
+  if (!by) return adviceHere(plainly(cause));
   const who = now.client_id && by[2].startsWith(now.client_id) ? texts.byThis : texts.by(by[2]);
   return ENDING.includes(by[1]) || !meaning ? who : texts.askedFor(meaning, who);
 }

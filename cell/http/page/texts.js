@@ -31,7 +31,7 @@ export function plainly(reason) {
 
 /** What the cell advises, for a person at the page: its buttons in place of commands, no files of the documentation. */
 export function adviceHere(advice) {
-  return (advice ?? "").replace(/`cell\s(\w+)`/g, (own, verb) => texts.verbs[verb] ?? own).replace(/[:;,]? *(?:see )?docs\/[\w/-]+\.md/g, "");
+  return (advice ?? "").replace(/`cell\s(?!start)(\w+)`/g, (own, verb) => texts.verbs[verb] ?? own).replace(/[:;,]? *(?:see )?docs\/[\w/-]+\.md/g, "");
 }
 
 /** What the cell refuses with, for a person at the page: a job's fields are none of their words. */
