@@ -496,9 +496,7 @@ def test_what_the_cell_says_in_its_own_terms_is_said_to_a_person_in_theirs(desk:
         "The node 'sim' is gone. Read what it said last, where `cell start` runs, then `cell clear` and `cell reset`."
     )
     desk.say("Aborted", "clear", reason=lost)
-    expect(reason).to_have_text(
-        "The node 'sim' is gone. Read what it said last, where `cell start` runs, then Clear and Reset."
-    )
+    expect(reason).to_have_text("The node 'sim' is gone. See where `cell start` runs, then Clear and Reset.")
     stopped = RESULT.model_copy(update={"result": "FAILED", "reason": "Stopped during 'hold'."})
     desk.site.door.hub.tell("result", stopped.model_dump_json())
     desk.say("Complete", "reset", "pick")
