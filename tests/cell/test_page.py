@@ -386,9 +386,10 @@ def test_a_hand_that_was_emptied_by_hand_is_said_to_hold_nothing_more(desk: Desk
 
 
 def test_a_cell_that_was_started_again_with_other_places_is_asked_for_them(desk: Desk) -> None:
-    page, cells = desk.page, iter((ABOUT, ABOUT | {"places": [{"name": "the new shelf", "capacity": 0}]}))
-    ends = 'retry: 10\nevent: session\ndata: {"session": "s", "client_id": "c"}\n\n'
-    page.route("**/api/cell", lambda route: route.fulfill(json=next(cells)), times=2)
+    other = ABOUT | {"places": [{"name": "the new shelf", "capacity": 0}]}
+    page, cells = desk.page, iter((ABOUT, ABOUT, other))  # a page asks twice as it begins
+    ends = 'retry: 300\nevent: session\ndata: {"session": "s", "client_id": "c"}\n\n'
+    page.route("**/api/cell", lambda route: route.fulfill(json=next(cells)), times=3)
     page.route("**/api/events*", lambda route: route.fulfill(body=ends, content_type="text/event-stream"), times=1)
     page.reload()
     expect(page.locator("#place")).to_contain_text("at the new shelf")
@@ -492,15 +493,16 @@ def test_what_the_cell_says_in_its_own_terms_is_said_to_a_person_in_theirs(desk:
     )
     desk.say("Held", "stop", "unhold", reason=f"The lease of 'line-3{gone}")
     expect(reason).to_contain_text("The program that started this pick (line-3) was ended, or lost its link. It was")
-    lost = (
-        "The node 'sim' is gone. Read what it said last, where `cell start` runs, then `cell clear` and `cell reset`."
-    )
+    lost = "The node 'sim' is gone. See where `cell start` runs, then `cell clear` and `cell reset`."
     desk.say("Aborted", "clear", reason=lost)
     expect(reason).to_have_text("The node 'sim' is gone. See where `cell start` runs, then Clear and Reset.")
     stopped = RESULT.model_copy(update={"result": "FAILED", "reason": "Stopped during 'hold'."})
     desk.site.door.hub.tell("result", stopped.model_dump_json())
     desk.say("Complete", "reset", "pick")
     expect(reason).to_contain_text("It was stopped while it checked what it held.")
+    early = stopped.model_copy(update={"reason": "Stopped before 'detect'."})
+    desk.site.door.hub.tell("result", early.model_dump_json())
+    expect(reason).to_contain_text("It was stopped before it grasped.")
     rejected = stopped.model_copy(update={"reason": "http-page-root-vm-1-3.1 rejected it: too near."})
     desk.site.door.hub.tell("result", rejected.model_dump_json())
     expect(reason).to_contain_text("Somebody at a page rejected it: too near.")
@@ -680,6 +682,18 @@ def test_what_keeps_another_interface_closed_stays_on_the_page(desk: Desk) -> No
     line = desk.page.locator("#lines .bad").filter(has_text="OPC UA")
     expect(line).to_have_text("OPC UA: cannot open: its port is taken.Set opcua.port.")
     expect(desk.page.locator("#lines")).to_contain_text("HTTP: open")
+
+
+@pytest.mark.parametrize(
+    ("rules", "said"),
+    [({}, "Nothing is deleted by itself."), ({"recording.keep_days": 30}, "Nothing will be deleted within a day.")],
+)
+def test_the_disk_line_says_whether_anything_is_ever_deleted(desk: Desk, rules: dict[str, float], said: str) -> None:
+    soon = {"recordings": 0, "bytes": 0, "trimmed": 0}
+    disk = {"free_bytes": 10**11, "total_bytes": 2 * 10**11, "recordings_bytes": 1, "rules": rules, "soon": soon}
+    desk.page.route("**/api/storage", lambda route: route.fulfill(json=disk | {"short": ""}), times=1)
+    desk.page.reload()
+    expect(desk.page.locator("#health")).to_contain_text(said)
 
 
 def test_a_button_that_can_do_nothing_here_says_so_first(desk: Desk) -> None:

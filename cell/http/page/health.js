@@ -1,4 +1,4 @@
-// Health in lines: nodes, interfaces, disk and what will be deleted, spending, clocks. A red line says what to do.
+// Health in lines: nodes, interfaces, disk and what goes, spending, clocks. A red line says what to do.
 
 import { bodyOf, el } from "./dom.js";
 import { ask, cell, cellNow, learn, now } from "./link.js";
@@ -42,7 +42,7 @@ function storageLines() {
   const next = [recordings ? texts.willGo(recordings, gb(bytes)) : texts.nothingGoes, trimmed ? texts.willTrim(trimmed) : ""];
   return [
     line(isFull ? "bad" : "good", texts.disk(gb(storage.free_bytes), gb(storage.recordings_bytes)), isFull ? texts.diskAdvice : ""),
-    line("", storage.rules ? next.join(" ").trim() : texts.keepsAll),
+    line("", Object.keys(storage.rules).length ? next.join(" ").trim() : texts.keepsAll),
     storage.short ? line("bad", texts.short(storage.short), texts.diskAdvice) : null,
   ];
 }

@@ -75,7 +75,7 @@ async function refreshScene() {
   draw();
 }
 
-/** With every look things are numbered anew: the numbers of before are those of others. */
+/** With every look things are numbered anew. */
 function forgetNumbers() {
   for (const job of Object.keys(now.pointed)) now.pointed[job] = "";
   cell.dispatchEvent(new Event("jobs"));

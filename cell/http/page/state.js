@@ -34,7 +34,7 @@ function specialOf(state) {
   return (state.state === "Complete" && { FAILED: "failed", EMPTY: "empty" }[now.result?.result]) || state.state;
 }
 
-const IN_HAND = /Something may be in the hand/; // the cell says so in its reason, whatever else that is
+const IN_HAND = /Something may be in the hand/; // the cell says so in its reason
 
 function todoOf(state, special) {
   if (state.mode === "Manual" && state.state === "Aborted") return texts.clearToMove;

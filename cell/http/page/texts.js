@@ -10,6 +10,7 @@ const PLAIN = [
   [/^The lease of '(http-page)?([^']*)' was lost.*?motion\.(.*)/, (_, page, client, more) =>
     `The ${page ? "page that started this pick was closed or reloaded" : `program that started this pick (${client}) was ended`}, or lost its link.${more}`],
   [/^Stopped during '(\w+)'/, (_, part) => `It was stopped ${DURING[part] ?? "on its way"}.`],
+  [/^Stopped before '(?!v)/, "It was stopped before it grasped."],
   [/^The cell moves for '([^']*)'/, (_, client) => `The cell is moved ${texts.by(client)}.`],
   [/^http-page\S+ rejected it(.*)/, (_, why) => `Somebody at a page rejected it${why}`],
   [/^command '\w+' from http-page/, "Asked for by a page."],
