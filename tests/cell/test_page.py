@@ -371,6 +371,7 @@ def test_a_cell_at_rest_says_that_something_may_be_in_the_hand(desk: Desk) -> No
     desk.say("Stopped", "reset", "abort", reason=hand)
     expect(reason).to_have_text("Something may be in the hand.")
     expect(todo).to_contain_text("Reset lets fall what is in the hand.")
+    expect(desk.page.locator("#why-reset")).to_have_text("Lets fall what is in the hand; then the arm moves.")
     desk.say("Aborted", "clear", reason=f"ARM_REFLEX: The arm stopped itself. {hand}")
     expect(reason).to_contain_text("The arm stopped itself.")
     expect(todo).to_contain_text("Reset lets fall what is in the hand.")

@@ -25,7 +25,7 @@ function nodeLines() {
   });
 }
 
-/** The interfaces that the cell opened: of one that is closed why, and what to do. */
+/** The interfaces; of one that is closed why, and what to do. */
 function doorLines() {
   return Object.entries(now.health?.doors ?? {}).map(([name, door]) => {
     const title = texts.doors[name] ?? name;

@@ -76,7 +76,7 @@ function entry(one) {
       ...(now.role === "viewer" || !one.file ? [] : ["good", "bad", "note"].map((word) => el("button", { type: "button", class: "small", "aria-label": `${texts[word]}: ${one.cycle_id}`, onclick: () => judge(one.cycle_id, word) }, texts[word]))))));
 }
 
-/** What was asked for and not found, in words, if it was in words. */
+/** What was asked for in words and not found. */
 function askedFor(reason) {
   const words = /'([^']+)'/.exec(reason)?.[1];
   return words ? `“${words}”` : "";

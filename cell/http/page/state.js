@@ -2,7 +2,7 @@
 
 import { byId, el, isOff, replaceIn, say, setButton, tell, tellRefusal } from "./dom.js";
 import { cell, cellNow, command, now } from "./link.js";
-import { adviceHere, duration, plainly, texts } from "./texts.js";
+import { adviceHere, duration, isInHand, plainly, texts } from "./texts.js";
 
 const BY = /^command '(\w+)' from (.+)$/;
 const ENDING = ["stop", "abort", "hold", "suspend"];
@@ -27,19 +27,17 @@ function reasonOf(state, meaning) {
   return ENDING.includes(by[1]) || !meaning ? who : texts.askedFor(meaning, who);
 }
 
-/** What is said in place of the state, where that alone does not tell a person how things are. */
+/** What is said in place of the state, where that tells too little. */
 function specialOf(state) {
   if (state.mode === "Manual" && state.state !== "Aborted") return "manual";
   if (state.state === "Execute" && state.stage === "approve") return "approve";
   return (state.state === "Complete" && { FAILED: "failed", EMPTY: "empty" }[now.result?.result]) || state.state;
 }
 
-const IN_HAND = /Something may be in the hand/; // the cell says so in its reason
-
 function todoOf(state, special) {
   if (state.mode === "Manual" && state.state === "Aborted") return texts.clearToMove;
   const todo = texts.todo[special] ?? texts.todo[state.state] ?? "";
-  return IN_HAND.test(state.reason) ? `${texts.inHand} ${todo}` : todo;
+  return isInHand(state) ? `${texts.inHand} ${todo}` : todo;
 }
 
 function draw() {
@@ -115,7 +113,7 @@ function isTooLate(job) {
   return job === at && isGrasping && !now.jobs[job]?.until_empty && (now.jobs[job]?.cycles ?? 1) <= 1;
 }
 
-/** How much of the screen's upper end is always covered: by the banner, or where that is small by the state. */
+/** How much of the screen's upper end is always covered. */
 function measure() {
   const [banner, name] = [byId("banner"), byId("state")];
   document.documentElement.style.setProperty("--banner", `${banner.offsetHeight || name.offsetHeight}px`);

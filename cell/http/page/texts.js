@@ -16,6 +16,8 @@ const PLAIN = [
   [/^command '\w+' from http-page/, "Asked for by a page."],
   [/^command '\w+' from (.+)/, (_, client) => `Asked for by ${client}.`],
 ];
+/** Whether the cell says in its reason that something may be in the hand. */
+export const isInHand = (state) => /Something may be in the hand/.test(state?.reason);
 const DURING = {
   detect: "while it looked", open: "while the hand opened", reach: "on its way to the thing", grasp: "while the hand closed", carry: "while it carried the thing",
   hold: "while it checked what it held", place: "on its way to lay the thing down", release: "while the hand opened", home: "on its way back",
@@ -133,6 +135,7 @@ export const texts = {
     start: "Picks as many times as the box says.",
     empty: "Picks until nothing is left.",
     reset: "Makes it ready; the arm moves to its looking place.",
+    letFall: "Lets fall what is in the hand; then the arm moves.",
     clear: "Acknowledges the failure; nothing moves.",
     hold: "Pauses where it is.",
     unhold: "Goes on from the pause.",
