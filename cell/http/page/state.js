@@ -14,7 +14,7 @@ const TONES = {
 const GRASPING = ["execute", "verify", "deliver"]; // the stages in which a pick is not undone any more
 const PRESS_MS = 1000; // a click within this time is the end of a press
 const OWN_NAME = /^\d{8}T\d{9}$/; // of a job that its client gave none
-let stopping = ""; // why the cell stopped, which Stopped does not say again
+let stopping = ""; // why the cell stopped; said before it is
 let drawnJobs = "";
 
 /** The reason for a person; that of Stopping holds for the Stopped that follows. */
