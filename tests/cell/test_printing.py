@@ -21,7 +21,7 @@ from bus import topics
 from bus.codes import Code
 from bus.commands import CellState
 from bus.messages import CycleResult
-from cell.cli.console import Screen
+from cell.cli.serving.console import Screen
 from cell.terminal.drawing import console, table, tracked, words
 from cell.terminal.printing import PlainFormatter, Printer, err, out, plain
 
@@ -201,7 +201,7 @@ def test_only_the_modules_of_printing_print(room: str) -> None:
             used = set(_names_used(ast.parse(path.read_text()))) & _NOT_ELSEWHERE
             allowed = (
                 {"rich.console.Console", "rich.text.Text"}
-                if name in ("cell/cli/watch.py", "cell/cli/watch_screen.py")
+                if name in ("cell/cli/picks/watch.py", "cell/cli/picks/watch_screen.py")
                 else set()
             )
             assert not used - allowed, f"{name} uses {used}: print with cell.terminal.printing or cell.terminal.drawing"
