@@ -72,6 +72,12 @@ PLACE_OUT_OF_REACH = (
 )
 """The advice of UNREACHABLE where it is the place that the arm does not reach."""
 
+PLACE_TAKEN = (
+    "Empty the tray, or name another place: the thing itself can be grasped, and has no room there."
+    " scene.place_pattern_m may give more places, scene.place_higher_m lets things go on top of others."
+)
+"""The advice of COLLISION where most ways to grasp end at the place."""
+
 DETECTOR_FOUND_NONE = (
     "The detector of another package found nothing: its documentation says what it needs. Or set perception.detector to"
     " 'vlad'."
