@@ -56,7 +56,7 @@ from bus.commands import CommandRequest
 from bus.errors import CellError
 from bus.messages import CycleResult
 from cell.build import running_cell
-from cell.cli.console import Screen
+from cell.cli.serving.console import Screen
 from cell.machine.owner import refuse
 from cell.workers import ClusterWorkers, LocalWorkers, Workers
 from config.load import load_station
@@ -64,7 +64,7 @@ from perception.detectors.registry import GROUP as DETECTORS
 
 _ENDS_THE_RUN = ("EMPTY", "ABORTED")
 _NEXT_COMMAND = {"Aborted": "clear", "Stopped": "reset", "Complete": "reset", "Idle": "start"}
-"""What an operator does to go on after a run that ended early."""
+"""The operator's next command after a run that ended early."""
 _CHECKOUT = Path(__file__).resolve().parents[1]
 _OBJECTS = Path(os.environ.get("VLAD_CELL_DATA", "../shared/data")) / "meshes" / "object_sim"
 Scheduler = Annotated[str, typer.Option(help="Work on the Dask cluster of this scheduler, tcp://HOST:PORT.")]

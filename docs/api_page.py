@@ -219,13 +219,14 @@ The objects lie on the plane z = 0 of `base`, in the station's pick region. For 
 `region_m=(x_min, x_max, y_min, y_max)`, and `settings={"camera.least_range_m": 0}` unless you know how near it can
 measure.
 
-**From above, or aslant.** An image from above is best. One from aside hides the back of a thing, and what was not seen is
-not free. When the camera leans by more than 17 degrees the back is taken for upright, the hand comes wider
+**From above, or aslant.** An image from above is best. One from aside hides the back of a thing, and what was not seen
+is not free. When the camera leans by more than 17 degrees the back is taken for upright, the hand comes wider
 (`opening_m`), so that its fingers come down where the camera saw, and it may lean towards the camera
-(`settings={"perception.from_above": True}` keeps it upright). The term `deep` of a grasp is 1 where the fingers reach as
-deep as pads and table let them; a shallow grasp scores up to half less. Where no room is left, `NOT_SEEN` names the lean.
-One object alone, the paper's or one of object_sim, rendered at 640 x 480 with a sensor's noise; a grasp is *true* when it
-holds on the true shape (`uv run python -m benchmarks aslant`; seeds 1000:1020, in italics the development seeds 0:30):
+(`settings={"perception.from_above": True}` keeps it upright). The term `deep` of a grasp is 1 where the fingers reach
+as deep as pads and table let them; a shallow grasp scores up to half less. Where no room is left, `NOT_SEEN` names the
+lean. One object alone, the paper's or one of object_sim, rendered at 640 x 480 with a sensor's noise; a grasp is *true*
+when it holds on the true shape (`uv run python -m benchmarks aslant`; seeds 1000:1020, in italics those that it was
+developed on, 0:30):
 
 | the camera leans by | found | true | pads overlap, median | before: found, true, overlap |
 |---|---|---|---|---|

@@ -7,6 +7,7 @@ import json
 import subprocess
 import sys
 import time
+from datetime import UTC, datetime
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -16,6 +17,7 @@ from config.load import station_hash
 from config.plug_ins import Group
 from config.schema import Station
 from drivers.node import registry as drivers
+from logs.mcap.index import BEGAN
 from logs.mcap.migrate import SCHEMA_VERSION
 from logs.mcap.reader import PLUG_INS
 from logs.mcap.recorder import Recorder, Under
@@ -29,7 +31,7 @@ _PACKAGES = ("vlad-cell", "mujoco", "numpy", "opencv-python-headless", "pin", "c
 
 
 def run_info(configured: Station, cycle_id: str) -> dict[str, str]:
-    """The metadata of one cycle's recording: ids, versions, commit, seed and hashes.
+    """Return the metadata of one cycle's recording: ids, versions, commit, seed and hashes.
 
     Args:
         configured: the station without the job's target and place: its hash is that of the configuration.
@@ -37,6 +39,7 @@ def run_info(configured: Station, cycle_id: str) -> dict[str, str]:
     return {
         "schema": str(SCHEMA_VERSION),
         "cycle_id": cycle_id,
+        BEGAN: f"{datetime.now(UTC):%Y%m%dT%H%M%S%f}"[:-3],
         "cell_id": configured.cell_id,
         "station_hash": station_hash(configured),
         "seed": str(configured.sim.seed),
@@ -49,7 +52,7 @@ def run_info(configured: Station, cycle_id: str) -> dict[str, str]:
 
 
 def attachments(station: Station) -> dict[str, str]:
-    """The JSON documents attached to a recording: the station, and the camera's calibration."""
+    """Return the JSON documents attached to a recording: the station, and the camera's calibration."""
     return {"station.json": station.model_dump_json(), "calibration.json": station.camera.model_dump_json()}
 
 
@@ -101,7 +104,7 @@ def _model_name(station: Station) -> str:
 
 
 def robot_description(station: Station) -> bytes:
-    """The robot's URDF, whose links are the frames of `topics.TF`; its meshes (80 MB) are in the franky-sim package.
+    """Return the robot's URDF: its links are the frames of `topics.TF`, its meshes (80 MB) in the franky-sim package.
 
     Raises: ConfigError when the arm's own URDF cannot be used.
     """

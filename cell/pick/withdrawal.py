@@ -39,7 +39,7 @@ class Withdrawal:
             self._is_grasping = False
 
     def begin_grasp(self) -> None:
-        """The arm goes to the grasp. Raises: CycleFailure (CANCELLED, DEADLINE) when the job was withdrawn before."""
+        """Note that the arm goes to the grasp. Raises: CycleFailure (CANCELLED, DEADLINE) of a withdrawn job."""
         with self._turn:
             due = self.due()
             if due is not None:
@@ -49,7 +49,7 @@ class Withdrawal:
     def due(self) -> CycleFailure | None:
         """Return why the job must not go on; None when it may."""
         if self._is_cancelled:
-            return CycleFailure(Code.CANCELLED, "The job was cancelled by its client.")
+            return CycleFailure(Code.CANCELLED, "The job was cancelled.")
         if self._late_s is not None and self._now_s() > self._late_s:
             return CycleFailure(Code.DEADLINE, f"The job's {self._deadline_s:g} s were over before its grasp.")
         return None

@@ -17,6 +17,7 @@ from logs.catalogue.columns import GROUPS
 from logs.catalogue.rows import values_of
 from logs.comparison.motion import MotionRow, compare_motion
 from logs.mcap.reader import CycleRecord
+from logs.recorded_settings import settings_in
 
 Kind = Literal["input", "decision", "outcome"]
 KINDS: tuple[Kind, ...] = ("input", "decision", "outcome")
@@ -47,8 +48,8 @@ _EXCEPTIONS: dict[str, tuple[str, Kind]] = {
     **dict.fromkeys(("released", "released_m", "laid_place", "laid_x_m", "laid_y_m", "laid_z_m"),
                     ("deliver", "outcome")),
 }  # fmt: skip
-_SKIPPED = {"cycle_id", "started_ns", "day", "retry_of", "retried_as", "station_hash", "unread", "job_id", "job.job_id",
-            "seed"}  # fmt: skip
+_SKIPPED = {"cycle_id", "began", "started_ns", "day", "retry_of", "retried_as", "station_hash", "unread", "job_id",
+            "job.job_id", "seed"}  # fmt: skip
 """They always differ, or say again what a setting says."""
 _WHERE_IT_RUNS = ("bus.", "http.", "opcua.", "recording.")
 """Where a cell listens and records: settings that differ from cell to cell, and say nothing of a cycle."""
@@ -74,7 +75,7 @@ class Row:
     meaning: str
 
     def to_json(self) -> Json:
-        """The fields as a JSON object."""
+        """Return the fields as a JSON object."""
         return asdict(self)
 
 
@@ -97,7 +98,7 @@ class Comparison:
         return sum(row.kind == kind for row in self.rows)
 
     def to_json(self) -> Json:
-        """The comparison as a JSON object."""
+        """Return the comparison as a JSON object."""
         first = self.first
         return {
             "a": self.a.cycle_id,
@@ -132,18 +133,10 @@ def _is_noticeable(row: Row) -> bool:
 
 
 def _settings(a: CycleRecord, b: CycleRecord) -> Iterator[Row]:
-    in_a, in_b = dict(_leaves(a.station)), dict(_leaves(b.station))
+    in_a, in_b = dict(settings_in(a.station)), dict(settings_in(b.station))
     for key in dict.fromkeys([*in_a, *in_b]):
         if in_a.get(key) != in_b.get(key):
             yield Row("asked", "input", key, _value(in_a.get(key)), _value(in_b.get(key)), "", "A setting.")
-
-
-def _leaves(tree: object, path: str = "") -> Iterator[tuple[str, object]]:
-    if isinstance(tree, dict) and tree:
-        for key, value in tree.items():
-            yield from _leaves(value, f"{path}.{key}" if path else str(key))
-    else:
-        yield path, tree
 
 
 def _value(value: object) -> Value:

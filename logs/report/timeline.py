@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from bus.codes import ADVICE
+from bus.codes import ADVICE, title_of
 from bus.commands import Event
 from bus.frozen import Message
 from bus.messages import Detections, Execution, PickPlan, Verdict, View
@@ -69,7 +69,7 @@ class Timeline:
     @property
     def title(self) -> str:
         """Outcome, code and object: ``FAILED DROPPED spatula``."""
-        return " ".join(part for part in (self.outcome, self.code, self.object) if part)
+        return title_of(self.outcome, self.code, self.object)
 
     @property
     def took_s(self) -> dict[str, float]:
@@ -81,7 +81,7 @@ class Timeline:
 
 
 def summarize(record: CycleRecord) -> Timeline:
-    """The timeline of one recorded cycle, complete or not. Raises: RecordingError for inconsistent values."""
+    """Return the timeline of one recorded cycle, complete or not. Raises: RecordingError for inconsistent values."""
     with telling(f"The cycle {record.cycle_id!r}"):
         return _told(record)
 
@@ -154,7 +154,7 @@ def _spans(record: CycleRecord, start_ns: int, length_s: float) -> Iterator[Span
 
 
 def in_words(result: Message | None) -> str:
-    """The result of a stage, in half a line; "" where there is none to report."""
+    """Return the result of a stage, in half a line; "" where there is none to report."""
     if isinstance(result, View) and result.why:
         return f"another look, {direction_in_words(result.base_from_color)}: {result.why}"
     if isinstance(result, Detections) and result.grasps:

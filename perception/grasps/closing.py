@@ -107,11 +107,11 @@ class Closings:
         return chosen
 
     def on(self, instance: int) -> Closings:
-        """The feasible ones on one thing, in their order."""
+        """Return the feasible ones on one thing, in their order."""
         return self.taken(np.flatnonzero((self.instance == instance) & np.isfinite(self.score)))
 
     def taken(self, chosen: npt.NDArray[np.integer] | npt.NDArray[np.bool_] | list[int]) -> Closings:
-        """The chosen ones, in their order."""
+        """Return the chosen ones, in their order."""
         terms = {name: values[chosen] for name, values in self.terms.items()}
         rest = {one.name: getattr(self, one.name)[chosen] for one in fields(self) if one.name != "terms"}
         return Closings(terms=terms, **rest)
@@ -140,7 +140,7 @@ weight hardly turns it in the jaw; of an image taken aslant, deep."""
 
 
 def weighted(terms: dict[str, Array], weights: dict[str, float] = WEIGHTS) -> Array:
-    """The weighted mean (n,) of named criteria, each (n,) and between 0 and 1; those without a weight do not count.
+    """Return the weighted mean (n,) of named criteria, each (n,) from 0 to 1; those without a weight do not count.
 
     What is not deep at all holds nothing, whatever else it has: it scores less than the mean.
     """

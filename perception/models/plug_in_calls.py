@@ -20,7 +20,7 @@ ResultT = TypeVar("ResultT")
 
 @dataclass(frozen=True)
 class Rules:
-    """What becomes of a call of a plug-in.
+    """The consequences of a plug-in's call that fails, or comes late.
 
     Attributes:
         whose: the plug-in in words, e.g. ``The detector 'acme'``.
@@ -34,7 +34,7 @@ class Rules:
     may_say: frozenset[Code]
 
     def refused(self, what: str) -> CycleFailure:
-        """The failure of a call whose answer cannot be used; ``what`` begins with a verb and has no full stop."""
+        """Return the failure of a call with an unusable answer; ``what`` begins with a verb and has no full stop."""
         return CycleFailure(self.failed, f"{self.whose} {what}.")
 
 

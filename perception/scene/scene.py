@@ -34,8 +34,8 @@ _MOST = 255
 _SPARSE_CELLS = 1.5
 """A cell without a point has that of the nearest cell so far away: seen at an angle, a surface's points lie apart."""
 _ASLANT_RAD = float(np.deg2rad(17))
-"""A camera that leans less looks from above: at 15 degrees what is said of an image taken aslant gains nothing. The Femto
-Mega's depth lens leans by 6 degrees, a table by up to 3."""
+"""A camera that leans less looks from above: at 15 degrees, nothing is gained by what `HeightMap.is_aslant` says. The
+Femto Mega's depth lens leans by 6 degrees, a table by up to 3."""
 _MORE = 1.2
 """Another look than the first is shown to the models when it sees so many times more of the things."""
 
@@ -123,7 +123,7 @@ class Scene:
         return outlined(self.color_labels == instance, np.isfinite(self.rgbd.depth_m), self.rgbd.color)
 
     def along(self, base_from_level: Transform, instance: int) -> tuple[HeightMap, Transform]:
-        """The height map around one thing, seen against the z axis of a level frame (4, 4); each thing is one piece.
+        """Return the height map around a thing, seen against the z axis of a level frame (4, 4); each thing is a piece.
 
         Returns: the map, and its own level frame: the one given, with the origin moved along z to the thing's far end.
         """
