@@ -76,7 +76,7 @@ def run(
 
 
 def figures(rows: Sequence[Row]) -> dict[str, Any]:
-    """By tilt, as text."""
+    """Return the figures by tilt, as text."""
     return {
         f"{tilt_deg:g}": _of_one([row for row in rows if row.tilt_deg == tilt_deg])
         for tilt_deg in sorted({row.tilt_deg for row in rows})

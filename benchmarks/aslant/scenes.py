@@ -113,7 +113,7 @@ def _pictures(dropped: Dropped, truth: Heap, level: Plan, tilts_deg: Sequence[fl
 
 
 def looking(at: Array, tilt_rad: float, azimuth_rad: float, away_m: float) -> Array:
-    """base_from_camera (4, 4): looks at a point (3,) from so far away; x of the picture is level."""
+    """Return base_from_camera (4, 4) of one that looks at a point (3,) from so far away; x of the picture is level."""
     out = np.array([np.cos(azimuth_rad), np.sin(azimuth_rad), 0.0])
     z = -np.sin(tilt_rad) * out - np.cos(tilt_rad) * np.array([0.0, 0.0, 1.0])
     x = np.array([-np.sin(azimuth_rad), np.cos(azimuth_rad), 0.0])

@@ -101,7 +101,7 @@ class Judge:
         return Verdict(COLLIDES, hit) if hit else self._closed(near, half_m)
 
     def overlap_m(self, base_from_tcp: Array, opening_m: float) -> tuple[float, float]:
-        """How far up from the tips both pads touch, and how high over the table that is; zeros where one does not."""
+        """Return how far up from the tips both pads touch, and how high over the table that is; zeros for no touch."""
         half_m, base_from_grasp = min(opening_m, self._widest_m) / 2, base_from_tcp @ TCP_FROM_GRASP
         grasp_from_base = inverse(base_from_grasp)
         near = [(body, moved(planes, corners, grasp_from_base)) for body, planes, corners in self._parts]

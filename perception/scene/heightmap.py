@@ -244,7 +244,7 @@ def bound(grid: Grid, height_m: Heights, views: Sequence[DepthView], base_from_l
 
 
 def in_shadow(grid: Grid, seen: Seen, view: DepthView, base_from_level: Transform) -> npt.NDArray[np.bool_]:
-    """The unseen cells (ny, nx) whose foot something hides, while over them the camera sees past what is beside them.
+    """Return the unseen cells (ny, nx) whose foot something hides, while the camera sees past what is beside them.
 
     Where it does not see past, a surface goes on whose points only lie far apart.
     """
