@@ -105,6 +105,7 @@ def test_the_notebook_runs_and_gives_what_it_shows(cell: Cell, monkeypatch: pyte
     assert _kinds(given) == _kinds(shown), "run: python -m docs.notebook"
     said = json.dumps(given)
     assert "SUCCESS" in said and "NO_GRASP" in said and "TARGET_NOT_FOUND" in said
+    assert _refusal(given) == _refusal(shown), "run: python -m docs.notebook"
 
 
 def test_the_lines_of_the_readme_pick(
@@ -116,6 +117,18 @@ def test_the_lines_of_the_readme_pick(
     monkeypatch.setattr(cell, "close", lambda: None)
     exec(lines[1], {})
     assert capsys.readouterr().out.startswith("SUCCESS Held")
+
+
+def _refusal(given: dict[str, Any]) -> str:
+    """Return what the notebook's detection with too small a hand ends with, without its measures."""
+    (said,) = [
+        text
+        for cell in given["cells"]
+        for one in cell.get("outputs", ())
+        for text in one.get("text", ())
+        if "jaw" in text
+    ]
+    return re.sub(r"[0-9]+", "#", said)
 
 
 def _kinds(given: dict[str, Any]) -> list[tuple[str, list[str]]]:
