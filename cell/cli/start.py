@@ -105,7 +105,7 @@ def _run(
     ready: str,
 ) -> Batch | None:
     """Run the cell for these ``picks``; without any, say ``ready``, and take commands until interrupted."""
-    screen.line(f"cell {station.cell_id} on {station.bus.endpoint}: starting {', '.join(station.nodes)} ...")
+    screen.line(f"cell {station.cell_id} on {station.bus.endpoint}: {_opening(station)}")
     if not station.simulated and (asks := double_picks(station)).verdict is not Verdict.OK:
         screen.line(asks.found)
     with (
@@ -124,6 +124,14 @@ def _run(
         if picks.until_empty:
             screen.summary(batch.summary(daemon.objects_left()))
         return batch
+
+
+def _opening(station: Station) -> str:
+    """Return a line that names the nodes which this process starts, and those that others serve."""
+    here = [name for name, node in station.nodes.items() if node.run == "here"]
+    others = [name for name in station.nodes if name not in here]
+    said = [f"starting {', '.join(here)} ..."] if here else []
+    return "; ".join([*said, f"elsewhere, by `cell node`: {', '.join(others)}"] if others else said)
 
 
 def _occupied(station: Station, error: PortOccupied) -> PortOccupied:

@@ -14,8 +14,8 @@ from pathlib import Path
 import pytest
 
 from cell.cli import commands
-from cell.cli.start import _ready
-from config.load import DEFAULT_STATION
+from cell.cli.start import _opening, _ready
+from config.load import DEFAULT_STATION, load_station
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -230,6 +230,19 @@ def test_the_shell_completes_commands_and_their_options(shell: str) -> None:
         said = _process(**environment | {"COMP_WORDS": words, "COMP_CWORD": count, "_TYPER_COMPLETE_ARGS": words,
                                          "_TYPER_COMPLETE_FISH_ACTION": "get-args"})  # fmt: skip
         assert all(name in said.stdout for name in expected), said
+
+
+@pytest.mark.parametrize(
+    ("run", "said"),
+    [
+        ("here", "starting camera, rest ..."),
+        ("elsewhere", "starting camera ...; elsewhere, by `cell node`: rest"),
+    ],
+)
+def test_a_cell_says_which_nodes_it_starts_and_which_others_serve(run: str, said: str) -> None:
+    camera = '{driver = "sim", serves = ["camera"]}'
+    rest = f'{{driver = "sim", serves = ["arm", "hand"], run = "{run}"}}'
+    assert _opening(load_station(None, [f"nodes={{camera = {camera}, rest = {rest}}}"])) == said
 
 
 @pytest.mark.parametrize(
