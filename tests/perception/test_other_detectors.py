@@ -70,7 +70,7 @@ def grasp(x_m: float, y_m: float, width_m: float = 0.03, score: float = 0.5, ins
 def found(look: Look, fake: Fake, station: Station = STATION) -> tuple[Detections, list[ModelReply]]:
     """Return what the fake detector gives on a bar and a plate, and what was recorded of it."""
     replies: list[ModelReply] = []
-    models = Models(GeometricModel(station), detector=DetectorCall("acme", fake, 5.0))
+    models = Models(GeometricModel(station), detector=DetectorCall("acme", fake, 5.0, "acme-detector 0.1.0"))
     return detect(look([BAR, PLATE]), station, models, replies.append), replies
 
 
@@ -121,6 +121,7 @@ def test_what_is_no_grasp_ends_the_cycle_with_the_detector_s_name_and_the_field(
         found(look, Fake(given))
     assert failure.value.failure is Code.DETECTOR_FAILED
     assert "'acme'" in failure.value.text and said in failure.value.text
+    assert failure.value.advice.endswith("or set perception.detector to 'vlad'. It comes with acme-detector 0.1.0.")
 
 
 def test_no_grasp_at_all_is_no_grasp(look: Look) -> None:
