@@ -140,9 +140,9 @@ class Cycle:
         return self._timeline.outcome
 
     @property
-    def code(self) -> str:
-        """The code of its failure, one of docs/faults.md; "" for none."""
-        return self._timeline.code
+    def code(self) -> str | None:
+        """The code of its failure, one of docs/faults.md; None for none, as in `CycleResult`."""
+        return self._timeline.code or None
 
     @property
     def reason(self) -> str:

@@ -90,7 +90,8 @@ class Cell(StateCommands):
         """Pick one object, and wait for the result. The cell must be Idle or Complete.
 
         A pick that fails is no error of this program: look at ``result`` (SUCCESS, FAILED, ABORTED, EMPTY), ``code``,
-        ``reason`` and ``advice``. After Ctrl-C nobody attends the motion, so the cell holds it; `unhold` goes on.
+        ``reason`` and ``advice``. After Ctrl-C, or an error that ``progress`` raises, nobody attends the motion, so the
+        cell holds it; `unhold` goes on.
 
         Args:
             target: the object in words, as ``"the largest red one"``; x, y, z [m] in ``base`` of a point on it; or a
@@ -166,8 +167,8 @@ class Cell(StateCommands):
         """
         if until_empty and cycles != 1:
             raise ConfigError("cycles and until_empty exclude each other.", "Give a number of picks, or until_empty.")
-        batch = Batch(CommandRequest(cycles=cycles, until_empty=until_empty), self._station.retry)
         with wrong_argument_named():
+            batch = Batch(CommandRequest(cycles=cycles, until_empty=until_empty), self._station.retry)
             job = Job(target=target_of(target))
         self._forget()
         reply = self._client.command("start", cycles=cycles, until_empty=until_empty, job=job)

@@ -63,6 +63,23 @@ def test_show_takes_a_part_of_an_id_and_says_why(station: list[str]) -> None:
     assert json.loads(_cell("show", LATE, *station, "--json").stdout)["metadata"]["commit"] == "abc"
 
 
+@pytest.mark.parametrize(
+    ("metadata", "said"),
+    [
+        ({"vlad-cell": "0.5.0", "commit": "unknown"}, "version 0.5.0"),
+        ({"vlad-cell": "0.5.0", "commit": "abc"}, "version 0.5.0, commit abc"),
+        ({}, "an unknown version"),
+    ],
+)
+def test_show_names_what_made_a_recording(tmp_path: Path, metadata: dict[str, str], said: str) -> None:
+    path = tmp_path / f"{LATE}.mcap"
+    recorder = Recorder(path, metadata={"cycle_id": LATE, **metadata}, clock=lambda: 1)
+    recorder.attach("station.json", "application/json", b"{}")
+    recorder.close({"result": "SUCCESS"})
+    told = " ".join(_cell("show", str(path)).stdout.split())
+    assert told.endswith(f"made by {said}")
+
+
 def test_what_a_job_changed_stands_under_the_job(monkeypatch: pytest.MonkeyPatch) -> None:
     path = Path(__file__).parents[1] / "golden" / "cycle-schema4.mcap"
     cycle = read_cycle(path)

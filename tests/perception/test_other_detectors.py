@@ -134,7 +134,10 @@ def test_no_grasp_at_all_is_no_grasp(look: Look) -> None:
 def test_grasps_of_nothing_seen_and_of_what_failed_before_are_left_out_with_the_reason(look: Look) -> None:
     one = place_of(look, 1)
     models = Models(GeometricModel(STATION), detector=DetectorCall("acme", Fake([grasp(0.1, 0.28), grasp(*one)]), 5.0))
-    with pytest.raises(CycleFailure, match=r"thing 1: it is not to be picked; thing 2: nothing was seen"):
+    with pytest.raises(
+        CycleFailure,
+        match=r"thing 1: it is not to be picked; thing 2: nothing was seen of .* \(0\.100, 0\.280, 0\.010\) m",
+    ):
         detect(look([BAR, PLATE]), STATION, models, lambda _: None, failed_at=[np.array([*one, 0.02])])
 
 

@@ -164,7 +164,7 @@ def test_one_that_hangs_as_a_cycle_begins_is_recorded_and_does_so_again_in_a_rep
     slow, replies = GeometricModel(STATION), list[ModelReply]()
     monkeypatch.setattr(slow, "begin", lambda: answered.wait(60))
     hanging = Models(PlugInModel(slow, "acme", "acme-model 0.1.0", 0.05))
-    with pytest.raises(CycleFailure, match="gave no answer within 0.05 s.") as failed:
+    with pytest.raises(CycleFailure, match="gave no answer within") as failed:
         detect(look([BAR]), STATION, hanging, replies.append)
     again = replayed_models(STATION, replies)
     with pytest.raises(CycleFailure) as replayed:

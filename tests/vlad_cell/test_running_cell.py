@@ -188,6 +188,11 @@ def test_an_argument_that_cannot_be_is_named_before_anything_is_asked(
         cell.pick(**arguments)  # type: ignore[arg-type]
 
 
+def test_a_number_of_picks_that_cannot_be_is_named(cell: Cell) -> None:
+    with pytest.raises(ConfigError, match="cycles"):
+        next(cell.picks(0))
+
+
 def test_a_stop_an_abort_and_a_clear_reach_their_states(cell: Cell) -> None:
     assert cell.stop().state == "Stopped"
     assert cell.abort().state == "Aborted"
