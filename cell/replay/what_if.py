@@ -8,7 +8,7 @@ from dataclasses import replace
 from bus.messages import Failure
 from cell.replay.compared_stages import STAGES
 from cell.replay.replay import Replay
-from cell.replay.view import consequence
+from cell.replay.view import consequence, why_it_ends
 from config.load import station_from
 from logs.mcap.reader import CycleRecord, Stage
 
@@ -62,5 +62,4 @@ def what_if(replay: Replay, overrides: Sequence[str]) -> CycleRecord:
 def _reason(replay: Replay, overrides: Sequence[str]) -> str:
     changed = ", ".join(overrides) or "the code of today"
     came = "; ".join(consequence(replay))
-    failures = [one.replayed.text for one in replay.stages if isinstance(one.replayed, Failure)]
-    return " ".join([f"With {changed} - {came}.", *failures])
+    return " ".join([f"With {changed} - {came}.", *why_it_ends(replay)])

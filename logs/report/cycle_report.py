@@ -215,16 +215,13 @@ def _log(record: CycleRecord, timeline: Timeline) -> list[LogLine]:
 
 
 def configuration_changes(station: Mapping[str, object]) -> list[tuple[str, str, str]]:
-    """(key, recorded, default) of every setting that differs from the simulated cell's; "-" where one side lacks it."""
-    here, default = dict(_leaves(station)), dict(_leaves(load_station().model_dump(mode="json")))
-    tables = {key.rpartition(".")[0] for key in here}  # what is no table by default may be one
-    keys = [*here, *(key for key in default if key not in here and key not in tables)]
-    missing = "-"
-    return [
-        (key, str(here.get(key, missing)), str(default.get(key, missing)))
-        for key in keys
-        if here.get(key, missing) != default.get(key, missing)
-    ]
+    """(key, recorded, default) of every recorded setting that differs from the simulated cell's; "-" = it has none.
+
+    A station is recorded with its defaults: a setting that is not there is younger than the recording.
+    """
+    default = dict(_leaves(load_station().model_dump(mode="json")))
+    here = [(key, value, default.get(key, "-")) for key, value in _leaves(station)]
+    return [(key, str(value), str(usual)) for key, value, usual in here if value != usual]
 
 
 def _leaves(tree: object, path: str = "") -> Iterator[tuple[str, object]]:
