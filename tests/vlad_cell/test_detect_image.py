@@ -72,6 +72,15 @@ def test_a_hand_that_is_too_small_ends_with_the_reason() -> None:
     assert refused.value.code == "NO_GRASP" and refused.value.advice
 
 
+def test_a_coarse_image_in_which_nothing_is_found_is_not_called_empty() -> None:
+    """Of 8 mm a pixel the bar has 50 pixels, too few to be told from noise."""
+    color, depth_m = image()
+    pinhole = K[[0, 1, 0, 1], [0, 1, 2, 2]] / 6
+    with pytest.raises(CycleFailure, match="a thing of less than 62 x 62 mm is not noticed") as refused:
+        detect(color[::6, ::6], depth_m[::6, ::6], pinhole, BASE_FROM_CAMERA)
+    assert refused.value.code == "NOT_SEEN"
+
+
 def test_nothing_outside_the_region_is_looked_at() -> None:
     with pytest.raises(CycleFailure) as refused:
         detect(*image(), K, BASE_FROM_CAMERA, region_m=(0.5, 0.58, 0.05, 0.12))
