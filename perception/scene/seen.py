@@ -172,8 +172,8 @@ def require_something(scene: Scene, region: RegionView, station: Station) -> Non
     if least_m > _COARSE_M:
         raise CycleFailure(
             Code.NOT_SEEN,
-            f"Nothing rises above the table, but the depth has so few pixels that a thing of less than {least_m * 1e3:.0f} x"
-            f" {least_m * 1e3:.0f} mm is not noticed: look from nearer, or with more pixels.",
+            "Nothing rises above the table, but the depth has so few pixels that a thing of less than"
+            f" {least_m * 1e3:.0f} x {least_m * 1e3:.0f} mm is not noticed: look from nearer, or with more pixels.",
         )
     raise CycleFailure(
         Code.NO_OBJECT, f"Nothing rises above the table inside the pick region, of which {region.share:.0%} was seen."

@@ -56,6 +56,22 @@ def test_cycles_are_filtered(station: list[str], options: tuple[str, ...]) -> No
     assert json.loads(line)["cycle_id"] == LATE
 
 
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--day", "2026-13-45"), "'2026-13-45' is no day. A day is today, 2026-11-28, 2026-11 or 2026 (UTC)."),
+        (("--day", "tomorrow"), "'tomorrow' is no day."),
+        (("--day", "20261128", "--summary"), "'20261128' is no day."),
+        (("--code", "NO_GRASPS"), "There is no code 'NO_GRASPS'. Did you mean NO_GRASP?"),
+    ],
+)
+def test_what_no_cycle_can_have_is_refused_and_not_answered_with_none(
+    station: list[str], options: tuple[str, ...], said: str
+) -> None:
+    refused = _cell("cycles", *station, *options).exception
+    assert isinstance(refused, ConfigError) and said in str(refused)
+
+
 def test_show_takes_a_part_of_an_id_and_says_why(station: list[str]) -> None:
     done = _cell("show", "T12", *station)
     assert done.exit_code == 0
