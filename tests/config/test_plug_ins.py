@@ -154,7 +154,7 @@ def test_what_its_device_raises_is_named_and_no_defect_of_ours() -> None:
     ):
         with pytest.raises(DeviceLost) as failed:
             act()
-        assert failed.value.text == f"The hand of driver 'broken' of package acme failed: {said}."
+        assert failed.value.text == f"The hand of driver 'broken' of package acme 1.0 failed: {said}."
         assert "defect" not in str(failed.value) and ".." not in str(failed.value)
     with pytest.raises(HandFault, match="Loosen it"):
         hand.stop()
@@ -162,7 +162,7 @@ def test_what_its_device_raises_is_named_and_no_defect_of_ours() -> None:
 
 
 def test_a_device_without_a_member_of_its_protocol_is_refused_with_that() -> None:
-    with pytest.raises(DriverUnavailable, match=r"hand of driver 'lacks' of package acme has no 'connect'"):
+    with pytest.raises(DriverUnavailable, match=r"hand of driver 'lacks' of package acme 1\.0 has no 'connect'"):
         open_node("hand", station("lacks"))
 
 

@@ -20,13 +20,14 @@ from bus.errors import ConfigError, CycleFailure
 from bus.messages import Detections, ModelReply
 from cell.replay.replay import Request, replay
 from config.load import load_station
+from config.plug_ins import Group
 from config.schema import Station
 from logs.differences import compare
 from logs.mcap.reader import read_cycle
 from logs.report.cycle_report import write_report
 from perception.detector import detect
 from perception.detectors.base import FoundGrasp, SeenScene
-from perception.detectors.registry import GROUP
+from perception.detectors.registry import GROUP, open_detector
 from perception.models import Models, open_models, replayed_models
 from perception.models.detector_call import DetectorCall
 from perception.models.geometric import GeometricModel
@@ -194,6 +195,16 @@ def test_its_settings_are_checked_by_its_own_model_and_an_error_names_the_field(
         open_models(load_station(None, ["perception.detector=broken"]), {})
     with pytest.raises(ConfigError, match=r"perception\.settings\.headings: neither the detector 'vlad' nor"):
         open_models(load_station(None, ["perception.settings.headings=4"]), {})
+
+
+def test_one_that_does_not_say_whether_it_is_deterministic_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    unsure = Fake([])
+    unsure.is_deterministic = "perhaps"  # type: ignore[assignment]
+    monkeypatch.setattr(Group, "opened", lambda *_: unsure)
+    with pytest.raises(
+        ConfigError, match=r"is_deterministic of the detector 'acme' is 'perhaps', and no True or False"
+    ):
+        open_detector(STATION)
 
 
 def test_an_unknown_detector_is_refused_with_those_there_are() -> None:
