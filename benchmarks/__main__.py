@@ -62,7 +62,7 @@ from perception.detectors.registry import GROUP as DETECTORS
 
 _ENDS_THE_RUN = ("EMPTY", "ABORTED")
 _NEXT_COMMAND = {"Aborted": "clear", "Stopped": "reset", "Complete": "reset", "Idle": "start"}
-"""What an operator does to go on after a run that ended early."""
+"""The operator's next command after a run that ended early."""
 _CHECKOUT = Path(__file__).resolve().parents[1]
 _OBJECTS = Path(os.environ.get("VLAD_CELL_DATA", "../shared/data")) / "meshes" / "object_sim"
 Scheduler = Annotated[str, typer.Option(help="Work on the Dask cluster of this scheduler, tcp://HOST:PORT.")]

@@ -27,7 +27,7 @@ from logs.mcap.reader import read_cycle
 _LATEST_S = 9.0
 """From the first command: the reset, the pick, and some time after."""
 _FLUSHED_AFTER_S = 0.5
-"""What was heard this long before the kill must be there: a flush, and a busy machine."""
+"""Messages heard this long before the kill must be there: a flush, and a busy machine."""
 _PATIENCE_S = 90.0
 _STAGE_KEYS: dict[str, str] = {stage.topic.key: stage.name for stage in STAGES}
 

@@ -36,7 +36,7 @@ class LoggedMessage(NamedTuple):
 
 
 Batch = Sequence[LoggedMessage]
-"""What is written between two flushes."""
+"""Messages written between two flushes."""
 
 
 class MessageWriter(Protocol):

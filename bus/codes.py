@@ -63,14 +63,20 @@ FROM_OUTSIDE = frozenset(
         Code.RECORDING,
     }
 )
-"""What ends a computation from outside: a command, a clock, a device, a disk. Its inputs do not lead to it, so that the
-same inputs need not end so again."""
+"""Ends of a computation from outside: by a command, a clock, a device, a disk. Its inputs do not lead to them, so that
+the same inputs need not end so again."""
 
 PLACE_OUT_OF_REACH = (
     "Name a place nearer to the arm, or lower: the thing itself can be grasped. The place is that of the job, or"
     " scene.place_m of the station."
 )
 """The advice of UNREACHABLE where it is the place that the arm does not reach."""
+
+PLACE_TAKEN = (
+    "Empty the tray, or name another place: the thing itself can be grasped, and has no room there."
+    " scene.place_pattern_m may give more places, scene.place_higher_m lets things go on top of others."
+)
+"""The advice of COLLISION where most ways to grasp end at the place."""
 
 DETECTOR_FOUND_NONE = (
     "The detector of another package found nothing: its documentation says what it needs. Or set perception.detector to"

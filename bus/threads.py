@@ -35,7 +35,7 @@ class Role(StrEnum):
     SUPERVISOR = "supervisor"
     """The process of one node or door: its end and its restart."""
     DOOR = "door"
-    """What a door serves to other programs, and what it hears of the cell."""
+    """The service of a door to other programs, and its hearing of the cell."""
     WORKER = "worker"
     """Queries of one kind, answered one after the other."""
     LOOP = "loop"
@@ -57,7 +57,7 @@ class Role(StrEnum):
     CLOCK = "clock"
     """The measurement of this process's starvation."""
     END = "end"
-    """What a program left open, once its main thread has ended."""
+    """The closing of what a program left open, once its main thread has ended."""
     PROBE = "probe"
     """One check of the doctor, which may never return."""
 

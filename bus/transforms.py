@@ -78,6 +78,17 @@ def to_wxyz(transform: Array) -> tuple[float, float, float, float]:
     return w, x, y, z
 
 
+def from_rotvec(vector: Array) -> Array:
+    """Return the pose (4, 4) of a rotation vector [rad] and a translation [m], together (6,)."""
+    return from_rotation(spatial.Rotation.from_rotvec(vector[:3]).as_matrix(), vector[3:])
+
+
+def to_rotvec(transform: Array) -> Array:
+    """Return a pose's rotation vector [rad] and translation [m], together (6,)."""
+    turn = spatial.Rotation.from_matrix(transform[:3, :3])
+    return np.concatenate([turn.as_rotvec(), transform[:3, 3]])
+
+
 def angle_between_rad(one: Array, other: Array) -> float:
     """Return the angle [rad] between the orientations of two poses (4, 4); NaN when a rotation holds NaN."""
     # The Frobenius distance is 2 sqrt(2) sin(angle / 2): exact near zero, where arccos of the trace is not.

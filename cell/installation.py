@@ -26,7 +26,7 @@ def hidden() -> str:
 
 
 def _way_out(origin: str | None) -> str:
-    """What to do about a file that hides a package: leave its folder out, or take an environment without it."""
+    """Return the advice for a file that hides a package: leave its folder out, or take an environment without it."""
     folders = {Path(origin).parent, Path(origin).parent.parent} if origin is not None else set()
     path = os.environ.get("PYTHONPATH", "")
     if path and folders & {Path(entry).absolute() for entry in path.split(os.pathsep)}:

@@ -19,7 +19,7 @@ class Asked(Protocol):
         """Return what the cell does now. Raises: BusError."""
 
     def result(self, cycle_id: str) -> CycleResult | None:
-        """The result of a cycle; None while there is none. Raises: BusError."""
+        """Return the result of a cycle; None while there is none. Raises: BusError."""
 
 
 class Outcome:
@@ -52,17 +52,13 @@ class Outcome:
         self._over_since_s: float | None = None
 
     def ask(self) -> CycleResult | None:
-        """The result of the last attempt; None while there is none. Raises: Refused (JOB_DROPPED), BusError."""
+        """Return the result of the last attempt; None while there is none. Raises: Refused (JOB_DROPPED), BusError."""
         while (result := self._cell.result(self.cycle_id)) is not None and result.retried_as:
             self.cycle_id = result.retried_as
         if result is not None:
             return result
         if self._over_since_s is not None and self._now_s() - self._over_since_s >= self._grace_s:
-            raise Refused(
-                f"The job {self._job_id!r} ended without a cycle: what ended the motion dropped what waited.",
-                "Make the cell ready, and send it again.",
-                code="JOB_DROPPED",
-            )
+            raise dropped(self._job_id)
         if not self._job_id or not is_over(self._cell.state(), self._job_id):
             self._over_since_s = None
         elif self._over_since_s is None:
@@ -70,6 +66,20 @@ class Outcome:
         return None
 
 
+def is_known(state: CellState, job_id: str) -> bool:
+    """Return whether the job is under way or waits."""
+    return job_id in (state.job_id, *state.queue)
+
+
 def is_over(state: CellState, job_id: str) -> bool:
-    """Nothing moves, and the job neither is under way nor waits: its last result is there, or follows at once."""
-    return state.state in SETTLED and job_id not in (state.job_id, *state.queue)
+    """Return whether nothing moves and the job is not known: its last result is there, or follows at once."""
+    return state.state in SETTLED and not is_known(state, job_id)
+
+
+def dropped(job_id: str) -> Refused:
+    """Return the refusal of a job of which no result will ever come."""
+    return Refused(
+        f"The job {job_id!r} ended without a cycle: it was cancelled, or dropped with a stop.",
+        "Make the cell ready, and send it again.",
+        code="JOB_DROPPED",
+    )

@@ -10,12 +10,12 @@ from config.calibration import CalibrationSettings
 
 
 def charuco_board(settings: CalibrationSettings) -> cv2.aruco.CharucoBoard:
-    """The board of these settings."""
+    """Return the board of these settings."""
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, settings.dictionary))
     return cv2.aruco.CharucoBoard(settings.squares, settings.square_m, settings.marker_m, dictionary)
 
 
 def board_image(settings: CalibrationSettings, pixels_per_m: float) -> npt.NDArray[np.uint8]:
-    """The board as it is printed, without a margin (H, W) grey."""
+    """Return the board as it is printed, without a margin (H, W) grey."""
     width, height = (round(side * pixels_per_m) for side in settings.size_m)
     return np.asarray(charuco_board(settings).generateImage((width, height)))

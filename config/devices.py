@@ -109,7 +109,7 @@ class HandSettings(Settings):
     finger_thickness_m: JawSize = 0.012
     """Thickness of a finger along the closing axis: the free space that it needs beside an object."""
     min_width_m: JawSizeOrNone = 0.002
-    """What is thinner is no grasp: the fingers would close on nothing."""
+    """A thinner thing is no grasp: the fingers would close on nothing."""
 
     @model_validator(mode="after")
     def _asks_for_what_it_can(self) -> HandSettings:

@@ -12,6 +12,7 @@ from config.schema import Station
 from config.target import TargetSettings, outside_picture
 from config.words import understood
 
+_PLACE_KEYS = ("scene.place_m", "scene.place_pattern_m", "scene.place_higher_m", "scene.place_yaw_rad")
 _MAX_DROP_M = 0.25
 """Highest place above what is below it: nothing needs more, since what hangs far below the hand is let go higher."""
 
@@ -36,7 +37,7 @@ def set_by(job: Job, key: str) -> bool:
         "perception.target": job.target is not None,
         "perception.from_above": job.grasp.from_above,
         "hand.grasp_force_n": job.grasp.max_force_n is not None,
-        **dict.fromkeys(("scene.place_m", "scene.place_pattern_m", "scene.place_yaw_rad"), job.place is not None),
+        **dict.fromkeys(_PLACE_KEYS, job.place is not None),
     }
     return any(given and (key == name or key.startswith(f"{name}.")) for name, given in is_set.items())
 
@@ -114,15 +115,19 @@ def _bad(field: str, why: str) -> Refused:
 
 
 def _placing(scene: SceneSettings, place: Place | None, laid: int) -> SceneSettings:
-    """Return the scene whose place is the job's ``laid``-th; its own pattern is one zero."""
+    """Return the scene whose place is the job's ``laid``-th; the others of its pattern follow in turn."""
     position_m, pattern_m, yaw_rad = scene.place_m, scene.place_pattern_m, scene.place_yaw_rad
     if place is not None and place.position_m is not None:
         position_m, pattern_m, yaw_rad = place.position_m, ((0.0, 0.0),), place.yaw_rad
     elif place is not None:
         named = next(one for one in scene.places if one.name == place.name)
         position_m, pattern_m, yaw_rad = named.position_m, named.pattern_m, named.yaw_rad
-    (dx, dy), (x, y, z) = pattern_m[laid % len(pattern_m)], position_m
-    update = {"place_m": (x + dx, y + dy, z), "place_pattern_m": ((0.0, 0.0),), "place_yaw_rad": yaw_rad}
+    turn = laid % len(pattern_m)
+    (dx, dy), (x, y, z) = pattern_m[turn], position_m
+    from_it_m = tuple((float(u - dx), float(v - dy)) for u, v in (*pattern_m[turn:], *pattern_m[:turn]))
+    update: dict[str, object] = {"place_m": (x + dx, y + dy, z), "place_pattern_m": from_it_m, "place_yaw_rad": yaw_rad}
+    if place is not None:
+        update["place_higher_m"] = 0.0  # where a job says, and nowhere else
     return scene.model_copy(update=update)
 
 

@@ -35,7 +35,7 @@ def value_at(tree: Any, key: str) -> Any:
 
 
 def keys_beside(location: Sequence[int | str]) -> list[str]:
-    """The keys of the table that the last part of ``location`` is in, sorted; of the last table that there is."""
+    """Return the keys of the table that the last part of ``location`` is in, sorted; or of the last table there is."""
     kinds: list[Any] = [Station]
     for part in location[:-1]:
         kinds = [inner for kind in kinds for inner in _below(kind, str(part))] or kinds
@@ -44,7 +44,7 @@ def keys_beside(location: Sequence[int | str]) -> list[str]:
 
 
 def nearest(path: Sequence[str]) -> str | None:
-    """The full name of the setting that is most like an unknown one: beside it, else anywhere; None = none is like it.
+    """Return the full name of the setting most like an unknown one, beside it or elsewhere; None = none is like it.
 
     Args:
         path: of the unknown setting, table by table.

@@ -46,7 +46,7 @@ class Mistake(NamedTuple):
 
 
 class Said(NamedTuple):
-    """What is wrong of the setting or table at ``place``, without its name and without a full stop, and the advice."""
+    """The mistake in the setting or table at ``place``, without its name and without a full stop, and the advice."""
 
     place: Place
     text: str

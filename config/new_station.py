@@ -12,7 +12,7 @@ _CELL_ID = re.compile(r"[^a-z0-9_-]+")
 
 
 class Kind(StrEnum):
-    """What a new station file is of: the file it is a copy of, beside this module."""
+    """A kind of new station file: its value is the file that it is a copy of, beside this module."""
 
     ROBOT = "new/robot.toml"
     """An FR3 with its hand and a Femto Mega."""

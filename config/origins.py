@@ -53,7 +53,7 @@ def _leaves(table: BaseModel | dict[str, Any], path: tuple[str, ...] = ()) -> It
 
 
 def lines_of(text: str) -> dict[Place, int]:
-    """The line, from 1 on, on which each key and each table of a TOML text begins.
+    """Return the line, from 1 on, on which each key and each table of a TOML text begins.
 
     The text must be valid TOML. A statement of several lines begins on its first.
     """

@@ -202,7 +202,7 @@ class PerceptionSettings(Settings):
     rectangle_margin_m: JawSizeOrNone = 0.0
     """Free space of the opening on each side; 0 as in the paper."""
     min_object_height_m: JawSize = 0.006
-    """What rises less above the table is no object."""
+    """A thing that rises less above the table is no object."""
     min_table_seen: Fraction = 0.7
     """Nothing on the table counts as an empty table only when this share of the pick region was seen."""
     rod_radius_m: JawSize = 0.004

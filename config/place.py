@@ -16,7 +16,8 @@ class NamedPlace(Settings):
         name: a job asks for it so.
         position_m: (x, y, z) of the tcp in ``base`` when it lets go; higher where the object hangs lower.
         yaw_rad: heading of the closing axis in ``base`` when it lets go; None = any.
-        pattern_m: offsets along x and y of ``base``, used in turn, so that objects do not pile up.
+        pattern_m: offsets along x and y of ``base``, used in turn, so that objects do not pile up; where one is taken,
+            the next that is free.
         capacity: number of objects it takes, until the next ``reset`` by a client; 0 = any number.
     """
 

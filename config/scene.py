@@ -115,7 +115,10 @@ class SceneSettings(Settings):
         tray_wall_height_m: of the walls on the tray's rim, above its floor; 0 = none.
         pick_region_m: (x_min, x_max, y_min, y_max) in ``base``: the region searched for objects.
         place_m: tcp position at which the object is released, above the tray's floor.
-        place_pattern_m: offsets from it along x and y of ``base``, one per cycle, so that objects do not pile up.
+        place_pattern_m: offsets from it along x and y of ``base``, one per cycle in turn, so that objects do not pile
+            up; where that one is taken, the next that is free.
+        place_higher_m: where all of them are taken, the object is let go up to so much higher, on what lies there;
+            0 = never, as at the place of a job.
         place_yaw_rad: heading of the closing axis in ``base`` at the release; None = any.
         places: others by name, which a job may ask for.
         bins: bins with objects to pick; the pick region lies inside one, or outside all.
@@ -128,6 +131,7 @@ class SceneSettings(Settings):
     pick_region_m: tuple[Metres, Metres, Metres, Metres] = (0.32, 0.60, -0.20, 0.20)
     place_m: Vector = (0.40, 0.45, 0.20)
     place_pattern_m: Annotated[tuple[tuple[Metres, Metres], ...], Field(min_length=1)] = ((0.0, 0.0),)
+    place_higher_m: SizeOrNone = 0.0
     place_yaw_rad: Annotated[float, Field(ge=-7, le=7)] | None = None
     places: tuple[NamedPlace, ...] = ()
     obstacles: tuple[Box, ...] = ()

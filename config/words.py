@@ -41,7 +41,7 @@ class Wanted:
 
 
 def understood(text: str, labels: Sequence[Label]) -> Wanted:
-    """The meaning of a target's words. Raises: ValueError, which names the words that are not understood."""
+    """Return the meaning of a target's words. Raises: ValueError, which names the words that are not understood."""
     by_name = {label.name: label for label in labels}
     wanted, unknown = Wanted(), list[str]()
     for word in text.lower().replace(",", " ").split():
@@ -61,7 +61,7 @@ def understood(text: str, labels: Sequence[Label]) -> Wanted:
 
 
 def vocabulary(labels: Sequence[Label]) -> str:
-    """The understood words, for a person."""
+    """Return the understood words, for a person."""
     names = ", ".join(label.name for label in labels) or "none in this station (perception.labels)"
     return f"colours ({', '.join(COLORS)}), {', '.join(dict.fromkeys(SUPERLATIVES))}; labels: {names}"
 

@@ -45,7 +45,7 @@ EXAMPLES: tuple[tuple[str, str], ...] = (
         "SELECT file, looks, looked_again, detect_s FROM cycles WHERE looks > 1 ORDER BY detect_s DESC LIMIT 20",
     ),
 )
-"""What it answers, and the query."""
+"""The question, and the query."""
 
 
 def page() -> str:

@@ -42,7 +42,7 @@ _WHITE_SKY: dict[str, Any] = {
 _CELL_M = 5.0
 """Everything in the cell is nearer to the camera beside it."""
 COLORS = {"reach": (47, 111, 222), "carry": (224, 99, 45), "place": (44, 156, 105), "home": (150, 150, 160)}
-"""What is only planned in case the place must be looked at is not drawn."""
+"""Segments that are planned only in case the place must be looked at are not drawn."""
 BOX_RGB, TARGET_RGB = (93, 107, 122), (196, 61, 92)
 UNDISTURBED_RGB, HELD_RGB = (224, 99, 45), (47, 111, 222)
 

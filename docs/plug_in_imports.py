@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 
 class Section(NamedTuple):
-    """What one kind of plug-in imports: by module, its names, in the order of the page."""
+    """The imports of one kind of plug-in: by module, its names, in the order of the page."""
 
     title: str
     imports: dict[str, tuple[str, ...]]

@@ -49,7 +49,7 @@ def _imports(section: Section) -> Iterator[str]:
 
 
 def _of(module: str, name: str) -> str:
-    """What is said of one name: its sentences, its fields, its methods."""
+    """Return what is said of one name: its sentences, its fields, its methods."""
     what = getattr(import_module(module), name)
     if name in _ELSEWHERE:
         return f"### {name}\n\n{_ELSEWHERE[name][0].upper()}{_ELSEWHERE[name][1:]}."

@@ -15,7 +15,7 @@ def choose() -> None:
 
 
 def advice() -> str:
-    """What to do where nothing can be drawn: unset what asks for another way to draw; else install EGL."""
+    """Return the advice where nothing can be drawn: unset what asks for another way to draw; else install EGL."""
     for name in _CHOICES:
         if (chosen := os.environ.get(name, "")) not in ("", "egl"):
             return f"Unset {name} (it says {chosen}): EGL draws then."

@@ -71,7 +71,7 @@ class Difference:
     unit: str
 
     def to_json(self) -> Json:
-        """The fields as a JSON object."""
+        """Return the fields as a JSON object."""
         return asdict(self)
 
     def describe(self) -> str:
@@ -103,7 +103,7 @@ def compare(recorded: Message, replayed: Message, tolerances: Mapping[str, Toler
 
 
 def unit_of(path: str) -> str:
-    """The unit at the end of a field's name, or ""."""
+    """Return the unit at the end of a field's name, or ""."""
     name = re.sub(r"\[\d+\]", "", path).rpartition(".")[2]
     return _UNIT_BY_SUFFIX.get(name.rpartition("_")[2], "") if "_" in name else ""
 

@@ -43,7 +43,7 @@ def annotated(found: Detections, seen_ns: int) -> ImageAnnotations:
 
 
 def with_things(scene: ObservedScene, seen_ns: int) -> ImageAnnotations:
-    """The things alone."""
+    """Return the things alone."""
     message = ImageAnnotations()
     _add_things(message, scene, seen_ns)
     return message

@@ -177,7 +177,7 @@ def watching(cell_id: str, endpoint: str, port: int, clock: DeadlineClock = WALL
 
 @functools.cache
 def sdk() -> ModuleType:
-    """The optional package foxglove-sdk, imported on demand. Raises: ConfigError."""
+    """Import and return the optional package foxglove-sdk. Raises: ConfigError."""
     try:
         importlib.import_module("foxglove.websocket")
         return importlib.import_module("foxglove")

@@ -49,7 +49,7 @@ _LEVEL = {"info": Log.INFO, "warning": Log.WARNING, "error": Log.ERROR}
 
 
 def pictures(of: Callable[[Message | bytes], Iterable[Drawn]], message: Message | bytes) -> list[Drawn]:
-    """The messages that ``of`` draws of a message; after an error a warning, so that the publisher never fails."""
+    """Return the messages that ``of`` draws of a message; an error is logged, so that the publisher never fails."""
     drawn: list[Drawn] = []
     try:
         drawn.extend(of(message))
@@ -79,7 +79,7 @@ class Views:
         return self._looks_ns[self._shown] if self._shown < len(self._looks_ns) else 0
 
     def of(self, message: Message | bytes) -> Iterator[Drawn]:
-        """The Foxglove messages of one message; none for most kinds."""
+        """Yield the Foxglove messages of one message; none for most kinds."""
         if isinstance(message, Event):
             yield _log(message.severity, message.code, f"{message.text} {message.advice}".strip())
         if isinstance(message, ObservedScene):

@@ -32,7 +32,7 @@ from logs.mcap.thin import ARCHIVED, ARCHIVED_SHA256, thin
 _LOCK = ".prune.lock"
 _DAY = re.compile(r"\d{4}-\d{2}-\d{2}")
 _OF_PAGES = re.compile(r"index\.html|.*\.what-if\.html|plotly-[\w.-]+\.js")
-"""What lies beside the pages of a day."""
+"""Files beside the pages of a day."""
 _STILL_WRITTEN_S = 10.0
 """A cycle writes more often than this: its nodes say once a second how they are."""
 

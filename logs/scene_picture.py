@@ -30,7 +30,7 @@ Rgb = tuple[int, int, int]
 
 
 def color_of(number: int) -> Rgb:
-    """The colour of the thing with this number, from 1 on."""
+    """Return the colour of the thing with this number, from 1 on."""
     red, green, blue = colorsys.hsv_to_rgb((0.58 + (number - 1) * _TURN) % 1.0, 0.85, 0.95)
     return round(255 * red), round(255 * green), round(255 * blue)
 
@@ -81,13 +81,13 @@ def _windows(labels: LabelImage) -> dict[int, tuple[int, int, Mask]]:
 
 
 def outlines_px(mask: Mask) -> list[npt.NDArray[np.int32]]:
-    """The outlines (k, 2) of a mask (H, W), without those of its specks."""
+    """Return the outlines (k, 2) of a mask (H, W), without those of its specks."""
     contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
     return [contour.reshape(-1, 2) for contour in contours if cv2.contourArea(contour) >= _SPECK_PX**2]
 
 
 def unseen_px(scene: ObservedScene) -> list[npt.NDArray[np.int32]]:
-    """The rims (k, 2) of what was not seen, outer ones and those of holes in it: even-odd filling shades it."""
+    """Return the rims (k, 2) of what was not seen, outer ones and those of holes in it: even-odd filling shades it."""
     mask = _without_specks(scene.unseen & (scene.labels == 0))
     rims, _ = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
     large = [rim for rim in rims if cv2.contourArea(rim) >= _LEAST_SHADED_PX]

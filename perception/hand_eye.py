@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from bus.arrays import ColorImage, Transform
 from bus.errors import CalibrationError
 from bus.messages import CameraModel
-from bus.transforms import apply, from_rotation, inverse
+from bus.transforms import apply, from_rotation, from_rotvec, inverse, to_rotvec
 from config.calibration import CalibrationSettings
 from config.charuco import charuco_board
 
@@ -134,10 +134,10 @@ def _require_turns(sightings: Sequence[Sighting]) -> None:
 def off_px(sightings: Sequence[Sighting], camera: CameraModel, hand_from_color: Transform) -> Array:
     """Distance (n,) [px] of the corners from their expected pixels under this calibration, the board's pose fitted."""
     in_color = [_color_from_board(sighting, camera) for sighting in sightings]
-    board = _vector(sightings[0].base_from_hand @ hand_from_color @ in_color[0])
+    board = to_rotvec(sightings[0].base_from_hand @ hand_from_color @ in_color[0])
 
     def errors(vector: Array) -> Array:
-        return _errors_px(sightings, camera, hand_from_color, _pose(vector))
+        return _errors_px(sightings, camera, hand_from_color, from_rotvec(vector))
 
     fitted = least_squares(errors, board, x_scale="jac")
     return np.asarray(np.linalg.norm(errors(fitted.x).reshape(-1, 2), axis=1))
@@ -179,10 +179,10 @@ def _refined(
     board = sightings[0].base_from_hand @ start @ in_color[0]
 
     def errors(vector: Array) -> Array:
-        return _errors_px(sightings, camera, _pose(vector[:6]), _pose(vector[6:]))
+        return _errors_px(sightings, camera, from_rotvec(vector[:6]), from_rotvec(vector[6:]))
 
-    fitted = least_squares(errors, np.concatenate([_vector(start), _vector(board)]), x_scale="jac", loss="soft_l1")
-    hand_from_color, base_from_board = _pose(fitted.x[:6]), _pose(fitted.x[6:])
+    fitted = least_squares(errors, np.concatenate([to_rotvec(start), to_rotvec(board)]), x_scale="jac", loss="soft_l1")
+    hand_from_color, base_from_board = from_rotvec(fitted.x[:6]), from_rotvec(fitted.x[6:])
     uncertain_m, uncertain_rad = _uncertainty(sightings, camera, hand_from_color, base_from_board)
     squared = [
         np.square(_errors_px([sighting], camera, hand_from_color, base_from_board)).reshape(-1, 2).sum(axis=1)
@@ -216,12 +216,13 @@ def _uncertainty(
     """Standard deviations [m] and [rad] of ``hand_from_color``: the change when one view is left out (jackknife).
 
     Corner errors within a view are correlated when the arm's pose is inaccurate, so a corner-wise estimate is too
-    small; it
-    serves as the lower bound.
+    small; it serves as the lower bound.
     """
 
     def errors(vector: Array) -> Array:
-        return _errors_px(sightings, camera, hand_from_color @ _pose(vector[:6]), base_from_board @ _pose(vector[6:]))
+        return _errors_px(
+            sightings, camera, hand_from_color @ from_rotvec(vector[:6]), base_from_board @ from_rotvec(vector[6:])
+        )
 
     left_px, slope = errors(np.zeros(12)), approx_fprime(np.zeros(12), errors, _STEP)
     trust = (1.0 + left_px**2) ** -0.25  # weights of the robust fit
@@ -246,7 +247,7 @@ def _errors_px(
     errors = []
     for sighting in sightings:
         color_from_board = inverse(sighting.base_from_hand @ hand_from_color) @ base_from_board
-        vector = _vector(color_from_board)
+        vector = to_rotvec(color_from_board)
         expected, _ = cv2.projectPoints(sighting.board_m, vector[:3], vector[3:], *_lens(camera))
         errors.append((expected[:, 0] - sighting.pixels).ravel())
     return np.concatenate(errors)
@@ -267,18 +268,9 @@ def _color_from_board(sighting: Sighting, camera: CameraModel) -> Transform:
     found, turn, shift = cv2.solvePnP(sighting.board_m, sighting.pixels, *_lens(camera))
     if not found:
         raise CalibrationError("A view of the board has no pose.", _ADVICE)
-    return _pose(np.concatenate([np.ravel(turn), np.ravel(shift)]))
+    return from_rotvec(np.concatenate([np.ravel(turn), np.ravel(shift)]))
 
 
 def _lens(camera: CameraModel) -> tuple[Array, Array]:
     matrix = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
     return matrix, np.array(camera.distortion or (0.0,) * 4)
-
-
-def _pose(vector: Array) -> Transform:
-    """The pose (4, 4) of a rotation vector and a position, (6,)."""
-    return from_rotation(Rotation.from_rotvec(vector[:3]).as_matrix(), vector[3:])
-
-
-def _vector(pose: Transform) -> Array:
-    return np.concatenate([Rotation.from_matrix(pose[:3, :3]).as_rotvec(), pose[:3, 3]])

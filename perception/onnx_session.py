@@ -61,13 +61,13 @@ class OnnxSession:
         return inputs[0].name, shape[1], shape[2]
 
     def other_tensors(self) -> ConfigError:
-        """The error of a network with other tensors than needed."""
+        """Return the error of a network with other tensors than needed."""
         inputs = [(one.shape, one.type) for one in self._session.get_inputs()]
         outputs = [one.shape for one in self._session.get_outputs()]
         return ConfigError(f"{self._path} has the tensors {inputs} -> {outputs}.", self._needed)
 
     def try_out(self) -> list[Array]:
-        """The outputs for a ramp of values: declared shapes may differ from the actual ones. Raises: ConfigError."""
+        """Return the outputs for a ramp of values: declared shapes may differ from actual ones. Raises: ConfigError."""
         side = self.size_px
         ramp = np.linspace(-2, 2, side * side, dtype=np.float32).reshape(1, side, side)
         return self.run(np.repeat(ramp, self.channels, axis=0))

@@ -56,7 +56,7 @@ def found_by(
     station: Station,
     failed_at: Sequence[Vector3],
 ) -> Detections:
-    """The detector's ranked grasps, with evidence.
+    """Return the detector's ranked grasps, with evidence.
 
     Args:
         words: who finds the target when the station names it, and hears of the call.

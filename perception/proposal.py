@@ -69,7 +69,7 @@ def as_painted(
     observed_object: ObservedObject,
     station: Station,
 ) -> Proposal:
-    """The proposal of a model that painted into the observed image itself: it knows its rod, and nothing has moved."""
+    """Return the proposal of a model that painted into the observed image: it knows its rod, and nothing has moved."""
     rgbd, nothing = observed_object.rgbd, np.zeros_like(painted.rod)
     parts = GoalParts(painted.rod, painted.object, nothing)
     observed = Shape(observed_object.mask, nothing, rgbd.depth_m, rgbd.camera)
@@ -122,7 +122,7 @@ def _run_ends(
 
 
 def grasps_of(proposal: Proposal, observed_object: ObservedObject, station: Station) -> tuple[Grasp, ...]:
-    """The ranked grasps of every run. Raises: CycleFailure(NO_GRASP), with the runs' widths [mm]."""
+    """Return the ranked grasps of every run. Raises: CycleFailure(NO_GRASP), with the runs' widths [mm]."""
     grasps: list[Grasp] = []
     painted = proposal.goal.painted
     approach_base = painted.approach_base if painted is not None else None

@@ -30,7 +30,7 @@ Mask = npt.NDArray[np.bool_]
 
 
 def held_parts(sights: Sequence[Sight], base_from_tcp: Transform, width_m: float) -> list[Sight] | None:
-    """The sights with only that part of the target that a grasp holds; None when that is nearly all of it, or none.
+    """Return the sights with only the part of the target that a grasp holds; None when that is nearly all, or nothing.
 
     Args:
         base_from_tcp: (4, 4) of the grasp. ``width_m``: of what is between the pads.

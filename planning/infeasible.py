@@ -14,7 +14,7 @@ class Infeasible(Exception):
 
     Attributes:
         by_hand: every other arm configuration with the same hand pose fails too.
-        of_place: it is the place that is out of reach, whatever the grasp.
+        of_place: it is the place that is out of reach, or taken, whatever the grasp.
         obstacle: finds out what was in the way, and how near; asked only of what is reported.
     """
 

@@ -64,7 +64,7 @@ def unseen(station: Station) -> Box:
 
 
 def next_look(scene: Scene, q_now_rad: Joints, taken: Collection[tuple[float, float]]) -> Viewpoint:
-    """The first viewpoint about the pick region that the arm reaches, away from those ``taken``.
+    """Return the first viewpoint about the pick region that the arm reaches, away from those ``taken``.
 
     Args:
         scene: the obstacles; `unseen` must be among them.

@@ -17,7 +17,7 @@ Mask = npt.NDArray[np.bool_]
 
 
 def on_robot(robot: Robot, q_rad: Joints, points_base: Points) -> Mask:
-    """The points (..., 3) [m] in ``base``, NaN = none, that lie on a part of the robot at ``q_rad`` (joints,)."""
+    """Return the points (..., 3) [m] in ``base``, NaN = none, on a part of the robot at ``q_rad`` (joints,)."""
     flat = points_base.reshape(-1, 3).astype(float)
     own = np.zeros(len(flat), dtype=bool)
     for base_from_part, low, high in _boxes(robot, q_rad):

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bus.arrays import Joints, Transform
-from bus.codes import PLACE_OUT_OF_REACH, Code
+from bus.codes import PLACE_OUT_OF_REACH, PLACE_TAKEN, Code
 from bus.errors import CycleFailure
 from bus.messages import Grasp, PickPlan, Segment
 from bus.rejection import Rejection
@@ -91,9 +91,8 @@ def plan_pick(
             )
             continue
         return PickPlan(grasp=approach.index, tilt_rad=approach.tilt_rad, segments=segments, rejected=tuple(rejected))
-    advice = PLACE_OUT_OF_REACH if any(why.of_place for why in reasons.values()) else ""  # it could be grasped
     tried = [_with_obstacle(one, reasons.get(index)) for index, one in enumerate(rejected)]
-    raise _none_feasible(tried, len(left), advice)
+    raise _none_feasible(tried, len(left), [why.code for why in reasons.values() if why.of_place])
 
 
 @dataclass(frozen=True)
@@ -159,14 +158,18 @@ def _with_obstacle(rejection: Rejection, why: Infeasible | None) -> Rejection:
     return rejection if why is None else rejection.model_copy(update={"obstacle": why.obstacle()})
 
 
-def _none_feasible(rejected: Sequence[Rejection], untried: int, advice: str) -> CycleFailure:
-    """The failure without a feasible way. Args: advice: of UNREACHABLE, where it has one of its own."""
+def _none_feasible(rejected: Sequence[Rejection], untried: int, of_place: Sequence[Code]) -> CycleFailure:
+    """The failure without a feasible way. ``of_place``: the codes of the ways that end at the place."""
     counts = Counter(r.reason for r in rejected).most_common()
     reasons = "; ".join(f"{count} x {reason}" for reason, count in counts)
     code = Code.COLLISION if any(r.code is Code.COLLISION for r in rejected) else Code.UNREACHABLE
     over = f" {untried} more were not tried: planning.budget_s is over." if untried else ""
     text = f"None of {len(rejected)} ways to grasp is feasible: {reasons}.{over}"
-    return CycleFailure(code, text, rejected, advice=advice if code is Code.UNREACHABLE else "")
+    if code is Code.UNREACHABLE:
+        advice = PLACE_OUT_OF_REACH if of_place else ""
+    else:
+        advice = PLACE_TAKEN if 2 * of_place.count(Code.COLLISION) > len(rejected) else ""
+    return CycleFailure(code, text, rejected, advice=advice)
 
 
 # --- all the way ------------------------------------------------------------------------------------------------------

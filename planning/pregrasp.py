@@ -5,7 +5,7 @@ Frames: docs/frames.md.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -34,6 +34,8 @@ MadeT = TypeVar("MadeT")
 LOWER_M = 0.05
 """Height above the place point from which the object is lowered, and to which the hand retreats."""
 _ABOVE_FLOOR_M = 0.005
+_HIGHER_M = 0.05
+"""Step in which higher releases are tried, up to ``scene.place_higher_m``."""
 _KEPT = 4
 """Number of pregrasps collected before a path around the obstacles is searched."""
 _EVERY_TICKS = 4
@@ -109,36 +111,55 @@ def preplaces(
 ) -> Iterator[Pregrasp | Infeasible]:
     """Yield pregrasps above the tray, with a free line down and up again, or the reason against one.
 
+    Those above the first offset of ``scene.place_pattern_m`` come first, and the higher ones last.
+
     Args:
         base_from_tcp: (4, 4) of the grasp: the object keeps its tilt; its yaw is free, or ``scene.place_yaw_rad``. What
             hangs far below the hand is released higher than ``scene.place_m``, just above what is there.
         view_q: (joints,) start; the cheapest configurations from there come first.
     """
-    station = holding.station
+    scene = holding.station.scene
+    for up_m in np.arange(0.0, scene.place_higher_m + 1e-6, _HIGHER_M):
+        for x_m, y_m in scene.place_pattern_m:
+            poses = _poses_above(base_from_tcp, holding.station, np.array([x_m, y_m, up_m]))
+            yield from _above(holding, grasp, poses, view_q)
+
+
+def _above(holding: Scene, grasp: Grasp, poses: Sequence[Transform], view_q: Joints) -> Iterator[Pregrasp | Infeasible]:
     down_m = np.array([0.0, 0.0, -LOWER_M])
-    above_m = _place_m(base_from_tcp, station) - down_m
-    poses = [from_rotation(_turned(yaw) @ base_from_tcp[:3, :3], above_m) for yaw in _turns_rad(base_from_tcp, station)]
+    jammed: dict[int, Infeasible] = {}  # poses where what is held has no room, however the arm stands
     for q, pose in configurations(holding.robot.arm, poses, view_q):
         try:
+            if id(pose) in jammed:
+                raise jammed[id(pose)]
             _require_untouched("above the tray", holding, q, grasp.width_m)
             lower = _line(holding.robot.arm, "lower", q, pose, down_m)
             _require_free("lower", holding, lower, grasp.width_m)
             _require_free("retreat", holding.empty(), lower, None)  # it opens there
         except Infeasible as why:
+            why.of_place = why.code is Code.COLLISION
+            if why.by_hand:
+                jammed[id(pose)] = why
             yield why
         else:
             yield Pregrasp(q, lower, lower[::-1])
 
 
-def _place_m(base_from_tcp: Transform, station: Station) -> Array:
+def _poses_above(base_from_tcp: Transform, station: Station, offset_m: Array) -> list[Transform]:
+    """Return the poses (4, 4) of the tcp from which the object is lowered to a point at an offset (3,) of the place."""
+    above_m = np.add(_place_m(base_from_tcp, station, offset_m), (0.0, 0.0, LOWER_M))
+    return [from_rotation(_turned(yaw) @ base_from_tcp[:3, :3], above_m) for yaw in _turns_rad(base_from_tcp, station)]
+
+
+def _place_m(base_from_tcp: Transform, station: Station, offset_m: Array) -> Array:
     """Return where the tcp (3,) releases the object; it stood on the table when the tcp was at the grasp."""
     scene = station.scene
     hangs_m = float(base_from_tcp[2, 3]) - scene.table.top_m
     x, y, z = scene.place_m
-    below_m = floor_m(scene, x, y)
-    if below_m is None:
-        return np.array([x, y, z])
-    return np.array([x, y, max(z, below_m + hangs_m + station.planning.clearance_m + _ABOVE_FLOOR_M)])
+    below_m = floor_m(scene, x + offset_m[0], y + offset_m[1])
+    if below_m is not None:
+        z = max(z, below_m + hangs_m + station.planning.clearance_m + _ABOVE_FLOOR_M)
+    return np.add((x, y, z), offset_m)
 
 
 def _turns_rad(base_from_tcp: Transform, station: Station) -> Array:

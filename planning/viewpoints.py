@@ -66,7 +66,7 @@ def _looks(station: Station) -> Iterator[Transform]:
 
 
 def looking_at(center_m: Array, distance_m: float, tilt_deg: float, around_deg: float, roll_deg: float) -> Transform:
-    """The pose (4, 4) of the colour camera that looks at a place.
+    """Return the pose (4, 4) of the colour camera that looks at a place.
 
     Args:
         center_m: (3,) the place in ``base``. ``tilt_deg``: from the vertical. ``around_deg``: azimuth of the camera

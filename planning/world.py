@@ -55,7 +55,8 @@ class Collision:
     """A pair that comes nearer than its margin, e.g. ``right finger touches table``.
 
     Attributes:
-        by_hand: a part of the hand touches a fixed thing: every arm configuration with this hand pose collides.
+        by_hand: a part of the hand, or what it holds, touches a fixed thing: every arm configuration with this hand
+            pose collides.
         pair: the two, in the world and the configuration in which they were found.
     """
 
@@ -182,10 +183,15 @@ class World:
         if not callback.collision:
             return None
         pair = self._model.collisionPairs[callback.collisionPairIndex]
-        part, other = self._names[pair.first], self._names[pair.second]
-        stands = pair.second >= self._robot_parts and not self._things[pair.second - self._robot_parts].held
         found = Pair(self, pair.first, pair.second, np.array(q_rad), width_m, self._margins[pair.first, pair.second])
-        return Collision(part, other, by_hand=stands and part in _RIGID, pair=found)
+        by_hand = self._goes_with_hand(pair.first, pair.second) or self._goes_with_hand(pair.second, pair.first)
+        return Collision(self._names[pair.first], self._names[pair.second], by_hand=by_hand, pair=found)
+
+    def _goes_with_hand(self, moving: int, standing: int) -> bool:
+        """Whether the first is a part of the hand, or held in it, and the second a fixed thing."""
+        is_held = any(thing.held for thing in self.things_of(moving))
+        is_fixed = any(not thing.held for thing in self.things_of(standing))
+        return is_fixed and (is_held or self._names[moving] in _RIGID)
 
     def things_of(self, index: int) -> tuple[Thing, ...]:
         """Return the thing with the index of a `Pair`; empty for a part of the robot."""

@@ -19,11 +19,13 @@ from bus.errors import (
 )
 from bus.messages import CycleResult, Place, Rectangle, Target
 from bus.messages import Instance as Thing
-from vlad_cell.cycle import Cycle, HandTrack, JointTrack, Look, read_cycle
+from vlad_cell.cycle import Cycle, read_cycle
 from vlad_cell.detection import Detections, Grasp, detect
+from vlad_cell.look import Look
 from vlad_cell.pick import Pick
 from vlad_cell.picture import Picture
 from vlad_cell.running import Cell, simulated_cell
+from vlad_cell.tracks import HandTrack, JointTrack
 
 __all__ = [
     "BadFrame",

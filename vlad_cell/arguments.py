@@ -29,7 +29,7 @@ _PINHOLE = "It is [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], or fx, fy, cx, cy; in p
 
 
 def observed(color: Any, depth_m: Any, K: Any, base_from_camera: Any, distortion: Sequence[float] = ()) -> Observation:
-    """The arrays as the observation that a cell would make of them; the arguments are those of `vlad_cell.detect`.
+    """Return the arrays as the observation of a cell; the arguments are those of `vlad_cell.detect`.
 
     Raises: BadFrame, which names the argument, what was received, and what to pass.
     """

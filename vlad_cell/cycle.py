@@ -11,7 +11,6 @@ import numpy as np
 import numpy.typing as npt
 
 from bus.errors import RecordingError
-from bus.messages import CameraModel, Observation
 from bus.messages import Detections as DetectionRecord
 from config.load import station_from
 from config.schema import Station
@@ -22,85 +21,10 @@ from logs.mcap.reader import CycleRecord, read_stages, read_with_messages
 from logs.mcap.reader import read_cycle as read_whole
 from logs.report.evidence import choice
 from logs.report.timeline import UNFINISHED, Timeline, summarize
-from perception.geometry.depth import Rgbd, register
 from vlad_cell.detection import Detections, Grasp, counted, drawn
+from vlad_cell.look import Look, look_of
 from vlad_cell.picture import Picture
-
-
-@dataclass(frozen=True, eq=False)
-class Look:
-    """One capture: the colour image without the lens's distortion, and the depth brought into its pixels.
-
-    Attributes:
-        why: why the arm looked again from here; "" for the first look.
-        base_from_camera: (4, 4) pose of the camera in ``base``, in metres; optical frame: x right, y down, z forward.
-        stamp_ns: middle of the exposure, UTC.
-        raw: the frame as the camera gave it, distorted, its depth in pixels of its own, with both cameras' models.
-    """
-
-    why: str
-    base_from_camera: npt.NDArray[np.float64]
-    stamp_ns: int
-    raw: Observation
-
-    def __repr__(self) -> str:
-        height, width, _ = self.raw.frame.color.shape
-        x_m, y_m, z_m = self.base_from_camera[:3, 3]
-        why = f", {self.why}" if self.why else ""
-        return f"Look of {width} x {height} px, from ({x_m:.3f}, {y_m:.3f}, {z_m:.3f}) m{why}"
-
-    @property
-    def color(self) -> npt.NDArray[np.uint8]:
-        """(H, W, 3) uint8, RGB."""
-        return self._rgbd.color
-
-    @property
-    def depth_m(self) -> npt.NDArray[np.float32]:
-        """(H, W) float32, metres along the optical axis, NaN where nothing was measured."""
-        return self._rgbd.depth_m
-
-    @property
-    def K(self) -> npt.NDArray[np.float64]:
-        """(3, 3) intrinsics of both images, in pixels."""
-        return _matrix(self._rgbd.camera)
-
-    @cached_property
-    def _rgbd(self) -> Rgbd:
-        return register(self.raw.frame)
-
-
-@dataclass(frozen=True, eq=False)
-class JointTrack:
-    """The arm over time, every 10 ms while it moves.
-
-    Attributes:
-        time_s: (n,) seconds of the robot's time since the first look, ascending; negative before it.
-        q_rad, dq_rad_s, tau_ext_nm: (n, joints) joint positions, velocities and external torques, base to wrist.
-    """
-
-    time_s: npt.NDArray[np.float64]
-    q_rad: npt.NDArray[np.float64]
-    dq_rad_s: npt.NDArray[np.float64]
-    tau_ext_nm: npt.NDArray[np.float64]
-
-    def __repr__(self) -> str:
-        return f"JointTrack: {counted(self.q_rad.shape[1], 'joint')}, {_spanned(self.time_s)}"
-
-
-@dataclass(frozen=True, eq=False)
-class HandTrack:
-    """The hand over time.
-
-    Attributes:
-        time_s: (n,) as in `JointTrack`. ``width_m``: (n,) distance between the finger pads.
-    """
-
-    time_s: npt.NDArray[np.float64]
-    width_m: npt.NDArray[np.float64]
-
-    def __repr__(self) -> str:
-        widths = f", {self.width_m.min() * 1e3:.0f} to {self.width_m.max() * 1e3:.0f} mm" if self.width_m.size else ""
-        return f"HandTrack: {_spanned(self.time_s)}{widths}"
+from vlad_cell.tracks import HandTrack, JointTrack
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,13 +97,13 @@ class Cycle:
     @cached_property
     def looks(self) -> tuple[Look, ...]:
         """Every look before the pick, in order; none of a recording whose pictures were trimmed."""
-        return tuple(_look(seen) for seen in self._whole[0].looks)
+        return tuple(look_of(seen) for seen in self._whole[0].looks)
 
     @cached_property
     def after(self) -> Look | None:
         """The look while the object is held; None when the cycle did not come so far."""
         seen = self._whole[0].after
-        return _look(seen) if seen is not None else None
+        return look_of(seen) if seen is not None else None
 
     @property
     def color(self) -> npt.NDArray[np.uint8]:
@@ -232,7 +156,7 @@ class Cycle:
         return Detections(found)
 
     def picture(self, *, close_up: bool = False) -> Picture:
-        """The image with the grasps: the chosen one in yellow, those without a way to them in red.
+        """Return the image with the grasps: the chosen one in yellow, those without a way to them in red.
 
         Args:
             close_up: only the part around the object.
@@ -291,17 +215,3 @@ def read_cycle(path: str | Path) -> Cycle:
     Raises: RecordingError when there is none, it is unfinished (``cell recover`` makes it whole), or is damaged.
     """
     return Cycle(Path(path), read_stages(Path(path)))
-
-
-def _look(seen: Observation) -> Look:
-    return Look(seen.view.why, seen.view.base_from_color, seen.view.stamp_ns, seen)
-
-
-def _matrix(camera: CameraModel) -> npt.NDArray[np.float64]:
-    return np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
-
-
-def _spanned(time_s: npt.NDArray[np.float64]) -> str:
-    """How many samples there are, and when."""
-    times = f", {time_s.min():.2f} to {time_s.max():.2f} s" if time_s.size else ""
-    return f"{counted(time_s.size, 'sample')}{times}"

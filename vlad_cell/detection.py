@@ -58,7 +58,7 @@ class Grasp:
 
 @dataclass(frozen=True, eq=False)
 class Detections:
-    """What was found in one image.
+    """The findings in one image.
 
     Attributes:
         record: the whole record of the detection, as a recording holds it: the seen table, the masks, the point clouds,
@@ -104,7 +104,7 @@ class Detections:
         return self.record.evidence.goal_image
 
     def picture(self, *, close_up: bool = False) -> Picture:
-        """The colour image with the object's outline and the grasps' rectangles, that of the best one in yellow.
+        """Return the colour image with the object's outline and the grasps' rectangles, that of the best one in yellow.
 
         Args:
             close_up: only the part around the object.
@@ -167,7 +167,7 @@ def detect(
 
 
 def drawn(record: Record, chosen: Choice, *, close_up: bool) -> Picture:
-    """The colour image, or the part of it around the object, with the grasps: chosen, rejected, others."""
+    """Return the colour image, or the part of it around the object, with the grasps: chosen, rejected, others."""
     image = annotated(record, *chosen)
     return Picture(crop(image, record.evidence.object_mask) if close_up else image)
 

@@ -35,7 +35,7 @@ class Picture:
         raise ConfigError(f"{path} cannot be written.", "Does its folder exist?")
 
     def scaled(self, width_px: int) -> Picture:
-        """The picture, ``width_px`` wide."""
+        """Return the picture, ``width_px`` wide."""
         height_px = max(1, round(self.rgb.shape[0] * width_px / self.rgb.shape[1]))
         return Picture(np.asarray(cv2.resize(self.rgb, (width_px, height_px), interpolation=cv2.INTER_AREA)))
 

@@ -50,7 +50,7 @@ def attended(client: Client) -> Iterator[None]:
 
 
 def next_message(client: Client, timeout_s: float = 600.0) -> Said | None:
-    """The next state, event or result; None after so long without one. Raises: CellUnreachable."""
+    """Return the next state, event or result; None after so long without one. Raises: CellUnreachable."""
     while (sample := client.next_heard(timeout_s)) is not None:
         if (said := _decoded(sample)) is not None:
             return said

@@ -22,7 +22,7 @@ list of them: ``{"scene.places": [{"name": "left", "position_m": [0.4, 0.4, 0.2]
 def station_of(
     config: Config = None, settings: Settings | None = None, arguments: Mapping[str, tuple[str, Any]] | None = None
 ) -> Station:
-    """The station with these settings changed.
+    """Return the station with these settings changed.
 
     Args:
         arguments: what else is set, of a caller's arguments: ``{"region_m": ("scene.pick_region_m", [0, 1, 0, 1])}``;

@@ -22,7 +22,7 @@ from drivers.sim.render import Painter
 from drivers.sim.sensor import sense
 
 KINDS = ("heap", "cylinder", "bowl", "box")
-"""What lies there, in turn over the seeds."""
+"""Kinds of scenes, in turn over the seeds."""
 _HEAP = 8
 _DIRECTIONS_DEG = ((0.0, 180.0, 0.0), (45.0, 120.0, -150.0), (45.0, 240.0, 150.0))
 """Tilt and azimuth of the direction from the region's middle to each camera, and its roll; azimuth 0 = away from the

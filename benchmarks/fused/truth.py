@@ -12,7 +12,7 @@ from benchmarks.heaps.clipping import half_spaces
 _AROUND_M = 0.015
 """Points farther than this from a part's box have another nearest, or are that wrong."""
 _ON_TABLE_M = 0.006
-"""What is truly nearest to the table, or so low, is not an object's point."""
+"""A point truly nearest to the table, or so low, is not an object's."""
 
 Array = npt.NDArray[np.float64]
 

@@ -26,7 +26,7 @@ TABLE_OFF_M, TABLE_TILT_DEG = 0.008, 3.0
 MOUNTING_ERROR_MM, MOUNTING_ERROR_DEG = 1.0, 0.3
 HEAPS, TALL, BOWLS, BOXES = "heaps", "tall", "bowls", "boxes"
 SETS = (HEAPS, TALL, BOWLS, BOXES)
-"""What scenes are made of: heaps of real shapes, or one thing that is hard from above (`benchmarks.heaps.things`)."""
+"""Kinds of scenes: heaps of real shapes, or one thing that is hard from above (`benchmarks.heaps.things`)."""
 _PAIR_EVERY, _PAIR_AT = 10, 5
 _BIN = Path(config.__file__).with_name("bin.toml")
 

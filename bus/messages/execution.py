@@ -12,7 +12,7 @@ from bus.messages.observation import View
 from bus.messages.plan import SegmentName
 
 Witness = Literal["load", "width", "place", "seam"]
-"""What can tell that more than one thing was picked."""
+"""The measurement that tells that more than one thing was picked."""
 
 
 class SegmentRun(Message):
@@ -46,7 +46,7 @@ class Contact(Message):
 
     @property
     def in_words(self) -> str:
-        """What it met and where, as the beginning of a sentence."""
+        """The force that it met and where, as the beginning of a sentence."""
         return f"The arm met {self.force_n:.1f} N {self.remaining_m * 1e3:.1f} mm before the grasp"
 
 

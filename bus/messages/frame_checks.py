@@ -120,5 +120,5 @@ def require_metres(field: str, depth_m: npt.NDArray[np.float32]) -> None:
 
 
 def bad(text: str) -> BadFrame:
-    """The error about a field, with advice for whoever made it: the operator of a cell gets that of `bus.codes`."""
+    """Return the error about a field, with advice for its maker: the operator of a cell gets that of `bus.codes`."""
     return BadFrame(text, MADE_WRONG)

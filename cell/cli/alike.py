@@ -29,7 +29,7 @@ def alike(
     last: Annotated[int, typer.Option(min=1, help="So many of the nearest.")] = _FIRST,
     as_json: Json = False,
 ) -> None:
-    """The past cycles nearest to one, by what was seen and what happened; 0 = no difference (docs/alike.md)."""
+    """Show the past cycles nearest to one, by what was seen and what happened; 0 = no difference (docs/alike.md)."""
     path = find_cycle(cycle, config, folder)
     cycle_id = read_entry(path).cycle_id
     where = _space(folder or root_of_labels(path, config))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from contextlib import suppress
+from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
@@ -55,23 +56,24 @@ def jog(
 
 def jog_home(config: Config = DEFAULT_STATION, overrides: Set = None) -> None:
     """In mode manual: move slowly to the capture pose, around the known boxes. Ctrl-C ends it."""
-    with attended(), connected("jog_home", config, overrides) as cell:
-        _by_hand(cell, "jog_home", CommandRequest(), again=True)
-    out.line("at rest")
+    _once("jog_home", "at rest", config, overrides, again=True)
 
 
 def hand_open(config: Config = DEFAULT_STATION, overrides: Set = None) -> None:
     """In mode manual: open the hand."""
-    with attended(), connected("hand_open", config, overrides) as cell:
-        _by_hand(cell, "hand_open", CommandRequest())
-    out.line("the hand is open")
+    _once("hand_open", "the hand is open", config, overrides)
 
 
 def hand_close(config: Config = DEFAULT_STATION, overrides: Set = None) -> None:
     """In mode manual: close the hand on what is there."""
-    with attended(), connected("hand_close", config, overrides) as cell:
-        _by_hand(cell, "hand_close", CommandRequest())
-    out.line("the hand is closed")
+    _once("hand_close", "the hand is closed", config, overrides)
+
+
+def _once(verb: str, done: str, config: Path, overrides: list[str] | None, *, again: bool = False) -> None:
+    """Command one motion by hand of a client of its own, and print ``done`` when it is over."""
+    with attended(), connected(verb, config, overrides) as cell:
+        _by_hand(cell, verb, CommandRequest(), again=again)
+    out.line(done)
 
 
 def _by_hand(cell: Client, verb: str, request: CommandRequest, *, again: bool = False) -> None:

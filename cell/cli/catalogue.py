@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import getpass
-import os
 import time
 from pathlib import Path
 from typing import Annotated
@@ -16,6 +14,7 @@ from cell.cli.folders import Cycle, Folder, InFolder, find_cycle, folder_of, roo
 from cell.cli.options import Config, Json
 from cell.terminal.drawing import console, table, words
 from cell.terminal.printing import err, out, plain
+from cell.terminal.user import user_name
 from config.load import DEFAULT_STATION
 from logs.catalogue import open_catalogue
 from logs.catalogue.ask import MAX_ROWS, MAX_S, Answer, ask
@@ -101,20 +100,13 @@ def label(
         {
             "cycle_id": read_entry(path).cycle_id,
             "at_ns": time.time_ns(),
-            "who": plain(who or _user()),
+            "who": plain(who or user_name()),
             "label": word,
             "note": note,
         }
     )
     append(root_of_labels(path, config, folder), made)
     out.json(made.model_dump()) if as_json else out.line(f"{made.cycle_id} {made.in_words()}")
-
-
-def _user() -> str:
-    try:
-        return getpass.getuser()
-    except (OSError, KeyError):  # a user id without a name
-        return str(os.getuid())
 
 
 # --- catalogue --------------------------------------------------------------------------------------------------------

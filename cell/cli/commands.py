@@ -75,13 +75,14 @@ COMMANDS = {
     ),
     "hand-open": Row("by_hand", "In mode manual: open the hand."),
     "hand-close": Row("by_hand", "In mode manual: close the hand on what is there."),
-    "status": Row("control", "The machine's state, what it would accept, and how its nodes and doors are."),
+    "status": Row("control", "Show the machine's state, what it would accept, and how its nodes and doors are."),
     "watch": Row(
         "setup",
-        "The running cell on one screen: state, last cycles, nodes; its commands are one key each. q ends the view.",
+        "Show the running cell on one screen: state, last cycles, nodes; each command is one key. q ends the view.",
     ),
     "fleet": Row(
-        "network", "Every cell that can be seen from here: state, stage, since when, why, and what is wrong with it."
+        "network",
+        "Show every cell that can be seen from here: state, stage, since when, why, and what is wrong with it.",
     ),
     "router": Row(
         "network",
@@ -110,7 +111,7 @@ COMMANDS = {
     ),
     "alike": Row(
         "alike",
-        "The past cycles nearest to one, by what was seen and what happened; 0 = no difference (docs/alike.md).",
+        "Show the past cycles nearest to one, by what was seen and what happened; 0 = no difference (docs/alike.md).",
     ),
     "groups": Row(
         "alike", "Failures in groups, the largest first: a sentence and three examples each (docs/alike.md)."
@@ -135,14 +136,15 @@ COMMANDS = {
     ),
     "detectors": Row(
         "plug_ins",
-        "The detectors that a station can name (perception.detector), the package of each, and its settings.",
+        "List the detectors that a station can name (perception.detector), the package of each, and its settings.",
     ),
     "drivers": Row(
-        "plug_ins", "The drivers that a station can name (nodes.NAME.driver), the package of each, and its settings."
+        "plug_ins",
+        "List the drivers that a station can name (nodes.NAME.driver), the package of each, and its settings.",
     ),
     "goal-models": Row(
         "plug_ins",
-        "The goal-image models that a station can name (perception.model), the package of each, and its settings.",
+        "List the goal-image models that a station can name (perception.model), the package of each, and its settings.",
     ),
     "calibrate": Row("calibrate", "Where the camera sits in the hand: find it, check it."),
     "fault": Row(
@@ -177,7 +179,7 @@ class Commands(TyperGroup):
         super().__init__(**{**attributes, "commands": named})
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """The command of that name, imported; only its name and short help while listing. None for an unknown name."""
+        """Return a command, imported; only its name and short help while listing. None for an unknown name."""
         named = super().get_command(ctx, cmd_name)
         return named if named is None or self._only_named else command(cmd_name)
 
@@ -202,7 +204,7 @@ class Commands(TyperGroup):
 
 
 def command(name: str) -> Any:
-    """The command of the table, imported."""
+    """Return the command of the table, imported."""
     what = getattr(import_module(f"cell.cli.{COMMANDS[name].module}"), name.replace("-", "_"))
     app = what
     if not isinstance(what, typer.Typer):
@@ -217,7 +219,7 @@ def command(name: str) -> Any:
 
 
 def command_line() -> typer.Typer:
-    """The application ``cell``."""
+    """Return the application ``cell``."""
     app = typer.Typer(
         cls=Commands,
         help="VLAD Cell: picks objects it has never seen, explains every pick, and can replay it.",

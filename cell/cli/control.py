@@ -147,7 +147,7 @@ def _show_answered(verb: str, asked: Proposal, as_json: bool) -> None:
 
 
 def status(config: Config = DEFAULT_STATION, overrides: Set = None, as_json: Json = False) -> None:
-    """The machine's state, what it would accept, and how its nodes and doors are."""
+    """Show the machine's state, what it would accept, and how its nodes and doors are."""
     with client.connect(load_station(config, overrides or [])) as cell:
         state, health = cell.state(), cell.health()
         asked = _waiting(cell, state)

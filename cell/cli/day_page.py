@@ -29,7 +29,7 @@ class DayPage:
         self._rests_until_s = -float("inf")
 
     def written(self, recording: Path) -> None:
-        """The page of a cycle was written. The page of a day that has ended since is written at once."""
+        """Note that the page of a cycle was written; write that of a day that has ended since at once."""
         if self._stale not in (None, recording.parent):
             self._bring_up_to_date()
         self._stale = recording.parent

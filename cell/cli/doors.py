@@ -22,7 +22,7 @@ _NEEDS: dict[str, Callable[[Station], None]] = {"opcua": lambda station: require
 
 
 def wanted_doors(station: Station, *named: str) -> list[str]:
-    """The doors of the options, and those that the station enables. Raises: ConfigError when one cannot open."""
+    """Return the doors of the options, and those that the station enables. Raises: ConfigError when one cannot open."""
     doors = [name for name in _NEEDS if name in named or getattr(station, name).enabled]
     for name in doors:
         _NEEDS[name](station)

@@ -75,6 +75,6 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
 
 
 def shown(name: str) -> str | None:
-    """The examples of a command as they stand below its help; None without."""
+    """Return the examples of a command as they stand below its help; None without."""
     lines = EXAMPLES.get(name)
     return None if lines is None else "\n".join(("\b", "Examples:", *(f"  {line}" for line in lines)))

@@ -53,7 +53,7 @@ class Member(NamedTuple):
         return f"{self.cell_id:<16} {state.state:<12} {state.stage:<8} {since:>6}  {said}"
 
     def to_json(self) -> dict[str, object]:
-        """The fields as a JSON object."""
+        """Return the fields as a JSON object."""
         return {
             "cell_id": self.cell_id,
             "state": self.state.model_dump(mode="json") if self.state else None,

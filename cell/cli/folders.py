@@ -34,7 +34,7 @@ Cycle = Annotated[
 
 
 def folder_of(config: Path, named: Path | None, also: Path | None = None) -> Path:
-    """The folder of recordings: the one that is named, by option or argument, else the station's.
+    """Return the folder of recordings: the one that is named, by option or argument, else the station's.
 
     Raises: RecordingError when a named one does not exist; ConfigError when both are named and differ, and of the
         station.
@@ -60,7 +60,7 @@ def is_all_of(name: str, folder: Path | None) -> bool:
 
 
 def find_cycle(name: str, config: Path, folder: Path | None = None) -> Path:
-    """The recording named by a command's FILE|CYCLE. Raises: RecordingError, ConfigError."""
+    """Return the recording named by a command's FILE|CYCLE. Raises: RecordingError, ConfigError."""
     root = folder_of(config, folder)
     try:
         return find_recording(name, root)
@@ -72,6 +72,6 @@ def find_cycle(name: str, config: Path, folder: Path | None = None) -> Path:
 
 
 def root_of_labels(path: Path, config: Path, folder: Path | None = None) -> Path:
-    """The folder whose labels are of a recording: that of `folder_of`, if it lies there. Raises: as that."""
+    """Return the folder whose labels are of a recording: that of `folder_of`, if it lies there. Raises: as that."""
     root = folder_of(config, folder)
     return root if path.resolve().is_relative_to(root.resolve()) else root_of(path.parent)[0]

@@ -24,7 +24,7 @@ def fleet(
     overrides: Set = None,
     as_json: Json = False,
 ) -> None:
-    """Every cell that can be seen from here: state, stage, since when, why, and what is wrong with it."""
+    """Show every cell that can be seen from here: state, stage, since when, why, and what is wrong with it."""
     extra = [f"bus.endpoint={endpoint}"] if endpoint is not None else []
     options = {"bus.endpoint": "--endpoint"} if extra else {}
     members = seen.fleet(load_station(config, [*(overrides or []), *extra], given_by=options))

@@ -1,4 +1,4 @@
-"""What is wrong of the plug-ins that a station names: one that is not installed here, or a setting that it refuses."""
+"""Finds mistakes in the plug-ins that a station names: one is not installed here, or refuses a setting."""
 
 from __future__ import annotations
 

@@ -29,17 +29,17 @@ class _Row(NamedTuple):
 
 
 def detectors(as_json: Json = False) -> None:
-    """The detectors that a station can name (perception.detector), the package of each, and its settings."""
+    """List the detectors that a station can name (perception.detector), the package of each, and its settings."""
     _show([_ours(OUR_DETECTOR, "perception.detector:detect"), *_rows(DETECTORS)], as_json=as_json)
 
 
 def drivers(as_json: Json = False) -> None:
-    """The drivers that a station can name (nodes.NAME.driver), the package of each, and its settings."""
+    """List the drivers that a station can name (nodes.NAME.driver), the package of each, and its settings."""
     _show(list(_rows(DRIVERS)), as_json=as_json)
 
 
 def goal_models(as_json: Json = False) -> None:
-    """The goal-image models that a station can name (perception.model), the package of each, and its settings."""
+    """List the goal-image models that a station can name (perception.model), the package of each, and its settings."""
     hosted = [_ours(name, f"{one.module}:{one.name}") for name, one in PROVIDERS.items()]
     embedded = [_ours(name, f"{one.__module__}:{one.__qualname__}") for name, one in EMBEDDED.items()]
     _show([*sorted([*hosted, *embedded]), *_rows(GOAL_MODELS)], as_json=as_json)

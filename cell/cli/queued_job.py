@@ -3,18 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
 
 from bus.commands import CellState, CommandReply
-from bus.errors import Refused
 from cell.machine.states import SETTLED
-
-
-class Asked(Protocol):
-    """A cell that is asked: a `cell.client.Client`, as a rule."""
-
-    def state(self) -> CellState:
-        """Return what the cell does now. Raises: BusError."""
+from cell.outcome import Asked, dropped, is_known
 
 
 class QueuedJob:
@@ -40,20 +32,13 @@ class QueuedJob:
         elif self._job_id == state.job_id:
             self._waits = False
         elif self._was_seen and not self._is_dropped:
-            self._is_dropped = not self._is_there(self._cell.state())  # it may begin between two states
+            self._is_dropped = not is_known(self._cell.state(), self._job_id)  # it may begin between two states
             if self._is_dropped and not _is_at_rest(state):
                 self._tell(f"job {self._job_id} will not begin; what moves is attended from here; Ctrl-C holds it")
         if self._is_dropped and _is_at_rest(state):
-            raise Refused(
-                f"The job {self._job_id!r} ended without a cycle: it was cancelled, or dropped with a stop.",
-                "Make the cell ready, and send it again.",
-                code="JOB_DROPPED",
-            )
-
-    def _is_there(self, state: CellState) -> bool:
-        return self._job_id in (state.job_id, *state.queue)
+            raise dropped(self._job_id)
 
 
 def _is_at_rest(state: CellState) -> bool:
-    """Nothing moves, and no pick of a job follows."""
+    """Return whether nothing moves, and no pick of a job follows."""
     return state.state in SETTLED and not state.job_id

@@ -25,7 +25,7 @@ def watch(
     overrides: Set = None,
     once: Annotated[bool, typer.Option("--once", help="Print the view once and end.")] = False,
 ) -> None:
-    """The running cell on one screen: state, last cycles, nodes; its commands are one key each. q ends the view."""
+    """Show the running cell on one screen: state, last cycles, nodes; each command is one key. q ends the view."""
     watching.watch(load_station(config, overrides or []), once=once)
 
 

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import os
 import re
-import select
 import sys
 import termios
 import threading
 import time
-import tty
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
@@ -17,8 +14,6 @@ from dataclasses import replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from types import TracebackType
-from typing import IO, Any
 
 from rich.console import Console, RenderableType
 from rich.live import Live
@@ -37,6 +32,7 @@ from cell.client import Client
 from cell.commander import Commander
 from cell.machine.states import ENDING
 from cell.terminal.drawing import console
+from cell.terminal.keyboard import Keyboard
 from cell.terminal.printing import out
 from cell.terminal.signals import on_end
 from config.schema import Station
@@ -58,54 +54,6 @@ _TYPES: dict[str, type[Message]] = {
     topics.CAPTURE.key: topics.CAPTURE.says,
 }
 _NODE_HEALTH = re.compile(topics.NODE_HEALTH.key.format(name="[^/]+"))
-_ESCAPE_SEQUENCE = re.compile(rb"\x1b(\[[0-?]*[ -/]*[@-~]|O.|.)?", re.DOTALL)
-_NO_CHARACTER = b"\0"  # POSIX: this control character is disabled
-
-
-class Keyboard:
-    """Key presses, unbuffered and unechoed while entered, when ``stdin`` is a terminal; otherwise none.
-
-    Ctrl-C remains a signal; Ctrl-Z is disabled, so that no other program gets the terminal in this mode.
-    """
-
-    def __init__(self, stdin: IO[str]) -> None:
-        self._fd = stdin.fileno() if stdin.isatty() else None
-        self._before: Any = None
-
-    @property
-    def is_there(self) -> bool:
-        """True when stdin is a terminal."""
-        return self._fd is not None
-
-    def __enter__(self) -> Keyboard:
-        if self._fd is not None:
-            self._before = termios.tcgetattr(self._fd)
-            tty.setcbreak(self._fd)
-            now = termios.tcgetattr(self._fd)
-            now[6][termios.VSUSP] = _NO_CHARACTER
-            termios.tcsetattr(self._fd, termios.TCSANOW, now)
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        if self._fd is not None:
-            termios.tcsetattr(self._fd, termios.TCSADRAIN, self._before)
-
-    def pressed(self, timeout_s: float) -> list[str]:
-        """The keys pressed within ``timeout_s``, a held-down one once; keys that send a sequence (arrows) are dropped.
-
-        Raises: EOFError when the terminal is gone.
-        """
-        if self._fd is None:
-            time.sleep(timeout_s)
-            return []
-        if not select.select([self._fd], [], [], timeout_s)[0]:
-            return []
-        typed = os.read(self._fd, 1024)
-        if not typed:
-            raise EOFError
-        return list(dict.fromkeys(_ESCAPE_SEQUENCE.sub(b"", typed).decode("ascii", "ignore")))
 
 
 class Watcher:

@@ -74,7 +74,7 @@ class Model:
     last_unread: str = ""
 
     def hear(self, said: Message, now_s: float) -> Model:
-        """The model after message ``said`` at ``now_s`` (monotonic).
+        """Return the model after message ``said`` at ``now_s`` (monotonic).
 
         A state older than the present one changes nothing, unless the cell was lost.
         """
@@ -101,16 +101,16 @@ class Model:
         return said.model_copy(update={"reason": before.reason})
 
     def missing(self, key: str, why: str) -> Model:
-        """The model after an undecodable message on ``key``."""
+        """Return the model after an undecodable message on ``key``."""
         return replace(self, unread=self.unread + 1, last_unread=f"{key}: {why}")
 
     def noting(self, note: str, now_s: float, *, is_bad: bool = False) -> Model:
-        """The model with another note, received at ``now_s`` (monotonic)."""
+        """Return the model with another note, received at ``now_s`` (monotonic)."""
         return replace(self, note=note, noted_s=now_s, is_bad=is_bad)
 
 
 def view(model: Model, now_s: float, now_ns: int) -> RenderableType:
-    """The model at ``now_s`` (monotonic, ages of heartbeats) and ``now_ns`` (UTC, how long the state has lasted)."""
+    """Draw the model at ``now_s`` (monotonic, ages of heartbeats) and ``now_ns`` (UTC, the age of the state)."""
     parts: list[RenderableType] = [_headline(model, now_ns)]
     reason = told(model.state.state, model.state.reason) if model.state is not None else ""
     parts.append(words(model.lost, style=_BAD) if model.lost else words(f"  {reason}"))

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import getpass
 import itertools
 import os
 import re
 import socket
+
+from cell.terminal.user import user_name
 
 _NOT_IN_A_NAME = re.compile(r"[^A-Za-z0-9._-]")
 _numbers = itertools.count(1)
@@ -17,14 +18,7 @@ def client_name(what: str) -> str:
 
     At most 100 characters, letters, digits, ``.``, ``_`` and ``-``; unique in this process.
     """
-    parts = (what, _user(), socket.gethostname().partition(".")[0])
+    parts = (what, user_name(), socket.gethostname().partition(".")[0])
     name = "-".join(_NOT_IN_A_NAME.sub("_", part)[:24] for part in parts)
     number = next(_numbers)
     return f"{name}-{os.getpid()}" + (f"-{number}" if number > 1 else "")
-
-
-def _user() -> str:
-    try:
-        return getpass.getuser()
-    except (OSError, KeyError):  # a user id without a name, as in containers
-        return str(os.getuid())

@@ -220,7 +220,7 @@ class Actions:
         self._goes_on = False
 
     def take_hold_after_failures(self) -> str:
-        """The reason to hold at the end of this pick, or ""; called once a pick."""
+        """Return the reason to hold at the end of this pick, or ""; called once a pick."""
         why, self._hold_after_failures = self._hold_after_failures, ""
         return why
 

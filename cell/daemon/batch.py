@@ -97,7 +97,7 @@ class Batch:
             self.is_over, self.reason = True, reason
 
     def summary(self, objects_left: int | None) -> Summary:
-        """The summary of the batch; ``objects_left``: None = unknown."""
+        """Return the summary of the batch; ``objects_left``: None = unknown."""
         return Summary(
             picked=self.picked,
             failed=self.failed,

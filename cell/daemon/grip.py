@@ -1,4 +1,4 @@
-"""What the hand may hold while nobody picks: by what it was last told, and by its measured width.
+"""Judges what the hand may hold while nobody picks, by its last command and its measured width.
 
 A stop leaves the fingers where they are, with their force. So whoever opens the hand next must know that something may
 fall, and so must the person who looks at a cell that has stopped.
@@ -51,7 +51,7 @@ class Grip:
         return width_m < self._hand.max_width_m - _WIDE_M
 
     def let_go_m(self, width_m: float) -> float | None:
-        """The width [m] at which fingers that stand ``width_m`` apart let go of what they may hold; None = of nothing.
+        """Return the width [m] at which fingers ``width_m`` apart let go of what they may hold; None = of nothing.
 
         They open as wide as they came, where there was room for them, and the release margin wider than they stand;
         all the way when nobody knows how they came.

@@ -25,7 +25,7 @@ _SAME_M = 0.003
 
 
 class InHand:
-    """What may be in the hand, in the state's reason and in one event for each time that the cell comes to rest.
+    """Tells what may be in the hand: in the state's reason, and in one event each time that the cell comes to rest.
 
     Args:
         publisher: publishes it. It asks for `tell`.

@@ -62,7 +62,7 @@ class LivePictures:
         self._taken_s = 0.0
 
     def now(self, request: PictureRequest) -> LivePicture:
-        """The picture.
+        """Return the picture.
 
         Raises:
             Refused: NOT_AT_REST; PICTURE_ELSEWHERE: the arm rests elsewhere, and only one from there is wanted.

@@ -57,7 +57,7 @@ class Pointed:
                 self._hear_stage(message)
 
     def choose(self, number: int) -> None:
-        """The cell goes for this thing of its last picture."""
+        """Note that the cell goes for this thing of its last picture."""
         self._chosen = number
 
     def _end(self, result: CycleResult) -> None:
@@ -110,7 +110,7 @@ class Pointed:
             return self._shown.stamp_ns, tuple(sorted({*chosen, *self._gone}))
 
     def resolved(self, job: Job) -> Job:
-        """The job with what it points at as the cell finds it from its capture pose.
+        """Return the job with what it points at as the cell finds it from its capture pose.
 
         Raises: Refused (PICTURE_OUTDATED, PICTURE_ELSEWHERE, ALREADY_CHOSEN).
         """
@@ -149,7 +149,7 @@ class Pointed:
 
 
 def meant_by(target: Target, scene: ObservedScene) -> list[int]:
-    """The numbers of the things that a pixel or a box means in the picture that is shown; none where nothing is."""
+    """Return the numbers of the things that a pixel or a box means in the shown picture; none where nothing is."""
     numbers: Iterable[int] = ()
     if target.box is not None:
         numbers = mostly_in_box(np.asarray(scene.labels), target.box)

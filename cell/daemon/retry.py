@@ -62,7 +62,7 @@ class Retries:
         reason: str = "",
         obstacle_m: Vector3 | None = None,
     ) -> Attempt | None:
-        """The attempt ``next_id`` that follows ``attempt``; None for no further one.
+        """Return the attempt ``next_id`` that follows ``attempt``; None for no further one.
 
         Args:
             code: of the end of ``attempt``; None = success. ``reason``: in words.
@@ -103,7 +103,7 @@ class Retries:
         return None
 
     def holds(self) -> str:
-        """The reason to hold now, which restarts the count; "" for none."""
+        """Return the reason to hold now, which restarts the count; "" for none."""
         count = self._failed_in_a_row
         if not 0 < self._settings.hold_after <= count:
             return ""

@@ -29,7 +29,7 @@ _PACKAGES = ("vlad-cell", "mujoco", "numpy", "opencv-python-headless", "pin", "c
 
 
 def run_info(configured: Station, cycle_id: str) -> dict[str, str]:
-    """The metadata of one cycle's recording: ids, versions, commit, seed and hashes.
+    """Return the metadata of one cycle's recording: ids, versions, commit, seed and hashes.
 
     Args:
         configured: the station without the job's target and place: its hash is that of the configuration.
@@ -49,7 +49,7 @@ def run_info(configured: Station, cycle_id: str) -> dict[str, str]:
 
 
 def attachments(station: Station) -> dict[str, str]:
-    """The JSON documents attached to a recording: the station, and the camera's calibration."""
+    """Return the JSON documents attached to a recording: the station, and the camera's calibration."""
     return {"station.json": station.model_dump_json(), "calibration.json": station.camera.model_dump_json()}
 
 
@@ -101,7 +101,7 @@ def _model_name(station: Station) -> str:
 
 
 def robot_description(station: Station) -> bytes:
-    """The robot's URDF, whose links are the frames of `topics.TF`; its meshes (80 MB) are in the franky-sim package.
+    """Return the robot's URDF: its links are the frames of `topics.TF`, its meshes (80 MB) in the franky-sim package.
 
     Raises: ConfigError when the arm's own URDF cannot be used.
     """

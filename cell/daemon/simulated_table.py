@@ -71,7 +71,7 @@ class SimulatedTable:
         return "" if self._is_filled else self._before.object
 
     def taken(self, presented: str) -> str:
-        """The object that the cycle took: ``presented``; of several, those that left the pick region, "" for none."""
+        """Return the object that the cycle took: ``presented``; of several, those that left the pick region, or ""."""
         if not self._is_filled or self._presenter is None or self._before is None:
             return presented
         pairs = zip(

@@ -34,7 +34,7 @@ class Finding:
     is_needed: bool = True
 
     def to_json(self) -> dict[str, str]:
-        """The fields as a JSON object."""
+        """Return the fields as a JSON object."""
         return {"name": self.name, "verdict": self.verdict, "found": self.found, "advice": self.advice}
 
 
@@ -42,22 +42,22 @@ Check = Callable[[Station], Finding]
 
 
 def ok(name: str, found: str) -> Finding:
-    """The finding of a passed check."""
+    """Return the finding of a passed check."""
     return Finding(name, Verdict.OK, found)
 
 
 def fix(name: str, found: str, advice: str) -> Finding:
-    """The finding of a failed check, with advice."""
+    """Return the finding of a failed check, with advice."""
     return Finding(name, Verdict.FIX, found, advice)
 
 
 def skip(name: str, why: str) -> Finding:
-    """The finding of a check that cannot be decided now."""
+    """Return the finding of a check that cannot be decided now."""
     return Finding(name, Verdict.SKIP, why)
 
 
 def not_needed(name: str, why: str) -> Finding:
-    """The finding of a check that this station has no use for."""
+    """Return the finding of a check that this station has no use for."""
     return Finding(name, Verdict.SKIP, why, is_needed=False)
 
 

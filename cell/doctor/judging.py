@@ -12,7 +12,7 @@ UNWEIGHED = (
     "Two equal things that come along as one - nested, stacked or side by side - are not noticed: set verify.max_load_n"
     " to 1.5 times the weight of one [N]."
 )
-"""What a cell cannot tell while it does not know what one object weighs."""
+"""The limit of a cell that does not know what one object weighs."""
 
 
 def double_picks(station: Station) -> Finding:

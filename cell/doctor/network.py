@@ -21,7 +21,7 @@ _ESTABLISHED, _LISTEN = "01", "0A"
 
 
 def answer_within(seconds: float, ask: Callable[[], AnswerT]) -> AnswerT | None:
-    """The result of ``ask`` within ``seconds`` [s]; None after that (``ask`` then ends by itself) or for an OSError."""
+    """Return the result of ``ask``; None for an OSError, or after ``seconds`` [s]: ``ask`` then ends by itself."""
     answers: queue.SimpleQueue[AnswerT | None] = queue.SimpleQueue()
 
     def work() -> None:
@@ -38,7 +38,7 @@ def answer_within(seconds: float, ask: Callable[[], AnswerT]) -> AnswerT | None:
 
 
 def ip_of(address: str) -> str | None:
-    """The IPv4 address of a name, or None when it cannot be resolved."""
+    """Return the IPv4 address of a name, or None when it cannot be resolved."""
     return answer_within(REACH_S, lambda: socket.gethostbyname(address))
 
 
@@ -80,7 +80,7 @@ def _hex(ip: str, port: int) -> str:
 
 
 def way_to(ip: str, routes: Path = ROUTES) -> tuple[str, bool] | None:
-    """The interface that leads there, and True for a router in between: the most specific of the kernel's routes."""
+    """Return the interface that leads there, and True for a router in between, by the kernel's most specific route."""
     if is_this_machine(ip):
         return "lo", False
     there = struct.unpack("<I", socket.inet_aton(ip))[0]

@@ -101,7 +101,7 @@ def model_server(station: Station, proxies: Mapping[str, str] | None = None) -> 
 
 
 def running(station: Station) -> tuple[str, list[str]] | None:
-    """The state and the live nodes of the cell at the station's endpoint; None when no cell answers."""
+    """Return the state and the live nodes of the cell at the station's endpoint; None when no cell answers."""
 
     def ask() -> tuple[str, list[str]] | None:
         try:

@@ -65,7 +65,7 @@ class Access:
         return cls(tokens)
 
     def role_of(self, token: str) -> HttpRole | None:
-        """The role of who sends ``token`` ("" for none); None when it has none."""
+        """Return the role of who sends ``token`` ("" for none); None when it has none."""
         if not self.tokens:
             return HttpRole.OPERATOR
         for role, known in self.tokens.items():

@@ -25,27 +25,27 @@ _STATUS: tuple[tuple[type[CellError], int], ...] = (
 
 
 def say(message: Message, status: int = 200) -> Response:
-    """The answer with one message."""
+    """Return the answer with one message."""
     return Response(encode(message), status, media_type=JSON)
 
 
 def refuse(status: int, code: str, reason: str, advice: str = "", available: tuple[str, ...] = ()) -> Response:
-    """The answer that refuses a request."""
+    """Return the answer that refuses a request."""
     return say(ErrorReply(code=code, reason=reason, advice=advice, available=available, error="Refused"), status)
 
 
 def answer_error(error: CellError) -> Response:
-    """The answer for an error of the tree: 409 what the cell refused, 422 what cannot be read, 503 without a cell."""
+    """Answer an error of the tree: 409 what the cell refused, 422 what cannot be read, 503 without a cell."""
     return say(error_reply(error), status_of(error))
 
 
 def status_of(error: CellError) -> int:
-    """The HTTP status of an error."""
+    """Return the HTTP status of an error."""
     if isinstance(error, Refused):
         return _REFUSED.get(error.code, 409)
     return next((status for kind, status in _STATUS if isinstance(error, kind)), 409)
 
 
 def bad_value(error: ValidationError) -> BadPayload:
-    """The error for a value of a request that does not fit; it names the field."""
+    """Return the error for a value of a request that does not fit; it names the field."""
     return BadPayload(f"{first_mistake(error, whole='request')}.", "The fields: GET /api/openapi.json.")

@@ -23,13 +23,13 @@ from cell.http.page_files import PageFiles, index
 from cell.http.routes import TABLE, Handler
 
 OPEN = ("/", "/page/", "/api", "/api/openapi.json", "/api/login")
-"""What needs no token."""
+"""Paths that need no token."""
 _CODES = {404: "NOT_FOUND", 405: "METHOD", 400: "BAD_REQUEST"}
 _log = logging.getLogger(__name__)
 
 
 def application(door: Door) -> ASGIApp:
-    """The whole interface of one door."""
+    """Return the whole interface of one door."""
     document, listing = openapi.document(), openapi.page()
 
     async def described(_request: Request) -> Response:

@@ -41,7 +41,7 @@ _NAMES: dict[str, tuple[str, type[Message]]] = {
     topics.ATTEMPT.key: ("attempt", Attempt),
 }
 ALSO = (topics.HEALTH, topics.EVENT, topics.PROPOSAL, topics.ATTEMPT, topics.VIEW_COLOR, topics.VIEW_ANNOTATIONS)
-"""What the connection hears besides states and results."""
+"""Topics that the connection hears besides states and results."""
 _SHOWN = PictureRequest(media_type="image/jpeg", from_capture_pose=False)
 """For a page, that looks."""
 AnswerT = TypeVar("AnswerT")
@@ -58,22 +58,22 @@ class Cell(Protocol):
         """Whether the cell has ended, or the link to it."""
 
     def state(self) -> CellState:
-        """The state now."""
+        """Return the state now."""
 
     def health(self) -> CellHealth:
-        """The health now."""
+        """Return the health now."""
 
     def send(self, verb: str, request: CommandRequest) -> CommandReply:
         """Send one command."""
 
     def result(self, cycle_id: str) -> CycleResult | None:
-        """The result of a cycle."""
+        """Return the result of a cycle."""
 
     def proposal(self) -> Proposal:
-        """The planned motion that waits for an answer."""
+        """Return the planned motion that waits for an answer."""
 
     def plan_view(self) -> PlanView:
-        """The last plan."""
+        """Return the last plan."""
 
     def picture(self, request: PictureRequest | None = None) -> LivePicture:
         """A picture of now."""

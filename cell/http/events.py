@@ -25,7 +25,7 @@ _RETRY_MS = 1000
 
 
 def name_in(request: Request) -> str:
-    """The client's name in a request's query, "" without. Raises: BadPayload."""
+    """Return the client's name in a request's query, "" without. Raises: BadPayload."""
     name = request.query_params.get("client", "")
     if name and _NAME.fullmatch(name) is None:
         raise BadPayload("client: at most 40 of A-Z, a-z, 0-9, '.', '_' and '-'.", "Choose another name.")

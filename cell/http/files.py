@@ -34,10 +34,10 @@ class Downloads(StaticFiles):
         self._suffix = suffix
 
     async def check_config(self) -> None:
-        """The folder appears with the first recording: until then nothing is found."""
+        """Accept a missing folder: it appears with the first recording, and until then nothing is found."""
 
     async def get_response(self, path: str, scope: Scope) -> Response:
-        """The file at ``path``. Raises: HTTPException (404)."""
+        """Return the file at ``path``. Raises: HTTPException (404)."""
         if not path.endswith(self._suffix):
             raise HTTPException(404)
         try:

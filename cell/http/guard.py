@@ -141,7 +141,7 @@ class _Stalled(Exception):
 
 
 def token_in(headers: Headers) -> str:
-    """The token of a request, of its header or its cookie; "" without one."""
+    """Return the token of a request, of its header or its cookie; "" without one."""
     kind, _, token = headers.get("authorization", "").partition(" ")
     if kind.lower() == "bearer":
         return token.strip()

@@ -35,7 +35,7 @@ class Listening:
         self._queue.put_nowait(said)
 
     async def next(self) -> Said | None:
-        """The next message; None at the end of the stream."""
+        """Return the next message; None at the end of the stream."""
         return await self._queue.get()
 
 
@@ -58,7 +58,7 @@ class Hub:
         return bool(self._open)
 
     def last(self, name: str) -> str:
-        """The JSON of the last message of that name; "" without one."""
+        """Return the JSON of the last message of that name; "" without one."""
         return self._last[name].data if name in self._last else ""
 
     def join(self) -> Listening:

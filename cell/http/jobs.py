@@ -32,7 +32,7 @@ class Jobs:
         self._keep(attempt.job.job_id, self._about.get(attempt.job.job_id, {}) | _about(attempt.job))
 
     def of(self, state: CellState) -> str:
-        """The jobs of a state as JSON: by id, what is known of the one under way and of those that wait."""
+        """Return the jobs of a state as JSON: by id, what is known of the one under way and of those that wait."""
         ids = filter(None, (state.job_id, *state.queue))
         return json.dumps({job_id: self._about[job_id] for job_id in ids if job_id in self._about})
 

@@ -33,7 +33,7 @@ _FIELD = re.compile(r"{(\w+)}")
 
 
 def document() -> dict[str, Any]:
-    """The OpenAPI 3.1 document."""
+    """Return the OpenAPI 3.1 document."""
     models = {model for one in TABLE for model in (one.takes, one.says) if model is not None}
     ordered: list[type[Message]] = [*sorted(models, key=lambda model: model.__name__), ErrorReply]
     _, schemas = models_json_schema([(model, "validation") for model in ordered], ref_template=_REF)
@@ -91,7 +91,7 @@ def _ref(model: type) -> dict[str, str]:
 
 
 def page() -> str:
-    """The page ``/api``: every path, and what it is for. It loads nothing, and runs nothing."""
+    """Return the page ``/api``: every path, and what it is for. It loads nothing, and runs nothing."""
     rows = "\n".join(
         f"<tr><td>{one.method}</td><td><code>{html.escape(one.path)}</code></td><td>{html.escape(one.what)}</td></tr>"
         for one in TABLE

@@ -19,12 +19,12 @@ class PageFiles(StaticFiles):
         super().__init__(directory=FOLDER)
 
     async def get_response(self, path: str, scope: Scope) -> Response:
-        """The file at ``path``. Raises: HTTPException (404)."""
+        """Return the file at ``path``. Raises: HTTPException (404)."""
         response = await super().get_response(path, scope)
         response.headers["Cache-Control"] = "no-cache"
         return response
 
 
 async def index(_request: Request) -> Response:
-    """The page itself."""
+    """Return the page itself."""
     return FileResponse(FOLDER / "index.html", media_type="text/html", headers={"Cache-Control": "no-cache"})

@@ -22,7 +22,7 @@ from logs.scene_picture import color_of
 
 _TYPES = {"jpeg": "image/jpeg", "png": "image/png"}
 _KINDS = {GREEN: "grasp", BLUE: "other_grasp", ORANGE: "object", GREY: "rod", UNSEEN: "unseen"}
-"""What the colours mean; any other outlines a thing."""
+"""The meaning of the colours; any other outlines a thing."""
 _KEPT = 8
 """Pictures that can still be had by their stamp: a page that is told of one loads it a moment later."""
 _UNSEEN_PX, _FEW = 0.7, 8
@@ -60,7 +60,7 @@ class Pictures:
         return next(reversed(self._kept.values()), None)
 
     def at(self, stamp_ns: int) -> Picture | None:
-        """The picture of that stamp [ns, UTC]; None when it is not kept any more."""
+        """Return the picture of that stamp [ns, UTC]; None when it is not kept any more."""
         if self._seen is not None and self._seen.stamp_ns == stamp_ns:
             return self._seen
         return self._kept.get(stamp_ns)

@@ -24,7 +24,7 @@ class Login(Message):
 
 
 async def state(_request: Request, door: Door) -> Response:
-    """The state now."""
+    """Answer the state now."""
     return say(await door.ask(door.cell.state))
 
 
@@ -44,12 +44,12 @@ async def about(request: Request, door: Door) -> Response:
 
 
 async def health(_request: Request, door: Door) -> Response:
-    """The health now."""
+    """Answer the health now."""
     return say(await door.ask(door.cell.health))
 
 
 async def result(request: Request, door: Door) -> Response:
-    """The result of one of the last cycles. Raises: Refused (NO_RESULT)."""
+    """Answer the result of one of the last cycles. Raises: Refused (NO_RESULT)."""
     cycle_id = request.path_params["cycle_id"]
     found = await door.ask(partial(door.cell.result, cycle_id))
     if found is None:
@@ -62,17 +62,17 @@ async def result(request: Request, door: Door) -> Response:
 
 
 async def proposal(_request: Request, door: Door) -> Response:
-    """The planned motion that waits for an answer. Raises: Refused (NO_PROPOSAL)."""
+    """Answer the planned motion that waits for an answer. Raises: Refused (NO_PROPOSAL)."""
     return say(await door.ask(door.cell.proposal))
 
 
 async def plan(_request: Request, door: Door) -> Response:
-    """The last plan, to look at in 3-D. Raises: Refused (NO_PLAN)."""
+    """Answer the last plan, to look at in 3-D. Raises: Refused (NO_PLAN)."""
     return say(await door.ask(door.cell.plan_view))
 
 
 async def picture(request: Request, door: Door) -> Response:
-    """The last colour image, or that of a stamp. Raises: Refused (NO_PICTURE), BadPayload."""
+    """Answer the last colour image, or that of a stamp. Raises: Refused (NO_PICTURE), BadPayload."""
     shown = door.pictures.picture
     if shown is None:
         raise _nothing_shown()

@@ -49,7 +49,7 @@ class Verdict(Message):
 
 
 async def cycles(request: Request, door: Door) -> Response:
-    """The newest recordings, with the paths of their files here. Raises: BadPayload."""
+    """Answer the newest recordings, with the paths of their files here. Raises: BadPayload."""
     limit = _limit(request.query_params.get("limit", str(_USUAL)))
     failed = request.query_params.get("failed", "")
     if failed not in ("", "true"):
@@ -89,7 +89,7 @@ def _quoted(file: Path, folder: Path) -> str:
 
 
 async def small_picture(request: Request, door: Door) -> Response:
-    """The thumbnail of a cycle; a sign for one that has shown nothing. Raises: RecordingError."""
+    """Answer the thumbnail of a cycle; a sign for one that has shown nothing. Raises: RecordingError."""
     path = _recording(door.recordings, request.path_params["cycle_id"])
     headers = {"ETag": f'"{path.stem}"', "Cache-Control": "no-cache"}
     if request.headers.get("if-none-match") == headers["ETag"]:
@@ -116,7 +116,7 @@ def _recording(folder: Path, cycle_id: str) -> Path:
 
 
 async def summary(request: Request, door: Door) -> Response:
-    """The figures of ``cell cycles --summary --json``. Raises: BadPayload."""
+    """Answer the figures of ``cell cycles --summary --json``. Raises: BadPayload."""
     day = request.query_params.get("day", "")
     try:
         named = day_named(day)

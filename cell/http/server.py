@@ -174,7 +174,7 @@ def _listening(settings: HttpSettings) -> socket.socket:
 
 
 def address(settings: HttpSettings, listener: socket.socket) -> str:
-    """The interface's URL."""
+    """Return the interface's URL."""
     scheme = "https" if settings.certificate is not None else "http"
     host = f"[{settings.host}]" if ":" in settings.host else settings.host
     return f"{scheme}://{host}:{listener.getsockname()[1]}"

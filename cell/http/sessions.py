@@ -60,14 +60,14 @@ class Sessions:
         self._open.pop(session.token, None)
 
     def of(self, token: str | None) -> Session | None:
-        """The session of a token, which has said something now; None for another token."""
+        """Return the session of a token, which has said something now; None for another token."""
         session = self._open.get(token or "")
         if session is not None:
             session.heard_s = self._now_s()
         return session
 
     def require(self, token: str | None, verb: str) -> Session:
-        """The session of a token. Raises: Refused (NO_LEASE)."""
+        """Return the session of a token. Raises: Refused (NO_LEASE)."""
         session = self.of(token)
         if session is None:
             what = "that session is over" if token else "no session comes with it"
@@ -80,7 +80,7 @@ class Sessions:
         return session
 
     def due(self, state: CellState | None, *, is_gone: bool) -> Iterator[tuple[Session, bool]]:
-        """The sessions whose connection is to be closed, and whether they fell silent: otherwise the motion is over."""
+        """Yield the sessions to be closed, each with True when it fell silent, and False when its motion is over."""
         for session in self._open.values():
             is_silent = self._now_s() - session.heard_s > self._silence_s
             if session.commander.is_open and is_silent:

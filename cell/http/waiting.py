@@ -30,7 +30,7 @@ from cell.machine.states import SETTLED
 from cell.outcome import Outcome
 
 Awaited = Callable[[Door, Listening, CommandReply], AsyncIterator[Message | None]]
-"""What an accepted command comes to: None as long as it lasts, then the answer."""
+"""Yields None as long as an accepted command lasts, then the answer."""
 
 
 async def pick(request: Request, door: Door) -> Response:
@@ -69,7 +69,7 @@ async def _lines(said: AsyncIterator[Message | None]) -> AsyncIterator[bytes]:
 
 
 async def at_rest(door: Door, listening: Listening, _reply: CommandReply) -> AsyncIterator[Message | None]:
-    """The state in which nothing moves any more, and no pick follows."""
+    """Yield None until nothing moves any more and no pick follows, then that state."""
     while not _rests(state := await door.ask(door.cell.state)):
         if await _turn(listening, "state") is None:
             yield _CLOSED
@@ -79,7 +79,7 @@ async def at_rest(door: Door, listening: Listening, _reply: CommandReply) -> Asy
 
 
 async def result(door: Door, listening: Listening, reply: CommandReply) -> AsyncIterator[Message | None]:
-    """The result of the pick, of its last attempt. Raises: Refused (JOB_DROPPED)."""
+    """Yield None until the pick is over, then the result of its last attempt. Raises: Refused (JOB_DROPPED)."""
     outcome = Outcome(door.cell, reply.cycle_id, reply.job_id)
     while (found := await door.ask(outcome.ask)) is None:
         if await _turn(listening, "result") is None:

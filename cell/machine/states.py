@@ -129,7 +129,7 @@ MODE_FROM = SETTLED
 
 
 def available(state: State, stage: str = "", mode: UnitMode = "Production") -> tuple[str, ...]:
-    """The commands that are accepted in ``state``, in table order.
+    """Return the commands that are accepted in ``state``, in table order.
 
     Args:
         stage: of the running cycle. ``mode``: of the unit.
@@ -153,7 +153,7 @@ def require_answerable(verb: str, state: State) -> None:
 
 
 def after_command(state: State, command: str) -> State:
-    """The state that ``command`` leads to from ``state``. Raises: Refused for an unknown or unavailable command."""
+    """Return the state that ``command`` leads to from ``state``. Raises: Refused when it is unknown or unavailable."""
     arrows = COMMANDS.get(command)
     if arrows is None:
         raise Refused(
@@ -180,7 +180,7 @@ _COMMAND = re.compile(r"command '(?:stop|abort|hold|suspend)' from (a client|\S+
 
 
 def told(state: str, reason: str) -> str:
-    """The state for a person, with the client that brought it to rest: ``Stopped by ann-4711``."""
+    """Return the state for a person, with the client that brought it to rest: ``Stopped by ann-4711``."""
     found = _COMMAND.fullmatch(reason)
     if not found:
         return reason

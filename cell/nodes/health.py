@@ -198,7 +198,7 @@ class NodeMonitor:
         return 0.0 if since_s is None else self._clock.now_s() - since_s
 
     def health(self) -> CellHealth:
-        """The cell's health now."""
+        """Return the cell's health now."""
         nodes = {
             name: NodeHealth(
                 is_alive=name in self._alive,

@@ -14,7 +14,7 @@ from bus.clock import DeadlineClock
 
 
 def line_within(stream: IO[str], timeout_s: float, clock: DeadlineClock) -> str:
-    """The stream's next line, or "" after ``timeout_s`` or at its end."""
+    """Return the stream's next line, or "" after ``timeout_s`` or at its end."""
     with selectors.DefaultSelector() as selector:
         selector.register(stream, selectors.EVENT_READ)
         return stream.readline() if clock.wait_for(selector.select, timeout_s) else ""

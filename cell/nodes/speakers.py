@@ -118,7 +118,7 @@ class Speakers:
 
 @lru_cache(maxsize=256)
 def topic_of(key: str) -> Topic | None:
-    """The published topic of a key below the cell's root; None for a key that is not in the table."""
+    """Return the published topic of a key below the cell's root; None for a key that is not in the table."""
     return next((topic for pattern, topic in _PATTERNS if pattern.fullmatch(key)), None)
 
 

@@ -44,7 +44,7 @@ class AddressSpace:
         self._kinds = {variable.path: variable.kind for variable in VARIABLES}
 
     def node_id(self, path: str) -> ua.NodeId:
-        """The id of ``Cell.`` and the path below it; of the cell's own object for ""."""
+        """Return the id of ``Cell.`` and the path below it; of the cell's own object for ""."""
         return ua.NodeId(f"Cell.{path}" if path else "Cell", self.ours)
 
     def name(self, name: str, *, is_packml: bool) -> ua.QualifiedName:

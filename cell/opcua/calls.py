@@ -84,7 +84,7 @@ class Calls:
         return client.connect(self.station, client_id=client_id)
 
     def in_thread(self, run: Callable[..., ResultT], *arguments: Any) -> asyncio.Future[ResultT]:
-        """The future of ``run(*arguments)`` in a thread of the commands."""
+        """Return the future of ``run(*arguments)`` in a thread of the commands."""
         return asyncio.wrap_future(self._threads.submit(run, *arguments))
 
     def end(self, commander: Commander) -> Future[None]:
@@ -99,7 +99,7 @@ class Calls:
             pool.shutdown(wait=False, cancel_futures=True)
 
     def method_of(self, request: ua.CallMethodRequest) -> Method | None:
-        """The cell's method that is called; None when it is one of another object."""
+        """Return the cell's method that is called; None when it is one of another object."""
         if request.ObjectId not in self._space.callable_on:
             return None
         return self._space.methods.get(request.MethodId)

@@ -188,6 +188,6 @@ def fitting(wanted: Sequence[Argument], given: Sequence[Given]) -> list[bool]:
 
 
 def request_of(method: Method, values: Sequence[Any]) -> CommandRequest:
-    """The command of a call with these values. Raises: Refused (BAD_JOB)."""
+    """Return the command of a call with these values. Raises: Refused (BAD_JOB)."""
     texts = ["" if value is None else value for value in values]
     return method.request(*texts)

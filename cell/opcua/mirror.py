@@ -26,7 +26,7 @@ from cell.opcua.structures import PackMLAlarmDataType, alarm, count, utc_of
 
 _log = logging.getLogger(__name__)
 HEARS = (topics.EVENT, topics.HEALTH, topics.PROPOSAL)
-"""What the client of a mirror must subscribe to besides states and results."""
+"""Topics that the client of a mirror must subscribe to besides states and results."""
 _TYPES: dict[str, type[Message]] = {
     topics.STATE.key: CellState,
     topics.RESULT.key: CycleResult,

@@ -90,7 +90,7 @@ RESET_OF_MACHINE_STATE = 376
 
 
 def current_states(state: State) -> dict[str, str | None]:
-    """The state of each of the three nested machines, by name of its object; None for a machine that does not run."""
+    """Return the state of each of the three nested machines, by its object's name; None for one that does not run."""
     inner = STATES[state].machine
     return {
         BASE_STATE_MACHINE: state if inner == BASE_STATE_MACHINE else "Cleared",
@@ -100,5 +100,5 @@ def current_states(state: State) -> dict[str, str | None]:
 
 
 def node_of(state: str) -> int:
-    """The node of a state by its name."""
+    """Return the node of a state by its name."""
     return (OUTER_STATES.get(state) or STATES[State(state)]).node

@@ -50,7 +50,7 @@ class Refusals:
     async def answer(
         self, why: CellError, method: str, client: str, arguments: Sequence[bool] = ()
     ) -> ua.CallMethodResult:
-        """The result of a refused call: its status, and code and words as its outputs.
+        """Return the result of a refused call: its status, and code and words as its outputs.
 
         Args:
             arguments: for each input whether it was right, where one was not.

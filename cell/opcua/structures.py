@@ -86,7 +86,7 @@ async def add_structures(server: Server, index: int) -> None:
 
 
 def utc_of(stamp_ns: int) -> datetime:
-    """The time of a stamp; of one that cannot be, as another program may send, the time now."""
+    """Return the time of a stamp; of one that cannot be, as another program may send, the time now."""
     try:
         return datetime.fromtimestamp(stamp_ns * 1e-9, UTC)
     except (OverflowError, ValueError, OSError):

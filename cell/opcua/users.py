@@ -37,7 +37,7 @@ class Users(UserManager):  # type: ignore[misc]
     def get_user(
         self, iserver: Any, username: str | None = None, password: str | None = None, certificate: Any = None
     ) -> Person | None:
-        """The user, None for a wrong name or password; called by asyncua."""
+        """Return the user, None for a wrong name or password; called by asyncua."""
         if self._hashes is None:
             return ANYBODY
         role, expected = self._hashes.get(username or "", ("", ""))

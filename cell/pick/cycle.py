@@ -147,7 +147,7 @@ class Cycle:
             self.laid = laid_at(done, e.robot, place_of(self.attempt.job))
 
     def result(self, retried_as: str) -> CycleResult:
-        """The result of the cycle; the caller publishes it as the last message of the cycle."""
+        """Return the result of the cycle; the caller publishes it as the last message of the cycle."""
         self.stages.settle()
         outcome, code, reason = self._outcome()
         grasp = self._planned[1] if self._planned is not None else None
@@ -172,7 +172,7 @@ class Cycle:
         )
 
     def _advice(self) -> str:
-        """What to do about its end: of a failure what it says itself, of a verdict what its code says."""
+        """Return the advice for its end: of a failure its own, of a verdict that of its code."""
         code = self.code
         if code is Code.DROPPED and self.attempt.job.grasp.max_force_n is not None:
             return DROPPED_BY_JOB

@@ -61,7 +61,7 @@ def why_look_again(outcome: Detections | CycleFailure, looks: int, station: Stat
 def way_to_next_look(
     looks: Sequence[Observation], robot: Robot, station: Station, cancel: Cancel | None = None
 ) -> Trajectory:
-    """The motion to the next viewpoint about the middle of the pick region, from where the last look was taken.
+    """Return the motion to the next viewpoint about the middle of the pick region, from where the last look was taken.
 
     Raises: CycleFailure(UNREACHABLE, STOPPED).
     """
@@ -71,7 +71,7 @@ def way_to_next_look(
 
 
 def way_back(looks: Sequence[Observation], robot: Robot, station: Station, cancel: Cancel | None = None) -> Trajectory:
-    """The motion from the last look to the capture pose. Raises: CycleFailure."""
+    """Return the motion from the last look to the capture pose. Raises: CycleFailure."""
     scene = _among_unseen(looks, robot, station, cancel)
     return move(scene, looks[-1].view.q_rad, np.asarray(station.arm.capture_q_rad))
 

@@ -10,8 +10,8 @@ import numpy as np
 from bus.arrays import Transform
 from bus.commands import Event
 from bus.messages import Observation, SeenMount
-from bus.transforms import angle_between_rad
-from perception.fusion.mounting import bounded, pose_of, vector_of
+from bus.transforms import angle_between_rad, from_rotvec, to_rotvec
+from perception.fusion.mounting import bounded
 
 FEWEST_LOOKS = 3
 """Fewer looks leave too much open of a correction to keep it."""
@@ -37,7 +37,7 @@ class MountKeeper:
         self._named, self._quiet = "", 0
 
     def applied(self, observation: Observation) -> Observation:
-        """The observation as the kept correction has it."""
+        """Return the observation as the kept correction has it."""
         if not self.picks:
             return observation
         return observation.corrected(self.color_from_corrected)
@@ -47,8 +47,8 @@ class MountKeeper:
         if mount.is_cut or mount.residual_after_m is None:
             return
         self.picks = min(self.picks + 1, _MEMORY)
-        step = pose_of(vector_of(mount.color_from_corrected) / self.picks)
-        self.color_from_corrected = pose_of(bounded(vector_of(self.color_from_corrected @ step)))
+        step = from_rotvec(to_rotvec(mount.color_from_corrected) / self.picks)
+        self.color_from_corrected = from_rotvec(bounded(to_rotvec(self.color_from_corrected @ step)))
 
     def news(self, mount: SeenMount) -> Event | None:
         """Return what to tell the operator: once, when the table or the mounting begins to be off.

@@ -10,7 +10,7 @@ from planning.robot import Robot
 
 
 def found_thing(found: Detections, grasp: Grasp) -> FoundThing | None:
-    """The thing that a grasp holds; None in a scene that does not number it."""
+    """Return the thing that a grasp holds; None in a scene that does not number it."""
     instance = next((one for one in found.scene.instances if one.number == grasp.instance), None)
     if instance is None:
         return None
@@ -19,7 +19,7 @@ def found_thing(found: Detections, grasp: Grasp) -> FoundThing | None:
 
 
 def grasp_outcome(grasp: Grasp, grasped: HandState | None, verdict: Verdict | None) -> GraspOutcome:
-    """The executed grasp, with what the hand measured as far as it came."""
+    """Return the executed grasp, with what the hand measured as far as it came."""
     return GraspOutcome(
         base_from_tcp=grasp.base_from_tcp,
         score=grasp.score,

@@ -26,7 +26,7 @@ def plan(
     missed: tuple[Transform, ...] = (),
     cancel: Cancel | None = None,
 ) -> PickPlan:
-    """The first feasible way to grasp and its motions, among the known boxes and the observed points.
+    """Return the first feasible way to grasp and its motions, among the known boxes and the observed points.
 
     Args:
         looks: what was detected in; the arm rests where the last one was taken.

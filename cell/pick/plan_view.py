@@ -41,7 +41,7 @@ class PlanViews:
         self._drawn: tuple[Planned, PlanView] | None = None
 
     def now(self) -> PlanView:
-        """The last plan. Raises: Refused (NO_PLAN)."""
+        """Return the last plan. Raises: Refused (NO_PLAN)."""
         planned = self._approvals.last
         if planned is None:
             raise Refused("Nothing was planned since the cell began.", "It is with the next pick.", code="NO_PLAN")
@@ -54,7 +54,7 @@ class PlanViews:
 
 
 def plan_view(planned: Planned, outlines: Outlines, robot: Robot, station: Station) -> PlanView:
-    """The picture of a plan, as of one that nobody is asked about."""
+    """Return the picture of a plan, as of one that nobody is asked about."""
     scene = planned.found.scene
     cloud_m, cloud_rgb = thinned_cloud(corrected(planned.looks[scene.shown], scene.mount), scene.labels > 0)
     segments = sorted(planned.plan.segments, key=lambda part: _ORDER.index(part.name))
@@ -95,7 +95,7 @@ def _path(part: Segment, planned: Planned, outlines: Outlines, robot: Robot) -> 
 
 
 def sampled(commands_rad: JointSamples) -> tuple[npt.NDArray[np.float64], JointSamples]:
-    """The times (n,) [s] and positions (n, joints) of 1 kHz commands at `SAMPLE_HZ`, with the last one."""
+    """Return the times (n,) [s] and positions (n, joints) of 1 kHz commands at `SAMPLE_HZ`, with the last one."""
     rows = np.arange(0, len(commands_rad), round(1 / (TICK_S * SAMPLE_HZ)))
     if rows[-1] != len(commands_rad) - 1:
         rows = np.append(rows, len(commands_rad) - 1)

@@ -34,7 +34,7 @@ from cell.pick.withdrawal import Withdrawal
 ResultT = TypeVar("ResultT", bound=Message)
 Publish = Callable[[Topic, "Message | bytes"], None]
 Ending = CycleFailure | DriverError | BusError | RecordingError
-"""What ends a cycle."""
+"""Errors that end a cycle."""
 
 FAULTS = {Code.ARM_REFLEX, Code.MOTION_REFUSED, Code.HAND_FAULT, Code.STALE_FRAME, Code.BAD_FRAME, Code.DEVICE_LOST,
           Code.NODE_LOST, Code.RECORDING, Code.INTERNAL}  # fmt: skip

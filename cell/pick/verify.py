@@ -24,7 +24,7 @@ _HEAD, _TAIL = 10, 20
 _SAME_LOAD = 0.2
 """By so much of it the load on the way, with all its accelerations, differs from that in the hold."""
 _STEADY_M = 0.001
-"""What turns flush in the jaw loses width once, then keeps it to so much in the hold; what slips loses ever more."""
+"""A thing that turns flush in the jaw loses width once, then keeps it to so much; one that slips loses ever more."""
 
 
 def verify(
@@ -36,7 +36,7 @@ def verify(
     robot: Robot,
     station: Station,
 ) -> Verdict:
-    """The verdict on a finished execution of a grasp (``execution.stopped_in`` is None).
+    """Return the verdict on a finished execution of a grasp (``execution.stopped_in`` is None).
 
     Every criterion must hold during the whole hold: width, load, and the object gone from its place, where the second
     capture sees that; the width also on every way with the object. What turned flush in the jaw may lose width, if it

@@ -39,7 +39,7 @@ class Withdrawal:
             self._is_grasping = False
 
     def begin_grasp(self) -> None:
-        """The arm goes to the grasp. Raises: CycleFailure (CANCELLED, DEADLINE) when the job was withdrawn before."""
+        """Note that the arm goes to the grasp. Raises: CycleFailure (CANCELLED, DEADLINE) of a withdrawn job."""
         with self._turn:
             due = self.due()
             if due is not None:

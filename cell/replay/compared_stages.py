@@ -50,7 +50,7 @@ class Stage:
         return self.rerun is not None
 
     def step_of(self, path: str) -> str:
-        """The step that produces the field at ``path``; the stage itself if none does."""
+        """Return the step that produces the field at ``path``; the stage itself if none does."""
         return next((step for step, fields in self.steps if path.startswith(fields)), self.name)
 
 

@@ -82,7 +82,7 @@ class Tally:
         return 2 if self.unreadable or self.not_here or not self.verdicts["equal"] else 0
 
     def to_json(self) -> dict[str, Any]:
-        """The counts as a JSON object: recordings, and those in which each stage and each field differs."""
+        """Return the counts as a JSON object: recordings, and those in which each stage and each field differs."""
         return {
             "cycles": self.verdicts.total() + len(self.unreadable),
             **{said: self.verdicts[said] for said in ("equal", "different", "empty", "trimmed")},
@@ -122,7 +122,7 @@ def replay_folder(
 
 
 def judgements(paths: list[Path], request: Request, workers: Workers) -> Iterator[Judged]:
-    """The outcome of each recording, in the order of the paths."""
+    """Yield the outcome of each recording, in the order of the paths."""
     absolute = [path.absolute() for path in paths]  # of a worker elsewhere the working folder is another
     for index, found in in_order(workers.run(partial(judge, request=request), absolute)):
         if isinstance(found, WorkerLost):

@@ -115,7 +115,7 @@ class Request:
 
     @classmethod
     def of(cls, overrides: Iterable[str], start: str | None, only: str | None, *, live_models: bool = False) -> Request:
-        """The request of a command line. Raises: ConfigError for a stage that is not pure."""
+        """Return the request of a command line. Raises: ConfigError for a stage that is not pure."""
         for name in (start, only):
             if name is not None and name not in PURE:
                 raise ConfigError(f"The stage {name!r} cannot be run again.", f"Pure stages: {', '.join(PURE)}.")
@@ -178,7 +178,7 @@ def _wanted(request: Request) -> list[Stage]:
 
 
 class _With(NamedTuple):
-    """What the stages run with, and who hears each call of a goal-image model."""
+    """Inputs of the stages that run again, and who hears each call of a goal-image model."""
 
     station: Station
     robot: Robot

@@ -16,9 +16,9 @@ from bus.errors import CellUnreachable, NoReply, Refused
 from bus.session import Bus
 from config.clock import clock_of
 from config.schema import Station
+from logs.mcap.content_reader import require_finished
 from logs.mcap.finished_reader import records
 from logs.mcap.names import reading
-from logs.mcap.reader import require_finished
 from logs.mcap.records import Damage
 
 ROOT = "replay"

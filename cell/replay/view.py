@@ -127,7 +127,7 @@ def show_tally(said: dict[str, Any], out: Printer) -> None:
 
 
 def consequence(replay: Replay) -> Iterator[str]:
-    """What came of the change: a line a stage, "before -> after" where that differs, else its first difference."""
+    """Yield what came of the change, a line a stage: "before -> after" if that differs, else its first difference."""
     for stage in replay.stages:
         before, after = _gist(stage.recorded), _gist(stage.replayed)
         moved = _moved(replay) if stage.stage == "plan" else ""
@@ -136,7 +136,7 @@ def consequence(replay: Replay) -> Iterator[str]:
 
 
 def why_it_ends(replay: Replay) -> list[str]:
-    """The reasons of the stages that fail now."""
+    """Return the reasons of the stages that fail now."""
     return [one.replayed.text for one in replay.stages if isinstance(one.replayed, Failure)]
 
 

@@ -17,7 +17,7 @@ WHAT_IF = "WHAT_IF"
 
 
 def what_if(replay: Replay, overrides: Sequence[str]) -> CycleRecord:
-    """The recorded cycle up to the first stage that ran again, then what these stages gave.
+    """Return the recorded cycle up to the first stage that ran again, then what these stages gave.
 
     What was done afterwards is left out: that followed from the recorded decisions. Its station has the overrides.
 

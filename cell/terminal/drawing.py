@@ -27,7 +27,7 @@ def console(printer: Printer, width: int | None = None) -> Console:
 
 
 def tracked(items: Iterable[ItemT], total: int, what: str, printer: Printer) -> Iterator[ItemT]:
-    """The items, with a progress bar when ``printer`` is a terminal."""
+    """Yield the items, with a progress bar when ``printer`` is a terminal."""
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeRemainingColumn())
     canvas = console(printer)
     with Progress(*columns, console=canvas, transient=True, disable=not canvas.is_terminal) as progress:

@@ -33,7 +33,7 @@ _BEYOND_ASCII = re.compile(r"[\x7f-\U0010ffff]")
 
 
 def plain(text: str) -> str:
-    r"""The text on one line, without terminal sequences; bytes of names that are not UTF-8 as ``\\xe9``."""
+    r"""Return the text on one line, without terminal sequences; bytes of names that are not UTF-8 as ``\\xe9``."""
     if text.isascii() and text.isprintable():
         return text
     text = _UNSEEN.sub("", _BREAKS.sub(" ", _SEQUENCES.sub("", text)))
@@ -92,7 +92,7 @@ class Printer:
         return False
 
     def fileno(self) -> int:
-        """The stream's file descriptor. Raises: OSError without one."""
+        """Return the stream's file descriptor. Raises: OSError without one."""
         if self._stream is None:
             raise OSError("There is no output.")
         return self._stream.fileno()
@@ -145,7 +145,7 @@ class PlainFormatter(logging.Formatter):
     """Formats a log line with its message made `plain`; a traceback below it stays unchanged."""
 
     def formatMessage(self, record: logging.LogRecord) -> str:
-        """The message of the record, made `plain`."""
+        """Return the message of the record, made `plain`."""
         return plain(super().formatMessage(record))
 
 

@@ -15,7 +15,7 @@ _PER_WORKER = 4
 
 
 def workers_for(items: int, count: int | None, scheduler: str) -> Workers:
-    """The workers for so many items.
+    """Return the workers for so many items.
 
     Args:
         count: processes of this machine; None = one a core, fewer for a few items; 1 = this process itself.
@@ -31,6 +31,6 @@ def workers_for(items: int, count: int | None, scheduler: str) -> Workers:
 def ordered(
     workers: Workers, work: Callable[[ItemT], ResultT], items: Sequence[ItemT]
 ) -> Iterator[ResultT | WorkerLost]:
-    """The results of the workers, in the order of the items."""
+    """Yield the results of the workers, in the order of the items."""
     for _, found in in_order(workers.run(work, items)):
         yield found

@@ -21,7 +21,7 @@ class WorkerLost(CellError):
 
 
 def lost(tries: int) -> WorkerLost:
-    """The error of one item."""
+    """Return the error of one item."""
     return WorkerLost(f"Its worker died {tries} times.", "Run it alone with --workers 1, and see to the memory.")
 
 
@@ -31,7 +31,7 @@ class Workers(Protocol):
     def run(
         self, work: Callable[[ItemT], ResultT], items: Sequence[ItemT]
     ) -> Iterator[tuple[int, ResultT | WorkerLost]]:
-        """The number of each item with its result, as they come; the order depends on the workers, the results do not.
+        """Yield each item's number with its result, as they come; the order depends on the workers, the results do not.
 
         Args:
             work: a function of a module, or a partial of one; it, its items and its results travel between processes.

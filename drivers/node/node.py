@@ -297,7 +297,7 @@ class Node:
         return readings
 
     def _every(self, name: str, period_s: float, act: Callable[[], None]) -> None:
-        self._loops.append(Loop(name, period_s, act, self._note, self._cut_off))
+        self._loops.append(Loop(name, period_s, act, self._note, self.halt))
 
     def _note(self, error: CellError) -> None:
         """Count the error and publish the health soon, so that clients that miss a stream learn why."""
@@ -307,8 +307,3 @@ class Node:
             self._told_s = time.monotonic()
             with suppress(BusError):  # the session is closed
                 self._publish_health()
-
-    def _cut_off(self) -> None:
-        """Stop the arm after the bus closed, because no client can stop it any more."""
-        if self._arm is not None:
-            self._arm.stop()

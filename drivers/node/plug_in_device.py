@@ -20,7 +20,7 @@ _ADVICE = (
 
 
 def named(devices: Devices, driver: str, package: str) -> Devices:
-    """The devices, whose errors name them.
+    """Return the devices, whose errors name them.
 
     Args:
         driver: its name in the station file. ``package``: that brings it, with its version.

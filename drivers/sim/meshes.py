@@ -71,7 +71,7 @@ def _add(spec: mujoco.MjSpec, name: str, faces: Faces) -> str:
 
 
 def is_mesh(file: Path) -> bool:
-    """Whether a file is a mesh, by its name."""
+    """Return whether a file is a mesh, by its name."""
     return file.suffix.lower() in SUFFIXES
 
 

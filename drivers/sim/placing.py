@@ -15,7 +15,7 @@ _MARGIN_M = 0.005
 _CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
 _DROP_M = 0.002
 _STILL_M_S, _STILL_RAD_S = 0.02, 0.2
-"""What is slower rests: a thing of many parts trembles where it lies, by less."""
+"""A slower thing rests: one of many parts trembles where it lies, by less."""
 _PARK_M = 5.0
 
 

@@ -34,7 +34,7 @@ class Neighbour(NamedTuple):
     by_family: dict[str, float]
 
     def to_json(self) -> Json:
-        """The fields as a JSON object."""
+        """Return the fields as a JSON object."""
         return {**self.row, "distance": round(self.distance, 4), "by_family": _rounded(self.by_family)}
 
     def in_words(self) -> str:
@@ -61,12 +61,12 @@ class Group:
     width: float
 
     def to_json(self) -> Json:
-        """The fields as a JSON object."""
+        """Return the fields as a JSON object."""
         return {"count": len(self.cycles), **asdict(self)}
 
 
 def nearest(where: Space, cycle_id: str, count: int) -> list[Neighbour]:
-    """The cycles nearest to one, the nearest first; of equal ones the newest. Raises: KeyError for an unknown one."""
+    """Return the cycles nearest to one, nearest first; of equals the newest. Raises: KeyError for an unknown one."""
     try:
         one = where.ids.index(cycle_id)
     except ValueError:
@@ -91,7 +91,7 @@ def group_failures(where: Space, alike: float = ALIKE) -> list[Group]:
 
 
 def label_failures(where: Space, failed: Sequence[int], alike: float = ALIKE) -> Labels:
-    """The number of the group of each of these cycles, by average linkage cut at ``alike``."""
+    """Return the number of the group of each of these cycles, by average linkage cut at ``alike``."""
     if len(failed) < 2:
         return np.zeros(len(failed), np.intp)
     newest, older = failed[-_MOST:], failed[:-_MOST]

@@ -40,7 +40,7 @@ def ask(catalogue: Catalogue, sql: str, *, max_rows: int = MAX_ROWS, max_s: floa
 
 
 def asked(connection: sqlite3.Connection, sql: str, max_rows: int, max_s: float) -> Answer:
-    """The answer of a connection, which from then on can only read. Raises: CatalogueError, as `ask`."""
+    """Return the answer of a connection, which from then on can only read. Raises: CatalogueError, as `ask`."""
     connection.execute("PRAGMA query_only = ON")
     connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _MAX_VALUE_BYTES)
     connection.setlimit(sqlite3.SQLITE_LIMIT_SQL_LENGTH, _MAX_SQL_BYTES)

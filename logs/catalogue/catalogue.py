@@ -48,7 +48,7 @@ class Catalogue:
     is_made: bool = True
 
     def entries(self, wanted: Filter | None = None) -> Iterator[Entry]:
-        """The selected recordings, newest first, as `logs.mcap.index.list_cycles` gives them."""
+        """Yield the selected recordings, newest first, as `logs.mcap.index.list_cycles` gives them."""
         wanted = (wanted or Filter()).at_one_time()
         unmade = () if self.is_made else self.listed.unknown
         files = (*self.listed.torn, *self.listed.nameless, *unmade)
@@ -60,12 +60,12 @@ class Catalogue:
         return islice(both, wanted.last)
 
     def rows(self, sql: str, given: Sequence[Any] = ()) -> Iterator[tuple[Any, ...]]:
-        """The rows of one of our own statements. Raises: CatalogueError."""
+        """Yield the rows of one of our own statements. Raises: CatalogueError."""
         with asking(self.store.path):
             yield from self.store.connection.execute(sql, given)
 
     def where(self, day: str = "") -> tuple[str, list[str]]:
-        """The condition that selects the cycles of this folder, and of a day or a prefix of one; with its values."""
+        """Return the condition, with its values, for the cycles of this folder, and of a day or a prefix of one."""
         conditions, given = ["1"], []
         if self.below:
             conditions.append("(folder = ? OR folder LIKE ?)")
@@ -111,7 +111,7 @@ def open_catalogue(
     anew: bool = False,
     most: int | None = None,
 ) -> Iterator[Catalogue]:
-    """The catalogue of a folder of recordings, or of one of its days, made or brought up to date.
+    """Open the catalogue of a folder of recordings, or of one of its days; it is made, or brought up to date.
 
     Where it cannot be written, it is made in memory, and lost in the end.
 

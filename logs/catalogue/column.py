@@ -88,7 +88,7 @@ class Column(NamedTuple):
 
 
 def stored(value: Value) -> Value:
-    """The value as SQLite can hold it: no NaN, no integer beyond 64 bits, no text that is not UTF-8."""
+    """Return the value as SQLite can hold it: no NaN, no integer beyond 64 bits, no text that is not UTF-8."""
     match value:
         case bool():
             return int(value)

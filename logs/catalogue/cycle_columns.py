@@ -35,7 +35,7 @@ def stamp_ns(cycle_id: str) -> int | None:
 
 
 def day_of(started_ns: int | None) -> str | None:
-    """The day of a time, UTC."""
+    """Return the day of a time, UTC."""
     if started_ns is None:
         return None
     return f"{datetime.fromtimestamp(started_ns / 1e9, UTC):%Y-%m-%d}"
@@ -199,4 +199,4 @@ KEPT = (
     Column("archived", "TEXT", "", "Address of its whole recording, of one that was deleted or trimmed; NULL: none.",
            lambda told: told.record.metadata.get(ARCHIVED)),
 )  # fmt: skip
-"""What became of the recording; of a deleted one the journal says it."""
+"""Columns about the fate of the recording; of a deleted one the journal says it."""

@@ -10,7 +10,7 @@ from logs.catalogue.journal import Gone
 
 
 def row_of_deleted(gone: Gone) -> tuple[Value, ...]:
-    """The values in the order of `columns.NAMES`; what an older program did not know yet is NULL."""
+    """Return the values in the order of `columns.NAMES`; what an older program did not know yet is NULL."""
     said = {**gone.row, "deleted_ns": gone.at_ns, "deleted_by": gone.why, "archived": gone.archived or None}
     folder, name = os.path.split(gone.file)
     sizes = (_number(gone.row.get("bytes")), _number(gone.row.get("mtime_ns")))

@@ -23,7 +23,7 @@ else:
 
 
 def csv_lines(answer: Answer) -> Iterator[str]:
-    """The answer as CSV, line by line, the names of its columns first."""
+    """Yield the answer as CSV, line by line, the names of its columns first."""
     for row in (answer.columns, *answer.rows):
         line = io.StringIO()
         csv.writer(line, lineterminator="").writerow(row)

@@ -30,7 +30,7 @@ DEFINITIONS = {
     "picks_between_stops": "Picks for each cycle that ended ABORTED, whoever stopped it; null: none did.",
     "lost_s": "Time of the cycles that ended in FAILED or ABORTED, by code.",
 }
-"""What each figure means, in one sentence."""
+"""The meaning of each figure, in one sentence."""
 
 _TRIED = "result IN ('SUCCESS', 'FAILED', 'ABORTED')"
 _LAST = f"{_TRIED} AND retried_as = ''"
@@ -86,7 +86,7 @@ class Counts:
                 setattr(self, name, mine + value)
 
     def to_json(self) -> Json:
-        """The counts and rates; a rate of nothing is None."""
+        """Return the counts and rates; a rate of nothing is None."""
         return {
             "cycles": self.cycles,
             "picks": self.picks,

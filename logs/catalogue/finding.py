@@ -12,7 +12,7 @@ from logs.mcap.names import is_folder, shown
 
 
 def find_recording(name: str, folder: Path) -> Path:
-    """The recording named ``name``: a file, or a cycle of ``folder`` by its id or an unambiguous part of it.
+    """Return the recording named ``name``: a file, or a cycle of ``folder`` by its id or an unambiguous part of it.
 
     Raises: RecordingError when there is none, or more than one; CatalogueError.
     """

@@ -33,7 +33,7 @@ class Health(NamedTuple):
 
 
 def health(root: Path) -> Health:
-    """The state of the catalogue of a folder of recordings. Raises: RecordingError when either cannot be read."""
+    """Return the state of a folder's catalogue. Raises: RecordingError when either cannot be read."""
     path = root / CATALOGUE
     if not path.is_file():
         return _unusable(root, "it is missing")

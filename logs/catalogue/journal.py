@@ -62,7 +62,7 @@ def journal_bytes(root: Path) -> int:
 
 
 def read_journal(root: Path, start: int = 0) -> Iterator[tuple[int, int, Gone | None]]:
-    """The lines from an offset on: where each begins and ends [bytes], and None for one that is no line of ours.
+    """Yield the lines from an offset on: where each begins and ends [bytes], and None for one that is no line of ours.
 
     A last line that is not ended is still being written.
 
@@ -83,7 +83,7 @@ def read_journal(root: Path, start: int = 0) -> Iterator[tuple[int, int, Gone | 
 
 
 def last_of(root: Path, name: str) -> Gone | None:
-    """The last deletion of the one cycle whose id has ``name`` in it; None for none, or several.
+    """Return the last deletion of the one cycle whose id has ``name`` in it; None for none, or several.
 
     Raises: CatalogueError.
     """

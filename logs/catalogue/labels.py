@@ -55,7 +55,7 @@ def read_labels(root: Path) -> list[Label]:
 
 
 def labels_of(root: Path, cycle_id: str) -> list[Label]:
-    """The labels of one cycle in order. Raises: CatalogueError."""
+    """Return the labels of one cycle in order. Raises: CatalogueError."""
     return [one for one in _labels(root / LABELS) if one.cycle_id == cycle_id]
 
 

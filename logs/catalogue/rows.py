@@ -34,7 +34,7 @@ class File(NamedTuple):
 
 
 def file_of(path: Path, root: Path) -> File:
-    """The file as it is now. Raises: RecordingError when it is not there, or not below ``root``."""
+    """Return the file as it is now. Raises: RecordingError when it is not there, or not below ``root``."""
     with reading(path):
         found = path.stat()
         below = os.path.relpath(path.resolve().parent, root.resolve())
@@ -44,7 +44,7 @@ def file_of(path: Path, root: Path) -> File:
 
 
 def row_of(root: Path, file: File) -> tuple[Value, ...]:
-    """The values of one recording, in the order of `columns.NAMES`; errors of the file become part of it."""
+    """Return the values of one recording, in the order of `columns.NAMES`; errors of the file become part of it."""
     path = root / file.path
     try:
         values = values_of(read_stages(path))
@@ -54,7 +54,7 @@ def row_of(root: Path, file: File) -> tuple[Value, ...]:
 
 
 def values_of(record: CycleRecord) -> dict[str, Value]:
-    """The value of every column of `columns.COLUMNS`, by its name. Raises: RecordingError for inconsistent values."""
+    """Return each column's value by name (`columns.COLUMNS`). Raises: RecordingError for inconsistent values."""
     told = Told(record)
     with telling(f"The cycle {record.cycle_id!r}"):
         return {column.name: stored(column.take(told)) for column in COLUMNS}

@@ -108,13 +108,13 @@ class Store:
             return {name: (size, mtime_ns) for name, size, mtime_ns in rows}
 
     def folders(self) -> dict[str, Stamp]:
-        """The folders that need not be listed while their times are these."""
+        """Return the folders that need not be listed while their times are these."""
         with asking(self.path):
             rows = self.connection.execute("SELECT folder, mtime_ns, ctime_ns FROM folders")
             return {folder: Stamp(*times) for folder, *times in rows}
 
     def folders_with_rows(self) -> list[str]:
-        """The folders of all rows whose file is not deleted."""
+        """Return the folders of all rows whose file is not deleted."""
         with asking(self.path):
             return [folder for (folder,) in self.connection.execute(f"SELECT DISTINCT folder FROM cycle WHERE {THERE}")]
 

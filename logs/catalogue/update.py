@@ -30,7 +30,7 @@ def quietly(files: Iterable[File], _total: int) -> Iterable[File]:
 
 
 def root_of(folder: Path) -> tuple[Path, str]:
-    """The folder of recordings that a folder belongs to, and the way down to it.
+    """Return the folder of recordings that a folder belongs to, and the way down to it.
 
     The catalogue of a day lies in its parent, where there is one; any other folder has its own.
     """

@@ -17,6 +17,7 @@ from logs.catalogue.columns import GROUPS
 from logs.catalogue.rows import values_of
 from logs.comparison.motion import MotionRow, compare_motion
 from logs.mcap.reader import CycleRecord
+from logs.recorded_settings import settings_in
 
 Kind = Literal["input", "decision", "outcome"]
 KINDS: tuple[Kind, ...] = ("input", "decision", "outcome")
@@ -74,7 +75,7 @@ class Row:
     meaning: str
 
     def to_json(self) -> Json:
-        """The fields as a JSON object."""
+        """Return the fields as a JSON object."""
         return asdict(self)
 
 
@@ -97,7 +98,7 @@ class Comparison:
         return sum(row.kind == kind for row in self.rows)
 
     def to_json(self) -> Json:
-        """The comparison as a JSON object."""
+        """Return the comparison as a JSON object."""
         first = self.first
         return {
             "a": self.a.cycle_id,
@@ -132,18 +133,10 @@ def _is_noticeable(row: Row) -> bool:
 
 
 def _settings(a: CycleRecord, b: CycleRecord) -> Iterator[Row]:
-    in_a, in_b = dict(_leaves(a.station)), dict(_leaves(b.station))
+    in_a, in_b = dict(settings_in(a.station)), dict(settings_in(b.station))
     for key in dict.fromkeys([*in_a, *in_b]):
         if in_a.get(key) != in_b.get(key):
             yield Row("asked", "input", key, _value(in_a.get(key)), _value(in_b.get(key)), "", "A setting.")
-
-
-def _leaves(tree: object, path: str = "") -> Iterator[tuple[str, object]]:
-    if isinstance(tree, dict) and tree:
-        for key, value in tree.items():
-            yield from _leaves(value, f"{path}.{key}" if path else str(key))
-    else:
-        yield path, tree
 
 
 def _value(value: object) -> Value:

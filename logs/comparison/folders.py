@@ -59,7 +59,7 @@ class Rate:
         return rate_difference(self.rate_a, self.rate_b)
 
     def to_json(self) -> Json:
-        """The counts, rates and bounds as a JSON object."""
+        """Return the counts, rates and bounds as a JSON object."""
         return {
             "name": self.name,
             "a": _json(self.rate_a, self.a),
@@ -78,7 +78,7 @@ class Time:
     difference: Interval | None
 
     def to_json(self) -> Json:
-        """The medians and bounds as a JSON object."""
+        """Return the medians and bounds as a JSON object."""
         return {"name": self.name, "a_s": self.a_s, "b_s": self.b_s, "difference": _bounds(self.difference)}
 
 
@@ -148,7 +148,7 @@ def compare_folders(a: Path, b: Path, day: str = "", progress: Progress = quietl
 
 
 def picks(catalogue: Catalogue, day: str = "") -> list[Pick]:
-    """The picks of a catalogue: cycles that ended in SUCCESS, FAILED or ABORTED and were not tried again."""
+    """Return the picks of a catalogue: cycles that ended in SUCCESS, FAILED or ABORTED and were not tried again."""
     where, given = catalogue.where(day)
     sql = (
         f"SELECT {', '.join(Pick._fields)} FROM cycle WHERE {where}"

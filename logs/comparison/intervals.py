@@ -28,7 +28,7 @@ class Interval(NamedTuple):
 
 
 def rate(part: int, whole: int) -> Interval | None:
-    """The rate ``part / whole`` with Wilson's interval; None of nothing."""
+    """Return the rate ``part / whole`` with Wilson's interval; None of nothing."""
     if whole == 0:
         return None
     share, z2 = part / whole, _Z**2

@@ -44,7 +44,7 @@ class MotionRow:
     hand_m: float = 0.0
 
     def to_json(self) -> Json:
-        """The fields as a JSON object."""
+        """Return the fields as a JSON object."""
         return asdict(self)
 
     def in_words(self) -> str:
@@ -68,7 +68,7 @@ def compare_motion(a: CycleRecord, b: CycleRecord) -> list[MotionRow]:
 
 
 def named_runs(record: CycleRecord) -> Named:
-    """The played segments by name and number of the name, in the order they ran."""
+    """Return the played segments by name and number of the name, in the order they ran."""
     seen: Counter[str] = Counter()
     named: Named = {}
     for run in _runs(record):
@@ -78,7 +78,7 @@ def named_runs(record: CycleRecord) -> Named:
 
 
 def torque_nm(run: SegmentRun) -> Array:
-    """The largest torque from outside on any joint, of each measured sample (n,)."""
+    """Return the largest torque from outside on any joint, of each measured sample (n,)."""
     largest: Array = np.abs(run.motion.tau_ext_nm).max(axis=1, initial=0.0)
     return largest
 

@@ -31,7 +31,7 @@ class Played(NamedTuple):
 
 
 def played(content: Content) -> Iterator[Played]:
-    """The motions of the arm in the order of time; one that was refused or broke off has no answer, and is left out."""
+    """Yield the arm's motions in order of time; one that was refused or broke off has no answer, and is left out."""
     asked = [(at_ns, None) for at_ns, _ in content.payloads.get(f"{topics.ARM_EXECUTE.key}/query", [])]
     answered = content.payloads.get(f"{topics.ARM_EXECUTE.key}/reply", [])
     began_ns = None

@@ -92,7 +92,7 @@ EPISODE = {key: row for key, row in OUTCOME.items() if key != "task"}
 
 
 def frame_table(columns: Mapping[str, Array]) -> Any:
-    """The rows of an episode's frames: vectors as lists of a fixed length."""
+    """Return the rows of an episode's frames: vectors as lists of a fixed length."""
     arrays = {}
     for key, feature in {**FEATURES, **INDICES}.items():
         values = columns[key].astype(feature.dtype)
@@ -102,7 +102,7 @@ def frame_table(columns: Mapping[str, Array]) -> Any:
 
 
 def episode_table(told: Mapping[str, Any]) -> Any:
-    """The row of one episode."""
+    """Return the row of one episode."""
     return pyarrow.table({key: pyarrow.array([value], _type_of(key)) for key, value in told.items()})
 
 
@@ -119,7 +119,7 @@ def _type_of(key: str) -> Any:
 
 
 def task_table(tasks: Sequence[str]) -> Any:
-    """The tasks, as pandas writes them: the text is the index of the table."""
+    """Return the tasks, as pandas writes them: the text is the index of the table."""
     table = pyarrow.table({"task_index": pyarrow.array(range(len(tasks)), pyarrow.int64()), "task": list(tasks)})
     named = {"name": "task_index", "field_name": "task_index", "pandas_type": "int64", "numpy_type": "int64"}
     index = {"name": "task", "field_name": "task", "pandas_type": "unicode", "numpy_type": "object"}

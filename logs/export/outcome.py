@@ -39,7 +39,7 @@ OUTCOME: dict[str, tuple[str, str]] = {
 
 
 def outcome(record: CycleRecord, recording: str, frame: Frame) -> dict[str, Any]:
-    """The values of `OUTCOME`. ``recording``: its path. ``frame``: one that its cameras took."""
+    """Return the values of `OUTCOME`. ``recording``: its path. ``frame``: one that its cameras took."""
     execution, verdict, result = _result(record, "execute"), _result(record, "verify"), record.result
     grasp, pose = planned_grasp(record)
     grasped = execution.grasped if execution is not None else None
@@ -66,7 +66,7 @@ def outcome(record: CycleRecord, recording: str, frame: Frame) -> dict[str, Any]
 
 
 def planned_grasp(record: CycleRecord) -> tuple[Grasp | None, Transform | None]:
-    """The grasp that plan chose, and ``base_from_tcp`` (4, 4) with the tilt that it chose; None without a plan."""
+    """Return the grasp that plan chose, and ``base_from_tcp`` (4, 4) with the tilt it chose; None without a plan."""
     found, plan = _result(record, "detect"), _result(record, "plan")
     if found is None or plan is None:
         return None, None
@@ -85,7 +85,7 @@ def task_of(job: Job) -> str:
 
 
 def as_json(camera: CameraModel) -> str:
-    """The intrinsics of a camera as JSON."""
+    """Return the intrinsics of a camera as JSON."""
     return json.dumps(camera.model_dump(mode="json"))
 
 

@@ -56,7 +56,7 @@ class Packed:
         }
 
     def stats(self, columns: dict[str, Array]) -> dict[str, Stats]:
-        """The statistics of its columns and of its videos."""
+        """Return the statistics of its columns and of its videos."""
         numbers = {key: of_numbers(values) for key, values in columns.items()}
         return {**numbers, **{key: video.stats for key, video in self.videos.items()}}
 
@@ -65,7 +65,7 @@ class Packed:
 
 
 def packing(root: Path, fps: int) -> Work[Packed]:
-    """The work that makes a packed episode of a recording. ``root``: the folder of recordings."""
+    """Return the work that makes a packed episode of a recording. ``root``: the folder of recordings."""
     return partial(readable, partial(_packed, root=root, fps=fps))
 
 

@@ -23,24 +23,24 @@ Progress = Callable[[Iterable[Path], int], Iterable[Path]]
 
 ResultT = TypeVar("ResultT")
 Work = Callable[[Path], "ResultT | RecordingError"]
-"""What is done with one recording, in this process or in another; an error is a result, too."""
+"""The work on one recording, in this process or in another; an error is a result, too."""
 
 
 class Runner(Protocol):
     """Whoever does the work on the recordings, for example several processes."""
 
     def __call__(self, work: Work[ResultT], paths: Sequence[Path]) -> Iterator[ResultT | CellError]:
-        """The results, in the order of the paths; the error of what its worker did not survive."""
+        """Yield the results, in the order of the paths; the error of what its worker did not survive."""
         ...
 
 
 def alone(work: Work[ResultT], paths: Sequence[Path]) -> Iterator[ResultT | CellError]:
-    """The results of this process, one after the other."""
+    """Yield the results of this process, one after the other."""
     return map(work, paths)
 
 
 def readable(work: Callable[[Path], ResultT], path: Path) -> ResultT | RecordingError:
-    """The result of the work, or the error of a recording that cannot be read or lacks what is needed."""
+    """Return the result of the work, or the error of a recording that cannot be read or lacks what is needed."""
     try:
         return work(path)
     except RecordingError as error:
@@ -60,7 +60,7 @@ class LeftOut:
     is_damaged: bool
 
     def to_json(self) -> Json:
-        """The fields as a JSON object."""
+        """Return the fields as a JSON object."""
         return {"recording": shown(self.path), "why": self.why, "is_damaged": self.is_damaged}
 
 
@@ -86,7 +86,7 @@ class Selection:
         self.left_out.append(LeftOut(path, why, not isinstance(error, NothingToExport)))
 
     def nothing(self) -> NothingToExport:
-        """The error for a data set without any content: why the first recording is not in it."""
+        """Return the error for a data set without any content: why the first recording is not in it."""
         paths = {*self.paths}
         first = next(one for one in self.left_out if one.path in paths)
         return NothingToExport(f"None of {len(paths)} recordings can be exported; {shown(first.path)}: {first.why}")
@@ -107,13 +107,13 @@ class Done:
     left_out: tuple[LeftOut, ...]
 
     def to_json(self) -> Json:
-        """The fields as a JSON object."""
+        """Return the fields as a JSON object."""
         said: dict[str, Any] = {"target": shown(self.target), **self.counts, "bytes": self.recordings_bytes}
         return {**said, "left_out": [one.to_json() for one in self.left_out]}
 
 
 def select(catalogue: Catalogue, where: str = "") -> Selection:
-    """The recordings of an up-to-date catalogue that a condition in SQL chooses, oldest first.
+    """Return the recordings of an up-to-date catalogue that a condition in SQL chooses, oldest first.
 
     Args:
         where: of the columns of ``cycles`` (docs/catalogue.md), e.g. ``result = 'SUCCESS'``; "" chooses all.

@@ -32,11 +32,11 @@ class Samples:
     utc_ns: Array
 
     def between(self, at_s: Array) -> Array:
-        """The values (m, d) at these times (m,), linear between two samples, held outside of them."""
+        """Return the values (m, d) at these times (m,), linear between two samples, held outside of them."""
         return np.stack([np.interp(at_s, self.time_s, column) for column in self.values.T], axis=-1)
 
     def latest(self, at_s: Array) -> Array:
-        """The last values (m, d) at or before these times (m,); before the first sample, that one's."""
+        """Return the last values (m, d) at or before these times (m,); before the first sample, that one's."""
         return np.asarray(self.values[_last_at(self.time_s, at_s)])
 
     def latest_utc_ns(self, at_s: Array) -> Array:
@@ -116,7 +116,7 @@ def measured_width(record: CycleRecord, content: Content, clock: EpisodeClock) -
 
 
 def commanded_width(content: Content, clock: EpisodeClock, rest_m: Array) -> Samples:
-    """The width (n, 1) [m] that the hand was told; `PRESS_WIDTH_M` from a grasp on, ``rest_m`` before all of it."""
+    """Return the width (n, 1) [m] that the hand was told: `PRESS_WIDTH_M` from a grasp on, ``rest_m`` before all."""
     moves = content.payloads.get(f"{topics.HAND_MOVE.key}/query", [])
     grasps = content.payloads.get(f"{topics.HAND_GRASP.key}/query", [])
     told = [(at_ns, decode(HandMove, payload).width_m) for at_ns, payload in moves]
@@ -128,11 +128,11 @@ def commanded_width(content: Content, clock: EpisodeClock, rest_m: Array) -> Sam
 
 
 STAGES = ("between", "capture", "detect", "plan", "execute", "verify", "deliver")
-"""What the cell did, by its index: a stage of the cycle, or nothing that is a stage."""
+"""Activities of the cell, by index: a stage of the cycle, or none."""
 
 
 def stage_index(stages: Iterable[Stage], clock: EpisodeClock, at_s: Array) -> Array:
-    """The index (m,) of the stage in `STAGES` that ran at these times."""
+    """Return the index (m,) of the stage in `STAGES` that ran at these times."""
     index = np.zeros(len(at_s), np.int64)
     for stage in sorted(stages, key=lambda one: one.started_ns):
         began_s, ended_s = clock.time_s([stage.started_ns, stage.started_ns + round(stage.duration_s * 1e9)])

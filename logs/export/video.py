@@ -63,7 +63,7 @@ def depth_codes(depth_m: Array) -> Array:
 
 
 def depth_m(codes: Array) -> Array:
-    """The depth (h, w) [m] behind `depth_codes`; NaN = not measured."""
+    """Return the depth (h, w) [m] behind `depth_codes`; NaN = not measured."""
     low, high = np.log(DEPTH_MIN_M + DEPTH_SHIFT_M), np.log(DEPTH_MAX_M + DEPTH_SHIFT_M)
     metres = np.exp(codes / _DEPTH_CODES * (high - low) + low) - DEPTH_SHIFT_M
     return np.asarray(np.where(codes == 0, np.nan, metres))

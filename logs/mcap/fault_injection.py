@@ -26,7 +26,7 @@ class FaultyDisk(Faulty):
         return FaultyFile(file, self)
 
     def take(self, data: bytes) -> bytes:
-        """The bytes to write instead of ``data``, after the fault's delay. Raises: OSError."""
+        """Return the bytes to write instead of ``data``, after the fault's delay. Raises: OSError."""
         with self._turn:
             self._turn.wait_for(lambda: self._fault is not Fault.STUCK)
             self._turn.wait_for(lambda: self._fault is not Fault.SLOW, self.delay_s)
@@ -52,7 +52,7 @@ class FaultyFile:
         self._file.flush()
 
     def fileno(self) -> int:
-        """The file's descriptor."""
+        """Return the file's descriptor."""
         return self._file.fileno()
 
     def close(self) -> None:

@@ -43,7 +43,7 @@ _IN_SUMMARY = frozenset(
 
 
 def records(file: IO[bytes]) -> Iterator[McapRecord]:
-    """The schemas, channels, messages, attachments and metadata of a finished file, in order, with checksums verified.
+    """Yield schemas, channels, messages, attachments and metadata of a finished file in order, checksums verified.
 
     Raises: Damage for a file that is not an MCAP, torn, damaged or beyond the limits; OSError.
     """
@@ -107,7 +107,7 @@ class Summary:
                 yield record
 
     def attachment(self, name: str) -> bytes | None:
-        """The newest attachment of this name; None without one."""
+        """Return the newest attachment of this name; None without one."""
         found = [index for index in self._attachments if index.name == name]
         record = self._at(found[-1].offset, Opcode.ATTACHMENT) if found else None
         return record.data if isinstance(record, Attachment) else None

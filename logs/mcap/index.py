@@ -17,9 +17,9 @@ from bus import topics
 from bus.codec import Json, decode
 from bus.errors import BadPayload, ConfigError, RecordingError
 from bus.messages import Attempt, CycleResult
+from logs.mcap.content_reader import STATION, require_ours, station_tree
 from logs.mcap.finished_reader import Summary, records
 from logs.mcap.names import found_below, is_folder, reading, shown
-from logs.mcap.reader import STATION, require_ours, station_tree
 from logs.mcap.recorder import PART
 
 FINE = ("SUCCESS", "EMPTY")
@@ -63,7 +63,7 @@ class Entry:
         return self.result not in FINE
 
     def to_json(self) -> Json:
-        """The fields as a JSON object, with the path as ``recording``."""
+        """Return the fields as a JSON object, with the path as ``recording``."""
         return {"recording": shown(self.path), **{name: getattr(self, name) for name in _TOLD}}
 
 
@@ -93,7 +93,7 @@ class Filter:
         return day_named(self.day, self.now).replace("-", "")
 
     def at_one_time(self) -> Filter:
-        """The same, with the clock read."""
+        """Return the same filter, with the clock read."""
         return replace(self, now=self.now or datetime.now(UTC))
 
     @property
@@ -119,7 +119,7 @@ class Filter:
 
 
 def day_named(day: str, now: datetime | None = None) -> str:
-    """The day that is meant, e.g. ``2026-11-28``: "today" is that of ``now`` (UTC; None = of this machine's clock).
+    """Return the day that is meant, e.g. ``2026-11-28``; "today" is that of ``now`` (UTC; None = of the clock).
 
     Raises: ConfigError for what is neither a day nor the month or year of one.
     """
@@ -139,7 +139,7 @@ def _is_day(day: str) -> bool:
 
 
 def list_cycles(folder: Path, wanted: Filter | None = None) -> Iterator[Entry]:
-    """The selected recordings below ``folder``, newest first. Raises: RecordingError when the folder does not exist."""
+    """Yield the selected recordings below ``folder``, newest first. Raises: RecordingError without that folder."""
     wanted = (wanted or Filter()).at_one_time()
     dated = sorted(filter(wanted.dates, recordings(folder)), key=lambda path: wanted.age(path.name), reverse=True)
     entries = map(read_entry, dated)
@@ -147,7 +147,7 @@ def list_cycles(folder: Path, wanted: Filter | None = None) -> Iterator[Entry]:
 
 
 def recordings(folder: Path) -> list[Path]:
-    """The recordings' files, newest first. Raises: RecordingError when the folder does not exist."""
+    """Return the recordings' files, newest first. Raises: RecordingError when the folder does not exist."""
     if not is_folder(folder):
         raise RecordingError(
             f"There is no folder {shown(folder)}.", "Nothing was recorded yet, or name another folder."
@@ -165,7 +165,7 @@ def is_a_path(name: str) -> bool:
 
 
 def the_one(name: str, among: Sequence[Path], folder: Path) -> Path:
-    """The recording of the cycle with this id or an unambiguous part of it, among those of ``folder``.
+    """Return the recording of the cycle with this id or an unambiguous part of it, among those of ``folder``.
 
     Raises: RecordingError when there is none, or more than one.
     """
@@ -182,7 +182,7 @@ def the_one(name: str, among: Sequence[Path], folder: Path) -> Path:
 
 
 def read_entry(path: Path) -> Entry:
-    """The entry of one recording; errors of the file become part of the entry and are never raised."""
+    """Return the entry of one recording; errors of the file become part of the entry and are never raised."""
     name = _id_of(path)
     if path.suffix == PART:
         return Entry(path, name, "TORN", reason="not finished; `cell recover` makes it readable")
@@ -193,7 +193,7 @@ def read_entry(path: Path) -> Entry:
 
 
 def read_result(path: Path) -> CycleResult | None:
-    """The result in one recording, None without one. Raises: RecordingError, BadPayload."""
+    """Return the result in one recording, None without one. Raises: RecordingError, BadPayload."""
     results = [payload for topic, payload in _look(path).said if topic == _RESULT]
     return decode(CycleResult, results[-1]) if results else None
 

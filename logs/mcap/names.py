@@ -12,12 +12,12 @@ from logs.mcap.records import Damage
 
 
 def shown(path: Path) -> str:
-    """The path as one printable line, whatever bytes its name contains."""
+    """Return the path as one printable line, whatever bytes its name contains."""
     return printable(os.fsencode(path).decode("utf-8", "backslashreplace"))
 
 
 def printable(text: str) -> str:
-    """The text as one line."""
+    """Return the text as one line."""
     return "".join(one if one.isprintable() else one.encode("unicode_escape").decode() for one in text)
 
 
@@ -58,7 +58,7 @@ def is_folder(path: Path) -> bool:
 
 
 def found_below(folder: Path, pattern: str) -> list[Path]:
-    """The files below ``folder`` whose names match, sorted by path. Raises: RecordingError."""
+    """Return the files below ``folder`` whose names match, sorted by path. Raises: RecordingError."""
     with reading(folder):
         os.listdir(folder)  # raises; `rglob` silently finds nothing without permission
         return sorted(folder.rglob(pattern))

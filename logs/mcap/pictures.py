@@ -15,7 +15,7 @@ _IN_COLOR = frozenset({b"color", b"goal_image"})
 
 
 def without_pictures(payload: bytes) -> bytes:
-    """The message (JSON) with a black pixel in place of every PNG that is a field of its own."""
+    """Return the message (JSON) with a black pixel in place of every PNG that is a field of its own."""
     return _PICTURE.sub(lambda found: b'"%s":%s' % (found[1], _pixel(found[1] in _IN_COLOR)), payload)
 
 

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
-import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -13,7 +11,6 @@ from pathlib import Path
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
-from mcap.records import Attachment, Channel, McapRecord, Message, Metadata
 
 from bus import topics
 from bus.arrays import Transform
@@ -35,12 +32,10 @@ from bus.messages import (
     View,
 )
 from bus.sensor_codec import arm_joints, frame_from_wire
-from logs.mcap.finished_reader import Summary, records
+from logs.mcap.content_reader import read_content, read_topics, require_ours
 from logs.mcap.migrate import Content, migrate
-from logs.mcap.names import reading, shown
+from logs.mcap.names import shown
 from logs.mcap.pictures import without_pictures
-from logs.mcap.recorder import PART
-from logs.mcap.records import Damage
 from logs.mcap.thin import ARCHIVED, THINNED
 
 STAGE_TOPICS = (
@@ -53,13 +48,11 @@ STAGE_TOPICS = (
     topics.DELIVER,
 )
 _TOLD = (*STAGE_TOPICS, topics.ATTEMPT, topics.RESULT, topics.SCENE, topics.MODEL_REPLY, topics.STATE, topics.EVENT)
-"""What `read_stages` reads."""
-STATION = "station.json"
+"""Topics that `read_stages` reads."""
 RECOVERED = "recovered"
 """Metadata key of a recovered recording; such a recording may end anywhere."""
 PLUG_INS = "plug_ins"
 """Metadata key of the packages of other makers, a JSON object: by the setting that names what one brings."""
-_STATION_DEPTH = 32
 _HEALTH = re.compile(topics.NODE_HEALTH.key.format(name="[^/]+"))
 
 
@@ -135,7 +128,7 @@ class CycleRecord:
 
 def read_cycle(path: Path) -> CycleRecord:
     """Read one closed recording; older ones are migrated. Raises: RecordingError, which names the error of the file."""
-    return _made(path, _read(path), has_frames=True)
+    return _made(path, read_content(path), has_frames=True)
 
 
 def read_with_messages(path: Path) -> tuple[CycleRecord, Content]:
@@ -143,7 +136,7 @@ def read_with_messages(path: Path) -> tuple[CycleRecord, Content]:
 
     Raises: RecordingError.
     """
-    raw = _read(path)
+    raw = read_content(path)
     return _made(path, raw, has_frames=True, has_pictures=False), raw
 
 
@@ -154,23 +147,8 @@ def read_stages(path: Path) -> CycleRecord:
 
     Raises: RecordingError.
     """
-    require_finished(path)
-    with reading(path), path.open("rb") as file:
-        summary = Summary(file)
-        raw = _content(summary) if summary.is_there else None
-    return _made(path, raw or _read(path), has_frames=False, has_pictures=False)
-
-
-def _content(summary: Summary) -> Content:
-    """The metadata, the station and the messages of `_TOLD`. Raises: Damage, OSError."""
-    raw = Content()
-    for table in summary.metadata():
-        raw.metadata.update(table.metadata)
-    station = summary.attachment(STATION)
-    raw.station = station_tree(station) if station is not None else None
-    for topic, at_ns, payload in summary.timed_messages(frozenset(f"/{one.key}" for one in _TOLD)):
-        raw.payloads.setdefault(topic.removeprefix("/"), []).append((at_ns, payload))
-    return raw
+    raw = read_topics(path, [topic.key for topic in _TOLD])
+    return _made(path, raw, has_frames=False, has_pictures=False)
 
 
 def _made(path: Path, raw: Content, *, has_frames: bool, has_pictures: bool = True) -> CycleRecord:
@@ -185,74 +163,6 @@ def _made(path: Path, raw: Content, *, has_frames: bool, has_pictures: bool = Tr
         raise RecordingError(
             f"{shown(path)} holds a damaged message: {error.text}", "It cannot be replayed."
         ) from error
-
-
-def require_ours(path: Path, *, has_station: bool, metadata: Mapping[str, str]) -> None:
-    """Refuse an MCAP of another program. Raises: RecordingError."""
-    if not has_station or "cycle_id" not in metadata:
-        raise RecordingError(f"{shown(path)} is an MCAP, but not a recording of this cell.", f"It lacks {STATION}.")
-
-
-def require_finished(path: Path) -> None:
-    """Refuse a missing or unfinished recording. Raises: RecordingError."""
-    with reading(path):
-        is_file = path.is_file()
-    if is_file and path.name.endswith(PART):
-        raise RecordingError(
-            f"{shown(path)} was not finished.",
-            f"Its process ended in the cycle, or still writes: `cell recover {shown(path)}` makes it whole.",
-        )
-    if not is_file:
-        raise RecordingError(f"There is no recording {shown(path)}.", "See `cell cycles`.")
-
-
-def _read(path: Path) -> Content:
-    require_finished(path)
-    raw = Content()
-    with reading(path), path.open("rb") as file:
-        _fill(raw, records(file))
-    return raw
-
-
-def _fill(raw: Content, found: Iterator[McapRecord]) -> None:
-    """Read all records of the data section, checking its checksum; the summary only repeats them. Raises: Damage."""
-    keys: dict[int, str] = {}
-    for record in found:
-        match record:
-            case Metadata():
-                raw.metadata.update(record.metadata)
-            case Attachment(name=name) if name == STATION:
-                raw.station = station_tree(record.data)
-            case Channel():
-                keys[record.id] = record.topic.removeprefix("/")
-            case Message():
-                if record.channel_id not in keys:
-                    raise Damage("a message of it belongs to no channel")
-                raw.payloads.setdefault(keys[record.channel_id], []).append((record.log_time, record.data))
-
-
-def station_tree(document: bytes) -> Json:
-    """The attached station: a JSON document that is a tree of settings. Raises: Damage for any other document."""
-    try:
-        tree = json.loads(document)
-        json.dumps(tree, ensure_ascii=False).encode()  # raises for characters that cannot be encoded
-    except (ValueError, RecursionError) as error:
-        raise Damage(f"{STATION} is no JSON") from error
-    if not isinstance(tree, dict) or not _is_shallow(tree, _STATION_DEPTH):
-        raise Damage(f"{STATION} is no tree of settings")
-    return tree
-
-
-def _is_shallow(value: object, levels: int) -> bool:
-    inner = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
-    return levels > 0 and all(_is_shallow(one, levels - 1) for one in inner)
-
-
-def recorded_number(tree: object, *keys: str) -> float | None:
-    """A numeric setting of a recorded station of any version; None without such a number."""
-    for key in keys:
-        tree = tree.get(key) if isinstance(tree, dict) else None
-    return float(tree) if isinstance(tree, int | float) and math.isfinite(tree) else None
 
 
 def _cycle(raw: Content, *, has_frames: bool) -> CycleRecord:

@@ -83,7 +83,7 @@ Under = Callable[[BinaryIO], Output]
 
 
 def plain(file: BinaryIO) -> Output:
-    """The file unchanged."""
+    """Return the file unchanged."""
     return file
 
 

@@ -108,7 +108,7 @@ def framed(content: bytes) -> Iterator[tuple[int, bytes]]:
 
 
 def parsed(opcode: int, body: bytes) -> McapRecord:
-    """The parsed record of one of the kinds with content. Raises: Damage when ``body`` does not fit the kind."""
+    """Return the parsed record of one of the kinds with content. Raises: Damage when ``body`` does not fit the kind."""
     try:
         if opcode == Opcode.MESSAGE:
             channel_id, sequence, log_time, publish_time = _MESSAGE.unpack_from(body)
@@ -139,7 +139,7 @@ def _require_checksum(attachment: bytes) -> None:
 
 
 def content_of(body: bytes, budget: Budget) -> bytes:
-    """The uncompressed content of a chunk, its checksum verified. Raises: Damage."""
+    """Return the uncompressed content of a chunk, its checksum verified. Raises: Damage."""
     chunk = cast(Chunk, parsed(Opcode.CHUNK, body))
     size = chunk.uncompressed_size
     if size > MAX_CHUNK_BYTES:
@@ -154,7 +154,7 @@ def content_of(body: bytes, budget: Budget) -> bytes:
 
 
 def unpacked(compression: str, data: bytes, limit: int) -> bytes:
-    """The uncompressed ``data``, at most ``limit`` + 1 bytes.
+    """Return the uncompressed ``data``, at most ``limit`` + 1 bytes.
 
     Raises: Damage, UnknownCompression.
     """

@@ -50,7 +50,7 @@ class Recovered:
         return bool(self.losses) or (was_finished_once and self.ended == "torn")
 
     def to_json(self) -> Json:
-        """The fields as a JSON object, the losses merged into it."""
+        """Return the fields as a JSON object, the losses merged into it."""
         said = asdict(self)
         losses = said.pop("losses")
         lost_chunks = losses.pop("damaged")

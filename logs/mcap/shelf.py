@@ -25,7 +25,7 @@ PIN = ".keep"
 
 
 def cycle_of(path: Path) -> str:
-    """The cycle of a recording of the cell's own naming; "" for any other name."""
+    """Return the cycle of a recording of the cell's own naming; "" for any other name."""
     named = _OURS.fullmatch(path.name.removesuffix(PART))
     return named[1] if named else ""
 

@@ -97,7 +97,7 @@ class _Copy:
 
 
 def without_frames(payload: bytes) -> bytes:
-    """The message (JSON) with a grey picture of the same size for every colour picture, and none that a model drew."""
+    """Return the message (JSON) with its colour pictures grey, of the same size, and without those of a model."""
     return _DRAWN.sub(b'"image_png": null', _PICTURE.sub(lambda one: b'"%s":%s' % (one[1], _grey(one[2])), payload))
 
 

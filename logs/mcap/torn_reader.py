@@ -81,7 +81,7 @@ class TornReader:
         self.losses = Losses()
 
     def records(self) -> Iterator[McapRecord]:
-        """The readable records, up to the end of the data section or the truncated end. Raises: OSError."""
+        """Yield the readable records, up to the end of the data section or the truncated end. Raises: OSError."""
         yield from self._repeated()
         self._source.seek(0)
         if self._source.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:

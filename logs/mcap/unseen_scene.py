@@ -14,7 +14,7 @@ Json = dict[str, Any]
 
 
 def with_scene(payload: bytes) -> bytes:
-    """The record of detect (JSON) with a scene that holds the object of its evidence; unchanged without a result."""
+    """Return the record of detect (JSON) with a scene that holds its evidence's object; unchanged without a result."""
     record: Json = json.loads(payload)
     found = record.get("result")
     if not isinstance(found, dict) or "scene" in found:

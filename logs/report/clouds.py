@@ -49,7 +49,7 @@ class View(NamedTuple):
 
 
 def clouds(found: Detections, grasp: Grasp | None, base_from_color: Array, is_painted: bool) -> View:
-    """The observed and the imagined points before and after alignment, the rod's run, and the hand at ``grasp``.
+    """Return the observed and the imagined points before and after alignment, the rod's run, and the hand at ``grasp``.
 
     Args:
         base_from_color: (4, 4).

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple, TypeVar
@@ -12,7 +12,8 @@ from bus.messages import Delivery, Detections, Execution, PickPlan, SegmentRun, 
 from config.load import load_station
 from config.robot import recorded_limits
 from logs.mcap.names import telling
-from logs.mcap.reader import CycleRecord, recorded_number
+from logs.mcap.reader import CycleRecord
+from logs.recorded_settings import recorded_number, settings_in
 from logs.report import evidence, figures, images
 from logs.report.in_the_way import in_the_way
 from logs.report.looks import Looks, looks_view
@@ -215,18 +216,10 @@ def _log(record: CycleRecord, timeline: Timeline) -> list[LogLine]:
 
 
 def configuration_changes(station: Mapping[str, object]) -> list[tuple[str, str, str]]:
-    """(key, recorded, default) of every recorded setting that differs from the simulated cell's; "-" = it has none.
+    """Return (key, recorded, default) of every recorded setting that differs from the simulated cell's; "-" = it has none.
 
     A station is recorded with its defaults: a setting that is not there is younger than the recording.
     """
-    default = dict(_leaves(load_station().model_dump(mode="json")))
-    here = [(key, value, default.get(key, "-")) for key, value in _leaves(station)]
+    default = dict(settings_in(load_station().model_dump(mode="json")))
+    here = [(key, value, default.get(key, "-")) for key, value in settings_in(station)]
     return [(key, str(value), str(usual)) for key, value, usual in here if value != usual]
-
-
-def _leaves(tree: object, path: str = "") -> Iterator[tuple[str, object]]:
-    if isinstance(tree, dict) and tree:
-        for key, value in tree.items():
-            yield from _leaves(value, f"{path}.{key}" if path else str(key))
-    else:
-        yield path, tree

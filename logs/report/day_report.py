@@ -20,8 +20,9 @@ from bus.errors import RecordingError
 from logs.catalogue import known_entries
 from logs.mcap.index import Entry, recordings
 from logs.mcap.names import shown
-from logs.mcap.reader import read_cycle, recorded_number
+from logs.mcap.reader import read_cycle
 from logs.mcap.recorder import PART
+from logs.recorded_settings import recorded_number
 from logs.report.cycle_report import write_report
 from logs.report.page import VERSION, write_page
 from logs.report.trend import trend
@@ -75,7 +76,7 @@ class Spread(NamedTuple):
 
 
 def days(folder: Path) -> list[Path]:
-    """The folders at and below ``folder`` that hold recordings, newest first. Raises: RecordingError for none."""
+    """Return the folders at and below ``folder`` with recordings, newest first. Raises: RecordingError for none."""
     found = list(dict.fromkeys(path.parent for path in recordings(folder)))
     if not found:
         raise RecordingError(f"There is no recording in {shown(folder)}.", "Cycles are recorded into recording.folder.")
@@ -83,7 +84,7 @@ def days(folder: Path) -> list[Path]:
 
 
 def outdated(folder: Path) -> list[Path]:
-    """The recordings whose page is missing, older than they are, or of another version; newest first."""
+    """Return the recordings whose page is missing, older than they are, or of another version; newest first."""
     return [path for path in recordings(folder) if path.suffix != PART and path.is_file() and not _is_current(path)]
 
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from bus.messages import Detections, Grasp, PickPlan
 from bus.rejection import Rejection
-from logs.mcap.reader import CycleRecord, recorded_number
+from logs.mcap.reader import CycleRecord
+from logs.recorded_settings import recorded_number
 from logs.report import images
 from logs.report.clouds import clouds
 from logs.report.look_points import true_pose
@@ -55,7 +56,7 @@ class ShownGrasp(NamedTuple):
 
 
 def choice(record: CycleRecord, found: Detections | None) -> Choice:
-    """The chosen and the rejected grasps of a cycle."""
+    """Return the chosen and the rejected grasps of a cycle."""
     best = 0 if found is not None and found.grasps else None
     stage = record.stages.get("plan")
     if stage is not None and isinstance(stage.result, PickPlan):
@@ -77,7 +78,7 @@ def thumbnail(record: CycleRecord, found: Detections | None, chosen: Choice, sce
 
 
 def seen(record: CycleRecord, found: Detections | None) -> list[Picture]:
-    """The images of the observation: colour, depth and, when captured, the view while holding."""
+    """Return the images of the observation: colour, depth and, when captured, the view while holding."""
     pictures = []
     if record.observation is not None:
         color = found.evidence.color if found is not None else record.observation.frame.color
@@ -90,7 +91,7 @@ def seen(record: CycleRecord, found: Detections | None) -> list[Picture]:
 
 
 def imagined(found: Detections | None) -> list[Picture]:
-    """The goal image and the masks of its parts; none without detections."""
+    """Return the goal image and the masks of its parts; none without detections."""
     if found is None:
         return []
     evidence = found.evidence
@@ -110,7 +111,7 @@ def is_painted(found: Detections | None) -> bool:
 
 
 def drift(record: CycleRecord, found: Detections | None) -> list[Fact]:
-    """The drift of the goal image, beside its limits; none of a painted one."""
+    """Return the drift of the goal image, beside its limits; none of a painted one."""
     if found is None or is_painted(found):
         return []
     drift = found.evidence.drift
@@ -130,7 +131,7 @@ def drift(record: CycleRecord, found: Detections | None) -> list[Fact]:
 
 
 def alignment_view(record: CycleRecord, found: Detections | None, chosen: Choice) -> AlignmentView | None:
-    """The 3-D figure of the alignment with its traces by view; None without detections."""
+    """Return the 3-D figure of the alignment with its traces by view; None without detections."""
     if found is None or record.observation is None:
         return None
     grasp = found.grasps[chosen.grasp or 0] if found.grasps else None
@@ -146,14 +147,14 @@ def alignment_view(record: CycleRecord, found: Detections | None, chosen: Choice
 
 
 def rectangles(found: Detections | None, chosen: Choice) -> str:
-    """The colour image around the object with the grasp rectangles, as a data URI; "" without detections."""
+    """Return the colour image around the object with the grasp rectangles, as a data URI; "" without detections."""
     if found is None:
         return ""
     return images.data_uri(images.crop(images.annotated(found, *chosen), found.evidence.object_mask, margin_px=60))
 
 
 def grasps(found: Detections | None) -> list[ShownGrasp]:
-    """The table of the grasps, each with its distance [mm] to the imagined one; none without detections."""
+    """Return the table of the grasps, each with its distance [mm] to the imagined one; none without detections."""
     if found is None:
         return []
 

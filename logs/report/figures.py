@@ -87,7 +87,7 @@ def load(runs: Sequence[SegmentRun]) -> Figure:
 
 
 def as_said(limits: JointLimits, arm: Sequence[Timed[JointStates]], start_ns: int) -> dict[str, Figure]:
-    """The arm's published positions and torques over the cycle, for a cycle whose motions have no result.
+    """Return the arm's published positions and torques over the cycle, for a cycle whose motions have no result.
 
     Args:
         limits: of the arm's joints. ``start_ns``: start of the cycle, UTC.
@@ -116,7 +116,7 @@ def _measured(runs: Sequence[SegmentRun], values: Array, title: str) -> Figure:
 def hand_width(
     said: Sequence[Timed[HandState]], start_ns: int, grasped_mm: float | None, least_mm: float | None
 ) -> Figure:
-    """The hand's width over the cycle [mm], the width at the grasp, and the least width of a held object.
+    """Return the hand's width over the cycle [mm], the width at the grasp, and the least width of a held object.
 
     Args:
         start_ns: start of the cycle, UTC. ``grasped_mm``, ``least_mm``: None = not drawn.

@@ -43,7 +43,7 @@ def file_uri(image: bytes | None) -> str:
 
 
 def undistorted(frame: Frame) -> Image:
-    """The colour image (H, W, 3) of a frame without its lens's distortion, as detect sees it."""
+    """Return the colour image (H, W, 3) of a frame without its lens's distortion, as detect sees it."""
     camera = frame.color_camera
     if not camera.distortion:
         return frame.color
@@ -52,7 +52,7 @@ def undistorted(frame: Frame) -> Image:
 
 
 def annotated(found: Detections, grasp: int | None, rejections: Iterable[Rejection]) -> Image:
-    """The colour image (H, W, 3) with the object's outline and the grasp rectangles: chosen, rejected, others.
+    """Return the colour image (H, W, 3) with the object's outline and the grasp rectangles: chosen, rejected, others.
 
     Args:
         grasp: index of the chosen one, None for none.
@@ -78,7 +78,7 @@ def _corners(rectangle: Rectangle) -> npt.NDArray[np.int32]:
 
 
 def crop(image: Pixels, mask: Mask, margin_px: int = 90) -> Pixels:
-    """The part of ``image`` (H, W, ...) around ``mask`` (H, W) with a margin; the whole image for an empty mask."""
+    """Return the part of ``image`` (H, W, ...) around ``mask`` (H, W) with a margin; all of it for an empty mask."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if not len(rows):
         return image

@@ -46,7 +46,7 @@ _PALM_M = (0.032, 0.102)
 _MARGIN_PX, _NEAREST, _CORNERS = 70, 15, 8
 _LEAST_M = 0.001
 _BELOW_MM = 10.0
-"""What touches so near to the jaw's middle is below the hand, and not beside it."""
+"""A touch so near to the jaw's middle is below the hand, and not beside it."""
 
 Array = npt.NDArray[np.float64]
 
@@ -216,7 +216,7 @@ def _hull(pixels: Array) -> npt.NDArray[np.int32]:
 
 
 def hand_corners(one: Obstacle) -> dict[str, Array]:
-    """The corners (8, 3) in ``base`` of both fingers and of the hand's body, by the part's name."""
+    """Return the corners (8, 3) in ``base`` of both fingers and of the hand's body, by the part's name."""
     half_m = (one.opening_m if one.opening_m is not None else 0.0) / 2
     across_m, along_m = FINGER_TIP_SIZE_M
     root_m, body_m = FINGER_TIP_M - FINGER_LENGTH_M, FINGER_TIP_M - PALM_ABOVE_TIP_M

@@ -25,7 +25,7 @@ Points = npt.NDArray[np.float64]
 
 
 def true_pose(seen: Observation, scene: ObservedScene | None) -> Transform:
-    """The pose (4, 4) of the colour camera that detect believed: with the correction of the mounting, if there is."""
+    """Return the pose (4, 4) of the colour camera that detect believed, with the correction of the mounting, if any."""
     if scene is not None and scene.mount is not None:
         seen = seen.corrected(scene.mount.color_from_corrected)
     return seen.view.base_from_color
@@ -47,7 +47,7 @@ def points_of_things(scene: ObservedScene, looks: Sequence[Observation]) -> list
 
 
 def added_shares(clouds: Sequence[Points]) -> list[float]:
-    """The share of all that the looks measured which each of them measured first; 0 for each when there is nothing."""
+    """Return the share of all measured points that each look measured first; 0 for each when there is nothing."""
     before = np.zeros((0, 3))
     new = []
     for points in clouds:

@@ -53,7 +53,7 @@ class Looks(NamedTuple):
 
 
 def looks_view(record: CycleRecord, found: Detections | None, chosen: Choice) -> Looks | None:
-    """The looks of a cycle; None of a single one, or where the scene was not recorded."""
+    """Return the looks of a cycle; None of a single one, or where the scene was not recorded."""
     scene = record.scene
     if scene is None or len(record.looks) < 2 or is_made_up(scene):
         return None

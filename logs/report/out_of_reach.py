@@ -13,7 +13,8 @@ from bus.messages import Detections
 from bus.rejection import Rejection
 from config.franka_hand import HAND_FROM_TCP_M
 from config.limits import REACH_M, SHOULDER_M
-from logs.mcap.reader import CycleRecord, recorded_number
+from logs.mcap.reader import CycleRecord
+from logs.recorded_settings import recorded_number
 
 
 class Cause(NamedTuple):
@@ -26,7 +27,7 @@ class Cause(NamedTuple):
 
 
 def unreached(record: CycleRecord, found: Detections, rejected: Sequence[Rejection]) -> list[Cause]:
-    """The causes of the rejections as unreachable, the most frequent first."""
+    """Return the causes of the rejections as unreachable, the most frequent first."""
     groups: dict[str, list[float]] = defaultdict(list)
     for one in rejected:
         if one.code is Code.UNREACHABLE:

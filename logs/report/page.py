@@ -67,7 +67,7 @@ def _typed_array(values: npt.ArrayLike) -> dict[str, str]:
 
 
 def library_name() -> str:
-    """The file name of plotly.js beside the pages, its version included."""
+    """Return the file name of plotly.js beside the pages, its version included."""
     return f"plotly-{get_plotlyjs_version()}.min.js"
 
 

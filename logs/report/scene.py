@@ -11,8 +11,9 @@ import numpy.typing as npt
 from bus.arrays import Mask, Transform
 from bus.messages import CameraModel, Detections, Instance, Observation, ObservedScene, SeenTable, Tried
 from bus.transforms import apply, inverse
-from logs.mcap.reader import CycleRecord, recorded_number
+from logs.mcap.reader import CycleRecord
 from logs.mcap.unseen_scene import is_made_up
+from logs.recorded_settings import recorded_number
 from logs.report.images import Image, crop, undistorted
 from logs.report.look_points import true_pose
 from logs.report.page import Fact
@@ -66,7 +67,7 @@ class SceneView(NamedTuple):
 
 
 def scene_view(record: CycleRecord, found: Detections | None) -> SceneView | None:
-    """The scene of a cycle; None where none was recorded, or the reader made it up for an older recording."""
+    """Return the scene of a cycle; None where none was recorded, or the reader made it up for an older recording."""
     scene = record.scene
     if scene is None or is_made_up(scene):
         return None
@@ -89,7 +90,7 @@ def what_to_show(scene: ObservedScene, corners: Array | None) -> Mask:
 
 
 def color_image(record: CycleRecord, found: Detections | None, shape: tuple[int, ...]) -> Image:
-    """The undistorted colour image; grey, of the given shape (H, W), where the recording lost the frame."""
+    """Return the undistorted colour image; grey, of the given shape (H, W), where the recording lost the frame."""
     if found is not None:
         return found.evidence.color
     if record.observation is not None:
@@ -98,7 +99,7 @@ def color_image(record: CycleRecord, found: Detections | None, shape: tuple[int,
 
 
 def region_px(record: CycleRecord, table: SeenTable, observation: Observation | None) -> Array | None:
-    """The corners (4, 2) of the pick region on the seen table, in a look's undistorted colour image; or None."""
+    """Return the corners (4, 2) of the pick region on the seen table, in a look's undistorted colour image; or None."""
     settings = record.station.get("scene")
     region_m = settings.get("pick_region_m") if isinstance(settings, dict) else None
     if observation is None or not isinstance(region_m, list) or len(region_m) != 4:
@@ -159,6 +160,6 @@ def _attempt(one: Tried) -> Attempt:
 
 
 def css_color(number: int) -> str:
-    """The colour of a thing in the picture."""
+    """Return the colour of a thing in the picture."""
     red, green, blue = color_of(number)
     return f"rgb({red}, {green}, {blue})"

@@ -81,7 +81,7 @@ class Timeline:
 
 
 def summarize(record: CycleRecord) -> Timeline:
-    """The timeline of one recorded cycle, complete or not. Raises: RecordingError for inconsistent values."""
+    """Return the timeline of one recorded cycle, complete or not. Raises: RecordingError for inconsistent values."""
     with telling(f"The cycle {record.cycle_id!r}"):
         return _told(record)
 
@@ -154,7 +154,7 @@ def _spans(record: CycleRecord, start_ns: int, length_s: float) -> Iterator[Span
 
 
 def in_words(result: Message | None) -> str:
-    """The result of a stage, in half a line; "" where there is none to report."""
+    """Return the result of a stage, in half a line; "" where there is none to report."""
     if isinstance(result, View) and result.why:
         return f"another look, {direction_in_words(result.base_from_color)}: {result.why}"
     if isinstance(result, Detections) and result.grasps:

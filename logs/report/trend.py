@@ -36,7 +36,7 @@ class Trend(NamedTuple):
 
 
 def trend(entries: Sequence[Entry]) -> Trend:
-    """The trend of cycles. An attempt that was tried again is no pick, and neither is what found nothing."""
+    """Return the trend of cycles. An attempt that was tried again is no pick, and neither is what found nothing."""
     picks = [entry for entry in entries if entry.result in _ENDED and not entry.retried_as]
     good = [entry for entry in picks if entry.result == "SUCCESS"]
     share = rate(len(good), len(picks))

@@ -44,7 +44,7 @@ class Pose:
         return np.asarray(points @ self.matrix.T + self.translation)
 
     def between(self, goal_center: Array, observed_center: Array) -> Transform:
-        """The map (4, 4) between clouds that are not centred; ``goal_center``, ``observed_center``: (3,) [m]."""
+        """Return the map (4, 4) between clouds that are not centred; ``goal_center``, ``observed_center``: (3,) [m]."""
         return affine(self.matrix, observed_center + self.translation - self.matrix @ goal_center)
 
 

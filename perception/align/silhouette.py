@@ -44,7 +44,7 @@ class Similarity:
 
 
 def outline(shape: Shape) -> Mask:
-    """The silhouette (H, W) of the object, with the band below the rod closed."""
+    """Return the silhouette (H, W) of the object, with the band below the rod closed."""
     if not shape.hidden.any():
         return shape.mask
     rows, columns = np.nonzero(shape.mask | shape.hidden)
@@ -60,7 +60,7 @@ def outline(shape: Shape) -> Mask:
 
 
 def silhouette_fits(goal: Mask, observed: Mask, most: int) -> list[Similarity]:
-    """The best similarities between two silhouettes (H, W), at most ``most`` of them, the best first.
+    """Return the best similarities between two silhouettes (H, W), at most ``most`` of them, the best first.
 
     They are the local minima of the loss over the angle, each refined on the contours.
     """

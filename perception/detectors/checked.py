@@ -16,7 +16,7 @@ _MOST_OFF = 1e-3
 
 
 def checked(name: str, given: object, seen: SeenScene) -> tuple[FoundGrasp, ...]:
-    """The grasps, their rotations made exact.
+    """Return the grasps, their rotations made exact.
 
     Args:
         name: of the detector. ``given``: what it returned.

@@ -16,7 +16,7 @@ GROUP = Group("vlad_cell.detectors", kind="detector", key="perception.detector",
 
 
 def open_detector(station: Station) -> GraspDetector | None:
-    """The detector that the station names; None = ours.
+    """Return the detector that the station names; None = ours.
 
     Raises: ConfigError for an unknown name, for a package that cannot be imported, and for a setting, which it names.
     """

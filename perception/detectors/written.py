@@ -17,7 +17,7 @@ from perception.detectors.registry import OURS, open_detector
 
 
 def written(grasps: Sequence[FoundGrasp], *, is_deterministic: bool) -> str:
-    """The grasps as JSON; its numbers read back bit for bit."""
+    """Return the grasps as JSON; its numbers read back bit for bit."""
     listed = [
         {
             "base_from_tcp": np.asarray(one.base_from_tcp).tolist(),
@@ -44,7 +44,7 @@ class RecordedDetector:
             raise RecordingError(f"The recorded grasps of {reply.model!r} cannot be read: {error}.") from error
 
     def detect(self, seen: SeenScene, cancel: Cancel) -> Sequence[FoundGrasp]:
-        """The recorded grasps. Raises: the recorded CycleFailure."""
+        """Return the recorded grasps. Raises: the recorded CycleFailure."""
         if self._reply.failure is not None:
             raise CycleFailure(self._reply.failure, self._reply.text_of_failure)
         return self._grasps
@@ -54,7 +54,7 @@ class RecordedDetector:
 
 
 def replayed_detector(station: Station, replies: Iterable[ModelReply]) -> GraspDetector | None:
-    """The detector of a replay; None = ours. One that is not deterministic gives back what was recorded.
+    """Return the detector of a replay; None = ours. One that is not deterministic gives back what was recorded.
 
     A recorded timeout happens again, too: it followed from how long the call took.
 

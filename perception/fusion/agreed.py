@@ -23,7 +23,7 @@ _WRONG_M = 0.0009
 
 
 def agreed(looks: Sequence[Look], station: Station) -> tuple[tuple[Look, ...], SeenMount | None]:
-    """The looks from where they were truly taken, and how the mounting differs from the station's; None for one look.
+    """Return the looks from where they were truly taken, and by how much the mounting is off; None for one look.
 
     With ``capture.mount_correction`` off the difference is told, and the looks stay as they are. So they do when two
     looks hardly disagree (two leave much open; correcting what is right costs 0.2 mm: docs/method.md), and when a
@@ -56,7 +56,7 @@ def disagreement(looks: Sequence[Look], station: Station) -> MountCorrection:
 
 
 def corrected(observation: Observation, mount: SeenMount | None) -> Observation:
-    """The observation from where it was truly taken, by the correction that was used."""
+    """Return the observation from where it was truly taken, by the correction that was used."""
     return observation if mount is None else observation.corrected(mount.color_from_corrected)
 
 

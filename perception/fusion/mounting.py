@@ -11,10 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial.transform import Rotation
 
 from bus.arrays import Mask, Transform
-from bus.transforms import apply, from_rotation, inverse
+from bus.transforms import apply, from_rotation, from_rotvec, inverse, to_rotvec
 from perception.geometry.depth import moved
 from perception.scene.depth_view import DepthView
 from perception.scene.normals import Surface
@@ -26,7 +25,7 @@ _BOUND = 3.0
 _POINTS = 4000
 """So many points of each view are compared."""
 _RADII_M = (0.012, 0.008, 0.006, 0.005, 0.004)
-"""What is farther apart is not the same place; smaller from step to step."""
+"""Points farther apart are not the same place; smaller from step to step."""
 _LEAST_COSINE = float(np.cos(np.deg2rad(37.0)))
 _NOISE_M = 0.0015
 """Noise of a distance; those much longer hardly count (Geman-McClure)."""
@@ -59,17 +58,17 @@ class MountCorrection:
     is_cut: bool
 
     def base_from_believed(self, base_from_color: Transform) -> Transform:
-        """The motion (4, 4) in ``base`` that corrects what was seen from ``base_from_color`` (4, 4)."""
+        """Return the motion (4, 4) in ``base`` that corrects what was seen from ``base_from_color`` (4, 4)."""
         return np.asarray(base_from_color @ self.color_from_corrected @ inverse(base_from_color))
 
     def view(self, view: DepthView, base_from_color: Transform) -> DepthView:
-        """The view from where it was truly taken."""
+        """Return the view from where it was truly taken."""
         motion = self.base_from_believed(base_from_color)
         points_base = moved(view.points_base, motion)
         return replace(view, base_from_depth=motion @ view.base_from_depth, points_base=points_base)
 
     def surface(self, surface: Surface, base_from_color: Transform) -> Surface:
-        """The surface where it truly is."""
+        """Return the surface where it truly is."""
         motion = self.base_from_believed(base_from_color)
         normals_base = moved(surface.normals_base, from_rotation(motion[:3, :3]))
         return Surface(moved(surface.points_base, motion), normals_base)
@@ -117,17 +116,17 @@ def common_correction(
     covariance = np.linalg.inv(information)
     before_m, pairs = _disagreement(looks, correction)
     for radius_m in _RADII_M if pairs else ():
-        hessian, gradient = information.copy(), information @ vector_of(correction)
+        hessian, gradient = information.copy(), information @ to_rotvec(correction)
         for residuals_m, jacobian in _compared(looks, correction, radius_m):
             share = _INDEPENDENT / len(residuals_m) / _NOISE_M**2
             weighted = (jacobian * (share * _weights(residuals_m))[:, None]).T
             hessian += weighted @ jacobian
             gradient += weighted @ residuals_m
         covariance = np.linalg.inv(hessian)
-        correction = correction @ pose_of(-covariance @ gradient)
-    believed = bounded(vector_of(correction))
-    is_cut = not np.allclose(believed, vector_of(correction), rtol=0, atol=1e-9)
-    correction = pose_of(believed)
+        correction = correction @ from_rotvec(-covariance @ gradient)
+    believed = bounded(to_rotvec(correction))
+    is_cut = not np.allclose(believed, to_rotvec(correction), rtol=0, atol=1e-9)
+    correction = from_rotvec(believed)
     after_m, _ = _disagreement(looks, correction)
     return MountCorrection(correction, covariance, before_m, after_m, pairs, is_cut)
 
@@ -178,17 +177,7 @@ def _weights(residuals_m: Array) -> Array:
 
 
 def bounded(vector: Array) -> Array:
-    """The rotation vector and translation (6,), neither longer than believed."""
+    """Return the rotation vector and translation (6,), neither longer than believed."""
     longest = _BOUND * np.array([PRIOR_RAD, PRIOR_M])
     length = np.array([np.linalg.norm(vector[:3]), np.linalg.norm(vector[3:])])
     return np.asarray(vector * np.repeat(np.minimum(1.0, longest / np.maximum(length, 1e-12)), 3))
-
-
-def vector_of(pose: Transform) -> Array:
-    """Rotation vector [rad] and translation [m] (6,) of a pose (4, 4)."""
-    return np.concatenate([Rotation.from_matrix(pose[:3, :3]).as_rotvec(), pose[:3, 3]])
-
-
-def pose_of(vector: Array) -> Transform:
-    """The pose (4, 4) of a rotation vector [rad] and translation [m] (6,)."""
-    return from_rotation(Rotation.from_rotvec(vector[:3]).as_matrix(), vector[3:])

@@ -14,8 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bus.arrays import Transform
-from bus.transforms import inverse
-from perception.fusion.mounting import pose_of
+from bus.transforms import from_rotvec, inverse
 from perception.scene.table import Table
 
 _PRIOR = np.array([*np.deg2rad([2.0, 2.0]), 0.005, *np.deg2rad([0.3] * 3), *[0.002] * 3])
@@ -88,7 +87,7 @@ def table_or_mount(
     return TableOrMount(
         unknown[:2],
         float(unknown[2]),
-        pose_of(unknown[3:]),
+        from_rotvec(unknown[3:]),
         np.sqrt(np.diag(covariance)),
         named,
         tilt_rad,
@@ -113,7 +112,7 @@ def _plane(table: Table, color_from_base: Transform) -> Array:
 
 def _left(unknown: Array, plane_color: Array, base_from_color: Transform, middle_base: Array) -> Array:
     """Return how far (3,) the view's plane, mounted thus, is from the table: two slopes, and the height [m] amid."""
-    base_from_true = base_from_color @ pose_of(unknown[3:])
+    base_from_true = base_from_color @ from_rotvec(unknown[3:])
     normal = base_from_true[:3, :3] @ plane_color[:3]
     offset_m = plane_color[3] - normal @ base_from_true[:3, 3]
     slopes = -normal[:2] / normal[2]

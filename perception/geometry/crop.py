@@ -33,7 +33,7 @@ class Crop:
 
     @staticmethod
     def around(mask: Mask, margin_px: int) -> Crop:
-        """The bounding box of ``mask`` (H, W), enlarged by ``margin_px`` and clipped to the image."""
+        """Return the bounding box of ``mask`` (H, W), enlarged by ``margin_px`` and clipped to the image."""
         rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
         window = slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
         return Crop.enclosing(window, mask.shape, margin_px)
@@ -50,11 +50,11 @@ class Crop:
         )
 
     def of(self, image: npt.NDArray[ScalarT]) -> npt.NDArray[ScalarT]:
-        """The cropped part of an image (H, W, ...), as a contiguous copy."""
+        """Return the cropped part of an image (H, W, ...), as a contiguous copy."""
         return np.ascontiguousarray(image[self.top : self.bottom, self.left : self.right])
 
     def rgbd(self, rgbd: Rgbd) -> Rgbd:
-        """The cropped RGB-D image. The principal point moves with the crop, so lifted points are unchanged."""
+        """Return the cropped RGB-D image. The principal point moves with the crop, so lifted points are unchanged."""
         camera = rgbd.camera
         part = CameraModel(
             width=self.right - self.left,

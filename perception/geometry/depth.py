@@ -38,7 +38,7 @@ class Rgbd:
 
 
 def undistorted(frame: Frame) -> npt.NDArray[np.uint8]:
-    """The colour image (H, W, 3) of a frame as a pinhole of the same matrix sees it, RGB."""
+    """Return the colour image (H, W, 3) of a frame as a pinhole of the same matrix sees it, RGB."""
     color = np.asarray(frame.color)
     if frame.color_camera.distortion:
         color = np.asarray(cv2.remap(color, *_undistortion(frame.color_camera), cv2.INTER_LINEAR))
@@ -46,7 +46,7 @@ def undistorted(frame: Frame) -> npt.NDArray[np.uint8]:
 
 
 def register(frame: Frame) -> Rgbd:
-    """The RGB-D image of a frame; see `registered`."""
+    """Return the RGB-D image of a frame; see `registered`."""
     return registered(frame, without_flying_pixels(frame.depth_m))[0]
 
 

@@ -52,7 +52,7 @@ class Line:
 
 
 def fit_line(rod: Mask) -> Line:
-    """The principal axis of the rod's pixels (H, W), fitted a second time without the outliers of the first fit.
+    """Return the principal axis of the rod's pixels (H, W), fitted a second time without the outliers of the first fit.
 
     Raises: CycleFailure(MODEL_NO_ROD) when many pixels are off the line: a bent rod, or several; or without a rod.
     """
@@ -78,7 +78,7 @@ def fit_line(rod: Mask) -> Line:
 
 
 def runs(line: Line, rod: Mask, on_object: Mask) -> list[tuple[float, float]]:
-    """The rod's runs through the object: (start, end) along the line [px], the widest first.
+    """Return the rod's runs through the object: (start, end) along the line [px], the widest first.
 
     Args:
         rod, on_object: (H, W) masks of the rod and of the object.
@@ -101,7 +101,7 @@ def runs(line: Line, rod: Mask, on_object: Mask) -> list[tuple[float, float]]:
 
 
 def rectangle(ends: Array, camera: CameraModel, station: Station) -> Rectangle:
-    """The grasp rectangle of a run, given by its ends (2, 3) [m] in the ``color`` frame.
+    """Return the grasp rectangle of a run, given by its ends (2, 3) [m] in the ``color`` frame.
 
     Its width is compliance x run plus the margin at both ends; its height is the finger's width at the contacts' depth.
     """

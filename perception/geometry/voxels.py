@@ -12,7 +12,7 @@ _LONGEST_BITS = 62
 
 
 def averaged(points: Points, other: Points, voxel_m: float) -> tuple[Points, Points, npt.NDArray[np.float64]]:
-    """The means of points (n, 3) [m] and of what else is known of each (n, k), in cubes of side ``voxel_m``.
+    """Return the means of points (n, 3) [m] and of what else is known of each (n, k), in cubes of side ``voxel_m``.
 
     Returns: the means of both, (m, 3) and (m, k), by z, then y, then x; and how many points are averaged in each (m,).
 

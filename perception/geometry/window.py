@@ -43,13 +43,13 @@ class Window:
 
     @staticmethod
     def around(object_mask: Mask) -> Window:
-        """The square around the bounding box of ``object_mask`` (H, W), at least 128 px wide."""
+        """Return the square around the bounding box of ``object_mask`` (H, W), at least 128 px wide."""
         box = Crop.around(object_mask, 0)
         side = max(round(_ROOM * max(box.bottom - box.top, box.right - box.left)), _MIN_SIDE_PX)
         return Window((box.left + box.right - side) // 2, (box.top + box.bottom - side) // 2, side)
 
     def cut(self, image: npt.NDArray[np.uint8], beyond: int | tuple[int, int, int]) -> npt.NDArray[np.uint8]:
-        """The window's part of ``image`` (H, W) or (H, W, 3); pixels outside the image have the value ``beyond``."""
+        """Return the window's part of ``image`` (H, W) or (H, W, 3), with ``beyond`` for pixels outside the image."""
         part = np.empty((self.side_px, self.side_px, *image.shape[2:]), dtype=np.uint8)
         part[:] = beyond
         inside, here = self._overlap(image.shape)

@@ -15,7 +15,7 @@ _INSIDE_M = 0.004
 
 
 def axes_of(closings: Closings, instance: int, base_from_level: Transform) -> tuple[Axis, ...]:
-    """The best distinct axes of one thing, the best first; ``base_from_level``: (4, 4) the closings' frame."""
+    """Return the best distinct axes of one thing, the best first; ``base_from_level``: (4, 4) the closings' frame."""
     ours = closings.on(instance)
     return tuple(_axis(ours, index, base_from_level) for index in ours.distinct(_MOST))
 

@@ -25,7 +25,7 @@ _ITS_COLOR = 0.3
 
 
 def colors_of(pixels: npt.NDArray[np.uint8]) -> tuple[str, ...]:
-    """The colours of the pixels (n, 3) of a thing, the most frequent first; none where there are none."""
+    """Return the colours of the pixels (n, 3) of a thing, the most frequent first; none where there are none."""
     if not len(pixels):
         return ()
     share = np.bincount(_color_indices(pixels), minlength=len(COLORS)) / len(pixels)
@@ -49,12 +49,12 @@ def all_in_words(scene: Scene, instances: Sequence[Instance]) -> str:
 
 
 def pixels_of(scene: Scene, number: int) -> npt.NDArray[np.uint8]:
-    """The pixels (n, 3) of a thing in the look that is shown; none where it is not in that look."""
+    """Return the pixels (n, 3) of a thing in the look that is shown; none where it is not in that look."""
     return np.asarray(scene.rgbd.color[scene.color_labels == number])
 
 
 def wanted_of(scene: Scene, instances: Sequence[Instance], wanted: Wanted, ranked: Sequence[int]) -> list[int]:
-    """The numbers of the things that are asked for, best first: one where a superlative is asked for.
+    """Return the numbers of the things that are asked for, best first: one where a superlative is asked for.
 
     Args:
         ranked: the numbers of all things, the one with the best grasp first.
@@ -114,4 +114,4 @@ _MEASURES: dict[str, Callable[[Scene, Instance], float]] = {
     "nearest": lambda scene, one: -_away_m(scene, one),
     "farthest": _away_m,
 }
-"""What is greatest of the one that a superlative means."""
+"""The measure that is greatest of the thing that a superlative means."""

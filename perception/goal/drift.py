@@ -45,7 +45,7 @@ Image = npt.NDArray[np.uint8]
 
 
 def register(goal: Shape, observed: Mask) -> tuple[Similarity, float]:
-    """The similarity that lays the imagined outline on the observed mask (H, W), and their overlap (IoU, 0 to 1)."""
+    """Return the similarity that lays the imagined outline on the observed mask (H, W), and their IoU (0 to 1)."""
     silhouette = outline(goal)
     center_px = np.zeros(2)
     unmoved = Similarity(0.0, 1.0, center_px, center_px)

@@ -101,7 +101,7 @@ def observed_object_of(
     axes: tuple[Axis, ...] = (),
     margin_px: int | None = None,
 ) -> tuple[ObservedObject, Crop]:
-    """The model's input: the object alone on a plain background, and the colour its rod must have; and its crop.
+    """Return the model's input: the object alone on a plain background, and the colour its rod must have; and its crop.
 
     Args:
         instances: the things of the scene. ``number``: of the object.
@@ -137,7 +137,10 @@ def _margin_px(scene: Scene, outline: Mask) -> int:
 
 
 def imagine(talk: Conversation, observed_object: ObservedObject, station: Station) -> GoalImage:
-    """The goal image (Algorithm 1, lines 2-5). Raises: CycleFailure, as the model; MODEL_BAD_IMAGE, MODEL_NO_IMAGE."""
+    """Return the goal image (Algorithm 1, lines 2-5).
+
+    Raises: CycleFailure, as the model; MODEL_BAD_IMAGE, MODEL_NO_IMAGE.
+    """
     model, jaw_mm, scale = talk.model, f"{station.hand.max_width_m * 1e3:.0f}", _px_per_mm(observed_object, station)
     if station.perception.imagine.steps == 3:
         finger_mm = f"{station.hand.finger_width_m * 1e3:.0f}"
@@ -178,7 +181,7 @@ def _goal(answer: Answer, observed_object: ObservedObject) -> GoalImage:
 
 
 def free_rod_color(around: npt.NDArray[np.uint8]) -> RodColor:
-    """The rod colour whose hue the fewest saturated pixels of ``around`` (n, 3) share; the first one of equals."""
+    """Return the rod colour whose hue the fewest saturated pixels of ``around`` (n, 3) share; of equals the first."""
     hsv = cv2.cvtColor(np.ascontiguousarray(around[:, None]), cv2.COLOR_RGB2HSV)[:, 0].astype(int)
     vivid = hsv[hsv[:, 1] > 80][:, 0]
 
@@ -190,7 +193,7 @@ def free_rod_color(around: npt.NDArray[np.uint8]) -> RodColor:
 
 
 def free_background(object_rgb: npt.NDArray[np.uint8]) -> tuple[int, int, int]:
-    """The background colour that is close to the fewest of the object's pixels (n, 3); the first one of equals."""
+    """Return the background colour that is close to the fewest of the object's pixels (n, 3); of equals the first."""
 
     def taken(rgb: tuple[int, int, int]) -> int:
         low, high = (np.array(rgb) + sign * (_NEAR_BACKGROUND - 1) for sign in (-1, 1))

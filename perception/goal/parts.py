@@ -78,7 +78,7 @@ def _rod(image: Image, rgb: tuple[int, int, int]) -> Mask:
 
 
 def background_color(image: Image, window: Window, expected: tuple[int, int, int]) -> npt.NDArray[np.int16]:
-    """The background's colour (3,): the median along the rim of the window, where no object belongs."""
+    """Return the background's colour (3,): the median along the rim of the window, where no object belongs."""
     part = window.cut(image, expected)
     rim = np.concatenate([part[:3].reshape(-1, 3), part[-3:].reshape(-1, 3), part[:, 0], part[:, -1]])
     return np.asarray(np.median(rim, axis=0), dtype=np.int16)

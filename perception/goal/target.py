@@ -32,7 +32,7 @@ from perception.scene.stacked import lying_on
 _NEAR_PX = 40.0
 """Largest distance [px] of a given pixel from the thing it selects."""
 _NEAR_M = 0.015
-"""What lies so near to a place is what is meant by it, or what failed there, though it was touched."""
+"""A thing so near to a place is the one meant by it, or the one that failed there, though it was touched."""
 _MOSTLY = 0.5
 _PIXEL = re.compile(r"(\d+)\D+(\d+)")
 
@@ -45,7 +45,7 @@ def choose(
     station: Station,
     sam: Sam | None = None,
 ) -> list[int]:
-    """The numbers of the targets, the best first (`config.target.TargetSettings`).
+    """Return the numbers of the targets, the best first (`config.target.TargetSettings`).
 
     Args:
         instances: the things of the scene.
@@ -67,7 +67,7 @@ def among(
     station: Station,
     sam: Sam | None = None,
 ) -> list[int]:
-    """The targets among things that are ranked already, the best first. Raises: CycleFailure, as `choose`."""
+    """Return the targets among things that are ranked already, the best first. Raises: CycleFailure, as `choose`."""
     if not station.perception.target.is_named:
         return ranked
     try:
@@ -145,7 +145,7 @@ def _in_box(scene: Scene, ranked: list[int], box: tuple[float, float, float, flo
 
 
 def mostly_in_box(labels: npt.NDArray[np.integer[Any]], box: tuple[float, float, float, float]) -> list[int]:
-    """The things of which more than half, of what is in the picture, lies in a box (u_min, v_min, u_max, v_max).
+    """Return the things of which more than half, of what is in the picture, lies in a box (u_min, v_min, u_max, v_max).
 
     Args:
         labels: (H, W) the number of the thing in each pixel, 0 = none.
@@ -184,7 +184,7 @@ def by_best_grasp(scene: Scene, closings: Closings) -> list[int]:
 
 
 def at_pixel(scene: Scene, pixel: tuple[float, float]) -> int:
-    """The thing at a pixel (u, v), or the nearest one within 40 px. Raises: CycleFailure(TARGET_NOT_FOUND)."""
+    """Return the thing at a pixel (u, v), or the nearest one within 40 px. Raises: CycleFailure(TARGET_NOT_FOUND)."""
     return nearest_number(scene.color_labels, pixel)
 
 
@@ -217,7 +217,7 @@ def _require_in_picture(
 
 
 def untried(scene: Scene, targets: list[int], failed_at: Sequence[Vector3]) -> list[int]:
-    """The targets without the things at places (3,) in ``base`` where picks failed.
+    """Return the targets without the things at places (3,) in ``base`` where picks failed.
 
     Raises: CycleFailure(LEFT_OVER) when no other is left.
     """

@@ -102,11 +102,11 @@ class Closings:
         return chosen
 
     def on(self, instance: int) -> Closings:
-        """The feasible ones on one thing, in their order."""
+        """Return the feasible ones on one thing, in their order."""
         return self.taken(np.flatnonzero((self.instance == instance) & np.isfinite(self.score)))
 
     def taken(self, chosen: npt.NDArray[np.integer] | npt.NDArray[np.bool_] | list[int]) -> Closings:
-        """The chosen ones, in their order."""
+        """Return the chosen ones, in their order."""
         terms = {name: values[chosen] for name, values in self.terms.items()}
         rest = {one.name: getattr(self, one.name)[chosen] for one in fields(self) if one.name != "terms"}
         return Closings(terms=terms, **rest)
@@ -134,7 +134,7 @@ weight hardly turns it in the jaw."""
 
 
 def weighted(terms: dict[str, Array], weights: dict[str, float] = WEIGHTS) -> Array:
-    """The weighted mean (n,) of named criteria, each (n,) and between 0 and 1; those without a weight do not count."""
+    """Return the weighted mean (n,) of named criteria, each (n,) from 0 to 1; those without a weight do not count."""
     used = [name for name in terms if name in weights]
     return np.asarray(sum(weights[name] * terms[name] for name in used) / sum(weights[name] for name in used))
 

@@ -38,7 +38,7 @@ Points = npt.NDArray[np.float32]
 
 
 def across_faces(closings: Closings, scene: Scene, base_from_level: Transform) -> Closings:
-    """The closings, not feasible where a touched face leans too much; the term ``faces`` counts in the score of others.
+    """Return the closings, not feasible where a touched face leans too much; the others are scored by ``faces``, too.
 
     Only the best are looked at, the others count as leaning as much as they may. One look shows only one face of a thin
     wall: that it leans, or may lean beneath its rim, lowers the score; so does little room beside the fingers.
@@ -98,7 +98,7 @@ class Surfaces:
 
     @classmethod
     def of(cls, scene: Scene, base_from_level: Transform) -> Surfaces | None:
-        """The surfaces of a scene; None of one look, which knows no normals."""
+        """Return the surfaces of a scene; None of one look, which knows no normals."""
         normals = scene.cloud.normals_table
         if normals is None:
             return None

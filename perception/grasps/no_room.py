@@ -1,4 +1,4 @@
-"""What keeps the jaw from a thing: rough depth, its width, a neighbour, unseen space, or its shape."""
+"""Names what keeps the jaw from a thing: rough depth, its width, a neighbour, unseen space, or its shape."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _UNSEEN_SHARE, _LOW_M = 0.1, 0.008
 
 @dataclass(frozen=True)
 class Cause:
-    """What is in the way of the jaw, as it stands after a colon; and what to do about it."""
+    """An obstacle to the jaw, worded to stand after a colon, and the advice."""
 
     text: str
     advice: str
@@ -45,7 +45,7 @@ _NO_FACES = Cause(
 
 
 def cause_on(one: Instance, scene: Scene, station: Station) -> Cause:
-    """What is in the way of every grasp on a thing."""
+    """Return what is in the way of every grasp on a thing."""
     rough_m = _roughness_m(scene)
     if rough_m > _ROUGH_M:
         return Cause(

@@ -56,7 +56,7 @@ class _Rod:
 
 
 def graded(closings: Closings, instances: tuple[Instance, ...]) -> Closings:
-    """The closings, scored also by how completely the thing they hold was seen."""
+    """Return the closings, scored also by how completely the thing they hold was seen."""
     seen = np.array([1.0, *(one.depth_share * (1.0 if one.in_view else _CUT) for one in instances)])
     return _scored(closings, {**closings.terms, "seen": seen[closings.instance]})
 
@@ -89,13 +89,13 @@ def grasps_of_rod(
 
 
 def rank(grasps: list[Grasp], station: Station) -> tuple[Grasp, ...]:
-    """The best grasps, best first, at most ``perception.max_grasps``; equal scores keep their order."""
+    """Return the best grasps, best first, at most ``perception.max_grasps``; equal scores keep their order."""
     ordered = sorted(grasps, key=lambda grasp: -grasp.score)
     return tuple(ordered[: station.perception.max_grasps])
 
 
 def among_others(grasps: tuple[Grasp, ...], station: Station) -> tuple[Grasp, ...]:
-    """The grasps of a thing among others, of which one may be taken first: what lacks the needed scores less."""
+    """Return the grasps of a thing among others, of which one may be taken first: what lacks the needed scores less."""
     lowered = [grasp.model_copy(update={"score": grasp.score * (1 - _LACKING * _lacking(grasp))}) for grasp in grasps]
     return rank(lowered, station)
 

@@ -21,7 +21,7 @@ _NAMED, _TINY_M = 5, 1e-6
 def why_none(
     failures: list[CycleFailure], closings: Closings, scene: Scene, seen: ObservedScene, station: Station
 ) -> CycleFailure:
-    """The failure of a detection without any grasp.
+    """Return the failure of a detection without any grasp.
 
     A model's failure stands as it is. Otherwise: NOT_SEEN when there would be grasps if the space that the camera did
     not see were free, else NO_GRASP.

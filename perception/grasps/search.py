@@ -70,7 +70,7 @@ class Candidates:
         return cls(*(np.concatenate([getattr(part, one.name) for part in parts]) for one in fields(cls)))
 
     def taken(self, chosen: npt.NDArray[np.integer] | npt.NDArray[np.bool_]) -> Candidates:
-        """The chosen ones, in their order."""
+        """Return the chosen ones, in their order."""
         return Candidates(*(getattr(self, one.name)[chosen] for one in fields(self)))
 
 
@@ -126,7 +126,7 @@ def _refined(closings: Closings, heights: HeightMap, station: Station) -> Closin
 
 
 def tested(closings: Closings, heights: HeightMap, station: Station, most: int) -> Closings:
-    """The closings with the term ``robust``: the best ``most`` are tested, the others count as surviving nothing."""
+    """Add the term ``robust`` to the closings: the best ``most`` are tested, the others count as surviving nothing."""
     feasible = np.argsort(-closings.score, kind="stable")[: min(most, int(np.isfinite(closings.score).sum()))]
     robust = np.zeros(len(closings.score))
     robust[feasible] = _survived(closings, feasible, heights, station)

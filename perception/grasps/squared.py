@@ -34,7 +34,7 @@ Found = tuple[Closings, Transform]
 def squared(
     found: Sequence[Found], scene: Scene, instances: tuple[Instance, ...], number: int, station: Station
 ) -> Iterator[Found]:
-    """The best closings on a thing whose faces lean, once more with the hand leaning as they do."""
+    """Yield the best closings on a thing whose faces lean, once more with the hand leaning as they do."""
     for base_from_contact in _leaning(found, scene, number):
         heights, base_from_level = scene.along(base_from_contact, number)
         up_m = float(base_from_level[:3, 2] @ (base_from_contact - base_from_level)[:3, 3])

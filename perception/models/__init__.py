@@ -71,7 +71,7 @@ class Models:
             self.detector.close()
 
     def refined(self, outline: Mask, color: npt.NDArray[np.uint8]) -> Mask:
-        """The outline (H, W) of an object, redrawn by SAM in its bounding box, or by a salient-object network near it.
+        """Return the outline (H, W) of an object, redrawn by SAM in its box, or by a salient-object network near it.
 
         Args:
             outline: (H, W) as depth gives it. ``color``: (H, W, 3) RGB.
@@ -103,7 +103,7 @@ def open_models(station: Station, environ: Mapping[str, str]) -> Models:
 
 
 def replayed_models(station: Station, replies: Iterable[ModelReply]) -> Models:
-    """The models of a replay: hosted models answer from the recorded replies, recorded injected faults happen again.
+    """Return the models of a replay: hosted ones answer from the recorded replies, recorded injected faults recur.
 
     A detector of another package is asked again if it is deterministic, a goal-image model if it paints, both without a
     deadline; a recorded timeout happens again.

@@ -13,7 +13,7 @@ from config.schema import Station
 
 
 def key_of(station: Station, variable: str, environ: Mapping[str, str]) -> str:
-    """The hosted model's key: from the configured file, else from the environment. It is registered for redaction.
+    """Return the hosted model's key: the configured file's, else the environment's. It is registered for redaction.
 
     Raises: ConfigError, never with the key, when there is no key, it does not fit a header, or a setting contains it.
     """

@@ -28,7 +28,7 @@ class GoalImageModel(Protocol):
         """Begin a cycle; its cost is counted from zero."""
 
     def locate(self, color: npt.NDArray[np.uint8], prompt: str, cancel: Cancel) -> Answer:
-        """The place of the target in the whole image (H, W, 3), as text in the form that the prompt asks for."""
+        """Return the place of the target in the whole image (H, W, 3), as text in the form that the prompt asks for."""
 
     def reason(self, observed_object: ObservedObject, prompt: str, cancel: Cancel) -> Answer:
         """Place and direction of a grasp, as text (R of the paper)."""
@@ -37,7 +37,7 @@ class GoalImageModel(Protocol):
         """One self-contained editing instruction (T2); the prompt contains the reasoning."""
 
     def render(self, observed_object: ObservedObject, prompt: str, cancel: Cancel) -> Answer:
-        """The goal image (I_G): the same object, pierced by the rod."""
+        """Return the goal image (I_G): the same object, pierced by the rod."""
 
     def close(self) -> None:
         """Release connections; no call follows."""

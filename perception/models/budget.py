@@ -16,7 +16,7 @@ LEDGER = "spend.jsonl"
 
 
 def utc_now() -> datetime:
-    """The time now, UTC."""
+    """Return the time now, UTC."""
     return datetime.now(UTC)
 
 

@@ -35,7 +35,7 @@ class Call(Generic[ResultT]):
         self._thread = OwnedThread(Role.MODEL_CALL, self._run, of=of).start()
 
     def wait(self, timeout_s: float, cancel: Cancel) -> ResultT:
-        """The result of the call within ``timeout_s``. Raises: GivenUp after a stop or the timeout; or as ``work``."""
+        """Return the call's result within ``timeout_s``. Raises: GivenUp after that or a stop; or as ``work``."""
         end_s = time.monotonic() + timeout_s
         while (left_s := end_s - time.monotonic()) > 0 and not cancel.is_set:
             try:

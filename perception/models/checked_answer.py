@@ -14,7 +14,7 @@ from perception.observed_object import Answer, GoalImage, ObservedObject, Painte
 
 
 def checked_words(rules: Rules, step: str, given: object) -> Answer:
-    """The answer to ``locate``, ``reason`` or ``direct``. Raises: CycleFailure, as the rules say."""
+    """Return the answer to ``locate``, ``reason`` or ``direct``. Raises: CycleFailure, as the rules say."""
     if not isinstance(given, Answer):
         raise rules.refused(f"gave {type(given).__name__} in {step}, and no Answer")
     for field, kind in (("text", str), ("image_png", bytes | None), ("usage", Usage), ("attempts", int)):
@@ -23,7 +23,7 @@ def checked_words(rules: Rules, step: str, given: object) -> Answer:
 
 
 def checked_picture(rules: Rules, given: object, observed_object: ObservedObject) -> Answer:
-    """The answer to ``render``; depth as float32. Raises: CycleFailure, as the rules say."""
+    """Return the answer to ``render``; depth as float32. Raises: CycleFailure, as the rules say."""
     answer = checked_words(rules, "render", given)
     goal = answer.goal
     if goal is None:

@@ -41,14 +41,14 @@ class GeminiProvider:
         self._client = genai.Client(api_key=key, http_options=options)
 
     def complete(self, prompt: str, image_png: bytes | None, timeout_s: float) -> Answer:
-        """The model's text for a prompt and an image, within ``timeout_s``. Raises: ModelError."""
+        """Return the model's text for a prompt and an image, within ``timeout_s``. Raises: ModelError."""
         contents: list[Any] = [types.Part.from_text(text=prompt)]
         if image_png is not None:
             contents.append(types.Part.from_bytes(data=image_png, mime_type="image/png"))
         return _said(self._generate(self._settings.text_model, contents, ["TEXT"], timeout_s))
 
     def edit(self, image_png: bytes, keep_png: bytes, prompt: str, timeout_s: float) -> Answer:
-        """The redrawn image, within ``timeout_s``; the mask is sent as a second image. Raises: ModelError."""
+        """Return the redrawn image, within ``timeout_s``; the mask is sent as a second image. Raises: ModelError."""
         contents: list[Any] = [types.Part.from_text(text=prompt + _KEEP)]
         contents += [types.Part.from_bytes(data=png, mime_type="image/png") for png in (image_png, keep_png)]
         return _drawn(self._generate(self._settings.image_model, contents, ["TEXT", "IMAGE"], timeout_s))

@@ -53,7 +53,7 @@ class GeometricModel:
         raise CycleFailure(Code.TARGET_NOT_FOUND, text)
 
     def reason(self, observed_object: ObservedObject, prompt: str, cancel: Cancel) -> Answer:
-        """The best axis, as text. Raises: CycleFailure(NO_GRASP)."""
+        """Return the best axis, as text. Raises: CycleFailure(NO_GRASP)."""
         number, axes = observed_object.instance.number, observed_object.axes
         proposed = self._asked[number]
         if len(axes) <= proposed:
@@ -67,7 +67,7 @@ class GeometricModel:
         )
 
     def direct(self, observed_object: ObservedObject, prompt: str, cancel: Cancel) -> Answer:
-        """The axis as an editing instruction."""
+        """Return the axis as an editing instruction."""
         return Answer(f"Draw a straight cylinder {_axis_text(prompt)} (base frame, metres) through the object.")
 
     def render(self, observed_object: ObservedObject, prompt: str, cancel: Cancel) -> Answer:
@@ -96,7 +96,7 @@ def _approach_of(run_base: Array, observed_object: ObservedObject) -> Array | No
 
 
 def axis_in_words(start_m: Array, end_m: Array) -> str:
-    """The axis between two points (3,) [m] in ``base`` as the sentence that `direct` and `render` parse."""
+    """Return the axis between two points (3,) [m] in ``base`` as the sentence that `direct` and `render` parse."""
     start, end = (", ".join(f"{value:.4f}" for value in point) for point in (start_m, end_m))
     return f"In the robot's base frame, in metres, the axis runs from ({start}) to ({end})."
 

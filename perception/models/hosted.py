@@ -34,10 +34,10 @@ class Provider(Protocol):
     name: str
 
     def complete(self, prompt: str, image_png: bytes | None, timeout_s: float) -> Answer:
-        """The model's text for a prompt and, optionally, an image, within ``timeout_s``."""
+        """Return the model's text for a prompt and, optionally, an image, within ``timeout_s``."""
 
     def edit(self, image_png: bytes, keep_png: bytes, prompt: str, timeout_s: float) -> Answer:
-        """The image redrawn, within ``timeout_s``.
+        """Return the image redrawn, within ``timeout_s``.
 
         Args:
             keep_png: RGBA of the image's size, opaque where it must not change.
@@ -66,7 +66,7 @@ class HostedModel:
         self._budget.begin()
 
     def locate(self, color: npt.NDArray[np.uint8], prompt: str, cancel: Cancel) -> Answer:
-        """The place of the target, as text, in the image (H, W, 3) padded to a square. Raises: CycleFailure."""
+        """Return the place of the target, as text, in the image (H, W, 3) padded to a square. Raises: CycleFailure."""
         side = max(color.shape[:2])
         png = encode_png(Window(0, 0, side).cut(color, 0), self._settings.size_px)
         return self._call(lambda timeout_s: self._provider.complete(prompt, png, timeout_s), cancel)
@@ -81,7 +81,7 @@ class HostedModel:
         return self._call(lambda timeout_s: self._provider.complete(prompt, None, timeout_s), cancel)
 
     def render(self, observed_object: ObservedObject, prompt: str, cancel: Cancel) -> Answer:
-        """The goal image as a picture of the window. Raises: CycleFailure."""
+        """Return the goal image as a picture of the window. Raises: CycleFailure."""
         window = Window.around(observed_object.mask)
         kept = window.cut(observed_object.mask.astype(np.uint8) * 255, 0)
         keep_png = encode_png(np.dstack([kept, kept, kept, kept]), self._settings.size_px)

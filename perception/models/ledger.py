@@ -40,7 +40,7 @@ class Ledger:
             self._set_aside()
 
     def spent_on(self, day: date) -> float:
-        """The sum of a UTC day [USD]. A damaged line counts with its readable amounts, unless it names another day.
+        """Return the sum of a UTC day [USD]. A damaged line counts with its readable amounts, if it names no other day.
 
         Raises: RecordingError when the file cannot be read.
         """

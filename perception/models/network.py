@@ -30,7 +30,7 @@ class NetworkModel(GeometricModel):
         self._network = GraspNetwork(Path(station.perception.onnx.path))
 
     def reason(self, observed_object: ObservedObject, prompt: str, cancel: Cancel) -> Answer:
-        """The network's rectangle, as an axis in ``base``, as text."""
+        """Return the network's rectangle, as an axis in ``base``, as text."""
         rgbd, outline = observed_object.scene.rgbd, observed_object.scene.outline(observed_object.instance.number)
         found = self._network.detect(rgbd.color, rgbd.depth_m, outline)
         direction = np.array([np.cos(found.angle_rad), np.sin(found.angle_rad)])

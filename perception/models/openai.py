@@ -41,7 +41,7 @@ class OpenAIProvider:
         )
 
     def complete(self, prompt: str, image_png: bytes | None, timeout_s: float) -> Answer:
-        """The model's text for a prompt and, optionally, an image, within ``timeout_s``. Raises: ModelError."""
+        """Return the model's text for a prompt and, optionally, an image, within ``timeout_s``. Raises: ModelError."""
         client, model = self._client.with_options(timeout=timeout_s), self._settings.text_model
         if self._settings.text_api == "chat":
             chat = client.chat.completions.with_raw_response
@@ -52,7 +52,7 @@ class OpenAIProvider:
         return _responded(self._line.exchange(timeout_s, lambda: respond.create(model=model, input=content)))  # type: ignore[arg-type]
 
     def edit(self, image_png: bytes, keep_png: bytes, prompt: str, timeout_s: float) -> Answer:
-        """The redrawn image, within ``timeout_s``; ``keep_png`` is the mask. Raises: ModelError."""
+        """Return the redrawn image, within ``timeout_s``; ``keep_png`` is the mask. Raises: ModelError."""
         size: Any = f"{self._settings.size_px}x{self._settings.size_px}"
         images = self._client.with_options(timeout=timeout_s).images.with_raw_response
         reply = self._line.exchange(

@@ -23,7 +23,7 @@ def paint(
     run: Array | None = None,
     approach_base: Array | None = None,
 ) -> GoalImage:
-    """The masked image with a rod, z-buffered with the object.
+    """Return the masked image with a rod, z-buffered with the object.
 
     Args:
         ends: (2, 3) [m] of the rod, in the camera frame.

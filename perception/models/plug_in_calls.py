@@ -20,7 +20,7 @@ ResultT = TypeVar("ResultT")
 
 @dataclass(frozen=True)
 class Rules:
-    """What becomes of a call of a plug-in.
+    """The consequences of a plug-in's call that fails, or comes late.
 
     Attributes:
         whose: the plug-in in words, e.g. ``The detector 'acme'``.
@@ -36,15 +36,15 @@ class Rules:
     package: str = ""
 
     def refused(self, what: str) -> CycleFailure:
-        """The failure of a call whose answer cannot be used; ``what`` begins with a verb and has no full stop."""
+        """Return the failure of a call with an unusable answer; ``what`` begins with a verb and has no full stop."""
         return self.packaged(CycleFailure(self.failed, f"{self.whose} {what}."))
 
     def too_late(self, what: str) -> CycleFailure:
-        """The failure of a call without an answer in time; ``what`` as of `refused`."""
+        """Return the failure of a call without an answer in time; ``what`` as of `refused`."""
         return self.packaged(CycleFailure(self.late, f"{self.whose} {what}."))
 
     def packaged(self, failure: CycleFailure) -> CycleFailure:
-        """The failure, whose advice names the package where the plug-in is to blame.
+        """Return the failure; its advice names the package where the plug-in is to blame.
 
         A replay compares the reason, so that the version stands in the advice.
         """

@@ -25,19 +25,19 @@ class RecordedModel:
         self._left = list(self._replies)
 
     def locate(self, color: Any, prompt: str, cancel: Cancel) -> Answer:
-        """The next recorded reply of this step. Raises: the recorded CycleFailure; RecordingError when none is left."""
+        """Return the next recorded reply of this step, or raise its failure. Raises: RecordingError after the last."""
         return self._next("locate")
 
     def reason(self, observed_object: Any, prompt: str, cancel: Cancel) -> Answer:
-        """The next recorded reply of this step. Raises: the recorded CycleFailure; RecordingError when none is left."""
+        """Return the next recorded reply of this step, or raise its failure. Raises: RecordingError after the last."""
         return self._next("reason")
 
     def direct(self, observed_object: Any, prompt: str, cancel: Cancel) -> Answer:
-        """The next recorded reply of this step. Raises: the recorded CycleFailure; RecordingError when none is left."""
+        """Return the next recorded reply of this step, or raise its failure. Raises: RecordingError after the last."""
         return self._next("direct")
 
     def render(self, observed_object: Any, prompt: str, cancel: Cancel) -> Answer:
-        """The next recorded reply of this step. Raises: the recorded CycleFailure; RecordingError when none is left."""
+        """Return the next recorded reply of this step, or raise its failure. Raises: RecordingError after the last."""
         return self._next("render")
 
     def close(self) -> None:
@@ -75,19 +75,19 @@ class SpoiledModel:
         self._model.begin()
 
     def locate(self, color: Any, prompt: str, cancel: Cancel) -> Answer:
-        """The recorded failure, or the embedded model's answer. Raises: CycleFailure."""
+        """Raise the recorded failure, or return the embedded model's answer. Raises: CycleFailure."""
         return self._ask(lambda: self._model.locate(color, prompt, cancel))
 
     def reason(self, observed_object: Any, prompt: str, cancel: Cancel) -> Answer:
-        """The recorded failure, or the embedded model's answer. Raises: CycleFailure."""
+        """Raise the recorded failure, or return the embedded model's answer. Raises: CycleFailure."""
         return self._ask(lambda: self._model.reason(observed_object, prompt, cancel))
 
     def direct(self, observed_object: Any, prompt: str, cancel: Cancel) -> Answer:
-        """The recorded failure, or the embedded model's answer. Raises: CycleFailure."""
+        """Raise the recorded failure, or return the embedded model's answer. Raises: CycleFailure."""
         return self._ask(lambda: self._model.direct(observed_object, prompt, cancel))
 
     def render(self, observed_object: Any, prompt: str, cancel: Cancel) -> Answer:
-        """The recorded failure or picture, or the embedded model's answer. Raises: CycleFailure."""
+        """Return the recorded picture, or the embedded model's. Raises: CycleFailure, recorded or the model's."""
         return self._ask(lambda: self._model.render(observed_object, prompt, cancel))
 
     def close(self) -> None:

@@ -49,7 +49,7 @@ def reads_text(name: str) -> bool:
 
 
 def settings_of(station: Station) -> dict[str, Any]:
-    """The settings for the goal-image model: ``[perception.settings]``, where no other detector has that table."""
+    """Return the settings for the goal-image model: ``[perception.settings]``, if no other detector has that table."""
     return station.perception.settings if station.perception.detector == OUR_DETECTOR else {}
 
 
@@ -65,7 +65,7 @@ def refuse_settings_of_nobody(station: Station) -> None:
 
 
 def open_local(name: str, station: Station) -> GoalImageModel:
-    """The model ``name`` that is no provider's: one of ours, or another package's.
+    """Return the model ``name`` that is no provider's: one of ours, or another package's.
 
     Raises: ConfigError for an unknown name, for a package that cannot be imported here, and for a setting.
     """

@@ -30,7 +30,7 @@ _DATA_URL = re.compile(r"data:[^,;]*(?:;[^,;]*)*;base64,", re.ASCII | re.IGNOREC
 
 
 def member(value: object, *path: str | int) -> Any:
-    """The value at ``path`` in parsed JSON; None when there is none. An int in ``path`` indexes a list."""
+    """Return the value at ``path`` in parsed JSON; None when there is none. An int in ``path`` indexes a list."""
     for step in path:
         if isinstance(step, str) and isinstance(value, dict):
             value = value.get(step)
@@ -42,7 +42,7 @@ def member(value: object, *path: str | int) -> Any:
 
 
 def entries(value: object) -> list[Any]:
-    """The entries of a list; an empty list for anything else."""
+    """Return the entries of a list; an empty list for anything else."""
     return value if isinstance(value, list) else []
 
 
@@ -75,7 +75,7 @@ def _count(value: object) -> int | None:
 
 
 def picture(drawn: str, usage: Usage) -> bytes:
-    """The bytes of a picture in base64: either alphabet, with line breaks, or as a data URL.
+    """Return the bytes of a picture in base64: either alphabet, with line breaks, or as a data URL.
 
     Raises: ModelError(MODEL_BAD_IMAGE), also for a file that contains a secret, e.g. in a comment.
     """
@@ -95,7 +95,7 @@ def picture(drawn: str, usage: Usage) -> bytes:
 
 
 def parsed(reply: Reply) -> dict[str, Any]:
-    """The JSON object of a successful reply. Raises: ModelError for every other reply, quoting it."""
+    """Return the JSON object of a successful reply. Raises: ModelError for every other reply, quoting it."""
     body = _json(reply.body)
     if not 200 <= reply.status < 300:
         raise _fault_of_status(reply, body, reply.status)
@@ -126,7 +126,7 @@ def _json(data: bytes) -> object:
 
 
 def quote_of(reply: Reply) -> str:
-    """The reply, shortened; JSON is unescaped, so that no secret is hidden by escapes."""
+    """Return the reply, shortened; JSON is unescaped, so that no secret is hidden by escapes."""
     body = _json(reply.body)
     text = reply.body[:4000].decode("utf-8", "replace") if body is None else json.dumps(body, ensure_ascii=False)
     return quoted(text) or "nothing"

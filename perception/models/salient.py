@@ -55,7 +55,7 @@ class Salient:
             raise self._network.other_tensors()
 
     def object_of(self, image: Image) -> Mask:
-        """The mask (H, W) of the object that stands out most in an image (H, W, 3).
+        """Return the mask (H, W) of the object that stands out most in an image (H, W, 3).
 
         Two looks: at the whole - or at its middle, if the object is too small to be noticed -, and closer at what was
         found. Raises: CycleFailure(TARGET_NOT_FOUND) when nothing stands out.
@@ -80,18 +80,21 @@ class Salient:
         return None
 
     def near(self, image: Image, mask: Mask) -> Mask:
-        """The largest thing that stands out around a mask (H, W). Raises: CycleFailure(TARGET_NOT_FOUND)."""
+        """Return the largest thing that stands out around a mask (H, W). Raises: CycleFailure(TARGET_NOT_FOUND)."""
         return _required(_largest(self._closer(image, mask) > _SALIENT))
 
     def by_box(self, image: Image, box_px: tuple[float, float, float, float]) -> Mask:
-        """The mask (H, W) of what stands out in a box (u0, v0, u1, v1) [px]. Raises: CycleFailure(TARGET_NOT_FOUND)."""
+        """Return the mask (H, W) of what stands out in a box (u0, v0, u1, v1) [px].
+
+        Raises: CycleFailure(TARGET_NOT_FOUND).
+        """
         u0, v0, u1, v1 = (round(edge) for edge in box_px)
         box = np.zeros(image.shape[:2], dtype=bool)
         box[max(0, v0) : v1 + 1, max(0, u0) : u1 + 1] = True
         return _required((self._closer(image, box) > _SALIENT) & box)
 
     def outlined(self, image: Image, mask: Mask) -> Mask:
-        """The mask (H, W) of an object that depth has found, its outline redrawn.
+        """Return the mask (H, W) of an object that depth has found, its outline redrawn.
 
         Depth remains the authority: what is farther than 9 px from its outline keeps the side that depth gave it, and
         when hardly anything in the mask stands out, nothing changes.

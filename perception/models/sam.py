@@ -54,14 +54,17 @@ class Sam:
         return self.kind.startswith("sam3")
 
     def by_box(self, image: Image, box_px: tuple[float, float, float, float]) -> Mask:
-        """The mask (H, W) of the object in a box (u0, v0, u1, v1) [px]. Raises: CycleFailure(TARGET_NOT_FOUND)."""
+        """Return the mask (H, W) of the object in a box (u0, v0, u1, v1) [px].
+
+        Raises: CycleFailure(TARGET_NOT_FOUND).
+        """
         if self.reads_text:
             found, scores = self._instances(image, input_boxes=[[list(box_px)]], input_boxes_labels=[[1]])
             return _best(found, scores * _overlaps(found, box_px))
         return self._prompted(image, input_boxes=[[list(box_px)]])
 
     def by_text(self, image: Image, text: str) -> Mask:
-        """The mask (H, W) of the named object.
+        """Return the mask (H, W) of the named object.
 
         Raises:
             ConfigError: SAM and SAM 2 accept no words.

@@ -36,7 +36,7 @@ class ServerRoute:
             _ = self._trust
 
     def transport(self, deadline: Deadline) -> httpx2.BaseTransport:
-        """The transport of one connection; all its operations end by ``deadline``."""
+        """Return the transport of one connection; all its operations end by ``deadline``."""
         return _Transport(self._pool(DeadlineBackend(deadline)))
 
     @cached_property
@@ -66,7 +66,7 @@ class ServerRoute:
 
 
 def proxy_to(url: str, environ: Mapping[str, str]) -> httpx2.Proxy | None:
-    """The proxy for ``url``; None without one, and always for this machine itself.
+    """Return the proxy for ``url``; None without one, and always for this machine itself.
 
     Raises: ConfigError for a proxy of an unknown kind, or SOCKS without its package.
     """

@@ -25,7 +25,7 @@ def require(role: str) -> tuple[Any, Any]:
 
 
 def loaded(weights: str, load: Callable[[], Any]) -> Any:
-    """The result of ``load``. Raises: ConfigError when the weights are missing, damaged, or of another kind."""
+    """Return the result of ``load``. Raises: ConfigError when the weights are missing, damaged, or of another kind."""
     try:
         return load()
     except _load_errors() as error:

@@ -61,7 +61,7 @@ class GraspNetwork:
         depth_m: npt.NDArray[np.float32] | None,
         on: npt.NDArray[np.bool_] | None = None,
     ) -> Rectangle:
-        """The best grasp in an image (H, W, 3), with depth (H, W) [m] or None.
+        """Return the best grasp in an image (H, W, 3), with depth (H, W) [m] or None.
 
         Args:
             on: (H, W) the objects. The network sees a square around them at the image's own scale, as it was trained

@@ -73,13 +73,13 @@ class Closing:
         return rectangle_along(self.ends_px(), jaw)
 
     def ends_px(self) -> Array:
-        """The contacts (2, 2) as (u, v)."""
+        """Return the contacts (2, 2) as (u, v)."""
         along = self.run_px / 2 * np.array([np.cos(self.angle_rad), np.sin(self.angle_rad)])
         return np.array(self.center_px) + np.stack([-along, along])
 
 
 def rectangle_along(ends_px: Array, jaw: Jaw) -> Rectangle:
-    """The grasp rectangle that closes on two contacts (2, 2) as (u, v)."""
+    """Return the grasp rectangle that closes on two contacts (2, 2) as (u, v)."""
     along, (u, v) = ends_px[1] - ends_px[0], ends_px.mean(axis=0)
     width_px = float(np.linalg.norm(along)) + 2 * jaw.room_px
     return Rectangle(

@@ -47,7 +47,7 @@ class DepthView:
 
     @classmethod
     def of(cls, observation: Observation, depth_m: Depth, least_range_m: float = 0.0) -> DepthView:
-        """The depth image of an observation; ``depth_m`` (h, w): it, without flying pixels."""
+        """Return the depth image of an observation; ``depth_m`` (h, w): it, without flying pixels."""
         frame = observation.frame
         base_from_depth = observation.view.base_from_color @ frame.color_from_depth
         points = moved(_rays(frame.depth_camera) * depth_m[..., None], base_from_depth)
@@ -96,7 +96,7 @@ class DepthView:
         return self._within(pixels[:, 0], pixels[:, 1], z)
 
     def pixels(self, points_base: Points) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]:
-        """The nearest pixels (n, 2) = (u, v) of points (n, 3) [m], maybe outside the image, and their z-depth (n,)."""
+        """Return the pixels (n, 2) = (u, v) nearest to points (n, 3) [m], maybe beyond the image, and their z-depth."""
         u, v, z = self._projected(points_base)
         return np.stack([u, v], axis=1), z
 

@@ -30,7 +30,7 @@ _THICK_M = 0.004
 _STILL_SEEN_M = 0.012
 """A surface hides its own place from a level so little above it."""
 _TABLE_NOISE_M = 0.003
-"""What is lower is the table and the noise of its depth."""
+"""Lower points are the table and the noise of its depth."""
 
 Array = npt.NDArray[np.float64]
 Heights = npt.NDArray[np.float32]
@@ -98,7 +98,7 @@ class HeightMap:
         return middle, np.sqrt(np.bincount(number, off2, count) / area)
 
     def part(self, window: tuple[slice, slice]) -> HeightMap:
-        """The part of the map inside a window of rows and columns, which begins inside the map."""
+        """Return the part of the map inside a window of rows and columns, which begins inside the map."""
         rows, columns = window
         origin_m = self.origin_m + np.array([columns.start, rows.start]) * CELL_M
         maps = {name: np.ascontiguousarray(getattr(self, name)[window]) for name in _MAPS}
@@ -136,7 +136,7 @@ class Grid:
 
     @classmethod
     def around(cls, xy_m: npt.NDArray[np.floating], margin_m: float = MARGIN_M) -> Grid:
-        """The grid that covers points (n, 2) and a margin around them."""
+        """Return the grid that covers points (n, 2) and a margin around them."""
         low, high = xy_m.min(axis=0).astype(float) - margin_m, xy_m.max(axis=0).astype(float) + margin_m
         nx, ny = np.ceil((high - low) / CELL_M).astype(int) + 1
         return cls(low, (int(ny), int(nx)))
@@ -182,7 +182,7 @@ class Seen:
 
 
 def highest(grid: Grid, points: npt.NDArray[np.float32], weights: npt.NDArray[np.floating] | None = None) -> Seen:
-    """The highest of the points (n, 3), NaN = none, in each cell of the grid; of equals the last.
+    """Return the highest of the points (n, 3), NaN = none, in each cell of the grid; of equals the last.
 
     Args:
         weights: (n,) of points from several looks. A cell's height is then the mean of those just below its highest:

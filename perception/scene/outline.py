@@ -23,7 +23,7 @@ Array = npt.NDArray[np.float64]
 
 
 def outlined(cluster: Mask, seen: Mask, color: npt.NDArray[np.uint8]) -> Mask:
-    """The whole outline (H, W) of a cluster of pixels (H, W).
+    """Return the whole outline (H, W) of a cluster of pixels (H, W).
 
     Args:
         seen: (H, W) the pixels with depth. ``color``: (H, W, 3) RGB.
@@ -45,7 +45,7 @@ def _filled(mask: Mask, seen: Mask) -> Mask:
 
 
 def refined_by_color(color: npt.NDArray[np.uint8], mask: Mask) -> Mask:
-    """The mask (H, W) with its rim redrawn where object and surroundings differ in colour: depth edges are ragged.
+    """Return the mask (H, W), its rim redrawn where object and surroundings differ in colour: depth edges are ragged.
 
     Only a band of 3 pixels on either side of the outline may change.
     """

@@ -11,14 +11,14 @@ from config.schema import Station
 _BESIDE_M = 0.08
 """An object that reaches into the pick region is seen whole when it ends within this distance."""
 _FIXTURE_M = 0.012
-"""What lies so near a box of the station is that box: depth noise, edges, a table that lies a little elsewhere."""
+"""Points so near a box of the station are that box: depth noise, edges, a table that lies a little elsewhere."""
 
 Mask = npt.NDArray[np.bool_]
 Points = npt.NDArray[np.float32]
 
 
 def within(points_base: Points, station: Station, beside_m: float = 0.0) -> Mask:
-    """The points (..., 3) above or below the pick region, or at most ``beside_m`` beside it."""
+    """Return the points (..., 3) above or below the pick region, or at most ``beside_m`` beside it."""
     x_min, x_max, y_min, y_max = station.scene.pick_region_m
     x, y = points_base[..., 0], points_base[..., 1]
     inside = (x > x_min - beside_m) & (x < x_max + beside_m) & (y > y_min - beside_m) & (y < y_max + beside_m)
@@ -26,7 +26,7 @@ def within(points_base: Points, station: Station, beside_m: float = 0.0) -> Mask
 
 
 def raised(points_base: Points, height_m: npt.NDArray[np.float32], station: Station) -> Mask:
-    """The points (h, w) that rise above the table in and around the pick region and belong to no known box.
+    """Return the points (h, w) that rise above the table in and around the pick region and belong to no known box.
 
     Args:
         height_m: (h, w) above the seen table. What rises above ``scene.max_height_m`` is no object.

@@ -110,7 +110,7 @@ class Scene:
         return outlined(self.color_labels == instance, np.isfinite(self.rgbd.depth_m), self.rgbd.color)
 
     def along(self, base_from_level: Transform, instance: int) -> tuple[HeightMap, Transform]:
-        """The height map around one thing, seen against the z axis of a level frame (4, 4); each thing is one piece.
+        """Return the height map around a thing, seen against the z axis of a level frame (4, 4); each thing is a piece.
 
         Returns: the map, and its own level frame: the one given, with the origin moved along z to the thing's far end.
         """

@@ -131,7 +131,7 @@ def _measured(look: Look, points_base: Array, table: Table) -> Mask:
 
 
 def described(scene: Scene, region: RegionView, mount: SeenMount | None = None) -> ObservedScene:
-    """The scene as a message; ``mount``: how its looks disagreed."""
+    """Return the scene as a message; ``mount``: how its looks disagreed."""
     table = scene.table
     return ObservedScene(
         table=SeenTable(base_from_table=table.base_from_table, offset_m=table.offset_m, tilt_rad=table.tilt_rad),

@@ -14,7 +14,7 @@ _HIGHER_M = 0.006
 
 
 def lying_on(scene: Scene, number: int) -> list[int]:
-    """The numbers of the things on thing ``number``, the one with the largest share on it first."""
+    """Return the numbers of the things on thing ``number``, the one with the largest share on it first."""
     labels, surface_m = scene.heights.labels, scene.heights.surface_m
     rows, columns = np.nonzero(labels == number)
     if len(rows) < 3:

@@ -24,7 +24,7 @@ target."""
 
 
 def surroundings(observation: Observation, object_mask: Mask) -> tuple[Points, npt.NDArray[np.bool_]]:
-    """The depth camera's own image, subsampled; image neighbours stay neighbours, as the camera sees them.
+    """Return the depth camera's own image, subsampled; image neighbours stay neighbours, as the camera sees them.
 
     Args:
         object_mask: (H, W) of the target in the undistorted colour image.

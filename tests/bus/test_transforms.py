@@ -15,9 +15,11 @@ from bus.transforms import (
     angle_between_rad,
     apply,
     from_rotation,
+    from_rotvec,
     from_translation,
     from_wxyz,
     inverse,
+    to_rotvec,
     to_wxyz,
 )
 
@@ -47,6 +49,13 @@ def test_a_pose_gives_its_quaternion_back(wxyz: tuple[float, ...], place_m: tupl
     w, x, y, z = to_wxyz(pose)
     assert w >= 0 and math.hypot(w, x, y, z) == pytest.approx(1.0)
     np.testing.assert_allclose(from_wxyz((w, x, y, z), place_m), pose, atol=1e-12)
+
+
+@given(quaternions, places)
+def test_a_pose_gives_its_rotation_vector_back(wxyz: tuple[float, ...], place_m: tuple[float, ...]) -> None:
+    assume(np.linalg.norm(wxyz) > 0.1)
+    pose = from_wxyz(np.array(wxyz) / np.linalg.norm(wxyz), place_m)
+    np.testing.assert_allclose(from_rotvec(to_rotvec(pose)), pose, atol=1e-12)
 
 
 @given(places, st.floats(-math.pi, math.pi), quaternions)

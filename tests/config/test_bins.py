@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from bus.errors import ConfigError
@@ -73,8 +74,9 @@ def test_the_place_follows_its_pattern_and_begins_again() -> None:
     x, y, z = station.scene.place_m
     places = [station_for(station, Job(), number).scene.place_m for number in range(3)]
     assert places == [(x, y, z), pytest.approx((x + 0.1, y - 0.05, z)), (x, y, z)]
+    assert np.allclose(station_for(station, Job(), 1).scene.place_pattern_m, [(0, 0), (-0.1, 0.05)]), "then the others"
     again = station_for(station, Job(), 1)
-    assert station_for(again, Job(), 1) == again, "a recording's station is at its place"
+    assert station_for(again, Job(), 0) == again, "a recording's station is at its place"
 
 
 def test_without_a_pattern_the_station_stays_what_it_is() -> None:

@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from bus.errors import Refused
 from bus.messages import GraspHints, Job, Place, Target
-from config.job import capacity_of, require_possible, station_for
+from config.job import capacity_of, require_possible, set_by, station_for
 from config.load import load_station
 from config.words import understood
 
@@ -34,6 +34,13 @@ def test_a_cycle_runs_with_the_targets_and_place_of_its_job() -> None:
 def test_a_job_never_presses_harder_than_the_station() -> None:
     station = station_for(load_station(), Job(grasp=GraspHints(max_force_n=60)), 0)
     assert station.hand.grasp_force_n == load_station().hand.grasp_force_n
+
+
+def test_at_the_place_of_a_job_nothing_is_laid_on_top_of_others() -> None:
+    station = load_station(None, ["scene.place_higher_m=0.1", PLACES])
+    for job, higher_m in ((Job(), 0.1), (Job(place=Place(name="left")), 0.0)):
+        assert station_for(station, job, 0).scene.place_higher_m == higher_m
+        assert set_by(job, "scene.place_higher_m") is (higher_m == 0.0)
 
 
 def test_a_named_place_follows_its_own_pattern() -> None:

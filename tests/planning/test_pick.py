@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bus.codes import PLACE_OUT_OF_REACH, Code
+from bus.codes import PLACE_OUT_OF_REACH, PLACE_TAKEN, Code
 from bus.errors import CycleFailure
 from bus.messages import Grasp, PickPlan
 from config.franka_hand import FINGER_TIP_M
 from config.limits import UPPER_RAD
 from config.pick import PlanningSettings, VerifySettings
-from config.scene import SceneSettings
+from config.scene import Box, SceneSettings, scene_boxes
 from config.schema import Station
 from planning.height_field import Sight
 from planning.pick import plan_pick
@@ -219,6 +219,35 @@ def test_a_place_out_of_reach_is_named_and_the_object_is_not_blamed(robot: Robot
         plan_pick(Scene.of(robot, station), [GOOD], CAPTURE)
     assert caught.value.failure is Code.UNREACHABLE
     assert caught.value.advice == PLACE_OUT_OF_REACH
+
+
+def _released_m(robot: Robot, place: SceneSettings, *taken: Box) -> np.ndarray:
+    """Where a cube is let go among things that stand in the tray, over the place [m]."""
+    station = STATION.model_copy(update={"scene": place})
+    target = box("target", (0.45, 0.05, 0.03), (0.04, 0.04, 0.06))
+    sight = Sight(*seen_from_above((place.table,), eye_m=(0.45, 0.0, 1.2), target=target))
+    scene = Scene.of(robot, station, sight, boxes=(*scene_boxes(place), *taken))
+    released_m = robot.base_from_tcp(ends(plan_pick(scene, [grasp(0.45, 0.05, 0.05)], CAPTURE))["place"])[:3, 3]
+    return np.asarray(released_m - place.place_m)
+
+
+def test_where_a_place_is_taken_the_next_of_its_pattern_is_used(robot: Robot) -> None:
+    x, y, _ = STATION.scene.place_m
+    two = STATION.scene.model_copy(update={"place_pattern_m": ((0.0, 0.0), (-0.12, 0.0))})
+    taken = box("jar", (x, y, 0.12), (0.06, 0.06, 0.24))
+    assert _released_m(robot, two) == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
+    assert _released_m(robot, two, taken) == pytest.approx((-0.12, 0.0, 0.0), abs=1e-6)
+
+
+def test_where_all_are_taken_it_goes_on_top_or_the_advice_says_to_empty_the_tray(robot: Robot) -> None:
+    x, y, z = STATION.scene.place_m
+    taken = box("jar", (x, y, z / 2 - 0.01), (0.30, 0.30, z - 0.02))
+    with pytest.raises(CycleFailure, match="touches held object") as caught:
+        _released_m(robot, STATION.scene, taken)
+    assert (caught.value.failure, caught.value.advice) == (Code.COLLISION, PLACE_TAKEN)
+    higher = STATION.scene.model_copy(update={"place_higher_m": 0.10})
+    assert _released_m(robot, higher, taken) == pytest.approx((0.0, 0.0, 0.05), abs=1e-6)
+    assert _released_m(robot, higher) == pytest.approx((0.0, 0.0, 0.0), abs=1e-6), "not where there is room"
 
 
 def test_no_grasp_at_all_is_a_failure(scene: Scene) -> None:

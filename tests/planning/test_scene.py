@@ -95,7 +95,9 @@ def test_what_is_held_touches_what_the_hand_alone_passes(robot: Robot) -> None:
     lying, holding = held_plank(robot, post)
     over = np.stack([CAPTURE, CAPTURE + np.array([0.5, 0, 0, 0, 0, 0, 0])])
     assert lying.empty().first_collision(over, 0.04) is None
-    assert str(holding.first_collision(over, 0.04)) == "post touches held object"
+    touched = holding.first_collision(over, 0.04)
+    assert str(touched) == "post touches held object"
+    assert touched is not None and touched.by_hand, "no other arm configuration frees what hangs in the hand"
 
 
 def test_what_is_held_has_the_shape_that_all_looks_show(robot: Robot) -> None:

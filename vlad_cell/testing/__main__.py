@@ -50,7 +50,7 @@ def check(
 
 
 def with_its_node(kind: Kind, name: str, config: Path | None, overrides: list[str]) -> list[str]:
-    """The overrides; where they give settings of a node that the station lacks, also those that make it the driver's.
+    """Return the overrides; where they set a node that the station lacks, also those that make it the driver's.
 
     The node serves nothing there: the suites open the driver by themselves.
     """

@@ -86,7 +86,7 @@ class ArmSuite(DriverSuite):
 
     @pytest.fixture
     def arm(self, devices: Devices) -> Iterator[Arm]:
-        """The arm, connected."""
+        """Yield the arm, connected."""
         assert devices.arm is not None, "the driver brings no arm"
         devices.arm.connect()
         if devices.arm.state().mode is ArmMode.REFLEX:  # of a check that is tried again
@@ -95,7 +95,7 @@ class ArmSuite(DriverSuite):
 
     @pytest.fixture(name="long_s")
     def given_long_s(self, station: Station) -> float:
-        """The duration of a long motion."""
+        """Return the duration of a long motion."""
         return 20.0 if station.is_simulation and station.sim.pace == 0 else self.long_s
 
     def test_it_implements_the_protocol(self, devices: Devices) -> None:

@@ -19,7 +19,7 @@ class CameraSuite(DriverSuite):
 
     @pytest.fixture
     def camera(self, devices: Devices) -> Iterator[Camera]:
-        """The camera, connected."""
+        """Yield the camera, connected."""
         assert devices.camera is not None, "the driver brings no camera"
         devices.camera.connect()
         yield devices.camera

@@ -25,7 +25,7 @@ from vlad_cell.testing.plug_in import PlugInSuite
 from vlad_cell.testing.scene import BAR, PLATE, REGION, seen
 
 _HONEST = {Code.NO_GRASP, Code.NOT_SEEN, Code.NO_DEPTH, Code.TARGET_NOT_FOUND, Code.STOPPED}
-"""What a detector may end a cycle with when it finds nothing; any other exception counts as DETECTOR_FAILED."""
+"""Codes with which a detector may end a cycle when it finds nothing; any other exception is DETECTOR_FAILED."""
 _PLATE, _BAR = 1, 2
 """The numbers of the two things: the cell numbers them by the table that they cover."""
 
@@ -55,7 +55,7 @@ class DetectorSuite(PlugInSuite):
     @pytest.fixture(scope="class")
     @classmethod
     def detector(cls, station: Station) -> Iterator[GraspDetector]:
-        """The detector, opened."""
+        """Yield the detector, opened."""
         detector: GraspDetector = GROUP.opened(cls.name, station, cls.settings, "perception.settings")
         yield detector
         detector.close()
@@ -86,7 +86,7 @@ class DetectorSuite(PlugInSuite):
             assert min(away_m) < 0.15, f"{one.base_from_tcp[:3, 3]} m is far from every thing"
 
     def test_its_grasps_move_with_the_scene(self, detector: GraspDetector, scene: SeenScene) -> None:
-        """The whole scene 0.1 m further along y of ``base``: so are the grasps on it."""
+        """Move the whole scene 0.1 m along y of ``base``: its grasps move with it."""
         if not detector.is_deterministic:
             pytest.skip("not deterministic")
         moved = _moved(scene, np.array([0.0, 0.1, 0.0]))

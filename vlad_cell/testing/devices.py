@@ -22,7 +22,7 @@ class DriverSuite(PlugInSuite):
     @pytest.fixture(scope="class")
     @classmethod
     def devices(cls, station: Station) -> Iterator[Devices]:
-        """The driver's devices, not yet connected."""
+        """Yield the driver's devices, not yet connected."""
         devices = open_devices(cls.name, station, cls.settings)
         yield devices
         for device in (devices.camera, devices.arm, devices.hand):

@@ -88,7 +88,7 @@ class GoalModelSuite(PlugInSuite):
     @pytest.fixture(scope="class")
     @classmethod
     def station(cls) -> Station:
-        """The station that names it, with its settings."""
+        """Return the station that names it, with its settings."""
         station = cls.configured()
         named = {"detector": "vlad", "model": cls.name, "settings": dict(cls.settings)}
         return station.model_copy(update={"perception": station.perception.model_copy(update=named)})
@@ -96,7 +96,7 @@ class GoalModelSuite(PlugInSuite):
     @pytest.fixture(scope="class")
     @classmethod
     def model(cls, station: Station) -> Iterator[GoalImageModel]:
-        """The model, opened."""
+        """Yield the model, opened."""
         model = open_local(cls.name, station)
         yield model
         model.close()

@@ -17,7 +17,7 @@ class HandSuite(DriverSuite):
 
     @pytest.fixture
     def hand(self, devices: Devices) -> Iterator[Hand]:
-        """The hand, connected."""
+        """Yield the hand, connected."""
         assert devices.hand is not None, "the driver brings no hand"
         devices.hand.connect()
         yield devices.hand

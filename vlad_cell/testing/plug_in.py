@@ -32,12 +32,12 @@ class PlugInSuite:
     @pytest.fixture(scope="class")
     @classmethod
     def station(cls) -> Station:
-        """The station that the plug-in is opened with."""
+        """Return the station that the plug-in is opened with."""
         return cls.configured()
 
     @classmethod
     def configured(cls) -> Station:
-        """The station of ``station_file`` and ``overrides``. Raises: ConfigError."""
+        """Return the station of ``station_file`` and ``overrides``. Raises: ConfigError."""
         given_by = {one.partition("=")[0].strip(): f"{cls.__name__}.overrides" for one in cls.overrides}
         return load_station(cls.station_file, cls.overrides, given_by=given_by)
 

@@ -6,5 +6,5 @@ from importlib.resources import files
 
 
 def prompt(step: str, **fields: str) -> str:
-    """The prompt of one step with its placeholders filled in. Raises: KeyError for a missing field."""
+    """Return the prompt of one step with its placeholders filled in. Raises: KeyError for a missing field."""
     return files(__name__).joinpath(f"{step}.txt").read_text().format(**fields)
