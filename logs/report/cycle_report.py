@@ -216,9 +216,9 @@ def _log(record: CycleRecord, timeline: Timeline) -> list[LogLine]:
 
 
 def configuration_changes(station: Mapping[str, object]) -> list[tuple[str, str, str]]:
-    """Return (key, recorded, default) of every recorded setting that differs from the simulated cell's; "-" = it has none.
+    """Return (key, recorded, default) of every recorded setting that differs from the simulated cell's.
 
-    A station is recorded with its defaults: a setting that is not there is younger than the recording.
+    "-": that one has no such setting. A station is recorded with its defaults: what is not there is younger than it.
     """
     default = dict(settings_in(load_station().model_dump(mode="json")))
     here = [(key, value, default.get(key, "-")) for key, value in settings_in(station)]
