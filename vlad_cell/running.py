@@ -158,6 +158,9 @@ class Cell(StateCommands):
     def picks(self, cycles: int = 1, *, until_empty: bool = False, target: ToPick = None) -> Iterator[CycleResult]:
         """Pick several times; the result of each cycle is given as soon as it is there. The cell must be Idle.
 
+        They begin with the first result that is asked for. Who leaves the loop before the end (``break``) attends them
+        no more, so the cell holds what continues: `unhold` goes on, `stop` ends it.
+
         Args:
             cycles: how many picks.
             until_empty: instead, until nothing is left or picks fail in a row.

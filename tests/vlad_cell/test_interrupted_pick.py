@@ -156,6 +156,16 @@ def test_of_several_picks_a_result_that_was_not_heard_is_asked_for_and_counts_on
     assert list(Heard([MINE, MINE, last]).picks(2)) == [MINE, last]
 
 
+def test_who_leaves_the_loop_of_several_picks_before_the_end_gives_the_lease_back() -> None:
+    heard = Heard([MINE, MINE.model_copy(update={"cycle_id": "d"})])
+    results = iter(heard.picks(3))
+    assert next(results) == MINE and not heard.is_released
+    results.close()  # type: ignore[attr-defined] # what `break` does
+    assert heard.is_released
+    whole = Heard([MINE])
+    assert list(whole.picks(1)) == [MINE] and not whole.is_released
+
+
 @pytest.mark.parametrize(
     ("now", "why"),
     [
