@@ -174,7 +174,7 @@ def test_what_the_cell_does_not_do_now_is_refused_with_the_reason(cell: Cell) ->
         ({"target": (640, 360)}, r"target has 2 numbers.*Target\(pixel="),
         ({"target": 5}, r"target is 5.*Target\(point_m="),
         ({"place": (0.4, 0.4)}, "place has 2 numbers"),
-        ({"place": (0.4, 0.4, 99.0)}, "position_m"),
+        ({"place": (400, 400, 99.0)}, "position_m.*in metres"),
         ({"place": ("left", 0, 0)}, "place is"),
         ({"deadline_s": -1}, "deadline_s"),
         ({"job_id": "\n"}, "job_id"),
