@@ -60,6 +60,8 @@ def test_a_picture_is_shown_by_a_notebook_and_saved(found: Detections, tmp_path:
     assert picture._repr_png_().startswith(b"\x89PNG") and repr(picture) == "Picture(480 x 360 px)"
     assert picture.scaled(240).rgb.shape == (180, 240, 3)
     assert picture.save(tmp_path / "grasp.jpg").read_bytes().startswith(b"\xff\xd8")
+    with pytest.raises(ConfigError, match="width_px is 0"):
+        picture.scaled(0)
     with pytest.raises(ConfigError, match=r"grasp\.txt"):
         picture.save(tmp_path / "grasp.txt")
     with pytest.raises(ConfigError, match="cannot be written"):
