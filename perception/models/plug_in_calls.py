@@ -49,7 +49,7 @@ class Rules:
         A replay compares the reason, so that the version stands in the advice.
         """
         if self.package and failure.failure in (self.failed, self.late):
-            failure.advice = f"{ADVICE[failure.failure]} It comes with {self.package}."
+            failure.advice = f"{ADVICE[failure.failure]} The plug-in comes with {self.package}."
         return failure
 
 

@@ -122,7 +122,9 @@ def test_what_is_no_grasp_ends_the_cycle_with_the_detector_s_name_and_the_field(
         found(look, Fake(given))
     assert failure.value.failure is Code.DETECTOR_FAILED
     assert "'acme'" in failure.value.text and said in failure.value.text
-    assert failure.value.advice.endswith("or set perception.detector to 'vlad'. It comes with acme-detector 0.1.0.")
+    assert failure.value.advice.endswith(
+        "or set perception.detector to 'vlad'. The plug-in comes with acme-detector 0.1.0."
+    )
 
 
 def test_no_grasp_at_all_is_no_grasp(look: Look) -> None:

@@ -112,7 +112,7 @@ def test_what_it_does_wrong_is_said_with_its_name_and_its_package(
     failure = failure_of(render, observed_object)
     assert failure.failure is Code.MODEL_FAILED
     assert f"{NAMED} {said}" in failure.text and ".." not in failure.text.removesuffix(" ...")
-    assert failure.advice.endswith("It comes with acme-model 0.1.0.")
+    assert failure.advice.endswith("The plug-in comes with acme-model 0.1.0.")
 
 
 def test_a_rod_that_is_nowhere_or_without_depth_is_no_rod(observed_object: ObservedObject) -> None:
