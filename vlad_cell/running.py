@@ -159,7 +159,7 @@ class Cell(StateCommands):
         """Pick several times; the result of each cycle is given as soon as it is there. The cell must be Idle.
 
         They begin with the first result that is asked for. Who leaves the loop before the end (``break``) attends them
-        no more, so the cell holds what continues: `unhold` goes on, `stop` ends it.
+        no more: the cell holds the motion that continues, and begins no further pick.
 
         Args:
             cycles: how many picks.

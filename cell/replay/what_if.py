@@ -9,8 +9,8 @@ from bus.messages import Failure
 from cell.replay.compared_stages import STAGES
 from cell.replay.replay import Replay
 from cell.replay.view import consequence, why_it_ends
-from config.load import station_from
 from logs.mcap.reader import CycleRecord, Stage
+from logs.recorded_station import recorded_station
 
 WHAT_IF = "WHAT_IF"
 """The outcome of such a cycle: nothing moved for it."""
@@ -25,7 +25,7 @@ def what_if(replay: Replay, overrides: Sequence[str]) -> CycleRecord:
         replay: chained. ``overrides``: its settings, as ``key=value``.
     """
     record = replay.record
-    station = station_from(dict(record.station), overrides, source="the recorded station")
+    station = recorded_station(record, overrides)
     again = {one.stage: one.replayed for one in replay.stages}
     before = [stage.name for stage in STAGES[: [stage.name for stage in STAGES].index(replay.stages[0].stage)]]
     stages: dict[str, Stage] = {name: record.stages[name] for name in before if name in record.stages}

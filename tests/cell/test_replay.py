@@ -97,6 +97,19 @@ def test_a_chain_may_begin_late_and_one_stage_may_be_run_alone(record: CycleReco
         Request.of([], None, "execute")
 
 
+def test_a_station_of_a_newer_version_is_refused_with_both_versions_and_a_wrong_override_is_not(
+    record: CycleRecord, robot: Robot
+) -> None:
+    newer = {**record.station, "scene": {**record.station["scene"], "place_upside_down": True}}
+    made = replace(record, station=newer, metadata={**record.metadata, "vlad-cell": "99.1.0"})
+    with pytest.raises(ConfigError, match=r"'scene\.place_upside_down'.*recorded by version 99\.1\.0, and this is"):
+        replay(made, Request(), lambda _: robot)
+    theirs = replace(record, metadata={**record.metadata, "vlad-cell": "99.1.0"})
+    with pytest.raises(ConfigError, match="max_width_m") as mistyped:
+        replay(theirs, Request(("hand.max_width=0.05",)), lambda _: robot)
+    assert "99.1.0" not in str(mistyped.value)
+
+
 def test_a_recording_without_grasps_cannot_pass(record: CycleRecord, robot: Robot) -> None:
     detected = record.stages["detect"]
     assert isinstance(detected.result, Detections)
