@@ -109,6 +109,7 @@ def test_it_gets_what_was_seen_and_its_grasps_are_ranked_and_given_their_things(
         ([grasp(0.4, 0.0), grasp(0.4, 0.0, width_m=0.09)], "grasp 1 with width_m = 0.09: it lies in (0, 0.08]"),
         ([grasp(0.4, 0.0, score=7.0)], "grasp 0 with score = 7"),
         ([grasp(0.4, 0.0, instance=3)], "grasp 0 with instance = 3: there are things 1 to 2"),
+        ([grasp(0.4, 0.0, instance=1.7)], "grasp 0 with instance = 1.7: there are"),  # type: ignore[arg-type]
         ([grasp(np.nan, 0.0)], "grasp 0 whose base_from_tcp is not (4, 4) of finite numbers"),
         ([FoundGrasp(np.diag([1.0, 1.0, -1.0, 1.0]), 0.03, 0.5)], "grasp 0 whose base_from_tcp is no rotation"),
         ([FoundGrasp(np.eye(4), "wide", 0.5)], "grasp 0 that is not made of numbers"),  # type: ignore[arg-type]
