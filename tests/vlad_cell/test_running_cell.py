@@ -223,6 +223,11 @@ def test_after_ctrl_c_the_cell_holds_and_can_go_on(cell: Cell) -> None:
         assert [said.state for said in cell.events() if isinstance(said, CellState)][-1] == "Complete"
 
 
+def test_another_cell_than_the_one_that_was_named_is_no_connection(cell: Cell) -> None:
+    with pytest.raises(CellUnreachable, match="not the cell 'another'"):
+        Cell(cell.endpoint, cell_id="another")
+
+
 def test_a_cell_that_is_not_there_is_unreachable(new_endpoint: Callable[[], str]) -> None:
     endpoint = new_endpoint()
     with pytest.raises(CellUnreachable, match=re.escape(endpoint)):
